@@ -1,0 +1,4 @@
+"""UFL only: kinematics, materials and the weak forms of the report, one formula a function.
+
+Nothing here knows mesh data, MPI or PETSc; :mod:`vmdg` binds these expressions to a mesh.
+"""

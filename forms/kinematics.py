@@ -1,0 +1,199 @@
+"""Deformation measures and the mechanical description of a body at a point."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement
+
+import ufl
+from ufl.core.expr import Expr
+
+from .materials import Invariants, Material
+
+
+def plane_strain_embedding(tensor: Expr, out_of_plane: float) -> Expr:
+    """3 x 3 tensor with ``tensor`` in the plane and ``out_of_plane`` in its last diagonal entry."""
+    return ufl.as_tensor(
+        [
+            [tensor[0, 0], tensor[0, 1], 0],
+            [tensor[1, 0], tensor[1, 1], 0],
+            [0, 0, out_of_plane],
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class Body:
+    """A material with its parameters at a point; all that the forms ask of a side of an interface.
+
+    Attributes:
+        material: The strain energy.
+        parameters: UFL expressions of the material's parameters (cell-wise constants).
+        small: Small strains: the energy is the quadratic one of the symmetric gradient.
+        swelling: Isotropic stress-free strain theta, F = F_e F_th with F_th = (1 + theta) I;
+            None where the scene has none.
+    """
+
+    material: Material
+    parameters: Mapping[str, Expr]
+    small: bool = False
+    swelling: Expr | None = None
+
+    def __call__(self, side: str) -> Body:
+        """The same body with its parameters restricted to ``side`` ('+' or '-') of a facet."""
+        parameters = {name: value(side) for name, value in self.parameters.items()}
+        swelling = None if self.swelling is None else self.swelling(side)
+        return replace(self, parameters=parameters, swelling=swelling)
+
+    def energy(self, F: Expr) -> Expr:
+        """Strain energy W(F) per reference volume [MPa]; F (d, d), plane strain for d = 2.
+
+        With swelling: W = J_th W_e(F F_th^-1); small strains: W = W_lin(sym(F) - I - theta I).
+        """
+        d = F.ufl_shape[0]
+        theta = 0 if self.swelling is None else self.swelling
+        if self.small:
+            strain = ufl.sym(F) - (1 + theta) * ufl.Identity(d)
+            if d == 2:
+                strain = plane_strain_embedding(strain, -theta)
+            return self.material.linear_energy(strain, self.parameters)
+        reduced = self.invariant_energy(F)
+        if reduced is not None:
+            return reduced.energy
+        if d == 2:
+            F = plane_strain_embedding(F, 1)
+        if self.swelling is None:
+            return self.material.energy(F, self.parameters)
+        return (1 + theta) ** 3 * self.material.energy(F / (1 + theta), self.parameters)
+
+    def invariant_energy(self, F: Expr) -> Invariants | None:
+        """:meth:`energy` by few invariants, where the material offers that, else None."""
+        if self.small:
+            return None
+        stretch = 1 if self.swelling is None else 1 / (1 + self.swelling)
+        out_of_plane = ufl.as_ufl(stretch) if F.ufl_shape[0] == 2 else None
+        elastic = F if self.swelling is None else stretch * F
+        reduced = self.material.invariant_energy(elastic, out_of_plane, self.parameters)
+        if reduced is None or self.swelling is None:
+            return reduced
+        return Invariants((1 + self.swelling) ** 3 * reduced.energy, reduced.variables)
+
+
+def deformation_gradient(gradient: Expr) -> Expr:
+    """F = I + GRAD u as a UFL variable, so that it can be differentiated by."""
+    return ufl.variable(ufl.Identity(gradient.ufl_shape[0]) + gradient)
+
+
+class _Chain:
+    """Derivatives of W by F from those by its invariants: few scalars, simple tensors.
+
+    With G_a = dI_a/dF: P = w_a G_a, A = w_ab G_a (x) G_b + w_a dG_a/dF, and so on.
+    """
+
+    def __init__(self, reduced: Invariants, F: Expr):
+        self._F = F
+        self._energy, self._variables = reduced.energy, reduced.variables
+        self._n = range(len(self._variables))
+        self._G = [ufl.diff(variable, F) for variable in self._variables]
+
+    def _w(self, *order: int) -> Expr:
+        w = self._energy
+        # Mixed derivatives are written in one order, so that equal ones are one expression.
+        for a in sorted(order):
+            w = ufl.diff(w, self._variables[a])
+        return w
+
+    def stress(self) -> Expr:
+        return sum(self._w(a) * self._G[a] for a in self._n)
+
+    def derivative(self, functional: Callable[[Expr], Expr]) -> Expr:
+        """d/dF of ``functional(P)``, linear in P, shape of the functional + (d, d)."""
+        result = 0
+        for a in self._n:
+            g = functional(self._G[a])
+            row = sum(self._w(a, b) * self._G[b] for b in self._n)
+            result += ufl.outer(g, row) + self._w(a) * ufl.diff(g, self._F)
+        return result
+
+    def second_derivative(self, functional: Callable[[Expr], Expr]) -> Expr:
+        """d2/dF2 of a scalar ``functional(P)``, linear in P, (d, d, d, d)."""
+        g = [functional(G) for G in self._G]
+        dg = [ufl.diff(value, self._F) for value in g]
+        result = 0
+        for a in self._n:
+            curvature = sum(self._w(a, b) * g[b] for b in self._n)
+            result += self._w(a) * ufl.diff(dg[a], self._F)
+            result += curvature * ufl.diff(self._G[a], self._F)
+            row = sum(
+                sum(self._w(a, b, c) * g[c] for c in self._n) * self._G[b] + self._w(a, b) * dg[b]
+                for b in self._n
+            )
+            result += ufl.outer(self._G[a], row)
+            result += ufl.outer(dg[a], sum(self._w(a, b) * self._G[b] for b in self._n))
+        return result
+
+
+def _chain(body: Body, F: Expr) -> _Chain | None:
+    reduced = body.invariant_energy(F)
+    return None if reduced is None else _Chain(reduced, F)
+
+
+def first_piola(body: Body, F: Expr) -> Expr:
+    """P = dW/dF, first Piola-Kirchhoff stress (d, d) [MPa]."""
+    chain = _chain(body, F)
+    return ufl.diff(body.energy(F), F) if chain is None else chain.stress()
+
+
+def traction(body: Body, F: Expr, N: Expr) -> Expr:
+    """P.N, traction per reference area (d,) [MPa]."""
+    return ufl.dot(first_piola(body, F), N)
+
+
+def traction_moduli(body: Body, F: Expr, N: Expr) -> Expr:
+    """H = (A.N), H_mij = d(P.N)_m/dF_ij with A of (19), (d, d, d) [MPa]."""
+    chain = _chain(body, F)
+    if chain is None:
+        return ufl.diff(traction(body, F, N), F)
+    return chain.derivative(lambda P: ufl.dot(P, N))
+
+
+def projected_traction_moduli(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
+    """v.(A.N), the derivative of v.P.N by F, (d, d) [MPa times the unit of v]."""
+    chain = _chain(body, F)
+    if chain is None:
+        return ufl.diff(ufl.dot(v, traction(body, F, N)), F)
+    return chain.derivative(lambda P: ufl.dot(v, ufl.dot(P, N)))
+
+
+def projected_third_derivative(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
+    """K = Xi:(v (x) N) of (85): K_ijkl = d2(v.P.N)/dF_ij dF_kl, (d, d, d, d)."""
+    chain = _chain(body, F)
+    if chain is None:
+        return ufl.diff(projected_traction_moduli(body, F, N, v), F)
+    return chain.second_derivative(lambda P: ufl.dot(v, ufl.dot(P, N)))
+
+
+def major_components(tensor: Expr) -> Expr:
+    """Vector of the independent entries of a (d, d, d, d) tensor with T_ijkl = T_klij."""
+    d = tensor.ufl_shape[0]
+    pairs = [(i, j) for i in range(d) for j in range(d)]
+    return ufl.as_vector([tensor[p + q] for p, q in combinations_with_replacement(pairs, 2)])
+
+
+def from_major_components(vector: Expr, d: int) -> Expr:
+    """The tensor whose :func:`major_components` are the entries of ``vector``."""
+    pairs = [(i, j) for i in range(d) for j in range(d)]
+    number = {}
+    for count, (p, q) in enumerate(combinations_with_replacement(pairs, 2)):
+        number[p + q] = number[q + p] = count
+    r = range(d)
+    return ufl.as_tensor(
+        [[[[vector[number[i, j, k, m]] for m in r] for k in r] for j in r] for i in r]
+    )
+
+
+def acoustic_tensor(body: Body, F: Expr) -> Expr:
+    """A = d2W/dFdF, eq. (19), (d, d, d, d) [MPa]."""
+    chain = _chain(body, F)
+    return ufl.diff(first_piola(body, F), F) if chain is None else chain.derivative(lambda P: P)

@@ -1,0 +1,180 @@
+"""Strain energies of the report, section 7, as UFL expressions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass
+
+import ufl
+from ufl.core.expr import Expr
+from ufl.variable import Variable
+
+
+@dataclass(frozen=True)
+class Invariants:
+    """A strain energy as a function of few scalars.
+
+    Its derivatives by F follow from the scalar derivatives w_a = dW/dI_a, w_ab, w_abc by the chain
+    rule, which keeps kernels of elaborate energies small (``kinematics``).
+
+    Attributes:
+        energy: W [MPa], depends on F through the variables only.
+        variables: I_a, UFL variables of simple expressions of F.
+    """
+
+    energy: Expr
+    variables: tuple[Variable, ...]
+
+
+class Material:
+    """A hyperelastic material: named parameters and a strain energy W(F).
+
+    A new material is one subclass with :meth:`energy`. Parameters become cell-wise constant
+    coefficients, so that all materials of one :attr:`family` share one compiled kernel.
+
+    Attributes:
+        parameters: Values by name, in the user's consistent units (N, mm, MPa).
+    """
+
+    parameters: Mapping[str, float]
+
+    @property
+    def family(self) -> Hashable:
+        """Materials of equal family have the same energy up to the values of the parameters."""
+        return type(self)
+
+    def energy(self, F: Expr, parameters: Mapping[str, Expr]) -> Expr:
+        """W per reference volume [MPa] of the 3 x 3 deformation gradient ``F``."""
+        raise NotImplementedError
+
+    def invariant_energy(
+        self, F: Expr, out_of_plane: Expr | None, parameters: Mapping[str, Expr]
+    ) -> Invariants | None:
+        """The same W as a function of few invariants; None where :meth:`energy` serves as it is.
+
+        Worth defining for energies whose kernels are slow to compile otherwise.
+
+        Args:
+            F: Deformation gradient, 3 x 3, or 2 x 2 in plane strain.
+            out_of_plane: F_33 in plane strain, else None.
+            parameters: Values by name.
+        """
+        return None
+
+    def linear_energy(self, strain: Expr, parameters: Mapping[str, Expr]) -> Expr:
+        """Quadratic energy [MPa] of the 3 x 3 infinitesimal ``strain``."""
+        raise NotImplementedError(
+            f"{type(self).__name__} has no small-strain energy: use kinematics='finite', "
+            "or define linear_energy(strain, parameters)"
+        )
+
+
+class NeoHookean(Material):
+    """Compressible neo-Hookean material, eq. (86), lambda = nu E / ((1 + nu)(1 - 2 nu)).
+
+    W = mu/2 (tr(F^T F) - 3) - mu ln J + lambda/2 (J - 1)^2.
+
+    Args:
+        E: Young's modulus [MPa].
+        nu: Poisson's ratio, -1 < nu < 0.5.
+        mu: Shear modulus [MPa]; give either (E, nu) or (mu, lmbda).
+        lmbda: First Lame parameter [MPa].
+
+    Raises:
+        ValueError: a pair of constants is incomplete or outside its range.
+    """
+
+    def __init__(
+        self,
+        *,
+        E: float | None = None,
+        nu: float | None = None,
+        mu: float | None = None,
+        lmbda: float | None = None,
+    ):
+        if (
+            (E is None) != (nu is None)
+            or (mu is None) != (lmbda is None)
+            or (E is None) == (mu is None)
+        ):
+            raise ValueError("NeoHookean needs either E and nu, or mu and lmbda")
+        if E is not None:
+            if not (math.isfinite(E) and E > 0):
+                raise ValueError(f"NeoHookean: E = {E} must be positive and finite")
+            if not -1 < nu < 0.5:
+                raise ValueError(
+                    f"NeoHookean: nu = {nu} must lie in (-1, 0.5); for a nearly incompressible "
+                    "body take for example nu = 0.4998"
+                )
+            mu = E / (2 * (1 + nu))
+            lmbda = nu * E / ((1 + nu) * (1 - 2 * nu))
+        if not (math.isfinite(mu) and mu > 0):
+            raise ValueError(f"NeoHookean: mu = {mu} must be positive and finite")
+        if not (math.isfinite(lmbda) and lmbda > -2 * mu / 3):
+            raise ValueError(
+                f"NeoHookean: lmbda = {lmbda} must be finite and exceed -2 mu / 3 = {-2 * mu / 3}"
+            )
+        self.parameters = {"mu": float(mu), "lmbda": float(lmbda)}
+
+    def energy(self, F: Expr, parameters: Mapping[str, Expr]) -> Expr:
+        """Eq. (86)."""
+        mu, lmbda = parameters["mu"], parameters["lmbda"]
+        J = ufl.det(F)
+        return mu / 2 * (ufl.inner(F, F) - 3) - mu * ufl.ln(J) + lmbda / 2 * (J - 1) ** 2
+
+    def linear_energy(self, strain: Expr, parameters: Mapping[str, Expr]) -> Expr:
+        """mu eps:eps + lambda/2 tr(eps)^2, the limit of (86) at small strain."""
+        mu, lmbda = parameters["mu"], parameters["lmbda"]
+        return mu * ufl.inner(strain, strain) + lmbda / 2 * ufl.tr(strain) ** 2
+
+
+class Hyperelastic(Material):
+    """A material given by its strain energy, a UFL expression.
+
+    Materials with the same function share a kernel, whatever their parameters: pass one function
+    to all of them, not a new lambda to each. Stress and moduli are derived by UFL, so the energy
+    must be smooth (three times differentiable) in the range of use; in plane strain it is given
+    the 3 x 3 F with F_33 = 1.
+
+    Args:
+        energy: W(F, parameters) per reference volume [MPa] of the 3 x 3 ``F``.
+        parameters: Values by name, given to ``energy`` as cell-wise constants.
+
+    Raises:
+        TypeError: ``energy`` cannot be called.
+        ValueError: a parameter is not a finite number.
+    """
+
+    def __init__(
+        self,
+        energy: Callable[[Expr, Mapping[str, Expr]], Expr],
+        parameters: Mapping[str, float] | None = None,
+    ):
+        if not callable(energy):
+            raise TypeError(f"Hyperelastic: energy(F, parameters) must be callable, got {energy!r}")
+        self.parameters = {}
+        for name, value in (parameters or {}).items():
+            try:
+                self.parameters[name] = float(value)
+            except (TypeError, ValueError):
+                self.parameters[name] = math.nan
+            if not math.isfinite(self.parameters[name]):
+                raise ValueError(f"Hyperelastic: {name} = {value!r} must be a finite number")
+        self._energy = energy
+
+    @property
+    def family(self) -> Hashable:
+        """One kernel for every function and set of names."""
+        return type(self), self._energy, tuple(self.parameters)
+
+    def energy(self, F: Expr, parameters: Mapping[str, Expr]) -> Expr:
+        """The user's W."""
+        return self._energy(F, parameters)
+
+    def linear_energy(self, strain: Expr, parameters: Mapping[str, Expr]) -> Expr:
+        """eps:A:eps/2 with A = d2W/dF2 of the user's W at F = I."""
+        F = ufl.variable(ufl.Identity(3))
+        P = ufl.diff(self._energy(F, parameters), F)
+        i, j, k, m = ufl.indices(4)
+        return strain[i, j] * ufl.diff(P, F)[i, j, k, m] * strain[k, m] / 2

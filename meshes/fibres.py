@@ -1,0 +1,179 @@
+"""Round fibres in a square cell of matrix, section 7.2."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from mpi4py import MPI
+
+import gmsh
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .gmsh_model import TaggedMesh, distribute, model
+
+CELLS = ("triangle", "quadrilateral")
+
+#: Cell tags; the fibre has the lower one, so N of the interface points into the matrix.
+FIBRE, MATRIX = 1, 2
+
+#: Facet tags, as for the blocks.
+LEFT, RIGHT, INTERFACE, BOTTOM, TOP = 1, 2, 3, 4, 5
+
+
+def fibre_matrix(
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    cell: str = "quadrilateral",
+    size: float = 1.0,
+    radius: float = 0.25,
+    centres: ArrayLike | None = None,
+    element_size: float = 0.1,
+    interface_size: float | None = None,
+    grading: float | None = None,
+) -> TaggedMesh:
+    """Fibres of one radius in the square [0, size] x [0, size]; unstructured, matching meshes.
+
+    The middles of the left and the right side are nodes, to hold the cell there.
+
+    Args:
+        comm: Communicator.
+        cell: "triangle" or "quadrilateral".
+        size: Side of the square [mm].
+        radius: Of every fibre [mm].
+        centres: Of the fibres (n, 2) [mm]; default one fibre in the middle.
+        element_size: Away from the interfaces [mm].
+        interface_size: At the interfaces [mm]; default ``element_size``.
+        grading: Distance from an interface over which the elements grow from one size to the
+            other [mm]; default ``size / 2``.
+
+    Returns:
+        Mesh; cell tags 1 (fibres) and 2 (matrix); facet tags 1 left, 2 right, 3 fibre-matrix
+        interface, 4 bottom (y = 0), 5 top.
+
+    Raises:
+        ValueError: unknown cell, or fibres that overlap or leave the square.
+    """
+    if cell not in CELLS:
+        raise ValueError(f"fibre_matrix: cell = {cell!r} must be one of {CELLS}")
+    centres = np.full((1, 2), size / 2) if centres is None else np.asarray(centres, dtype=float)
+    _check(centres, radius, size)
+    fine = element_size if interface_size is None else interface_size
+    reach = size / 2 if grading is None else grading
+    with model("fibre_matrix") as gmsh_model:
+        if comm.rank == 0:
+            boundary = _geometry(gmsh_model, size, radius, centres)
+            _sizes(gmsh_model, boundary, fine, element_size, reach)
+            _generate(gmsh_model, cell)
+        return distribute(gmsh_model, comm, 2)
+
+
+def random_fibres(
+    count: int,
+    fraction: float,
+    size: float = 1.0,
+    spacing: float = 0.1,
+    margin: float = 0.1,
+    seed: int = 0,
+    tries: int = 20000,
+) -> tuple[NDArray[np.float64], float]:
+    """Centres (count, 2) and radius [mm] of equal fibres at random places, none cut by the sides.
+
+    Fibres are dropped one after the other; one that finds no place starts the cell anew.
+
+    Args:
+        count: Number of fibres.
+        fraction: Area of the fibres in that of the square.
+        size: Side of the square [mm].
+        spacing: Least distance between two fibres, in radii.
+        margin: Least distance to the sides, in radii.
+        seed: The same seed gives the same places, on every rank.
+        tries: Drops before giving up.
+
+    Raises:
+        ValueError: the fibres do not fit.
+    """
+    radius = size * math.sqrt(fraction / (count * math.pi))
+    low = (1 + margin) * radius
+    generator = np.random.default_rng(seed)
+    centres: list[NDArray[np.float64]] = []
+    misses = 0
+    for _ in range(tries if 2 * low < size else 0):
+        drop = generator.uniform(low, size - low, 2)
+        if all(np.linalg.norm(drop - other) >= (2 + spacing) * radius for other in centres):
+            centres.append(drop)
+        else:
+            misses += 1
+        if len(centres) == count:
+            return np.array(centres), radius
+        if misses > 50 * count:
+            centres, misses = [], 0
+    raise ValueError(
+        f"random_fibres: no place for {count} fibres of radius {radius:.4g} mm in {tries} tries; "
+        "lower fraction, spacing or margin"
+    )
+
+
+def _check(centres: NDArray[np.float64], radius: float, size: float) -> None:
+    if centres.ndim != 2 or centres.shape[1] != 2 or len(centres) == 0:
+        raise ValueError(f"fibre_matrix: centres have shape {centres.shape}: it must be (n, 2)")
+    if not (centres > radius).all() or not (centres < size - radius).all():
+        raise ValueError(
+            f"fibre_matrix: a fibre of radius {radius} leaves the square of side {size}"
+        )
+    apart = np.linalg.norm(centres[:, None] - centres, axis=-1) + 2 * size * np.eye(len(centres))
+    if not (apart > 2 * radius).all():
+        raise ValueError(f"fibre_matrix: two fibres are {apart.min():.4g} apart and overlap")
+
+
+def _geometry(gmsh_model, size, radius, centres) -> Sequence[int]:
+    """Surfaces and physical groups; returns the curves of the interfaces."""
+    occ = gmsh_model.occ
+    square = (2, occ.addRectangle(0, 0, 0, size, size))
+    discs = [(2, occ.addDisk(x, y, 0, radius, radius)) for x, y in centres]
+    middles = [(0, occ.addPoint(x, size / 2, 0)) for x in (0, size)]
+    _, made = occ.fragment([square], discs + middles)
+    occ.synchronize()
+    fibres = [tag for pieces in made[1 : 1 + len(discs)] for dim, tag in pieces if dim == 2]
+    matrix = [tag for dim, tag in made[0] if dim == 2 and tag not in fibres]
+    around = gmsh_model.getBoundary([(2, tag) for tag in fibres], oriented=False)
+    interface = [abs(tag) for _, tag in around]
+    sides: dict[int, list[int]] = {LEFT: [], RIGHT: [], BOTTOM: [], TOP: []}
+    for _, curve in gmsh_model.getBoundary([(2, tag) for tag in fibres + matrix], combined=True):
+        x, y, _ = occ.getCenterOfMass(1, abs(curve))
+        distance = {LEFT: x, RIGHT: size - x, BOTTOM: y, TOP: size - y}
+        sides[min(distance, key=distance.get)].append(abs(curve))
+    for tag, surfaces in ((FIBRE, fibres), (MATRIX, matrix)):
+        gmsh_model.addPhysicalGroup(2, surfaces, tag)
+    for tag, curves in {**sides, INTERFACE: interface}.items():
+        gmsh_model.addPhysicalGroup(1, curves, tag)
+    return interface
+
+
+def _sizes(gmsh_model, curves, fine, coarse, reach) -> None:
+    """Element size: ``fine`` on the curves, growing linearly to ``coarse`` at ``reach``."""
+    field = gmsh_model.mesh.field
+    distance = field.add("Distance")
+    field.setNumbers(distance, "CurvesList", curves)
+    field.setNumber(distance, "Sampling", 200)
+    threshold = field.add("Threshold")
+    for name, value in (
+        ("InField", distance),
+        ("SizeMin", fine),
+        ("SizeMax", coarse),
+        ("DistMin", 0),
+        ("DistMax", reach),
+    ):
+        field.setNumber(threshold, name, value)
+    field.setAsBackgroundMesh(threshold)
+
+
+def _generate(gmsh_model, cell) -> None:
+    options = {"MeshSizeFromPoints": 0, "MeshSizeFromCurvature": 0, "MeshSizeExtendFromBoundary": 0}
+    options |= {"Algorithm": 6}
+    if cell == "quadrilateral":
+        # The full-quad recombination leaves no triangle; it meshes at twice the size and subdivides.
+        options |= {"RecombineAll": 1, "RecombinationAlgorithm": 2}
+    for name, value in options.items():
+        gmsh.option.setNumber(f"Mesh.{name}", value)
+    gmsh_model.mesh.generate(2)

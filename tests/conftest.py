@@ -1,0 +1,82 @@
+"""Settings of the whole suite: one terminal under MPI, reproducible hypothesis examples."""
+
+from __future__ import annotations
+
+import faulthandler
+import os
+import sys
+from collections.abc import Iterator
+
+from mpi4py import MPI
+
+import pytest
+from _pytest.terminal import TerminalReporter
+from hypothesis import settings
+
+# Ranks must draw the same examples, and a shared machine is no place for deadlines.
+settings.register_profile("vmdg", derandomize=True, deadline=None, database=None)
+settings.load_profile("vmdg")
+
+
+#: Seconds after which a test on several ranks is taken for a deadlock, cold compilers included.
+PATIENCE = 300
+
+
+class FailuresOnly:
+    """Reporter of the ranks above 0: silent, unless something fails there."""
+
+    def __init__(self, rank: int):
+        self._rank = rank
+
+    def _show(self, what: str, text: str) -> None:
+        print(f"\n[rank {self._rank}] {what}\n{text}", file=sys.stderr, flush=True)
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Show a failed test."""
+        if report.failed:
+            self._show(f"FAILED {report.nodeid} ({report.when})", report.longreprtext)
+
+    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
+        """Show a file that cannot be collected."""
+        if report.failed:
+            self._show(f"ERROR {report.nodeid}", report.longreprtext)
+
+    def pytest_internalerror(self, excrepr: object) -> None:
+        """Show an error of pytest itself."""
+        self._show("INTERNAL ERROR", str(excrepr))
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_configure(config: pytest.Config) -> None:
+    """Rank 0 speaks; the exit code of any rank is that of mpirun."""
+    rank = MPI.COMM_WORLD.rank
+    reporter = config.pluginmanager.get_plugin("terminalreporter")
+    if rank > 0 and reporter is not None:
+        # pytest asks its reporter how to show a failed comparison, so there must be one.
+        config.pluginmanager.unregister(reporter)
+        nowhere = open(os.devnull, "w")  # lives as long as the process
+        config.pluginmanager.register(TerminalReporter(config, nowhere), "terminalreporter")
+        config.pluginmanager.register(FailuresOnly(rank), "failures-only")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol() -> Iterator[None]:
+    """End a run of which one rank waits for another that failed, instead of waiting for ever."""
+    if MPI.COMM_WORLD.size == 1:
+        return (yield)
+    faulthandler.dump_traceback_later(PATIENCE, exit=True, file=sys.__stderr__)
+    try:
+        return (yield)
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+
+
+def pytest_report_header() -> str:
+    """Number of ranks, in the head of the report."""
+    return f"MPI ranks: {MPI.COMM_WORLD.size}"
+
+
+@pytest.fixture(scope="session")
+def comm() -> MPI.Comm:
+    """All ranks of the run."""
+    return MPI.COMM_WORLD

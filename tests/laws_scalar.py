@@ -1,0 +1,255 @@
+"""Oracle twins of `vmdg.laws`: one point at a time, plain `math`, every equation by bisection.
+
+They share no formula for dgamma, no tangent and no work with the package: a step is found by
+bisecting the statement of the law itself, its works by summing the resistance over small pieces of
+the path.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+PIECES = 400
+
+
+class Step(NamedTuple):
+    """One point after one step, in the names of `vmdg.laws.Update`."""
+
+    traction: list
+    gap: list
+    softening: float
+    multiplier: float
+    mode: str
+    damage_work: float
+    friction_work: float
+    viscous_work: float
+
+
+def dot(a, b):
+    return sum(x * y for x, y in zip(a, b, strict=True))
+
+
+def combine(*terms):
+    """Sum of factor * vector."""
+    return [sum(f * v[i] for f, v in terms) for i in range(len(terms[0][1]))]
+
+
+def bisect(function, lower, upper):
+    """Root of an increasing function to the last bit."""
+    while True:
+        middle = 0.5 * (lower + upper)
+        if not lower < middle < upper:
+            return middle
+        if function(middle) > 0.0:
+            upper = middle
+        else:
+            lower = middle
+
+
+def trapezoids(function, length):
+    """Integral over (0, length)."""
+    points = [function(length * i / PIECES) for i in range(PIECES + 1)]
+    return length / PIECES * (sum(points) - 0.5 * (points[0] + points[-1]))
+
+
+@dataclass
+class Linear:
+    """R(x) after x more slip."""
+
+    strength: float
+    critical_gap: float
+
+    def after(self, resistance, x):
+        return max(resistance - self.strength / self.critical_gap * x, 0.0)
+
+
+@dataclass
+class Exponential:
+    strength: float
+    energy: float
+
+    def after(self, resistance, x):
+        return resistance * math.exp(-x * self.strength / self.energy)
+
+
+def pressed(curve, mu, eta, trial, normal, gap, r, resistance):
+    """Closing and shear for T_tr.N < 0: gap, traction, slip, R, mode and the three works."""
+    trial_n, gap_n = dot(trial, normal), dot(gap, normal)
+    closed_by = min(max(gap_n, 0.0), -trial_n / r)
+    traction_n = min(trial_n + r * closed_by, 0.0) if closed_by == max(gap_n, 0.0) else 0.0
+    shear = combine((1.0, trial), (-trial_n, normal))
+    s = math.sqrt(dot(shear, shear))
+    cap = mu * -traction_n
+
+    def held(x, rate):
+        return max(curve.after(resistance, x) + eta * rate, cap)
+
+    slip = 0.0
+    if s > held(0.0, 0.0):
+        slip = bisect(lambda x: held(x, x) - (s - r * x), 0.0, s / r)
+    left = curve.after(resistance, slip)
+    mode = "ELASTIC"
+    if slip > 0.0:
+        mode = "FRICTION" if cap >= left + eta * slip else "SHEAR"
+    if closed_by > 1e-12:
+        mode = "CLOSING"
+    direction = combine((1.0 / s if s else 0.0, shear))
+    bond = trapezoids(lambda x: curve.after(resistance, x), slip)
+    viscous = trapezoids(
+        lambda x: eta * slip if curve.after(resistance, x) + eta * slip > cap else 0.0, slip
+    )
+    total = trapezoids(lambda x: held(x, slip), slip)
+    new_gap = combine((1.0, gap), (-closed_by, normal), (slip, direction))
+    traction = combine((traction_n, normal), (s - r * slip, direction))
+    return new_gap, traction, slip, left, mode, (bond, total - bond - viscous, viscous)
+
+
+def radial(curve, mu, eta, trial, normal, gap, softening, r):
+    """`Debonding` (curve Linear) and `ExponentialDebonding` (curve Exponential)."""
+    resistance = max(curve.strength - softening, 0.0)
+    if dot(trial, normal) < 0.0:
+        new_gap, traction, slip, left, mode, works = pressed(
+            curve, mu, eta, trial, normal, gap, r, resistance
+        )
+    else:
+        s = math.sqrt(dot(trial, trial))
+        slip = 0.0
+        if s > resistance:
+            slip = bisect(lambda x: curve.after(resistance, x) + eta * x - (s - r * x), 0.0, s / r)
+        left = curve.after(resistance, slip)
+        n = combine((1.0 / s if s else 0.0, trial))
+        new_gap = combine((1.0, gap), (slip, n))
+        traction = combine((1.0, trial), (-r * slip, n))
+        mode = "TENSION" if slip > 0.0 else "ELASTIC"
+        if curve.strength - left >= curve.strength:
+            mode = "OPEN"
+        bond = trapezoids(lambda x: curve.after(resistance, x), slip)
+        works = (bond, 0.0, eta * slip * slip)
+    return Step(traction, new_gap, max(softening, curve.strength - left), slip, mode, *works)
+
+
+def mixed(law, eta, trial, normal, gap, softening, r):
+    """`MixedModeDebonding`: bisection for d_{n+1} in the statement of flow and yield."""
+    p_n, p_s = law.normal_strength, law.shear_strength
+    z_n, z_s = 2.0 * law.normal_energy / p_n, 2.0 * law.shear_energy / p_s
+    rho_n = max(1.0 - softening / p_n, 0.0)
+    trial_n = dot(trial, normal)
+    if trial_n < 0.0:
+        new_gap, traction, slip, left, mode, works = pressed(
+            Linear(p_s, z_s), law.friction, eta, trial, normal, gap, r, p_s * rho_n
+        )
+        return Step(traction, new_gap, max(softening, p_n * (1 - left / p_s)), slip, mode, *works)
+
+    shear = combine((1.0, trial), (-trial_n, normal))
+    t = math.sqrt(dot(shear, shear))
+    k = r + eta
+
+    def angle(g):
+        """(cos th, sin th) that the trial traction asks for, not yet of length one."""
+        rho = rho_n - g
+        return trial_n / (p_n * rho + k * z_n * g), t / (p_s * rho + k * z_s * g)
+
+    if math.hypot(trial_n / p_n, t / p_s) <= rho_n and rho_n > 0.0:
+        return Step(list(trial), list(gap), softening, 0.0, "ELASTIC", 0.0, 0.0, 0.0)
+    if math.hypot(trial_n / (k * z_n), t / (k * z_s)) >= rho_n:
+        step = combine((1.0 / k, trial))
+        rho, mode = 0.0, "OPEN"
+        cos, sin = trial_n / z_n, t / z_s
+        length = math.hypot(cos, sin) or 1.0
+        cos, sin = cos / length, sin / length
+    else:
+        g = bisect(lambda g: 1.0 - math.hypot(*angle(g)), 0.0, rho_n)
+        rho, mode = rho_n - g, "TENSION"
+        cos, sin = angle(g)
+        step = combine((g * z_n * cos, normal), (g * z_s * sin / t if t else 0.0, shear))
+    length = math.sqrt(dot(step, step))
+    work = trapezoids(
+        lambda g: 2 * (rho_n - g) * (law.normal_energy * cos**2 + law.shear_energy * sin**2),
+        rho_n - rho,
+    )
+    return Step(
+        combine((1.0, trial), (-r, step)),
+        combine((1.0, gap), (1.0, step)),
+        max(softening, p_n * (1.0 - rho)),
+        length,
+        mode,
+        work,
+        0.0,
+        eta * length**2,
+    )
+
+
+def intrinsic(law, trial, normal, gap, softening, r):
+    """`IntrinsicExponential`: bisection for the length of zeta along b = T_tr + r zeta_n."""
+    scale = law.fracture_energy / (math.e * law.strength)
+    stiffness = law.fracture_energy / scale**2
+    b = combine((1.0, trial), (r, gap))
+    b_n = dot(b, normal)
+    contact = min(b_n, 0.0)
+    b = combine((1.0, b), (-contact, normal))
+    b_t = combine((1.0, b), (-dot(b, normal), normal))
+    d_n = softening / law.strength
+    length = math.sqrt(dot(b, b))
+    if length == 0.0:
+        return Step(combine((contact, normal)), [0.0] * len(b), softening, 0.0, "ELASTIC", 0, 0, 0)
+    per_length = math.hypot(max(b_n, 0.0), law.shear_weight * math.sqrt(dot(b_t, b_t))) / length
+
+    def damage(x):
+        return max(d_n, -math.expm1(-per_length * x / scale))
+
+    x = bisect(lambda x: r * x + stiffness * (1 - damage(x)) * x - length, 0.0, length / r)
+    d = damage(x)
+    new_gap = combine((x / length, b))
+    traction = combine((stiffness * (1 - d), new_gap), (contact, normal))
+    grows = d > d_n
+    step = combine((1.0, new_gap), (-1.0, gap))
+    # dissipation = integral of K |zeta|^2/2 dd, dd = exp(-y) dy, |zeta| = scale y/per_length
+    y_n = -math.log(max(1.0 - d_n, 1e-300))
+    y = per_length * x / scale
+    work = trapezoids(
+        lambda g: 0.5 * stiffness * (scale * (y_n + g) / per_length) ** 2 * math.exp(-(y_n + g)),
+        min(y, 40.0) - y_n if grows else 0.0,
+    )
+    mode = "ELASTIC"
+    if grows:
+        mode = "SHEAR" if b_n < 0.0 else "TENSION"
+    if d_n >= 1.0 and b_n >= 0.0:
+        mode = "OPEN"
+    softening = law.strength * d if grows else softening
+    slip = math.sqrt(dot(step, step)) if grows else 0.0
+    return Step(traction, new_gap, softening, slip, mode, work, 0.0, 0.0)
+
+
+class State(NamedTuple):
+    """Arguments of `return_map`."""
+
+    trial: np.ndarray
+    normal: np.ndarray
+    gap: np.ndarray
+    softening: np.ndarray
+    penalty: np.ndarray
+
+
+def random_state(rng, law, n, d, ratio, eta=0.0):
+    """n points that visit every branch: r = ratio (H - eta) or, if that is not positive, H.
+
+    Loads reach three strengths, a third of the points each is intact, partly worn and debonded, and
+    half of the gaps are open in the normal direction.
+    """
+    normal = rng.normal(size=(n, d))
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    direction = rng.normal(size=(n, d))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    trial = direction * (law.strength * 3.0 * rng.random(n))[:, None]
+    modulus = law.softening_modulus
+    penalty = np.full(n, ratio * (modulus - eta if modulus > eta else modulus))
+    gap = rng.normal(size=(n, d)) * law.strength / (3.0 * modulus)
+    opening = np.einsum("ij,ij->i", gap, normal)
+    wanted = np.where(rng.random(n) < 0.5, 0.0, np.abs(opening))
+    gap += (wanted - opening)[:, None] * normal
+    softening = law.strength * rng.choice([0.0, 1.0, 2.0], n)
+    worn = softening == 2.0 * law.strength
+    softening[worn] = law.strength * rng.random(worn.sum())
+    return State(trial, normal, gap, softening, penalty)

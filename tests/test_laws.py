@@ -1,0 +1,705 @@
+"""Return map of `Debonding` and the contract that all laws keep."""
+
+import doctest
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import laws_scalar as oracle
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import vmdg.laws
+from vmdg.laws import (
+    Bonded,
+    Debonding,
+    ExponentialDebonding,
+    IntrinsicExponential,
+    MixedModeDebonding,
+    Mode,
+)
+
+# One example is a few hundred points, so few examples go far.
+SETTINGS = settings(max_examples=25, deadline=None, derandomize=True)
+POINTS = 300
+
+P_C, ZETA_C = 100.0, 0.2
+H = P_C / ZETA_C
+
+LAWS = {
+    "linear": lambda mu=0.0, nu=0.0: Debonding(P_C, ZETA_C, mu, nu),
+    "exponential": lambda mu=0.0, nu=0.0: ExponentialDebonding(P_C, 10.0, mu, nu),
+    "mixed": lambda mu=0.0, nu=0.0: MixedModeDebonding(P_C, 60.0, 10.0, 18.0, mu, nu),
+    "intrinsic": lambda mu=0.0, nu=0.0: IntrinsicExponential(P_C, 10.0, 2.0),
+}
+EXTRINSIC = [name for name in LAWS if name != "intrinsic"]
+EVERY_EXTRINSIC = pytest.mark.parametrize("make", [LAWS[n] for n in EXTRINSIC], ids=EXTRINSIC)
+EVERY_LAW = pytest.mark.parametrize("make", LAWS.values(), ids=LAWS.keys())
+
+dims = st.sampled_from([2, 3])
+seeds = st.integers(0, 2**32 - 1)
+frictions = st.sampled_from([0.0, 0.3, 0.475, 2.0])
+viscosities = st.sampled_from([0.0, 0.1 * H, 0.9 * H, 5.0 * H])
+ratios = st.sampled_from([1.0001, 1.01, 1.5, 10.0, 1e3, 1e8])
+
+
+def dot(a, b):
+    return np.einsum("ij,ij->i", a, b)
+
+
+def norm(a):
+    return np.linalg.norm(a, axis=-1)
+
+
+def tangential(a, normal):
+    return a - dot(a, normal)[:, None] * normal
+
+
+def works(update):
+    return update.damage_work + update.friction_work + update.viscous_work
+
+
+# --- Kuhn-Tucker, irreversibility, contact --------------------------------------------------------
+
+
+@SETTINGS
+@given(dims, seeds, ratios, frictions, viscosities)
+def test_kuhn_tucker(d, seed, ratio, mu, eta):
+    law = Debonding(P_C, ZETA_C, mu, eta)
+    state = oracle.random_state(np.random.default_rng(seed), law, POINTS, d, ratio, eta)
+    with np.errstate(all="raise"):
+        update = law.return_map(*state)
+    tension = dot(state.trial, state.normal) >= 0.0
+    resistance = P_C - update.softening + eta * update.multiplier
+    pressure = np.maximum(-dot(update.traction, state.normal), 0.0)
+    f = np.where(
+        tension,
+        norm(update.traction) - resistance,
+        norm(tangential(update.traction, state.normal)) - np.maximum(resistance, mu * pressure),
+    )
+    # T is known no better than r times the round-off of dgamma, which grows as r/(r - H + eta)
+    tol = 1e-13 * P_C * max(1.0, 1.0 / (ratio - 1.0))
+    assert (f <= tol).all()
+    assert (update.multiplier >= 0.0).all()
+    assert (np.abs(f[update.multiplier > 0.0]) <= tol).all()
+    assert (np.abs(update.multiplier[f < -tol]) == 0.0).all()
+
+
+@EVERY_LAW
+@SETTINGS
+@given(d=dims, seed=seeds, ratio=ratios, mu=frictions, eta=viscosities)
+def test_irreversible_and_impenetrable(make, d, seed, ratio, mu, eta):
+    law = make(mu, eta)
+    eta = law.viscosity
+    state = oracle.random_state(np.random.default_rng(seed), law, POINTS, d, ratio, eta)
+    with np.errstate(all="raise"):
+        update = law.return_map(*state)
+    assert (update.softening >= state.softening).all()
+    assert (update.softening <= law.strength).all()
+    # T = T_tr - r dzeta
+    step = update.gap - state.gap
+    scale = norm(state.trial) + state.penalty * (norm(state.gap) + norm(update.gap)) + 1e-30
+    mismatch = norm(update.traction - state.trial + state.penalty[:, None] * step)
+    assert (mismatch <= 1e-13 * scale * max(1.0, 1e-3 / (ratio - 1.0))).all()
+    # zeta_N >= 0, T_N <= 0 in contact, and one of the two is zero
+    gap_n = dot(update.gap, state.normal)
+    traction_n = dot(update.traction, state.normal)
+    assert (gap_n >= -1e-14 * (1.0 + norm(state.gap))).all()
+    pressed = traction_n < -1e-9 * P_C
+    assert (np.abs(gap_n[pressed]) <= 1e-14).all()
+    for work in (update.damage_work, update.friction_work, update.viscous_work):
+        assert (work >= 0.0).all()
+
+
+@EVERY_EXTRINSIC
+@pytest.mark.parametrize("d", [2, 3])
+def test_compression_alone_never_damages(make, d):
+    law = make(0.3)
+    normal = np.eye(d)[np.zeros(50, dtype=int)]
+    trial = -np.geomspace(1e-8, 1e6, 50)[:, None] * normal
+    gap, softening = 0.05 * normal, np.linspace(0.0, P_C, 50)
+    update = law.return_map(trial, normal, gap, softening, 10.0 * law.softening_modulus)
+    assert (update.softening == softening).all()
+    assert (update.multiplier == 0.0).all()
+    assert (works(update) == 0.0).all()
+    assert (update.mode == Mode.CLOSING).all()
+    assert (update.gap[:, 0] <= gap[:, 0]).all()
+
+
+def test_open_gap_closes_before_it_presses():
+    law = Debonding(P_C, ZETA_C, friction=0.5)
+    r, normal = 1000.0, np.array([[1.0, 0.0]] * 3)
+    gap = np.array([[0.05, 0.0]] * 3)
+    trial = np.array([[-20.0, 0.0], [-50.0, 0.0], [-80.0, 20.0]])
+    update = law.return_map(trial, normal, gap, np.full(3, P_C), r)
+    np.testing.assert_allclose(update.gap, [[0.03, 0.0], [0.0, 0.0], [0.0, 0.005]], atol=1e-15)
+    # 30 MPa of pressure hold 15 MPa of shear
+    np.testing.assert_allclose(update.traction, [[0.0, 0.0], [0.0, 0.0], [-30.0, 15.0]], atol=1e-13)
+    assert (update.mode == Mode.CLOSING).all()
+
+
+@pytest.mark.parametrize(
+    ("trial", "softening", "mode"),
+    [
+        ((90.0, 0.0), 0.0, Mode.ELASTIC),
+        ((110.0, 20.0), 0.0, Mode.TENSION),
+        ((200.0, 20.0), P_C, Mode.OPEN),
+        ((0.0, 0.0), P_C, Mode.OPEN),
+        ((-10.0, 110.0), 0.0, Mode.SHEAR),
+        ((-250.0, 110.0), 0.0, Mode.ELASTIC),
+        ((-250.0, 150.0), 0.0, Mode.FRICTION),
+        ((-10.0, 150.0), P_C, Mode.FRICTION),
+    ],
+)
+def test_modes(trial, softening, mode):
+    law = Debonding(P_C, ZETA_C, friction=0.5)
+    update = law.return_map(
+        [trial], np.array([[1.0, 0.0]]), np.zeros((1, 2)), np.array([softening]), 5000.0
+    )
+    assert update.mode.dtype == np.int8
+    assert Mode(update.mode[0]) is mode
+
+
+# --- continuity -----------------------------------------------------------------------------------
+
+
+@EVERY_LAW
+@SETTINGS
+@given(d=dims, seed=seeds, mu=frictions, eta=viscosities, ratio=st.sampled_from([1.5, 4.0, 40.0]))
+def test_traction_is_continuous_in_all_inputs(make, d, seed, mu, eta, ratio):
+    """Scan segments between random states: every difference quotient of T is bounded."""
+    law = make(mu, eta)
+    eta = law.viscosity
+    rng = np.random.default_rng(seed)
+    ends = oracle.random_state(rng, law, 2, d, ratio, eta)
+    s = np.linspace(0.0, 1.0, 4001)[:, None]
+
+    def between(a):
+        return (1.0 - s) * a[0] + s * a[1]
+
+    trial, gap, softening = between(ends.trial), between(ends.gap), between(ends.softening[:, None])
+    normal = between(ends.normal)
+    length = norm(normal)
+    if length.min() < 0.3:
+        return
+    normal /= length[:, None]
+    opening = np.maximum(dot(gap, normal), 0.0)
+    gap = tangential(gap, normal) + opening[:, None] * normal
+    r = ends.penalty[0]
+    update = law.return_map(trial, normal, gap, softening[:, 0], r)
+
+    moved = sum(
+        weight * norm(np.diff(a, axis=0))
+        for weight, a in ((1.0, trial), (r, gap), (P_C * (4.0 + r * 0.4 / P_C), normal))
+    ) + np.abs(np.diff(softening[:, 0]))
+    # |dT| <= |I - r C| |dT_tr| + ...; the steepest branch is softening, r/(r - H + eta)
+    steepest = (3.0 + mu) * (1.0 + r / (r - law.softening_modulus + eta))
+    assert (norm(np.diff(update.traction, axis=0)) <= steepest * moved + 1e-9).all()
+
+
+@EVERY_EXTRINSIC
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("eta", [0.0, 0.5 * H])
+@pytest.mark.parametrize("worn", [0.0, 0.4, 0.999, 1.0])
+def test_tension_and_contact_meet(make, d, eta, worn):
+    """T just above and just below T_tr.N = 0, with and without an open gap."""
+    law = make(0.5, eta)
+    n, r = 40, 4.0 * law.softening_modulus
+    normal, tangent = np.eye(d)[np.zeros(n, int)], np.eye(d)[np.ones(n, int)]
+    shear = np.linspace(0.0, 4.0 * P_C, n)[:, None] * tangent
+    for opening in (0.0, 0.03):
+        state = (normal, opening * normal, np.full(n, worn * law.strength), r)
+        above = law.return_map(shear + 1e-9 * normal, *state)
+        below = law.return_map(shear - 1e-9 * normal, *state)
+        np.testing.assert_allclose(above.traction, below.traction, atol=1e-8)
+        np.testing.assert_allclose(above.gap, below.gap, atol=1e-11)
+        np.testing.assert_allclose(above.softening, below.softening, atol=1e-8)
+
+
+@EVERY_EXTRINSIC
+@pytest.mark.parametrize("eta", [0.0, 0.5 * H])
+@pytest.mark.parametrize("pressure", [None, 0.0, 60.0, 400.0])
+def test_bond_failing_within_a_step_does_not_jump(make, eta, pressure):
+    """One step, ever larger: T follows without a jump past the load at which the bond is gone."""
+    law = make(0.5, eta)
+    n, r = 20001, 3.0 * law.softening_modulus
+    load = np.linspace(0.0, 12.0 * P_C, n)
+    trial = np.column_stack([np.zeros(n) if pressure is not None else load, load])
+    if pressure is not None:
+        trial[:, 0] = -pressure
+    normal = np.tile([1.0, 0.0], (n, 1))
+    update = law.return_map(trial, normal, np.zeros((n, 2)), np.zeros(n), r)
+    jump = norm(np.diff(update.traction, axis=0)).max()
+    assert jump <= 4.0 * (load[1] - load[0])
+    assert update.softening[-1] >= 0.95 * law.strength
+
+
+# --- energy ---------------------------------------------------------------------------------------
+
+
+@SETTINGS
+@given(dims, seeds, st.integers(1, 60), st.sampled_from([1.01, 2.0, 50.0, 1e6]))
+def test_monotonic_opening_spends_the_triangle(d, seed, steps, ratio):
+    """Any number of steps, any direction of opening: P_c zeta_c/2 to 1e-12."""
+    law = Debonding(P_C, ZETA_C)
+    rng = np.random.default_rng(seed)
+    normal = rng.normal(size=(1, d))
+    normal /= norm(normal)
+    direction = rng.normal(size=(1, d))
+    direction *= np.sign(dot(direction, normal))[:, None] / norm(direction)
+    r = ratio * H
+    openings = np.sort(rng.random(steps)) * 2.0 * ZETA_C + P_C / r
+    openings[-1] = 2.0 * ZETA_C + P_C / r
+    gap, softening, spent = np.zeros((1, d)), np.zeros(1), 0.0
+    for opening in openings:
+        update = law.return_map(r * (opening * direction - gap), normal, gap, softening, r)
+        gap, softening = update.gap, update.softening
+        spent += works(update)[0]
+    assert softening[0] == P_C
+    assert spent == pytest.approx(0.5 * P_C * ZETA_C, rel=1e-12)
+
+
+def test_work_is_the_trapezoid_of_traction_and_gap():
+    """From first yield to separation the trapezoid of T . dzeta is the work, step by step."""
+    law = Debonding(P_C, ZETA_C)
+    r = 10.0 * H
+    gap, softening, traction = np.zeros((1, 2)), np.zeros(1), np.array([[P_C, 0.0]])
+    normal = np.array([[1.0, 0.0]])
+    for zeta in (0.01, 0.03, 0.1, 0.11, 0.19, 0.2):
+        target = np.array([[zeta, 0.0]])
+        trial = np.array([[P_C * (1.0 - zeta / ZETA_C), 0.0]]) + r * (target - gap)
+        update = law.return_map(trial, normal, gap, softening, r)
+        trapezoid = 0.5 * dot(traction + update.traction, update.gap - gap)
+        np.testing.assert_allclose(update.gap, target, atol=1e-14)
+        np.testing.assert_allclose(works(update), trapezoid, rtol=1e-11)
+        gap, softening, traction = update.gap, update.softening, update.traction
+
+
+@EVERY_EXTRINSIC
+@pytest.mark.parametrize("pressure", [0.0, 30.0, 90.0, 150.0, 400.0])
+def test_works_do_not_depend_on_the_number_of_steps(make, pressure):
+    """Sliding under constant pressure, in 1 step and in 137: the same three works."""
+    law = make(0.475)
+    r = 6.0 * law.softening_modulus
+    normal = np.array([[0.0, 1.0]])
+
+    def slide(steps):
+        gap, softening, total = np.zeros((1, 2)), np.zeros(1), np.zeros(2)
+        for opening in np.linspace(0.0, 0.37, steps + 1)[1:]:
+            trial = np.array([[r * (opening - gap[0, 0]), -pressure]])
+            update = law.return_map(trial, normal, gap, softening, r)
+            gap, softening = update.gap, update.softening
+            total += [update.damage_work[0], update.friction_work[0]]
+        return np.array([gap[0, 0], softening[0], *total])
+
+    np.testing.assert_allclose(slide(1), slide(137), rtol=1e-9, atol=1e-10)
+
+
+@EVERY_LAW
+@SETTINGS
+@given(d=dims, seed=seeds, mu=frictions, eta=viscosities)
+def test_dissipation_is_never_negative(make, d, seed, mu, eta):
+    """Random walks: each work >= 0, and T_{n+1} . dzeta >= 0 where nothing is stored."""
+    law = make(mu, eta)
+    rng = np.random.default_rng(seed)
+    state = oracle.random_state(rng, law, 50, d, 5.0, 0.0)
+    normal, r = state.normal, state.penalty[:, None]
+    gap, softening = np.zeros((50, d)), np.zeros(50)
+    opening, spent = np.zeros((50, d)), np.zeros(50)
+    for _ in range(30):
+        opening += 0.3 * P_C / law.softening_modulus * rng.normal(size=(50, d))
+        update = law.return_map(r * (opening - gap), normal, gap, softening, r[:, 0])
+        if not isinstance(law, IntrinsicExponential):
+            assert (dot(update.traction, update.gap - gap) >= -1e-12).all()
+        for work in (update.damage_work, update.friction_work, update.viscous_work):
+            assert (work >= 0.0).all()
+        if mu == 0.0:
+            assert (update.friction_work <= 1e-12).all()
+        gap, softening, spent = update.gap, update.softening, spent + update.damage_work
+    assert (spent <= 18.0 + 1e-9).all()
+
+
+def test_cap_slip_wears_the_bond_whatever_the_number_of_steps():
+    """Slip .3 under a cap of 30: (82) read literally leaves Q = 0 in 1 step and 69.9 in 1000."""
+    r, slip, cap, mu = 5000.0, 0.3, 30.0, 0.5
+    law = Debonding(P_C, ZETA_C, friction=mu)
+
+    def literal(steps):
+        zeta = q = 0.0
+        for i in range(steps):
+            load = cap + r * (slip * (i + 1) / steps - zeta)
+            by_friction, by_bond = (load - cap) / r, (load - (P_C - q)) / (r - H)
+            if min(by_friction, by_bond) > 0.0:
+                zeta += min(by_friction, by_bond)
+                q += H * by_bond if by_bond < by_friction else 0.0
+        return q
+
+    def completed(steps):
+        gap, softening = np.zeros((1, 2)), np.zeros(1)
+        for i in range(steps):
+            trial = np.array([[-cap / mu, cap + r * (slip * (i + 1) / steps - gap[0, 1])]])
+            update = law.return_map(trial, np.array([[1.0, 0.0]]), gap, softening, r)
+            gap, softening = update.gap, update.softening
+        assert update.traction[0, 1] == pytest.approx(cap, rel=1e-12)
+        return softening[0]
+
+    assert literal(1) == 0.0
+    assert literal(1000) == pytest.approx(69.9, abs=0.05)
+    assert completed(1) == completed(1000) == P_C
+
+
+def test_steady_sliding_is_coulomb_whatever_the_viscosity():
+    law = Debonding(P_C, ZETA_C, friction=0.5, viscosity=100.0)
+    gap, normal = np.zeros((1, 2)), np.array([[1.0, 0.0]])
+    trial = np.array([[-200.0, 300.0]])
+    update = law.return_map(trial, normal, gap, np.full(1, P_C), 5000.0, dt=1.0)
+    np.testing.assert_allclose(update.traction, [[-200.0, 100.0]], rtol=1e-14)
+    assert update.viscous_work[0] == 0.0
+    assert update.friction_work[0] == pytest.approx(100.0 * 200.0 / 5000.0, rel=1e-14)
+
+
+# --- tangent and twin -----------------------------------------------------------------------------
+
+
+def branch(law, update, state):
+    """What must not change between the ends of a difference quotient."""
+    return np.column_stack(
+        [
+            update.mode,
+            update.multiplier > 0.0,
+            update.softening >= law.strength,
+            dot(update.gap, state.normal) > 1e-12,
+            # which of bond and friction holds, also behind CLOSING
+            np.round(np.abs(norm(update.tangent - np.swapaxes(update.tangent, 1, 2)).sum(1)), 12)
+            > 0,
+        ]
+    )
+
+
+@EVERY_LAW
+@SETTINGS
+@given(d=dims, seed=seeds, ratio=st.sampled_from([1.5, 4.0, 100.0]), mu=frictions, eta=viscosities)
+def test_tangent_is_the_derivative(make, d, seed, ratio, mu, eta):
+    law = make(mu, eta)
+    eta = law.viscosity
+    state = oracle.random_state(np.random.default_rng(seed), law, POINTS, d, ratio, eta)
+    update = law.return_map(*state)
+    h = 1e-5 * P_C
+    smooth = np.ones(POINTS, dtype=bool)
+    difference = np.empty((POINTS, d, d))
+    here = branch(law, update, state)
+    for j, axis in enumerate(np.eye(d)):
+        ends = [law.return_map(state.trial + s * h * axis, *state[1:]) for s in (1.0, -1.0)]
+        far = [law.return_map(state.trial + s * 50 * h * axis, *state[1:]) for s in (1.0, -1.0)]
+        for end in ends + far:
+            smooth &= (branch(law, end, state) == here).all(1)
+        difference[:, :, j] = (ends[0].gap - ends[1].gap) / (2.0 * h)
+    # directions turn fast where the load that turns them is small
+    smooth &= norm(tangential(state.trial, state.normal)) > 0.05 * P_C
+    smooth &= norm(state.trial + state.penalty[:, None] * state.gap) > 0.1 * P_C
+    assert smooth.mean() > 0.5
+    r = state.penalty[:, None, None]
+    error = np.abs(r * (update.tangent - difference)).max((1, 2))
+    size = np.abs(r * update.tangent).max((1, 2)) + 1.0
+    assert (error[smooth] <= 1e-6 * size[smooth]).all()
+
+
+@EVERY_LAW
+@SETTINGS
+@given(d=dims, seed=seeds, ratio=ratios, mu=st.sampled_from([0.0, 0.5]))
+def test_tangent_is_symmetric_where_the_law_says_so(make, d, seed, ratio, mu):
+    law = make(mu)
+    state = oracle.random_state(np.random.default_rng(seed), law, POINTS, d, ratio)
+    tangent = law.return_map(*state).tangent
+    skew = np.abs(tangent - np.swapaxes(tangent, 1, 2)).max()
+    if law.symmetric:
+        assert skew <= 1e-12 * np.abs(tangent).max()
+    elif ratio <= 10.0:
+        assert skew > 1e-6 * np.abs(tangent).max()
+
+
+def twin(law, eta, *point):
+    if isinstance(law, MixedModeDebonding):
+        return oracle.mixed(law, eta, *point)
+    if isinstance(law, IntrinsicExponential):
+        return oracle.intrinsic(law, *point)
+    if isinstance(law, ExponentialDebonding):
+        curve = oracle.Exponential(law.strength, law.fracture_energy)
+    else:
+        curve = oracle.Linear(law.strength, law.critical_gap)
+    return oracle.radial(curve, law.friction, eta, *point)
+
+
+@EVERY_LAW
+@settings(max_examples=10, deadline=None, derandomize=True)
+@given(d=dims, seed=seeds, ratio=st.sampled_from([1.1, 3.0, 1e3]), mu=frictions, eta=viscosities)
+def test_vectorised_is_scalar(make, d, seed, ratio, mu, eta):
+    law = make(mu, eta)
+    eta, dt = law.viscosity, 0.5
+    state = oracle.random_state(np.random.default_rng(seed), law, 25, d, ratio, eta / dt)
+    update = law.return_map(*state, dt=dt)
+    for i in range(25):
+        step = twin(law, eta / dt, *(a[i].tolist() for a in state))
+        for name, scale in (("traction", P_C), ("gap", ZETA_C), ("softening", P_C)):
+            np.testing.assert_allclose(
+                getattr(update, name)[i], getattr(step, name), rtol=1e-12, atol=1e-12 * scale
+            )
+        assert update.multiplier[i] == pytest.approx(step.multiplier, rel=1e-12, abs=1e-12 * ZETA_C)
+        assert Mode(update.mode[i]).name == step.mode
+        # the twin's quadrature: a kink, or with viscosity a jump, inside one of its pieces
+        piece = update.multiplier[i] / oracle.PIECES
+        kink = 2.0 * law.softening_modulus * piece**2
+        jump = 2.0 * (eta / dt) * piece * update.multiplier[i]
+        for name in ("damage_work", "friction_work", "viscous_work"):
+            assert getattr(update, name)[i] == pytest.approx(
+                getattr(step, name), rel=1e-3, abs=kink + jump + 1e-9
+            )
+
+
+# --- extremes, errors, the rest of the contract ---------------------------------------------------
+
+
+@EVERY_LAW
+@pytest.mark.parametrize("ratio", [1.0001, 1.0 + 1e-9, 1e8])
+@pytest.mark.parametrize("mu", [0.0, 2.0])
+@pytest.mark.parametrize("d", [2, 3])
+def test_extremes_stay_finite_and_silent(make, ratio, mu, d):
+    law = make(mu)
+    state = oracle.random_state(np.random.default_rng(5), law, POINTS, d, ratio)
+    state.trial[:40] = 0.0
+    state.trial[40:80] *= 1e-12
+    state.trial[80:120] *= 1e6
+    state.gap[60:100] *= 1e4
+    with np.errstate(all="raise"):
+        update = law.return_map(*state)
+    for name in update.__slots__:
+        assert np.isfinite(getattr(update, name)).all(), name
+
+
+@pytest.mark.parametrize("make", [Debonding, ExponentialDebonding])
+@pytest.mark.parametrize("strength", [1e-300, 1e-100, 1e-12])
+def test_vanishing_strength_is_contact_alone(make, strength):
+    law = make(strength, 0.2, friction=0.5)
+    trial = np.array([[10.0, 5.0], [-10.0, 3.0], [-10.0, 30.0], [0.0, 0.0], [0.0, 4.0]])
+    normal = np.tile([1.0, 0.0], (5, 1))
+    with np.errstate(all="raise"):
+        update = law.return_map(trial, normal, np.zeros((5, 2)), np.zeros(5), 100.0)
+    expected = [[0.0, 0.0], [-10.0, 3.0], [-10.0, 5.0], [0.0, 0.0], [0.0, 0.0]]
+    np.testing.assert_allclose(update.traction, expected, atol=1e-11)
+
+
+@EVERY_LAW
+@pytest.mark.parametrize("d", [2, 3])
+def test_no_points(make, d):
+    none = np.zeros((0, d))
+    update = make().return_map(none, none, none, np.zeros(0), np.zeros(0))
+    assert update.traction.shape == update.gap.shape == (0, d)
+    assert update.tangent.shape == (0, d, d)
+    assert update.mode.shape == update.softening.shape == (0,)
+
+
+@EVERY_LAW
+def test_inputs_are_left_alone_and_not_shared(make):
+    law = make(0.3)
+    state = oracle.random_state(np.random.default_rng(1), law, POINTS, 3, 2.0)
+    before = [a.copy() for a in state]
+    for array in state:
+        array.setflags(write=False)
+    update = law.return_map(*state)
+    for array, copy in zip(state, before, strict=True):
+        np.testing.assert_array_equal(array, copy)
+    for name in update.__slots__:
+        assert not any(np.shares_memory(getattr(update, name), a) for a in state)
+
+
+@EVERY_LAW
+def test_points_do_not_see_each_other(make):
+    law = make(0.3)
+    state = oracle.random_state(np.random.default_rng(2), law, 60, 3, 2.0)
+    together = law.return_map(*state)
+    for i in range(60):
+        alone = law.return_map(*(a[i : i + 1] for a in state))
+        for name in together.__slots__:
+            np.testing.assert_allclose(
+                getattr(together, name)[i], getattr(alone, name)[0], rtol=1e-12, atol=1e-14
+            )
+
+
+@pytest.mark.parametrize("load", [(1e5, 0.0), (-1.0, 1e5)])
+@pytest.mark.parametrize("shear_strength", [51.7, 60.1, 99.9, 33.0])
+def test_a_bond_that_fails_is_gone_exactly(load, shear_strength):
+    """Round-off must not leave a last trace of bond: every worn state ends at Q = P_n."""
+    law = MixedModeDebonding(37.3, shear_strength, 10.0, 18.0)
+    softening = law.strength * np.random.default_rng(3).random(1000)
+    trial, normal = np.tile(load, (1000, 1)), np.tile([1.0, 0.0], (1000, 1))
+    update = law.return_map(trial, normal, 0.0 * normal, softening, 2.0 * law.softening_modulus)
+    assert (update.softening == law.strength).all()
+
+
+def test_debonded_point_at_rest_is_free():
+    """A fully open point at zero traction must not start the next step as if it were bonded."""
+    law = Debonding(P_C, ZETA_C)
+    normal = np.array([[1.0, 0.0]])
+    update = law.return_map(np.zeros((1, 2)), normal, 0.3 * normal, np.full(1, P_C), 4000.0)
+    np.testing.assert_allclose(update.tangent[0], np.eye(2) / 4000.0, rtol=1e-15)
+
+
+@EVERY_LAW
+def test_penalty_below_softening_is_refused(make):
+    law = make()
+    n, bound = 4, law.softening_modulus
+    normal = np.tile([1.0, 0.0], (n, 1))
+    penalty = np.array([2.0, 1.5, 1.0, 2.0]) * bound
+    np.testing.assert_array_equal(law.admissible(penalty), [True, True, False, True])
+    with pytest.raises(ValueError, match=r"penalty r = .* at point 2 .* H = .*smaller elements"):
+        law.return_map(0.0 * normal, normal, 0.0 * normal, np.zeros(n), penalty)
+    penalty[2] = np.nan
+    with pytest.raises(ValueError, match="point 2"):
+        law.return_map(0.0 * normal, normal, 0.0 * normal, np.zeros(n), penalty)
+
+
+def test_viscosity_widens_the_admissible_penalty():
+    law = Debonding(P_C, ZETA_C, viscosity=30.0)
+    assert not law.admissible(0.9 * H, dt=1.0)
+    assert law.admissible(0.9 * H, dt=0.5)
+    assert not law.admissible(0.0, dt=1e-9)
+
+
+@pytest.mark.parametrize("dt", [0.0, -1.0, float("nan")])
+def test_time_step_must_be_positive_with_viscosity(dt):
+    normal = np.array([[1.0, 0.0]])
+    arguments = (normal, normal, 0.0 * normal, np.zeros(1), 5000.0)
+    Debonding(P_C, ZETA_C).return_map(*arguments, dt=dt)
+    with pytest.raises(ValueError, match=r"dt = .*positive time step"):
+        Debonding(P_C, ZETA_C, viscosity=1.0).return_map(*arguments, dt=dt)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
+@pytest.mark.parametrize(
+    ("law", "parameters"),
+    [
+        (Debonding, {"strength": 100.0, "critical_gap": 0.2}),
+        (ExponentialDebonding, {"strength": 100.0, "fracture_energy": 10.0}),
+        (
+            IntrinsicExponential,
+            {"strength": 100.0, "fracture_energy": 10.0, "shear_weight": 2.0},
+        ),
+        (
+            MixedModeDebonding,
+            {
+                "normal_strength": 100.0,
+                "shear_strength": 50.0,
+                "normal_energy": 10.0,
+                "shear_energy": 20.0,
+            },
+        ),
+    ],
+)
+def test_parameters_must_make_sense(law, parameters, value):
+    for name in parameters:
+        with pytest.raises(ValueError, match=f"{name} = {value}: must be positive and finite"):
+            law(**(parameters | {name: value}))
+    for name in {"friction", "viscosity"} & set(inspect.signature(law).parameters):
+        if value != 0.0:
+            with pytest.raises(ValueError, match=f"{name} = {value}: must be zero or positive"):
+                law(**parameters, **{name: value})
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"),
+    [
+        ("trial", (5,)),
+        ("trial", (5, 4)),
+        ("normal", (5, 3)),
+        ("gap", (4, 2)),
+        ("softening", (5, 1)),
+        ("penalty", (4,)),
+    ],
+)
+def test_shapes_are_checked(name, shape):
+    arguments = {
+        "trial": np.zeros((5, 2)),
+        "normal": np.zeros((5, 2)),
+        "gap": np.zeros((5, 2)),
+        "softening": np.zeros(5),
+        "penalty": np.full(5, 5000.0),
+    }
+    arguments[name] = np.ones(shape)
+    with pytest.raises(ValueError, match=f"{name} has shape"):
+        Debonding(P_C, ZETA_C).return_map(**arguments)
+
+
+def test_bonded_is_a_tie():
+    law = Bonded()
+    assert not law.inelastic
+    assert law.symmetric
+    assert law.softening_modulus == 0.0
+    assert law.admissible(np.array([1e-3, 1.0])).all()
+    trial, normal, zeros = np.array([[1e9, -3.0]]), np.array([[1.0, 0.0]]), np.zeros((1, 2))
+    update = law.return_map(trial, normal, zeros, np.zeros(1), 1.0)
+    np.testing.assert_array_equal(update.traction, trial)
+    assert not update.gap.any()
+    assert not update.tangent.any()
+
+
+def test_numpy_is_all_the_laws_import():
+    code = (
+        "import sys, vmdg.laws\n"
+        "heavy = {'dolfinx', 'ufl', 'basix', 'mpi4py', 'petsc4py', 'scipy'} & set(sys.modules)\n"
+        "sys.exit(f'imported {heavy}' if heavy else 0)"
+    )
+    root = str(Path(vmdg.laws.__file__).parents[2])
+    subprocess.run([sys.executable, "-c", code], check=True, env={"PYTHONPATH": root})
+
+
+def test_docstring_example():
+    assert doctest.testmod(vmdg.laws).failed == 0
+
+
+def test_attributes_of_debonding():
+    law = Debonding(strength=P_C, critical_gap=ZETA_C)
+    assert law.inelastic
+    assert law.symmetric
+    assert not Debonding(strength=P_C, critical_gap=ZETA_C, friction=0.1).symmetric
+    assert law.softening_modulus == H
+
+
+# --- the patch of 7.1.1, one point ----------------------------------------------------------------
+
+
+def test_patch_7_1_1():
+    """Two cubes in series with the interface: zeta at delta = .10, .12 and .26 mm."""
+    young, poisson, r = 5000.0, 0.25, 4.0 * 32338.6
+    mu = young / (2.0 * (1.0 + poisson))
+    lmbda = poisson * young / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
+
+    def nominal_stress(stretch):
+        """Uniaxial P of (86); the lateral stretch q solves mu (q^2 - 1) + lmbda J (J - 1) = 0."""
+        lower, upper = 0.5, 1.5
+        for _ in range(60):
+            q = 0.5 * (lower + upper)
+            jacobian = stretch * q * q
+            residual = mu * (q * q - 1.0) + lmbda * jacobian * (jacobian - 1.0)
+            lower, upper = (lower, q) if residual > 0.0 else (q, upper)
+        return mu * (stretch - 1.0 / stretch) + lmbda * (jacobian - 1.0) * jacobian / stretch
+
+    law, normal = Debonding(P_C, ZETA_C), np.array([[1.0, 0.0, 0.0]])
+    gap, softening, found = np.zeros((1, 3)), np.zeros(1), {}
+    for delta in np.arange(1, 14) * 0.02:
+        lower, upper = 0.9, 1.1
+        for _ in range(60):
+            stretch = 0.5 * (lower + upper)
+            stress = nominal_stress(stretch)
+            opening = delta - 2.0 * (stretch - 1.0)
+            trial = (stress + r * (opening - gap[:, :1])) * normal
+            update = law.return_map(trial, normal, gap, softening, r)
+            lower, upper = (stretch, upper) if update.traction[0, 0] > stress else (lower, stretch)
+        gap, softening = update.gap, update.softening
+        found[round(float(delta), 2)] = gap[0, 0]
+    assert found[0.10] == pytest.approx(0.0747438535, abs=1e-9)
+    # 0.0998363543 is the root of P_uni(s) = P_c (1 - zeta/zeta_c), delta = 2 (s - 1) + zeta
+    assert found[0.12] == pytest.approx(0.0998363543, abs=1e-9)
+    assert found[0.26] == pytest.approx(0.26, abs=1e-9)

@@ -1,0 +1,175 @@
+"""`ExponentialDebonding` and `IntrinsicExponential` against closed forms."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vmdg.laws import ExponentialDebonding, IntrinsicExponential, Mode
+
+SETTINGS = settings(max_examples=50, deadline=None, derandomize=True)
+
+# The two-inclusion problem of the benchmarks.
+STRENGTH, ENERGY = 50.0, 0.5
+DELTA_0 = ENERGY / (math.e * STRENGTH)
+STIFFNESS = ENERGY / DELTA_0**2
+
+
+def pull(law, openings, direction, ratio=3.0):
+    """Prescribed openings along one direction: updates of one point, N = first axis."""
+    direction = np.asarray(direction, dtype=float)[None, :]
+    normal = np.eye(direction.shape[1])[:1]
+    r = ratio * law.softening_modulus
+    gap, softening, updates = np.zeros_like(direction), np.zeros(1), []
+    for opening in openings:
+        update = law.return_map(r * (opening * direction - gap), normal, gap, softening, r)
+        gap, softening = update.gap, update.softening
+        updates.append(update)
+    return updates
+
+
+def total(updates, name):
+    return sum(getattr(update, name)[0] for update in updates)
+
+
+# --- rigid ----------------------------------------------------------------------------------------
+
+
+@SETTINGS
+@given(st.floats(1.0, 1e6), st.sampled_from([1.0001, 1.1, 3.0, 1e4, 1e8]), st.floats(0.0, 0.999))
+def test_rigid_step_solves_its_equation(load, ratio, worn):
+    law = ExponentialDebonding(STRENGTH, ENERGY)
+    r = ratio * law.softening_modulus
+    resistance = STRENGTH * (1.0 - worn)
+    s = load * resistance
+    state = (np.array([[1.0, 0.0]]), np.zeros((1, 2)), np.full(1, STRENGTH - resistance), r)
+    update = law.return_map(np.array([[s, 0.0]]), *state)
+    x = update.multiplier[0]
+    # R_n = P_c - Q is known to round-off of P_c
+    decayed = resistance * math.exp(-x * STRENGTH / ENERGY)
+    assert abs(s - r * x - decayed) <= 1e-14 * s + 4e-16 * STRENGTH
+    assert update.traction[0, 0] == pytest.approx(decayed, rel=1e-12, abs=1e-300)
+
+
+@pytest.mark.parametrize("steps", [1, 7, 200])
+def test_rigid_curve_does_not_depend_on_steps_and_spends_the_energy(steps):
+    law = ExponentialDebonding(STRENGTH, ENERGY)
+    r = 3.0 * law.softening_modulus
+    zeta = 0.03
+    traction = STRENGTH * math.exp(-zeta * STRENGTH / ENERGY)
+    updates = pull(law, np.linspace(0.0, zeta + traction / r, steps + 1)[1:], (1.0, 0.0))
+    np.testing.assert_allclose(updates[-1].gap, [[zeta, 0.0]], rtol=1e-12)
+    np.testing.assert_allclose(updates[-1].traction, [[traction, 0.0]], rtol=1e-10)
+    spent = ENERGY * (1.0 - traction / STRENGTH)
+    assert total(updates, "damage_work") == pytest.approx(spent, rel=1e-12)
+    far = pull(law, [1.0], (1.0, 0.0))
+    assert total(far, "damage_work") == pytest.approx(ENERGY, rel=1e-12)
+    assert far[0].mode[0] == Mode.OPEN
+    assert far[0].softening[0] == STRENGTH
+
+
+def test_rigid_friction_takes_over_where_the_bond_has_fallen_to_it():
+    """Slip under a cap c: bond G (1 - R/P), friction c (x - x*) less the bond after x*."""
+    law = ExponentialDebonding(STRENGTH, ENERGY, friction=0.5)
+    r, cap = 4.0 * law.softening_modulus, 20.0
+    slip = 0.05
+    trial = np.array([[-cap / 0.5, cap + r * slip]])
+    update = law.return_map(trial, np.array([[1.0, 0.0]]), np.zeros((1, 2)), np.zeros(1), r)
+    scale = ENERGY / STRENGTH
+    left, hand_over = STRENGTH * math.exp(-slip / scale), scale * math.log(STRENGTH / cap)
+    assert update.mode[0] == Mode.FRICTION
+    assert update.multiplier[0] == pytest.approx(slip, rel=1e-13)
+    assert update.damage_work[0] == pytest.approx((STRENGTH - left) * scale, rel=1e-13)
+    friction = cap * (slip - hand_over) - (cap - left) * scale
+    assert update.friction_work[0] == pytest.approx(friction, rel=1e-12)
+
+
+# --- intrinsic ------------------------------------------------------------------------------------
+
+
+def tour(normal_opening, sliding, damage):
+    """Traction of the tour's law and its damage, one opening after the other."""
+    delta = math.hypot(normal_opening, 2.0 * sliding)
+    damage = max(damage, 1.0 - math.exp(-delta / DELTA_0))
+    secant = STIFFNESS * (1.0 - damage)
+    return secant * normal_opening, secant * sliding, damage
+
+
+@SETTINGS
+@given(
+    st.lists(st.tuples(st.floats(0.0, 0.05), st.floats(-0.05, 0.05)), min_size=1, max_size=12),
+    st.sampled_from([1.001, 2.0, 1e3]),
+)
+def test_intrinsic_follows_the_tour_through_loading_and_unloading(path, ratio):
+    """Where the trial is what makes zeta the wanted opening, T is the tour's T."""
+    law = IntrinsicExponential(STRENGTH, ENERGY)
+    assert law.stiffness == pytest.approx(STIFFNESS, rel=1e-14)
+    r = ratio * law.softening_modulus
+    gap, softening, damage = np.zeros((1, 2)), np.zeros(1), 0.0
+    for wanted in path:
+        t_n, t_t, damage = tour(*wanted, damage)
+        trial = np.array([[t_n, t_t]]) + r * (np.array([wanted]) - gap)
+        update = law.return_map(trial, np.array([[1.0, 0.0]]), gap, softening, r)
+        # round-off of the trial, enlarged where the slope r + dT/dzeta is small
+        tol = 1e-13 * (1.0 + 1.0 / (ratio - 1.0))
+        np.testing.assert_allclose(update.gap, [wanted], atol=tol * 0.1)
+        np.testing.assert_allclose(update.traction, [[t_n, t_t]], atol=tol * STRENGTH * ratio)
+        assert update.softening[0] == pytest.approx(STRENGTH * damage, abs=tol * STRENGTH)
+        gap, softening = update.gap, update.softening
+
+
+def test_intrinsic_peak_and_inflection():
+    law = IntrinsicExponential(STRENGTH, ENERGY)
+    assert law.gap_scale == pytest.approx(DELTA_0, rel=1e-15)
+    assert law.softening_modulus == pytest.approx(STRENGTH**2 / ENERGY, rel=1e-14)
+    traction = [tour(zeta, 0.0, 0.0)[0] for zeta in np.linspace(0.0, 10.0 * DELTA_0, 100001)]
+    assert max(traction) == pytest.approx(law.strength, rel=1e-9)
+    steepest = -np.diff(traction).min() / (1e-4 * DELTA_0)
+    assert steepest == pytest.approx(law.softening_modulus, rel=1e-6)
+
+
+@pytest.mark.parametrize(("direction", "energy"), [((1.0, 0.0), ENERGY), ((0.0, 1.0), ENERGY / 4)])
+@pytest.mark.parametrize("steps", [1, 5, 100])
+def test_intrinsic_energy(direction, energy, steps):
+    law = IntrinsicExponential(STRENGTH, ENERGY)
+    updates = pull(law, np.linspace(0.0, 60.0 * DELTA_0, steps + 1)[1:], direction)
+    assert total(updates, "damage_work") == pytest.approx(energy, rel=1e-12)
+
+
+def test_intrinsic_balance():
+    """Open, unload, turn, open further: T . dzeta is stored or dissipated, nothing else."""
+    law = IntrinsicExponential(STRENGTH, ENERGY)
+    normal, r = np.array([[1.0, 0.0]]), 3.0 * law.softening_modulus
+    corners = DELTA_0 * np.array([[0, 0], [2, 0.5], [0.2, 0.1], [0.2, -1.5], [3, 0], [0, 0]])
+    s = np.linspace(0.0, 1.0, 1001)[1:, None]
+    path = np.concatenate([a + s * (b - a) for a, b in pairwise(corners)])
+    gap, softening, traction = np.zeros((1, 2)), np.zeros(1), np.zeros((1, 2))
+    work = dissipated = 0.0
+    for opening in path:
+        update = law.return_map(r * (opening - gap), normal, gap, softening, r)
+        work += 0.5 * ((traction + update.traction) * (update.gap - gap)).sum()
+        dissipated += update.damage_work[0]
+        gap, softening, traction = update.gap, update.softening, update.traction
+    stored = law.stored_energy(gap, softening)[0]
+    assert work == pytest.approx(stored + dissipated, rel=1e-4)
+    assert stored < 1e-3 * dissipated
+
+
+def test_intrinsic_contact_has_no_penetration_and_keeps_shear():
+    law = IntrinsicExponential(STRENGTH, ENERGY)
+    r = 3.0 * law.softening_modulus
+    sliding = 0.5 * DELTA_0
+    _, shear, _ = tour(0.0, sliding, 0.0)
+    trial = np.array([[-1e4, shear + r * sliding]])
+    update = law.return_map(trial, np.array([[1.0, 0.0]]), np.zeros((1, 2)), np.zeros(1), r)
+    np.testing.assert_allclose(update.traction, [[-1e4, shear]], rtol=1e-12)
+    np.testing.assert_allclose(update.gap, [[0.0, sliding]], rtol=1e-12)
+    assert update.mode[0] == Mode.SHEAR
+
+
+def test_intrinsic_symmetry_is_that_of_its_weight():
+    assert IntrinsicExponential(STRENGTH, ENERGY, 1.0).symmetric
+    assert not IntrinsicExponential(STRENGTH, ENERGY).symmetric

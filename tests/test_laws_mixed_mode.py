@@ -1,0 +1,146 @@
+"""`MixedModeDebonding`: pure modes, interaction of energies, reduction to `Debonding`."""
+
+import math
+
+import laws_scalar as oracle
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vmdg.laws import Debonding, MixedModeDebonding
+
+SETTINGS = settings(max_examples=50, deadline=None, derandomize=True)
+
+P_N, P_S, G_N, G_S = 40.0, 60.0, 0.3, 1.1
+LAW = MixedModeDebonding(P_N, P_S, G_N, G_S)
+NORMAL = np.array([[1.0, 0.0]])
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def follow(law, openings, ratio=3.0):
+    """Prescribed openings (m, 2): the updates of one point, N = first axis."""
+    r = ratio * law.softening_modulus
+    gap, softening, updates = np.zeros((1, 2)), np.zeros(1), []
+    for opening in openings:
+        update = law.return_map(r * (opening - gap), NORMAL, gap, softening, r)
+        gap, softening = update.gap, update.softening
+        updates.append(update)
+    return updates
+
+
+@pytest.mark.parametrize(
+    ("axis", "strength", "energy"), [((1.0, 0.0), P_N, G_N), ((0.0, 1.0), P_S, G_S)]
+)
+@pytest.mark.parametrize("steps", [1, 9, 400])
+def test_pure_modes(axis, strength, energy, steps):
+    axis = np.array(axis)
+    updates = follow(LAW, np.linspace(0.0, 1.0, steps + 1)[1:, None] * axis)
+    assert sum(u.damage_work[0] for u in updates) == pytest.approx(energy, rel=1e-12)
+    critical = 2.0 * energy / strength
+    for zeta in (0.1 * critical, 0.9 * critical):
+        held = strength * (1.0 - zeta / critical)
+        opening = (zeta + held / (3.0 * LAW.softening_modulus)) * axis
+        (update,) = follow(LAW, opening[None, :])
+        np.testing.assert_allclose(update.gap[0], zeta * axis, atol=1e-14)
+        np.testing.assert_allclose(update.traction[0], held * axis, atol=1e-11)
+
+
+@pytest.mark.parametrize("angle", np.linspace(0.0, 0.5 * math.pi, 7))
+def test_strength_is_the_ellipse(angle):
+    onset = np.array([[P_N * math.cos(angle), P_S * math.sin(angle)]])
+    state = (NORMAL, np.zeros((1, 2)), np.zeros(1), 3.0 * LAW.softening_modulus)
+    assert LAW.return_map(onset * (1.0 - 1e-12), *state).multiplier[0] == 0.0
+    assert LAW.return_map(onset * (1.0 + 1e-9), *state).multiplier[0] > 0.0
+
+
+@pytest.mark.parametrize("angle", np.linspace(0.0, 0.5 * math.pi, 7))
+@pytest.mark.parametrize("steps", [1, 50])
+def test_energy_at_fixed_ratio_of_tractions(angle, steps):
+    """T = rho (P_n cos, P_s sin) to separation: G_n cos^2 + G_s sin^2."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    r = 3.0 * LAW.softening_modulus
+    gap, softening, spent = np.zeros((1, 2)), np.zeros(1), 0.0
+    for d in np.linspace(0.0, 1.0, steps + 1)[1:]:
+        zeta = d * np.array([[2.0 * G_N / P_N * cos, 2.0 * G_S / P_S * sin]])
+        traction = (1.0 - d) * np.array([[P_N * cos, P_S * sin]])
+        update = LAW.return_map(traction + r * (zeta - gap), NORMAL, gap, softening, r)
+        np.testing.assert_allclose(update.traction, traction, atol=1e-10)
+        gap, softening, spent = update.gap, update.softening, spent + update.damage_work[0]
+    assert spent == pytest.approx(float(LAW.energy_at(angle)), rel=1e-9)
+    assert spent == pytest.approx(G_N * cos**2 + G_S * sin**2, rel=1e-9)
+
+
+@SETTINGS
+@given(seeds, st.integers(1, 40))
+def test_energies_of_the_modes_add_up_to_one_on_any_path(seed, steps):
+    """G_I/G_n + G_II/G_s = 1, from the works of T on zeta_N and on zeta_T.
+
+    The mean traction of a step is T (rho_n + rho)/(2 rho), at the direction of its end.
+    """
+    rng = np.random.default_rng(seed)
+    path = np.cumsum(np.abs(rng.normal(size=(steps, 2))), axis=0)
+    path *= 0.0399 / path[-1].max() / 3.0
+    gap, d, ratio_sum = np.zeros((1, 2)), 0.0, 0.0
+    for update in follow(LAW, path):
+        d_n, d = d, update.softening[0] / P_N
+        if d == 1.0:
+            return
+        mean = update.traction[0] * (2.0 - d_n - d) / (2.0 * (1.0 - d))
+        work = mean * (update.gap - gap)[0]
+        ratio_sum += work[0] / G_N + work[1] / G_S
+        assert work.sum() == pytest.approx(update.damage_work[0], rel=1e-9, abs=1e-13)
+        gap = update.gap
+    assert ratio_sum == pytest.approx(1.0 - (1.0 - d) ** 2, rel=1e-9, abs=1e-12)
+
+
+@SETTINGS
+@given(
+    st.sampled_from([2, 3]),
+    seeds,
+    st.sampled_from([1.01, 3.0, 1e4]),
+    st.sampled_from([0.0, 0.5]),
+    st.sampled_from([0.0, 200.0]),
+)
+def test_equal_modes_are_debonding(d, seed, ratio, mu, eta):
+    plain = Debonding(100.0, 0.2, mu, eta)
+    mixed = MixedModeDebonding(100.0, 100.0, 10.0, 10.0, mu, eta)
+    assert mixed.softening_modulus == pytest.approx(plain.softening_modulus, rel=1e-15)
+    state = oracle.random_state(np.random.default_rng(seed), plain, 200, d, ratio, eta)
+    one, other = mixed.return_map(*state), plain.return_map(*state)
+    loose = 1e-12 * max(1.0, 0.1 / (ratio - 1.0))
+    for name, scale in (
+        ("traction", 100.0),
+        ("gap", 0.2),
+        ("softening", 100.0),
+        ("multiplier", 0.2),
+        ("damage_work", 10.0),
+        ("friction_work", 10.0),
+        ("viscous_work", 10.0),
+    ):
+        np.testing.assert_allclose(
+            getattr(one, name), getattr(other, name), rtol=loose, atol=loose * scale, err_msg=name
+        )
+    scaled = state.penalty[:, None, None] * np.array([one.tangent, other.tangent])
+    np.testing.assert_allclose(scaled[0], scaled[1], rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(one.mode, other.mode)
+
+
+def test_symmetric_only_with_equal_energies():
+    assert MixedModeDebonding(40.0, 60.0, 0.5, 0.5).symmetric
+    assert not LAW.symmetric
+    assert not MixedModeDebonding(40.0, 60.0, 0.5, 0.5, friction=0.1).symmetric
+
+
+def test_the_steeper_mode_bounds_the_penalty():
+    assert LAW.softening_modulus == pytest.approx(max(P_N**2 / (2 * G_N), P_S**2 / (2 * G_S)))
+
+
+def test_vanishing_strength_is_contact_alone():
+    law = MixedModeDebonding(1e-60, 1e-60, 1e-61, 1e-61, friction=0.5)
+    trial = np.array([[10.0, 5.0], [-10.0, 30.0], [0.0, 0.0]])
+    normal = np.tile(NORMAL, (3, 1))
+    with np.errstate(all="raise"):
+        update = law.return_map(trial, normal, np.zeros((3, 2)), np.zeros(3), 100.0)
+    np.testing.assert_allclose(update.traction, [[0.0, 0.0], [-10.0, 5.0], [0.0, 0.0]], atol=1e-12)

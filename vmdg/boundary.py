@@ -1,0 +1,196 @@
+"""Prescribed displacements and dead loads, as functions of the load factor t."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import locate_entities_boundary
+from numpy.typing import ArrayLike, NDArray
+
+from . import compat
+from .parallel import global_sum
+from .quadrature import JIT_OPTIONS
+from .topology import facet_cells, local_facets
+
+Locator = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+Where = ArrayLike | Locator
+Value = float | ArrayLike | Callable[..., Any]
+
+_AXES = ("x", "y", "z")
+
+
+def find_boundary_facets(mesh, where: Where, what: str) -> NDArray[np.int32]:
+    """Facets given by index or by a predicate on the coordinates (3, n) of the boundary.
+
+    Raises:
+        ValueError: nothing is selected on any rank.
+    """
+    if callable(where):
+        facets = locate_entities_boundary(mesh, mesh.topology.dim - 1, where)
+    else:
+        facets = np.asarray(where, dtype=np.int32)
+    if global_sum(mesh.comm, len(facets)) == 0:
+        raise ValueError(f"{what}: no facet is selected on any rank")
+    return facets
+
+
+def component_index(component: int | str | None, d: int, what: str) -> int | None:
+    """0, 1, 2 or "x", "y", "z" as an index; None for all components.
+
+    Raises:
+        ValueError: no such component.
+    """
+    if component is None:
+        return None
+    names = _AXES[:d]
+    if component in names:
+        return names.index(component)
+    if isinstance(component, (int, np.integer)) and 0 <= component < d:
+        return int(component)
+    raise ValueError(
+        f"{what}: unknown component {component!r}; in {d}D it is one of 0..{d - 1} or "
+        f"{', '.join(names)}, or None for all"
+    )
+
+
+def value_at(value: Value, t: float, points: NDArray[np.float64] | None = None) -> NDArray:
+    """Value at load factor t: a number, an array, f(t), or f(x, t) with points x (3, n)."""
+    if not callable(value):
+        return np.asarray(value, dtype=float)
+    if len(inspect.signature(value).parameters) == 1:
+        return np.asarray(value(t), dtype=float)
+    if points is None:
+        raise ValueError("a load takes a value, or a function of the load factor t only")
+    return np.asarray(value(points, t), dtype=float)
+
+
+@dataclass(frozen=True)
+class _Condition:
+    dofs: NDArray[np.int32]
+    component: int | None
+    value: Value
+    points: NDArray[np.float64]
+
+
+class DirichletConditions:
+    """Prescribed components of the displacement.
+
+    Attributes:
+        dofs: Prescribed local dofs (component-wise numbers), ghosts included, ascending.
+    """
+
+    def __init__(self, space: fem.FunctionSpace):
+        self._space = space
+        self._d = space.dofmap.index_map_bs
+        self._conditions: list[_Condition] = []
+        self.dofs = np.zeros(0, dtype=np.int32)
+
+    def add(
+        self, dofs: NDArray[np.int32], value: Value, component: int | str | None, what: str
+    ) -> None:
+        """Prescribe nodal dofs (block numbers).
+
+        Raises:
+            ValueError: no dof is selected, the component or the shape of the value is wrong.
+        """
+        if global_sum(self._space.mesh.comm, len(dofs)) == 0:
+            raise ValueError(f"{what}: no degree of freedom is selected on any rank")
+        index = component_index(component, self._d, what)
+        points = self._space.tabulate_dof_coordinates()[dofs].T
+        condition = _Condition(dofs, index, value, points)
+        shape = np.shape(value_at(value, 0.0, points))
+        count = len(dofs)
+        allowed = [(), (count,)] if index is not None else [(self._d,), (self._d, count)]
+        if shape not in allowed and not (index is None and shape == ()):
+            raise ValueError(
+                f"{what}: a value of shape {shape} does not fit "
+                + ("one component" if index is not None else f"{self._d} components")
+            )
+        self._conditions.append(condition)
+        components = np.arange(self._d) if index is None else np.array([index])
+        flat = (dofs[:, None] * self._d + components).ravel()
+        self.dofs = np.union1d(self.dofs, flat).astype(np.int32)
+
+    def values(self, t: float) -> NDArray[np.float64]:
+        """Prescribed values at load factor ``t``, one for each of :attr:`dofs`.
+
+        Where conditions overlap, the one that was added last holds.
+        """
+        result = np.zeros(len(self.dofs))
+        for condition in self._conditions:
+            value = value_at(condition.value, t, condition.points)
+            if condition.component is None:
+                if value.ndim == 1:
+                    value = value[:, None]
+                value = np.broadcast_to(value, (self._d, len(condition.dofs)))
+                components = np.arange(self._d)
+            else:
+                value = np.broadcast_to(value, (1, len(condition.dofs)))
+                components = np.array([condition.component])
+            flat = condition.dofs[:, None] * self._d + components
+            result[np.searchsorted(self.dofs, flat)] = value.T
+        return result
+
+
+class DeadLoads:
+    """Tractions per reference area and body forces per reference volume."""
+
+    def __init__(self, space: fem.FunctionSpace, thickness: Any):
+        self._space = space
+        self._thickness = thickness
+        self._tractions: list[tuple[NDArray[np.int32], fem.Constant, Value]] = []
+        self._body_forces: list[tuple[fem.Constant, Value]] = []
+        self._form: fem.Form | None = None
+
+    def __bool__(self) -> bool:
+        return bool(self._tractions or self._body_forces)
+
+    def _constant(self, value: Value, what: str) -> fem.Constant:
+        d = self._space.dofmap.index_map_bs
+        initial = value_at(value, 0.0)
+        if initial.shape != (d,):
+            raise ValueError(f"{what}: the value has shape {initial.shape}, expected ({d},)")
+        self._form = None
+        return fem.Constant(self._space.mesh, initial)
+
+    def add_traction(self, facets: NDArray[np.int32], value: Value) -> None:
+        """Traction [MPa] on boundary facets."""
+        self._tractions.append((facets, self._constant(value, "traction"), value))
+
+    def add_body_force(self, value: Value) -> None:
+        """Body force [N/mm3] everywhere."""
+        self._body_forces.append((self._constant(value, "body_force"), value))
+
+    def vector(self, t: float) -> NDArray[np.float64]:
+        """Load vector at load factor ``t`` over local dofs; ghosts still to be added to owners."""
+        for *_, constant, value in [*self._tractions, *self._body_forces]:
+            constant.value[:] = value_at(value, t)
+        if self._form is None:
+            self._form = self._compile()
+        return fem.assemble_vector(self._form).array
+
+    def _rows(self, facets: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Rows (cell, facet in it) of the owned ones of boundary facets, flattened."""
+        mesh = self._space.mesh
+        owned = facets[facets < mesh.topology.index_map(mesh.topology.dim - 1).size_local]
+        cells = facet_cells(mesh)[owned, 0]
+        return np.column_stack([cells, local_facets(mesh, cells, owned)]).ravel()
+
+    def _compile(self) -> fem.Form:
+        mesh = self._space.mesh
+        eta = ufl.TestFunction(self._space)
+        degree = 2 * self._space.ufl_element().degree
+        rows = [(i, self._rows(facets)) for i, (facets, *_) in enumerate(self._tractions)]
+        ds = ufl.Measure(
+            "ds", domain=mesh, subdomain_data=rows, metadata={"quadrature_degree": degree}
+        )
+        dx = ufl.Measure("dx", domain=mesh, metadata={"quadrature_degree": degree})
+        terms = [ufl.dot(c, eta) * ds(i) for i, (_, c, _) in enumerate(self._tractions)]
+        terms += [ufl.dot(c, eta) * dx for c, _ in self._body_forces]
+        return compat.form(self._thickness * sum(terms[1:], terms[0]), [], JIT_OPTIONS)

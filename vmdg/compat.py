@@ -1,0 +1,117 @@
+"""Every difference between the supported versions of DOLFINx (0.9 to 0.11) lives here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from mpi4py import MPI
+
+import dolfinx
+import numpy as np
+import ufl
+from dolfinx import cpp, fem
+from dolfinx.common import IndexMap
+from dolfinx.mesh import GhostMode, Mesh, MeshTags, create_cell_partitioner, create_submesh
+from numpy.typing import NDArray
+
+_NEW = tuple(int(part) for part in dolfinx.__version__.split(".")[:2]) >= (0, 10)
+# Newer index maps take a message tag.
+_TAG = [0] if "tag: int" in IndexMap.__init__.__doc__ else []
+
+
+@dataclass(frozen=True)
+class FacetSubmesh:
+    """The facets of an interface as a mesh of their own.
+
+    Attributes:
+        mesh: Mesh of topological dimension one less.
+        facets: Facet of the parent mesh for every cell of ``mesh``, owned ones first.
+        entity_map: What ``dolfinx.fem.form`` wants to relate the two meshes.
+    """
+
+    mesh: Mesh
+    facets: NDArray[np.int32]
+    entity_map: Any
+
+
+def facet_submesh(mesh: Mesh, facets: NDArray[np.int32]) -> FacetSubmesh:
+    """Submesh of the given facets (local indices)."""
+    fdim = mesh.topology.dim - 1
+    submesh, entity_map, *_ = create_submesh(mesh, fdim, facets)
+    cells = submesh.topology.index_map(fdim)
+    count = cells.size_local + cells.num_ghosts
+    if _NEW:
+        parent = entity_map.sub_topology_to_topology(np.arange(count, dtype=np.int32), False)
+        return FacetSubmesh(submesh, parent, entity_map)
+    parent_facets = mesh.topology.index_map(fdim)
+    inverse = np.full(parent_facets.size_local + parent_facets.num_ghosts, -1, dtype=np.int32)
+    inverse[entity_map] = np.arange(len(entity_map), dtype=np.int32)
+    return FacetSubmesh(submesh, np.asarray(entity_map), {submesh: inverse})
+
+
+def form(integrand: ufl.Form, submeshes: list[FacetSubmesh], jit_options: dict) -> fem.Form:
+    """Compile ``integrand`` whose arguments or coefficients live on the given submeshes too."""
+    if _NEW:
+        entity_maps = [submesh.entity_map for submesh in submeshes]
+    else:
+        entity_maps = {}
+        for submesh in submeshes:
+            entity_maps |= submesh.entity_map
+    return fem.form(integrand, jit_options=jit_options, entity_maps=entity_maps)
+
+
+def sharing_ranks(index_map: Any) -> NDArray[np.int32]:
+    """Ranks that hold ghosts of this rank's indices, ascending; collective."""
+    ranks = index_map.index_to_dest_ranks(*_TAG)  # of ghosts too, which other ranks may share
+    return np.unique(ranks.array[: ranks.offsets[index_map.size_local]])
+
+
+def index_map(
+    comm: MPI.Comm, size_local: int, ghosts: NDArray[np.int64], owners: NDArray[np.int32]
+) -> IndexMap:
+    """IndexMap of a rank that owns ``size_local`` indices and holds these ghosts; collective."""
+    return IndexMap(comm, size_local, ghosts, owners, *_TAG)
+
+
+def coordinate_element(mesh: Mesh) -> Any:
+    """The element of the geometry, with ``degree`` and ``variant``."""
+    geometry = mesh.geometry
+    return geometry.cmaps[0] if hasattr(geometry, "cmaps") else geometry.cmap
+
+
+def interpolation_points(space: fem.FunctionSpace) -> NDArray[np.float64]:
+    """Reference points at which a space takes the values it interpolates."""
+    points = space.element.interpolation_points
+    return points() if callable(points) else points
+
+
+def _facet_ghost_partitioner() -> Any:
+    if not _NEW:
+        return create_cell_partitioner(GhostMode.shared_facet)
+    return create_cell_partitioner(GhostMode.shared_facet, 2)
+
+
+def function_space_with_dofmap(space: fem.FunctionSpace, dofmap: Any) -> fem.FunctionSpace:
+    """The space of the elements of ``space`` with another numbering of its dofs."""
+    shape = [] if _NEW else [space.value_shape]
+    mesh = space.mesh
+    cpp_space = cpp.fem.FunctionSpace_float64(
+        mesh._cpp_object, space._cpp_object.element, dofmap, *shape
+    )
+    return fem.FunctionSpace(mesh, space.ufl_element(), cpp_space)
+
+
+def gmsh_model_to_mesh(
+    model: Any, comm: MPI.Comm, rank: int, gdim: int
+) -> tuple[Mesh, MeshTags, MeshTags]:
+    """Distribute a gmsh model: mesh with facet ghosts, tags of cells and facets from its groups."""
+    partitioner = _facet_ghost_partitioner()
+    if _NEW:
+        from dolfinx.io import gmsh as gmshio
+
+        data = gmshio.model_to_mesh(model, comm, rank, gdim=gdim, partitioner=partitioner)
+        return data.mesh, data.cell_tags, data.facet_tags
+    from dolfinx.io import gmshio
+
+    return gmshio.model_to_mesh(model, comm, rank, gdim=gdim, partitioner=partitioner)

@@ -1,0 +1,500 @@
+"""One interface at work: values at its points, its return map, and its terms of the forms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from numpy.typing import NDArray
+from ufl.core.expr import Expr
+
+from . import frame
+from .bodies import Bodies
+from .facet_quadrature import FacetQuadrature, SideEvaluators, family_pairs, side_evaluators
+from .forms import interface as terms
+from .forms import kinematics
+from .forms.kinematics import Body
+from .interface import Interface, InterfaceFacets
+from .laws import Mode, Update
+from .parallel import global_max, raise_together
+from .quadrature import facet_degree
+from .stabilization import Stabilization, Stabilizer
+from .staged_tangent import StagedTangent
+
+
+@dataclass(frozen=True)
+class InterfaceState:
+    """Converged values at the facet points this rank owns, side 1 first.
+
+    Attributes:
+        points: Reference positions (nq, 3) [mm].
+        weights: Reference area of the points (nq,) [mm2; mm in 2D].
+        normal: Reference normal N outward from side 1 (nq, d).
+        opening: g = phi_2 - phi_1 (nq, d) [mm].
+        gap: Inelastic gap zeta (nq, d) [mm].
+        softening: Q (nq,) [MPa].
+        traction: T = {P.N} + tau_s.(g - zeta) (nq, d) [MPa].
+        mode: Active branch of the return map, :class:`vmdg.Mode` (nq,).
+        rotation: R of the frame that turns with the interface (nq, d, d), R.N the current normal;
+            R^T.gap and R^T.traction are the components the law sees. The identity where the frame
+            does not turn.
+    """
+
+    points: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    opening: NDArray[np.float64]
+    gap: NDArray[np.float64]
+    softening: NDArray[np.float64]
+    traction: NDArray[np.float64]
+    mode: NDArray[np.int8]
+    rotation: NDArray[np.float64]
+
+    @classmethod
+    def empty(cls, d: int) -> InterfaceState:
+        """Of an interface with no open facet."""
+        vectors, scalars = np.zeros((0, d)), np.zeros(0)
+        return cls(
+            points=np.zeros((0, 3)),
+            weights=scalars,
+            normal=vectors,
+            opening=vectors,
+            gap=vectors,
+            softening=scalars,
+            traction=vectors,
+            mode=np.zeros(0, dtype=np.int8),
+            rotation=np.zeros((0, d, d)),
+        )
+
+
+@dataclass(frozen=True)
+class Group:
+    """Facets of an interface whose two sides belong to the same pair of material families."""
+
+    select: NDArray[np.bool_]
+    bodies: tuple[Body, Body]
+
+
+@dataclass(frozen=True)
+class _Values:
+    """Values at the points of the last evaluation, in the current configuration.
+
+    Attributes:
+        opening: g (nq, d).
+        jump: [[P.N]] (nq, d).
+        gap: zeta (nq, d); None for a tie.
+        traction: T (nq, d).
+        compliance: C = d zeta/dT of the last return map (nq, d, d); None for a tie.
+        spin: Z, the part of d zeta/dF that comes from the turning frame (nq, d, d, d); None where
+            the frame does not turn.
+        rotation: R of the frame (nq, d, d); None where the frame does not turn.
+        update: Result of the return map; None where zeta was held or there is none.
+    """
+
+    opening: NDArray[np.float64]
+    jump: NDArray[np.float64]
+    gap: NDArray[np.float64] | None
+    traction: NDArray[np.float64]
+    compliance: NDArray[np.float64] | None = None
+    spin: NDArray[np.float64] | None = None
+    rotation: NDArray[np.float64] | None = None
+    update: Update | None = None
+
+
+@dataclass(frozen=True)
+class PointHistory:
+    """Converged history of an interface on this rank; zeta and T in the frame of the law."""
+
+    gap: NDArray[np.float64]
+    softening: NDArray[np.float64]
+    mode: NDArray[np.int8]
+    traction: NDArray[np.float64]
+    values: _Values
+
+
+class Coupling:
+    """The interface terms of the problem and the history they need.
+
+    A tie (law without history) has the tensor tau_s and neither zeta nor a return map; any other
+    law has the scalar r = |tau_s| in the residual and in the return map.
+
+    Args:
+        interface: The user's description.
+        facets: Its facets on this rank.
+        u: Displacement, changed by the solver.
+        bodies: Materials.
+        degree: Degree of the displacement.
+    """
+
+    def __init__(
+        self,
+        interface: Interface,
+        facets: InterfaceFacets,
+        u: fem.Function,
+        bodies: Bodies,
+        degree: int,
+    ):
+        mesh = u.function_space.mesh
+        self.interface = interface
+        self.facets = facets
+        self.law = interface.law
+        self._acting_law = interface.law
+        self._u = u
+        self._d = d = mesh.geometry.dim
+        self._bodies = bodies
+        family_of = bodies.family[facets.cells]
+        self.groups = [
+            Group((family_of == pair).all(axis=1), tuple(bodies.families[i].body for i in pair))
+            for pair in family_pairs(facets, bodies, mesh.comm)
+        ]
+        self.quadrature = FacetQuadrature(mesh, facets, facet_degree(degree))
+        self._stabilizer = Stabilizer(interface, facets, self.quadrature, u, bodies)
+        self.stabilization: Stabilization | None = None
+        self._N = ufl.FacetNormal(mesh)("+")
+
+        facet_space = self.quadrature.facet_space
+        self._delta = fem.Function(facet_space((d, d)))
+        self._tau = fem.Function(facet_space(() if self.law.inelastic else (d, d)))
+        self._zeta = fem.Function(self.quadrature.space((d,))) if self.law.inelastic else None
+        self._delta_s = fem.Function(facet_space((d, d))) if interface.traction_jump else None
+        self.turns = self.law.inelastic and interface.frame == "corotating"
+        self._flux = self._evaluators((2 * d + d * d if self.turns else 2 * d,), self._flux_of)
+        self._tangent: StagedTangent | None = None
+
+        count = len(self.quadrature.weights)
+        history = count if self.law.inelastic else 0
+        self.gap = np.zeros((history, d))
+        self.softening = np.zeros(history)
+        self.mode = np.zeros(history, dtype=np.int8)
+        zero = np.zeros((count, d))
+        self._now = _Values(zero, zero, None, zero)
+        if self.law.inelastic:
+            none = np.zeros((count, d, d))
+            spin = np.zeros((count, d, d, d)) if self.turns else None
+            rotation = np.tile(np.eye(d), (count, 1, 1)) if self.turns else None
+            self._now = _Values(zero, zero, zero, zero, none, spin, rotation)
+        self._converged = self._now
+        self._converged_traction = np.zeros((history, d))
+        self._dt = 1.0
+
+    def _evaluators(
+        self, shape: tuple[int, ...], expression: Callable[[Body, Expr, Expr, int], Expr]
+    ) -> SideEvaluators:
+        return side_evaluators(self.quadrature, self._u, self._bodies, shape, expression)
+
+    def _flux_of(self, body: Body, F: Expr, N: Expr, a: int) -> Expr:
+        """P.N, u and, where the frame turns, GRAD u of one side."""
+        values = [*kinematics.traction(body, F, N), *self._u]
+        if self.turns:
+            gradient = ufl.grad(self._u)
+            values += [gradient[i, j] for i in range(self._d) for j in range(self._d)]
+        return ufl.as_vector(values)
+
+    # Terms of the forms
+
+    def residual_term(self, eta: Expr, group: Group) -> Expr:
+        """Interface integrand of (27)."""
+        return terms.residual(eta, group.bodies, self._u, self._N, *self._coefficients())
+
+    def energy_term(self, group: Group) -> Expr:
+        """Stored energy of the interface, the interface integrand of (30) [N/mm]."""
+        return terms.energy(group.bodies, self._u, self._N, *self._coefficients())
+
+    def _coefficients(self) -> tuple[Expr, Expr, Expr | None, Expr | None]:
+        """delta_1, tau_s, zeta and delta_s on the facets, None where the form has none."""
+        zeta = None if self._zeta is None else self._zeta("+")
+        delta_s = None if self._delta_s is None else self._delta_s("+")
+        return self._delta("+"), self._tau("+"), zeta, delta_s
+
+    def tangent_term(self, eta: Expr, du: Expr) -> Expr:
+        """Interface integrand of (84)-(85) in the staged coefficients."""
+        return self._staging.integrand(eta, du, self._tau("+"))
+
+    @property
+    def submeshes(self):
+        """Submeshes on which coefficients of the terms live."""
+        return [self.quadrature.submesh]
+
+    # Work at the points
+
+    def update_stabilization(self, dt: float | None) -> None:
+        """Evaluate tau_s and delta at the current displacement and freeze them.
+
+        Args:
+            dt: Time step [s]; None where it is not known yet, then only a law without viscosity
+                is checked.
+
+        Raises:
+            ValueError: r <= H - eta on a facet: the softening is too steep for the mesh.
+        """
+        self.stabilization = self._stabilizer()
+        self.quadrature.set_facet_values(self._delta, self.stabilization.delta[:, 0])
+        if self._delta_s is not None:
+            self.quadrature.set_facet_values(self._delta_s, self.stabilization.delta_s)
+        scalar = self.law.inelastic
+        self.quadrature.set_facet_values(
+            self._tau, self.stabilization.norm if scalar else self.stabilization.tau
+        )
+        if scalar and (dt is not None or self._acting_law.viscosity == 0):
+            self._check_softening(1.0 if dt is None else dt)
+
+    def _check_softening(self, dt: float) -> None:
+        r, H = self.stabilization.norm, self.law.softening_modulus
+        bad = np.flatnonzero(~self._acting_law.admissible(r, dt))
+        message = None
+        worst = -global_max(self._u.function_space.mesh.comm, -r[bad].min(initial=np.inf))
+        if len(bad) and r[bad].min() == worst:
+            f = bad[np.argmin(r[bad])]
+            size = self.quadrature.area[f] ** (1 / (self._d - 1))
+            message = (
+                f"{self.interface}: facet {self.facets.facets[f]} has r = |tau_s| = {r[f]:.6g} "
+                f"MPa/mm, not above the softening modulus H = {H:.6g} MPa/mm (dt = {dt:g}): the "
+                f"bond would break faster than the element can unload. Refine the facet from "
+                f"{size:.3g} to below {size * r[f] / H:.3g} mm, raise the critical gap, or give "
+                "the law a viscosity"
+            )
+        raise_together(self._u.function_space.mesh.comm, message)
+
+    def update_points(self, dt: float, hold: bool = False) -> None:
+        """Return map (Boxes 2 and 3) at the current displacement; sets zeta of the residual.
+
+        Args:
+            dt: Time step [s].
+            hold: Keep zeta at its converged value.
+        """
+        d, facet = self._d, self.quadrature.facet
+        flux1, flux2 = self._flux[0](), self._flux[1]()
+        delta = self.stabilization.delta[facet]
+        # The kernels take the outward normal of their own side, -N on side 2.
+        mean = _apply(delta[:, 0], flux1[:, :d]) - _apply(delta[:, 1], flux2[:, :d])
+        jump = flux1[:, :d] + flux2[:, :d]
+        opening = flux2[:, d : 2 * d] - flux1[:, d : 2 * d]
+        if not self.law.inelastic:
+            traction = mean + _apply(self.stabilization.tau[facet], opening)
+            self._now = _Values(opening, jump, None, traction)
+            return
+        r = self.stabilization.norm[facet]
+        total = mean + r[:, None] * opening
+        if self.turns:
+            F = np.eye(d) + (flux1[:, 2 * d :] + flux2[:, 2 * d :]).reshape(-1, d, d) / 2
+            values = self._map_in_frame(opening, total, r, F, dt, hold)
+        else:
+            values = self._map(opening, total, r, dt, hold)
+        self._now = replace(values, jump=jump)
+        self._zeta.x.array[:] = self._now.gap.ravel()
+
+    def _map(self, opening: NDArray, total: NDArray, r: NDArray, dt: float, hold: bool) -> _Values:
+        """The return map on T_tr = {P.N} + r g - r zeta_n; ``total`` is {P.N} + r g."""
+        trial = total - r[:, None] * self.gap
+        if hold:
+            return replace(self._now, opening=opening, gap=self.gap, traction=trial, update=None)
+        N = self.quadrature.normal
+        update = self._acting_law.return_map(trial, N, self.gap, self.softening, r, dt)
+        return _Values(
+            opening, self._now.jump, update.gap, update.traction, update.tangent, update=update
+        )
+
+    def _map_in_frame(
+        self, opening: NDArray, total: NDArray, r: NDArray, F: NDArray, dt: float, hold: bool
+    ) -> _Values:
+        """The return map in the turning frame R: zeta = R.zeta~, T~ = R^T.T, N stays.
+
+        With q = R^T.({P.N} + r g), dR = R.Omega and omega = W:dF its axial vector,
+        d zeta = C.Tt(du) + R.(Omega.zeta~ - C~.Omega.q), C = R.C~.R^T.
+        """
+        N = self.quadrature.normal
+        R = frame.rotation(F, N)
+        held = self._map(opening, _apply_transposed(R, total), r, dt, hold)
+        gap, traction = _apply(R, held.gap), _apply(R, held.traction)
+        if hold:
+            return replace(held, gap=gap, traction=traction, rotation=R)
+        q = _apply_transposed(R, total)
+        change = frame.cross_matrix(held.gap) - held.compliance @ frame.cross_matrix(q)
+        # dF is the mean of both sides: half of each side's gradient.
+        spin = np.einsum("pmn,pnk,pkab->pmab", R, change, frame.spin(F, N, R) / 2, optimize=True)
+        compliance = R @ held.compliance @ R.transpose(0, 2, 1)
+        return _Values(opening, held.jump, gap, traction, compliance, spin, R, held.update)
+
+    def stage_tangent(self, damage: bool = True) -> None:
+        """First stage of the tangent: H, K and C at the points.
+
+        Args:
+            damage: Include C = d zeta/dT; without it zeta is held.
+        """
+        now, facet = self._now, self.quadrature.facet
+        delta, delta_s = self.stabilization.delta[facet], None
+        directions = np.einsum("paji,pj->pai", delta, self._slip())
+        if self.interface.traction_jump:
+            delta_s = self.stabilization.delta_s[facet]
+            more = _apply(delta_s, now.jump)
+            directions += np.stack([-more, more], axis=1)
+        active = self.law.inelastic and damage
+        self._staging.fill(
+            delta,
+            directions,
+            now.compliance if active else None,
+            now.spin if active else None,
+            delta_s,
+        )
+
+    def _slip(self) -> NDArray[np.float64]:
+        """s = g - zeta (nq, d) [mm]."""
+        now = self._now
+        return now.opening if now.gap is None else now.opening - now.gap
+
+    def fine_scales(self) -> NDArray[np.float64]:
+        """Fine-scale displacement (24) of sides 1 and 2 at the points (nq, 2, d) [mm].
+
+        In the signs of the code: -delta_s.[[P.N]] + delta_1^T.s and -delta_s.[[P.N]] - delta_2^T.s.
+        """
+        facet = self.quadrature.facet
+        flux = _apply(self.stabilization.delta_s[facet], self._now.jump)
+        share = np.einsum("paji,pj->pai", self.stabilization.delta[facet], self._slip())
+        return np.array([1.0, -1.0])[:, None] * share - flux[:, None]
+
+    @property
+    def _staging(self) -> StagedTangent:
+        if self._tangent is None:
+            self._tangent = StagedTangent(
+                self.quadrature,
+                self._evaluators,
+                damage=self.law.inelastic,
+                turns=self.turns,
+                geometric=not self._bodies.families[0].body.small,
+                jump=self.interface.traction_jump,
+            )
+        return self._tangent
+
+    # History
+
+    def begin_step(self, overstress: float, dt: float) -> None:
+        """Remember the converged values and choose the law of the step.
+
+        Args:
+            overstress: Added to the overstress per gap increment, in multiples of H, to carry an
+                unstable stage over; 0 for the law as it is.
+            dt: Time step [s].
+        """
+        self._converged = self._now
+        self._dt = dt
+        self._acting_law = self.law
+        if self.law.inelastic and overstress > 0:
+            viscosity = self.law.viscosity + overstress * self.law.softening_modulus * dt
+            self._acting_law = self.law.with_viscosity(viscosity)
+
+    def cancel_step(self) -> None:
+        """Return to the values of :meth:`begin_step`."""
+        self._now = self._converged
+        if self.law.inelastic:
+            self._zeta.x.array[:] = self._now.gap.ravel()
+
+    def history(self) -> PointHistory:
+        """The converged history; its arrays are never changed in place."""
+        return PointHistory(
+            self.gap, self.softening, self.mode, self._converged_traction, self._now
+        )
+
+    def set_history(self, history: PointHistory) -> None:
+        """Return to a converged history."""
+        self.gap, self.softening, self.mode = history.gap, history.softening, history.mode
+        self._converged_traction, self._now = history.traction, history.values
+        if self.law.inelastic:
+            self._zeta.x.array[:] = self._now.gap.ravel()
+
+    def take_over(self, other: Coupling) -> None:
+        """Take the history of the facets that ``other`` has too; new facets start without one."""
+        theirs = other.quadrature.points_of_facet
+        position = np.searchsorted(self.facets.facets, other.facets.facets)
+        mine = self.quadrature.points_of_facet[position]
+        if not np.allclose(self.quadrature.points[mine], other.quadrature.points[theirs]):
+            raise RuntimeError("the points of a facet changed their order")
+        old, new = other.history(), self.history()
+
+        def moved(now: NDArray | None, before: NDArray | None) -> NDArray | None:
+            if now is None or before is None:
+                return None
+            result = now.copy()
+            result[mine] = before[theirs]
+            return result
+
+        names = [field.name for field in fields(_Values) if field.name != "update"]
+        values = {
+            name: moved(getattr(new.values, name), getattr(old.values, name)) for name in names
+        }
+        history = {
+            field.name: moved(getattr(new, field.name), getattr(old, field.name))
+            for field in fields(PointHistory)
+            if field.name != "values"
+        }
+        self.set_history(PointHistory(**history, values=_Values(**values)))
+
+    def overstress(self) -> float:
+        """Largest viscous overstress of the last step on this rank, relative to the strength."""
+        update = self._now.update
+        if update is None or len(update.multiplier) == 0:
+            return 0.0
+        eta = self._acting_law.overstress(self._dt)
+        return float(eta * update.multiplier.max() / self.law.strength)
+
+    def commit(self) -> NDArray[np.float64]:
+        """Take the last return map as the converged history.
+
+        Returns:
+            What this rank's points dissipated in the step by damage, friction and viscosity
+            [N mm; N in 2D].
+        """
+        update = self._now.update
+        if update is None:
+            return np.zeros(3)
+        works = np.array([update.damage_work, update.friction_work, update.viscous_work])
+        if self._acting_law is not self.law:
+            # In a jump the overstress does most of the work: count it as the integral of T.dzeta
+            # by the trapezoidal rule, exact for linear bodies, less what bond and friction take.
+            mean = (self._converged_traction + update.traction) / 2
+            total = np.einsum("pi,pi->p", mean, update.gap - self.gap)
+            works[2] = total - works[0] - works[1]
+        self.gap, self.softening, self.mode = update.gap, update.softening, update.mode
+        self._converged_traction = update.traction
+        return works @ self.quadrature.weights
+
+    def recoverable_energy(self) -> float:
+        """What the law of this rank's points can give back of the work in the gap [N mm]."""
+        if not self.law.inelastic:
+            return 0.0
+        return float(self.quadrature.weights @ self.law.stored_energy(self.gap, self.softening))
+
+    def state(self) -> InterfaceState:
+        """Converged values at the points."""
+        q = self.quadrature
+        count = len(q.weights)
+        inelastic = self.law.inelastic
+        return InterfaceState(
+            points=q.points,
+            weights=q.weights,
+            normal=q.normal,
+            opening=self._now.opening,
+            gap=self._now.gap if inelastic else np.zeros((count, self._d)),
+            softening=self.softening if inelastic else np.zeros(count),
+            traction=self._now.traction,
+            mode=self.mode if inelastic else np.full(count, Mode.ELASTIC, dtype=np.int8),
+            rotation=(
+                np.tile(np.eye(self._d), (count, 1, 1))
+                if self._now.rotation is None
+                else self._now.rotation
+            ),
+        )
+
+
+def _apply_transposed(
+    tensor: NDArray[np.float64], vector: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Row-wise transpose(tensor).vector."""
+    return np.einsum("pji,pj->pi", tensor, vector)
+
+
+def _apply(tensor: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Row-wise tensor.vector."""
+    return np.einsum("pij,pj->pi", tensor, vector)

@@ -1,0 +1,229 @@
+"""Space, forms and assembly for a given set of open interface facets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.common import Timer
+from dolfinx.fem import petsc as fem_petsc
+from dolfinx.la import InsertMode
+from dolfinx.mesh import Mesh
+from numpy.typing import NDArray
+from ufl.core.expr import Expr
+
+from . import compat
+from .bodies import Bodies
+from .coupling import Coupling, Group
+from .forms import kinematics
+from .forms.kinematics import Body
+from .interface import Interface, InterfaceFacets
+from .parallel import global_sum
+from .quadrature import JIT_OPTIONS, bulk_degree, facet_degree
+from .space import broken_space
+
+
+class Discretization:
+    """The broken space on which the displacement lives, the interfaces at work, and the forms.
+
+    Args:
+        mesh: The mesh.
+        bodies: Materials.
+        interfaces: What the user described.
+        facets: Open facets of every interface, on this rank.
+        degree: Degree of the displacement.
+        thickness: Of a plane body [mm].
+
+    Attributes:
+        space: Broken space.
+        u: Displacement [mm].
+        forces: Internal minus external forces of the last assembly, owned and ghost dofs [N].
+        couplings: One for every interface, None where no rank has an open facet.
+        owned: Number of component-wise dofs this rank owns.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        bodies: Bodies,
+        interfaces: Sequence[Interface],
+        facets: Sequence[InterfaceFacets],
+        degree: int,
+        thickness: float,
+    ):
+        self.mesh = mesh
+        self.bodies = bodies
+        self.degree = degree
+        cut = np.concatenate([f.everywhere for f in facets] or [np.zeros(0, dtype=np.int32)])
+        self.space = broken_space(mesh, degree, cut.astype(np.int32))
+        self.u = fem.Function(self.space, name="displacement")
+        self.forces = fem.Function(self.space, name="forces")
+        self.thickness = fem.Constant(mesh, float(thickness)) if thickness != 1 else 1
+        sizes = global_sum(mesh.comm, [len(f.facets) for f in facets]) if facets else []
+        self.couplings: list[Coupling | None] = [
+            Coupling(interface, f, self.u, bodies, degree) if size else None
+            for interface, f, size in zip(interfaces, facets, sizes, strict=True)
+        ]
+        self._measures = self._make_measures()
+        self._residual_form: fem.Form | None = None
+        self._tangent_form: fem.Form | None = None
+        self._energy_forms: list[fem.Form] | None = None
+        self.owned = self.space.dofmap.index_map.size_local * self.space.dofmap.index_map_bs
+
+    @property
+    def working(self) -> list[Coupling]:
+        """Interfaces with open facets."""
+        return [coupling for coupling in self.couplings if coupling is not None]
+
+    # Forms
+
+    def _make_measures(self) -> tuple[ufl.Measure, ufl.Measure]:
+        cell = self.mesh.topology.cell_name()
+        cells = [(i, family.cells) for i, family in enumerate(self.bodies.families)]
+        rows = [
+            (i, coupling.facets.rows(group.select))
+            for i, (coupling, group) in enumerate(self._groups())
+        ]
+        dx = ufl.Measure(
+            "dx",
+            domain=self.mesh,
+            subdomain_data=cells,
+            metadata={"quadrature_degree": bulk_degree(cell, self.degree)},
+        )
+        dS = ufl.Measure(
+            "dS",
+            domain=self.mesh,
+            subdomain_data=rows,
+            metadata={"quadrature_degree": facet_degree(self.degree)},
+        )
+        return dx, dS
+
+    def _groups(self) -> list[tuple[Coupling, Group]]:
+        return [(coupling, group) for coupling in self.working for group in coupling.groups]
+
+    def _bulk(self, integrand: Callable[[Body, Expr], Expr]) -> ufl.Form:
+        """Sum over the families of ``integrand(body, F)``."""
+        dx, _ = self._measures
+        F = kinematics.deformation_gradient(ufl.grad(self.u))
+        terms = [
+            self.thickness * integrand(family.body, F) * dx(i)
+            for i, family in enumerate(self.bodies.families)
+        ]
+        return sum(terms, start=ufl.Form([]))
+
+    def _interfaces(self, integrand: Callable[[Coupling, Group], Expr]) -> ufl.Form:
+        """Sum over the interfaces of ``integrand(coupling, group)``."""
+        _, dS = self._measures
+        terms = [
+            self.thickness * integrand(coupling, group) * dS(i)
+            for i, (coupling, group) in enumerate(self._groups())
+        ]
+        return sum(terms, start=ufl.Form([]))
+
+    def _compile(self, form: ufl.Form) -> fem.Form:
+        submeshes = [submesh for coupling in self.working for submesh in coupling.submeshes]
+        return compat.form(form, submeshes, JIT_OPTIONS)
+
+    def residual_ufl(self) -> ufl.Form:
+        """The stabilized residual (27) without dead loads."""
+        eta = ufl.TestFunction(self.space)
+        bulk = self._bulk(lambda body, F: ufl.inner(ufl.grad(eta), kinematics.first_piola(body, F)))
+        return bulk + self._interfaces(lambda coupling, group: coupling.residual_term(eta, group))
+
+    def tangent_ufl(self) -> ufl.Form:
+        """The tangent (85): bulk by UFL's derivative, interfaces in staged coefficients."""
+        eta, du = ufl.TestFunction(self.space), ufl.TrialFunction(self.space)
+        bulk = self._bulk(lambda body, F: ufl.inner(ufl.grad(eta), kinematics.first_piola(body, F)))
+        return ufl.derivative(bulk, self.u, du) + self._interfaces(
+            lambda coupling, group: coupling.tangent_term(eta, du)
+        )
+
+    # Assembly
+
+    def update_stabilization(self, dt: float | None) -> None:
+        """Evaluate tau_s and delta of every interface at the current displacement."""
+        with Timer("vmdg: stabilization"):
+            for coupling in self.working:
+                coupling.update_stabilization(dt)
+
+    def assemble_residual(
+        self, dt: float, hold: bool, loads: NDArray[np.float64] | None
+    ) -> NDArray[np.float64]:
+        """Return maps, then internal minus external forces at the current displacement.
+
+        Args:
+            dt: Time step of the return maps [s].
+            hold: Keep zeta at its converged value instead of mapping back.
+            loads: Load vector over local dofs, ghosts still to be added to their owners.
+
+        Returns:
+            Owned dofs, nothing removed at prescribed ones [N].
+        """
+        with Timer("vmdg: return map"):
+            for coupling in self.working:
+                coupling.update_points(dt, hold)
+        if self._residual_form is None:
+            self._residual_form = self._compile(self.residual_ufl())
+        with Timer("vmdg: assemble residual"):
+            forces = self.forces.x
+            forces.array[:] = 0
+            fem.assemble_vector(forces.array, self._residual_form)
+            if loads is not None:
+                forces.array[:] -= loads
+            forces.scatter_reverse(InsertMode.add)
+            forces.scatter_forward()
+        return forces.array[: self.owned]
+
+    def create_matrix(self) -> PETSc.Mat:
+        """An empty matrix with the pattern of the tangent."""
+        if self._tangent_form is None:
+            self._tangent_form = self._compile(self.tangent_ufl())
+        return fem_petsc.create_matrix(self._tangent_form)
+
+    def assemble_tangent(self, matrix: PETSc.Mat, damage: bool) -> None:
+        """Tangent at the state of the last :meth:`assemble_residual`, prescribed rows included.
+
+        Args:
+            matrix: From :meth:`create_matrix`.
+            damage: False holds zeta: the damage part of (84) is left out.
+        """
+        with Timer("vmdg: stage tangent"):
+            for coupling in self.working:
+                coupling.stage_tangent(damage)
+        with Timer("vmdg: assemble tangent"):
+            matrix.zeroEntries()
+            fem_petsc.assemble_matrix(matrix, self._tangent_form)
+            matrix.assemble()
+
+    def stored_energy(self) -> NDArray[np.float64]:
+        """Strain energy of the bodies and energy of the interfaces (30), this rank's [N mm]."""
+        if self._energy_forms is None:
+            bulk = self._bulk(lambda body, F: body.energy(F))
+            interfaces = self._interfaces(lambda coupling, group: coupling.energy_term(group))
+            self._energy_forms = [
+                self._compile(form) for form in (bulk, interfaces) if not form.empty()
+            ]
+        stored = np.zeros(2)
+        for i, form in enumerate(self._energy_forms):
+            stored[i] = fem.assemble_scalar(form)
+        stored[1] += float(self.thickness) * sum(
+            coupling.recoverable_energy() for coupling in self.working
+        )
+        return stored
+
+    def take_over(self, other: Discretization) -> None:
+        """Continue from the state of a discretization with fewer open facets, exactly.
+
+        A field that is continuous across a facet is one of those that may jump there, so every
+        cell keeps its values; history is kept point by point and starts at zero on new facets.
+        """
+        mine, theirs = self.space.dofmap.list, other.space.dofmap.list
+        bs = self.space.dofmap.index_map_bs
+        self.u.x.array.reshape(-1, bs)[mine] = other.u.x.array.reshape(-1, bs)[theirs]
+        for coupling, former in zip(self.couplings, other.couplings, strict=True):
+            if coupling is not None and former is not None:
+                coupling.take_over(former)

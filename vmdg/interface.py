@@ -1,0 +1,283 @@
+"""Interfaces: where the displacement may jump, and which side is which."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from dolfinx.mesh import GhostMode, Mesh, compute_midpoints
+from numpy.typing import ArrayLike, NDArray
+
+from .laws import Law
+from .parallel import global_sum, raise_together
+from .topology import UNTAGGED, facet_cells, local_facets, mark_everywhere
+
+NORMS = ("frobenius", "spectral")
+FRAMES = ("corotating", "reference")
+ACTIVATIONS = ("all", "on-demand")
+
+Stabilizer = Callable[[NDArray, NDArray, "StabilizationContext"], tuple[NDArray, NDArray]]
+
+
+@dataclass(frozen=True)
+class StabilizationContext:
+    """What a user's ``stabilization(tau1, tau2, context)`` may need; side 1 first.
+
+    Attributes:
+        u: Displacement at which tau is evaluated.
+        cells: Local cells of the two sides, (nf, 2).
+        local_facets: Number of the facet within these cells, (nf, 2).
+        facets: Local facets of the mesh, (nf,).
+        N: Mean reference normal, outward from side 1, (nf, d).
+        area: meas(gamma_s) [mm2; mm in 2D], (nf,).
+    """
+
+    u: Any
+    cells: NDArray[np.int32]
+    local_facets: NDArray[np.int32]
+    facets: NDArray[np.int32]
+    N: NDArray[np.float64]
+    area: NDArray[np.float64]
+
+
+class Interface:
+    """A set of interior facets across which the displacement may jump, with its law.
+
+    Give exactly one of ``facets``, ``between`` and ``within``.
+
+    Args:
+        facets: Local facet indices, for example ``facet_tags.find(7)``; on several ranks each
+            rank gives those it knows.
+        between: The facets that separate cells of these two tags.
+        within: All facets that separate two cells of this tag (cracks through a region).
+        law: ``vmdg.Bonded()`` (tie), ``vmdg.Debonding(...)`` or another :class:`vmdg.laws.Law`.
+        safety: Factor on tau_s. Default 4 as in the report's Tables 1 and 2: coercive in every
+            case tried.
+        norm: |tau_s| of (57): "frobenius" or "spectral".
+        frame: "corotating" keeps zeta and N in a frame that turns with the interface;
+            "reference" is the report's boxes to the letter, for small rotations, and saves the
+            frame's work.
+        traction_jump: Add the term -[[(GRAD eta : A).N]].delta_s.[[P.N]] of (26); (27) drops it.
+        activate: "all" opens every facet from the start; "on-demand" keeps a facet continuous, at
+            no cost, until its traction nears the strength (cracks through a region).
+        activate_at: Traction relative to the strength at which a facet opens on demand. Averaged
+            over continuous cells, the traction near a crack tip or a corner is about half of what
+            the interface feels, hence the default.
+        stabilization: ``f(tau1, tau2, context) -> (tau_s (nf, d, d), delta1 (nf, d, d))``
+            replaces (21)-(25), for research and tests; ``safety`` does not apply to its result.
+
+    Raises:
+        ValueError: the description is incomplete or contradictory.
+        TypeError: ``law`` is not an interface law.
+    """
+
+    def __init__(
+        self,
+        facets: ArrayLike | None = None,
+        *,
+        between: tuple[int, int] | None = None,
+        within: int | None = None,
+        law: Law,
+        safety: float = 4.0,
+        norm: str = "frobenius",
+        frame: str = "corotating",
+        traction_jump: bool = False,
+        activate: str = "all",
+        activate_at: float = 0.4,
+        stabilization: Stabilizer | None = None,
+    ):
+        given = [
+            name
+            for name, value in (("facets", facets), ("between", between), ("within", within))
+            if value is not None
+        ]
+        if len(given) != 1:
+            raise ValueError(
+                "Interface needs exactly one of facets=, between=(tag, tag), within=tag; "
+                f"given: {', '.join(given) or 'none'}"
+            )
+        if not isinstance(law, Law):
+            raise TypeError(f"Interface: law = {law!r} is no interface law; try vmdg.Bonded()")
+        if not (np.isfinite(safety) and safety > 0):
+            raise ValueError(f"Interface: safety = {safety} must be positive")
+        if norm not in NORMS:
+            raise ValueError(f"Interface: norm = {norm!r} must be one of {NORMS}")
+        if frame not in FRAMES:
+            raise ValueError(f"Interface: frame = {frame!r} must be one of {FRAMES}")
+        if activate not in ACTIVATIONS:
+            raise ValueError(f"Interface: activate = {activate!r} must be one of {ACTIVATIONS}")
+        if not 0 < activate_at <= 1:
+            raise ValueError(f"Interface: activate_at = {activate_at} must lie in (0, 1]")
+        if activate == "on-demand" and not law.inelastic:
+            raise ValueError("Interface: a tie never fails, so it cannot open on demand")
+        if between is not None and (len(between) != 2 or between[0] == between[1]):
+            raise ValueError(
+                f"Interface: between = {between} must be two different tags; for the facets "
+                "inside one tag use within=tag"
+            )
+        self.facets = None if facets is None else np.asarray(facets, dtype=np.int32)
+        self.between = between
+        self.within = within
+        self.law = law
+        self.safety = float(safety)
+        self.norm = norm
+        self.frame = frame
+        self.traction_jump = bool(traction_jump)
+        self.activate = activate
+        self.activate_at = float(activate_at)
+        self.stabilization = stabilization
+
+    def __repr__(self) -> str:
+        if self.between is not None:
+            where = f"between={self.between}"
+        elif self.within is not None:
+            where = f"within={self.within}"
+        else:
+            where = f"facets=<{len(self.facets)}>"
+        return f"Interface({where}, law={self.law!r})"
+
+
+@dataclass(frozen=True)
+class InterfaceFacets:
+    """The facets of one interface on this rank, with their sides.
+
+    Attributes:
+        facets: Owned facets, ascending, (nf,).
+        cells: Cell of side 1 and of side 2, (nf, 2).
+        local: Number of the facet within these cells, (nf, 2).
+        tags: Cell tags of the two sides, (nf, 2).
+        everywhere: The same interface with the facets of other ranks known here (ghosts).
+    """
+
+    facets: NDArray[np.int32]
+    cells: NDArray[np.int32]
+    local: NDArray[np.int32]
+    tags: NDArray[np.int32]
+    everywhere: NDArray[np.int32]
+
+    def among(self, mark: NDArray[np.bool_]) -> InterfaceFacets:
+        """The facets that are marked, ``mark`` given for all local facets of the mesh."""
+        keep = mark[self.facets]
+        return InterfaceFacets(
+            self.facets[keep],
+            self.cells[keep],
+            self.local[keep],
+            self.tags[keep],
+            self.everywhere[mark[self.everywhere]],
+        )
+
+    def rows(self, select: NDArray[np.bool_]) -> NDArray[np.int32]:
+        """Rows (cell 1, facet in it, cell 2, facet in it) of DOLFINx, flattened."""
+        columns = [self.cells[:, 0], self.local[:, 0], self.cells[:, 1], self.local[:, 1]]
+        return np.column_stack(columns)[select].ravel()
+
+    def side(self, a: int, select: NDArray[np.bool_]) -> NDArray[np.int32]:
+        """Rows (cell, facet in it) of side ``a`` (0 or 1), flattened."""
+        return np.column_stack([self.cells[:, a], self.local[:, a]])[select].ravel()
+
+
+def check_ghosts(mesh: Mesh) -> None:
+    """Refuse a distributed mesh whose ranks do not see both cells of every facet.
+
+    Raises:
+        RuntimeError: the mesh was made without facet ghosts on more than one rank.
+    """
+    if mesh.comm.size == 1:
+        return
+    tdim = mesh.topology.dim
+    mesh.topology.create_connectivity(tdim - 1, tdim)
+    if global_sum(mesh.comm, len(mesh.topology.interprocess_facets())) == 0:
+        return
+    if global_sum(mesh.comm, mesh.topology.index_map(tdim).num_ghosts) == 0:
+        raise RuntimeError(
+            "the mesh has no facet ghosts, so no rank sees both sides of a facet between two "
+            f"ranks; create it with ghost_mode={GhostMode.shared_facet} (or, from gmsh, "
+            "partitioner=dolfinx.mesh.create_cell_partitioner(GhostMode.shared_facet))"
+        )
+
+
+def find_facets(mesh: Mesh, cell_tags: NDArray[np.int32], interface: Interface) -> InterfaceFacets:
+    """Select the facets of an interface and decide their sides.
+
+    Side 1 has the lower tag; for equal tags it is the cell whose midpoint comes first along the
+    first coordinate in which the two midpoints differ, which no partition of the mesh can change.
+
+    Args:
+        mesh: Mesh with facet ghosts.
+        cell_tags: Tag of every local cell, ghosts included.
+        interface: The user's description.
+
+    Raises:
+        ValueError: a facet is not interior, a tag is unknown, or nothing is selected.
+    """
+    comm = mesh.comm
+    fdim = mesh.topology.dim - 1
+    pairs = facet_cells(mesh)
+    interior = (pairs >= 0).all(axis=1)
+    known = set(np.unique(np.concatenate(comm.allgather(np.unique(cell_tags)))).tolist())
+    known.discard(UNTAGGED)
+    wanted = interface.between or ((interface.within,) if interface.within is not None else ())
+    for tag in wanted:
+        if tag not in known:
+            raise ValueError(f"{interface}: no cell has tag {tag}; tags are {sorted(known)}")
+    tags = np.where(interior[:, None], cell_tags[pairs], UNTAGGED)
+    if interface.facets is not None:
+        chosen = _given_facets(mesh, interface, interior)
+    elif interface.between is not None:
+        chosen = (np.sort(tags, axis=1) == np.sort(np.array(interface.between))).all(axis=1)
+    else:
+        chosen = interior & (tags == interface.within).all(axis=1)
+    everywhere = np.flatnonzero(chosen).astype(np.int32)
+    facets = everywhere[everywhere < mesh.topology.index_map(fdim).size_local]
+    if global_sum(comm, len(facets)) == 0:
+        raise ValueError(
+            f"{interface} has no facet: the tags do not touch, or their bodies are meshed "
+            "separately (make the mesh conforming, for example by gmsh.model.occ.fragment)"
+        )
+    cells = pairs[facets]
+    cells = np.where(_reversed(mesh, cell_tags, cells)[:, None], cells[:, ::-1], cells)
+    local = np.column_stack([local_facets(mesh, cells[:, a], facets) for a in range(2)])
+    return InterfaceFacets(facets, cells, local, cell_tags[cells], everywhere)
+
+
+def _given_facets(
+    mesh: Mesh, interface: Interface, interior: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    facets = interface.facets
+    message = None
+    outside = (facets < 0) | (facets >= len(interior))
+    if outside.any():
+        message = f"{interface}: facet {facets[outside][0]} does not exist on this rank"
+        facets = facets[~outside]
+    chosen = mark_everywhere(mesh, mesh.topology.dim - 1, facets)
+    # A ghost facet may have one cell here; its owner sees both.
+    owned = mesh.topology.index_map(mesh.topology.dim - 1).size_local
+    boundary = np.flatnonzero(chosen[:owned] & ~interior[:owned])
+    if len(boundary) and message is None:
+        midpoint = _midpoints(mesh, mesh.topology.dim - 1, boundary[:1])[0]
+        message = (
+            f"{interface}: facet {boundary[0]} at {np.round(midpoint, 6).tolist()} lies on the "
+            "boundary of the mesh; an interface takes interior facets only"
+        )
+    raise_together(mesh.comm, message)
+    return chosen & interior
+
+
+def _midpoints(mesh: Mesh, dim: int, entities: NDArray[np.int32]) -> NDArray[np.float64]:
+    return compute_midpoints(mesh, dim, np.asarray(entities, dtype=np.int32))
+
+
+def _reversed(
+    mesh: Mesh, cell_tags: NDArray[np.int32], cells: NDArray[np.int32]
+) -> NDArray[np.bool_]:
+    """Rows whose first cell is side 2."""
+    first, second = cell_tags[cells].T
+    apart = _midpoints(mesh, mesh.topology.dim, cells[:, 1]) - _midpoints(
+        mesh, mesh.topology.dim, cells[:, 0]
+    )
+    # Midpoints are sums of the same coordinates on every rank up to rounding: compare coarsely.
+    apart[np.abs(apart) < 1e-6 * np.abs(apart).max(axis=1, keepdims=True, initial=0.0)] = 0
+    leading = apart[np.arange(len(apart)), np.argmax(apart != 0, axis=1)]
+    return (first > second) | ((first == second) & (leading < 0))

@@ -1,0 +1,220 @@
+"""What every interface law is: its attributes, its result, and the checks at entry.
+
+Conventions (one for all laws): a point has the unit normal N of side 1, the inelastic gap zeta (mm,
+positive along N when open) and the traction T (MPa), T_N = T.N > 0 in tension. A return map starts
+from the trial traction T_tr = {P.N} + r (g - zeta_n), with r the penalty (MPa/mm), and returns
+zeta_{n+1} with T = T_tr - r (zeta_{n+1} - zeta_n).
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields, is_dataclass, replace
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+class Mode(IntEnum):
+    """Branch of the return map that was active at a point."""
+
+    ELASTIC = 0  #: zeta unchanged: bonded, unloading, or held by friction
+    TENSION = 1  #: damage with T_N >= 0, some bond left
+    SHEAR = 2  #: damage in contact: the bond is stronger than friction
+    FRICTION = 3  #: slip in contact: friction is stronger, or no bond is left
+    OPEN = 4  #: T_N >= 0 and no bond left
+    CLOSING = 5  #: the normal residual gap shrank in this step (slip, if any, is in the multiplier)
+
+
+@dataclass(frozen=True, slots=True)
+class Update:
+    """Result of a return map at n points in d dimensions.
+
+    The three works are what the step dissipated at the point, per unit reference area: the
+    resistance integrated along the gap path of the step, zeta_n to zeta_{n+1}, at the direction and
+    pressure of its end. Their sum, plus the change of `Law.stored_energy`, is the integral of T .
+    dzeta over that path.
+    """
+
+    traction: Array  #: T_{n+1} (n, d), MPa
+    gap: Array  #: zeta_{n+1} (n, d), mm
+    softening: Array  #: Q_{n+1} (n,), MPa; never decreases, the bond is gone at Q = law.strength
+    multiplier: Array  #: dgamma (n,), mm: length of the gap increment due to yielding
+    tangent: Array  #: d zeta_{n+1} / d T_tr (n, d, d), mm/MPa
+    mode: NDArray[np.int8]  #: `Mode` (n,)
+    damage_work: Array  #: spent on the bond (n,), N/mm
+    friction_work: Array  #: spent on friction beyond the bond (n,), N/mm
+    viscous_work: Array  #: spent on the overstress (n,), N/mm
+
+    @classmethod
+    def elastic(cls, trial: Array, gap: Array, softening: Array) -> Update:
+        """Step in which nothing yields: T = T_tr, zeta and Q as they were (copies)."""
+        n, d = trial.shape
+        return cls(
+            traction=trial.copy(),
+            gap=gap.copy(),
+            softening=softening.copy(),
+            multiplier=np.zeros(n),
+            tangent=np.zeros((n, d, d)),
+            mode=np.full(n, Mode.ELASTIC, dtype=np.int8),
+            damage_work=np.zeros(n),
+            friction_work=np.zeros(n),
+            viscous_work=np.zeros(n),
+        )
+
+
+class Law(ABC):
+    """Interface law: traction against inelastic gap at a point.
+
+    A new law is one class. With one softening curve for all directions derive from `RadialLaw`;
+    with another yield surface from `ExtrinsicLaw`; with a law of its own kind from this class,
+    whose contract is `return_map` and the attributes below.
+    """
+
+    inelastic: bool = True  #: False: a tie, no history is kept and `return_map` is never needed
+    strength: float  #: traction at which damage starts in pure opening, MPa
+    friction: float = 0.0  #: Coulomb coefficient mu
+    viscosity: float = 0.0  #: overstress per opening rate, MPa s/mm
+
+    @property
+    @abstractmethod
+    def softening_modulus(self) -> float:
+        """H, the steepest descent of traction against gap, MPa/mm; the penalty must exceed it."""
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the tangent is symmetric in every branch."""
+        return self.friction == 0.0
+
+    @abstractmethod
+    def return_map(
+        self,
+        trial: ArrayLike,
+        normal: ArrayLike,
+        gap: ArrayLike,
+        softening: ArrayLike,
+        penalty: ArrayLike,
+        dt: float = 1.0,
+    ) -> Update:
+        """Advance n points by one backward-Euler step.
+
+        Args:
+            trial: T_tr (n, d), MPa, d = 2 or 3.
+            normal: unit normal N (n, d).
+            gap: zeta_n (n, d), mm.
+            softening: Q_n (n,), MPa.
+            penalty: r (n,) or one number, MPa/mm.
+            dt: time step, s; only used where viscosity > 0.
+
+        Raises:
+            ValueError: shapes do not match, dt <= 0 with viscosity > 0, or r <= H - eta at a point.
+        """
+
+    def overstress(self, dt: float) -> float:
+        """eta = viscosity/dt, MPa/mm: overstress per gap increment of the step."""
+        if self.viscosity == 0.0:
+            return 0.0
+        if not dt > 0.0:
+            raise ValueError(f"dt = {dt}: a law with viscosity needs a positive time step")
+        return self.viscosity / dt
+
+    def nearness(self, normal: Array, shear: Array) -> Array:
+        """How near an intact point is to damage (n,), 1 at the strength.
+
+        Args:
+            normal: T.N (n,), MPa.
+            shear: |T_T| (n,), MPa.
+        """
+        return np.sqrt(np.maximum(normal, 0.0) ** 2 + shear**2) / self.strength
+
+    def with_viscosity(self, viscosity: float) -> Law:
+        """The same law with another viscosity, MPa s/mm; the law itself where it takes none."""
+        if is_dataclass(self) and any(field.name == "viscosity" for field in fields(self)):
+            return replace(self, viscosity=viscosity)
+        return self
+
+    def admissible(self, penalty: ArrayLike, dt: float = 1.0) -> NDArray[np.bool_]:
+        """Where r > H - eta, so that the step has one solution only; shaped like `penalty`."""
+        penalty = np.asarray(penalty, dtype=float)
+        return (penalty > self.softening_modulus - self.overstress(dt)) & (penalty > 0.0)
+
+    def stored_energy(self, gap: Array, softening: Array) -> Array:
+        """Recoverable energy (n,), N/mm, in the gap; zero unless part of the gap is elastic."""
+        return np.zeros(len(softening))
+
+    def _checked(
+        self,
+        trial: ArrayLike,
+        normal: ArrayLike,
+        gap: ArrayLike,
+        softening: ArrayLike,
+        penalty: ArrayLike,
+        dt: float,
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """The inputs of `return_map` as float arrays of matching shapes, r admissible."""
+        trial, normal, gap, softening = (
+            np.asarray(array, dtype=float) for array in (trial, normal, gap, softening)
+        )
+        if trial.ndim != 2 or trial.shape[1] not in (2, 3):
+            raise ValueError(f"trial has shape {trial.shape}: it must be (n, 2) or (n, 3)")
+        for name, array, shape in (
+            ("normal", normal, trial.shape),
+            ("gap", gap, trial.shape),
+            ("softening", softening, trial.shape[:1]),
+        ):
+            if array.shape != shape:
+                raise ValueError(f"{name} has shape {array.shape}: trial asks for {shape}")
+        if np.shape(penalty) not in ((), softening.shape):
+            raise ValueError(
+                f"penalty has shape {np.shape(penalty)}: it must be () or {softening.shape}"
+            )
+        penalty = np.broadcast_to(np.asarray(penalty, dtype=float), softening.shape)
+        admissible = self.admissible(penalty, dt)
+        if not admissible.all():
+            worst = int(np.argmin(admissible))
+            raise ValueError(
+                f"penalty r = {penalty[worst]:.6g} MPa/mm at point {worst} does not exceed "
+                f"H - eta, with the softening modulus H = {self.softening_modulus:.6g} and "
+                f"eta = {self.overstress(dt):.6g} MPa/mm: the step would not have one solution "
+                "only. Use smaller elements at the interface (r grows as 1/h), a tougher or "
+                "weaker bond (smaller H), or viscosity"
+            )
+        return trial, normal, gap, softening, penalty
+
+
+def require_positive(remedy: str, **parameters: float) -> None:
+    """Raise ValueError naming the first parameter that is not positive and finite."""
+    for name, value in parameters.items():
+        if not (math.isfinite(value) and value > 0.0):
+            raise ValueError(f"{name} = {value}: must be positive and finite; {remedy}")
+
+
+def require_not_negative(remedy: str, **parameters: float) -> None:
+    """Raise ValueError naming the first parameter that is negative or not finite."""
+    for name, value in parameters.items():
+        if not (math.isfinite(value) and value >= 0.0):
+            raise ValueError(f"{name} = {value}: must be zero or positive and finite; {remedy}")
+
+
+def dot(a: Array, b: Array) -> Array:
+    """Row-wise a . b, (n, d) and (n, d) to (n,)."""
+    return np.einsum("ij,ij->i", a, b)
+
+
+def outer(a: Array, b: Array) -> Array:
+    """Row-wise a (x) b, (n, d) and (n, d) to (n, d, d)."""
+    return a[:, :, None] * b[:, None, :]
+
+
+def add_to_diagonal(tensor: Array, value: Array) -> None:
+    """Add value (n,) times the identity to tensor (n, d, d), in place."""
+    np.einsum("ijj->ij", tensor)[...] += value[:, None]
+
+
+def unit(vector: Array, length: Array) -> Array:
+    """vector/length per row, zero where the length is zero."""
+    return vector / np.where(length > 0.0, length, 1.0)[:, None]

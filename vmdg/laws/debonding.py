@@ -1,0 +1,73 @@
+"""Linear softening: the law of the report (Boxes 2 and 3), completed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .base import Array, require_not_negative, require_positive
+from .extrinsic import RadialLaw
+
+
+@dataclass(frozen=True)
+class Debonding(RadialLaw):
+    """Debonding with linear softening, contact, friction and rate dependence.
+
+    R = P_c - Q with Q = min(Q_n + H dgamma, P_c), H = P_c/zeta_c, eta = viscosity/dt:
+
+    * tension, T_tr.N >= 0: |T| <= R + eta dgamma, dgamma = (|T_tr| - R_n)/(r - H + eta), and
+      dgamma = |T_tr|/(r + eta) once the bond is gone, so T = 0 without viscosity;
+    * contact, T_tr.N < 0: the normal gap closes at T_N = 0, then
+      |T_T| <= max(R + eta dgamma, mu |T_N|), and Q advances in friction too.
+
+    The equation for dgamma is one continuous, strictly decreasing function in all branches
+    (r > H - eta), so T is continuous in all inputs. A step spends (R_n^2 - R_{n+1}^2)/(2H) on the
+    bond: P_c zeta_c/2 to separation in any number of steps. Friction does not depend on the rate.
+
+    Attributes:
+        strength: P_c, MPa.
+        critical_gap: zeta_c, mm, at which the bond is gone.
+        friction: Coulomb coefficient mu.
+        viscosity: MPa s/mm.
+
+    Raises:
+        ValueError: a parameter is out of range.
+    """
+
+    strength: float
+    critical_gap: float
+    friction: float = 0.0
+    viscosity: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_positive("for an interface that never opens use Bonded()", strength=self.strength)
+        require_positive(
+            "it is the gap in mm at which the bond is gone", critical_gap=self.critical_gap
+        )
+        require_not_negative("use 0 for no friction", friction=self.friction)
+        require_not_negative("use 0 for no rate dependence", viscosity=self.viscosity)
+
+    @property
+    def softening_modulus(self) -> float:
+        """H = P_c/zeta_c, MPa/mm."""
+        return self.strength / self.critical_gap
+
+    def slip(self, load: Array, resistance: Array, stiffness: Array) -> Array:
+        """(68), or the free slip load/stiffness where the bond fails on the way."""
+        free = load / stiffness
+        fails = self.softening_modulus * free >= resistance
+        return np.where(fails, free, (load - resistance) / (stiffness - self.softening_modulus))
+
+    def soften(self, resistance: Array, slip: Array) -> tuple[Array, Array]:
+        """R(x) = max(R_n - H x, 0), from (70)."""
+        left = np.maximum(resistance - self.softening_modulus * slip, 0.0)
+        return left, np.where(left > 0.0, -self.softening_modulus, 0.0)
+
+    def slip_to(self, resistance: Array, target: Array) -> Array:
+        """x = (R_n - R)/H."""
+        return np.maximum(resistance - target, 0.0) / self.softening_modulus
+
+    def bond_energy(self, resistance: Array) -> Array:
+        """R^2/(2H), N/mm, written so that tiny strengths do not underflow."""
+        return 0.5 * self.critical_gap * resistance * (resistance / self.strength)

@@ -1,0 +1,240 @@
+"""Exponential softening, from a rigid bond and from an elastic one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .base import (
+    Array,
+    Law,
+    Mode,
+    Update,
+    add_to_diagonal,
+    dot,
+    outer,
+    require_not_negative,
+    require_positive,
+)
+from .extrinsic import RadialLaw
+from .newton import increasing_root
+
+
+@dataclass(frozen=True)
+class ExponentialDebonding(RadialLaw):
+    """Rigid bond with exponential softening, contact, friction and rate dependence.
+
+    R(kappa) = P_c exp(-kappa P_c/G_c), with kappa the accumulated length of the inelastic gap; the
+    area under the curve is G_c. Everything else is as in `Debonding`; dgamma is the root of
+    |T_tr| - (r + eta) dgamma = R_n exp(-dgamma P_c/G_c). The bond is gone (Q = P_c) when R/P_c
+    falls to round-off.
+
+    Attributes:
+        strength: P_c, MPa.
+        fracture_energy: G_c, N/mm.
+        friction: Coulomb coefficient mu.
+        viscosity: MPa s/mm.
+
+    Raises:
+        ValueError: a parameter is out of range.
+    """
+
+    strength: float
+    fracture_energy: float
+    friction: float = 0.0
+    viscosity: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_positive("for an interface that never opens use Bonded()", strength=self.strength)
+        require_positive(
+            "it is the energy in N/mm to separate a unit area", fracture_energy=self.fracture_energy
+        )
+        require_not_negative("use 0 for no friction", friction=self.friction)
+        require_not_negative("use 0 for no rate dependence", viscosity=self.viscosity)
+
+    @property
+    def gap_scale(self) -> float:
+        """G_c/P_c, mm: the gap over which R falls by a factor e."""
+        return self.fracture_energy / self.strength
+
+    @property
+    def softening_modulus(self) -> float:
+        """H = P_c^2/G_c, MPa/mm: the slope at first yield, the steepest."""
+        return self.strength / self.gap_scale
+
+    def slip(self, load: Array, resistance: Array, stiffness: Array) -> Array:
+        """Root x of stiffness x + R_n (exp(-x/scale) - 1) = load - R_n (left: convex, growing)."""
+        excess = load - resistance
+
+        def imbalance(x: Array) -> tuple[Array, Array]:
+            decay = np.expm1(-x / self.gap_scale)
+            slope = stiffness - resistance / self.gap_scale * (1.0 + decay)
+            return stiffness * x + resistance * decay - excess, slope
+
+        free = load / stiffness
+        return increasing_root(imbalance, excess / stiffness, free, start=free)
+
+    def soften(self, resistance: Array, slip: Array) -> tuple[Array, Array]:
+        """R(x) = R_n exp(-x/scale)."""
+        left = resistance * np.exp(-slip / self.gap_scale)
+        return left, -left / self.gap_scale
+
+    def slip_to(self, resistance: Array, target: Array) -> Array:
+        """x = scale ln(R_n/R), infinite for R = 0."""
+        target = np.maximum(target, 0.0)
+        x = np.zeros_like(resistance)
+        softens = resistance > target
+        x[softens] = np.inf
+        finite = softens & (target > 0.0)
+        x[finite] = self.gap_scale * np.log(resistance[finite] / target[finite])
+        return x
+
+    def bond_energy(self, resistance: Array) -> Array:
+        """R scale, N/mm."""
+        return resistance * self.gap_scale
+
+
+@dataclass(frozen=True)
+class IntrinsicExponential(Law):
+    """Exponential law with an elastic branch, as cohesive elements have it: all opening is zeta.
+
+    T = K (1 - d) zeta with K = G_c/delta_0^2, delta_0 = G_c/(e strength), and d the largest value
+    so far of 1 - exp(-delta/delta_0), delta^2 = zeta_N^2 + beta^2 |zeta_T|^2. In pure opening the
+    peak is `strength` at delta_0 and the area G_c; in pure shear they are strength/beta and
+    G_c/beta^2. Unloading goes to the origin. Contact instead of penetration: zeta_N >= 0, with T_N
+    <= 0 free where zeta_N = 0; no friction.
+
+    With b = T_tr + r zeta_n (without its normal part in contact, b.N < 0) zeta_{n+1} is parallel to
+    b, and one equation is left for y = delta/delta_0: (r + K exp(-y)) y = delta(b)/delta_0. Its
+    slope is positive for all y if r > K/e^2 = strength^2/G_c (the inflection at y = 2), which is
+    `softening_modulus`.
+
+    The history Q = strength d (MPa) plays the part that P_c - R plays in the other laws.
+    `Update.damage_work` is the dissipation, the integral of K |zeta|^2/2 over d along the ray of b;
+    the rest of T . dzeta is recoverable, `stored_energy`.
+
+    Attributes:
+        strength: peak traction in pure opening, MPa.
+        fracture_energy: G_c in pure opening, N/mm.
+        shear_weight: beta.
+
+    Raises:
+        ValueError: a parameter is out of range.
+    """
+
+    strength: float
+    fracture_energy: float
+    shear_weight: float = 2.0
+
+    def __post_init__(self) -> None:
+        require_positive("for an interface that never opens use Bonded()", strength=self.strength)
+        require_positive(
+            "it is the energy in N/mm to separate a unit area", fracture_energy=self.fracture_energy
+        )
+        require_positive("use 1 for equal weights", shear_weight=self.shear_weight)
+
+    @property
+    def gap_scale(self) -> float:
+        """delta_0 = G_c/(e strength), mm: opening at the peak."""
+        return self.fracture_energy / (math.e * self.strength)
+
+    @property
+    def stiffness(self) -> float:
+        """K = G_c/delta_0^2, MPa/mm, of the undamaged bond."""
+        return self.fracture_energy / self.gap_scale**2
+
+    @property
+    def softening_modulus(self) -> float:
+        """K/e^2 = strength^2/G_c, MPa/mm: the steepest descent, at delta = 2 delta_0."""
+        return self.stiffness / math.e**2
+
+    @property
+    def symmetric(self) -> bool:
+        """Only with equal weights: T has no potential in zeta otherwise while damage grows."""
+        return self.shear_weight == 1.0
+
+    def stored_energy(self, gap: Array, softening: Array) -> Array:
+        """K (1 - d) |zeta|^2/2 (n,), N/mm."""
+        return 0.5 * self.stiffness * self._integrity(softening) * dot(gap, gap)
+
+    @np.errstate(under="ignore")
+    def return_map(
+        self,
+        trial: ArrayLike,
+        normal: ArrayLike,
+        gap: ArrayLike,
+        softening: ArrayLike,
+        penalty: ArrayLike,
+        dt: float = 1.0,
+    ) -> Update:
+        """Solve T_tr - r (zeta - zeta_n) = T(zeta); arguments and errors as in `Law.return_map`."""
+        trial, normal, gap, softening, r = self._checked(trial, normal, gap, softening, penalty, dt)
+        stiffness, scale, weight = self.stiffness, self.gap_scale, self.shear_weight**2
+
+        b = trial + r[:, None] * gap
+        b_n = dot(b, normal)
+        pressed = b_n < 0.0
+        contact = np.minimum(b_n, 0.0)[:, None] * normal
+        b = b - contact
+        b_n = np.maximum(b_n, 0.0)
+        # weighted = (N (x) N + beta^2 (I - N (x) N)) b, half the derivative of delta(b)^2
+        weighted = weight * b + ((1.0 - weight) * b_n)[:, None] * normal
+        delta_b = np.sqrt(dot(b, weighted))
+
+        integrity_n = self._integrity(softening)
+        load = delta_b / scale
+        y = load / (r + stiffness * integrity_n)
+        # exp(-y) < 1 - d_n, written so that the first small openings are not lost in round-off
+        growing = -np.expm1(-y) > softening / self.strength
+        rows = np.flatnonzero(growing)
+        y[rows] = self._grown_opening(load[rows], r[rows])
+        decay = np.exp(-y[rows])
+        integrity = integrity_n.copy()
+        integrity[rows] = np.minimum(decay, integrity_n[rows])
+
+        secant = r + stiffness * integrity
+        new_gap = b / secant[:, None]
+        update = Update.elastic(trial, new_gap, softening)
+        update.traction[:] = contact + (stiffness * integrity)[:, None] * new_gap
+        update.softening[rows] = np.maximum(softening[rows], -self.strength * np.expm1(-y[rows]))
+        step = new_gap[rows] - gap[rows]
+        update.multiplier[rows] = np.sqrt(dot(step, step))
+
+        # d zeta/d b = I/secant - b (x) d(secant)/secant^2; in contact only the tangential part of b
+        # counts
+        add_to_diagonal(update.tangent, 1.0 / secant)
+        held = normal[pressed]
+        update.tangent[pressed] -= outer(held / secant[pressed, None], held)
+        slope = r[rows] + stiffness * decay * (1.0 - y[rows])
+        growth = stiffness * decay / (scale * secant[rows] ** 2 * slope * delta_b[rows])
+        update.tangent[rows] += outer(growth[:, None] * b[rows], weighted[rows])
+
+        update.mode[rows] = np.where(pressed[rows], Mode.SHEAR, Mode.TENSION)
+        update.mode[(integrity_n == 0.0) & ~pressed] = Mode.OPEN
+        # |zeta| = ray delta along the ray of b
+        ray2 = dot(b[rows], b[rows]) / delta_b[rows] ** 2
+        spent = self._undissipated(integrity_n[rows]) - self._undissipated(integrity[rows])
+        update.damage_work[rows] = np.maximum(ray2 * spent, 0.0)
+        return update
+
+    def _integrity(self, softening: Array) -> Array:
+        """1 - d = 1 - Q/strength."""
+        return np.maximum(1.0 - softening / self.strength, 0.0)
+
+    def _grown_opening(self, load: Array, r: Array) -> Array:
+        """y = delta/delta_0 with (r + K exp(-y)) y = load, where damage grows."""
+
+        def imbalance(y: Array) -> tuple[Array, Array]:
+            elastic = self.stiffness * np.exp(-y)
+            return (r + elastic) * y - load, r + elastic * (1.0 - y)
+
+        upper = load / r
+        return increasing_root(imbalance, load / (r + self.stiffness), upper, start=upper)
+
+    def _undissipated(self, integrity: Array) -> Array:
+        """Energy still to dissipate in opening, N/mm: G_c (1 - d) (y^2/2 + y + 1), e^-y = 1 - d."""
+        y = -np.log(np.maximum(integrity, np.finfo(float).tiny))
+        return self.fracture_energy * integrity * (0.5 * y * y + y + 1.0)

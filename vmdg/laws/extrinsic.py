@@ -1,0 +1,207 @@
+"""Laws of an interface that is rigidly bonded until its strength is reached."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .base import Array, Law, Mode, Update, add_to_diagonal, dot, outer, unit
+from .contact import Closure, Slide, SofteningCurve, close, slide
+
+# A closure this small against strength/H is what round-off left of a closed gap, not a branch.
+_ROUND_OFF = 1e-12
+
+
+class Points(NamedTuple):
+    """Points of one branch, gathered: `rows` says where they sit in the `Update`."""
+
+    rows: NDArray[np.intp]
+    trial: Array  #: T_tr (m, d)
+    normal: Array  #: N (m, d)
+    trial_n: Array  #: T_tr.N (m,)
+    shear: Array  #: |T_tr,T| (m,)
+    gap: Array  #: zeta_n (m, d)
+    softening: Array  #: Q_n (m,)
+    resistance: Array  #: R_n = max(strength - Q_n, 0) (m,)
+    penalty: Array  #: r (m,)
+
+
+class ExtrinsicLaw(Law):
+    """Elastic domain T_eq(T) <= R = strength - Q, with T_eq the equivalent traction of the law.
+
+    T_tr.N >= 0: `_open`, the law's own return. T_tr.N < 0: the residual gap closes, then the shear
+    law `in_shear` slides with friction (module `contact`). Both agree at T_tr.N = 0, so T is
+    continuous across the switch.
+    """
+
+    @property
+    @abstractmethod
+    def in_shear(self) -> SofteningCurve:
+        """Softening curve in pure shear; its `strength` is reached at T_eq = `self.strength`."""
+
+    @abstractmethod
+    def equivalent(self, normal: Array, shear: Array) -> Array:
+        """T_eq (n,), MPa, of a normal traction >= 0 and |T_T|; it is T_N in pure tension."""
+
+    def nearness(self, normal: Array, shear: Array) -> Array:
+        """T_eq/P_c."""
+        return self.equivalent(np.maximum(normal, 0.0), shear) / self.strength
+
+    @abstractmethod
+    def _open(self, update: Update, at: Points, eta: float) -> None:
+        """Write the return of points with T_tr.N >= 0, T_eq >= R_n into the rows of `update`."""
+
+    # Tiny strengths and far tails of exponentials underflow to zero, which is what is meant.
+    @np.errstate(under="ignore")
+    def return_map(
+        self,
+        trial: ArrayLike,
+        normal: ArrayLike,
+        gap: ArrayLike,
+        softening: ArrayLike,
+        penalty: ArrayLike,
+        dt: float = 1.0,
+    ) -> Update:
+        """Boxes 2 and 3, completed; arguments and errors as in `Law.return_map`."""
+        trial, normal, gap, softening, penalty = self._checked(
+            trial, normal, gap, softening, penalty, dt
+        )
+        eta = self.overstress(dt)
+        update = Update.elastic(trial, gap, softening)
+
+        trial_n = dot(trial, normal)
+        tangential = trial - trial_n[:, None] * normal
+        shear = np.sqrt(dot(tangential, tangential))
+        resistance = np.maximum(self.strength - softening, 0.0)
+        # A point without bond yields at zero traction already, or its tangent would be the bonded
+        # one.
+        yielding = self.equivalent(np.maximum(trial_n, 0.0), shear) > resistance
+        yielding |= resistance == 0.0
+        pressed = trial_n < 0.0
+        closing = pressed & (dot(gap, normal) > 0.0)
+
+        for branch, mask in (
+            (self._open, yielding & ~pressed),
+            (self._pressed, (yielding & pressed) | closing),
+        ):
+            rows = np.flatnonzero(mask)
+            if rows.size:
+                everywhere = (trial, normal, trial_n, shear, gap, softening, resistance, penalty)
+                branch(update, Points(rows, *(array[rows] for array in everywhere)), eta)
+        return update
+
+    def _softened(self, at: Points, left: Array, lost: Array) -> Array:
+        """Q_{n+1} = Q_n + lost, MPa; exactly the strength where nothing is left."""
+        return np.where(left > 0.0, np.minimum(at.softening + lost, self.strength), self.strength)
+
+    def _pressed(self, update: Update, at: Points, eta: float) -> None:
+        """Closing, then bond or friction in shear: points with T_tr.N < 0."""
+        bond = self.in_shear
+        ratio = bond.strength / self.strength
+        closure = close(at.trial_n, dot(at.gap, at.normal), at.penalty)
+        cap = -self.friction * closure.traction
+        sliding = slide(bond, at.shear, cap, ratio * at.resistance, at.penalty, eta)
+
+        direction = unit(at.trial - at.trial_n[:, None] * at.normal, at.shear)
+
+        rows = at.rows
+        update.traction[rows] = (
+            closure.traction[:, None] * at.normal + sliding.traction[:, None] * direction
+        )
+        update.gap[rows] = (
+            at.gap - closure.length[:, None] * at.normal + sliding.slip[:, None] * direction
+        )
+        update.softening[rows] = self._softened(
+            at, sliding.resistance / ratio, sliding.lost / ratio
+        )
+        update.multiplier[rows] = sliding.slip
+        update.tangent[rows] = self._pressed_tangent(at, closure, sliding, direction)
+        mode = np.where(sliding.slipping, Mode.SHEAR, Mode.ELASTIC)
+        mode = np.where(sliding.by_friction, Mode.FRICTION, mode)
+        closing = closure.length * self.softening_modulus > _ROUND_OFF * self.strength
+        update.mode[rows] = np.where(closing, Mode.CLOSING, mode)
+        update.damage_work[rows] = sliding.damage_work
+        update.friction_work[rows] = sliding.friction_work
+        update.viscous_work[rows] = sliding.viscous_work
+
+    def _pressed_tangent(
+        self, at: Points, closure: Closure, sliding: Slide, direction: Array
+    ) -> Array:
+        """(91) for any slope of dgamma, and with the sign of its second term corrected.
+
+        q (I - N (x) N - t (x) t) + slope t (x) t + v (x) N, with t the `direction` of slip,
+        q = dgamma/|T_tr,T| and v = d zeta/d T_tr.N: mu t/r in friction, N/r while the gap closes.
+        """
+        q = _per_load(sliding.slip, at.shear, sliding.slope)
+        # T_N does not feel T_tr.N while the gap is still open, the gap does not once it is closed.
+        cap_by_trial = np.where(closure.still_open, 0.0, -self.friction)
+        v = (sliding.cap_slope * cap_by_trial)[:, None] * direction
+        v += (closure.still_open / at.penalty)[:, None] * at.normal
+        tangent = outer((sliding.slope - q)[:, None] * direction, direction)
+        tangent += outer(v - q[:, None] * at.normal, at.normal)
+        add_to_diagonal(tangent, q)
+        return tangent
+
+
+class RadialLaw(ExtrinsicLaw):
+    """Law with one softening curve R(x) for all directions: |T| <= R, flow along T.
+
+    A new law of this kind supplies the four methods of `SofteningCurve` and `softening_modulus`.
+    """
+
+    @property
+    def in_shear(self) -> SofteningCurve:
+        """The law itself: its curve does not depend on the direction."""
+        return self
+
+    def equivalent(self, normal: Array, shear: Array) -> Array:
+        """T_eq = |T|."""
+        return np.sqrt(normal * normal + shear * shear)
+
+    @abstractmethod
+    def slip(self, load: Array, resistance: Array, stiffness: Array) -> Array:
+        """Root x (m,), mm, of load - stiffness x = R(x)."""
+
+    @abstractmethod
+    def soften(self, resistance: Array, slip: Array) -> tuple[Array, Array]:
+        """R(x), MPa, and its slope, MPa/mm."""
+
+    @abstractmethod
+    def slip_to(self, resistance: Array, target: Array) -> Array:
+        """Slip, mm, at which R has fallen to target."""
+
+    @abstractmethod
+    def bond_energy(self, resistance: Array) -> Array:
+        """Energy left in the bond, N/mm."""
+
+    def _open(self, update: Update, at: Points, eta: float) -> None:
+        """Box 2, (66)-(71): dgamma is the root of |T_tr| - (r + eta) dgamma = R(dgamma)."""
+        load = self.equivalent(at.trial_n, at.shear)
+        dgamma = self.slip(load, at.resistance, at.penalty + eta)
+        left, softening_slope = self.soften(at.resistance, dgamma)
+        slope = 1.0 / (at.penalty + eta + softening_slope)
+        per_load = _per_load(dgamma, load, slope)
+        n = unit(at.trial, load)
+
+        rows = at.rows
+        update.traction[rows] = (left + eta * dgamma)[:, None] * n
+        update.gap[rows] = at.gap + dgamma[:, None] * n
+        update.softening[rows] = self._softened(at, left, at.resistance - left)
+        update.multiplier[rows] = dgamma
+        # (90) is this with slope = 1/(r - H) and per_load = slope (1 - R_n/|T_tr|)
+        tangent = outer((slope - per_load)[:, None] * n, n)
+        add_to_diagonal(tangent, per_load)
+        update.tangent[rows] = tangent
+        update.mode[rows] = np.where(
+            update.softening[rows] < self.strength, Mode.TENSION, Mode.OPEN
+        )
+        update.damage_work[rows] = self.bond_energy(at.resistance) - self.bond_energy(left)
+        update.viscous_work[rows] = eta * dgamma * dgamma
+
+
+def _per_load(slip: Array, load: Array, slope: Array) -> Array:
+    """slip/load, and its limit where there is no load."""
+    return np.where(load > 0.0, slip / np.where(load > 0.0, load, 1.0), slope)

@@ -1,0 +1,211 @@
+"""Different strengths and energies in opening and shear."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .base import (
+    Array,
+    Mode,
+    Update,
+    add_to_diagonal,
+    dot,
+    outer,
+    require_not_negative,
+    require_positive,
+    unit,
+)
+from .debonding import Debonding
+from .extrinsic import ExtrinsicLaw, Points
+from .newton import increasing_root
+
+
+@dataclass(frozen=True)
+class MixedModeDebonding(ExtrinsicLaw):
+    """Elliptic strength criterion with linear softening, contact, friction and rate dependence.
+
+    Yield (T_N >= 0): sqrt((T_N/P_n)^2 + (|T_T|/P_s)^2) <= rho = 1 - d. With (cos th, sin th) =
+    (T_N/P_n, |T_T|/P_s)/rho and critical gaps zeta_n = 2 G_n/P_n, zeta_s = 2 G_s/P_s the flow is
+
+        dzeta = dd (zeta_n cos th N + zeta_s sin th t),  t = T_T/|T_T|.
+
+    Pure opening spends G_n, pure shear G_s. On any path dG_I = 2 G_n rho cos^2 th dd and dG_II = 2
+    G_s rho sin^2 th dd are not negative and G_I/G_n + G_II/G_s = 1 at separation: the linear
+    interaction criterion, whatever the history of the mixity. At a fixed ratio of tractions the
+    energy is `energy_at` th = G_n cos^2 th + G_s sin^2 th. The flow is normal to the yield surface,
+    and the tangent symmetric, exactly when G_n = G_s; equal strengths and energies give
+    `Debonding`.
+
+    Viscosity acts beside the bond, T = T_bond + eta (zeta_{n+1} - zeta_n), eta = viscosity/dt, so k
+    = r + eta takes the place of r. With a = T_tr.N/P_n, b = |T_tr,T|/P_s, H_n = P_n/zeta_n, H_s =
+    P_s/zeta_s and g = d_{n+1} - d_n,
+
+        A = rho_n + (k/H_n - 1) g,  B = rho_n + (k/H_s - 1) g,  (a/A)^2 + (b/B)^2 = 1
+
+    is one equation for g; cos th = a/A, sin th = b/B. A and B grow with g, so the root is unique,
+    for k > max(H_n, H_s) = `softening_modulus`. In contact the law is `Debonding` with P_s and
+    zeta_s. The history is Q = P_n d (MPa).
+
+    Attributes:
+        normal_strength, shear_strength: P_n and P_s, MPa.
+        normal_energy, shear_energy: G_n and G_s, N/mm.
+        friction: Coulomb coefficient mu.
+        viscosity: MPa s/mm.
+
+    Raises:
+        ValueError: a parameter is out of range.
+    """
+
+    normal_strength: float
+    shear_strength: float
+    normal_energy: float
+    shear_energy: float
+    friction: float = 0.0
+    viscosity: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_positive(
+            "for an interface that never opens use Bonded()",
+            normal_strength=self.normal_strength,
+            shear_strength=self.shear_strength,
+        )
+        require_positive(
+            "it is the energy in N/mm to separate a unit area",
+            normal_energy=self.normal_energy,
+            shear_energy=self.shear_energy,
+        )
+        require_not_negative("use 0 for no friction", friction=self.friction)
+        require_not_negative("use 0 for no rate dependence", viscosity=self.viscosity)
+
+    @property
+    def strength(self) -> float:
+        """P_n, MPa."""
+        return self.normal_strength
+
+    @cached_property
+    def in_opening(self) -> Debonding:
+        """The law in pure opening."""
+        return Debonding(self.normal_strength, 2.0 * self.normal_energy / self.normal_strength)
+
+    @cached_property
+    def in_shear(self) -> Debonding:
+        """The law in pure shear."""
+        return Debonding(self.shear_strength, 2.0 * self.shear_energy / self.shear_strength)
+
+    @property
+    def softening_modulus(self) -> float:
+        """max(H_n, H_s), MPa/mm."""
+        return max(self.in_opening.softening_modulus, self.in_shear.softening_modulus)
+
+    @property
+    def symmetric(self) -> bool:
+        """No friction, and flow normal to the yield surface."""
+        return self.friction == 0.0 and self.normal_energy == self.shear_energy
+
+    def energy_at(self, mixity: ArrayLike) -> Array:
+        """Energy to separation, N/mm, at a fixed th = atan((|T_T|/P_s)/(T_N/P_n)), radians."""
+        mixity = np.asarray(mixity, dtype=float)
+        return self.normal_energy * np.cos(mixity) ** 2 + self.shear_energy * np.sin(mixity) ** 2
+
+    def equivalent(self, normal: Array, shear: Array) -> Array:
+        """T_eq = sqrt(T_N^2 + (P_n/P_s)^2 |T_T|^2)."""
+        weighted = (self.normal_strength / self.shear_strength) * shear
+        return np.sqrt(normal * normal + weighted * weighted)
+
+    def _open(self, update: Update, at: Points, eta: float) -> None:
+        """The return of the class docstring, for T_tr.N >= 0."""
+        k = at.penalty + eta
+        rho_n = at.resistance / self.strength
+        # dzeta = T_tr/k if the bond fails within the step; d advances by its length in units of the
+        # critical gaps.
+        opening = at.trial_n / (k * self.in_opening.critical_gap)
+        sliding = at.shear / (k * self.in_shear.critical_gap)
+        fails = np.sqrt(opening * opening + sliding * sliding) >= rho_n
+        for branch, mask in ((self._separate, fails), (self._soften, ~fails)):
+            rows = np.flatnonzero(mask)
+            if rows.size:
+                branch(update, Points(*(array[rows] for array in at)), eta)
+
+    def _separate(self, update: Update, at: Points, eta: float) -> None:
+        """No bond at the end of the step: dzeta = T_tr/(r + eta), T = eta dzeta."""
+        compliance = 1.0 / (at.penalty + eta)
+        step = compliance[:, None] * at.trial
+        length2 = dot(step, step)
+        # The mixity is that of the moment of failure on the ray of T_tr.
+        opening = at.trial_n / self.in_opening.critical_gap
+        sliding = at.shear / self.in_shear.critical_gap
+        mixity = np.arctan2(sliding, opening)
+
+        rows = at.rows
+        update.traction[rows] = eta * step
+        update.gap[rows] = at.gap + step
+        update.softening[rows] = self.strength
+        update.multiplier[rows] = np.sqrt(length2)
+        update.tangent[rows] = compliance[:, None, None] * np.eye(step.shape[1])
+        update.mode[rows] = Mode.OPEN
+        rho_n = at.resistance / self.strength
+        update.damage_work[rows] = rho_n * rho_n * self.energy_at(mixity)
+        update.viscous_work[rows] = eta * length2
+
+    def _soften(self, update: Update, at: Points, eta: float) -> None:
+        """Some bond left at the end of the step."""
+        k = at.penalty + eta
+        h_n, h_s = self.in_opening.softening_modulus, self.in_shear.softening_modulus
+        rho_n = at.resistance / self.strength
+        a, b = at.trial_n / self.normal_strength, at.shear / self.shear_strength
+        slope_a, slope_b = k / h_n - 1.0, k / h_s - 1.0
+
+        def yield_function(g: Array) -> tuple[Array, Array]:
+            # 1/|(a/A, b/B)| - 1 is concave and nearly linear in g, where the equation as printed is
+            # neither
+            cos, sin = a / (rho_n + slope_a * g), b / (rho_n + slope_b * g)
+            inverse = 1.0 / np.sqrt(cos * cos + sin * sin)
+            bend = cos * cos * slope_a / (rho_n + slope_a * g)
+            bend += sin * sin * slope_b / (rho_n + slope_b * g)
+            return inverse - 1.0, inverse**3 * bend
+
+        g = increasing_root(yield_function, np.zeros_like(rho_n), rho_n, start=np.zeros_like(rho_n))
+        A, B = rho_n + slope_a * g, rho_n + slope_b * g
+        cos, sin = a / A, b / B
+        rho = np.maximum(rho_n - g, 0.0)
+
+        # dzeta = (k_n N (x) N + k_t (I - N (x) N)) T_tr
+        k_n, k_t = g / (h_n * A), g / (h_s * B)
+        trial_normal = at.trial_n[:, None] * at.normal
+        trial_shear = at.trial - trial_normal
+        direction = unit(trial_shear, at.shear)
+        step = k_n[:, None] * trial_normal + k_t[:, None] * trial_shear
+        length2 = dot(step, step)
+
+        # d g/d T_tr from the equation, and d(dzeta)/d g
+        denominator = cos * cos * slope_a / A + sin * sin * slope_b / B
+        g_by_trial = (cos / (A * self.normal_strength))[:, None] * at.normal
+        g_by_trial += (sin / (B * self.shear_strength))[:, None] * direction
+        g_by_trial /= denominator[:, None]
+        opening_by_g = self.in_opening.critical_gap * cos * rho_n / A
+        sliding_by_g = self.in_shear.critical_gap * sin * rho_n / B
+        step_by_g = opening_by_g[:, None] * at.normal + sliding_by_g[:, None] * direction
+
+        rows = at.rows
+        update.traction[rows] = (
+            (rho / A)[:, None] * trial_normal + (rho / B)[:, None] * trial_shear + eta * step
+        )
+        update.gap[rows] = at.gap + step
+        update.softening[rows] = self._softened(at, rho, self.strength * g)
+        update.multiplier[rows] = np.sqrt(length2)
+        tangent = outer((k_n - k_t)[:, None] * at.normal, at.normal)
+        tangent += outer(step_by_g, g_by_trial)
+        add_to_diagonal(tangent, k_t)
+        update.tangent[rows] = tangent
+        update.mode[rows] = np.where(
+            update.softening[rows] < self.strength, Mode.TENSION, Mode.OPEN
+        )
+        spent = (rho_n - rho) * (rho_n + rho)
+        update.damage_work[rows] = spent * (
+            self.normal_energy * cos * cos + self.shear_energy * sin * sin
+        )
+        update.viscous_work[rows] = eta * length2

@@ -1,0 +1,45 @@
+"""Safeguarded Newton iteration for many scalar equations at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from .base import Array
+
+# Newton squares the error: a last correction below this leaves round-off. Bisection does not.
+_LAST_NEWTON = 1e-10
+_LAST_BISECTION = 1e-15
+_MAX_ITERATIONS = 100
+
+
+def increasing_root(
+    function: Callable[[Array], tuple[Array, Array]], lower: Array, upper: Array, start: Array
+) -> Array:
+    """Root (n,) of n increasing functions, each bracketed by lower <= root <= upper.
+
+    A Newton step that leaves the bracket is replaced by bisection, so the iteration cannot diverge.
+
+    Args:
+        function: x (n,) to values (n,) and slopes (n,).
+        lower, upper: bracket (n,).
+        start: first guess (n,) inside the bracket.
+
+    Returns:
+        The roots, to round-off of the initial `upper` and, away from zero, of the root itself.
+    """
+    x = start
+    round_off = np.finfo(float).eps * upper
+    for _ in range(_MAX_ITERATIONS):
+        value, slope = function(x)
+        lower = np.where(value < 0.0, x, lower)
+        upper = np.where(value > 0.0, x, upper)
+        # A slope of zero, possible only at round-off, asks for bisection.
+        newton = x - value / np.where(slope > 0.0, slope, 1.0)
+        inside = (slope > 0.0) & (newton >= lower) & (newton <= upper)
+        previous, x = x, np.where(inside, newton, 0.5 * (lower + upper))
+        enough = np.where(inside, _LAST_NEWTON, _LAST_BISECTION)
+        if np.all(np.abs(x - previous) <= enough * np.abs(x) + round_off):
+            break
+    return x

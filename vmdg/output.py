@@ -1,0 +1,120 @@
+"""Fields for ParaView, and cell values for plots."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.io import VTXWriter
+
+from . import compat
+from .coupling import Coupling
+from .forms import kinematics
+from .problem import Problem
+
+
+class CauchyStress:
+    """Cauchy stress sigma = P.F^T / J of the bodies, (d, d) [MPa], discontinuous of degree k."""
+
+    def __init__(self, problem: Problem):
+        d = problem.mesh.geometry.dim
+        degree = problem.space.ufl_element().degree
+        space = fem.functionspace(problem.mesh, ("DG", degree, (d, d)))
+        self.function = fem.Function(space, name="stress")
+        points = compat.interpolation_points(space)
+        self._problem = problem
+        self._points = points
+        self._u: fem.Function | None = None
+
+    def _make_expressions(self) -> None:
+        self._u = self._problem.u
+        self._expressions = []
+        for family in self._problem.families:
+            F = kinematics.deformation_gradient(ufl.grad(self._u))
+            stress = kinematics.first_piola(family.body, F) * F.T / ufl.det(F)
+            self._expressions.append((fem.Expression(stress, self._points), family.cells))
+
+    def update(self) -> fem.Function:
+        """Evaluate at the current displacement."""
+        if self._u is not self._problem.u:
+            self._make_expressions()
+        for expression, cells in self._expressions:
+            self.function.interpolate(expression, cells)
+        self.function.x.scatter_forward()
+        return self.function
+
+
+class InterfaceFields:
+    """Facet means of an interface's state as fields on its own mesh."""
+
+    def __init__(self, coupling: Coupling):
+        self._coupling = coupling
+        d = coupling.quadrature.d
+        mesh = coupling.quadrature.submesh.mesh
+        vector = fem.functionspace(mesh, ("DG", 1, (d,)))
+        scalar = fem.functionspace(mesh, ("DG", 1))
+        self.vectors = {
+            name: fem.Function(vector, name=name) for name in ("traction", "opening", "gap")
+        }
+        self.scalars = {name: fem.Function(scalar, name=name) for name in ("softening", "mode")}
+
+    def update(self) -> None:
+        """Take the values of the current state."""
+        state, q = self._coupling.state(), self._coupling.quadrature
+        for name, function in (self.vectors | self.scalars).items():
+            values = np.asarray(getattr(state, name), dtype=float)
+            values = values.reshape(len(state.weights), -1)
+            mean = np.zeros((len(q.area), values.shape[1]))
+            np.add.at(mean, q.facet, values * state.weights[:, None])
+            mean /= q.area[:, None]
+            dofs = function.function_space.dofmap.list[q.cell_of_facet]
+            function.x.array.reshape(-1, values.shape[1])[dofs] = mean[:, None, :]
+            function.x.scatter_forward()
+
+
+class FieldWriter:
+    """Writes displacement, Cauchy stress and interface fields as VTX (.bp) time series.
+
+    Open the folders in ParaView; warp by the displacement. Use as a context manager.
+
+    Args:
+        problem: The problem.
+        folder: Made if missing; holds displacement.bp, stress.bp and interface_<i>_*.bp.
+    """
+
+    def __init__(self, problem: Problem, folder: str | Path):
+        folder = Path(folder)
+        if problem.comm.rank == 0:
+            folder.mkdir(parents=True, exist_ok=True)
+        problem.comm.barrier()
+        self._stress = CauchyStress(problem)
+        self._interfaces = [InterfaceFields(coupling) for coupling in problem.couplings]
+        outputs = [("displacement", [problem.u]), ("stress", [self._stress.function])]
+        for i, fields in enumerate(self._interfaces):
+            outputs.append((f"interface_{i}_vectors", list(fields.vectors.values())))
+            outputs.append((f"interface_{i}_scalars", list(fields.scalars.values())))
+        self._writers = [
+            VTXWriter(functions[0].function_space.mesh.comm, folder / f"{name}.bp", functions)
+            for name, functions in outputs
+        ]
+
+    def write(self, t: float) -> None:
+        """Write the current state as time ``t``; collective."""
+        self._stress.update()
+        for fields in self._interfaces:
+            fields.update()
+        for writer in self._writers:
+            writer.write(t)
+
+    def close(self) -> None:
+        """Complete the files; collective."""
+        for writer in self._writers:
+            writer.close()
+
+    def __enter__(self) -> FieldWriter:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

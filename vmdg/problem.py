@@ -1,0 +1,548 @@
+"""The problem: spaces, forms, loads and history, from a mesh, materials and interfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.la import InsertMode
+from dolfinx.mesh import Mesh, MeshTags
+from numpy.typing import NDArray
+
+from .activation import Activation
+from .bodies import Bodies, Family, LoadFactor
+from .boundary import DeadLoads, DirichletConditions, Locator, Value, Where, find_boundary_facets
+from .coupling import Coupling, InterfaceState, PointHistory
+from .discretization import Discretization
+from .forms.materials import Material
+from .interface import Interface, InterfaceFacets, check_ghosts, find_facets
+from .parallel import global_max, global_sum, raise_together
+from .stabilization import Stabilization
+from .topology import facet_cells, tags_of_cells
+
+KINEMATICS = ("finite", "small")
+CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
+
+
+@dataclass(frozen=True)
+class Energy:
+    """Energies of the whole body [N mm], the same on every rank.
+
+    Attributes:
+        bulk: Strain energy of the bodies.
+        interface: Stored by the interfaces: (30), and what an intrinsic law can give back.
+        damage: Spent on bonds since the start.
+        friction: Spent on sliding since the start.
+        viscosity: Spent on the overstress since the start.
+        external: Work of prescribed displacements and loads since the start.
+    """
+
+    bulk: float
+    interface: float
+    damage: float
+    friction: float
+    viscosity: float
+    external: float
+
+    @property
+    def stored(self) -> float:
+        """Bulk and interface together."""
+        return self.bulk + self.interface
+
+    @property
+    def dissipated(self) -> float:
+        """Damage, friction and viscosity together."""
+        return self.damage + self.friction + self.viscosity
+
+    @property
+    def imbalance(self) -> float:
+        """external - stored - dissipated."""
+        return self.external - self.stored - self.dissipated
+
+
+@dataclass(frozen=True)
+class InterfaceMean:
+    """Area averages over an interface.
+
+    Attributes:
+        opening: g (d,) [mm].
+        gap: zeta (d,) [mm].
+        traction: T (d,) [MPa].
+        softening: Q [MPa].
+        area: Reference area [mm2; mm in 2D].
+    """
+
+    opening: NDArray[np.float64]
+    gap: NDArray[np.float64]
+    traction: NDArray[np.float64]
+    softening: NDArray[np.float64]
+    area: float
+
+
+class Problem:
+    """Bodies tied by interfaces that may fail.
+
+    Args:
+        mesh: Triangles, quadrilaterals, tetrahedra or hexahedra; plane strain in 2D. On more than
+            one rank it needs facet ghosts (``GhostMode.shared_facet``).
+        cell_tags: A tag for every cell.
+        materials: Material of every tag.
+        interfaces: Where and how the displacement may jump.
+        degree: Degree of the displacement.
+        kinematics: "finite", or "small" for linear elasticity.
+        thickness: Of a plane body [mm].
+        eigenstrain: Isotropic stress-free strain by tag, a number or a function of the load
+            factor; at finite strain F = F_e (1 + theta).
+
+    Attributes:
+        u: Displacement [mm].
+        t: Load factor of the current state.
+        stabilization: tau_s and delta of every interface, from the start of the last step.
+
+    Raises:
+        ValueError: input that cannot work; the message names it and the remedy.
+        RuntimeError: a distributed mesh without facet ghosts.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        cell_tags: MeshTags,
+        materials: Mapping[int, Material],
+        interfaces: Sequence[Interface],
+        degree: int = 1,
+        kinematics: str = "finite",
+        thickness: float = 1.0,
+        eigenstrain: Mapping[int, LoadFactor] | None = None,
+    ):
+        _check_arguments(mesh, degree, kinematics, thickness)
+        check_ghosts(mesh)
+        self.mesh = mesh
+        self.comm = mesh.comm
+        self.interfaces = list(interfaces)
+        tags = tags_of_cells(mesh, cell_tags)
+        self._bodies = Bodies(mesh, tags, materials, kinematics == "small", eigenstrain)
+        self._facets = [find_facets(mesh, tags, interface) for interface in self.interfaces]
+        _check_overlap(mesh, self.interfaces, self._facets)
+        self._degree, self._thickness = degree, float(thickness)
+        self._activation = Activation(mesh, self.interfaces, self._facets, self._bodies, degree)
+        self.t = 0.0
+        self._prescriptions: list[tuple[str, Where, Value, int | str | None]] = []
+        self._dead_loads: list[tuple[str, NDArray[np.int32] | None, Value]] = []
+        self._load_vector: NDArray[np.float64] | None = None
+        self._dissipated = np.zeros(3)
+        self._external = 0.0
+        self._start: _Start | None = None
+        self._set_discretization(self._discretize())
+        self.apply_loads(0.0)
+        self.update_stabilization(None)
+
+    def _discretize(self) -> Discretization:
+        """Everything that depends on which facets are open."""
+        return Discretization(
+            self.mesh,
+            self._bodies,
+            self.interfaces,
+            [
+                facets.among(mark)
+                for facets, mark in zip(self._facets, self._activation.open, strict=True)
+            ],
+            self._degree,
+            self._thickness,
+        )
+
+    def _set_discretization(self, discretization: Discretization) -> None:
+        """Work with ``discretization``: loads and closed facets follow its space."""
+        self.discretization = discretization
+        self._activation.follow(self.u)
+        self._dirichlet = DirichletConditions(self.space)
+        for prescription in self._prescriptions:
+            self._prescribe(*prescription)
+        self._loads = DeadLoads(self.space, discretization.thickness)
+        for load in self._dead_loads:
+            self._load(*load)
+
+    @property
+    def u(self) -> fem.Function:
+        """Displacement [mm]; another Function after facets have been opened on demand."""
+        return self.discretization.u
+
+    @property
+    def space(self) -> fem.FunctionSpace:
+        """Broken space of the displacement."""
+        return self.discretization.space
+
+    @property
+    def couplings(self) -> list[Coupling | None]:
+        """The interfaces at work; None where none of the facets is open."""
+        return self.discretization.couplings
+
+    @property
+    def forces(self) -> fem.Function:
+        """Internal minus external forces of the last assembly, owned and ghost dofs [N]."""
+        return self.discretization.forces
+
+    @property
+    def _owned(self) -> int:
+        return self.discretization.owned
+
+    # Loads
+
+    def dirichlet(self, facets: Where, value: Value, component: int | str | None = None) -> None:
+        """Prescribe the displacement on boundary facets.
+
+        Args:
+            facets: Local facets, or a predicate on coordinates (3, n).
+            value: Number, array (d,), f(t) of the load factor, or f(x, t) at points x (3, n)
+                [mm].
+            component: 0.. d-1 or "x", "y", "z"; None for all.
+
+        Raises:
+            ValueError: nothing selected, unknown component or a value of the wrong shape.
+        """
+        if not callable(facets):
+            facets = np.asarray(facets, dtype=np.int32)
+        self._prescribe("dirichlet", facets, value, component)
+        self._prescriptions.append(("dirichlet", facets, value, component))
+
+    def dirichlet_points(
+        self, where: Locator, value: Value, component: int | str | None = None
+    ) -> None:
+        """Prescribe the displacement of the nodes selected by a predicate on coordinates (3, n).
+
+        Arguments and errors as for :meth:`dirichlet`.
+        """
+        self._prescribe("dirichlet_points", where, value, component)
+        self._prescriptions.append(("dirichlet_points", where, value, component))
+
+    def _prescribe(
+        self, what: str, where: Where, value: Value, component: int | str | None
+    ) -> None:
+        if what == "dirichlet":
+            facets = find_boundary_facets(self.mesh, where, what)
+            dofs = fem.locate_dofs_topological(self.space, self.mesh.topology.dim - 1, facets)
+        else:
+            dofs = fem.locate_dofs_geometrical(self.space, where)
+        self._dirichlet.add(dofs, value, component, what)
+
+    def traction(self, facets: Where, value: Value) -> None:
+        """Dead traction per reference area on boundary facets, (d,) or f(t) [MPa]."""
+        found = find_boundary_facets(self.mesh, facets, "traction")
+        self._load("traction", found, value)
+        self._dead_loads.append(("traction", found, value))
+
+    def body_force(self, value: Value) -> None:
+        """Dead body force per reference volume, (d,) or f(t) [N/mm3]."""
+        self._load("body_force", None, value)
+        self._dead_loads.append(("body_force", None, value))
+
+    def _load(self, what: str, facets: NDArray[np.int32] | None, value: Value) -> None:
+        if what == "traction":
+            self._loads.add_traction(facets, value)
+        else:
+            self._loads.add_body_force(value)
+
+    @property
+    def prescribed(self) -> NDArray[np.int32]:
+        """Prescribed local dofs (component-wise numbers), ghosts included."""
+        return self._dirichlet.dofs
+
+    def prescribed_values(self, t: float) -> NDArray[np.float64]:
+        """Prescribed displacement of :attr:`prescribed` at load factor ``t`` [mm]."""
+        return self._dirichlet.values(t)
+
+    def apply_loads(self, t: float) -> None:
+        """Set loads and eigenstrains to load factor ``t``; prescribed displacements are not
+        imposed here but by the solver's predictor."""
+        self.t = t
+        self._bodies.apply_eigenstrain(t)
+        if self._loads:
+            self._load_vector = self._loads.vector(t)
+
+    # Assembly
+
+    def residual_ufl(self) -> ufl.Form:
+        """The stabilized residual (27) without dead loads."""
+        return self.discretization.residual_ufl()
+
+    def tangent_ufl(self) -> ufl.Form:
+        """The tangent (85), interfaces in staged coefficients."""
+        return self.discretization.tangent_ufl()
+
+    def update_stabilization(self, dt: float | None) -> None:
+        """Evaluate tau_s and delta of every interface at the current displacement.
+
+        Args:
+            dt: Time step [s]; None where it is not known yet, then laws with viscosity are not
+                checked.
+
+        Raises:
+            ValueError: the softening of a law is too steep for the mesh (r <= H - eta).
+        """
+        self.discretization.update_stabilization(dt)
+
+    def assemble_residual(self, dt: float = 1.0, hold: bool = False) -> NDArray[np.float64]:
+        """Return maps, then internal minus external forces at the current displacement.
+
+        Args:
+            dt: Time step of the return maps [s].
+            hold: Keep zeta at its converged value instead of mapping back.
+
+        Returns:
+            Owned dofs, nothing removed at prescribed ones [N].
+        """
+        return self.discretization.assemble_residual(dt, hold, self._load_vector)
+
+    def create_matrix(self) -> PETSc.Mat:
+        """An empty matrix with the pattern of the tangent."""
+        return self.discretization.create_matrix()
+
+    def assemble_tangent(self, matrix: PETSc.Mat, damage: bool = True) -> None:
+        """Tangent at the state of the last :meth:`assemble_residual`, prescribed rows included.
+
+        Args:
+            matrix: From :meth:`create_matrix`.
+            damage: False holds zeta: the damage part of (84) is left out.
+        """
+        self.discretization.assemble_tangent(matrix, damage)
+
+    # Steps
+
+    def begin_step(self, t: float, dt: float, overstress: float = 0.0) -> None:
+        """Remember the converged state, then set loads and stabilization for a step to ``t``.
+
+        Args:
+            t: Load factor.
+            dt: Time step [s].
+            overstress: Viscous regularisation of the step: overstress per gap increment in
+                multiples of the softening modulus H.
+
+        Raises:
+            ValueError: r <= H - eta on a facet; the converged state is kept.
+        """
+        self._start = _Start(
+            self.t, self.u.x.array.copy(), self.forces.x.array.copy(), self._load_vector
+        )
+        for coupling in self.discretization.working:
+            coupling.begin_step(overstress, dt)
+        try:
+            self.update_stabilization(dt)
+        except ValueError:
+            self.cancel_step()
+            raise
+        self.apply_loads(t)
+
+    def cancel_step(self) -> None:
+        """Return to the state before :meth:`begin_step`: a failed step leaves no trace."""
+        self.u.x.array[:] = self._start.u
+        self.forces.x.array[:] = self._start.forces
+        self.apply_loads(self._start.t)
+        for coupling in self.discretization.working:
+            coupling.cancel_step()
+
+    def snapshot(self) -> Snapshot:
+        """The converged state as it can be returned to later."""
+        return Snapshot(
+            self.t,
+            self.discretization,
+            self.u.x.array.copy(),
+            self.forces.x.array.copy(),
+            [coupling.history() for coupling in self.discretization.working],
+            list(self._activation.open),
+            self._dissipated.copy(),
+            self._external,
+        )
+
+    def return_to(self, snapshot: Snapshot) -> None:
+        """Go back to a converged state, to its set of open facets too."""
+        if snapshot.discretization is not self.discretization:
+            self._activation.open = list(snapshot.open)
+            self._set_discretization(snapshot.discretization)
+        self.u.x.array[:] = snapshot.u
+        self.forces.x.array[:] = snapshot.forces
+        self._dissipated = snapshot.dissipated.copy()
+        self._external = snapshot.external
+        for coupling, history in zip(self.discretization.working, snapshot.histories, strict=True):
+            coupling.set_history(history)
+        self.apply_loads(snapshot.t)
+
+    # Facets that open on demand
+
+    def nearness(self) -> float:
+        """How near a facet that is still closed is to being opened, 1 when it should; collective.
+
+        Zero where no interface opens on demand.
+        """
+        if not self._activation:
+            return 0.0
+        self._nearness = self._activation.nearness()
+        return self._activation.largest(self._nearness)
+
+    def open_facets(self) -> bool:
+        """Open the facets found near their strength by the last :meth:`nearness`; collective.
+
+        The state is carried over exactly: the new facets start bonded, with no opening.
+
+        Returns:
+            Whether there were any.
+        """
+        if not self._activation.mark(self._nearness):
+            return False
+        before = self.discretization
+        self._set_discretization(self._discretize())
+        self.discretization.take_over(before)
+        self.apply_loads(self.t)
+        self.update_stabilization(None)
+        # What a node bore is now shared by its duplicates.
+        self.assemble_residual(hold=True)
+        return True
+
+    def largest_overstress(self) -> float:
+        """Largest viscous overstress of the last step relative to the strength, on all ranks."""
+        here = [coupling.overstress() for coupling in self.discretization.working]
+        return global_max(self.comm, max(here, default=0.0))
+
+    def commit(self) -> None:
+        """Take the current state as converged: history, dissipation and external work."""
+        self._external += self._external_work(self._start)
+        for coupling in self.discretization.working:
+            self._dissipated += self._thickness * coupling.commit()
+
+    def _external_work(self, start: _Start) -> float:
+        """Trapezoidal work of prescribed displacements and dead loads in the step, this rank's."""
+        owned = slice(self._owned)
+        du = (self.u.x.array - start.u)[owned]
+        reactions = np.zeros(self._owned)
+        prescribed = self.prescribed[self.prescribed < self._owned]
+        reactions[prescribed] = (self.forces.x.array + start.forces)[prescribed]
+        loads = np.zeros(self._owned)
+        if self._load_vector is not None:
+            total = fem.Function(self.space)
+            total.x.array[:] = self._load_vector + start.loads
+            total.x.scatter_reverse(InsertMode.add)
+            loads = total.x.array[owned]
+        return float((reactions + loads) @ du) / 2
+
+    # Results
+
+    @property
+    def stabilization(self) -> list[Stabilization]:
+        """tau_s and delta of every interface as last evaluated; at F = I before any step."""
+        return [coupling and coupling.stabilization for coupling in self.couplings]
+
+    @property
+    def families(self) -> list[Family]:
+        """Groups of materials that share a kernel, with their cells on this rank."""
+        return self._bodies.families
+
+    @property
+    def state(self) -> list[InterfaceState]:
+        """Values at the facet points of every interface at the last assembled residual."""
+        d = self.mesh.geometry.dim
+        return [
+            InterfaceState.empty(d) if coupling is None else coupling.state()
+            for coupling in self.couplings
+        ]
+
+    def mean(self, i: int) -> InterfaceMean:
+        """Averages over interface ``i``, weighted by area, the same on every rank."""
+        state = self.state[i]
+        area = max(float(global_sum(self.comm, state.weights.sum())), np.finfo(float).tiny)
+        values = [
+            global_sum(self.comm, state.weights @ value) / area
+            for value in (state.opening, state.gap, state.traction, state.softening)
+        ]
+        return InterfaceMean(*values, area)
+
+    def reaction(self, facets: Where) -> NDArray[np.float64]:
+        """Total force that holds the nodes of boundary facets (d,) [N], the same on every rank."""
+        facets = find_boundary_facets(self.mesh, facets, "reaction")
+        dofs = fem.locate_dofs_topological(self.space, self.mesh.topology.dim - 1, facets)
+        d = self.space.dofmap.index_map_bs
+        dofs = dofs[dofs < self.space.dofmap.index_map.size_local]
+        return global_sum(self.comm, self.forces.x.array.reshape(-1, d)[dofs].sum(axis=0))
+
+    def fine_scale(self, i: int) -> NDArray[np.float64]:
+        """Fine scales (24) at the facet points of interface ``i``, both sides (nq, 2, d) [mm]."""
+        return self.couplings[i].fine_scales()
+
+    def error_indicator(self, i: int) -> NDArray[np.float64]:
+        """Size of the fine scales on every owned facet of interface ``i`` (nf,) [mm].
+
+        The root mean square over the facet of |du_1|^2 + |du_2|^2 with (24): a local measure of
+        the error (Figures 18 and 22), of order h^(k+1).
+        """
+        quadrature = self.couplings[i].quadrature
+        square = (self.fine_scale(i) ** 2).sum(axis=(1, 2))
+        integral = np.bincount(
+            quadrature.facet, quadrature.weights * square, minlength=len(quadrature.area)
+        )
+        return np.sqrt(integral / quadrature.area)
+
+    def energy(self) -> Energy:
+        """Energies at the current state; collective."""
+        stored = self.discretization.stored_energy()
+        values = [*stored, *self._dissipated, self._external]
+        return Energy(*(float(value) for value in global_sum(self.comm, values)))
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A converged state: everything a run continues from."""
+
+    t: float
+    discretization: Discretization
+    u: NDArray[np.float64]
+    forces: NDArray[np.float64]
+    histories: list[PointHistory]
+    open: list[NDArray[np.bool_]]
+    dissipated: NDArray[np.float64]
+    external: float
+
+
+@dataclass(frozen=True)
+class _Start:
+    """State at the start of a step."""
+
+    t: float
+    u: NDArray[np.float64]
+    forces: NDArray[np.float64]
+    loads: NDArray[np.float64] | None
+
+
+def _check_arguments(mesh: Mesh, degree: int, kinematics: str, thickness: float) -> None:
+    cell = mesh.topology.cell_name()
+    if cell not in CELLS:
+        raise ValueError(f"Problem: cells of type {cell} are not supported; use one of {CELLS}")
+    if mesh.geometry.dim != mesh.topology.dim:
+        raise ValueError(
+            f"Problem: the mesh has {mesh.geometry.dim} coordinates for cells of dimension "
+            f"{mesh.topology.dim}; pass gdim={mesh.topology.dim} when reading it"
+        )
+    if degree < 1:
+        raise ValueError(f"Problem: degree = {degree} must be at least 1")
+    if kinematics not in KINEMATICS:
+        raise ValueError(f"Problem: kinematics = {kinematics!r} must be one of {KINEMATICS}")
+    if not thickness > 0 or (mesh.geometry.dim == 3 and thickness != 1):
+        raise ValueError(f"Problem: thickness = {thickness} must be positive, and 1 in 3D")
+
+
+def _check_overlap(
+    mesh: Mesh, interfaces: Sequence[Interface], facets: Sequence[InterfaceFacets]
+) -> None:
+    taken = np.full(len(facet_cells(mesh)), -1)
+    message = None
+    for number, (interface, selected) in enumerate(zip(interfaces, facets, strict=True)):
+        twice = selected.everywhere[taken[selected.everywhere] >= 0]
+        if len(twice) and message is None:
+            message = (
+                f"facet {twice[0]} belongs to both {interfaces[taken[twice[0]]]} and {interface}; "
+                "give every facet one interface"
+            )
+        taken[selected.everywhere] = number
+    raise_together(mesh.comm, message)

@@ -1,0 +1,253 @@
+"""Load stepping: steps to given load factors, cut and retried where the iteration fails."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from tqdm import tqdm
+
+from .activation import NEAR, TOO_LATE
+from .history import History
+from .newton import Newton, StepReport
+from .problem import Problem
+
+Monitor = Callable[[Problem], Mapping[str, Any] | None]
+
+DIRECT = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
+
+
+@dataclass(frozen=True)
+class SolveOptions:
+    """How to step.
+
+    Attributes:
+        relative_tolerance: Residual norm relative to the largest force the run has seen.
+        max_iterations: Newton corrections before a step is cut.
+        max_cuts: How often a step may be halved.
+        jump: Where cutting does not help, pass an unstable stage by steps with viscous overstress
+            at constant load that end in an equilibrium without it. What they dissipate is counted
+            as viscosity.
+        max_jump_steps: Steps with overstress before a jump is given up.
+        jump_rest: Largest overstress, relative to the strength, at which the end of a jump is
+            tried without it.
+        damage_predictor: Predict with the damage tangent of the last step.
+        duration: Time for one unit of load factor [s]; matters to laws with viscosity only.
+        petsc: Options for SNES, KSP and PC; default Newton with MUMPS.
+        energy: Add the energies of every step to the history.
+        progress: Show a progress bar (rank 0).
+    """
+
+    relative_tolerance: float = 1e-9
+    max_iterations: int = 15
+    max_cuts: int = 6
+    jump: bool = True
+    max_jump_steps: int = 200
+    jump_rest: float = 0.1
+    damage_predictor: bool = True
+    duration: float = 1.0
+    petsc: Mapping[str, str | int | float | None] = field(default_factory=lambda: dict(DIRECT))
+    energy: bool = False
+    progress: bool = False
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a run produced.
+
+    Attributes:
+        history: One row a converged step: step, load, iterations, residual, cuts, the number of
+            steps a jump took, energies if asked for, and what the monitor returned.
+        residuals: Residual norms of every converged step.
+        failures: Load factor and reason of every step that had to be cut.
+    """
+
+    history: History = field(default_factory=History)
+    residuals: list[list[float]] = field(default_factory=list)
+    failures: list[tuple[float, str]] = field(default_factory=list)
+
+
+class StepFailure(RuntimeError):
+    """A step failed at the smallest size; the problem is in its last converged state.
+
+    Attributes:
+        result: What was computed before.
+    """
+
+    def __init__(self, message: str, result: Result):
+        super().__init__(message)
+        self.result = result
+
+
+def solve(
+    problem: Problem,
+    loads: ArrayLike,
+    options: SolveOptions | None = None,
+    monitor: Monitor | None = None,
+) -> Result:
+    """Solve for a sequence of load factors.
+
+    Args:
+        problem: Changed in place; ends in the state of the last load factor.
+        loads: Load factors to reach, one after the other.
+        options: See :class:`SolveOptions`.
+        monitor: Called after every converged step; what it returns joins the history row.
+
+    Raises:
+        StepFailure: a step fails although it was cut ``max_cuts`` times.
+        ValueError: the softening of a law is too steep for the mesh (r <= H - eta).
+    """
+    options = options or SolveOptions()
+    loads = np.atleast_1d(np.asarray(loads, dtype=float))
+    result = Result()
+    bar = tqdm(loads, unit="step", disable=not options.progress or problem.comm.rank > 0)
+    stepper = Stepper(problem, options)
+    try:
+        for target in bar:
+            _advance(stepper, float(target), monitor, result)
+            bar.set_postfix(
+                load=f"{target:.4g}",
+                iterations=result.history.rows[-1]["iterations"],
+                refresh=False,
+            )
+    finally:
+        bar.close()
+        stepper.close()
+    return result
+
+
+def _advance(stepper: Stepper, target: float, monitor: Monitor | None, result: Result) -> None:
+    """Reach ``target``, in several steps where one does not converge."""
+    problem, options = stepper.problem, stepper.options
+    start = problem.t
+    done, size, cuts = 0.0, 1.0, 0
+    while done < 1.0:
+        end = min(done + size, 1.0)
+        t = target if end == 1.0 else start + end * (target - start)
+        report, jumps = stepper.step(t), 0
+        if not report.converged and cuts >= options.max_cuts and options.jump:
+            result.failures.append((t, report.reason))
+            report, jumps = stepper.jump(t)
+        if not report.converged:
+            result.failures.append((t, report.reason))
+            cuts += 1
+            size = (end - done) / 2
+            if cuts > options.max_cuts:
+                norms = ", ".join(f"{norm:.3g}" for norm in report.norms[-4:]) or "none"
+                raise StepFailure(
+                    f"the step from load factor {problem.t:.8g} to {t:.8g} failed "
+                    f"({report.reason}, residuals {norms}) although it was cut "
+                    f"{options.max_cuts} times; the problem is in its state at {problem.t:.8g}",
+                    result,
+                )
+            continue
+        row = {
+            "step": len(result.history) + 1,
+            "load": t,
+            "iterations": report.iterations,
+            "residual": report.norms[-1],
+            "cuts": cuts,
+            "jump_steps": jumps,
+        }
+        if options.energy:
+            energy = problem.energy()
+            row |= asdict(energy) | {"imbalance": energy.imbalance}
+        result.history.append(row | dict((monitor(problem) if monitor else None) or {}))
+        result.residuals.append(report.norms)
+        done, size, cuts = end, 2 * size, max(cuts - 1, 0)
+
+
+class Stepper:
+    """Single steps of a problem, with the Newton solver that fits its open facets."""
+
+    def __init__(self, problem: Problem, options: SolveOptions):
+        self.problem = problem
+        self.options = options
+        self._viscous = any(interface.law.viscosity > 0 for interface in problem.interfaces)
+        self._newton = self._make_newton(0.0)
+
+    def _make_newton(self, scale: float) -> Newton:
+        options = self.options
+        return Newton(
+            self.problem,
+            options.relative_tolerance,
+            options.max_iterations,
+            options.petsc,
+            scale,
+        )
+
+    def close(self) -> None:
+        """Free what PETSc holds; collective."""
+        self._newton.destroy()
+
+    def step(self, t: float, overstress: float = 0.0) -> StepReport:
+        """One step to load factor ``t``, committed if it converges and undone if not.
+
+        A step that takes closed facets beyond their strength is undone, the facets are opened,
+        and the step is done again.
+
+        Args:
+            t: Load factor.
+            overstress: Viscous regularisation, see :meth:`Problem.begin_step`.
+        """
+        while True:
+            report = self._try(t, overstress)
+            if not report.converged:
+                self.problem.cancel_step()
+                return report
+            nearness = self.problem.nearness()
+            if nearness > TOO_LATE:
+                self.problem.cancel_step()
+                self.problem.open_facets()
+                continue
+            self.problem.commit()
+            if nearness > NEAR:
+                self.problem.open_facets()
+            return report
+
+    def _try(self, t: float, overstress: float) -> StepReport:
+        problem, options = self.problem, self.options
+        if self._newton.discretization is not problem.discretization:
+            self._newton.destroy()
+            self._newton = self._make_newton(self._newton.scale)
+        # A step of no length is at rest: rate effects vanish for infinite time.
+        dt = abs(t - problem.t) * options.duration or (1.0 if overstress else np.inf)
+        try:
+            problem.begin_step(t, dt, overstress)
+        except ValueError as error:
+            if not (overstress or self._viscous):
+                raise
+            return StepReport(False, [], str(error))
+        return self._newton.step(dt, options.damage_predictor)
+
+    def jump(self, t: float) -> tuple[StepReport, int]:
+        """Carry the problem over an unstable stage at load factor ``t``.
+
+        Displacement control has no equilibrium nearby. Steps at this load with an overstress
+        eta = factor H per gap increment follow the bond as it breaks; the factor shrinks as they
+        converge, until a step without it does: the end is an equilibrium of the law as it is.
+
+        Returns:
+            Report of the last step and the number of steps with overstress. If it fails the
+            problem is back where it was.
+        """
+        options = self.options
+        before = self.problem.snapshot()
+        factor, steps = 4.0, 0
+        report = StepReport(False, [], "")
+        while steps < options.max_jump_steps and factor < 1e8:
+            report = self.step(t, factor)
+            steps += 1
+            if not report.converged:
+                factor *= 8
+                continue
+            if self.problem.largest_overstress() < options.jump_rest:
+                report = self.step(t)
+                if report.converged:
+                    return report, steps
+            factor /= 2
+        self.problem.return_to(before)
+        return StepReport(False, report.norms, f"JUMP_FAILED after {steps} steps"), steps

@@ -1,0 +1,115 @@
+"""First stage of the interface tangent: the coefficients of (84)-(85) at the facet points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from dolfinx import fem
+from numpy.typing import NDArray
+from ufl.core.expr import Expr
+
+from .facet_quadrature import FacetQuadrature, SideEvaluators
+from .forms import kinematics, tangent
+
+EvaluatorFactory = Callable[..., SideEvaluators]
+
+
+class StagedTangent:
+    """Coefficients H, K and C of the tangent of one interface.
+
+    Args:
+        quadrature: Facet points.
+        evaluators: Makes evaluators of a one-sided expression for both sides.
+        damage: The law has a damage tangent C.
+        turns: The frame of the law turns, so zeta also changes with the deformation gradient.
+        geometric: The moduli change with the deformation, so K of (85) is not zero.
+        jump: The form is (26), with the traction jump.
+    """
+
+    def __init__(
+        self,
+        quadrature: FacetQuadrature,
+        evaluators: EvaluatorFactory,
+        *,
+        damage: bool,
+        turns: bool,
+        geometric: bool,
+        jump: bool,
+    ):
+        self._d = d = quadrature.d
+        self._evaluate_moduli = evaluators(
+            (d, d, d), lambda body, F, N, a: kinematics.traction_moduli(body, F, N)
+        )
+        space = quadrature.space((d, d, d))
+        self._moduli = [fem.Function(space) for _ in range(2)]
+        self._compliance = fem.Function(quadrature.space((d, d))) if damage else None
+        self._spin = fem.Function(space) if turns else None
+        self._jump = [fem.Function(space) for _ in range(2)] if jump else []
+        self._third: list[fem.Function] = []
+        if geometric:
+            vectors = quadrature.space((d,))
+            self._directions = [fem.Function(vectors) for _ in range(2)]
+            shape = (d**2 * (d**2 + 1) // 2,)
+            self._evaluate_third = evaluators(shape, self._third_derivative)
+            space = quadrature.space(shape)
+            self._third = [fem.Function(space) for _ in range(2)]
+
+    def _third_derivative(self, body, F: Expr, N: Expr, a: int) -> Expr:
+        K = kinematics.projected_third_derivative(body, F, N, self._directions[a])
+        return kinematics.major_components(K)
+
+    def integrand(self, eta: Expr, du: Expr, tau: Expr) -> Expr:
+        """Second stage: the bilinear integrand of (84)-(85)."""
+        moduli = tuple(function("+") for function in self._moduli)
+        third = None
+        if self._third:
+            third = tuple(
+                kinematics.from_major_components(function("+"), self._d) for function in self._third
+            )
+        result = tangent.bonded_tangent(eta, du, moduli, tau, third)
+        if self._compliance is not None:
+            spin = None if self._spin is None else self._spin("+")
+            result += tangent.damage_tangent(eta, du, moduli, tau, self._compliance("+"), spin)
+        if self._jump:
+            result += tangent.jump_tangent(eta, du, tuple(f("+") for f in self._jump))
+        return result
+
+    def fill(
+        self,
+        delta: NDArray,
+        directions: NDArray,
+        compliance: NDArray | None = None,
+        spin: NDArray | None = None,
+        delta_s: NDArray | None = None,
+    ) -> None:
+        """Evaluate the coefficients at the current displacement.
+
+        Args:
+            delta: Flux weights delta_1, delta_2 at the points (nq, 2, d, d).
+            directions: v_1, v_2 with which the adjoint term of (27) or (26) tests (nq, 2, d) [mm].
+            compliance: C = d zeta/dT (nq, d, d) [mm3/N]; None holds zeta.
+            spin: Z (nq, d, d, d), the change of zeta with the gradient of either side; None holds
+                the frame.
+            delta_s: Stability tensor of the traction jump (nq, d, d) [mm3/N]; None for (27).
+        """
+        if self._compliance is not None:
+            self._compliance.x.array[:] = 0 if compliance is None else compliance.ravel()
+        if self._spin is not None:
+            self._spin.x.array[:] = 0 if spin is None else spin.ravel()
+        factor = None if delta_s is None else np.linalg.cholesky(delta_s).transpose(0, 2, 1)
+        # The kernels take the outward normal of their own side, -N on side 2.
+        for a, sign in enumerate((1, -1)):
+            H = self._evaluate_moduli[a]().reshape(-1, self._d, self._d, self._d)
+            self._moduli[a].x.array[:] = _contract(sign * delta[:, a], H).ravel()
+            if factor is not None:
+                # [[P.N]] = P_1.N_1 + P_2.N_2 takes each side's own normal.
+                self._jump[a].x.array[:] = _contract(factor, H).ravel()
+        for a, sign in enumerate((1, -1) if self._third else ()):
+            self._directions[a].x.array[:] = (sign * directions[:, a]).ravel()
+            self._third[a].x.array[:] = self._evaluate_third[a]().ravel()
+
+
+def _contract(tensor: NDArray, moduli: NDArray) -> NDArray:
+    """Row-wise tensor.H, (nq, d, d) and (nq, d, d, d)."""
+    return np.einsum("pab,pbij->paij", tensor, moduli, optimize=True)
