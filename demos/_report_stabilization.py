@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import vmdg
+from vmdg import compat
 from vmdg.forms import bubbles
 from vmdg.interface import StabilizationContext
 
@@ -56,7 +57,7 @@ def report_stabilization(material: vmdg.NeoHookean) -> Callable:
         space = context.u.function_space
         geometry = space.mesh.geometry
         cells = context.cells[:, side]
-        nodes = geometry.x[geometry.dofmap[cells]]
+        nodes = geometry.x[compat.geometry_dofmap(space.mesh)[cells]]
         u = context.u.x.array.reshape(-1, 3)[space.dofmap.list[cells]]
         jacobian = np.einsum("rqn,fni->fqir", shape_gradients, nodes)
         inverse = np.linalg.inv(jacobian)

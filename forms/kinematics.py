@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations_with_replacement
+from itertools import combinations_with_replacement, product
 
 import ufl
 from ufl.core.expr import Expr
@@ -73,11 +73,14 @@ class Body:
             return None
         stretch = 1 if self.swelling is None else 1 / (1 + self.swelling)
         out_of_plane = ufl.as_ufl(stretch) if F.ufl_shape[0] == 2 else None
-        elastic = F if self.swelling is None else stretch * F
+        elastic = F
+        if self.swelling is not None:
+            d = range(F.ufl_shape[0])
+            elastic = ufl.as_tensor([[stretch * F[i, j] for j in d] for i in d])
         reduced = self.material.invariant_energy(elastic, out_of_plane, self.parameters)
         if reduced is None or self.swelling is None:
             return reduced
-        return Invariants((1 + self.swelling) ** 3 * reduced.energy, reduced.variables)
+        return replace(reduced, energy=(1 + self.swelling) ** 3 * reduced.energy)
 
 
 def deformation_gradient(gradient: Expr) -> Expr:
@@ -85,58 +88,137 @@ def deformation_gradient(gradient: Expr) -> Expr:
     return ufl.variable(ufl.Identity(gradient.ufl_shape[0]) + gradient)
 
 
-class _Chain:
-    """Derivatives of W by F from those by its invariants: few scalars, simple tensors.
+# Set partitions of one, two and three indices: the terms of repeated chain rules.
+_PARTITIONS = {
+    1: [[(0,)]],
+    2: [[(0,), (1,)], [(0, 1)]],
+    3: [[(0,), (1,), (2,)], [(0, 1), (2,)], [(0, 2), (1,)], [(1, 2), (0,)], [(0, 1, 2)]],
+}
 
-    With G_a = dI_a/dF: P = w_a G_a, A = w_ab G_a (x) G_b + w_a dG_a/dF, and so on.
+
+class _Chain:
+    """Derivatives of W by F from those by its invariants I_a, component by component.
+
+    With w_a = dW/dI_a and so on, G_a = dI_a/dF and B_a = d2I_a/dF2, all of them scalars:
+    P = w_a G_a, A = w_ab G_a (x) G_b + w_a B_a. The form compiler shares equal scalars, but
+    multiplies tensors out.
     """
 
-    def __init__(self, reduced: Invariants, F: Expr):
-        self._F = F
-        self._energy, self._variables = reduced.energy, reduced.variables
-        self._n = range(len(self._variables))
-        self._G = [ufl.diff(variable, F) for variable in self._variables]
+    def __init__(self, body: Body, F: Expr):
+        self._d = d = F.ufl_shape[0]
+        self._F = [ufl.variable(F[i, j]) for i in range(d) for j in range(d)]
+        reduced = body.invariant_energy(self._matrix(self._F))
+        self._energy, self._arguments = reduced.energy, reduced.arguments
+        self._variables = reduced.variables
+        self._derivatives: dict[tuple[int, ...], Expr] = {}
+        self._n = range(len(reduced.variables))
+        self._G = [[ufl.diff(variable, f) for f in self._F] for variable in reduced.variables]
+        self._B = [self._symmetric(gradient) for gradient in self._G]
+
+    def _matrix(self, entries: Sequence) -> Expr:
+        d = self._d
+        return ufl.as_tensor([[entries[d * i + j] for j in range(d)] for i in range(d)])
+
+    def _symmetric(self, gradient: Sequence[Expr]) -> list[list[Expr]]:
+        """Second derivatives from first ones, every one taken once."""
+        n = len(gradient)
+        upper = [[ufl.diff(gradient[p], self._F[q]) for q in range(p, n)] for p in range(n)]
+        return [[upper[min(p, q)][abs(q - p)] for q in range(n)] for p in range(n)]
 
     def _w(self, *order: int) -> Expr:
-        w = self._energy
+        """Derivative of W by up to three invariants, through its arguments."""
         # Mixed derivatives are written in one order, so that equal ones are one expression.
-        for a in sorted(order):
-            w = ufl.diff(w, self._variables[a])
-        return w
+        order = tuple(sorted(order))
+        if order not in self._derivatives:
+            n = len(self._arguments)
+            result = 0
+            # Every partition of the invariants into blocks, one argument for each block.
+            for partition in _PARTITIONS[len(order)]:
+                for arguments in product(range(n), repeat=len(partition)):
+                    term = self._differentiate(self._energy, self._arguments, sorted(arguments))
+                    for argument, block in zip(arguments, partition, strict=True):
+                        indices = [order[position] for position in block]
+                        inner = self._arguments[argument]
+                        term *= self._differentiate(inner, self._variables, indices)
+                    result += term
+            self._derivatives[order] = result
+        return self._derivatives[order]
+
+    @staticmethod
+    def _differentiate(f: Expr, variables: Sequence[Expr], order: Sequence[int]) -> Expr:
+        for a in order:
+            f = ufl.diff(f, variables[a])
+        return f
 
     def stress(self) -> Expr:
-        return sum(self._w(a) * self._G[a] for a in self._n)
+        """P."""
+        return self._matrix(
+            [sum(self._w(a) * self._G[a][p] for a in self._n) for p in range(self._d**2)]
+        )
 
-    def derivative(self, functional: Callable[[Expr], Expr]) -> Expr:
-        """d/dF of ``functional(P)``, linear in P, shape of the functional + (d, d)."""
-        result = 0
-        for a in self._n:
-            g = functional(self._G[a])
-            row = sum(self._w(a, b) * self._G[b] for b in self._n)
-            result += ufl.outer(g, row) + self._w(a) * ufl.diff(g, self._F)
-        return result
+    def moduli(self, weights: Sequence[Expr | int]) -> Expr:
+        """sum_p weights_p dP_p/dF, (d, d), p the row-wise number of a component of P."""
+        g, dg = self._contract(weights)
+        row = [sum(self._w(a, b) * g[a] for a in self._n) for b in self._n]
+        return self._matrix(
+            [
+                sum(row[a] * self._G[a][q] + self._w(a) * dg[a][q] for a in self._n)
+                for q in range(self._d**2)
+            ]
+        )
 
-    def second_derivative(self, functional: Callable[[Expr], Expr]) -> Expr:
-        """d2/dF2 of a scalar ``functional(P)``, linear in P, (d, d, d, d)."""
-        g = [functional(G) for G in self._G]
-        dg = [ufl.diff(value, self._F) for value in g]
-        result = 0
-        for a in self._n:
-            curvature = sum(self._w(a, b) * g[b] for b in self._n)
-            result += self._w(a) * ufl.diff(dg[a], self._F)
-            result += curvature * ufl.diff(self._G[a], self._F)
-            row = sum(
-                sum(self._w(a, b, c) * g[c] for c in self._n) * self._G[b] + self._w(a, b) * dg[b]
-                for b in self._n
+    def third_derivative(self, weights: Sequence[Expr]) -> Expr:
+        """sum_p weights_p d2P_p/dF2, (d, d, d, d)."""
+        n = self._n
+        g, dg = self._contract(weights)
+        d2g = [self._symmetric(gradient) for gradient in dg]
+        row = [sum(self._w(a, b) * g[b] for b in n) for a in n]
+        square = [[sum(self._w(a, b, c) * g[c] for c in n) for b in n] for a in n]
+        # Everything that multiplies G_a(q) from the right, once for every component r.
+        right = [
+            [
+                sum(square[a][b] * self._G[b][r] + self._w(a, b) * dg[b][r] for b in n)
+                for r in range(self._d**2)
+            ]
+            for a in n
+        ]
+        left = [
+            [sum(self._w(a, b) * self._G[b][r] for b in n) for r in range(self._d**2)] for a in n
+        ]
+
+        def entry(q: int, r: int) -> Expr:
+            q, r = min(q, r), max(q, r)
+            return sum(
+                self._G[a][q] * right[a][r]
+                + dg[a][q] * left[a][r]
+                + row[a] * self._B[a][q][r]
+                + self._w(a) * d2g[a][q][r]
+                for a in n
             )
-            result += ufl.outer(self._G[a], row)
-            result += ufl.outer(dg[a], sum(self._w(a, b) * self._G[b] for b in self._n))
-        return result
+
+        components = range(self._d**2)
+        return self._matrix([self._matrix([entry(q, r) for r in components]) for q in components])
+
+    def _contract(self, weights: Sequence[Expr | int]) -> tuple[list[Expr], list[list[Expr]]]:
+        """sum_p weights_p G_a(p) and its derivative by F."""
+
+        def dot(values: Sequence[Expr]) -> Expr:
+            return sum(w * value for w, value in zip(weights, values, strict=True))
+
+        return [dot(G) for G in self._G], [[dot(row) for row in B] for B in self._B]
 
 
 def _chain(body: Body, F: Expr) -> _Chain | None:
-    reduced = body.invariant_energy(F)
-    return None if reduced is None else _Chain(reduced, F)
+    return None if body.invariant_energy(F) is None else _Chain(body, F)
+
+
+def _weights(v: Sequence, N: Sequence) -> list:
+    """Weights of the components of P in v.P.N."""
+    return [a * b for a in v for b in N]
+
+
+def _unit_vectors(d: int) -> list[list[int]]:
+    return [[int(i == j) for j in range(d)] for i in range(d)]
 
 
 def first_piola(body: Body, F: Expr) -> Expr:
@@ -155,7 +237,7 @@ def traction_moduli(body: Body, F: Expr, N: Expr) -> Expr:
     chain = _chain(body, F)
     if chain is None:
         return ufl.diff(traction(body, F, N), F)
-    return chain.derivative(lambda P: ufl.dot(P, N))
+    return ufl.as_tensor([chain.moduli(_weights(e, N)) for e in _unit_vectors(len(N))])
 
 
 def projected_traction_moduli(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
@@ -163,7 +245,7 @@ def projected_traction_moduli(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
     chain = _chain(body, F)
     if chain is None:
         return ufl.diff(ufl.dot(v, traction(body, F, N)), F)
-    return chain.derivative(lambda P: ufl.dot(v, ufl.dot(P, N)))
+    return chain.moduli(_weights(v, N))
 
 
 def projected_third_derivative(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
@@ -171,7 +253,7 @@ def projected_third_derivative(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
     chain = _chain(body, F)
     if chain is None:
         return ufl.diff(projected_traction_moduli(body, F, N, v), F)
-    return chain.second_derivative(lambda P: ufl.dot(v, ufl.dot(P, N)))
+    return chain.third_derivative(_weights(v, N))
 
 
 def major_components(tensor: Expr) -> Expr:
@@ -196,4 +278,7 @@ def from_major_components(vector: Expr, d: int) -> Expr:
 def acoustic_tensor(body: Body, F: Expr) -> Expr:
     """A = d2W/dFdF, eq. (19), (d, d, d, d) [MPa]."""
     chain = _chain(body, F)
-    return ufl.diff(first_piola(body, F), F) if chain is None else chain.derivative(lambda P: P)
+    if chain is None:
+        return ufl.diff(first_piola(body, F), F)
+    units = _unit_vectors(F.ufl_shape[0])
+    return ufl.as_tensor([[chain.moduli(_weights(m, n)) for n in units] for m in units])

@@ -15,15 +15,17 @@ from ufl.variable import Variable
 class Invariants:
     """A strain energy as a function of few scalars.
 
-    Its derivatives by F follow from the scalar derivatives w_a = dW/dI_a, w_ab, w_abc by the chain
-    rule, which keeps kernels of elaborate energies small (``kinematics``).
+    Its derivatives by F follow from scalar ones by the chain rule in two stages, arguments of W by
+    invariants, invariants by F, which keeps kernels of elaborate energies small (``kinematics``).
 
     Attributes:
-        energy: W [MPa], depends on F through the variables only.
-        variables: I_a, UFL variables of simple expressions of F.
+        energy: W [MPa], depends on F through the arguments only.
+        arguments: UFL variables of expressions that depend on F through the invariants only.
+        variables: I_a, UFL variables of polynomials of the components of F.
     """
 
     energy: Expr
+    arguments: tuple[Variable, ...]
     variables: tuple[Variable, ...]
 
 

@@ -1,7 +1,8 @@
 """Meshes of the scenes, made by gmsh; every size is a parameter."""
 
+from .fibres import fibre_matrix, random_fibres
 from .gmsh_model import TaggedMesh
 from .plate import tearing
 from .two_blocks import blocks
 
-__all__ = ["TaggedMesh", "blocks", "tearing"]
+__all__ = ["TaggedMesh", "blocks", "fibre_matrix", "random_fibres", "tearing"]

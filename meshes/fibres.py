@@ -170,10 +170,31 @@ def _sizes(gmsh_model, curves, fine, coarse, reach) -> None:
 
 def _generate(gmsh_model, cell) -> None:
     options = {"MeshSizeFromPoints": 0, "MeshSizeFromCurvature": 0, "MeshSizeExtendFromBoundary": 0}
-    options |= {"Algorithm": 6}
-    if cell == "quadrilateral":
-        # The full-quad recombination leaves no triangle; it meshes at twice the size and subdivides.
-        options |= {"RecombineAll": 1, "RecombinationAlgorithm": 2}
+    _set(options | {"Algorithm": 6})
+    if cell == "triangle":
+        gmsh_model.mesh.generate(2)
+        return
+    # The full-quad recombinations may leave a triangle or a flat cell, and so may, less often, the
+    # subdivision of a mesh of twice the size: take the best of the three.
+    halves = {"MeshSizeFactor": 2, "RecombinationAlgorithm": 1, "SubdivisionAlgorithm": 1}
+    attempts = [{"RecombinationAlgorithm": 2}, {"RecombinationAlgorithm": 3}, halves]
+    quality = []
+    for attempt in attempts:
+        _recombine(gmsh_model, attempt)
+        types, cells, _ = gmsh_model.mesh.getElements(2)
+        worst = min(min(gmsh_model.mesh.getElementQualities(tags, "minSICN")) for tags in cells)
+        quality.append(worst if len(types) == 1 else -1.0)
+    if max(quality) <= 0:
+        raise RuntimeError("fibre_matrix: gmsh makes no good quadrilaterals; use smaller cells")
+    _recombine(gmsh_model, attempts[int(np.argmax(quality))])
+
+
+def _recombine(gmsh_model, options) -> None:
+    _set({"RecombineAll": 1, "MeshSizeFactor": 1, "SubdivisionAlgorithm": 0} | options)
+    gmsh_model.mesh.clear()
+    gmsh_model.mesh.generate(2)
+
+
+def _set(options: dict[str, float]) -> None:
     for name, value in options.items():
         gmsh.option.setNumber(f"Mesh.{name}", value)
-    gmsh_model.mesh.generate(2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import faulthandler
 import os
 import sys
+import tempfile
 from collections.abc import Iterator
 
 from mpi4py import MPI
@@ -19,7 +20,7 @@ settings.load_profile("vmdg")
 
 
 #: Seconds after which a test on several ranks is taken for a deadlock, cold compilers included.
-PATIENCE = 300
+PATIENCE = 600
 
 
 class FailuresOnly:
@@ -27,6 +28,9 @@ class FailuresOnly:
 
     def __init__(self, rank: int):
         self._rank = rank
+        # Ranks that tidy up one folder of temporary files get into each other's way.
+        self._temporary = tempfile.TemporaryDirectory()
+        os.environ["PYTEST_DEBUG_TEMPROOT"] = self._temporary.name
 
     def _show(self, what: str, text: str) -> None:
         print(f"\n[rank {self._rank}] {what}\n{text}", file=sys.stderr, flush=True)

@@ -66,43 +66,47 @@ def turn_around(comm, cell, **options):
 
 
 @pytest.mark.parametrize(
-    ("cell", "options"),
+    ("group", "cell", "options"),
     [
-        ("quadrilateral", {}),
-        ("hexahedron", {}),
-        ("quadrilateral", {"n": 2, "materials": MATERIALS, "stabilization": isotropic_weights}),
+        (MPI.COMM_WORLD, "quadrilateral", {}),
+        (MPI.COMM_SELF, "hexahedron", {}),
+        (
+            MPI.COMM_SELF,
+            "quadrilateral",
+            {"n": 2, "materials": MATERIALS, "stabilization": isotropic_weights},
+        ),
     ],
     ids=["plane", "space", "plane-two-materials"],
 )
-def test_rigid_turn_changes_nothing(comm, cell, options):
+def test_rigid_turn_changes_nothing(group, cell, options):
     """A partly debonded patch turned by 360 degrees keeps Q, R^T.T and R^T.zeta at every step.
 
     One facet between equal blocks has delta_1 = delta_2 = I/2; elsewhere the weights are made
     isotropic. The bound 1e-10 of the strength and the critical gap is a hundred times the
     measured change: the residual is solved to 1e-12.
     """
-    changes = turn_around(comm, cell, **options)
+    changes = turn_around(group, cell, **options)
     assert len(changes) == TURNS
     assert changes.max() < 1e-10
 
 
-def test_frozen_flux_weights_do_not_turn(comm):
+def test_frozen_flux_weights_do_not_turn():
     """With the tensors delta of (23), frozen from the step before, a turn leaves a small trace.
 
     delta is that of the last converged state, 30 degrees behind; where the two sides differ,
     {P.N} then changes by (delta - I/2) times the traction jump. Measured 1.7e-4 of the strength
     in T and 9e-6 in Q and zeta, already in the first step, and no growth afterwards.
     """
-    changes = turn_around(comm, "quadrilateral", n=2, materials=MATERIALS)
+    changes = turn_around(MPI.COMM_SELF, "quadrilateral", n=2, materials=MATERIALS)
     assert len(changes) == TURNS
     assert changes.max() < 1e-3
     assert (changes[-1, 1:] < 1.1 * changes[0, 1:]).all()
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
-def test_literal_boxes_are_not_objective(comm, cell):
+def test_literal_boxes_are_not_objective(cell):
     """frame="reference" takes the turn for an opening: T, zeta and Q change by more than 1%."""
-    changes = turn_around(comm, cell, frame="reference")
+    changes = turn_around(MPI.COMM_SELF, cell, frame="reference")
     assert len(changes) < TURNS or (changes.max(axis=0) > 0.01).all()
 
 
@@ -206,11 +210,11 @@ def test_quadratic_convergence(comm, mode, frame):
     )
     last = len(knots) - 1
     vmdg.solve(problem, np.arange(1, 10 * (last - 1) + 1) / 10)
-    tight = vmdg.SolveOptions(relative_tolerance=1e-15, max_iterations=12, max_cuts=0)
+    tight = vmdg.SolveOptions(relative_tolerance=1e-12, max_iterations=12, max_cuts=0, jump=False)
     (norms,) = vmdg.solve(problem, [last], tight).residuals
     assert (problem.state[0].mode == mode).all()
     error = np.array(norms) / 100.0
-    assert error[-1] < 1e-12
+    assert error[-1] < 1e-11
     for now, then in zip(error[:-1], error[1:], strict=True):
         assert now > 0.01 or then < max(20 * now**2, 1e-12), error
 
@@ -222,11 +226,11 @@ CYCLE = np.array([(0.0, 0.0), (0.14, 0.0), (0.0, 0.0), (-0.02, 0.0), (-0.02, 0.1
 STEPS_OF_CYCLE = 200
 
 
-def cycled(friction):
+def cycled(friction, frame):
     """One element a block on the way of :data:`CYCLE`, alone on every rank."""
     law = vmdg.Debonding(strength=100.0, critical_gap=0.2, friction=friction)
     path = along(CYCLE, np.zeros(len(CYCLE)))
-    return driven(MPI.COMM_SELF, "quadrilateral", law, path)[0]
+    return driven(MPI.COMM_SELF, "quadrilateral", law, path, frame=frame)[0]
 
 
 class Scout:
@@ -259,7 +263,7 @@ class Scout:
                 self.mode(t, keep=True)
                 return kinks
             low, high = start, t
-            for _ in range(22):
+            for _ in range(20):
                 middle = (low + high) / 2
                 low, high = (middle, high) if self.mode(middle) == first else (low, middle)
             self.mode(low, keep=True)
@@ -267,73 +271,88 @@ class Scout:
             kinks.append(low)
 
 
-def kinks_of_cycle(friction):
+def kinks_of_cycle(friction, frame):
     """Ends of the legs of the cycle and the load factors where the active branch changes."""
-    scout = Scout(cycled(friction))
+    scout = Scout(cycled(friction, frame))
     legs = len(CYCLE) - 1
-    kinks = [kink for t in np.arange(1, 20 * legs + 1) / 20 for kink in scout.to(t)]
+    kinks = [kink for t in np.arange(1, 5 * legs + 1) / 5 for kink in scout.to(t)]
     scout.newton.destroy()
     found = np.sort([*range(legs + 1), *kinks])
     return found[np.diff(found, prepend=-1) > 1e-6]
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.3])
-def test_load_cycle(friction):
+@pytest.mark.parametrize(("friction", "frame"), [(0.0, "reference"), (0.3, "corotating")])
+def test_load_cycle(friction, frame):
     """Open, close, press, shear, reopen: Q grows only, T follows the law, the energies balance.
 
     With the switches of the law at ends of steps, 200 steps balance to 1e-6 of the external work
-    (sum of |work increments|): what is left is the trapezoidal rule on the curved response of the
-    bodies, most of it in the first elastic leg, which gets 40 of the steps.
+    (sum of |work increments|). What is left is the trapezoidal rule on the curved response of the
+    bodies, most of it in the first elastic leg, which gets 40 of the steps. Two parts are known
+    and added to the balance:
 
-    Friction is charged at the pressure of the end of a step. While the pressure changes in
-    sliding this alone leaves mu (|T_N,n| - |T_N,n+1|)/2 times the slip, of first order in the
-    step, which the test takes into account.
+    * Friction is charged at the pressure of the end of a step; while the pressure changes in
+      sliding, mu (|T_N,n| - |T_N,n+1|)/2 times the slip is missing, of first order in the step.
+    * The residual holds zeta in its variation, so the couple T x zeta does work when the frame
+      turns: T.dR.zeta~, no matter how small the steps (frame="corotating" only).
     """
-    ends = kinks_of_cycle(friction)
+    ends = kinks_of_cycle(friction, frame)
     share = np.full(len(ends) - 1, (STEPS_OF_CYCLE - 40) // (len(ends) - 2))
     share[0] = 40
     loads = np.concatenate(
         [np.linspace(a, b, k + 1)[1:] for a, b, k in zip(ends[:-1], ends[1:], share, strict=True)]
     )
     assert len(loads) <= STEPS_OF_CYCLE
-    problem = cycled(friction)
+    problem = cycled(friction, frame)
+    states = [problem.state[0]]
 
     def monitor(problem):
-        T, zeta, Q = in_frame(problem)
-        row = {"T_N": T[0, 0], "T_T": T[0, 1], "zeta_N": zeta[0, 0], "zeta_T": zeta[0, 1]}
-        return row | {"Q": Q[0], "mode": problem.state[0].mode[0]}
+        states.append(problem.state[0])
 
     options = vmdg.SolveOptions(relative_tolerance=1e-12, energy=True)
     history = vmdg.solve(problem, loads, options, monitor).history
-    t, T_N, T_T, Q, mode = (history[name] for name in ("load", "T_N", "T_T", "Q", "mode"))
-    zeta_N, zeta_T = history["zeta_N"], history["zeta_T"]
+    # Both points of the facet see the same by symmetry; the area is 1.
+    R = np.array([state.rotation[0] for state in states])
+    T, zeta = (
+        np.einsum("tji,tj->ti", R, [getattr(state, name)[0] for state in states])
+        for name in ("traction", "gap")
+    )
+    Q = np.array([state.softening[0] for state in states])
+    mode = np.array([state.mode[0] for state in states])
     P_c, H = 100.0, 500.0
+    close = {"abs": 1e-8 * P_c}
 
     # The path: Q never heals, softening on opening, a gap that closes without traction, contact.
     assert (np.diff(Q) >= 0).all()
     opening = mode == Mode.TENSION
-    assert T_N[opening] == pytest.approx(P_c - H * zeta_N[opening], abs=1e-8 * P_c)
-    assert Q[opening] == pytest.approx(H * zeta_N[opening], abs=1e-8 * P_c)
-    closing = (mode == Mode.CLOSING) & (zeta_N > 1e-9)
+    assert opening.any()
+    assert T[opening, 0] == pytest.approx(P_c - H * zeta[opening, 0], **close)
+    assert Q[opening] == pytest.approx(H * zeta[opening, 0], **close)
+    assert Q[opening].max() > P_c / 2
+    closing = (mode == Mode.CLOSING) & (zeta[:, 0] > 1e-9)
     assert closing.any()
-    assert np.abs(T_N[closing]).max() < 1e-8 * P_c
-    pressed = T_N < -1e-3 * P_c
-    assert np.abs(zeta_N[pressed]).max() < 1e-12
-    held = np.maximum(P_c - Q, friction * -T_N)
-    assert (np.abs(T_T[pressed]) <= held[pressed] + 1e-8 * P_c).all()
+    assert T[closing, 0] == pytest.approx(0, **close)
+    pressed = T[:, 0] < -1e-3 * P_c
+    assert pressed.any()
+    assert np.abs(zeta[pressed, 0]).max() < 1e-12
+    held = np.maximum(P_c - Q, -friction * T[:, 0])
+    assert (np.abs(T[pressed, 1]) <= held[pressed] + 1e-8 * P_c).all()
     sliding = (mode == Mode.FRICTION) & pressed
-    assert sliding.any() == (friction > 0) or Q[sliding] == pytest.approx(P_c)
-    assert np.abs(T_T[sliding]) == pytest.approx(friction * -T_N[sliding], abs=1e-8 * P_c)
-    assert Q[-1] == P_c and mode[-1] == Mode.OPEN and abs(T_N[-1]) < 1e-8 * P_c
+    assert sliding.any()
+    assert np.abs(T[sliding, 1]) == pytest.approx(-friction * T[sliding, 0], **close)
+    assert (Q[-1], mode[-1]) == (P_c, Mode.OPEN)
+    assert T[-1] == pytest.approx(0, **close)
 
     dissipated = history["damage"] + history["friction"]
-    assert (np.diff(dissipated) >= -1e-12).all()
+    assert (np.diff(dissipated) > -1e-12).all()
+    assert (history["friction"][-1] > 0) == (friction > 0)
     work = np.abs(np.diff(history["external"], prepend=0)).sum()
-    pressure = np.maximum(-T_N, 0)
-    lost = -np.diff(pressure, prepend=0) * np.diff(np.abs(zeta_T), prepend=0)
-    late = np.cumsum(friction / 2 * lost * (mode == Mode.FRICTION))
-    assert np.abs(history["imbalance"] - late).max() < 1e-6 * work
-    assert t[-1] == len(CYCLE) - 1
+    pressure, slip = np.maximum(-T[:, 0], 0), np.abs(zeta[:, 1])
+    late = -friction / 2 * np.diff(pressure) * np.diff(slip) * (mode[1:] == Mode.FRICTION)
+    current_T = np.einsum("tij,tj->ti", R, T)
+    middle_T, middle_zeta = ((x[1:] + x[:-1]) / 2 for x in (current_T, zeta))
+    couple = np.einsum("ti,tij,tj->t", middle_T, np.diff(R, axis=0), middle_zeta)
+    assert frame == "corotating" or not couple.any()
+    assert np.abs(history["imbalance"] - np.cumsum(late + couple)).max() < 1e-6 * work
 
 
 # Rates
@@ -351,7 +370,7 @@ def test_viscous_law_approaches_the_rate_independent_one(comm):
         path = along([(0.0, 0.0), (0.14, 0.08)], (0.0, 0.3))
         problem, _ = driven(comm, "quadrilateral", law, path)
         options = vmdg.SolveOptions(duration=duration, relative_tolerance=1e-12)
-        vmdg.solve(problem, np.linspace(0.05, 1, 20), options)
+        vmdg.solve(problem, np.linspace(0.1, 1, 10), options)
         return in_frame(problem)[0], problem.energy()
 
     reference, energy = opened(0.0, 1.0)

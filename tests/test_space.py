@@ -19,6 +19,7 @@ from scenes import (
     unit_box,
 )
 
+from vmdg import compat
 from vmdg.space import broken_space
 from vmdg.topology import facet_cells
 
@@ -122,7 +123,7 @@ def test_affine_field_is_exact(comm, cell, degree, cut):
     u.interpolate(lambda x: A @ x[:d] + 3.0)
     u.x.scatter_forward()
     cells = np.arange(cell_count(mesh), dtype=np.int32)
-    corners = mesh.geometry.x[mesh.geometry.dofmap]
+    corners = mesh.geometry.x[compat.geometry_dofmap(mesh)]
     weights = np.arange(1.0, corners.shape[1] + 1)
     points = np.einsum("cvx,v->cx", corners, weights / weights.sum())  # inside, off the centre
     error = np.abs(u.eval(points, cells) - points[:, :d] @ A.T - 3.0).max()

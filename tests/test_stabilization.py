@@ -22,6 +22,7 @@ from scenes import (
 )
 
 import vmdg
+from vmdg import compat
 
 SHEAR = np.array([[1.2, 0.3, 0.1], [-0.2, 0.9, 0.25], [0.15, -0.1, 1.1]])
 HOMOGENEOUS = np.array([[1.15, 0.2, -0.1], [0.05, 0.9, 0.15], [0.1, -0.05, 1.1]])
@@ -134,7 +135,7 @@ def oracle_sides(problem, cell, F):
     mesh, d = problem.mesh, DIMENSION[cell]
     facets = problem.couplings[0].facets
     result = np.empty((2, len(facets.facets), d, d))
-    x, dofmap = mesh.geometry.x[:, :d], mesh.geometry.dofmap
+    x, dofmap = mesh.geometry.x[:, :d], compat.geometry_dofmap(mesh)
     for f, cells in enumerate(facets.cells):
         shared = np.intersect1d(*dofmap[cells])
         for a, number in enumerate(cells):
@@ -262,9 +263,7 @@ def test_user_stabilization_of_wrong_shape(name):
     build, message = WRONG_SHAPES[name]
     scene = two_blocks(MPI.COMM_SELF, "triangle", n=2)
     with pytest.raises(ValueError, match=message):
-        joined(
-            scene, vmdg.Bonded(), interface={"stabilization": lambda tau1, tau2, _: build(tau1)}
-        )
+        joined(scene, vmdg.Bonded(), interface={"stabilization": lambda tau1, tau2, _: build(tau1)})
 
 
 @EVERY_CELL

@@ -80,6 +80,12 @@ def coordinate_element(mesh: Mesh) -> Any:
     return geometry.cmaps[0] if hasattr(geometry, "cmaps") else geometry.cmap
 
 
+def geometry_dofmap(mesh: Mesh) -> NDArray[np.int32]:
+    """Nodes of every local cell, (cells, nodes of a cell)."""
+    geometry = mesh.geometry
+    return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
+
+
 def interpolation_points(space: fem.FunctionSpace) -> NDArray[np.float64]:
     """Reference points at which a space takes the values it interpolates."""
     points = space.element.interpolation_points

@@ -142,6 +142,16 @@ class Discretization:
             lambda coupling, group: coupling.tangent_term(eta, du)
         )
 
+    def compile_residual(self) -> None:
+        """Compile the residual, or load it from the cache; collective."""
+        if self._residual_form is None:
+            self._residual_form = self._compile(self.residual_ufl())
+
+    def compile_tangent(self) -> None:
+        """Compile the tangent, or load it from the cache; collective."""
+        if self._tangent_form is None:
+            self._tangent_form = self._compile(self.tangent_ufl())
+
     # Assembly
 
     def update_stabilization(self, dt: float | None) -> None:
@@ -166,8 +176,7 @@ class Discretization:
         with Timer("vmdg: return map"):
             for coupling in self.working:
                 coupling.update_points(dt, hold)
-        if self._residual_form is None:
-            self._residual_form = self._compile(self.residual_ufl())
+        self.compile_residual()
         with Timer("vmdg: assemble residual"):
             forces = self.forces.x
             forces.array[:] = 0
@@ -180,8 +189,7 @@ class Discretization:
 
     def create_matrix(self) -> PETSc.Mat:
         """An empty matrix with the pattern of the tangent."""
-        if self._tangent_form is None:
-            self._tangent_form = self._compile(self.tangent_ufl())
+        self.compile_tangent()
         return fem_petsc.create_matrix(self._tangent_form)
 
     def assemble_tangent(self, matrix: PETSc.Mat, damage: bool) -> None:

@@ -126,7 +126,8 @@ class Newton:
         if self._floor == 0.0:
             # Rounding of the internal forces: eps |A| times the size of the body.
             x = problem.mesh.geometry.x
-            extent = [global_max(problem.comm, v) for v in (*x.max(axis=0), *(-x).max(axis=0))]
+            bounds = np.stack([x, -x]).max(axis=1, initial=-np.inf)  # a rank may have no cells
+            extent = [global_max(problem.comm, bound) for bound in bounds.ravel()]
             size = np.linalg.norm(np.add(extent[:3], extent[3:]))
             eps = np.finfo(float).eps
             self._floor = eps * size * matrix.norm(PETSc.NormType.NORM_INFINITY)

@@ -10,7 +10,6 @@ from dolfinx import fem
 from dolfinx.io import VTXWriter
 
 from . import compat
-from .coupling import Coupling
 from .forms import kinematics
 from .problem import Problem
 
@@ -46,14 +45,37 @@ class CauchyStress:
         return self.function
 
 
-class InterfaceFields:
-    """Facet means of an interface's state as fields on its own mesh."""
+class Displacement:
+    """The displacement in a discontinuous space that stays when facets open on demand."""
 
-    def __init__(self, coupling: Coupling):
-        self._coupling = coupling
-        d = coupling.quadrature.d
-        mesh = coupling.quadrature.submesh.mesh
-        vector = fem.functionspace(mesh, ("DG", 1, (d,)))
+    def __init__(self, problem: Problem):
+        self._problem = problem
+        element = problem.space.ufl_element()
+        shape = (problem.mesh.geometry.dim,)
+        space = fem.functionspace(problem.mesh, ("DG", element.degree, shape))
+        self.function = fem.Function(space, name="displacement")
+
+    def update(self) -> None:
+        """Take the current displacement, cell by cell."""
+        u, d = self._problem.u, self._problem.mesh.geometry.dim
+        mine, theirs = self.function.function_space.dofmap.list, u.function_space.dofmap.list
+        self.function.x.array.reshape(-1, d)[mine] = u.x.array.reshape(-1, d)[theirs]
+
+
+class InterfaceFields:
+    """Facet means of an interface's state as fields on a mesh of all its facets.
+
+    Facets that have not been opened show zeros.
+    """
+
+    def __init__(self, problem: Problem, i: int):
+        self._problem, self._i = problem, i
+        facets = problem.interface_facets(i).facets
+        submesh = compat.facet_submesh(problem.mesh, facets)
+        mesh = submesh.mesh
+        self._facets = facets
+        self._cell_of_facet = np.argsort(submesh.facets[: len(facets)])
+        vector = fem.functionspace(mesh, ("DG", 1, (problem.mesh.geometry.dim,)))
         scalar = fem.functionspace(mesh, ("DG", 1))
         self.vectors = {
             name: fem.Function(vector, name=name) for name in ("traction", "opening", "gap")
@@ -62,14 +84,18 @@ class InterfaceFields:
 
     def update(self) -> None:
         """Take the values of the current state."""
-        state, q = self._coupling.state(), self._coupling.quadrature
+        coupling = self._problem.couplings[self._i]
+        if coupling is None:
+            return
+        state, q = coupling.state(), coupling.quadrature
+        open_cells = self._cell_of_facet[np.searchsorted(self._facets, coupling.facets.facets)]
         for name, function in (self.vectors | self.scalars).items():
             values = np.asarray(getattr(state, name), dtype=float)
             values = values.reshape(len(state.weights), -1)
             mean = np.zeros((len(q.area), values.shape[1]))
             np.add.at(mean, q.facet, values * state.weights[:, None])
             mean /= q.area[:, None]
-            dofs = function.function_space.dofmap.list[q.cell_of_facet]
+            dofs = function.function_space.dofmap.list[open_cells]
             function.x.array.reshape(-1, values.shape[1])[dofs] = mean[:, None, :]
             function.x.scatter_forward()
 
@@ -89,9 +115,13 @@ class FieldWriter:
         if problem.comm.rank == 0:
             folder.mkdir(parents=True, exist_ok=True)
         problem.comm.barrier()
+        self._displacement = Displacement(problem)
         self._stress = CauchyStress(problem)
-        self._interfaces = [InterfaceFields(coupling) for coupling in problem.couplings]
-        outputs = [("displacement", [problem.u]), ("stress", [self._stress.function])]
+        self._interfaces = [InterfaceFields(problem, i) for i in range(len(problem.interfaces))]
+        outputs = [
+            ("displacement", [self._displacement.function]),
+            ("stress", [self._stress.function]),
+        ]
         for i, fields in enumerate(self._interfaces):
             outputs.append((f"interface_{i}_vectors", list(fields.vectors.values())))
             outputs.append((f"interface_{i}_scalars", list(fields.scalars.values())))
@@ -102,6 +132,7 @@ class FieldWriter:
 
     def write(self, t: float) -> None:
         """Write the current state as time ``t``; collective."""
+        self._displacement.update()
         self._stress.update()
         for fields in self._interfaces:
             fields.update()

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from numpy.typing import NDArray
 
+from . import compat
 from .problem import Problem
 from .topology import facet_cells, local_facets
 
@@ -40,7 +41,7 @@ def deformed_polygons(
         corners = corners[:, [0, 1, 3, 2]]
     layout = problem.space.dofmap.dof_layout
     vertex_dofs = np.array([layout.entity_dofs(0, v)[0] for v in range(len(topology[0]))])
-    nodes = mesh.geometry.dofmap[cells[:, None], corners]
+    nodes = compat.geometry_dofmap(mesh)[cells[:, None], corners]
     dofs = problem.space.dofmap.list[cells[:, None], vertex_dofs[corners]]
     u = problem.u.x.array.reshape(-1, d)[dofs]
     return (mesh.geometry.x[nodes][..., :2] + magnify * u[..., :2]), cells

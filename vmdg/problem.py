@@ -246,6 +246,7 @@ class Problem:
             self._loads.add_traction(facets, value)
         else:
             self._loads.add_body_force(value)
+        self._load_vector = None
 
     @property
     def prescribed(self) -> NDArray[np.int32]:
@@ -265,6 +266,11 @@ class Problem:
             self._load_vector = self._loads.vector(t)
 
     # Assembly
+
+    def compile(self) -> None:
+        """Compile all kernels of a solve now, or load them from the cache; collective."""
+        self.discretization.compile_residual()
+        self.discretization.compile_tangent()
 
     def residual_ufl(self) -> ufl.Form:
         """The stabilized residual (27) without dead loads."""
@@ -325,6 +331,8 @@ class Problem:
         Raises:
             ValueError: r <= H - eta on a facet; the converged state is kept.
         """
+        if self._load_vector is None:
+            self.apply_loads(self.t)
         self._start = _Start(
             self.t, self.u.x.array.copy(), self.forces.x.array.copy(), self._load_vector
         )
@@ -434,6 +442,10 @@ class Problem:
     def stabilization(self) -> list[Stabilization]:
         """tau_s and delta of every interface as last evaluated; at F = I before any step."""
         return [coupling and coupling.stabilization for coupling in self.couplings]
+
+    def interface_facets(self, i: int) -> InterfaceFacets:
+        """All facets of interface ``i`` on this rank, open or not."""
+        return self._facets[i]
 
     @property
     def families(self) -> list[Family]:

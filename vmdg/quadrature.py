@@ -25,6 +25,8 @@ def facet_degree(degree: int) -> int:
 # gcc's variable tracking under Python's own -g dominates the compile time of large kernels, and
 # the default register allocator is slow on the straight-line code of the interface.
 JIT_OPTIONS = {
+    # How long a rank waits for the one that compiles [s].
+    "timeout": 600,
     "cffi_extra_compile_args": [
         "-O1",
         "-march=native",

@@ -17,7 +17,15 @@ from .problem import Problem
 
 Monitor = Callable[[Problem], Mapping[str, Any] | None]
 
-DIRECT = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
+#: Newton with a backtracking line search on the residual norm, which carries the iteration over
+#: the kinks where points change branch, and a direct solver.
+DIRECT = {
+    "snes_linesearch_type": "bt",
+    "snes_linesearch_order": 1,
+    "ksp_type": "preonly",
+    "pc_type": "lu",
+    "pc_factor_mat_solver_type": "mumps",
+}
 
 
 @dataclass(frozen=True)
@@ -36,13 +44,13 @@ class SolveOptions:
             tried without it.
         damage_predictor: Predict with the damage tangent of the last step.
         duration: Time for one unit of load factor [s]; matters to laws with viscosity only.
-        petsc: Options for SNES, KSP and PC; default Newton with MUMPS.
+        petsc: Options for SNES, KSP and PC; default :data:`DIRECT`.
         energy: Add the energies of every step to the history.
         progress: Show a progress bar (rank 0).
     """
 
     relative_tolerance: float = 1e-9
-    max_iterations: int = 15
+    max_iterations: int = 10
     max_cuts: int = 6
     jump: bool = True
     max_jump_steps: int = 200

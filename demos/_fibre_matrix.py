@@ -1,0 +1,117 @@
+"""Loads, stages and pictures of the fibre-matrix cell."""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+from numpy.typing import NDArray
+
+import vmdg
+from vmdg.output import CauchyStress
+from vmdg.plot import cell_means, deformed_polygons, draw_cells
+
+STAGES = ("debonding starts", "cracks kink into the matrix", "cracks reach an edge", "separation")
+MAGNIFY = (20, 20, 20, 1)
+SEPARATED = 0.01  # of the peak force
+
+
+def pulls(step: float, end: float, growth: float, constant: float = 0.003) -> NDArray[np.float64]:
+    """Displacements of a side [mm]: equal steps to ``constant``, then growing ones to ``end``."""
+    values, size = [step], step
+    while values[-1] < end * (1 - 1e-9):
+        if values[-1] > constant:
+            size = min(size * growth, end / 12)
+        values.append(min(values[-1] + size, end))
+    return np.array(values)
+
+
+class Cell:
+    """The stage a cell is in, with a picture and the gap of the first fibre as each one starts.
+
+    1 an interface point is damaged, 2 a matrix point is, 3 a damaged matrix point lies within
+    ``near`` of the top or bottom, 4 the force is below 1% of its peak.
+
+    Args:
+        problem: The cell; interface 0 is around the fibres, 1 (if any) in the matrix.
+        size: Side of the cell [mm].
+        near: [mm].
+        centre: Of the fibre whose gap is kept [mm].
+        radius: Of the fibres [mm].
+    """
+
+    def __init__(self, problem: vmdg.Problem, size: float, near: float, centre, radius: float):
+        self._problem, self._size, self._near = problem, size, near
+        self._centre, self._radius = np.asarray(centre), radius
+        self._stress = CauchyStress(problem)
+        self._peak = 0.0
+        self.stage = 0
+        self.gaps: dict[int, tuple[NDArray, NDArray]] = {}
+        self.figure, self._axes = plt.subplots(2, 2, figsize=(7, 6.6), layout="constrained")
+
+    def update(self, force: float) -> int:
+        """The stage of the current state; collective."""
+        self._peak = max(self._peak, abs(force))
+        comm, state = self._problem.comm, self._problem.state
+        damaged = [values.points[values.softening > 0] for values in state]
+        matrix = damaged[1] if len(damaged) > 1 else np.zeros((0, 3))
+        y = np.abs(matrix[:, 1] - self._size / 2)
+        reached = comm.allreduce(np.array([len(damaged[0]), len(matrix), 0]))
+        reached[2] = comm.allreduce(int((y > self._size / 2 - self._near).sum()))
+        events = [*(reached > 0), abs(force) < SEPARATED * self._peak]
+        while self.stage < 4 and events[self.stage]:
+            self.stage += 1
+            self._keep()
+        return self.stage
+
+    def _keep(self) -> None:
+        number, problem, state = self.stage, self._problem, self._problem.state[0]
+        ax, magnify = self._axes.flat[number - 1], MAGNIFY[number - 1]
+        polygons, cells = deformed_polygons(problem, magnify=magnify)
+        values = cell_means(self._stress.update(), (0, 0))[cells]
+        self._drawn = draw_cells(ax, problem, polygons, values, (0, 30))
+        self._drawn.set(linewidth=0.3, cmap="viridis")
+        scale = f"displacement x {magnify}" if magnify > 1 else "true scale"
+        ax.set_title(f"{number} {STAGES[number - 1]}\n{problem.t * 1e3:.3g} µm, {scale}", size=9)
+        ax.set(xlabel="x [mm]", ylabel="y [mm]")
+        away = state.points[:, :2] - self._centre
+        own = np.linalg.norm(away, axis=1) < 1.02 * self._radius
+        theta = np.degrees(np.arctan2(away[own, 1], away[own, 0])) % 360
+        gap = np.einsum("pi,pi->p", state.opening, state.normal)[own]
+        gathered = problem.comm.allgather(np.array([theta, gap]))
+        theta, gap = np.concatenate(gathered, axis=1)
+        order = np.argsort(theta)
+        self.gaps[number] = theta[order], gap[order]
+
+    def finish(self) -> plt.Figure:
+        """Hide the panels of stages that did not come; the contours."""
+        for ax in self._axes.flat[self.stage :]:
+            ax.set_visible(False)
+        if self.stage:
+            label = r"$\sigma_{xx}$ [MPa]"
+            self.figure.colorbar(self._drawn, ax=self._axes, label=label, shrink=0.7)
+        return self.figure
+
+
+def curves(history: vmdg.History, cell: Cell) -> plt.Figure:
+    """Stress over strain with the stages, and the normal gap around the fibre."""
+    figure, axes = plt.subplots(1, 3, figsize=(10.5, 3.4), layout="constrained")
+    strain, stress, stage = 100 * history["strain"], history["stress"], history["stage"]
+    onset = strain <= max(0.7, 2 * strain[np.argmax(stress)])
+    for ax, show in zip(axes, (onset, slice(None)), strict=False):
+        ax.plot(np.r_[0, strain[show]], np.r_[0, stress[show]], color="black")
+        for number in cell.gaps:
+            first = int(np.argmax(stage >= number))
+            if strain[first] <= strain[show][-1]:
+                dot = {"color": f"C{number - 1}", "clip_on": False, "zorder": 3}
+                ax.plot(strain[first], stress[first], "o", label=number, **dot)
+        ax.set(xlabel="strain [%]", ylabel="stress [MPa]", xlim=0, ylim=(0, 1.1 * stress.max()))
+    axes[1].legend(title="stage", loc="upper right")
+    axes[0].set_title("start", size=10)
+    axes[1].set_title("to separation" if cell.stage == 4 else "whole run", size=10)
+    for number, (theta, gap) in cell.gaps.items():
+        label = f"stage {number}, max {gap.max() * 1e3:.3g} µm"
+        axes[2].plot(theta, gap / gap.max(), color=f"C{number - 1}", label=label)
+    axes[2].set(xlabel=r"angle $\theta$ [°]", ylabel="normal gap / largest", xlim=(0, 360))
+    axes[2].set(xticks=range(0, 361, 90), ylim=(min(axes[2].get_ylim()[0], -0.05), 1.75))
+    axes[2].legend(loc="upper center", fontsize=8)
+    return figure

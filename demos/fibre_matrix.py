@@ -1,0 +1,102 @@
+"""Fibre-matrix debonding with matrix cracks: section 7.2 of the report, Figures 9 to 12.
+
+A square of matrix with a fibre (or many) is pulled apart at its left and right side. The bond of
+the fibre fails first, at its poles; cracks leave the interface, which may run along every facet of
+the matrix, and grow to the edges until the cell is in two parts. Two equal cracks in a row would
+be an unstable equilibrium: the single fibre stands ``offset`` beside the middle and decides.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from mpi4py import MPI
+
+import numpy as np
+from _fibre_matrix import Cell, curves, pulls
+
+import vmdg
+from vmdg.meshes import fibre_matrix, random_fibres
+
+FIBRE, MATRIX = 1, 2
+LEFT, RIGHT = 1, 2
+SIZE = 1.0  # mm
+REPORT = {FIBRE: vmdg.NeoHookean(E=40e3, nu=0.4), MATRIX: vmdg.NeoHookean(E=10e3, nu=0.33)}
+DECK = {FIBRE: vmdg.NeoHookean(E=40e3, nu=0.33), MATRIX: vmdg.NeoHookean(E=4e3, nu=0.4)}
+
+
+def main(
+    cell: str = "quadrilateral",
+    element_size: float = 0.1,
+    critical_gap: float = 0.2,
+    step: float = 1e-4,
+    growth: float = 1.1,
+    end: float | None = None,
+    fibres: int = 1,
+    fraction: float = 0.35,
+    offset: float = 0.01,
+    activate: str = "all",
+    interface_only: bool = False,
+    deck: bool = False,
+    out: str = "results/fibre_matrix",
+) -> vmdg.History:
+    """Pull both sides to ``end`` [mm]; pictures and history go to the folder ``out``."""
+    centres, radius = np.array([[SIZE / 2 - offset, SIZE / 2]]), 0.25
+    if fibres > 1:
+        centres, radius = random_fibres(fibres, fraction, SIZE)
+    comm = MPI.COMM_WORLD
+    mesh, cells, sides = fibre_matrix(comm, cell, SIZE, radius, centres, element_size)
+    bond = vmdg.Debonding(strength=10.0, critical_gap=critical_gap)
+    interfaces = [vmdg.Interface(between=(FIBRE, MATRIX), law=bond)]
+    if not interface_only:
+        crack = vmdg.Debonding(strength=30.0, critical_gap=critical_gap)
+        interfaces.append(vmdg.Interface(within=MATRIX, law=crack, activate=activate))
+    problem = vmdg.Problem(mesh, cells, DECK if deck else REPORT, interfaces)
+    problem.dirichlet(sides.find(LEFT), lambda pull: -pull, "x")
+    problem.dirichlet(sides.find(RIGHT), lambda pull: pull, "x")
+    middle = np.array([[0.0, SIZE / 2], [SIZE, SIZE / 2]])
+    held = lambda x: np.any([np.isclose(x[:2].T, point).all(axis=1) for point in middle], axis=0)
+    problem.dirichlet_points(held, 0.0, "y")
+
+    stages = Cell(problem, SIZE, element_size / 2, centres[0], radius)
+
+    def monitor(problem: vmdg.Problem) -> dict[str, float]:
+        force = problem.reaction(sides.find(RIGHT))[0]
+        stage = stages.update(force)
+        return {"strain": 2 * problem.t / SIZE, "stress": force / SIZE, "stage": stage}
+
+    end = end or (0.005 if interface_only else 0.525 * critical_gap)
+    options = vmdg.SolveOptions(relative_tolerance=1e-8, energy=True, progress=True)
+    history = vmdg.solve(problem, pulls(step, end, growth), options, monitor).history
+
+    if comm.rank == 0:
+        Path(out).mkdir(parents=True, exist_ok=True)
+        stages.finish().savefig(Path(out) / "fibre_matrix_stages.png", dpi=130)
+        curves(history, stages).savefig(Path(out) / "fibre_matrix.png", dpi=130)
+        history.to_csv(Path(out) / "history.csv")
+        iterations, failed = history["iterations"], int(history["jump_steps"].sum())
+        print(f"{len(history)} steps, iterations: median {np.median(iterations):g}, "
+              f"most {iterations.max()}; steps cut: {(history['cuts'] > 0).sum()}, viscous: {failed}")
+        print(f"peak {history['stress'].max():.4g} MPa, stage {stages.stage}, energy imbalance "
+              f"{history['imbalance'][-1] / history['external'][-1]:.2e} of the work")
+        print(f"pictures and history are in {out}")
+    return history
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cell", default="quadrilateral", help="or triangle")
+    parser.add_argument("--element-size", type=float, default=0.1, help="[mm] (default .1)")
+    parser.add_argument("--critical-gap", type=float, default=0.2, help="zeta_c [mm] (default .2)")
+    parser.add_argument("--step", type=float, default=1e-4, help="first steps [mm] (default 1e-4)")
+    parser.add_argument("--growth", type=float, default=1.1, help="of the steps beyond .003 mm")
+    parser.add_argument("--end", type=float, help="pull of a side [mm] (default: separation)")
+    parser.add_argument("--fibres", type=int, default=1, help="more than one: at random places")
+    parser.add_argument("--fraction", type=float, default=0.35, help="of fibres, if many")
+    parser.add_argument("--offset", type=float, default=0.01, help="of one fibre [mm]")
+    parser.add_argument("--activate", default="all", help="all or on-demand: matrix facets")
+    parser.add_argument("--interface-only", action="store_true", help="no cracks in the matrix")
+    parser.add_argument("--deck", action="store_true", help="moduli of the public one-fibre deck")
+    parser.add_argument("--out", default="results/fibre_matrix", help="folder for the results")
+    main(**vars(parser.parse_args()))

@@ -1,0 +1,310 @@
+"""Section 7.1.1: two blocks pulled apart, against the closed form; failed steps; energies."""
+
+from __future__ import annotations
+
+import csv
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scenes import DIMENSION, gather, joined
+from scipy.optimize import brentq
+
+import vmdg
+from vmdg import Mode
+from vmdg.meshes import blocks
+
+E, NU = 5000.0, 0.25
+STRENGTH, CRITICAL_GAP = 100.0, 0.2
+LAW = vmdg.Debonding(strength=STRENGTH, critical_gap=CRITICAL_GAP)
+LOADS = 0.02 * np.arange(1, 21)
+SHARP = vmdg.SolveOptions(relative_tolerance=1e-12)
+LEFT, RIGHT, BOTTOM, BACK = 1, 2, 4, 6  # facet tags of meshes.blocks
+
+
+# The closed form
+
+
+def uniaxial_traction(stretch: float, plane_strain: bool) -> float:
+    """P11 of (86) under uniaxial stress; in plane strain the third stretch stays 1."""
+    mu = E / (2 * (1 + NU))
+    lmbda = NU * E / ((1 + NU) * (1 - 2 * NU))
+    power = 1 if plane_strain else 2
+
+    def lateral_traction(t):
+        J = stretch * t**power
+        return mu * (t - 1 / t) + lmbda * (J - 1) * J / t
+
+    t = brentq(lateral_traction, 0.5, 1.5, xtol=1e-15, rtol=1e-15)
+    J = stretch * t**power
+    return mu * (stretch - 1 / stretch) + lmbda * (J - 1) * J / stretch
+
+
+def closed_form(end: float, plane_strain: bool = False) -> tuple[float, float]:
+    """zeta and T for the displacement of the end: delta = 2 (s - 1) + zeta, P(s) = R(zeta)."""
+
+    def excess(zeta):
+        resistance = STRENGTH * max(1 - zeta / CRITICAL_GAP, 0.0)
+        return uniaxial_traction(1 + (end - zeta) / 2, plane_strain) - resistance
+
+    if excess(0.0) <= 0:
+        return 0.0, uniaxial_traction(1 + end / 2, plane_strain)
+    if excess(CRITICAL_GAP) >= 0:
+        return end, 0.0  # apart: both blocks at rest
+    zeta = brentq(excess, 0.0, CRITICAL_GAP, xtol=1e-15, rtol=1e-15)
+    return zeta, STRENGTH * (1 - zeta / CRITICAL_GAP)
+
+
+# The scene
+
+
+def pulled(comm, cell: str, n: int = 1, law=LAW, **options):
+    """Problem of 7.1.1: the left end held, the right end pulled by the load factor."""
+    scene = blocks(comm, cell, divisions=(n, n, n))
+    material = vmdg.NeoHookean(E=E, nu=NU)
+    problem = joined(scene, law, (material, material), **options)
+    right = scene.facet_tags.find(RIGHT)
+    problem.dirichlet(scene.facet_tags.find(LEFT), 0.0, "x")
+    problem.dirichlet(right, lambda t: t, "x")
+    problem.dirichlet(scene.facet_tags.find(BOTTOM), 0.0, "y")
+    if DIMENSION[cell] == 3:
+        problem.dirichlet(scene.facet_tags.find(BACK), 0.0, "z")
+    return problem, right
+
+
+MONITORED = {
+    *("zeta", "zeta_spread", "T", "T_spread", "lateral"),
+    *("force", "dissipated", "stored", "external"),
+}
+
+
+def watch(right):
+    """Monitor of the gap, the traction and the force at the right end."""
+
+    def monitor(problem):
+        state = problem.state[0]
+        gap, traction = gather(problem.comm, state.gap), gather(problem.comm, state.traction)
+        energy = problem.energy()
+        return {
+            "zeta": gap[:, 0].mean(),
+            "zeta_spread": np.ptp(gap[:, 0]),
+            "T": traction[:, 0].mean(),
+            "T_spread": np.abs(traction - traction.mean(axis=0)).max(),
+            "lateral": np.abs(np.hstack([gap[:, 1:], traction[:, 1:] / STRENGTH])).max(),
+            "force": problem.reaction(right)[0],
+            "dissipated": energy.dissipated,
+            "stored": energy.stored,
+            "external": energy.external,
+        }
+
+    return monitor
+
+
+@pytest.fixture(scope="module")
+def runs(comm):
+    """Runs of all 20 steps by cell type, each made once."""
+    made = {}
+
+    def run(cell, n=1):
+        if cell not in made:
+            problem, right = pulled(comm, cell, n)
+            result = vmdg.solve(problem, LOADS, SHARP, watch(right))
+            made[cell] = SimpleNamespace(problem=problem, right=right, result=result)
+        return made[cell]
+
+    return run
+
+
+RUNS = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron", "quadrilateral", "triangle"])
+
+
+@RUNS
+def test_closed_form(runs, cell):
+    """zeta, T and the force at all 20 steps equal the closed form to 1e-9 (mm and MPa)."""
+    history = runs(cell).result.history
+    exact = np.array([closed_form(load, DIMENSION[cell] == 2) for load in LOADS])
+    assert np.array_equal(history["load"], LOADS)
+    assert np.abs(history["zeta"] - exact[:, 0]).max() < 1e-9
+    assert np.abs(history["T"] - exact[:, 1]).max() < 1e-9
+    assert np.abs(history["force"] - exact[:, 1]).max() < 1e-9  # on an area of 1
+    assert history["zeta_spread"].max() < 1e-9
+    assert history["T_spread"].max() < 1e-9
+    assert history["lateral"].max() < 1e-9
+
+
+def test_published_gaps(runs):
+    """The numbers of the report (four digits), and their continuation by the closed form."""
+    history = runs("hexahedron").result.history
+    zeta = {round(load, 2): gap for load, gap in zip(LOADS, history["zeta"], strict=True)}
+    expected = {0.10: 0.0747438535, 0.12: 0.0998363543, 0.26: 0.26}
+    for load, value in expected.items():
+        assert zeta[load] == pytest.approx(value, abs=1e-9)
+    assert [round(zeta[load], 4) for load in expected] == [0.0747, 0.0998, 0.26]
+
+
+@RUNS
+def test_fully_open(runs, cell):
+    """Apart, the interface carries nothing, both blocks are at rest and every point is OPEN."""
+    run = runs(cell)
+    state, comm = run.problem.state[0], run.problem.comm
+    forces = run.problem.forces.x.array
+    assert np.abs(gather(comm, state.traction)).max() < 1e-9
+    assert (gather(comm, state.mode) == Mode.OPEN).all()
+    assert np.abs(run.problem.reaction(run.right)).max() < 1e-9
+    assert np.abs(gather(comm, forces)).max() < 1e-9
+    assert gather(comm, state.softening) == pytest.approx(STRENGTH, rel=1e-14)
+    assert run.result.history["stored"][-1] < 1e-9
+
+
+@RUNS
+def test_energy_of_separation(runs, cell):
+    """Separation spends P_c zeta_c/2 per area, at no time less than before."""
+    history = runs(cell).result.history
+    spent = history["dissipated"]
+    assert spent[-1] == pytest.approx(STRENGTH * CRITICAL_GAP / 2, abs=1e-9)
+    assert (np.diff(spent) > -1e-12).all()
+    zeta = np.minimum(history["zeta"], CRITICAL_GAP)
+    partial = STRENGTH * zeta * (1 - zeta / CRITICAL_GAP / 2)
+    assert np.abs(spent - partial).max() < 1e-9
+    # Work in, energy kept and spent: the trapezoidal rule misses it by what 20 steps leave.
+    balance = history["external"] - history["stored"] - spent
+    assert np.abs(balance).max() < 0.01 * spent[-1]
+
+
+def test_quadratic_convergence(comm):
+    """In a damage step without the predictor's help the residual falls quadratically."""
+    problem, _ = pulled(comm, "hexahedron")
+    options = vmdg.SolveOptions(relative_tolerance=1e-12, damage_predictor=False)
+    result = vmdg.solve(problem, [0.04, 0.10, 0.16], options)
+    force = uniaxial_traction(1.02, False)
+    pairs = []
+    for norms in result.residuals:
+        relative = np.array(norms) / force
+        # Below 1e-12 there is rounding only; above 1e-2 Newton is not yet near.
+        pairs += [(a, b) for a, b in pairwise(relative) if a < 1e-2]
+    assert len(pairs) >= 2
+    for before, after in pairs:
+        assert after < max(10 * before**2, 1e-12)
+
+
+# Failure and retreat
+
+
+def snapshot(problem):
+    """Everything that a failed step must leave alone, on this rank."""
+    state = problem.state[0]
+    coupling = problem.couplings[0]
+    return {
+        "u": problem.u.x.array.copy(),
+        "forces": problem.forces.x.array.copy(),
+        "gap": coupling.gap.copy(),
+        "softening": coupling.softening.copy(),
+        "mode": coupling.mode.copy(),
+        "opening": state.opening.copy(),
+        "traction": state.traction.copy(),
+        "t": np.array(problem.t),
+    }
+
+
+# Options, load factor, and how each attempt ends.
+FAILING = {
+    "too few iterations": (
+        {"max_iterations": 1, "max_cuts": 0, "jump": False, "relative_tolerance": 1e-13},
+        0.10,
+        ["DIVERGED_MAX_IT"],
+    ),
+    "absurd step": (
+        {"max_iterations": 4, "max_cuts": 1, "jump": False},
+        -5.0,
+        ["DIVERGED", "DIVERGED"],
+    ),
+    "the jump fails too": (
+        {"max_iterations": 4, "max_cuts": 0, "max_jump_steps": 3},
+        -5.0,
+        ["DIVERGED", "JUMP_FAILED"],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FAILING)
+def test_failed_step_leaves_no_trace(comm, name):
+    """After StepFailure the problem is bitwise in its last converged state."""
+    settings, target, reasons = FAILING[name]
+    problem, _ = pulled(comm, "hexahedron")
+    vmdg.solve(problem, [0.04, 0.06], SHARP)
+    before = snapshot(problem)
+    energy = problem.energy()
+    with pytest.raises(vmdg.StepFailure, match="although it was cut") as failure:
+        vmdg.solve(problem, [target], vmdg.SolveOptions(**settings))
+    after = snapshot(problem)
+    energy_after = problem.energy()
+    failures = failure.value.result.failures
+    assert {name for name in before if not np.array_equal(before[name], after[name])} == set()
+    assert energy_after == energy
+    assert len(failures) == len(reasons)
+    assert failures[0][0] == target
+    for (_, why), reason in zip(failures, reasons, strict=True):
+        assert reason in why
+    assert "0.06" in str(failure.value)
+
+
+def test_run_goes_on_after_a_failure(comm):
+    """A failed step changes nothing for the steps after it."""
+    ends = []
+    for fails in (False, True):
+        problem, _ = pulled(comm, "hexahedron")
+        vmdg.solve(problem, [0.06], SHARP)
+        if fails:
+            with pytest.raises(vmdg.StepFailure):
+                vmdg.solve(
+                    problem, [-5.0], vmdg.SolveOptions(max_cuts=0, max_iterations=3, jump=False)
+                )
+        vmdg.solve(problem, [0.08, 0.10], SHARP)
+        ends.append(gather(comm, problem.couplings[0].gap))
+    assert np.abs(ends[1] - ends[0]).max() < 1e-12
+    assert ends[1][:, 0] == pytest.approx(closed_form(0.10)[0], abs=1e-9)
+
+
+def test_cut_step_ends_where_small_steps_end(comm):
+    """A step that fails whole and passes in parts ends in the state of small steps."""
+    problem, right = pulled(comm, "hexahedron")
+    tight = vmdg.SolveOptions(
+        relative_tolerance=1e-10, max_iterations=2, damage_predictor=False, jump=False
+    )
+    result = vmdg.solve(problem, [0.04, 0.14], tight, watch(right))
+    zeta, traction = closed_form(0.14)
+    history = result.history
+    assert len(result.failures) > 0
+    assert len(history) > 2
+    assert history["load"][-1] == 0.14
+    assert history["cuts"].max() > 0
+    assert history["zeta"][-1] == pytest.approx(zeta, abs=1e-9)
+    # What the tolerance leaves: 1e-10 of the largest force.
+    assert history["T"][-1] == pytest.approx(traction, abs=2e-8)
+    for load, gap in zip(history["load"], history["zeta"], strict=True):
+        assert gap == pytest.approx(closed_form(load)[0], abs=1e-9)
+
+
+# The table
+
+
+def test_history_table(runs, comm, tmp_path):
+    """One row a step, columns by name, an unknown one refused, and the same table as CSV."""
+    result = runs("hexahedron").result
+    history = result.history
+    path = tmp_path / "history.csv"
+    history.to_csv(path)
+    with open(path, newline="") as file:
+        rows = list(csv.DictReader(file))
+    own = ["step", "load", "iterations", "residual", "cuts"]
+    assert history.columns[: len(own)] == own
+    assert MONITORED < set(history.columns)
+    assert len(history) == len(rows) == len(result.residuals) == len(LOADS)
+    assert history["step"].tolist() == list(range(1, len(LOADS) + 1))
+    assert [len(norms) - 1 for norms in result.residuals] == history["iterations"].tolist()
+    assert np.array([float(row["zeta"]) for row in rows]) == pytest.approx(
+        history["zeta"], rel=1e-15
+    )
+    with pytest.raises(KeyError, match=r"no column 'gap'; it has \['step', 'load'"):
+        history["gap"]

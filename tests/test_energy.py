@@ -1,0 +1,140 @@
+"""Energy book-keeping: stored, dissipated, external work."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from scenes import gather, two_blocks
+from scenes_motion import SAME, couple, driven
+
+import vmdg
+from vmdg.meshes import blocks
+
+P_C, ZETA_C = 100.0, 0.2
+LAW = vmdg.Debonding(strength=P_C, critical_gap=ZETA_C)
+COLUMNS = ("bulk", "interface", "damage", "friction", "viscosity", "external", "imbalance")
+
+
+def pull(comm, thickness=1.0, steps=20):
+    """7.1.1 in the plane with sides on rollers, pulled to separation."""
+    scene = blocks(comm, "quadrilateral", (2, 2), height=1.0)
+    interface = vmdg.Interface(between=(1, 2), law=LAW)
+    problem = vmdg.Problem(
+        scene.mesh, scene.cell_tags, dict(enumerate(SAME, 1)), [interface], thickness=thickness
+    )
+    problem.dirichlet(scene.facet_tags.find(1), 0.0, "x")
+    problem.dirichlet(scene.facet_tags.find(2), lambda t: t, "x")
+    for tag in (4, 5):
+        problem.dirichlet(scene.facet_tags.find(tag), 0.0, "y")
+    options = vmdg.SolveOptions(relative_tolerance=1e-12, energy=True)
+    return vmdg.solve(problem, 0.3 * np.arange(1, steps + 1) / steps, options).history, problem
+
+
+@pytest.mark.parametrize("thickness", [1.0, 2.5])
+def test_separation(comm, thickness):
+    """Pulled apart, P_c zeta_c/2 per area is spent on damage and nothing is stored any more.
+
+    Exact for any number of steps, since the law integrates its softening line; the bodies are free
+    of stress to the solver's tolerance. The columns of the history are those of Problem.energy().
+    """
+    history, problem = pull(comm, thickness)
+    final = history.rows[-1]
+    assert final["damage"] == pytest.approx(P_C * ZETA_C / 2 * thickness, rel=1e-10)
+    assert abs(final["bulk"] + final["interface"]) < 1e-10
+    assert final["friction"] == final["viscosity"] == 0
+    energy = problem.energy()
+    assert [final[name] for name in COLUMNS] == [getattr(energy, name) for name in COLUMNS]
+    assert (np.diff(history["damage"]) >= 0).all()
+    assert (history["bulk"] > -1e-12).all()
+
+
+def test_external_work_of_prescribed_displacements(comm):
+    """The trapezoidal external work meets the dissipation at second order in the step.
+
+    Two kinks (onset of damage, separation) lie inside steps and spoil single ratios, so tenfold
+    refinement is compared: an error of first order would fall by 10 only.
+    """
+    coarse, fine = (abs(pull(comm, steps=n)[0]["imbalance"][-1]) for n in (8, 80))
+    assert fine < coarse / 30
+    assert fine < 1e-2 * P_C * ZETA_C / 2
+
+
+def test_dead_load(comm):
+    """A bonded bar under dead traction: work and stored energy meet the closed form.
+
+    Confined neo-Hookean, W = mu/2 (s^2 - 1) - mu ln s + lambda/2 (s - 1)^2, length 2, area 1. The
+    stored energy is exact; the trapezoidal work converges to it with the square of the step.
+    """
+    p, material = 400.0, SAME[0]
+    mu, lmbda = material.parameters["mu"], material.parameters["lmbda"]
+    s = 1.0
+    for _ in range(30):
+        s -= (mu * (s - 1 / s) + lmbda * (s - 1) - p) / (mu * (1 + 1 / s**2) + lmbda)
+    stored = 2 * (mu / 2 * (s**2 - 1) - mu * np.log(s) + lmbda / 2 * (s - 1) ** 2)
+
+    errors = []
+    for steps in (4, 8, 16):
+        scene = blocks(comm, "quadrilateral", (1, 2))
+        problem = couple(scene, vmdg.Bonded())
+        problem.dirichlet(scene.facet_tags.find(1), 0.0, "x")
+        for tag in (4, 5):
+            problem.dirichlet(scene.facet_tags.find(tag), 0.0, "y")
+        problem.traction(scene.facet_tags.find(2), lambda t: [p * t, 0.0])
+        options = vmdg.SolveOptions(relative_tolerance=1e-12)
+        vmdg.solve(problem, np.arange(1, steps + 1) / steps, options)
+        energy = problem.energy()
+        assert energy.stored == pytest.approx(stored, rel=1e-10)
+        assert abs(energy.interface) < 1e-10 * stored
+        assert energy.dissipated == 0
+        errors.append(abs(energy.external - stored))
+    rates = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert errors[0] < 1e-2 * stored
+    assert rates == pytest.approx(2, abs=0.1)
+
+
+def test_body_force_works_too(comm):
+    """Dead body forces are external work: a hanging bar balances to the square of the step."""
+    imbalance = []
+    for steps in (4, 8):
+        scene = blocks(comm, "quadrilateral", (1, 2))
+        problem = couple(scene, vmdg.Bonded())
+        problem.dirichlet(scene.facet_tags.find(1), 0.0)
+        problem.body_force(lambda t: [100.0 * t, 20.0 * t])
+        options = vmdg.SolveOptions(relative_tolerance=1e-12)
+        vmdg.solve(problem, np.arange(1, steps + 1) / steps, options)
+        energy = problem.energy()
+        imbalance.append(abs(energy.imbalance) / energy.external)
+    assert imbalance[0] < 1e-2
+    assert np.log2(imbalance[0] / imbalance[1]) > 1.7
+
+
+def test_energies_of_any_partition_are_those_of_one_rank(comm):
+    """Damage, friction and overstress give the same table on all ranks together and on one.
+
+    The sums run in another order: rounding, amplified by a dozen nonlinear steps.
+    """
+    law = vmdg.Debonding(strength=100.0, critical_gap=0.2, friction=0.1, viscosity=1.0)
+
+    def path(t):
+        return (np.array([0.1 * min(t, 1) - 0.15 * max(t - 1, 0), 0.25 * max(t - 1, 0)]), 0.2 * t)
+
+    tables = []
+    for group in (comm, MPI.COMM_SELF):
+        problem, _ = driven(group, "quadrilateral", law, path, n=2)
+        options = vmdg.SolveOptions(relative_tolerance=1e-13, energy=True)
+        history = vmdg.solve(problem, np.arange(1, 13) / 6, options).history
+        tables.append(np.array([history[name] for name in COLUMNS]))
+    together, alone = tables
+    assert alone[:5, -1].min() > 0
+    assert together == pytest.approx(alone, abs=1e-9 * np.abs(alone).max())
+    assert (gather(comm, together.ravel()[None]) == together.ravel()).all()
+
+
+def test_no_energy_before_any_step(comm):
+    """All energies are zero at the start; an interface in place stores nothing."""
+    problem = couple(two_blocks(comm, "quadrilateral", 2), LAW)
+    energy = problem.energy()
+    assert energy.external == energy.dissipated == 0
+    assert abs(energy.stored) < 1e-12

@@ -1,0 +1,277 @@
+"""The full form (26) with its traction jump, the fine scales (24) and the error indicator."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from scenes import DIMENSION, MATERIALS, gather, joined, set_displacement, two_blocks
+from scenes_motion import couple, put, tangent_error
+from scipy.optimize import brentq
+
+import vmdg
+from vmdg.meshes import blocks
+
+BOTH_FORMS = pytest.mark.parametrize("jump", [False, True], ids=["(27)", "(26)"])
+LAW = vmdg.Debonding(strength=100.0, critical_gap=0.2)
+PRECISE = vmdg.SolveOptions(relative_tolerance=1e-12)
+
+
+def confined_stress(stretch, material):
+    """P of (86) with rigid sides: mu (s - 1/s) + lambda (s - 1)."""
+    mu, lmbda = material.parameters["mu"], material.parameters["lmbda"]
+    return mu * (stretch - 1 / stretch) + lmbda * (stretch - 1)
+
+
+def confine(problem, scene):
+    """Hold the left end, and all sides on rollers."""
+    problem.dirichlet(scene.facet_tags.find(1), 0.0, "x")
+    for tags, component in (((4, 5), "y"), ((6, 7), "z"))[: scene.mesh.geometry.dim - 1]:
+        for tag in tags:
+            problem.dirichlet(scene.facet_tags.find(tag), 0.0, component)
+
+
+# Patch tests
+
+
+@BOTH_FORMS
+@pytest.mark.parametrize("ratio", [1.0, 1e3])
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+def test_bonded_patch(comm, cell, ratio, jump):
+    """A uniform traction passes a tie exactly for E ratios 1 and 1e3; nothing is left for (24).
+
+    The tolerance is the solver's (1e-12 of the load) times the condition of 1e3 materials.
+    """
+    materials = (vmdg.NeoHookean(E=5000.0, nu=0.25), vmdg.NeoHookean(E=5000.0 * ratio, nu=0.25))
+    scene = blocks(comm, cell, (2, 2, 1))
+    problem = joined(scene, vmdg.Bonded(), materials, {"traction_jump": jump})
+    confine(problem, scene)
+    d = DIMENSION[cell]
+    P = np.zeros(d)
+    P[0] = 80.0
+    problem.traction(scene.facet_tags.find(2), lambda t: t * P)
+    vmdg.solve(problem, [0.5, 1.0], PRECISE)
+    state = problem.state[0]
+    stretch = [
+        brentq(lambda s, m=m: confined_stress(s, m) - 80.0, 1.0, 1.2, xtol=1e-15) for m in materials
+    ]
+    x = problem.space.tabulate_dof_coordinates()[:, 0]
+    u = problem.u.x.array.reshape(-1, d)
+    exact = np.where(
+        x < 1, (stretch[0] - 1) * x, stretch[0] - 1 + (stretch[1] - 1) * (x - 1)
+    )
+    assert np.abs(u[:, 0] - exact).max(initial=0) < 1e-10
+    assert np.abs(u[:, 1:]).max(initial=0) < 1e-10
+    assert np.abs(state.traction - P).max(initial=0) < 1e-7 * 80.0
+    assert np.abs(state.opening).max(initial=0) < 1e-10
+    assert np.abs(problem.fine_scale(0)).max(initial=0) < 1e-10
+    assert problem.error_indicator(0).max(initial=0) < 1e-10
+
+
+@BOTH_FORMS
+def test_softening_bar(comm, jump):
+    """7.1.1 with rigid sides: zeta and T follow the closed form in both forms.
+
+    P(s) = P_c (1 - zeta/zeta_c) with delta = 2 (s - 1) + zeta; 1e-9 is the solver's tolerance.
+    """
+    material = vmdg.NeoHookean(E=5000.0, nu=0.25)
+    scene = blocks(comm, "quadrilateral", (2, 2))
+    problem = joined(scene, LAW, (material,) * 2, {"traction_jump": jump})
+    confine(problem, scene)
+    problem.dirichlet(scene.facet_tags.find(2), lambda t: t, "x")
+
+    def excess(zeta, delta):
+        strength = LAW.strength * (1 - zeta / LAW.critical_gap)
+        return confined_stress(1 + (delta - zeta) / 2, material) - strength
+
+    for delta in (0.02, 0.06, 0.10, 0.14, 0.18, 0.22):
+        vmdg.solve(problem, [delta], PRECISE)
+        if excess(0.0, delta) <= 0:
+            zeta, traction = 0.0, confined_stress(1 + delta / 2, material)
+        elif delta >= LAW.critical_gap:
+            zeta, traction = delta, 0.0
+        else:
+            zeta = brentq(excess, 0.0, delta, args=(delta,), xtol=1e-15)
+            traction = LAW.strength * (1 - zeta / LAW.critical_gap)
+        mean = problem.mean(0)
+        assert mean.gap == pytest.approx([zeta, 0], abs=1e-9 * LAW.critical_gap)
+        assert mean.traction == pytest.approx([traction, 0], abs=1e-9 * LAW.strength)
+
+
+# Consistency
+
+
+def moved(comm, cell, law, jump, frame="corotating"):
+    """Two different blocks after two motions: damaged where the law can be."""
+    scene = two_blocks(comm, cell, 2 if cell == "quadrilateral" else 1)
+    problem = couple(scene, law, MATERIALS, traction_jump=jump, frame=frame)
+    problem.begin_step(0.5, 1.0)
+    put(problem, scene, (0.03, 0.01, 0.02), 0.4)
+    problem.assemble_residual()
+    problem.commit()
+    problem.begin_step(1.0, 1.0)
+    put(problem, scene, (0.06, 0.04, 0.01), 0.5)
+    problem.assemble_residual()
+    return problem, scene
+
+
+@BOTH_FORMS
+@pytest.mark.parametrize("law", [vmdg.Bonded(), LAW], ids=["tie", "debonding"])
+def test_residual_is_the_derivative_of_the_energy(comm, law, jump):
+    """Residual (27) and (26) = d/du of the energy with zeta held, entry by entry to rounding."""
+    problem, _ = moved(comm, "quadrilateral", law, jump)
+    parts = problem.discretization
+    energy = parts._bulk(lambda body, F: body.energy(F)) + parts._interfaces(
+        lambda coupling, group: coupling.energy_term(group)
+    )
+    eta = ufl.TestFunction(problem.space)
+    expected, found = (
+        fem.assemble_vector(parts._compile(form)).array
+        for form in (ufl.derivative(energy, problem.u, eta), problem.residual_ufl())
+    )
+    scale = comm.allreduce(np.abs(found).max(initial=0), op=MPI.MAX)
+    assert scale > 10
+    assert np.abs(expected - found).max(initial=0) < 1e-12 * scale
+
+
+@pytest.mark.parametrize("law", [vmdg.Bonded(), LAW], ids=["tie", "debonding"])
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+def test_tangent_of_full_form(comm, cell, law):
+    """K.v = central differences of the residual of (26), tied and debonding, turned."""
+    problem, scene = moved(comm, cell, law, True)
+    assert tangent_error(problem, scene) < 1e-7
+
+
+def test_traction_jump_changes_the_form(comm):
+    """The two forms differ where the tractions jump, or the tests above would show nothing."""
+    forces = [
+        moved(comm, "quadrilateral", LAW, jump)[0].assemble_residual().copy()
+        for jump in (False, True)
+    ]
+    change, size = (
+        comm.allreduce(np.abs(f).max(initial=0), op=MPI.MAX)
+        for f in (forces[1] - forces[0], forces[0])
+    )
+    assert change > 1e-3 * size
+
+
+# Fine scales
+
+
+def first_piola(F, material):
+    """P of (86) at one F (d, d), plane strain for d = 2: mu (F - F^-T) + lambda J (J-1) F^-T."""
+    mu, lmbda = material.parameters["mu"], material.parameters["lmbda"]
+    J, G = np.linalg.det(F), np.linalg.inv(F).T
+    return mu * (F - G) + lmbda * J * (J - 1) * G
+
+
+@pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
+def test_fine_scales(comm, cell):
+    """Fine scales = (24) with P of both sides, g and zeta computed beside the engine.
+
+    u_1 = -delta_s.[[P.N]] + delta_1^T.s and u_2 = -delta_s.[[P.N]] - delta_2^T.s, s = g - zeta,
+    so that their difference is s. The indicator is their root mean square over a facet.
+    """
+    d = DIMENSION[cell]
+    scene = blocks(comm, cell, (2, 2, 1), interface=(0.9, 1.2))
+    problem = couple(scene, LAW, MATERIALS, frame="reference")
+    gradient = {
+        1: np.array([[0.02, 0.01, 0.0], [-0.02, 0.01, 0.01], [0.0, 0.02, -0.01]])[:d, :d],
+        2: np.array([[0.03, -0.01, 0.01], [0.01, -0.02, 0.0], [0.02, 0.0, 0.01]])[:d, :d],
+    }
+    move = np.array([0.05, 0.02, -0.01])[:d, None]
+    set_displacement(
+        problem.u, scene.cell_tags, lambda x, tag: gradient[tag] @ x[:d] + (tag == 2) * move
+    )
+    problem.update_stabilization(1.0)
+    problem.assemble_residual()
+    state, stabilization = problem.state[0], problem.stabilization[0]
+    facet = problem.couplings[0].quadrature.facet
+
+    N = state.normal
+    jump = sum(
+        sign * N @ first_piola(np.eye(d) + gradient[tag], MATERIALS[tag - 1]).T
+        for tag, sign in ((1, 1), (2, -1))
+    )
+    g = state.points[:, :d] @ (gradient[2] - gradient[1]).T + move.T
+    s = g - state.gap
+    tau = np.linalg.inv(stabilization.tau / 4)  # tau_1 + tau_2; 4 is the default safety
+    delta = stabilization.delta
+    tau_1, tau_2 = tau @ delta[:, 0], tau @ delta[:, 1]
+    delta_s = np.linalg.inv(np.linalg.inv(tau_1) + np.linalg.inv(tau_2))[facet]
+    expected = np.stack(
+        [
+            -np.einsum("pij,pj->pi", delta_s, jump)
+            + sign * np.einsum("pji,pj->pi", delta[facet, a], s)
+            for a, sign in enumerate((1, -1))
+        ],
+        axis=1,
+    )
+    found = problem.fine_scale(0)
+    assert np.abs(gather(comm, state.gap)).max() > 0.01
+    # Tensors of size 1e-5 to 1e5 multiply: 1e-10 of the move of .05 mm.
+    assert found == pytest.approx(expected, abs=5e-12)
+    assert found[:, 0] - found[:, 1] == pytest.approx(s, abs=1e-14)
+    for f, value in enumerate(problem.error_indicator(0)):
+        mine = facet == f
+        square = state.weights[mine] @ (expected[mine] ** 2).sum(axis=(1, 2))
+        assert value == pytest.approx(np.sqrt(square / state.weights[mine].sum()), rel=1e-8)
+
+
+# Error indicator
+
+
+def indicator_norm(comm, cell, degree, n):
+    """Indicator of a tie through a bent homogeneous block, sqrt(sum of area x square)."""
+    scene = blocks(comm, cell, (n, n))
+    problem = joined(scene, vmdg.Bonded(), (MATERIALS[0],) * 2, degree=degree)
+
+    def bent(X):
+        x, y = X[0] - 1, X[1] - 0.5
+        return np.stack([0.1 * np.sin(2 * x) * y, -0.1 * np.cos(2 * x) * (1 + y) * y])
+
+    for tag in (1, 2, 4, 5):
+        problem.dirichlet(scene.facet_tags.find(tag), lambda X, t: t * bent(X))
+    vmdg.solve(problem, [1.0])
+    area = problem.couplings[0].quadrature.area
+    return np.sqrt(comm.allreduce(float(area @ problem.error_indicator(0) ** 2)))
+
+
+@pytest.mark.parametrize(
+    ("degree", "sizes"), [(1, (4, 8, 16)), (2, (4, 8, 16))], ids=["linear", "quadratic"]
+)
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+def test_indicator_falls_with_the_error(comm, cell, degree, sizes):
+    """Refined twice, the indicator of a smooth solution falls at least with h^(k + .8)."""
+    norms = np.array([indicator_norm(comm, cell, degree, n) for n in sizes])
+    rates = np.log2(norms[:-1] / norms[1:])
+    assert (rates > degree + 0.8).all(), rates
+
+
+def test_indicator_peaks_at_the_front(comm):
+    """Peeled from one end, the indicator is largest within two facets of the debonding front."""
+    length, count = 4.0, 24
+    law = vmdg.Debonding(strength=20.0, critical_gap=0.05)
+    material = vmdg.NeoHookean(E=5000.0, nu=0.25)
+    scene = blocks(comm, "quadrilateral", (2, count), 0.6, length, interface=(0.3, 0.3))
+    problem = joined(scene, law, (material,) * 2)
+    problem.dirichlet(scene.facet_tags.find(1), 0.0)
+    # Pulled at the far corner: a load near the interface would leave a mark of its own there.
+    corner = np.array([[0.6], [length]])
+    problem.dirichlet_points(
+        lambda x: np.isclose(x[:2], corner).all(axis=0), lambda t: 0.4 * t, "x"
+    )
+    vmdg.solve(problem, np.linspace(0.1, 1, 10))
+    state, facet = problem.state[0], problem.couplings[0].quadrature.facet
+    held = state.points[state.softening < law.strength, 1]
+    front = comm.allreduce(held.max(initial=-1), op=MPI.MAX)
+    assert 0.2 * length < front < 0.8 * length
+    middle = np.bincount(facet, state.points[:, 1]) / np.maximum(np.bincount(facet), 1)
+    indicator = problem.error_indicator(0)
+    size = gather(comm, indicator)
+    peak = gather(comm, middle)[np.argmax(size)]
+    assert abs(peak - front) < 2 * length / count
+    assert size.max() > 2 * np.median(size)
