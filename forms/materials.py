@@ -4,29 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass
 
 import ufl
 from ufl.core.expr import Expr
-from ufl.variable import Variable
 
-
-@dataclass(frozen=True)
-class Invariants:
-    """A strain energy as a function of few scalars.
-
-    Its derivatives by F follow from scalar ones by the chain rule in two stages, arguments of W by
-    invariants, invariants by F, which keeps kernels of elaborate energies small (``kinematics``).
-
-    Attributes:
-        energy: W [MPa], depends on F through the arguments only.
-        arguments: UFL variables of expressions that depend on F through the invariants only.
-        variables: I_a, UFL variables of polynomials of the components of F.
-    """
-
-    energy: Expr
-    arguments: tuple[Variable, ...]
-    variables: tuple[Variable, ...]
+from .invariants import Invariants
 
 
 class Material:

@@ -22,7 +22,8 @@ import numpy as np
 import ufl
 from ufl.core.expr import Expr
 
-from .materials import Invariants, Material
+from .invariants import Invariants
+from .materials import Material
 
 # Truncated series on one side of a switch meet closed forms that cancel on the other: with these,
 # third derivatives have 1e-11 of their size left, first and second ones 1e-13.

@@ -72,8 +72,8 @@ def random_fibres(
     count: int,
     fraction: float,
     size: float = 1.0,
-    spacing: float = 0.1,
-    margin: float = 0.1,
+    spacing: float = 0.25,
+    margin: float = 0.25,
     seed: int = 0,
     tries: int = 20000,
 ) -> tuple[NDArray[np.float64], float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -179,4 +180,45 @@ def test_goodier(comm, cell):
     sizes = (0.08, 0.04, 0.02)
     errors, onset = np.transpose([goodier(comm, cell, h) for h in sizes])
     exact = 2 * BOND.strength / sum(goodier_constants())
-    print(cell, errors, onset, onset / exact - 1)
+    assert errors[-1] < 0.04
+    assert np.log(errors[0] / errors[-1]) / np.log(4) > 0.8  # P.N of linear elements: order 1
+    assert (np.diff(errors) < 0).all()
+    assert onset[-1] == pytest.approx(exact, rel=0.02)
+
+
+# The scene
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory) -> vmdg.History:
+    """The demo with zeta_c = .01 mm, coarse."""
+    sys.path.insert(0, DEMOS)
+    try:
+        import fibre_matrix as demo
+    finally:
+        sys.path.remove(DEMOS)
+    return demo.main(critical_gap=0.01, out=str(tmp_path_factory.mktemp("fibre_matrix")))
+
+
+def test_scene_runs_through_its_stages(scene):
+    """Debonding, kinking, cracks at an edge, separation, at the strains of this mesh."""
+    first = [scene["strain"][np.argmax(scene["stage"] >= stage)] for stage in (1, 2, 3, 4)]
+    assert scene["stage"][-1] == 4
+    assert first[0] == pytest.approx(6e-4, rel=1e-9)
+    assert 1e-3 < first[1] < first[2] < 4e-3
+    assert first[3] == pytest.approx(0.01, rel=0.06)
+    assert scene["stress"].max() == pytest.approx(21.4, rel=0.01)
+    assert abs(scene["stress"][-1]) < 0.01 * scene["stress"].max()
+
+
+def test_scene_spends_what_it_is_given(scene):
+    """The energies balance within 1% of the work, nothing by viscosity."""
+    assert abs(scene["imbalance"]).max() < 0.01 * scene["external"][-1]
+    assert abs(scene["viscosity"]).max() < 0.01 * scene["external"][-1]
+
+
+def test_scene_iterates_little(scene):
+    """Median at most 5 iterations a converged step, never more than 10."""
+    assert np.median(scene["iterations"]) <= 5
+    assert scene["iterations"].max() <= 10
+    assert (scene["cuts"] > 0).sum() < 0.2 * len(scene)

@@ -64,7 +64,7 @@ class Bodies:
         self._eigenstrain = dict(eigenstrain or {})
         self._swelling = fem.Function(space) if self._eigenstrain else None
         self.families: list[Family] = []
-        self.family = np.empty(len(tags), dtype=np.int32)
+        self.family = np.full(len(tags), -1, dtype=np.int32)
         owned = mesh.topology.index_map(mesh.topology.dim).size_local
         for key in dict.fromkeys(material.family for material in materials.values()):
             members = {tag: m for tag, m in materials.items() if m.family == key}

@@ -183,7 +183,8 @@ def bubble_integrals(quadrature: FacetQuadrature) -> NDArray[np.float64]:
     variant = basix.LagrangeVariant(geometry.variant)
     element = basix.ufl.element("Lagrange", cell_type, order, lagrange_variant=variant)
     tables = element.tabulate(1, points)[1:]
-    nodes = sub.geometry.x[compat.geometry_dofmap(sub)[quadrature.cell_of_facet]][:, :, : quadrature.d]
+    corners = compat.geometry_dofmap(sub)[quadrature.cell_of_facet]
+    nodes = sub.geometry.x[corners][:, :, : quadrature.d]
     jacobian = np.einsum("tqn,fnd->fqdt", tables, nodes)
     metric = np.einsum("fqds,fqdt->fqst", jacobian, jacobian)
     return np.sqrt(np.linalg.det(metric)) @ (weights * bubble)

@@ -33,5 +33,5 @@ JIT_OPTIONS = {
         "-g0",
         "-fira-region=one",
         "-fira-algorithm=priority",
-    ]
+    ],
 }
