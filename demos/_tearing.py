@@ -142,7 +142,7 @@ def curves(runs: Mapping[str, Run], law: vmdg.Law, tip: float) -> Figure:
     for ax in (gap, error):
         ax.axvline(tip, color="0.7", lw=1, zorder=0)
         ax.set_xlabel("x [mm]")
-    gap.annotate("crack tip", (tip, 0.3), xycoords=("data", "axes fraction"), rotation=90, ha="right")
+    gap.annotate("crack tip", (tip, 0.5), xycoords=("data", "axes fraction"), rotation=90)
     force.set(xlabel="strain [%]", ylabel="force [N/mm]")
     gap.set(ylabel="opening of the interface [mm]")
     bond.set(xlabel="opening at the tip, |g| [mm]", ylabel="traction at the tip, |T| [MPa]")

@@ -66,20 +66,25 @@ def main(
         stage = stages.update(force)
         return {"strain": 2 * problem.t / SIZE, "stress": force / SIZE, "stage": stage}
 
-    end = end or (0.005 if interface_only else 0.525 * critical_gap)
+    separated = (0.525 if fibres == 1 else 0.65) * critical_gap
+    end = end or (0.005 if interface_only else separated)
     options = vmdg.SolveOptions(relative_tolerance=1e-8, energy=True, progress=True)
     history = vmdg.solve(problem, pulls(step, end, growth), options, monitor).history
 
     if comm.rank == 0:
         Path(out).mkdir(parents=True, exist_ok=True)
-        stages.finish().savefig(Path(out) / "fibre_matrix_stages.png", dpi=130)
+        stages.finish().savefig(Path(out) / "fibre_matrix_stages.png", dpi=105)
         curves(history, stages).savefig(Path(out) / "fibre_matrix.png", dpi=130)
         history.to_csv(Path(out) / "history.csv")
-        iterations, failed = history["iterations"], int(history["jump_steps"].sum())
-        print(f"{len(history)} steps, iterations: median {np.median(iterations):g}, "
-              f"most {iterations.max()}; steps cut: {(history['cuts'] > 0).sum()}, viscous: {failed}")
-        print(f"peak {history['stress'].max():.4g} MPa, stage {stages.stage}, energy imbalance "
-              f"{history['imbalance'][-1] / history['external'][-1]:.2e} of the work")
+        iterations, viscous = history["iterations"], history["jump_steps"].sum()
+        print(
+            f"{len(history)} steps, iterations: median {np.median(iterations):g}, most "
+            f"{iterations.max()}; steps cut: {(history['cuts'] > 0).sum()}, viscous: {viscous}"
+        )
+        print(
+            f"peak {history['stress'].max():.4g} MPa, stage {stages.stage}, energy imbalance "
+            f"{history['imbalance'][-1] / history['external'][-1]:.2e} of the work"
+        )
         print(f"pictures and history are in {out}")
     return history
 

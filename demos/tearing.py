@@ -59,10 +59,13 @@ CASES = {
 }  # fmt: skip
 
 
-def tear(case: Case, law: vmdg.Debonding, mesh: str, steps: int, out: Path) -> tuple[Run, Contours]:
+def tear(
+    case: Case, law: vmdg.Debonding, mesh: str, steps: int, out: Path
+) -> tuple[Run, Contours]:
     """Tear the plates on one mesh; fields go to the folder ``out``."""
     divisions = [MESHES[mesh] * n for n in (24, 20, 10)]
-    tagged = tearing(MPI.COMM_WORLD, "quadrilateral", WIDTH, HEIGHT, HEIGHT / 2, divisions, PRECRACK)
+    sizes = WIDTH, HEIGHT, HEIGHT / 2, divisions, PRECRACK
+    tagged = tearing(MPI.COMM_WORLD, "quadrilateral", *sizes)
     interface = vmdg.Interface(between=(1, 2), law=law)
     materials = {1: case.soft, 2: STIFF}
     problem = vmdg.Problem(tagged.mesh, tagged.cell_tags, materials, [interface], case.degree)
@@ -121,14 +124,16 @@ def main(
             h = run.history
             h.to_csv(folder / f"history_{material}_{name}.csv")
             print(
-                f"{name}: peak {h['force'].max():.5g} N/mm at {100 * run.peak:.3g} % strain, parted "
-                f"at {100 * run.separation:.4g} %, broken {100 * h['broken'][-1]:.3g} % of the bond;"
+                f"{name}: peak {h['force'].max():.5g} N/mm at {100 * run.peak:.3g} %, parted "
+                f"at {100 * run.separation:.4g} %, broken {100 * h['broken'][-1]:.3g} %;"
                 f"\n  {len(h)} steps, iterations median {np.median(h['iterations']):g}, maximum "
                 f"{h['iterations'].max()}, {len(run.failures)} steps cut, "
                 f"{h['jump_steps'].sum()} viscous; energy missing "
-                f"{h['imbalance'][-1] / h['external'][-1]:.1e}; opening at 10 % strain differs "
-                f"by {run.gap_difference(list(runs.values())[-1], 0.10):.1e} from {list(runs)[-1]}"
+                f"{h['imbalance'][-1] / h['external'][-1]:.1e}"
             )
+            if len(runs) > 1:
+                difference = run.gap_difference(list(runs.values())[-1], 0.10)
+                print(f"  opening at 10 % strain against the finest mesh: {difference:.2%} off")
         print(f"pictures, histories and ParaView fields are in {out}")
     plt.close("all")
     return runs
@@ -136,8 +141,8 @@ def main(
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--material", choices=CASES, default="neo-hookean", help="of the soft plate")
-    parser.add_argument("--mesh", choices=[*MESHES, "all"], default="medium", help="default medium")
-    parser.add_argument("--steps", type=int, default=25, help="load steps to 5 %% (default 25)")
-    parser.add_argument("--out", default="results/tearing", help="folder for the results")
+    parser.add_argument("--material", choices=CASES, default="neo-hookean")
+    parser.add_argument("--mesh", choices=[*MESHES, "all"], default="medium")
+    parser.add_argument("--steps", type=int, default=25, help="steps to 5 %% (default 25)")
+    parser.add_argument("--out", default="results/tearing", help="folder")
     main(**vars(parser.parse_args()))

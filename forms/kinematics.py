@@ -163,3 +163,10 @@ def acoustic_tensor(body: Body, F: Expr) -> Expr:
         return ufl.diff(first_piola(body, F), F)
     units = _unit_vectors(F.ufl_shape[0])
     return ufl.as_tensor([[chain.moduli(_weights(m, n)) for n in units] for m in units])
+
+
+def stiffness(body: Body, F: Expr, eta: Expr, du: Expr) -> Expr:
+    """GRAD eta : A : GRAD du, the first term of (85) [N/mm2]."""
+    A = acoustic_tensor(body, F)
+    i, j, k, m = ufl.indices(4)
+    return ufl.grad(eta)[i, j] * A[i, j, k, m] * ufl.grad(du)[k, m]

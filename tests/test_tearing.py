@@ -79,10 +79,10 @@ def test_neo_hookean(tmp_path_factory, comm):
     assert np.isclose(history["broken"][-1], 1.0)
     gap = run.gap[0.10]
     assert len(gap) == 25
-    assert np.allclose(gap[[0, 6, -1], 1], [0.1331, 0.1240, 0.1064], atol=2e-4)
-    # On the line of the law at the tip while the bond is open.
+    assert np.allclose(gap[[0, 6, -1], 1], [0.13351, 0.12392, 0.10629], atol=5e-5)
+    # On the line of the law at the tip; at the end Q counts the turning path of the gap too.
     opening, traction = history["tip_opening"], history["tip_traction"]
-    open_points = (opening > 0.002) & (opening < 0.199)
+    open_points = (opening > 0.002) & (opening < 0.19)
     line = 200.0 * (1 - opening / 0.2)
     assert np.allclose(traction[open_points], line[open_points], atol=0.5)
     assert np.isclose(history["damage"][-1], 200.0 * 0.2 / 2 * (WIDTH - PRECRACK))

@@ -439,12 +439,10 @@ class Coupling:
         eta = self._acting_law.overstress(self._dt)
         return float(eta * update.multiplier.max() / self.law.strength)
 
-    def commit(self) -> NDArray[np.float64]:
-        """Take the last return map as the converged history.
+    def works(self) -> NDArray[np.float64]:
+        """What this rank's points dissipate in the step by damage, friction and viscosity.
 
-        Returns:
-            What this rank's points dissipated in the step by damage, friction and viscosity
-            [N mm; N in 2D].
+        [N mm; N in 2D], (3,).
         """
         update = self._now.update
         if update is None:
@@ -456,9 +454,14 @@ class Coupling:
             mean = (self._converged_traction + update.traction) / 2
             total = np.einsum("pi,pi->p", mean, update.gap - self.gap)
             works[2] = total - works[0] - works[1]
-        self.gap, self.softening, self.mode = update.gap, update.softening, update.mode
-        self._converged_traction = update.traction
         return works @ self.quadrature.weights
+
+    def commit(self) -> None:
+        """Take the last return map as the converged history."""
+        update = self._now.update
+        if update is not None:
+            self.gap, self.softening, self.mode = update.gap, update.softening, update.mode
+            self._converged_traction = update.traction
 
     def recoverable_energy(self) -> float:
         """What the law of this rank's points can give back of the work in the gap [N mm]."""

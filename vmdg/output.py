@@ -91,7 +91,7 @@ class InterfaceFields:
         open_cells = self._cell_of_facet[np.searchsorted(self._facets, coupling.facets.facets)]
         for name, function in (self.vectors | self.scalars).items():
             values = np.asarray(getattr(state, name), dtype=float)
-            values = values.reshape(len(state.weights), -1)
+            values = values.reshape(len(state.weights), function.function_space.dofmap.index_map_bs)
             mean = np.zeros((len(q.area), values.shape[1]))
             np.add.at(mean, q.facet, values * state.weights[:, None])
             mean /= q.area[:, None]

@@ -137,6 +137,8 @@ class Problem:
         self._load_vector: NDArray[np.float64] | None = None
         self._dissipated = np.zeros(3)
         self._external = 0.0
+        self._largest_work = 0.0
+        self._swells = bool(eigenstrain)
         self._start: _Start | None = None
         self._set_discretization(self._discretize())
         self.apply_loads(0.0)
@@ -334,7 +336,11 @@ class Problem:
         if self._load_vector is None:
             self.apply_loads(self.t)
         self._start = _Start(
-            self.t, self.u.x.array.copy(), self.forces.x.array.copy(), self._load_vector
+            self.t,
+            self.u.x.array.copy(),
+            self.forces.x.array.copy(),
+            self._load_vector,
+            float(self.discretization.stored_energy().sum()),
         )
         for coupling in self.discretization.working:
             coupling.begin_step(overstress, dt)
@@ -415,11 +421,33 @@ class Problem:
         here = [coupling.overstress() for coupling in self.discretization.working]
         return global_max(self.comm, max(here, default=0.0))
 
+    def created_energy(self) -> float:
+        """Energy that the step would have to create, relative to the work seen so far; collective.
+
+        -(external - stored - dissipated) of the step that has converged and is not committed yet.
+        Zero where bodies swell, whose work is not counted.
+        """
+        if self._swells:
+            return 0.0
+        stored = float(self.discretization.stored_energy().sum())
+        external, works = self._external_work(self._start), self._works()
+        change = works.sum() + stored - self._start.stored - external
+        total = self._external + external
+        change, total = global_sum(self.comm, [change, total])
+        self._largest_work = max(self._largest_work, abs(float(total)))
+        return float(change) / max(self._largest_work, np.finfo(float).tiny)
+
+    def _works(self) -> NDArray[np.float64]:
+        """Damage, friction and viscous work of the step, this rank's."""
+        works = [coupling.works() for coupling in self.discretization.working]
+        return self._thickness * sum(works, start=np.zeros(3))
+
     def commit(self) -> None:
         """Take the current state as converged: history, dissipation and external work."""
         self._external += self._external_work(self._start)
+        self._dissipated += self._works()
         for coupling in self.discretization.working:
-            self._dissipated += self._thickness * coupling.commit()
+            coupling.commit()
 
     def _external_work(self, start: _Start) -> float:
         """Trapezoidal work of prescribed displacements and dead loads in the step, this rank's."""
@@ -525,6 +553,7 @@ class _Start:
     u: NDArray[np.float64]
     forces: NDArray[np.float64]
     loads: NDArray[np.float64] | None
+    stored: float
 
 
 def _check_arguments(mesh: Mesh, degree: int, kinematics: str, thickness: float) -> None:

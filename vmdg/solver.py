@@ -45,6 +45,9 @@ class SolveOptions:
         damage_predictor: Predict with the damage tangent of the last step.
         duration: Time for one unit of load factor [s]; matters to laws with viscosity only.
         petsc: Options for SNES, KSP and PC; default :data:`DIRECT`.
+        energy_guard: Reject a step that ends in a distant equilibrium: one whose stored and
+            dissipated energy exceed what was there and the work put in by more than this share of
+            the work seen so far.
         energy: Add the energies of every step to the history.
         progress: Show a progress bar (rank 0).
     """
@@ -58,6 +61,7 @@ class SolveOptions:
     damage_predictor: bool = True
     duration: float = 1.0
     petsc: Mapping[str, str | int | float | None] = field(default_factory=lambda: dict(DIRECT))
+    energy_guard: float = 1e-2
     energy: bool = False
     progress: bool = False
 
@@ -206,6 +210,9 @@ class Stepper:
             if not report.converged:
                 self.problem.cancel_step()
                 return report
+            if not overstress and self.problem.created_energy() > self.options.energy_guard:
+                self.problem.cancel_step()
+                return StepReport(False, report.norms, "ENERGY_CREATED")
             nearness = self.problem.nearness()
             if nearness > TOO_LATE:
                 self.problem.cancel_step()
