@@ -132,9 +132,7 @@ def curves(runs: Mapping[str, Run], law: vmdg.Law, tip: float) -> Figure:
             gap.plot(*profile[every].T, style, ms=4, mfc="none", color=f"C{i}", label=label)
         for i, (strain, profile) in enumerate(run.error.items()):
             label = f"{100 * strain:.3g} %, {name}" if name in (finest, next(iter(runs))) else None
-            error.semilogy(
-                *profile.T, style, ms=3, mfc="none", lw=1, color=f"C{i}", label=label
-            )
+            error.semilogy(*profile.T, style, ms=3, mfc="none", lw=1, color=f"C{i}", label=label)
     largest = max(run.history["tip_opening"].max() for run in runs.values())
     opening = np.append(np.linspace(0, min(law.critical_gap, 1.5 * largest)), 1.5 * largest)
     line = law.strength * np.clip(1 - opening / law.critical_gap, 0, None)

@@ -56,7 +56,10 @@ def main(
     problem.dirichlet(sides.find(LEFT), lambda pull: -pull, "x")
     problem.dirichlet(sides.find(RIGHT), lambda pull: pull, "x")
     middle = np.array([[0.0, SIZE / 2], [SIZE, SIZE / 2]])
-    held = lambda x: np.any([np.isclose(x[:2].T, point).all(axis=1) for point in middle], axis=0)
+
+    def held(x: np.ndarray) -> np.ndarray:
+        return np.any([np.isclose(x[:2].T, point).all(axis=1) for point in middle], axis=0)
+
     problem.dirichlet_points(held, 0.0, "y")
 
     stages = Cell(problem, SIZE, element_size / 2, centres[0], radius)
@@ -68,7 +71,10 @@ def main(
 
     separated = (0.525 if fibres == 1 else 0.65) * critical_gap
     end = end or (0.005 if interface_only else separated)
-    options = vmdg.SolveOptions(relative_tolerance=1e-8, energy=True, progress=True)
+    # Fragments that hang on a last point invite distant equilibria: watch the energy.
+    options = vmdg.SolveOptions(
+        relative_tolerance=1e-8, energy_guard=0.05, energy=True, progress=True
+    )
     history = vmdg.solve(problem, pulls(step, end, growth), options, monitor).history
 
     if comm.rank == 0:

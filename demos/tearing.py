@@ -59,9 +59,7 @@ CASES = {
 }  # fmt: skip
 
 
-def tear(
-    case: Case, law: vmdg.Debonding, mesh: str, steps: int, out: Path
-) -> tuple[Run, Contours]:
+def tear(case: Case, law: vmdg.Debonding, mesh: str, steps: int, out: Path) -> tuple[Run, Contours]:
     """Tear the plates on one mesh; fields go to the folder ``out``."""
     divisions = [MESHES[mesh] * n for n in (24, 20, 10)]
     sizes = WIDTH, HEIGHT, HEIGHT / 2, divisions, PRECRACK

@@ -85,6 +85,16 @@ def jump_directions(jump: Expr, delta_s: Expr) -> tuple[Expr, Expr]:
     return -v, v
 
 
+def frame_couple(eta: Expr, moment: Expr) -> Expr:
+    """-M:(GRAD eta_1 + GRAD eta_2), the work of T on the part of zeta that turns with the frame.
+
+    zeta = R.zeta~ follows the mid-surface; (27) varied with zeta~ held instead of zeta has
+    -T.(dR.zeta~) besides, with M_ij = (zeta~ x R^T.T)_k W_kij / 2 and W of :mod:`vmdg.frame`.
+    Without it the couple T x zeta would do work on a body that turns.
+    """
+    return -ufl.inner(moment, ufl.grad(eta)("+") + ufl.grad(eta)("-"))
+
+
 def residual(
     eta: Expr,
     bodies: tuple[Body, Body],
@@ -94,10 +104,11 @@ def residual(
     tau: Expr,
     zeta: Expr | None,
     delta_s: Expr | None = None,
+    moment: Expr | None = None,
 ) -> Expr:
     """Interface integrand of (27), or of (26) where ``delta_s`` is given.
 
-    ``zeta`` is None where the interface is only tied.
+    ``zeta`` is None where the interface is only tied, ``moment`` where its frame does not turn.
     """
     s = opening(u) if zeta is None else opening(u) - zeta
     tractions = one_sided_tractions(bodies, u, N)
@@ -105,11 +116,12 @@ def residual(
     if delta_s is not None:
         more = jump_directions(traction_jump(tractions), delta_s)
         directions = (directions[0] + more[0], directions[1] + more[1])
-    return (
+    terms = (
         flux_term(eta, mean_traction(tractions, delta))
         + adjoint_term(eta, bodies, u, N, directions)
         + penalty_term(eta, tau, s)
     )
+    return terms if moment is None else terms + frame_couple(eta, moment)
 
 
 def energy(

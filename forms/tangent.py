@@ -92,3 +92,21 @@ def damage_tangent(
     """-Tt(eta).d zeta, eq. (84), with C = d zeta/dT the consistent tangent of the return map."""
     change = gap_variation(du, moduli, tau, compliance, spin)
     return -ufl.dot(traction_variation(eta, moduli, tau), change)
+
+
+def frame_couple_tangent(
+    eta: Expr,
+    du: Expr,
+    moduli: tuple[Expr, Expr],
+    tau: Expr,
+    by_traction: Expr,
+    by_gradient: Expr,
+) -> Expr:
+    """Derivative of ``interface.frame_couple``: -S(eta):(dM/dT.Tt(du) + dM/dS:S(du)).
+
+    S(w) = GRAD w_1 + GRAD w_2; dM/dT (d, d, d) and dM/dS (d, d, d, d) from the points.
+    """
+    i, j, k, m = ufl.indices(4)
+    test, trial = (ufl.grad(w)("+") + ufl.grad(w)("-") for w in (eta, du))
+    flux = traction_variation(du, moduli, tau)
+    return -test[i, j] * (by_traction[i, j, m] * flux[m] + by_gradient[i, j, k, m] * trial[k, m])

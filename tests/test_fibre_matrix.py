@@ -45,7 +45,10 @@ def pull(tagged, materials, interfaces, size=1.0, load=1e-3, **options) -> vmdg.
     )
     problem.dirichlet(tagged.facet_tags.find(1), 0.0, "x")
     problem.dirichlet(tagged.facet_tags.find(2), lambda t: t, "x")
-    middle = lambda x: np.isclose(x[1], size / 2) & (np.isclose(x[0], 0) | np.isclose(x[0], size))
+
+    def middle(x):
+        return np.isclose(x[1], size / 2) & (np.isclose(x[0], 0) | np.isclose(x[0], size))
+
     problem.dirichlet_points(middle, 0.0, "y")
     vmdg.solve(problem, [load], vmdg.SolveOptions(relative_tolerance=1e-8))
     return problem

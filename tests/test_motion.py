@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 from mpi4py import MPI
 
@@ -23,17 +24,6 @@ TURNS = 12
 # Objectivity
 
 
-def isotropic_weights(tau1, tau2, context):
-    """tau_s of (23) with safety 4, and the isotropic part of delta_1: a number turns with nothing.
-
-    For the ``stabilization`` of an interface.
-    """
-    bonded = np.linalg.inv(tau1 + tau2)
-    d = tau1.shape[-1]
-    share = np.trace(bonded @ tau1, axis1=1, axis2=2) / d
-    return 4 * bonded, share[:, None, None] * np.eye(d)
-
-
 def turn_around(comm, cell, **options):
     """Open a patch by (.10, .07[, -.04]) mm, then turn it by 360 degrees in 12 steps.
 
@@ -48,7 +38,8 @@ def turn_around(comm, cell, **options):
     precise = vmdg.SolveOptions(relative_tolerance=1e-12)
     # tau_s belongs to the step before: resting a few steps, the state and its tau_s agree.
     vmdg.solve(problem, [*np.linspace(0.2, 1, 5), *[1.0] * 4], precise)
-    T, zeta, Q = start = in_frame(problem)
+    start = in_frame(problem)
+    _, zeta, Q = start
     assert ((Q > 0.1 * LAW.strength) & (Q < 0.9 * LAW.strength)).all()
     assert (np.abs(zeta[:, :2]) > 0.02 * LAW.critical_gap).all()
     changes = []
@@ -73,7 +64,7 @@ def turn_around(comm, cell, **options):
         (
             MPI.COMM_SELF,
             "quadrilateral",
-            {"n": 2, "materials": MATERIALS, "stabilization": isotropic_weights},
+            {"n": 2, "materials": MATERIALS},
         ),
     ],
     ids=["plane", "space", "plane-two-materials"],
@@ -81,26 +72,12 @@ def turn_around(comm, cell, **options):
 def test_rigid_turn_changes_nothing(group, cell, options):
     """A partly debonded patch turned by 360 degrees keeps Q, R^T.T and R^T.zeta at every step.
 
-    One facet between equal blocks has delta_1 = delta_2 = I/2; elsewhere the weights are made
-    isotropic. The bound 1e-10 of the strength and the critical gap is a hundred times the
-    measured change: the residual is solved to 1e-12.
+    The bound 1e-10 of the strength and the critical gap is a hundred times the measured change:
+    the residual is solved to 1e-12.
     """
     changes = turn_around(group, cell, **options)
     assert len(changes) == TURNS
     assert changes.max() < 1e-10
-
-
-def test_frozen_flux_weights_do_not_turn():
-    """With the tensors delta of (23), frozen from the step before, a turn leaves a small trace.
-
-    delta is that of the last converged state, 30 degrees behind; where the two sides differ,
-    {P.N} then changes by (delta - I/2) times the traction jump. Measured 1.7e-4 of the strength
-    in T and 9e-6 in Q and zeta, already in the first step, and no growth afterwards.
-    """
-    changes = turn_around(MPI.COMM_SELF, "quadrilateral", n=2, materials=MATERIALS)
-    assert len(changes) == TURNS
-    assert changes.max() < 1e-3
-    assert (changes[-1, 1:] < 1.1 * changes[0, 1:]).all()
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
@@ -197,7 +174,7 @@ def test_quadratic_convergence(comm, mode, frame):
     """The last Newton corrections square the error in every mode, also unsymmetric and turning.
 
     With e the residual relative to 100 N, the strength of the interface: from e_k < .01 on,
-    e_{k+1} < 20 e_k^2 or at the floor of rounding, near 1e-13. Measured ratios: .01 to 12.
+    e_{k+1} < 50 e_k^2 or at the floor of rounding, near 1e-13. Measured ratios: .01 to 24.
     """
     before, after, parameters = STEPS[mode]
     knots = [(0.0, 0.0), *before, after]
@@ -215,8 +192,8 @@ def test_quadratic_convergence(comm, mode, frame):
     assert (problem.state[0].mode == mode).all()
     error = np.array(norms) / 100.0
     assert error[-1] < 1e-11
-    for now, then in zip(error[:-1], error[1:], strict=True):
-        assert now > 0.01 or then < max(20 * now**2, 1e-12), error
+    for now, then in pairwise(error):
+        assert now > 0.01 or then < max(50 * now**2, 1e-12), error
 
 
 # Load cycles
@@ -281,19 +258,17 @@ def kinks_of_cycle(friction, frame):
     return found[np.diff(found, prepend=-1) > 1e-6]
 
 
-@pytest.mark.parametrize(("friction", "frame"), [(0.0, "reference"), (0.3, "corotating")])
+@pytest.mark.parametrize(
+    ("friction", "frame"),
+    [(0.0, "reference"), (0.0, "corotating"), (0.3, "corotating")],
+)
 def test_load_cycle(friction, frame):
     """Open, close, press, shear, reopen: Q grows only, T follows the law, the energies balance.
 
     With the switches of the law at ends of steps, 200 steps balance to 1e-6 of the external work
     (sum of |work increments|). What is left is the trapezoidal rule on the curved response of the
-    bodies, most of it in the first elastic leg, which gets 40 of the steps. Two parts are known
-    and added to the balance:
-
-    * Friction is charged at the pressure of the end of a step; while the pressure changes in
-      sliding, mu (|T_N,n| - |T_N,n+1|)/2 times the slip is missing, of first order in the step.
-    * The residual holds zeta in its variation, so the couple T x zeta does work when the frame
-      turns: T.dR.zeta~, no matter how small the steps (frame="corotating" only).
+    bodies, most of it in the first elastic leg, which gets 40 of the steps. Friction under a
+    pressure that changes within the step leaves 2.7e-6, falling by a factor of 3 with half steps.
     """
     ends = kinks_of_cycle(friction, frame)
     share = np.full(len(ends) - 1, (STEPS_OF_CYCLE - 40) // (len(ends) - 2))
@@ -346,13 +321,7 @@ def test_load_cycle(friction, frame):
     assert (np.diff(dissipated) > -1e-12).all()
     assert (history["friction"][-1] > 0) == (friction > 0)
     work = np.abs(np.diff(history["external"], prepend=0)).sum()
-    pressure, slip = np.maximum(-T[:, 0], 0), np.abs(zeta[:, 1])
-    late = -friction / 2 * np.diff(pressure) * np.diff(slip) * (mode[1:] == Mode.FRICTION)
-    current_T = np.einsum("tij,tj->ti", R, T)
-    middle_T, middle_zeta = ((x[1:] + x[:-1]) / 2 for x in (current_T, zeta))
-    couple = np.einsum("ti,tij,tj->t", middle_T, np.diff(R, axis=0), middle_zeta)
-    assert frame == "corotating" or not couple.any()
-    assert np.abs(history["imbalance"] - np.cumsum(late + couple)).max() < 1e-6 * work
+    assert np.abs(history["imbalance"]).max() < (1e-6 if friction == 0 else 3e-6) * work
 
 
 # Rates

@@ -91,6 +91,8 @@ class _Values:
         spin: Z, the part of d zeta/dF that comes from the turning frame (nq, d, d, d); None where
             the frame does not turn.
         rotation: R of the frame (nq, d, d); None where the frame does not turn.
+        moment: M of the frame's couple (nq, d, d), its derivatives by the traction (nq, d, d, d)
+            and by the gradient of either side (nq, d, d, d, d); None where the frame does not turn.
         update: Result of the return map; None where zeta was held or there is none.
     """
 
@@ -101,6 +103,9 @@ class _Values:
     compliance: NDArray[np.float64] | None = None
     spin: NDArray[np.float64] | None = None
     rotation: NDArray[np.float64] | None = None
+    moment: NDArray[np.float64] | None = None
+    by_traction: NDArray[np.float64] | None = None
+    by_gradient: NDArray[np.float64] | None = None
     update: Update | None = None
 
 
@@ -119,7 +124,8 @@ class Coupling:
     """The interface terms of the problem and the history they need.
 
     A tie (law without history) has the tensor tau_s and neither zeta nor a return map; any other
-    law has the scalar r = |tau_s| in the residual and in the return map.
+    law has the scalar r = |tau_s| in the residual and in the return map, and where its frame turns
+    also the isotropic part of the flux weights delta.
 
     Args:
         interface: The user's description.
@@ -153,6 +159,7 @@ class Coupling:
         self.quadrature = FacetQuadrature(mesh, facets, facet_degree(degree))
         self._stabilizer = Stabilizer(interface, facets, self.quadrature, u, bodies)
         self.stabilization: Stabilization | None = None
+        self._weights: NDArray[np.float64] | None = None
         self._N = ufl.FacetNormal(mesh)("+")
 
         facet_space = self.quadrature.facet_space
@@ -161,6 +168,7 @@ class Coupling:
         self._zeta = fem.Function(self.quadrature.space((d,))) if self.law.inelastic else None
         self._delta_s = fem.Function(facet_space((d, d))) if interface.traction_jump else None
         self.turns = self.law.inelastic and interface.frame == "corotating"
+        self._moment = fem.Function(self.quadrature.space((d, d))) if self.turns else None
         self._flux = self._evaluators((2 * d + d * d if self.turns else 2 * d,), self._flux_of)
         self._tangent: StagedTangent | None = None
 
@@ -172,10 +180,16 @@ class Coupling:
         zero = np.zeros((count, d))
         self._now = _Values(zero, zero, None, zero)
         if self.law.inelastic:
-            none = np.zeros((count, d, d))
-            spin = np.zeros((count, d, d, d)) if self.turns else None
-            rotation = np.tile(np.eye(d), (count, 1, 1)) if self.turns else None
-            self._now = _Values(zero, zero, zero, zero, none, spin, rotation)
+            self._now = replace(self._now, gap=zero, compliance=np.zeros((count, d, d)))
+        if self.turns:
+            self._now = replace(
+                self._now,
+                spin=np.zeros((count, d, d, d)),
+                rotation=np.tile(np.eye(d), (count, 1, 1)),
+                moment=np.zeros((count, d, d)),
+                by_traction=np.zeros((count, d, d, d)),
+                by_gradient=np.zeros((count, d, d, d, d)),
+            )
         self._converged = self._now
         self._converged_traction = np.zeros((history, d))
         self._dt = 1.0
@@ -197,7 +211,10 @@ class Coupling:
 
     def residual_term(self, eta: Expr, group: Group) -> Expr:
         """Interface integrand of (27)."""
-        return terms.residual(eta, group.bodies, self._u, self._N, *self._coefficients())
+        moment = self._moment("+") if self.turns else None
+        return terms.residual(
+            eta, group.bodies, self._u, self._N, *self._coefficients(), moment=moment
+        )
 
     def energy_term(self, group: Group) -> Expr:
         """Stored energy of the interface, the interface integrand of (30) [N/mm]."""
@@ -231,7 +248,12 @@ class Coupling:
             ValueError: r <= H - eta on a facet: the softening is too steep for the mesh.
         """
         self.stabilization = self._stabilizer()
-        self.quadrature.set_facet_values(self._delta, self.stabilization.delta[:, 0])
+        self._weights = self.stabilization.delta
+        if self.turns:
+            # A frozen tensor would lag behind a body that turns: take numbers, as r is one.
+            share = np.trace(self._weights, axis1=2, axis2=3) / self._d
+            self._weights = share[:, :, None, None] * np.eye(self._d)
+        self.quadrature.set_facet_values(self._delta, self._weights[:, 0])
         if self._delta_s is not None:
             self.quadrature.set_facet_values(self._delta_s, self.stabilization.delta_s)
         scalar = self.law.inelastic
@@ -267,7 +289,7 @@ class Coupling:
         """
         d, facet = self._d, self.quadrature.facet
         flux1, flux2 = self._flux[0](), self._flux[1]()
-        delta = self.stabilization.delta[facet]
+        delta = self._weights[facet]
         # The kernels take the outward normal of their own side, -N on side 2.
         mean = _apply(delta[:, 0], flux1[:, :d]) - _apply(delta[:, 1], flux2[:, :d])
         jump = flux1[:, :d] + flux2[:, :d]
@@ -284,7 +306,15 @@ class Coupling:
         else:
             values = self._map(opening, total, r, dt, hold)
         self._now = replace(values, jump=jump)
+        self._set_gap()
+
+    def _set_gap(self) -> None:
+        """Give the residual the gap of the current values."""
+        if not self.law.inelastic:
+            return
         self._zeta.x.array[:] = self._now.gap.ravel()
+        if self.turns:
+            self._moment.x.array[:] = self._now.moment.ravel()
 
     def _map(self, opening: NDArray, total: NDArray, r: NDArray, dt: float, hold: bool) -> _Values:
         """The return map on T_tr = {P.N} + r g - r zeta_n; ``total`` is {P.N} + r g."""
@@ -303,20 +333,43 @@ class Coupling:
         """The return map in the turning frame R: zeta = R.zeta~, T~ = R^T.T, N stays.
 
         With q = R^T.({P.N} + r g), dR = R.Omega and omega = W:dF its axial vector,
-        d zeta = C.Tt(du) + R.(Omega.zeta~ - C~.Omega.q), C = R.C~.R^T.
+        d zeta = C.Tt(du) + R.(Omega.zeta~ - C~.Omega.q), C = R.C~.R^T. The couple c = zeta~ x T~
+        gives M = c_k W_k / 2 of ``forms.interface.frame_couple``, and dc = D.dT~_tr with
+        D = [zeta~]^T - [q]^T.C~, where [x].omega = omega x x.
         """
         N = self.quadrature.normal
         R = frame.rotation(F, N)
-        held = self._map(opening, _apply_transposed(R, total), r, dt, hold)
-        gap, traction = _apply(R, held.gap), _apply(R, held.traction)
-        if hold:
-            return replace(held, gap=gap, traction=traction, rotation=R)
+        W = frame.spin(F, N, R)
         q = _apply_transposed(R, total)
-        change = frame.cross_matrix(held.gap) - held.compliance @ frame.cross_matrix(q)
+        mapped = self._map(opening, q, r, dt, hold)
+        turn = frame.cross_matrix(mapped.gap)
+        couple = np.einsum("pmk,pm->pk", turn, mapped.traction)
+        values = replace(
+            mapped,
+            gap=_apply(R, mapped.gap),
+            traction=_apply(R, mapped.traction),
+            rotation=R,
+            moment=np.einsum("pk,pkab->pab", couple, W) / 2,
+        )
+        if hold:
+            return values
+        C, turn_q = mapped.compliance, frame.cross_matrix(q)
         # dF is the mean of both sides: half of each side's gradient.
-        spin = np.einsum("pmn,pnk,pkab->pmab", R, change, frame.spin(F, N, R) / 2, optimize=True)
-        compliance = R @ held.compliance @ R.transpose(0, 2, 1)
-        return _Values(opening, held.jump, gap, traction, compliance, spin, R, held.update)
+        spin = np.einsum("pmn,pnk,pkab->pmab", R, turn - C @ turn_q, W / 2, optimize=True)
+        D = turn.transpose(0, 2, 1) - turn_q.transpose(0, 2, 1) @ C
+        by_gradient = -np.einsum("pkab,pkl,plcd->pabcd", W, D @ turn_q, W, optimize=True) / 4
+        loaded = np.flatnonzero(np.abs(couple).max(axis=1) > 0)
+        by_gradient[loaded] += (
+            np.einsum("pk,pkabcd->pabcd", couple[loaded], frame.spin_gradient(F[loaded], N[loaded]))
+            / 4
+        )
+        return replace(
+            values,
+            compliance=R @ C @ R.transpose(0, 2, 1),
+            spin=spin,
+            by_traction=np.einsum("pkab,pkl,pml->pabm", W / 2, D, R, optimize=True),
+            by_gradient=by_gradient,
+        )
 
     def stage_tangent(self, damage: bool = True) -> None:
         """First stage of the tangent: H, K and C at the points.
@@ -325,7 +378,7 @@ class Coupling:
             damage: Include C = d zeta/dT; without it zeta is held.
         """
         now, facet = self._now, self.quadrature.facet
-        delta, delta_s = self.stabilization.delta[facet], None
+        delta, delta_s = self._weights[facet], None
         directions = np.einsum("paji,pj->pai", delta, self._slip())
         if self.interface.traction_jump:
             delta_s = self.stabilization.delta_s[facet]
@@ -335,9 +388,9 @@ class Coupling:
         self._staging.fill(
             delta,
             directions,
-            now.compliance if active else None,
-            now.spin if active else None,
             delta_s,
+            now.compliance if active else None,
+            (now.spin, now.by_traction, now.by_gradient) if active and self.turns else None,
         )
 
     def _slip(self) -> NDArray[np.float64]:
@@ -352,7 +405,7 @@ class Coupling:
         """
         facet = self.quadrature.facet
         flux = _apply(self.stabilization.delta_s[facet], self._now.jump)
-        share = np.einsum("paji,pj->pai", self.stabilization.delta[facet], self._slip())
+        share = np.einsum("paji,pj->pai", self._weights[facet], self._slip())
         return np.array([1.0, -1.0])[:, None] * share - flux[:, None]
 
     @property
@@ -388,8 +441,7 @@ class Coupling:
     def cancel_step(self) -> None:
         """Return to the values of :meth:`begin_step`."""
         self._now = self._converged
-        if self.law.inelastic:
-            self._zeta.x.array[:] = self._now.gap.ravel()
+        self._set_gap()
 
     def history(self) -> PointHistory:
         """The converged history; its arrays are never changed in place."""
@@ -401,8 +453,7 @@ class Coupling:
         """Return to a converged history."""
         self.gap, self.softening, self.mode = history.gap, history.softening, history.mode
         self._converged_traction, self._now = history.traction, history.values
-        if self.law.inelastic:
-            self._zeta.x.array[:] = self._now.gap.ravel()
+        self._set_gap()
 
     def take_over(self, other: Coupling) -> None:
         """Take the history of the facets that ``other`` has too; new facets start without one."""
@@ -448,6 +499,8 @@ class Coupling:
         if update is None:
             return np.zeros(3)
         works = np.array([update.damage_work, update.friction_work, update.viscous_work])
+        if self.law.friction > 0:
+            works[1] = np.maximum(works[1] + self._pressure_change(update), 0.0)
         if self._acting_law is not self.law:
             # In a jump the overstress does most of the work: count it as the integral of T.dzeta
             # by the trapezoidal rule, exact for linear bodies, less what bond and friction take.
@@ -455,6 +508,20 @@ class Coupling:
             total = np.einsum("pi,pi->p", mean, update.gap - self.gap)
             works[2] = total - works[0] - works[1]
         return works @ self.quadrature.weights
+
+    def _pressure_change(self, update: Update) -> NDArray[np.float64]:
+        """mu (|T_N,n| - |T_N,n+1|) dgamma / 2 where friction slips (nq,) [N/mm].
+
+        The law charges friction at the pressure of the end of the step; the mean of both ends is
+        accurate to second order.
+        """
+        N = self.quadrature.normal
+        slips = update.mode == Mode.FRICTION
+        before, after = (
+            np.maximum(-np.einsum("pi,pi->p", T, N), 0.0)
+            for T in (self._converged_traction, update.traction)
+        )
+        return slips * self.law.friction * (before - after) * update.multiplier / 2
 
     def commit(self) -> None:
         """Take the last return map as the converged history."""

@@ -71,6 +71,25 @@ def spin(F: Array, N: Array, R: Array) -> Array:
     return np.einsum("pkab,pca->pkcb", pulled, R)
 
 
+def spin_gradient(F: Array, N: Array) -> Array:
+    """dW_kab/dF_cd by central differences, (n, 3 or 1, d, d, d, d).
+
+    W is a smooth function of numbers of order one: the step of 1e-5 leaves an error of 1e-10.
+    """
+    step, d = 1e-5, N.shape[1]
+
+    def shifted(c: int, e: int, amount: float) -> Array:
+        moved = F.copy()
+        moved[:, c, e] += amount
+        return spin(moved, N, rotation(moved, N))
+
+    columns = [
+        [(shifted(c, e, step) - shifted(c, e, -step)) / (2 * step) for e in range(d)]
+        for c in range(d)
+    ]
+    return np.moveaxis(np.array(columns), (0, 1), (4, 5))
+
+
 def cross_matrix(x: Array) -> Array:
     """X with X.omega = omega x x at many points, (n, d, 3 or 1)."""
     if x.shape[1] == 2:

@@ -44,7 +44,8 @@ class StagedTangent:
         space = quadrature.space((d, d, d))
         self._moduli = [fem.Function(space) for _ in range(2)]
         self._compliance = fem.Function(quadrature.space((d, d))) if damage else None
-        self._spin = fem.Function(space) if turns else None
+        fourth = quadrature.space((d, d, d, d)) if turns else None
+        self._turning = [fem.Function(s) for s in (space, space, fourth)] if turns else []
         self._jump = [fem.Function(space) for _ in range(2)] if jump else []
         self._third: list[fem.Function] = []
         if geometric:
@@ -69,8 +70,11 @@ class StagedTangent:
             )
         result = tangent.bonded_tangent(eta, du, moduli, tau, third)
         if self._compliance is not None:
-            spin = None if self._spin is None else self._spin("+")
+            spin = self._turning[0]("+") if self._turning else None
             result += tangent.damage_tangent(eta, du, moduli, tau, self._compliance("+"), spin)
+        if self._turning:
+            _, by_traction, by_gradient = (function("+") for function in self._turning)
+            result += tangent.frame_couple_tangent(eta, du, moduli, tau, by_traction, by_gradient)
         if self._jump:
             result += tangent.jump_tangent(eta, du, tuple(f("+") for f in self._jump))
         return result
@@ -79,24 +83,25 @@ class StagedTangent:
         self,
         delta: NDArray,
         directions: NDArray,
-        compliance: NDArray | None = None,
-        spin: NDArray | None = None,
-        delta_s: NDArray | None = None,
+        delta_s: NDArray | None,
+        compliance: NDArray | None,
+        turning: tuple[NDArray, NDArray, NDArray] | None,
     ) -> None:
         """Evaluate the coefficients at the current displacement.
 
         Args:
             delta: Flux weights delta_1, delta_2 at the points (nq, 2, d, d).
             directions: v_1, v_2 with which the adjoint term of (27) or (26) tests (nq, 2, d) [mm].
-            compliance: C = d zeta/dT (nq, d, d) [mm3/N]; None holds zeta.
-            spin: Z (nq, d, d, d), the change of zeta with the gradient of either side; None holds
-                the frame.
             delta_s: Stability tensor of the traction jump (nq, d, d) [mm3/N]; None for (27).
+            compliance: C = d zeta/dT (nq, d, d) [mm3/N]; None holds zeta.
+            turning: Where the frame turns: Z, the change of zeta with the gradient of either side
+                (nq, d, d, d), and the changes of the couple M with the traction (nq, d, d, d) and
+                with that gradient (nq, d, d, d, d); None holds the frame.
         """
         if self._compliance is not None:
             self._compliance.x.array[:] = 0 if compliance is None else compliance.ravel()
-        if self._spin is not None:
-            self._spin.x.array[:] = 0 if spin is None else spin.ravel()
+        for n, function in enumerate(self._turning):
+            function.x.array[:] = 0 if turning is None else turning[n].ravel()
         factor = None if delta_s is None else np.linalg.cholesky(delta_s).transpose(0, 2, 1)
         # The kernels take the outward normal of their own side, -N on side 2.
         for a, sign in enumerate((1, -1)):

@@ -1,0 +1,96 @@
+"""Potential interfaces: facets that stay continuous until their traction nears the strength."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from dolfinx.mesh import CellType, GhostMode, create_rectangle, meshtags
+
+import vmdg
+
+LAW = vmdg.Debonding(strength=10.0, critical_gap=0.1)
+
+
+def plate(comm, activate: str, n: int = 12) -> vmdg.Problem:
+    """A clamped square whose right side is pulled in its upper half; every facet may crack."""
+    mesh = create_rectangle(
+        comm,
+        [[0, 0], [1, 1]],
+        [n, n],
+        CellType.quadrilateral,
+        ghost_mode=GhostMode.shared_facet,
+    )
+    cells = mesh.topology.index_map(2)
+    local = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
+    tags = meshtags(mesh, 2, local, np.ones_like(local))
+    interface = vmdg.Interface(within=1, law=LAW, activate=activate)
+    problem = vmdg.Problem(mesh, tags, {1: vmdg.NeoHookean(E=1000.0, nu=0.3)}, [interface])
+    problem.dirichlet(lambda x: np.isclose(x[0], 0), 0.0)
+    problem.dirichlet(lambda x: np.isclose(x[0], 1) & (x[1] >= 0.5 - 1e-9), lambda t: t, "x")
+    return problem
+
+
+def run(comm, activate):
+    """Pull through the peak of the force."""
+
+    def monitor(problem):
+        force = problem.reaction(lambda x: np.isclose(x[0], 0))[0]
+        return {"force": -force, "dofs": problem.space.dofmap.index_map.size_global}
+
+    options = vmdg.SolveOptions(relative_tolerance=1e-8)
+    return vmdg.solve(plate(comm, activate), np.linspace(0.001, 0.02, 20), options, monitor).history
+
+
+def test_same_curve_with_fewer_dofs(comm):
+    """On demand and all at once: the same force within .5% of the peak, half the dofs."""
+    everything, demanded = run(comm, "all"), run(comm, "on-demand")
+    force = np.interp(everything["load"], demanded["load"], demanded["force"])
+    peak = everything["force"].max()
+    assert everything["force"].argmax() < len(everything) - 1
+    assert np.abs(force - everything["force"]).max() < 0.005 * peak
+    assert demanded["dofs"][0] == 13 * 13
+    assert everything["dofs"][0] == 4 * 12 * 12
+    assert demanded["dofs"][0] < demanded["dofs"][-1] < 0.6 * everything["dofs"][0]
+
+
+def test_state_is_carried_over_exactly(comm):
+    """Opening facets changes neither the displacement of any cell nor the history there was."""
+    problem = plate(comm, "on-demand")
+    options = vmdg.SolveOptions(relative_tolerance=1e-10)
+    vmdg.solve(problem, [0.004, 0.008], options)
+    before = problem.u.x.array.reshape(-1, 2)[problem.space.dofmap.list].copy()
+    old, t = problem.state[0], problem.t
+    total = comm.allreduce(old.softening @ old.weights)
+    assert total > 0
+    # Half of the way to the limit is enough here: open more than a step would.
+    problem._activation._potential[0].interface.activate_at = 0.2
+    assert problem.nearness() > 1
+    assert problem.open_facets()
+    after = problem.u.x.array.reshape(-1, 2)[problem.space.dofmap.list]
+    state = problem.state[0]
+    assert np.array_equal(before, after)
+    assert problem.t == t
+    assert comm.allreduce(len(state.weights)) > comm.allreduce(len(old.weights))
+    assert comm.allreduce(state.softening @ state.weights) == pytest.approx(total, rel=1e-12)
+    known = {tuple(point) for point in np.round(old.points, 9)}
+    new = np.array([tuple(point) not in known for point in np.round(state.points, 9)], dtype=bool)
+    assert not state.gap[new].any() and not state.softening[new].any()
+
+
+def test_a_tie_cannot_open():
+    """A law that never fails is refused."""
+    with pytest.raises(ValueError, match="a tie never fails"):
+        vmdg.Interface(within=1, law=vmdg.Bonded(), activate="on-demand")
+
+
+@pytest.mark.parametrize("value", [0.0, 1.5])
+def test_threshold_is_a_share_of_the_strength(value):
+    """activate_at outside (0, 1] is refused."""
+    with pytest.raises(ValueError, match="activate_at"):
+        vmdg.Interface(within=1, law=LAW, activate="on-demand", activate_at=value)
+
+
+def test_unknown_choice():
+    """Only two ways of activation exist."""
+    with pytest.raises(ValueError, match="activate"):
+        vmdg.Interface(within=1, law=LAW, activate="later")

@@ -1,0 +1,96 @@
+"""Unstable stages: the bar of 7.1.1 with a bond that breaks faster than the blocks unload."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import vmdg
+from vmdg.meshes import blocks
+
+E, NU, STRENGTH = 5000.0, 0.25, 100.0
+LOADS = 0.002 * np.arange(1, 31)
+
+
+def bar(comm, critical_gap: float) -> vmdg.Problem:
+    """Two squares of 1 mm in plane strain, the right end pulled by the load factor."""
+    mesh, cells, facets = blocks(comm, "quadrilateral")
+    material = vmdg.NeoHookean(E=E, nu=NU)
+    law = vmdg.Debonding(strength=STRENGTH, critical_gap=critical_gap)
+    interface = vmdg.Interface(between=(1, 2), law=law)
+    problem = vmdg.Problem(mesh, cells, {1: material, 2: material}, [interface])
+    problem.dirichlet(facets.find(1), 0.0, "x")
+    problem.dirichlet(facets.find(2), lambda t: t, "x")
+    problem.dirichlet(facets.find(5), 0.0, "y")
+    return problem
+
+
+def onset() -> float:
+    """End displacement at which the stress of (86) in plane strain reaches the strength."""
+    mu, lmbda = E / (2 * (1 + NU)), NU * E / ((1 + NU) * (1 - 2 * NU))
+
+    def stress(s):
+        def lateral(b):
+            return mu * (b - 1 / b) + lmbda * (s * b - 1) * s
+
+        b = brentq(lateral, 0.5, 1.5, xtol=1e-15)
+        return mu * (s - 1 / s) + lmbda * (s * b - 1) * b
+
+    return 2 * (brentq(lambda s: stress(s) - STRENGTH, 1.0, 1.2, xtol=1e-15) - 1)
+
+
+def mean(problem: vmdg.Problem) -> dict[str, float]:
+    """Traction and gap, the same at all points."""
+    values = problem.mean(0)
+    return {"traction": values.traction[0], "gap": values.gap[0]}
+
+
+def test_stable_bar_needs_no_jump(comm):
+    """zeta_c = .041 mm: just stable under displacement control, no step is cut."""
+    result = vmdg.solve(bar(comm, 0.041), LOADS, monitor=mean)
+    assert not result.failures
+    assert result.history["jump_steps"].sum() == 0
+    assert len(result.history) == len(LOADS)
+
+
+@pytest.mark.parametrize("critical_gap", [0.02, 0.01, 0.005])
+def test_snap_back(comm, critical_gap):
+    """Where the bar snaps back, one jump at the onset ends in the equilibrium beyond: apart.
+
+    The cut steps bracket the onset of the closed form (.0379 mm); before it the bar is bonded,
+    after it free of stress; the bond takes P_c zeta_c / 2, and what is released beyond that is
+    counted as viscosity. The balance holds to 1%: displacements are integrated by the trapezoidal
+    rule over steps that contain the kink.
+    """
+    options = vmdg.SolveOptions(energy=True)
+    history = vmdg.solve(bar(comm, critical_gap), LOADS, options, mean).history
+    (jump,) = np.flatnonzero(history["jump_steps"])
+    assert history["load"][jump - 1] <= onset() * (1 + 1e-6)
+    assert history["load"][jump] == pytest.approx(onset(), rel=1e-3)
+    assert (history["gap"][:jump] == 0).all()
+    assert np.abs(history["traction"][jump:]).max() < 1e-6 * STRENGTH
+    assert history["gap"][jump:] == pytest.approx(history["load"][jump:], abs=1e-9)
+    assert history["damage"][-1] == pytest.approx(STRENGTH * critical_gap / 2, rel=1e-9)
+    assert history["viscosity"][-1] > 0
+    assert abs(history["imbalance"][-1]) < 0.01 * history["external"][-1]
+
+
+def test_without_jumps_the_step_fails(comm):
+    """The same bar with jump=False: an error, and the last converged state is intact."""
+    problem = bar(comm, 0.01)
+    with pytest.raises(vmdg.StepFailure, match="although it was cut") as failure:
+        vmdg.solve(problem, LOADS, vmdg.SolveOptions(jump=False, max_cuts=3), mean)
+    history = failure.value.result.history
+    assert problem.t == history["load"][-1]
+    assert problem.mean(0).traction[0] == pytest.approx(history["traction"][-1], rel=1e-12)
+    assert problem.mean(0).gap[0] == 0
+
+
+def test_failed_jump_returns(comm):
+    """A jump that is given up leaves the problem in its last converged state."""
+    problem = bar(comm, 0.01)
+    with pytest.raises(vmdg.StepFailure, match="JUMP_FAILED"):
+        vmdg.solve(problem, LOADS, vmdg.SolveOptions(max_cuts=2, max_jump_steps=1), mean)
+    assert problem.mean(0).gap[0] == 0
+    assert problem.energy().dissipated == 0
