@@ -15,7 +15,10 @@ if (_ROOT / "pyproject.toml").is_file():
 _HOME = {
     "Bonded": "laws",
     "Debonding": "laws",
+    "ExponentialDebonding": "laws",
+    "IntrinsicExponential": "laws",
     "Law": "laws",
+    "MixedModeDebonding": "laws",
     "Mode": "laws",
     "History": "history",
     "Interface": "interface",
