@@ -71,6 +71,17 @@ class Run:
         parted = strain[force < 1e-6 * force.max()]
         return parted[0] if len(parted) else np.nan
 
+    def summary(self) -> str:
+        """What to print of it."""
+        h = self.history
+        return (
+            f"peak {h['force'].max():.5g} N/mm at {100 * self.peak:.3g} %, parted at "
+            f"{100 * self.separation:.4g} %, broken {100 * h['broken'][-1]:.3g} %;"
+            f"\n  {len(h)} steps, iterations median {np.median(h['iterations']):g}, maximum "
+            f"{h['iterations'].max()}, {len(self.failures)} steps cut, {h['jump_steps'].sum()} "
+            f"viscous; energy missing {h['imbalance'][-1] / h['external'][-1]:.1e}"
+        )
+
     def gap_difference(self, reference: Run, strain: float) -> float:
         """Largest difference of the openings at ``strain``, relative to the largest opening."""
         x, gap = reference.gap[strain].T

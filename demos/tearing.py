@@ -12,7 +12,6 @@ one parts at its strain) nor the length of the pre-crack. Its bulk modulus for t
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
 from pathlib import Path
 
 from mpi4py import MPI
@@ -20,43 +19,11 @@ from mpi4py import MPI
 import matplotlib.pyplot as plt
 import numpy as np
 from _tearing import Contours, Run, curves, error_profile, gap_profile, gathered
+from _tearing_cases import CASES, HEIGHT, MESHES, PRECRACK, STIFF, WIDTH, Case
 
 import vmdg
 from vmdg.meshes import tearing
 from vmdg.output import FieldWriter
-
-WIDTH, HEIGHT, PRECRACK = 1.62, 1.35, 0.405  # mm; HEIGHT of the soft plate
-MESHES = {"coarse": 1, "medium": 2, "fine": 4}  # times 24 x 20 under 24 x 10 quadrilaterals
-STIFF = vmdg.NeoHookean(E=16000.0, nu=0.44)
-C, NU = (6.3, 0.012, -0.010), 0.49  # MPa; Poisson's ratio of the rubber at small strain
-KAPPA = sum(C) * (1 + NU) / (3 * (1 - 2 * NU))
-
-
-@dataclass(frozen=True)
-class Case:
-    """A soft plate and what to show of it, at which strains."""
-
-    soft: vmdg.Material
-    strength: float  # MPa
-    degree: int
-    contours: tuple[float, ...]
-    profiles: tuple[float, ...]
-    limits: tuple[float, float]  # of the colours, MPa
-    stages: tuple[tuple[float, float], ...]  # end of a stage, its share of --steps
-
-
-CASES = {
-    "neo-hookean": Case(
-        vmdg.NeoHookean(E=4000.0, nu=0.44), 200.0, 1,
-        (0.04, 0.10, 0.14, 0.147), (0.026, 0.10, 0.14), (0, 250),
-        ((0.05, 1.0), (0.145, 0.76), (0.15, 0.4)),
-    ),
-    "ogden": Case(
-        vmdg.Ogden(c=C, m=(1.3, 5.0, -2.0), kappa=KAPPA), 20.0, 2,
-        (0.04, 0.10, 0.16, 0.19), (0.04, 0.10, 0.19), (0, 6),
-        ((0.19, 0.76),),
-    ),
-}  # fmt: skip
 
 
 def tear(case: Case, law: vmdg.Debonding, mesh: str, steps: int, out: Path) -> tuple[Run, Contours]:
@@ -91,14 +58,9 @@ def tear(case: Case, law: vmdg.Debonding, mesh: str, steps: int, out: Path) -> t
             "broken": length @ (Q >= law.strength) / length.sum(),
         }
 
-    loads, start = [case.contours, case.profiles], 0.0
-    for end, share in case.stages:
-        loads.append(np.linspace(start, end, round(share * steps) + 1)[1:])
-        start = end
-    loads = np.unique(np.concatenate(loads).round(9))
     options = vmdg.SolveOptions(1e-8, max_iterations=10, energy=True, progress=True)
     with FieldWriter(problem, out / f"fields_{mesh}") as fields:
-        result = vmdg.solve(problem, loads, options, monitor)
+        result = vmdg.solve(problem, case.strains(steps), options, monitor)
     run.history, run.failures = result.history, result.failures
     return run, contours
 
@@ -121,14 +83,7 @@ def main(
         for name, run in runs.items():
             h = run.history
             h.to_csv(folder / f"history_{material}_{name}.csv")
-            print(
-                f"{name}: peak {h['force'].max():.5g} N/mm at {100 * run.peak:.3g} %, parted "
-                f"at {100 * run.separation:.4g} %, broken {100 * h['broken'][-1]:.3g} %;"
-                f"\n  {len(h)} steps, iterations median {np.median(h['iterations']):g}, maximum "
-                f"{h['iterations'].max()}, {len(run.failures)} steps cut, "
-                f"{h['jump_steps'].sum()} viscous; energy missing "
-                f"{h['imbalance'][-1] / h['external'][-1]:.1e}"
-            )
+            print(f"{name}: {run.summary()}")
             if len(runs) > 1:
                 difference = run.gap_difference(list(runs.values())[-1], 0.10)
                 print(f"  opening at 10 % strain against the finest mesh: {difference:.2%} off")

@@ -20,54 +20,10 @@ from .forms.kinematics import Body
 from .interface import Interface, InterfaceFacets
 from .laws import Mode, Update
 from .parallel import global_max, raise_together
+from .point_values import InterfaceState, PointHistory, PointValues
 from .quadrature import facet_degree
 from .stabilization import Stabilization, Stabilizer
 from .staged_tangent import StagedTangent
-
-
-@dataclass(frozen=True)
-class InterfaceState:
-    """Converged values at the facet points this rank owns, side 1 first.
-
-    Attributes:
-        points: Reference positions (nq, 3) [mm].
-        weights: Reference area of the points (nq,) [mm2; mm in 2D].
-        normal: Reference normal N outward from side 1 (nq, d).
-        opening: g = phi_2 - phi_1 (nq, d) [mm].
-        gap: Inelastic gap zeta (nq, d) [mm].
-        softening: Q (nq,) [MPa].
-        traction: T = {P.N} + tau_s.(g - zeta) (nq, d) [MPa].
-        mode: Active branch of the return map, :class:`vmdg.Mode` (nq,).
-        rotation: R of the frame that turns with the interface (nq, d, d), R.N the current normal;
-            R^T.gap and R^T.traction are the components the law sees. The identity where the frame
-            does not turn.
-    """
-
-    points: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    normal: NDArray[np.float64]
-    opening: NDArray[np.float64]
-    gap: NDArray[np.float64]
-    softening: NDArray[np.float64]
-    traction: NDArray[np.float64]
-    mode: NDArray[np.int8]
-    rotation: NDArray[np.float64]
-
-    @classmethod
-    def empty(cls, d: int) -> InterfaceState:
-        """Of an interface with no open facet."""
-        vectors, scalars = np.zeros((0, d)), np.zeros(0)
-        return cls(
-            points=np.zeros((0, 3)),
-            weights=scalars,
-            normal=vectors,
-            opening=vectors,
-            gap=vectors,
-            softening=scalars,
-            traction=vectors,
-            mode=np.zeros(0, dtype=np.int8),
-            rotation=np.zeros((0, d, d)),
-        )
 
 
 @dataclass(frozen=True)
@@ -76,48 +32,6 @@ class Group:
 
     select: NDArray[np.bool_]
     bodies: tuple[Body, Body]
-
-
-@dataclass(frozen=True)
-class _Values:
-    """Values at the points of the last evaluation, in the current configuration.
-
-    Attributes:
-        opening: g (nq, d).
-        jump: [[P.N]] (nq, d).
-        gap: zeta (nq, d); None for a tie.
-        traction: T (nq, d).
-        compliance: C = d zeta/dT of the last return map (nq, d, d); None for a tie.
-        spin: Z, the part of d zeta/dF that comes from the turning frame (nq, d, d, d); None where
-            the frame does not turn.
-        rotation: R of the frame (nq, d, d); None where the frame does not turn.
-        moment: M of the frame's couple (nq, d, d), its derivatives by the traction (nq, d, d, d)
-            and by the gradient of either side (nq, d, d, d, d); None where the frame does not turn.
-        update: Result of the return map; None where zeta was held or there is none.
-    """
-
-    opening: NDArray[np.float64]
-    jump: NDArray[np.float64]
-    gap: NDArray[np.float64] | None
-    traction: NDArray[np.float64]
-    compliance: NDArray[np.float64] | None = None
-    spin: NDArray[np.float64] | None = None
-    rotation: NDArray[np.float64] | None = None
-    moment: NDArray[np.float64] | None = None
-    by_traction: NDArray[np.float64] | None = None
-    by_gradient: NDArray[np.float64] | None = None
-    update: Update | None = None
-
-
-@dataclass(frozen=True)
-class PointHistory:
-    """Converged history of an interface on this rank; zeta and T in the frame of the law."""
-
-    gap: NDArray[np.float64]
-    softening: NDArray[np.float64]
-    mode: NDArray[np.int8]
-    traction: NDArray[np.float64]
-    values: _Values
 
 
 class Coupling:
@@ -178,7 +92,7 @@ class Coupling:
         self.softening = np.zeros(history)
         self.mode = np.zeros(history, dtype=np.int8)
         zero = np.zeros((count, d))
-        self._now = _Values(zero, zero, None, zero)
+        self._now = PointValues(zero, zero, None, zero)
         if self.law.inelastic:
             self._now = replace(self._now, gap=zero, compliance=np.zeros((count, d, d)))
         if self.turns:
@@ -296,7 +210,7 @@ class Coupling:
         opening = flux2[:, d : 2 * d] - flux1[:, d : 2 * d]
         if not self.law.inelastic:
             traction = mean + _apply(self.stabilization.tau[facet], opening)
-            self._now = _Values(opening, jump, None, traction)
+            self._now = PointValues(opening, jump, None, traction)
             return
         r = self.stabilization.norm[facet]
         total = mean + r[:, None] * opening
@@ -316,20 +230,22 @@ class Coupling:
         if self.turns:
             self._moment.x.array[:] = self._now.moment.ravel()
 
-    def _map(self, opening: NDArray, total: NDArray, r: NDArray, dt: float, hold: bool) -> _Values:
+    def _map(
+        self, opening: NDArray, total: NDArray, r: NDArray, dt: float, hold: bool
+    ) -> PointValues:
         """The return map on T_tr = {P.N} + r g - r zeta_n; ``total`` is {P.N} + r g."""
         trial = total - r[:, None] * self.gap
         if hold:
             return replace(self._now, opening=opening, gap=self.gap, traction=trial, update=None)
         N = self.quadrature.normal
         update = self._acting_law.return_map(trial, N, self.gap, self.softening, r, dt)
-        return _Values(
+        return PointValues(
             opening, self._now.jump, update.gap, update.traction, update.tangent, update=update
         )
 
     def _map_in_frame(
         self, opening: NDArray, total: NDArray, r: NDArray, F: NDArray, dt: float, hold: bool
-    ) -> _Values:
+    ) -> PointValues:
         """The return map in the turning frame R: zeta = R.zeta~, T~ = R^T.T, N stays.
 
         With q = R^T.({P.N} + r g), dR = R.Omega and omega = W:dF its axial vector,
@@ -471,7 +387,7 @@ class Coupling:
             result[mine] = before[theirs]
             return result
 
-        names = [field.name for field in fields(_Values) if field.name != "update"]
+        names = [field.name for field in fields(PointValues) if field.name != "update"]
         values = {
             name: moved(getattr(new.values, name), getattr(old.values, name)) for name in names
         }
@@ -480,7 +396,7 @@ class Coupling:
             for field in fields(PointHistory)
             if field.name != "values"
         }
-        self.set_history(PointHistory(**history, values=_Values(**values)))
+        self.set_history(PointHistory(**history, values=PointValues(**values)))
 
     def overstress(self) -> float:
         """Largest viscous overstress of the last step on this rank, relative to the strength."""

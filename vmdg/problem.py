@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from .activation import Activation
 from .bodies import Bodies, Family, LoadFactor
 from .boundary import DeadLoads, DirichletConditions, Locator, Value, Where, find_boundary_facets
-from .coupling import Coupling, InterfaceState, PointHistory
+from .coupling import Coupling
 from .discretization import Discretization
 from .forms.materials import Material
 from .interface import Interface, InterfaceFacets, check_ghosts, find_facets
 from .parallel import global_max, global_sum, raise_together
+from .point_values import InterfaceState, PointHistory
 from .stabilization import Stabilization
 from .topology import facet_cells, tags_of_cells
 
