@@ -115,19 +115,27 @@ class Newton:
         self._dt = dt
         self._norms = []
         with Timer("vmdg: predictor"):
-            start = self._problem.u.x.array.copy()
-            imbalance = self._predict(damage_predictor)
-            if damage_predictor and not self._imbalance() <= POOR * imbalance:
-                # Where points stop to soften, their tangent of before leads astray.
-                best, reached = self._problem.u.x.array.copy(), self._imbalance()
-                self._problem.u.x.array[:] = start
-                self._predict(damage=False)
-                if reached < self._imbalance():
-                    self._problem.u.x.array[:] = best
+            self._predict_best(damage_predictor and self._problem.can_fail)
         self._x.array[:] = self._problem.u.x.array[: self._owned]
         self.snes.solve(None, self._x)
         reason = self.snes.getConvergedReason()
         return StepReport(reason > 0, self._norms, _REASONS.get(reason, str(reason)))
+
+    def _predict_best(self, damage: bool) -> None:
+        """Predict; where the damage tangent of before leads astray, compare with zeta held."""
+        u = self._problem.u.x.array
+        start = u.copy()
+        imbalance = self._predict(damage)
+        if not damage:
+            return
+        left = self._imbalance()
+        # A comparison that also catches NaN.
+        if not left <= POOR * imbalance:
+            best = u.copy()
+            u[:] = start
+            self._predict(damage=False)
+            if left < self._imbalance():
+                u[:] = best
 
     def _imbalance(self) -> float:
         """Norm of the residual on the free dofs at the current displacement [N]."""

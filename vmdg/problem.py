@@ -188,6 +188,11 @@ class Problem:
         return self.discretization.couplings
 
     @property
+    def can_fail(self) -> bool:
+        """Whether an interface with open facets has a law that can fail, on any rank."""
+        return any(coupling.law.inelastic for coupling in self.discretization.working)
+
+    @property
     def forces(self) -> fem.Function:
         """Internal minus external forces of the last assembly, owned and ghost dofs [N]."""
         return self.discretization.forces
