@@ -67,7 +67,9 @@ def main(
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         force = problem.reaction(sides.find(RIGHT))[0]
         stage = stages.update(force)
-        return {"strain": 2 * problem.t / SIZE, "stress": force / SIZE, "stage": stage}
+        nodes = problem.space.dofmap.index_map.size_global
+        strain, stress = 2 * problem.t / SIZE, force / SIZE
+        return {"strain": strain, "stress": stress, "stage": stage, "nodes": nodes}
 
     separated = (0.525 if fibres == 1 else 0.65) * critical_gap
     end = end or (0.005 if interface_only else separated)
@@ -91,6 +93,7 @@ def main(
             f"peak {history['stress'].max():.4g} MPa, stage {stages.stage}, energy imbalance "
             f"{history['imbalance'][-1] / history['external'][-1]:.2e} of the work"
         )
+        print(f"{history['nodes'][0]} nodes at first, {history['nodes'][-1]} at the end")
         print(f"pictures and history are in {out}")
     return history
 
