@@ -223,7 +223,7 @@ class Coupling:
         self._set_gap()
 
     def _set_gap(self) -> None:
-        """Give the residual the gap of the current values."""
+        """Give the residual the gap of the current values, and the couple where the frame turns."""
         if not self.law.inelastic:
             return
         self._zeta.x.array[:] = self._now.gap.ravel()
