@@ -9,6 +9,7 @@ from __future__ import annotations
 import ufl
 from ufl.core.expr import Expr
 
+from .geometry import Geometry
 from .kinematics import Body, deformation_gradient, projected_traction_moduli, traction
 
 SIDES = ("+", "-")
@@ -29,10 +30,12 @@ def penalty(tau: Expr, s: Expr) -> Expr:
     return tau * s if tau.ufl_shape == () else ufl.dot(tau, s)
 
 
-def one_sided_tractions(bodies: tuple[Body, Body], u: Expr, N: Expr) -> tuple[Expr, Expr]:
+def one_sided_tractions(
+    bodies: tuple[Body, Body], geometry: Geometry, u: Expr, N: Expr
+) -> tuple[Expr, Expr]:
     """P_1.N and P_2.N, both with the normal of side 1, (d,) [MPa]."""
     return tuple(
-        traction(body(side), deformation_gradient(ufl.grad(u)(side)), N)
+        traction(body(side), deformation_gradient(geometry.gradient(u)(side)), N)
         for body, side in zip(bodies, SIDES, strict=True)
     )
 
@@ -59,15 +62,20 @@ def penalty_term(eta: Expr, tau: Expr, s: Expr) -> Expr:
 
 
 def adjoint_term(
-    eta: Expr, bodies: tuple[Body, Body], u: Expr, N: Expr, directions: tuple[Expr, Expr]
+    eta: Expr,
+    bodies: tuple[Body, Body],
+    geometry: Geometry,
+    u: Expr,
+    N: Expr,
+    directions: tuple[Expr, Expr],
 ) -> Expr:
     """sum_a v_a.((GRAD eta_a : A_a).N); with v_a = delta_a^T.s the third term of (27)."""
     return sum(
         ufl.inner(
             projected_traction_moduli(
-                body(side), deformation_gradient(ufl.grad(u)(side)), N, direction
+                body(side), deformation_gradient(geometry.gradient(u)(side)), N, direction
             ),
-            ufl.grad(eta)(side),
+            geometry.gradient(eta)(side),
         )
         for body, side, direction in zip(bodies, SIDES, directions, strict=True)
     )
@@ -90,7 +98,8 @@ def frame_couple(eta: Expr, moment: Expr) -> Expr:
 
     zeta = R.zeta~ follows the mid-surface; (27) varied with zeta~ held instead of zeta has
     -T.(dR.zeta~) besides, with M_ij = (zeta~ x R^T.T)_k W_kij / 2 and W of :mod:`vmdg.frame`.
-    Without it the couple T x zeta would do work on a body that turns.
+    Without it the couple T x zeta would do work on a body that turns. In axisymmetry the frame
+    turns in the section and GRAD is that of the section.
     """
     return -ufl.inner(moment, ufl.grad(eta)("+") + ufl.grad(eta)("-"))
 
@@ -98,6 +107,7 @@ def frame_couple(eta: Expr, moment: Expr) -> Expr:
 def residual(
     eta: Expr,
     bodies: tuple[Body, Body],
+    geometry: Geometry,
     u: Expr,
     N: Expr,
     delta: Expr,
@@ -111,14 +121,14 @@ def residual(
     ``zeta`` is None where the interface is only tied, ``moment`` where its frame does not turn.
     """
     s = opening(u) if zeta is None else opening(u) - zeta
-    tractions = one_sided_tractions(bodies, u, N)
+    tractions = one_sided_tractions(bodies, geometry, u, N)
     directions = adjoint_directions(s, delta)
     if delta_s is not None:
         more = jump_directions(traction_jump(tractions), delta_s)
         directions = (directions[0] + more[0], directions[1] + more[1])
     terms = (
         flux_term(eta, mean_traction(tractions, delta))
-        + adjoint_term(eta, bodies, u, N, directions)
+        + adjoint_term(eta, bodies, geometry, u, N, directions)
         + penalty_term(eta, tau, s)
     )
     return terms if moment is None else terms + frame_couple(eta, moment)
@@ -126,6 +136,7 @@ def residual(
 
 def energy(
     bodies: tuple[Body, Body],
+    geometry: Geometry,
     u: Expr,
     N: Expr,
     delta: Expr,
@@ -139,7 +150,7 @@ def energy(
     zeta held.
     """
     s = opening(u) if zeta is None else opening(u) - zeta
-    tractions = one_sided_tractions(bodies, u, N)
+    tractions = one_sided_tractions(bodies, geometry, u, N)
     stored = ufl.dot(mean_traction(tractions, delta), s) + ufl.dot(s, penalty(tau, s)) / 2
     if delta_s is None:
         return stored

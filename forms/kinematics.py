@@ -9,6 +9,7 @@ from itertools import combinations_with_replacement
 import ufl
 from ufl.core.expr import Expr
 
+from .geometry import Entries, Geometry
 from .invariants import InvariantChain, Invariants
 from .materials import Material
 
@@ -48,7 +49,7 @@ class Body:
         return replace(self, parameters=parameters, swelling=swelling)
 
     def energy(self, F: Expr) -> Expr:
-        """Strain energy W(F) per reference volume [MPa]; F (d, d), plane strain for d = 2.
+        """Strain energy W(F) per reference volume [MPa]; F 3 x 3, or 2 x 2 in plane strain.
 
         With swelling: W = J_th W_e(F F_th^-1); small strains: W = W_lin(sym(F) - I - theta I).
         """
@@ -93,8 +94,9 @@ def _chain(body: Body, F: Expr) -> InvariantChain | None:
     return None if body.invariant_energy(F) is None else InvariantChain(body.invariant_energy, F)
 
 
-def _weights(v: Sequence, N: Sequence) -> list:
-    """Weights of the components of P in v.P.N."""
+def _weights(v: Sequence, N: Sequence, n: int) -> list:
+    """Weights of the components of P (n, n) in v.P.N."""
+    v, N = ([*x, *[0] * (n - len(x))] for x in (v, N))
     return [a * b for a in v for b in N]
 
 
@@ -103,70 +105,77 @@ def _unit_vectors(d: int) -> list[list[int]]:
 
 
 def first_piola(body: Body, F: Expr) -> Expr:
-    """P = dW/dF, first Piola-Kirchhoff stress (d, d) [MPa]."""
+    """P = dW/dF, first Piola-Kirchhoff stress, of the shape of F [MPa]."""
     chain = _chain(body, F)
     return ufl.diff(body.energy(F), F) if chain is None else chain.stress()
 
 
 def traction(body: Body, F: Expr, N: Expr) -> Expr:
-    """P.N, traction per reference area (d,) [MPa]."""
-    return ufl.dot(first_piola(body, F), N)
+    """P.N, traction per reference area (d,) [MPa], d the length of N.
+
+    F may have a hoop direction besides, in which neither N nor P.N has a component.
+    """
+    P, d = first_piola(body, F), range(len(N))
+    if F.ufl_shape[0] > len(N):
+        P = ufl.as_tensor([[P[i, j] for j in d] for i in d])
+    return ufl.dot(P, N)
 
 
 def traction_moduli(body: Body, F: Expr, N: Expr) -> Expr:
-    """H = (A.N), H_mij = d(P.N)_m/dF_ij with A of (19), (d, d, d) [MPa]."""
+    """H = (A.N), H_mij = d(P.N)_m/dF_ij with A of (19), (d, n, n) for F (n, n) [MPa]."""
     chain = _chain(body, F)
     if chain is None:
         return ufl.diff(traction(body, F, N), F)
-    return ufl.as_tensor([chain.moduli(_weights(e, N)) for e in _unit_vectors(len(N))])
+    n = F.ufl_shape[0]
+    return ufl.as_tensor([chain.moduli(_weights(e, N, n)) for e in _unit_vectors(len(N))])
 
 
 def projected_traction_moduli(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
-    """v.(A.N), the derivative of v.P.N by F, (d, d) [MPa times the unit of v]."""
+    """v.(A.N), the derivative of v.P.N by F, (n, n) [MPa times the unit of v]."""
     chain = _chain(body, F)
     if chain is None:
         return ufl.diff(ufl.dot(v, traction(body, F, N)), F)
-    return chain.moduli(_weights(v, N))
+    return chain.moduli(_weights(v, N, F.ufl_shape[0]))
 
 
 def projected_third_derivative(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
-    """K = Xi:(v (x) N) of (85): K_ijkl = d2(v.P.N)/dF_ij dF_kl, (d, d, d, d)."""
+    """K = Xi:(v (x) N) of (85): K_ijkl = d2(v.P.N)/dF_ij dF_kl, (n, n, n, n)."""
     chain = _chain(body, F)
     if chain is None:
         return ufl.diff(projected_traction_moduli(body, F, N, v), F)
-    return chain.third_derivative(_weights(v, N))
+    return chain.third_derivative(_weights(v, N, F.ufl_shape[0]))
 
 
-def major_components(tensor: Expr) -> Expr:
-    """Vector of the independent entries of a (d, d, d, d) tensor with T_ijkl = T_klij."""
-    d = tensor.ufl_shape[0]
-    pairs = [(i, j) for i in range(d) for j in range(d)]
-    return ufl.as_vector([tensor[p + q] for p, q in combinations_with_replacement(pairs, 2)])
+def major_components(tensor: Expr, entries: Entries) -> Expr:
+    """Vector of the independent T_ijkl = T_klij of a tensor, with ij and kl among ``entries``."""
+    return ufl.as_vector([tensor[p + q] for p, q in combinations_with_replacement(entries, 2)])
 
 
-def from_major_components(vector: Expr, d: int) -> Expr:
-    """The tensor whose :func:`major_components` are the entries of ``vector``."""
-    pairs = [(i, j) for i in range(d) for j in range(d)]
+def from_major_components(vector: Expr, entries: Entries) -> Expr:
+    """The (n, n, n, n) tensor of these :func:`major_components`, zero elsewhere."""
     number = {}
-    for count, (p, q) in enumerate(combinations_with_replacement(pairs, 2)):
+    for count, (p, q) in enumerate(combinations_with_replacement(entries, 2)):
         number[p + q] = number[q + p] = count
-    r = range(d)
-    return ufl.as_tensor(
-        [[[[vector[number[i, j, k, m]] for m in r] for k in r] for j in r] for i in r]
-    )
+    r = range(1 + max(i for i, _ in entries))
+
+    def entry(*ijkm: int) -> Expr | int:
+        return vector[number[ijkm]] if ijkm in number else 0
+
+    return ufl.as_tensor([[[[entry(i, j, k, m) for m in r] for k in r] for j in r] for i in r])
 
 
 def acoustic_tensor(body: Body, F: Expr) -> Expr:
-    """A = d2W/dFdF, eq. (19), (d, d, d, d) [MPa]."""
+    """A = d2W/dFdF, eq. (19), (n, n, n, n) for F (n, n) [MPa]."""
     chain = _chain(body, F)
     if chain is None:
         return ufl.diff(first_piola(body, F), F)
-    units = _unit_vectors(F.ufl_shape[0])
-    return ufl.as_tensor([[chain.moduli(_weights(m, n)) for n in units] for m in units])
+    size = F.ufl_shape[0]
+    units = _unit_vectors(size)
+    return ufl.as_tensor([[chain.moduli(_weights(m, n, size)) for n in units] for m in units])
 
 
-def stiffness(body: Body, F: Expr, eta: Expr, du: Expr) -> Expr:
+def stiffness(body: Body, geometry: Geometry, F: Expr, eta: Expr, du: Expr) -> Expr:
     """GRAD eta : A : GRAD du, the first term of (85) [N/mm2]."""
     A = acoustic_tensor(body, F)
     i, j, k, m = ufl.indices(4)
-    return ufl.grad(eta)[i, j] * A[i, j, k, m] * ufl.grad(du)[k, m]
+    return geometry.gradient(eta)[i, j] * A[i, j, k, m] * geometry.gradient(du)[k, m]

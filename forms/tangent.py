@@ -11,38 +11,41 @@ from __future__ import annotations
 import ufl
 from ufl.core.expr import Expr
 
+from .geometry import Geometry
 from .interface import SIDES, opening, penalty
 
 
-def flux_variation(w: Expr, moduli: tuple[Expr, Expr]) -> Expr:
+def flux_variation(geometry: Geometry, w: Expr, moduli: tuple[Expr, Expr]) -> Expr:
     """h(w) = {(A : GRAD w).N} = sum_a delta_a.H_a : GRAD w_a, (d,) [MPa].
 
     Args:
+        geometry: Gives GRAD w, (n, n).
         w: Test or trial function.
-        moduli: delta_a.H_a of both sides, (d, d, d).
+        moduli: delta_a.H_a of both sides, (d, n, n).
     """
     i, j, m = ufl.indices(3)
     return sum(
-        ufl.as_vector(value[m, i, j] * ufl.grad(w)(side)[i, j], m)
+        ufl.as_vector(value[m, i, j] * geometry.gradient(w)(side)[i, j], m)
         for value, side in zip(moduli, SIDES, strict=True)
     )
 
 
-def traction_variation(w: Expr, moduli: tuple[Expr, Expr], tau: Expr) -> Expr:
+def traction_variation(geometry: Geometry, w: Expr, moduli: tuple[Expr, Expr], tau: Expr) -> Expr:
     """Tt(w) = h(w) + tau_s.g(w), the numerical interface flux of (84)."""
-    return flux_variation(w, moduli) + penalty(tau, opening(w))
+    return flux_variation(geometry, w, moduli) + penalty(tau, opening(w))
 
 
-def geometric_term(eta: Expr, du: Expr, third: tuple[Expr, Expr]) -> Expr:
+def geometric_term(geometry: Geometry, eta: Expr, du: Expr, third: tuple[Expr, Expr]) -> Expr:
     """{(GRAD eta : Xi : GRAD du).N}.s of (85) = sum_a GRAD eta_a : K_a : GRAD du_a."""
     i, j, k, m = ufl.indices(4)
     return sum(
-        ufl.grad(eta)(side)[i, j] * value[i, j, k, m] * ufl.grad(du)(side)[k, m]
+        geometry.gradient(eta)(side)[i, j] * value[i, j, k, m] * geometry.gradient(du)(side)[k, m]
         for value, side in zip(third, SIDES, strict=True)
     )
 
 
 def bonded_tangent(
+    geometry: Geometry,
     eta: Expr,
     du: Expr,
     moduli: tuple[Expr, Expr],
@@ -50,30 +53,39 @@ def bonded_tangent(
     third: tuple[Expr, Expr] | None,
 ) -> Expr:
     """Second to fifth terms of (85): the derivative of (27) with zeta held."""
-    terms = ufl.dot(opening(eta), traction_variation(du, moduli, tau)) + ufl.dot(
-        flux_variation(eta, moduli), opening(du)
+    terms = ufl.dot(opening(eta), traction_variation(geometry, du, moduli, tau)) + ufl.dot(
+        flux_variation(geometry, eta, moduli), opening(du)
     )
     if third is None:
         return terms
-    return terms + geometric_term(eta, du, third)
+    return terms + geometric_term(geometry, eta, du, third)
 
 
-def jump_tangent(eta: Expr, du: Expr, moduli: tuple[Expr, Expr]) -> Expr:
+def jump_tangent(geometry: Geometry, eta: Expr, du: Expr, moduli: tuple[Expr, Expr]) -> Expr:
     """-[[(GRAD eta : A).N]].delta_s.[[(A : GRAD du).N]] of the linearized (26).
 
     Args:
+        geometry: Gives GRAD, (n, n).
         eta: Test function.
         du: Trial function.
-        moduli: L^T.H_1 and -L^T.H_2 with L.L^T = delta_s, (d, d, d).
+        moduli: L^T.H_1 and -L^T.H_2 with L.L^T = delta_s, (d, n, n).
     """
-    return -ufl.dot(flux_variation(eta, moduli), flux_variation(du, moduli))
+    return -ufl.dot(flux_variation(geometry, eta, moduli), flux_variation(geometry, du, moduli))
 
 
 def gap_variation(
-    du: Expr, moduli: tuple[Expr, Expr], tau: Expr, compliance: Expr, spin: Expr | None
+    geometry: Geometry,
+    du: Expr,
+    moduli: tuple[Expr, Expr],
+    tau: Expr,
+    compliance: Expr,
+    spin: Expr | None,
 ) -> Expr:
-    """d zeta = C.Tt(du) + Z:(GRAD du_1 + GRAD du_2); Z where the law's frame turns with F."""
-    change = ufl.dot(compliance, traction_variation(du, moduli, tau))
+    """d zeta = C.Tt(du) + Z:(GRAD du_1 + GRAD du_2); Z where the law's frame turns with F.
+
+    The frame turns in the section of an axisymmetric body: GRAD is that of the section there.
+    """
+    change = ufl.dot(compliance, traction_variation(geometry, du, moduli, tau))
     if spin is None:
         return change
     i, j, m = ufl.indices(3)
@@ -82,6 +94,7 @@ def gap_variation(
 
 
 def damage_tangent(
+    geometry: Geometry,
     eta: Expr,
     du: Expr,
     moduli: tuple[Expr, Expr],
@@ -90,11 +103,12 @@ def damage_tangent(
     spin: Expr | None = None,
 ) -> Expr:
     """-Tt(eta).d zeta, eq. (84), with C = d zeta/dT the consistent tangent of the return map."""
-    change = gap_variation(du, moduli, tau, compliance, spin)
-    return -ufl.dot(traction_variation(eta, moduli, tau), change)
+    change = gap_variation(geometry, du, moduli, tau, compliance, spin)
+    return -ufl.dot(traction_variation(geometry, eta, moduli, tau), change)
 
 
 def frame_couple_tangent(
+    geometry: Geometry,
     eta: Expr,
     du: Expr,
     moduli: tuple[Expr, Expr],
@@ -108,5 +122,5 @@ def frame_couple_tangent(
     """
     i, j, k, m = ufl.indices(4)
     test, trial = (ufl.grad(w)("+") + ufl.grad(w)("-") for w in (eta, du))
-    flux = traction_variation(du, moduli, tau)
+    flux = traction_variation(geometry, du, moduli, tau)
     return -test[i, j] * (by_traction[i, j, m] * flux[m] + by_gradient[i, j, k, m] * trial[k, m])

@@ -16,6 +16,7 @@ from scipy.optimize import brentq
 
 import vmdg
 from vmdg.forms import kinematics
+from vmdg.forms.geometry import CARTESIAN
 
 #: c and m of Table 3, and a bulk modulus five times the shear modulus.
 OGDEN = vmdg.Ogden(c=(6.3, 0.012, -0.010), m=(1.3, 5.0, -2.0), kappa=16.0)
@@ -68,7 +69,7 @@ class Point:
         ]
         if not small:
             K = kinematics.projected_third_derivative(body, F, *self._inputs[1:])
-            values.append(kinematics.major_components(K))
+            values.append(kinematics.major_components(K, CARTESIAN.entries(d)))
         self._expressions = [
             fem.Expression(
                 value,

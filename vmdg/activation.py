@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .bodies import Bodies
 from .facet_quadrature import FacetQuadrature, SideEvaluators, side_evaluators
 from .forms import kinematics
+from .forms.geometry import Geometry
 from .interface import Interface, InterfaceFacets
 from .parallel import global_any, global_max
 from .quadrature import facet_degree
@@ -30,10 +31,17 @@ class PotentialFacets:
     The traction is {P.N} with the weights delta of (23) at F = I: the softer side counts more.
     """
 
-    def __init__(self, mesh: Mesh, interface: Interface, facets: InterfaceFacets, degree: int):
+    def __init__(
+        self,
+        mesh: Mesh,
+        interface: Interface,
+        facets: InterfaceFacets,
+        degree: int,
+        geometry: Geometry,
+    ):
         self.interface = interface
         self.facets = facets
-        self._quadrature = FacetQuadrature(mesh, facets, facet_degree(degree))
+        self._quadrature = FacetQuadrature(mesh, facets, facet_degree(degree), geometry)
         self._delta: NDArray[np.float64] | None = None
         self._tractions: SideEvaluators | None = None
 
@@ -79,6 +87,7 @@ class Activation:
         facets: Sequence[InterfaceFacets],
         bodies: Bodies,
         degree: int,
+        geometry: Geometry,
     ):
         self._mesh = mesh
         self._bodies = bodies
@@ -92,7 +101,7 @@ class Activation:
             on_demand = interface.activate == "on-demand"
             self.open.append(np.full(count, not on_demand))
             if on_demand:
-                self._potential[i] = PotentialFacets(mesh, interface, selected, degree)
+                self._potential[i] = PotentialFacets(mesh, interface, selected, degree, geometry)
 
     def __bool__(self) -> bool:
         return bool(self._potential)

@@ -14,6 +14,7 @@ from dolfinx.mesh import locate_entities_boundary
 from numpy.typing import ArrayLike, NDArray
 
 from . import compat
+from .forms.geometry import Geometry
 from .parallel import global_sum
 from .quadrature import JIT_OPTIONS
 from .topology import facet_cells, local_facets
@@ -81,15 +82,20 @@ class _Condition:
 class DirichletConditions:
     """Prescribed components of the displacement.
 
+    Args:
+        space: Space of the displacement.
+        held: Local dofs (component-wise numbers) that are zero, whatever else is prescribed.
+
     Attributes:
         dofs: Prescribed local dofs (component-wise numbers), ghosts included, ascending.
     """
 
-    def __init__(self, space: fem.FunctionSpace):
+    def __init__(self, space: fem.FunctionSpace, held: NDArray[np.int32]):
         self._space = space
         self._d = space.dofmap.index_map_bs
         self._conditions: list[_Condition] = []
-        self.dofs = np.zeros(0, dtype=np.int32)
+        self._held = held
+        self.dofs = np.unique(held)
 
     def add(
         self, dofs: NDArray[np.int32], value: Value, component: int | str | None, what: str
@@ -135,15 +141,16 @@ class DirichletConditions:
                 components = np.array([condition.component])
             flat = condition.dofs[:, None] * self._d + components
             result[np.searchsorted(self.dofs, flat)] = value.T
+        result[np.searchsorted(self.dofs, self._held)] = 0
         return result
 
 
 class DeadLoads:
     """Tractions per reference area and body forces per reference volume."""
 
-    def __init__(self, space: fem.FunctionSpace, thickness: Any):
+    def __init__(self, space: fem.FunctionSpace, geometry: Geometry):
         self._space = space
-        self._thickness = thickness
+        self._geometry = geometry
         self._tractions: list[tuple[NDArray[np.int32], fem.Constant, Value]] = []
         self._body_forces: list[tuple[fem.Constant, Value]] = []
         self._form: fem.Form | None = None
@@ -191,6 +198,7 @@ class DeadLoads:
             "ds", domain=mesh, subdomain_data=rows, metadata={"quadrature_degree": degree}
         )
         dx = ufl.Measure("dx", domain=mesh, metadata={"quadrature_degree": degree})
-        terms = [ufl.dot(c, eta) * ds(i) for i, (_, c, _) in enumerate(self._tractions)]
-        terms += [ufl.dot(c, eta) * dx for c, _ in self._body_forces]
-        return compat.form(self._thickness * sum(terms[1:], terms[0]), [], JIT_OPTIONS)
+        weight = self._geometry.weight
+        terms = [weight * ufl.dot(c, eta) * ds(i) for i, (_, c, _) in enumerate(self._tractions)]
+        terms += [weight * ufl.dot(c, eta) * dx for c, _ in self._body_forces]
+        return compat.form(sum(terms[1:], terms[0]), [], JIT_OPTIONS)

@@ -16,6 +16,7 @@ from .bodies import Bodies
 from .facet_quadrature import FacetQuadrature, SideEvaluators, family_pairs, side_evaluators
 from .forms import interface as terms
 from .forms import kinematics
+from .forms.geometry import Geometry
 from .forms.kinematics import Body
 from .interface import Interface, InterfaceFacets
 from .laws import Mode, Update
@@ -47,6 +48,7 @@ class Coupling:
         u: Displacement, changed by the solver.
         bodies: Materials.
         degree: Degree of the displacement.
+        geometry: Gradient and measure.
     """
 
     def __init__(
@@ -56,6 +58,7 @@ class Coupling:
         u: fem.Function,
         bodies: Bodies,
         degree: int,
+        geometry: Geometry,
     ):
         mesh = u.function_space.mesh
         self.interface = interface
@@ -65,12 +68,13 @@ class Coupling:
         self._u = u
         self._d = d = mesh.geometry.dim
         self._bodies = bodies
+        self._geometry = geometry
         family_of = bodies.family[facets.cells]
         self.groups = [
             Group((family_of == pair).all(axis=1), tuple(bodies.families[i].body for i in pair))
             for pair in family_pairs(facets, bodies, mesh.comm)
         ]
-        self.quadrature = FacetQuadrature(mesh, facets, facet_degree(degree))
+        self.quadrature = FacetQuadrature(mesh, facets, facet_degree(degree), geometry)
         self._stabilizer = Stabilizer(interface, facets, self.quadrature, u, bodies)
         self.stabilization: Stabilization | None = None
         self._weights: NDArray[np.float64] | None = None
@@ -127,12 +131,18 @@ class Coupling:
         """Interface integrand of (27)."""
         moment = self._moment("+") if self.turns else None
         return terms.residual(
-            eta, group.bodies, self._u, self._N, *self._coefficients(), moment=moment
+            eta,
+            group.bodies,
+            self._geometry,
+            self._u,
+            self._N,
+            *self._coefficients(),
+            moment=moment,
         )
 
     def energy_term(self, group: Group) -> Expr:
         """Stored energy of the interface, the interface integrand of (30) [N/mm]."""
-        return terms.energy(group.bodies, self._u, self._N, *self._coefficients())
+        return terms.energy(group.bodies, self._geometry, self._u, self._N, *self._coefficients())
 
     def _coefficients(self) -> tuple[Expr, Expr, Expr | None, Expr | None]:
         """delta_1, tau_s, zeta and delta_s on the facets, None where the form has none."""
@@ -184,7 +194,7 @@ class Coupling:
         worst = -global_max(self._u.function_space.mesh.comm, -r[bad].min(initial=np.inf))
         if len(bad) and r[bad].min() == worst:
             f = bad[np.argmin(r[bad])]
-            size = self.quadrature.area[f] ** (1 / (self._d - 1))
+            size = self.quadrature.extent[f]
             message = (
                 f"{self.interface}: facet {self.facets.facets[f]} has r = |tau_s| = {r[f]:.6g} "
                 f"MPa/mm, not above the softening modulus H = {H:.6g} MPa/mm (dt = {dt:g}): the "
@@ -409,7 +419,7 @@ class Coupling:
     def works(self) -> NDArray[np.float64]:
         """What this rank's points dissipate in the step by damage, friction and viscosity.
 
-        [N mm; N in 2D], (3,).
+        [N mm; N in plane strain], (3,).
         """
         update = self._now.update
         if update is None:

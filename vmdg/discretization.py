@@ -20,6 +20,7 @@ from . import compat
 from .bodies import Bodies
 from .coupling import Coupling, Group
 from .forms import kinematics
+from .forms.geometry import Geometry
 from .forms.kinematics import Body
 from .interface import Interface, InterfaceFacets
 from .parallel import global_sum
@@ -36,7 +37,7 @@ class Discretization:
         interfaces: What the user described.
         facets: Open facets of every interface, on this rank.
         degree: Degree of the displacement.
-        thickness: Of a plane body [mm].
+        geometry: Gradient and measure.
 
     Attributes:
         space: Broken space.
@@ -53,7 +54,7 @@ class Discretization:
         interfaces: Sequence[Interface],
         facets: Sequence[InterfaceFacets],
         degree: int,
-        thickness: float,
+        geometry: Geometry,
     ):
         self.mesh = mesh
         self.bodies = bodies
@@ -62,10 +63,10 @@ class Discretization:
         self.space = broken_space(mesh, degree, cut.astype(np.int32))
         self.u = fem.Function(self.space, name="displacement")
         self.forces = fem.Function(self.space, name="forces")
-        self.thickness = fem.Constant(mesh, float(thickness)) if thickness != 1 else 1
+        self.geometry = geometry
         sizes = global_sum(mesh.comm, [len(f.facets) for f in facets]) if facets else []
         self.couplings: list[Coupling | None] = [
-            Coupling(interface, f, self.u, bodies, degree) if size else None
+            Coupling(interface, f, self.u, bodies, degree, geometry) if size else None
             for interface, f, size in zip(interfaces, facets, sizes, strict=True)
         ]
         self._measures = self._make_measures()
@@ -92,7 +93,7 @@ class Discretization:
             "dx",
             domain=self.mesh,
             subdomain_data=cells,
-            metadata={"quadrature_degree": bulk_degree(cell, self.degree)},
+            metadata={"quadrature_degree": bulk_degree(cell, self.degree, self.geometry)},
         )
         dS = ufl.Measure(
             "dS",
@@ -108,9 +109,9 @@ class Discretization:
     def _bulk(self, integrand: Callable[[Body, Expr], Expr]) -> ufl.Form:
         """Sum over the families of ``integrand(body, F)``."""
         dx, _ = self._measures
-        F = kinematics.deformation_gradient(ufl.grad(self.u))
+        F = kinematics.deformation_gradient(self.geometry.gradient(self.u))
         terms = [
-            self.thickness * integrand(family.body, F) * dx(i)
+            self.geometry.weight * integrand(family.body, F) * dx(i)
             for i, family in enumerate(self.bodies.families)
         ]
         return sum(terms, start=ufl.Form([]))
@@ -119,7 +120,7 @@ class Discretization:
         """Sum over the interfaces of ``integrand(coupling, group)``."""
         _, dS = self._measures
         terms = [
-            self.thickness * integrand(coupling, group) * dS(i)
+            self.geometry.weight * integrand(coupling, group) * dS(i)
             for i, (coupling, group) in enumerate(self._groups())
         ]
         return sum(terms, start=ufl.Form([]))
@@ -131,13 +132,14 @@ class Discretization:
     def residual_ufl(self) -> ufl.Form:
         """The stabilized residual (27) without dead loads."""
         eta = ufl.TestFunction(self.space)
-        bulk = self._bulk(lambda body, F: ufl.inner(ufl.grad(eta), kinematics.first_piola(body, F)))
+        virtual = self.geometry.gradient(eta)
+        bulk = self._bulk(lambda body, F: ufl.inner(virtual, kinematics.first_piola(body, F)))
         return bulk + self._interfaces(lambda coupling, group: coupling.residual_term(eta, group))
 
     def tangent_ufl(self) -> ufl.Form:
         """The tangent (85), the interfaces in staged coefficients."""
         eta, du = ufl.TestFunction(self.space), ufl.TrialFunction(self.space)
-        bulk = self._bulk(lambda body, F: kinematics.stiffness(body, F, eta, du))
+        bulk = self._bulk(lambda body, F: kinematics.stiffness(body, self.geometry, F, eta, du))
         return bulk + self._interfaces(lambda coupling, group: coupling.tangent_term(eta, du))
 
     def compile_residual(self) -> None:
@@ -216,7 +218,7 @@ class Discretization:
         stored = np.zeros(2)
         for i, form in enumerate(self._energy_forms):
             stored[i] = fem.assemble_scalar(form)
-        stored[1] += float(self.thickness) * sum(
+        stored[1] += float(self.geometry.thickness) * sum(
             coupling.recoverable_energy() for coupling in self.working
         )
         return stored

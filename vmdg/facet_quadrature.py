@@ -18,6 +18,7 @@ from ufl.core.expr import Expr
 from . import compat
 from .bodies import Bodies
 from .forms import kinematics
+from .forms.geometry import CARTESIAN, Geometry
 from .forms.kinematics import Body
 from .interface import InterfaceFacets
 from .quadrature import JIT_OPTIONS
@@ -54,15 +55,25 @@ class FacetQuadrature:
 
     Attributes:
         points: Reference positions (nq, 3) [mm].
-        weights: Reference area of the points (nq,) [mm2; mm in 2D].
+        weights: Reference area of the points (nq,) [mm2; mm in plane strain]; that of the whole
+            circle, 2 pi r ds, in axisymmetry.
         normal: Reference normal outward from side 1 (nq, d).
         facet: Position of the point's facet in ``facets.facets`` (nq,).
+        area: Sum of the weights of every facet (nf,).
+        extent: Length of the facets, in 3D the root of their area (nf,) [mm].
     """
 
-    def __init__(self, mesh: Mesh, facets: InterfaceFacets, degree: int):
+    def __init__(
+        self,
+        mesh: Mesh,
+        facets: InterfaceFacets,
+        degree: int,
+        geometry: Geometry = CARTESIAN,
+    ):
         self.mesh = mesh
         self.facets = facets
         self.degree = degree
+        self.geometry = geometry
         self.submesh = compat.facet_submesh(mesh, facets.facets)
         sub = self.submesh.mesh
         self.d = mesh.geometry.dim
@@ -79,13 +90,17 @@ class FacetQuadrature:
 
         N, X = ufl.FacetNormal(mesh), ufl.SpatialCoordinate(mesh)
         parts = [(0, np.ones(len(facets.facets), dtype=bool), ufl.as_vector([1, *N, *X]))]
-        geometry = self.evaluator((1 + 2 * self.d,), parts, np.ones(dofs.size))()
-        self.weights = geometry[:, 0].copy()
-        self.normal = geometry[:, 1 : 1 + self.d] / self.weights[:, None]
+        integrals = self.evaluator((1 + 2 * self.d,), parts, np.ones(dofs.size))()
+        # Weights of the points in the mesh, by which evaluators divide.
+        self._weights = integrals[:, 0].copy()
+        self.normal = integrals[:, 1 : 1 + self.d] / self._weights[:, None]
         self.normal /= np.linalg.norm(self.normal, axis=1, keepdims=True)
         self.points = np.zeros((dofs.size, 3))
-        self.points[:, : self.d] = geometry[:, 1 + self.d :] / self.weights[:, None]
+        self.points[:, : self.d] = integrals[:, 1 + self.d :] / self._weights[:, None]
+        self.weights = self._weights * geometry.circumference(self.points.T)
         self.area = np.bincount(self.facet, self.weights, minlength=len(facets.facets))
+        measure = np.bincount(self.facet, self._weights, minlength=len(facets.facets))
+        self.extent = measure ** (1 / (self.d - 1))
 
     def space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
         """Values of the given shape at every point."""
@@ -114,7 +129,7 @@ class FacetQuadrature:
         Args:
             shape: Shape of the expressions.
             parts: (side 0 or 1, facets of the interface, expression on them).
-            weights: What to divide by; the quadrature weights.
+            weights: What to divide by; the quadrature weights in the mesh.
         """
         space = self.space(shape)
         test = ufl.TestFunction(space)
@@ -130,7 +145,7 @@ class FacetQuadrature:
             )
             integrand = ufl.inner(test, expression) * ds
             forms.append(compat.form(integrand, [self.submesh], JIT_OPTIONS))
-        return Evaluator(forms, space, self.weights if weights is None else weights)
+        return Evaluator(forms, space, self._weights if weights is None else weights)
 
 
 SideEvaluators = tuple[Evaluator, Evaluator]
@@ -157,7 +172,7 @@ def side_evaluators(
     def one_side(a: int) -> Evaluator:
         parts = []
         for number in np.unique(pairs[:, a]):
-            F = kinematics.deformation_gradient(ufl.grad(u))
+            F = kinematics.deformation_gradient(quadrature.geometry.gradient(u))
             select = bodies.family[facets.cells[:, a]] == number
             parts.append((a, select, expression(bodies.families[number].body, F, N, a)))
         return quadrature.evaluator(shape, parts)
@@ -166,10 +181,10 @@ def side_evaluators(
 
 
 def bubble_integrals(quadrature: FacetQuadrature) -> NDArray[np.float64]:
-    """int_gamma b_s dA of (21) for every facet, (nf,) [mm2; mm in 2D].
+    """int_gamma b_s dA of (21) for every facet, (nf,) [mm2; mm in plane strain].
 
     On the facet itself b_s is 4 x (1 - x) per direction, or 27 l_1 l_2 l_3 on a triangle; the
-    geometry may be curved or warped.
+    geometry may be curved or warped. In axisymmetry dA = 2 pi r ds.
     """
     sub = quadrature.submesh.mesh
     cell_type = sub.basix_cell()
@@ -182,9 +197,10 @@ def bubble_integrals(quadrature: FacetQuadrature) -> NDArray[np.float64]:
         bubble = np.prod(4 * points * (1 - points), axis=1)
     variant = basix.LagrangeVariant(geometry.variant)
     element = basix.ufl.element("Lagrange", cell_type, order, lagrange_variant=variant)
-    tables = element.tabulate(1, points)[1:]
+    tables = element.tabulate(1, points)
     corners = compat.geometry_dofmap(sub)[quadrature.cell_of_facet]
     nodes = sub.geometry.x[corners][:, :, : quadrature.d]
-    jacobian = np.einsum("tqn,fnd->fqdt", tables, nodes)
+    jacobian = np.einsum("tqn,fnd->fqdt", tables[1:], nodes)
     metric = np.einsum("fqds,fqdt->fqst", jacobian, jacobian)
-    return np.sqrt(np.linalg.det(metric)) @ (weights * bubble)
+    around = quadrature.geometry.circumference(np.einsum("qn,fnd->dfq", tables[0], nodes))
+    return (np.sqrt(np.linalg.det(metric)) * around) @ (weights * bubble)

@@ -15,12 +15,15 @@ from .problem import Problem
 
 
 class CauchyStress:
-    """Cauchy stress sigma = P.F^T / J of the bodies, (d, d) [MPa], discontinuous of degree k."""
+    """Cauchy stress sigma = P.F^T / J of the bodies, (d, d) [MPa], discontinuous of degree k.
+
+    In axisymmetry it is (3, 3) in the order r, z, theta: the hoop stress is component (2, 2).
+    """
 
     def __init__(self, problem: Problem):
-        d = problem.mesh.geometry.dim
+        n = problem.geometry.size(problem.mesh.geometry.dim)
         degree = problem.space.ufl_element().degree
-        space = fem.functionspace(problem.mesh, ("DG", degree, (d, d)))
+        space = fem.functionspace(problem.mesh, ("DG", degree, (n, n)))
         self.function = fem.Function(space, name="stress")
         points = compat.interpolation_points(space)
         self._problem = problem
@@ -31,7 +34,7 @@ class CauchyStress:
         self._u = self._problem.u
         self._expressions = []
         for family in self._problem.families:
-            F = kinematics.deformation_gradient(ufl.grad(self._u))
+            F = kinematics.deformation_gradient(self._problem.geometry.nodal_gradient(self._u))
             stress = kinematics.first_piola(family.body, F) * F.T / ufl.det(F)
             self._expressions.append((fem.Expression(stress, self._points), family.cells))
 

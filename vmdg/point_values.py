@@ -16,7 +16,8 @@ class InterfaceState:
 
     Attributes:
         points: Reference positions (nq, 3) [mm].
-        weights: Reference area of the points (nq,) [mm2; mm in 2D].
+        weights: Reference area of the points (nq,) [mm2; mm in plane strain], that of the
+            whole circle in axisymmetry.
         normal: Reference normal N outward from side 1 (nq, d).
         opening: g = phi_2 - phi_1 (nq, d) [mm].
         gap: Inelastic gap zeta (nq, d) [mm].

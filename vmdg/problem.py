@@ -24,6 +24,7 @@ from .interface import Interface, InterfaceFacets, check_ghosts, find_facets
 from .parallel import global_max, global_sum, raise_together
 from .point_values import InterfaceState, PointHistory
 from .stabilization import Stabilization
+from .symmetry import axis_dofs, make_geometry
 from .topology import facet_cells, tags_of_cells
 
 KINEMATICS = ("finite", "small")
@@ -75,7 +76,7 @@ class InterfaceMean:
         gap: zeta (d,) [mm].
         traction: T (d,) [MPa].
         softening: Q [MPa].
-        area: Reference area [mm2; mm in 2D].
+        area: Reference area [mm2; mm in plane strain].
     """
 
     opening: NDArray[np.float64]
@@ -89,8 +90,9 @@ class Problem:
     """Bodies tied by interfaces that may fail.
 
     Args:
-        mesh: Triangles, quadrilaterals, tetrahedra or hexahedra; plane strain in 2D. On more than
-            one rank it needs facet ghosts (``GhostMode.shared_facet``).
+        mesh: Triangles, quadrilaterals, tetrahedra or hexahedra; in 2D plane strain unless
+            ``symmetry`` says otherwise. On more than one rank it needs facet ghosts
+            (``GhostMode.shared_facet``).
         cell_tags: A tag for every cell.
         materials: Material of every tag.
         interfaces: Where and how the displacement may jump.
@@ -99,9 +101,14 @@ class Problem:
         thickness: Of a plane body [mm].
         eigenstrain: Isotropic stress-free strain by tag, a number or a function of the load
             factor; at finite strain F = F_e (1 + theta).
+        symmetry: "axisymmetric" makes a 2D mesh the half section of a body of revolution without
+            torsion: x = r >= 0, y = z, displacement (u_r, u_z). Forces, energies, load vectors and
+            the areas of interface points are those of the whole body; u_r = 0 is imposed on nodes
+            on the axis, whatever else is prescribed there. None for plane strain and 3D.
 
     Attributes:
         u: Displacement [mm].
+        geometry: Gradient and measure of the forms, from ``symmetry`` and ``thickness``.
         t: Load factor of the current state.
         stabilization: tau_s and delta of every interface, from the start of the last step.
 
@@ -120,8 +127,10 @@ class Problem:
         kinematics: str = "finite",
         thickness: float = 1.0,
         eigenstrain: Mapping[int, LoadFactor] | None = None,
+        symmetry: str | None = None,
     ):
-        _check_arguments(mesh, degree, kinematics, thickness)
+        _check_arguments(mesh, degree, kinematics)
+        self.geometry = make_geometry(mesh, symmetry, thickness)
         check_ghosts(mesh)
         self.mesh = mesh
         self.comm = mesh.comm
@@ -130,8 +139,10 @@ class Problem:
         self._bodies = Bodies(mesh, tags, materials, kinematics == "small", eigenstrain)
         self._facets = [find_facets(mesh, tags, interface) for interface in self.interfaces]
         _check_overlap(mesh, self.interfaces, self._facets)
-        self._degree, self._thickness = degree, float(thickness)
-        self._activation = Activation(mesh, self.interfaces, self._facets, self._bodies, degree)
+        self._degree = degree
+        self._activation = Activation(
+            mesh, self.interfaces, self._facets, self._bodies, degree, self.geometry
+        )
         self.t = 0.0
         self._prescriptions: list[tuple[str, Where, Value, int | str | None]] = []
         self._dead_loads: list[tuple[str, NDArray[np.int32] | None, Value]] = []
@@ -158,17 +169,17 @@ class Problem:
                 for facets, mark in zip(self._facets, self._activation.open, strict=True)
             ],
             self._degree,
-            self._thickness,
+            self.geometry,
         )
 
     def _set_discretization(self, discretization: Discretization) -> None:
         """Work with ``discretization``: loads and closed facets follow its space."""
         self.discretization = discretization
         self._activation.follow(self.u)
-        self._dirichlet = DirichletConditions(self.space)
+        self._dirichlet = DirichletConditions(self.space, axis_dofs(self.space, self.geometry))
         for prescription in self._prescriptions:
             self._prescribe(*prescription)
-        self._loads = DeadLoads(self.space, discretization.thickness)
+        self._loads = DeadLoads(self.space, self.geometry)
         for load in self._dead_loads:
             self._load(*load)
 
@@ -448,7 +459,7 @@ class Problem:
     def _works(self) -> NDArray[np.float64]:
         """Damage, friction and viscous work of the step, this rank's."""
         works = [coupling.works() for coupling in self.discretization.working]
-        return self._thickness * sum(works, start=np.zeros(3))
+        return float(self.geometry.thickness) * sum(works, start=np.zeros(3))
 
     def commit(self) -> None:
         """Take the current state as converged: history, dissipation and external work."""
@@ -508,7 +519,12 @@ class Problem:
         return InterfaceMean(*values, area)
 
     def reaction(self, facets: Where) -> NDArray[np.float64]:
-        """Total force that holds the nodes of boundary facets (d,) [N], the same on every rank."""
+        """Total force that holds the nodes of boundary facets (d,) [N], the same on every rank.
+
+        In axisymmetry the axial component is the force on the whole body. The radial one is the
+        sum of the radial forces all around (2 pi r t_r ds), which works with u_r: as a resultant
+        it is zero.
+        """
         facets = find_boundary_facets(self.mesh, facets, "reaction")
         dofs = fem.locate_dofs_topological(self.space, self.mesh.topology.dim - 1, facets)
         d = self.space.dofmap.index_map_bs
@@ -564,7 +580,7 @@ class _Start:
     stored: float
 
 
-def _check_arguments(mesh: Mesh, degree: int, kinematics: str, thickness: float) -> None:
+def _check_arguments(mesh: Mesh, degree: int, kinematics: str) -> None:
     cell = mesh.topology.cell_name()
     if cell not in CELLS:
         raise ValueError(f"Problem: cells of type {cell} are not supported; use one of {CELLS}")
@@ -577,8 +593,6 @@ def _check_arguments(mesh: Mesh, degree: int, kinematics: str, thickness: float)
         raise ValueError(f"Problem: degree = {degree} must be at least 1")
     if kinematics not in KINEMATICS:
         raise ValueError(f"Problem: kinematics = {kinematics!r} must be one of {KINEMATICS}")
-    if not thickness > 0 or (mesh.geometry.dim == 3 and thickness != 1):
-        raise ValueError(f"Problem: thickness = {thickness} must be positive, and 1 in 3D")
 
 
 def _check_overlap(

@@ -13,9 +13,10 @@ from . import compat
 from .bodies import Bodies
 from .facet_quadrature import FacetQuadrature, bubble_integrals
 from .forms import bubbles
+from .forms.geometry import Geometry
 from .forms.stabilization import bubble_stiffness
 from .interface import Interface, InterfaceFacets, StabilizationContext
-from .quadrature import JIT_OPTIONS
+from .quadrature import JIT_OPTIONS, bubble_degree
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ class BubbleIntegrals:
         self,
         u: fem.Function,
         bodies: Bodies,
+        geometry: Geometry,
         cells: NDArray[np.int32],
         local_facets: NDArray[np.int32],
     ):
@@ -71,13 +73,15 @@ class BubbleIntegrals:
                 domain=mesh,
                 subdomain_data=[(0, of_family)],
                 subdomain_id=0,
-                metadata={"quadrature_degree": bubbles.STIFFNESS_DEGREE[cell_name]},
+                metadata={"quadrature_degree": bubble_degree(cell_name, geometry)},
             )
-            integrand = ufl.inner(test, bubble_stiffness(family.body, u, self._bubble)) * dx
-            self._forms.append(compat.form(integrand, [], JIT_OPTIONS))
+            integrand = bubble_stiffness(family.body, geometry, u, self._bubble)
+            weight = geometry.circumference(ufl.SpatialCoordinate(mesh))
+            form = weight * ufl.inner(test, integrand) * dx
+            self._forms.append(compat.form(form, [], JIT_OPTIONS))
 
     def __call__(self) -> NDArray[np.float64]:
-        """The integrals (number of pairs, d, d) [MPa mm; MPa in 2D]."""
+        """The integrals (number of pairs, d, d) [MPa mm; MPa in plane strain]."""
         result = np.empty((len(self._cells), self._d, self._d))
         for number in range(int(self._pass_of.max(initial=-1)) + 1):
             chosen = self._pass_of == number
@@ -107,6 +111,13 @@ class Stabilizer:
     tau_a = (int_gamma b)^2 / meas(gamma) inv(int_K GRAD b : A : GRAD b dV)   (21)-(22)
     tau_s = safety inv(tau_1 + tau_2),  delta_a = inv(tau_1 + tau_2).tau_a    (23)
     delta_s = tau_1.inv(tau_1 + tau_2).tau_2                                  (25)
+
+    In axisymmetry the fine scale is a ring, u' = b_s (beta_r e_r + beta_z e_z), and (21)-(22)
+    follow in the same way from the weak form on its cell, all integrals with dA = 2 pi r ds and
+    dV = 2 pi r dr dz and GRAD(b e_r) with its hoop part b/r:
+    tau_a = (int b 2 pi r ds)^2 / (int 2 pi r ds) inv(int GRAD b : A : GRAD b 2 pi r dr dz).
+    Both sides of every fraction carry one length more, so tau is per reference area as before, and
+    tends to that of plane strain where r is large against the cell.
     """
 
     def __init__(
@@ -118,7 +129,9 @@ class Stabilizer:
         bodies: Bodies,
     ):
         self._interface = interface
-        self._stiffness = BubbleIntegrals(u, bodies, facets.cells.T.ravel(), facets.local.T.ravel())
+        self._stiffness = BubbleIntegrals(
+            u, bodies, quadrature.geometry, facets.cells.T.ravel(), facets.local.T.ravel()
+        )
         area = quadrature.area
         self._factor = bubble_integrals(quadrature) ** 2 / area
         N = np.zeros((len(area), quadrature.d))

@@ -37,28 +37,34 @@ class StagedTangent:
         geometric: bool,
         jump: bool,
     ):
-        self._d = d = quadrature.d
+        d, geometry = quadrature.d, quadrature.geometry
+        n = geometry.size(d)
+        self._shape, self._entries = (d, n, n), geometry.entries(d)
+        self._geometry = geometry
         self._evaluate_moduli = evaluators(
-            (d, d, d), lambda body, F, N, a: kinematics.traction_moduli(body, F, N)
+            self._shape, lambda body, F, N, a: kinematics.traction_moduli(body, F, N)
         )
-        space = quadrature.space((d, d, d))
+        space = quadrature.space(self._shape)
         self._moduli = [fem.Function(space) for _ in range(2)]
         self._compliance = fem.Function(quadrature.space((d, d))) if damage else None
         fourth = quadrature.space((d, d, d, d)) if turns else None
-        self._turning = [fem.Function(s) for s in (space, space, fourth)] if turns else []
+        # The frame turns in the section: no hoop direction.
+        plane = quadrature.space((d, d, d)) if turns else None
+        self._turning = [fem.Function(s) for s in (plane, plane, fourth)] if turns else []
         self._jump = [fem.Function(space) for _ in range(2)] if jump else []
         self._third: list[fem.Function] = []
         if geometric:
             vectors = quadrature.space((d,))
             self._directions = [fem.Function(vectors) for _ in range(2)]
-            shape = (d**2 * (d**2 + 1) // 2,)
+            count = len(self._entries)
+            shape = (count * (count + 1) // 2,)
             self._evaluate_third = evaluators(shape, self._third_derivative)
             space = quadrature.space(shape)
             self._third = [fem.Function(space) for _ in range(2)]
 
     def _third_derivative(self, body, F: Expr, N: Expr, a: int) -> Expr:
         K = kinematics.projected_third_derivative(body, F, N, self._directions[a])
-        return kinematics.major_components(K)
+        return kinematics.major_components(K, self._entries)
 
     def integrand(self, eta: Expr, du: Expr, tau: Expr) -> Expr:
         """Second stage: the bilinear integrand of (84)-(85)."""
@@ -66,17 +72,22 @@ class StagedTangent:
         third = None
         if self._third:
             third = tuple(
-                kinematics.from_major_components(function("+"), self._d) for function in self._third
+                kinematics.from_major_components(function("+"), self._entries)
+                for function in self._third
             )
-        result = tangent.bonded_tangent(eta, du, moduli, tau, third)
+        geometry = self._geometry
+        result = tangent.bonded_tangent(geometry, eta, du, moduli, tau, third)
         if self._compliance is not None:
             spin = self._turning[0]("+") if self._turning else None
-            result += tangent.damage_tangent(eta, du, moduli, tau, self._compliance("+"), spin)
+            compliance = self._compliance("+")
+            result += tangent.damage_tangent(geometry, eta, du, moduli, tau, compliance, spin)
         if self._turning:
             _, by_traction, by_gradient = (function("+") for function in self._turning)
-            result += tangent.frame_couple_tangent(eta, du, moduli, tau, by_traction, by_gradient)
+            result += tangent.frame_couple_tangent(
+                geometry, eta, du, moduli, tau, by_traction, by_gradient
+            )
         if self._jump:
-            result += tangent.jump_tangent(eta, du, tuple(f("+") for f in self._jump))
+            result += tangent.jump_tangent(geometry, eta, du, tuple(f("+") for f in self._jump))
         return result
 
     def fill(
@@ -105,7 +116,7 @@ class StagedTangent:
         factor = None if delta_s is None else np.linalg.cholesky(delta_s).transpose(0, 2, 1)
         # The kernels take the outward normal of their own side, -N on side 2.
         for a, sign in enumerate((1, -1)):
-            H = self._evaluate_moduli[a]().reshape(-1, self._d, self._d, self._d)
+            H = self._evaluate_moduli[a]().reshape(-1, *self._shape)
             self._moduli[a].x.array[:] = _contract(sign * delta[:, a], H).ravel()
             if factor is not None:
                 # [[P.N]] = P_1.N_1 + P_2.N_2 takes each side's own normal.
@@ -116,5 +127,5 @@ class StagedTangent:
 
 
 def _contract(tensor: NDArray, moduli: NDArray) -> NDArray:
-    """Row-wise tensor.H, (nq, d, d) and (nq, d, d, d)."""
+    """Row-wise tensor.H, (nq, d, d) and (nq, d, n, n)."""
     return np.einsum("pab,pbij->paij", tensor, moduli, optimize=True)

@@ -1,0 +1,143 @@
+"""What the coordinates mean: the gradient operator and the measure of the forms.
+
+The forms are written once, for a displacement w of d components, its gradient GRAD w (n, n) with
+n >= d, and integrals weighted by :attr:`weight`; a geometry supplies both.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import ufl
+from ufl.core.expr import Expr
+
+#: Rows and columns of entries of a (n, n) tensor.
+Entries = list[tuple[int, int]]
+
+
+@dataclass(frozen=True, eq=False)
+class Cartesian:
+    """Solids in 3D, and plane strain of a given thickness; n = d.
+
+    Attributes:
+        thickness: Of a plane body [mm], a factor of all integrals.
+    """
+
+    thickness: Expr | float = 1
+
+    @property
+    def weight(self) -> Expr | float:
+        """Factor of every integrand of a volume or an area."""
+        return self.thickness
+
+    def circumference(self, x: Any) -> Any:
+        """Factor of areas at positions ``x`` (d, ...) besides the thickness: 1."""
+        return 1
+
+    def size(self, d: int) -> int:
+        """Rows n of GRAD w for d components of w."""
+        return d
+
+    def entries(self, d: int) -> Entries:
+        """Entries of GRAD w that are not zero for every w."""
+        return list(product(range(d), repeat=2))
+
+    def gradient(self, w: Expr) -> Expr:
+        """GRAD w, (d, d)."""
+        return ufl.grad(w)
+
+    def nodal_gradient(self, w: Expr) -> Expr:
+        """GRAD w for points that may be nodes, (d, d)."""
+        return ufl.grad(w)
+
+    def bubble_stiffness(self, A: Expr, bubble: Expr) -> Expr:
+        """GRAD b : A : GRAD b of (22), B_ik = b_,j A_ijkl b_,l, (d, d) [MPa/mm2]."""
+        db = ufl.grad(bubble)
+        i, j, k, m = ufl.indices(4)
+        return ufl.as_tensor(db[j] * A[i, j, k, m] * db[m], (i, k))
+
+
+@dataclass(frozen=True, eq=False)
+class Axisymmetric:
+    """The half section of a body of revolution, x = r and y = z, without torsion; d = 2, n = 3.
+
+    The third axis is the hoop direction theta: GRAD w = [[w_r,r, w_r,z, 0], [w_z,r, w_z,z, 0],
+    [0, 0, w_r/r]]. Integrals are those of the whole body, dV = 2 pi r dr dz and dA = 2 pi r ds.
+
+    Attributes:
+        x: Position (r, z) [mm].
+        axis: Radius below which a node lies on the axis [mm].
+    """
+
+    x: Expr
+    axis: float
+
+    @property
+    def thickness(self) -> float:
+        """Factor of areas besides the circumference: 1."""
+        return 1
+
+    @property
+    def weight(self) -> Expr:
+        """Factor of every integrand, 2 pi r [mm]."""
+        return self.circumference(self.x)
+
+    def circumference(self, x: Any) -> Any:
+        """2 pi r [mm] at positions ``x`` (2, ...), an array or an expression."""
+        return 2 * math.pi * x[0]
+
+    def size(self, d: int) -> int:
+        """Rows n of GRAD w: 3."""
+        return 3
+
+    def entries(self, d: int) -> Entries:
+        """Entries of GRAD w that are not zero for every w: in the section, and the hoop."""
+        return [*product(range(2), repeat=2), (2, 2)]
+
+    def gradient(self, w: Expr) -> Expr:
+        """GRAD w, (3, 3); regular at Gauss points, where r > 0."""
+        return self._with_hoop(ufl.grad(w), w[0] / self.x[0])
+
+    def nodal_gradient(self, w: Expr) -> Expr:
+        """GRAD w, (3, 3), with the limit w_r,r of w_r/r on the axis."""
+        off = ufl.gt(self.x[0], self.axis)
+        radius = ufl.conditional(off, self.x[0], 1.0)
+        section = ufl.grad(w)
+        return self._with_hoop(section, ufl.conditional(off, w[0] / radius, section[0, 0]))
+
+    @staticmethod
+    def _with_hoop(section: Expr, hoop: Expr) -> Expr:
+        return ufl.as_tensor(
+            [
+                [section[0, 0], section[0, 1], 0],
+                [section[1, 0], section[1, 1], 0],
+                [0, 0, hoop],
+            ]
+        )
+
+    def bubble_stiffness(self, A: Expr, bubble: Expr) -> Expr:
+        """GRAD b : A : GRAD b of (22) with the hoop part of GRAD b, (2, 2) [MPa/mm2].
+
+        B_ik = GRAD(b e_i) : A : GRAD(b e_k), where GRAD(b e_i) has b_,r and b_,z in row i and,
+        for i = r, b/r in the hoop entry: B_ik = b_,j A_ijkl b_,l for j and l in the section, and
+        besides, where i or k is r, the terms of A_ij33, A_33kl and A_3333 with b/r. It is regular:
+        the bubble of a facet that is not on the axis vanishes there like r.
+        """
+        db = ufl.as_vector([*ufl.grad(bubble), bubble / self.x[0]])
+        # Entries of GRAD(b e_r) and of GRAD(b e_z); db[n] stands in column n.
+        filled = ([(0, 0), (0, 1), (2, 2)], [(1, 0), (1, 1)])
+
+        def component(i: int, k: int) -> Expr:
+            pairs = product(filled[i], filled[k])
+            return sum(db[n] * A[m, n, p, q] * db[q] for (m, n), (p, q) in pairs)
+
+        return ufl.as_tensor([[component(i, k) for k in range(2)] for i in range(2)])
+
+
+Geometry = Cartesian | Axisymmetric
+
+#: 3D, and plane strain of unit thickness.
+CARTESIAN = Cartesian()
