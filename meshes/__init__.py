@@ -3,6 +3,14 @@
 from .fibres import fibre_matrix, random_fibres
 from .gmsh_model import TaggedMesh
 from .plate import tearing
+from .pushout_section import pushout_section
 from .two_blocks import blocks
 
-__all__ = ["TaggedMesh", "blocks", "fibre_matrix", "random_fibres", "tearing"]
+__all__ = [
+    "TaggedMesh",
+    "blocks",
+    "fibre_matrix",
+    "pushout_section",
+    "random_fibres",
+    "tearing",
+]

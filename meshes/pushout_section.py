@@ -1,0 +1,116 @@
+"""The r-z half section of the fibre push-out, section 7.4, for axisymmetric problems."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+from .gmsh_model import TaggedMesh, distribute, model
+
+#: Cell tags; the fibre has the lower one, so N of the interface points into the matrix.
+FIBRE, MATRIX = 1, 2
+
+#: Facet tags. The bottom of the matrix is SUPPORT beyond the hole and HOLE above it.
+FIBRE_TOP, FIBRE_BOTTOM, MATRIX_TOP, SUPPORT, HOLE, INTERFACE, OUTER, AXIS = 1, 2, 3, 4, 5, 6, 7, 8
+
+
+def pushout_section(
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    layers: int = 25,
+    fibre_cells: int = 8,
+    hole_cells: int = 1,
+    matrix_cells: int = 14,
+    radial_ratio: float = 10.0,
+    grading: float = 1.0,
+    fibre_radius: float = 0.95,
+    hole_radius: float = 1.025,
+    matrix_radius: float = 4.3,
+    height: float = 5.36,
+) -> TaggedMesh:
+    """Half section of a fibre in a matrix sleeve that rests on a plate with a hole.
+
+    x = r and y = z. Fibre [0, r_f], matrix [r_f, r_m], both x [0, H], in structured quadrilaterals.
+    The rim of the hole r_s is a line of nodes, so that the bottom is supported from there on.
+
+    Args:
+        comm: Communicator.
+        layers: Cells along z.
+        fibre_cells: Cells along r in the fibre.
+        hole_cells: Cells along r in the matrix above the hole.
+        matrix_cells: Cells along r in the rest of the matrix.
+        radial_ratio: Size of the cells at the axis and at the outer surface in that of the cells
+            next to the interface and to the rim; sizes are in geometric progression between.
+        grading: Size of the layers at mid-height in that at both ends, in the limit of many.
+        fibre_radius: r_f [mm].
+        hole_radius: r_s [mm].
+        matrix_radius: r_m [mm].
+        height: H [mm].
+
+    Returns:
+        Mesh; cell tags 1 (fibre) and 2 (matrix); facet tags 1 fibre top (z = H), 2 fibre bottom,
+        3 matrix top, 4 support (matrix bottom, r >= r_s), 5 hole (matrix bottom, r < r_s),
+        6 fibre-matrix interface, 7 outer surface, 8 axis.
+
+    Raises:
+        ValueError: a count below one, a ratio or a height that is not positive, or radii that do
+            not grow.
+    """
+    counts = (fibre_cells, hole_cells, matrix_cells)
+    if min(layers, *counts) < 1:
+        raise ValueError(f"pushout_section: layers = {layers} and cells {counts} must be at least 1")
+    if not (radial_ratio > 0 and grading > 0 and height > 0):
+        raise ValueError(
+            f"pushout_section: radial_ratio = {radial_ratio}, grading = {grading} and "
+            f"height = {height} must be positive"
+        )
+    if not 0 < fibre_radius < hole_radius < matrix_radius:
+        raise ValueError(
+            "pushout_section: the radii of fibre, hole and matrix must grow from 0, but are "
+            f"{fibre_radius}, {hole_radius}, {matrix_radius}"
+        )
+    with model("pushout_section") as gmsh_model:
+        if comm.rank == 0:
+            radii = (0.0, fibre_radius, hole_radius, matrix_radius)
+            _build(gmsh_model, radii, height, counts, layers, radial_ratio, grading)
+        return distribute(gmsh_model, comm, 2)
+
+
+def _build(gmsh_model, radii, height, counts, layers, radial_ratio, grading) -> None:
+    geo = gmsh_model.geo
+    bottom = [geo.addPoint(r, 0, 0) for r in radii]
+    top = [geo.addPoint(r, height, 0) for r in radii]
+    upright = [geo.addLine(b, t) for b, t in zip(bottom, top, strict=True)]
+    lower, upper = ([geo.addLine(row[i], row[i + 1]) for i in range(3)] for row in (bottom, top))
+    for line in upright:
+        # The coefficient of gmsh's Bump is the size at the ends in that at the middle.
+        geo.mesh.setTransfiniteCurve(line, layers + 1, "Bump", 1 / grading)
+    factors = (_factor(1 / radial_ratio, counts[0]), 1.0, _factor(radial_ratio, counts[2]))
+    for i in range(3):
+        for line in (lower[i], upper[i]):
+            geo.mesh.setTransfiniteCurve(line, counts[i] + 1, "Progression", factors[i])
+    faces = []
+    for i in range(3):
+        loop = geo.addCurveLoop([lower[i], upright[i + 1], -upper[i], -upright[i]])
+        faces.append(geo.addPlaneSurface([loop]))
+        geo.mesh.setTransfiniteSurface(faces[i])
+        geo.mesh.setRecombine(2, faces[i])
+    geo.synchronize()
+    for tag, members in ((FIBRE, faces[:1]), (MATRIX, faces[1:])):
+        gmsh_model.addPhysicalGroup(2, members, tag)
+    sides = {
+        FIBRE_TOP: upper[:1],
+        FIBRE_BOTTOM: lower[:1],
+        MATRIX_TOP: upper[1:],
+        SUPPORT: lower[2:],
+        HOLE: lower[1:2],
+        INTERFACE: upright[1:2],
+        OUTER: upright[3:],
+        AXIS: upright[:1],
+    }
+    for tag, curves in sides.items():
+        gmsh_model.addPhysicalGroup(1, curves, tag)
+    gmsh_model.mesh.generate(2)
+
+
+def _factor(ratio: float, cells: int) -> float:
+    """Factor from cell to cell by which the last one is ``ratio`` times the first."""
+    return ratio ** (1 / (cells - 1)) if cells > 1 else 1.0
