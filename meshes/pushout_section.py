@@ -56,7 +56,9 @@ def pushout_section(
     """
     counts = (fibre_cells, hole_cells, matrix_cells)
     if min(layers, *counts) < 1:
-        raise ValueError(f"pushout_section: layers = {layers} and cells {counts} must be at least 1")
+        raise ValueError(
+            f"pushout_section: layers = {layers} and cells {counts} must be at least 1"
+        )
     if not (radial_ratio > 0 and grading > 0 and height > 0):
         raise ValueError(
             f"pushout_section: radial_ratio = {radial_ratio}, grading = {grading} and "
