@@ -263,6 +263,27 @@ def test_energy_of_separation(comm, activate):
     assert problem.mean(0).area == pytest.approx(area, rel=1e-12)
 
 
+@TWO_CELLS
+@pytest.mark.parametrize("activate", ["all", "on-demand"])
+def test_crack_across_the_axis(comm, cell, activate):
+    """A rod parts at an interface that crosses the axis: P_c zeta_c/2 times the area of the disc.
+
+    The sides are on rollers, so that the state is uniform and the damage exact.
+    """
+    mesh = unit_box(comm, cell, 4)
+    tags = tag_cells(mesh, {1: everywhere, 2: lambda x: x[1] > 0.5})
+    law = vmdg.Debonding(strength=100.0, critical_gap=0.2)
+    interface = vmdg.Interface(between=(1, 2), law=law, activate=activate)
+    materials = dict.fromkeys((1, 2), MATERIALS[0])
+    problem = vmdg.Problem(mesh, tags, materials, [interface], symmetry="axisymmetric")
+    problem.dirichlet(lambda x: np.isclose(x[0], 1), 0.0, "x")
+    problem.dirichlet(lambda x: np.isclose(x[1], 0), 0.0, "y")
+    problem.dirichlet(lambda x: np.isclose(x[1], 1), lambda t: t, "y")
+    vmdg.solve(problem, 0.25 * np.arange(1, 11) / 10, PRECISE)
+    energy = problem.energy()
+    assert energy.damage == pytest.approx(np.pi * 100.0 * 0.2 / 2, rel=1e-9)
+
+
 # tau_s
 
 
