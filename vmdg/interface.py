@@ -31,7 +31,7 @@ class StabilizationContext:
         local_facets: Number of the facet within these cells, (nf, 2).
         facets: Local facets of the mesh, (nf,).
         N: Mean reference normal, outward from side 1, (nf, d).
-        area: meas(gamma_s) [mm2; mm in 2D], (nf,).
+        area: meas(gamma_s) [mm2; mm in plane strain], (nf,); all around in axisymmetry.
     """
 
     u: Any
