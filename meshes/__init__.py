@@ -3,6 +3,7 @@
 from .fibres import fibre_matrix, random_fibres
 from .gmsh_model import TaggedMesh
 from .plate import tearing
+from .pushout import pushout
 from .pushout_section import pushout_section
 from .two_blocks import blocks
 
@@ -10,6 +11,7 @@ __all__ = [
     "TaggedMesh",
     "blocks",
     "fibre_matrix",
+    "pushout",
     "pushout_section",
     "random_fibres",
     "tearing",

@@ -58,16 +58,17 @@ def test_stable_bar_needs_no_jump(comm):
 def test_snap_back(comm, critical_gap):
     """Where the bar snaps back, one jump at the onset ends in the equilibrium beyond: apart.
 
-    The cut steps bracket the onset of the closed form (.0379 mm); before it the bar is bonded,
-    after it free of stress; the bond takes P_c zeta_c / 2, and what is released beyond that is
-    counted as viscosity. The balance holds to 1%: displacements are integrated by the trapezoidal
-    rule over steps that contain the kink.
+    The onset of the closed form (.0379 mm) lies in the step of the jump, which starts less than a
+    quarter of it before; before it the bar is bonded, after it free of stress; the bond takes
+    P_c zeta_c / 2, and what is released beyond that is counted as viscosity. The balance holds to
+    1%: displacements are integrated by the trapezoidal rule over steps that contain the kink.
     """
     options = vmdg.SolveOptions(energy=True)
     history = vmdg.solve(bar(comm, critical_gap), LOADS, options, mean).history
     (jump,) = np.flatnonzero(history["jump_steps"])
-    assert history["load"][jump - 1] <= onset() * (1 + 1e-6)
-    assert history["load"][jump] == pytest.approx(onset(), rel=1e-3)
+    step = LOADS[1] - LOADS[0]
+    assert onset() - step / 4 <= history["load"][jump - 1] <= onset() * (1 + 1e-6)
+    assert onset() <= history["load"][jump] < onset() + step
     assert (history["gap"][:jump] == 0).all()
     assert np.abs(history["traction"][jump:]).max() < 1e-6 * STRENGTH
     assert history["gap"][jump:] == pytest.approx(history["load"][jump:], abs=1e-9)

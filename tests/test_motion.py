@@ -14,8 +14,8 @@ from scenes_motion import couple, driven, in_frame, put, tangent_error
 
 import vmdg
 from vmdg import Mode
+from vmdg.linear_solver import LU
 from vmdg.newton import Newton
-from vmdg.solver import DIRECT
 
 LAW = vmdg.Debonding(strength=100.0, critical_gap=0.2)
 TURNS = 12
@@ -219,7 +219,7 @@ class Scout:
 
     def __init__(self, problem):
         self.problem = problem
-        self.newton = Newton(problem, 1e-10, 400, DIRECT)
+        self.newton = Newton(problem, 1e-10, 400, LU)
 
     def mode(self, t, keep=False):
         """Mode after a step to ``t``, which is taken back unless it is to be kept."""

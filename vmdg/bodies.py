@@ -80,9 +80,17 @@ class Bodies:
 
     def apply_eigenstrain(self, t: float) -> None:
         """Set theta to its value at load factor ``t``."""
-        for tag, value in self._eigenstrain.items():
-            theta = value(t) if callable(value) else value
+        for tag, theta in self._eigenstrain_at(t).items():
             self._swelling.x.array[self._cells_of[tag]] = theta
+
+    def _eigenstrain_at(self, t: float) -> dict[int, float]:
+        return {
+            tag: value(t) if callable(value) else value for tag, value in self._eigenstrain.items()
+        }
+
+    def swell_between(self, before: float, after: float) -> bool:
+        """Whether an eigenstrain differs between two load factors."""
+        return self._eigenstrain_at(before) != self._eigenstrain_at(after)
 
 
 def _check_tags(

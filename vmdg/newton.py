@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from petsc4py import PETSc
@@ -10,6 +9,7 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx.common import Timer
 
+from .linear_solver import LinearSolver, Options, automatic_options, set_rigid_modes
 from .parallel import global_max, global_sum
 from .problem import Problem
 
@@ -37,6 +37,22 @@ class StepReport:
 #: A predictor that leaves more than this share of the imbalance is compared with one that holds
 #: zeta.
 POOR = 1e-2
+
+#: A backtracking line search on the residual norm, which carries the iteration over the kinks
+#: where points change branch.
+LINE_SEARCH = {
+    "snes_linesearch_type": "bt",
+    "snes_linesearch_order": 1,
+    "snes_linesearch_max_it": 8,
+}
+#: The line search is stuck at a kink if two corrections leave more than this share of the residual.
+STALL = 0.98
+
+#: The second attempt takes full steps, with a residual up to so many times the force scale, and
+#: must end where at most this share of the energy it exchanged is unaccounted for: larger releases
+#: are jumps, whose dissipation is to be counted.
+FULL_STEPS = {"snes_linesearch_type": "basic"}
+EXCURSION, DISTANT = 5.0, 0.1
 
 _REASONS = {
     value: name
@@ -68,7 +84,7 @@ class Newton:
         problem: Problem,
         relative_tolerance: float,
         max_iterations: int,
-        petsc: Mapping[str, str | int | float | None],
+        petsc: Options | None,
         scale: float = 0.0,
     ):
         self._problem = problem
@@ -86,19 +102,33 @@ class Newton:
         self._dt = 1.0
         self._fresh = False
 
-        prefix = "vmdg_"
-        options = PETSc.Options()
-        for name, value in petsc.items():
-            options[prefix + name] = value
-        self.snes = PETSc.SNES().create(problem.comm)
-        self.snes.setOptionsPrefix(prefix)
-        self.snes.setFunction(self._function, self._f)
-        self.snes.setJacobian(self._jacobian, self._matrix)
-        self.snes.setTolerances(max_it=max_iterations)
-        self.snes.setConvergenceTest(self._test)
-        self.snes.setFromOptions()
-        for name in petsc:
-            options.delValue(prefix + name)
+        options, fallback = automatic_options(problem)
+        given = {} if petsc is None else petsc
+        linear = {name: value for name, value in given.items() if not name.startswith("snes_")}
+        set_rigid_modes(problem, self._matrix)
+        self.linear = LinearSolver(self._matrix, linear or options, fallback)
+        search = {name: value for name, value in given.items() if name.startswith("snes_")}
+        self._snes = self._make_snes({**LINE_SEARCH, **search}, max_iterations)
+        self._full_snes = self._make_snes({**search, **FULL_STEPS}, max_iterations)
+
+    def _make_snes(self, options: Options, max_iterations: int) -> PETSc.SNES:
+        snes = PETSc.SNES().create(self._problem.comm)
+        snes.setFunction(self._function, self._f)
+        snes.setJacobian(self._jacobian, self._matrix)
+        ksp = snes.getKSP()
+        ksp.setType(PETSc.KSP.Type.PYTHON)
+        ksp.setPythonContext(self.linear)
+        ksp.getPC().setType(PETSc.PC.Type.NONE)
+        prefix, database = "vmdg_", PETSc.Options()
+        for name, value in options.items():
+            database[prefix + name] = value
+        snes.setOptionsPrefix(prefix)
+        snes.setTolerances(max_it=max_iterations)
+        snes.setConvergenceTest(self._test)
+        snes.setFromOptions()
+        for name in options:
+            database.delValue(prefix + name)
+        return snes
 
     @property
     def scale(self) -> float:
@@ -113,12 +143,31 @@ class Newton:
             damage_predictor: Predict with the damage tangent of the last converged step.
         """
         self._dt = dt
+        start, scale = self._problem.u.x.array.copy(), self._scale
+        report = self._attempt(self._snes, damage_predictor and self._problem.can_fail)
+        if report.converged or not self._problem.can_fail:
+            return report
+        # At a kink between branches of a law the line search can jam where full steps pass.
+        self._problem.u.x.array[:] = start
+        self._scale = scale
+        self._problem.assemble_residual(dt, hold=True)
+        self._problem.watch_energy()
+        report = self._attempt(self._full_snes, False)
+        if not report.converged:
+            self._scale = scale
+        if report.converged and self._problem.unaccounted_energy() > DISTANT:
+            return StepReport(False, report.norms, "DISTANT_EQUILIBRIUM")
+        return report
+
+    def _attempt(self, snes: PETSc.SNES, damage_predictor: bool) -> StepReport:
         self._norms = []
         with Timer("vmdg: predictor"):
-            self._predict_best(damage_predictor and self._problem.can_fail)
+            self._predict_best(damage_predictor)
         self._x.array[:] = self._problem.u.x.array[: self._owned]
-        self.snes.solve(None, self._x)
-        reason = self.snes.getConvergedReason()
+        snes.solve(None, self._x)
+        reason = snes.getConvergedReason()
+        if reason > 0:
+            self._see_forces()
         return StepReport(reason > 0, self._norms, _REASONS.get(reason, str(reason)))
 
     def _predict_best(self, damage: bool) -> None:
@@ -171,7 +220,7 @@ class Newton:
         self._see_forces(imbalance)
         self._f.array[self._prescribed] = increment[self._prescribed]
         matrix.zeroRowsColumnsLocal(self._prescribed, 1.0)
-        ksp = self.snes.getKSP()
+        ksp = self._snes.getKSP()
         ksp.setOperators(matrix)
         ksp.solve(self._f, self._x)
         problem.u.x.array[: self._owned] += self._x.array_r
@@ -201,12 +250,17 @@ class Newton:
         self._norms.append(residual)
         if not np.isfinite(residual):
             return PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN
-        self._see_forces()
         if residual <= max(self._tolerance * self._scale, self._floor):
             return PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE
+        if snes == self._full_snes:
+            if residual > EXCURSION * self._scale:
+                return PETSc.SNES.ConvergedReason.DIVERGED_DTOL
+        elif iteration >= 4 and residual > STALL * self._norms[-3]:
+            return PETSc.SNES.ConvergedReason.DIVERGED_LOCAL_MIN
         return PETSc.SNES.ConvergedReason.ITERATING
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
-        for item in (self.snes, self._matrix, self._x, self._f):
+        self.linear.free()
+        for item in (self._snes, self._full_snes, self._matrix, self._x, self._f):
             item.destroy()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from petsc4py import PETSc
 
@@ -152,7 +152,6 @@ class Problem:
         self._largest_work = 0.0
         #: Whether steps keep what :meth:`created_energy` needs.
         self.watches_energy = False
-        self._swells = bool(eigenstrain)
         self._start: _Start | None = None
         self._set_discretization(self._discretize())
         self.apply_loads(0.0)
@@ -202,6 +201,11 @@ class Problem:
     def can_fail(self) -> bool:
         """Whether an interface with open facets has a law that can fail, on any rank."""
         return any(coupling.law.inelastic for coupling in self.discretization.working)
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the tangent is symmetric: no working interface has friction."""
+        return all(coupling.law.friction == 0 for coupling in self.discretization.working)
 
     @property
     def forces(self) -> fem.Function:
@@ -440,21 +444,40 @@ class Problem:
         here = [coupling.overstress() for coupling in self.discretization.working]
         return global_max(self.comm, max(here, default=0.0))
 
+    def watch_energy(self) -> None:
+        """Keep the stored energy of the start of a step, at which the problem stands, for
+        :meth:`created_energy`."""
+        stored = float(self.discretization.stored_energy().sum())
+        self._start = replace(self._start, stored=stored)
+
     def created_energy(self) -> float:
         """Energy that the step would have to create, relative to the work seen so far; collective.
 
         -(external - stored - dissipated) of the step that has converged and is not committed yet.
-        Zero where bodies swell, whose work is not counted.
+        Zero where bodies swell in the step, whose work is not counted.
         """
-        if self._swells:
-            return 0.0
+        change, external, _ = self._exchange()
+        total = float(global_sum(self.comm, self._external)) + external
+        self._largest_work = max(self._largest_work, abs(total))
+        return change / max(self._largest_work, np.finfo(float).tiny)
+
+    def unaccounted_energy(self) -> float:
+        """Size of the same energy, created or lost, relative to what the step exchanged.
+
+        That is the external work and the dissipation of the step; collective.
+        """
+        change, external, dissipated = self._exchange()
+        return abs(change) / max(abs(external) + dissipated, np.finfo(float).tiny)
+
+    def _exchange(self) -> tuple[float, float, float]:
+        """Created energy, external work and dissipation of the step, over all ranks [N mm]."""
         external, works = self._external_work(self._start), self._works()
         stored = float(self.discretization.stored_energy().sum())
         change = works.sum() + stored - self._start.stored - external
-        total = self._external + external
-        change, total = global_sum(self.comm, [change, total])
-        self._largest_work = max(self._largest_work, abs(float(total)))
-        return float(change) / max(self._largest_work, np.finfo(float).tiny)
+        if self._bodies.swell_between(self._start.t, self.t):
+            change = 0.0
+        values = global_sum(self.comm, [change, external, works.sum()])
+        return tuple(float(value) for value in values)
 
     def _works(self) -> NDArray[np.float64]:
         """Damage, friction and viscous work of the step, this rank's."""

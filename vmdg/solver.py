@@ -18,16 +18,6 @@ from .problem import Problem
 
 Monitor = Callable[[Problem], Mapping[str, Any] | None]
 
-#: Newton with a backtracking line search on the residual norm, which carries the iteration over
-#: the kinks where points change branch, and a direct solver.
-DIRECT = {
-    "snes_linesearch_type": "bt",
-    "snes_linesearch_order": 1,
-    "ksp_type": "preonly",
-    "pc_type": "lu",
-    "pc_factor_mat_solver_type": "mumps",
-}
-
 
 @dataclass(frozen=True)
 class SolveOptions:
@@ -40,12 +30,15 @@ class SolveOptions:
         jump: Where cutting does not help, pass an unstable stage by steps with viscous overstress
             at constant load that end in an equilibrium without it. What they dissipate is counted
             as viscosity.
+        jump_after: Cuts of a step before a jump is tried: the load at which the stage starts is
+            met to ``step / 2**jump_after``.
         max_jump_steps: Steps with overstress before a jump is given up.
         jump_rest: Largest overstress, relative to the strength, at which the end of a jump is
             tried without it.
         damage_predictor: Predict with the damage tangent of the last step.
         duration: Time for one unit of load factor [s]; matters to laws with viscosity only.
-        petsc: Options for SNES, KSP and PC; default :data:`DIRECT`.
+        petsc: Options for SNES, KSP and PC. Default: a backtracking line search and the linear
+            solver of :func:`vmdg.linear_solver.automatic_options`.
         energy_guard: Reject a step that ends in a distant equilibrium: one whose stored and
             dissipated energy exceed what was there and the work put in by more than this share of
             the work seen so far (for example 0.05). Off by default: a coarse step over a peak of
@@ -58,11 +51,12 @@ class SolveOptions:
     max_iterations: int = 10
     max_cuts: int = 6
     jump: bool = True
+    jump_after: int = 2
     max_jump_steps: int = 200
     jump_rest: float = 0.1
     damage_predictor: bool = True
     duration: float = 1.0
-    petsc: Mapping[str, str | int | float | None] = field(default_factory=lambda: dict(DIRECT))
+    petsc: Mapping[str, str | int | float | bool | None] | None = None
     energy_guard: float = math.inf
     energy: bool = False
     progress: bool = False
@@ -143,8 +137,14 @@ def _advance(stepper: Stepper, target: float, monitor: Monitor | None, result: R
         end = min(done + size, 1.0)
         t = target if end == 1.0 else start + end * (target - start)
         report, jumps = stepper.step(t), 0
-        if not report.converged and cuts >= options.max_cuts and options.jump:
+        if (
+            not report.converged
+            and cuts >= min(options.jump_after, options.max_cuts)
+            and options.jump
+        ):
             result.failures.append((t, report.reason))
+            # Beyond the limit point by as much as the step allows: near it a jump starts slowly.
+            end, t = 1.0, target
             report, jumps = stepper.jump(t)
         if not report.converged:
             result.failures.append((t, report.reason))
@@ -259,7 +259,7 @@ class Stepper:
         """
         options = self.options
         before = self.problem.snapshot()
-        factor, steps = 4.0, 0
+        factor, steps, rest = 4.0, 0, 1
         report = StepReport(False, [], "")
         while steps < options.max_jump_steps and factor < 1e8:
             report = self.step(t, factor)
@@ -267,10 +267,12 @@ class Stepper:
             if not report.converged:
                 factor *= 8
                 continue
-            if self.problem.largest_overstress() < options.jump_rest:
+            if steps >= rest and self.problem.largest_overstress() < options.jump_rest:
                 report = self.step(t)
                 if report.converged:
                     return report, steps
+                # It grows from small values while the state leaves the equilibrium: be patient.
+                rest = 2 * steps
             factor /= 2
         self.problem.return_to(before)
         return StepReport(False, report.norms, f"JUMP_FAILED after {steps} steps"), steps

@@ -1,0 +1,190 @@
+"""Linear solves of Newton's method: direct, or Krylov with multigrid and a direct way back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from petsc4py import PETSc
+
+import numpy as np
+from dolfinx.common import Timer
+
+from .forms.geometry import Axisymmetric
+from .problem import Problem
+
+Options = Mapping[str, str | int | float | bool | None]
+
+#: Unsymmetric and symmetric direct solvers.
+LU = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
+LDLT = {**LU, "pc_type": "cholesky"}
+
+#: GMRES with the true residual; smoothed aggregation from the rigid-body modes.
+GMRES_GAMG = {
+    "ksp_type": "gmres",
+    "ksp_pc_side": "right",
+    "ksp_gmres_restart": 100,
+    "ksp_max_it": 100,
+    "ksp_rtol": 1e-5,
+    "pc_type": "gamg",
+    "pc_gamg_threshold": 0.01,
+}
+#: For tangents that are symmetric and, away from a loss of stability, positive.
+CG_GAMG = {
+    **{name: value for name, value in GMRES_GAMG.items() if not name.startswith("ksp_gmres")},
+    "ksp_type": "cg",
+    "ksp_pc_side": "left",
+    "ksp_norm_type": "unpreconditioned",
+}
+
+#: Dofs in 3D beyond which a direct factorization costs more than multigrid with its solve.
+LARGE = 12_000
+
+
+def automatic_options(problem: Problem) -> tuple[Options, Options]:
+    """Options of the solver that fits a problem, and of the one to fall back on.
+
+    Plane and axisymmetric problems, and small ones in 3D, are solved directly: LDL^T where the
+    tangent is symmetric (no friction), else LU. Large ones in 3D by multigrid, with CG where every
+    interface is a tie, else with GMRES, which does not mind an indefinite softening tangent.
+    """
+    direct = LDLT if problem.symmetric else LU
+    size = problem.space.dofmap.index_map.size_global * problem.space.dofmap.index_map_bs
+    if problem.mesh.topology.dim < 3 or size <= LARGE:
+        return direct, direct
+    return (GMRES_GAMG if problem.can_fail else CG_GAMG), direct
+
+
+@dataclass
+class SolverCounts:
+    """Work done by a solver.
+
+    Attributes:
+        solves: Linear systems solved.
+        iterations: Krylov iterations.
+        setups: Multigrid hierarchies built.
+        factorizations: Matrices factorized directly.
+        fallbacks: Systems the Krylov solver gave up.
+    """
+
+    solves: int = 0
+    iterations: int = 0
+    setups: int = 0
+    factorizations: int = 0
+    fallbacks: int = 0
+
+
+class LinearSolver:
+    """Solves with the tangent: the context of a PETSc KSP of type "python".
+
+    A Krylov solver keeps its preconditioner over Newton iterations and steps until the number of
+    its iterations has doubled. Where it does not converge with a fresh one, which happens near a
+    limit point, the system is solved directly.
+
+    Args:
+        matrix: The tangent.
+        options: Of KSP and PC; a ``ksp_type`` other than "preonly" is iterative.
+        fallback: Options of the direct solver.
+    """
+
+    def __init__(self, matrix: PETSc.Mat, options: Options, fallback: Options):
+        self.counts = SolverCounts()
+        self._matrix = matrix
+        self._fallback_options = fallback
+        self._iterative = options.get("ksp_type") != "preonly"
+        self._ksp = self._make("vmdg_", options)
+        self._direct: PETSc.KSP | None = None
+        self._fresh_iterations = 0
+        self._reuse = False
+
+    def _make(self, prefix: str, options: Options) -> PETSc.KSP:
+        database = PETSc.Options()
+        for name, value in options.items():
+            database[prefix + name] = value
+        ksp = PETSc.KSP().create(self._matrix.comm)
+        ksp.setOptionsPrefix(prefix)
+        ksp.setOperators(self._matrix)
+        ksp.setFromOptions()
+        for name in options:
+            database.delValue(prefix + name)
+        return ksp
+
+    def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Solve A x = b with the current values of the tangent; called by PETSc."""
+        counts = self.counts
+        counts.solves += 1
+        with Timer("vmdg: linear solve"):
+            if not self._iterative:
+                counts.factorizations += 1
+                self._ksp.setOperators(self._matrix)
+                self._ksp.solve(b, x)
+                self._report(ksp, self._ksp)
+                return
+            if self._krylov(b, x) or (self._reuse_again() and self._krylov(b, x)):
+                self._report(ksp, self._ksp)
+                return
+            counts.fallbacks += 1
+            counts.factorizations += 1
+            if self._direct is None:
+                self._direct = self._make("vmdg_direct_", self._fallback_options)
+            self._direct.setOperators(self._matrix)
+            self._direct.solve(b, x)
+            self._report(ksp, self._direct)
+
+    def _reuse_again(self) -> bool:
+        """Whether a fresh preconditioner may do what the old one could not."""
+        reused, self._reuse = self._reuse, False
+        return reused
+
+    def _krylov(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        self._ksp.setOperators(self._matrix)
+        self._ksp.getPC().setReusePreconditioner(self._reuse)
+        self._ksp.solve(b, x)
+        iterations = self._ksp.getIterationNumber()
+        self.counts.iterations += iterations
+        self.counts.setups += not self._reuse
+        if not self._reuse:
+            self._fresh_iterations = iterations
+        converged = self._ksp.getConvergedReason() > 0
+        self._reuse = converged and iterations <= 2 * self._fresh_iterations
+        return converged
+
+    @staticmethod
+    def _report(outer: PETSc.KSP, inner: PETSc.KSP) -> None:
+        outer.setConvergedReason(inner.getConvergedReason())
+
+    def free(self) -> None:
+        """Free the PETSc objects; collective."""
+        for ksp in (self._ksp, self._direct):
+            if ksp is not None:
+                ksp.destroy()
+
+
+def set_rigid_modes(problem: Problem, matrix: PETSc.Mat) -> None:
+    """Tell multigrid the motions without strain: translations, rotations, along z in axisymmetry.
+
+    One set of modes serves all bodies: an aggregate that lies in one body sees the rigid motions
+    of this body.
+    """
+    space = problem.space
+    d, owned = space.dofmap.index_map_bs, space.dofmap.index_map.size_local
+    x = space.tabulate_dof_coordinates()[:owned]
+    translations = np.eye(d)
+    modes = [np.tile(direction, (owned, 1)) for direction in translations]
+    if isinstance(problem.geometry, Axisymmetric):
+        modes = modes[1:]
+    else:
+        for i in range(d):
+            for j in range(i + 1, d):
+                mode = np.zeros((owned, d))
+                mode[:, i], mode[:, j] = -x[:, j], x[:, i]
+                modes.append(mode)
+    basis: list[PETSc.Vec] = []
+    for mode in modes:
+        vector = matrix.createVecRight()
+        vector.array[:] = mode.ravel()
+        for other in (*basis, *basis):  # twice: rounding of far-off origins
+            vector.axpy(-vector.dot(other), other)
+        vector.normalize()
+        basis.append(vector)
+    matrix.setNearNullSpace(PETSc.NullSpace().create(vectors=basis, comm=matrix.comm))
