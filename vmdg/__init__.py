@@ -31,6 +31,8 @@ _HOME = {
     "StepFailure": "solver",
     "solve": "solver",
     "FieldWriter": "output",
+    "read_checkpoint": "checkpoint",
+    "write_checkpoint": "checkpoint",
 }
 
 __all__ = [*_HOME]

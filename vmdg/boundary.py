@@ -77,6 +77,7 @@ class _Condition:
     component: int | None
     value: Value
     points: NDArray[np.float64]
+    base: NDArray[np.float64]
 
 
 class DirichletConditions:
@@ -98,9 +99,21 @@ class DirichletConditions:
         self.dofs = np.unique(held)
 
     def add(
-        self, dofs: NDArray[np.int32], value: Value, component: int | str | None, what: str
+        self,
+        dofs: NDArray[np.int32],
+        value: Value,
+        component: int | str | None,
+        what: str,
+        base: NDArray[np.float64] | None = None,
     ) -> None:
         """Prescribe nodal dofs (block numbers).
+
+        Args:
+            dofs: The dofs (n,).
+            value: What the user gave.
+            component: One of them, or None for all.
+            what: Name of the condition for messages.
+            base: Displacement to which the value is added (n, d) [mm]; default zero.
 
         Raises:
             ValueError: no dof is selected, the component or the shape of the value is wrong.
@@ -109,7 +122,8 @@ class DirichletConditions:
             raise ValueError(f"{what}: no degree of freedom is selected on any rank")
         index = component_index(component, self._d, what)
         points = self._space.tabulate_dof_coordinates()[dofs].T
-        condition = _Condition(dofs, index, value, points)
+        base = np.zeros((len(dofs), self._d)) if base is None else base
+        condition = _Condition(dofs, index, value, points, base)
         shape = np.shape(value_at(value, 0.0, points))
         count = len(dofs)
         allowed = [(), (count,)] if index is not None else [(self._d,), (self._d, count)]
@@ -140,7 +154,7 @@ class DirichletConditions:
                 value = np.broadcast_to(value, (1, len(condition.dofs)))
                 components = np.array([condition.component])
             flat = condition.dofs[:, None] * self._d + components
-            result[np.searchsorted(self.dofs, flat)] = value.T
+            result[np.searchsorted(self.dofs, flat)] = value.T + condition.base[:, components]
         result[np.searchsorted(self.dofs, self._held)] = 0
         return result
 

@@ -25,9 +25,11 @@ GMRES_GAMG = {
     "ksp_pc_side": "right",
     "ksp_gmres_restart": 100,
     "ksp_max_it": 100,
-    "ksp_rtol": 1e-5,
+    "ksp_rtol": 1e-4,
     "pc_type": "gamg",
     "pc_gamg_threshold": 0.01,
+    "mg_levels_ksp_max_it": 1,
+    "mg_levels_pc_type": "sor",
 }
 #: For tangents that are symmetric and, away from a loss of stability, positive.
 CG_GAMG = {

@@ -14,18 +14,18 @@ from .problem import Problem
 from .topology import facet_cells, local_facets
 
 
-def deformed_polygons(
+def deformed_corners(
     problem: Problem, facets: NDArray[np.int32] | None = None, magnify: float = 1.0
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Outlines of this rank's cells (2D) or of boundary facets (3D) in the deformed body.
+    """Corners of this rank's cells (2D) or of boundary facets (3D) in the deformed body.
 
     Args:
         problem: The problem.
-        facets: In 3D, the boundary facets to draw, seen along z.
+        facets: In 3D, the boundary facets.
         magnify: Factor on the displacement.
 
     Returns:
-        Corners (n, corners, 2) [mm] and the cell of every polygon (n,).
+        Corners in order around every polygon (n, corners, 3) [mm] and the cell it belongs to (n,).
     """
     mesh, d = problem.mesh, problem.mesh.geometry.dim
     topology = basix.topology(mesh.basix_cell())
@@ -43,8 +43,17 @@ def deformed_polygons(
     vertex_dofs = np.array([layout.entity_dofs(0, v)[0] for v in range(len(topology[0]))])
     nodes = compat.geometry_dofmap(mesh)[cells[:, None], corners]
     dofs = problem.space.dofmap.list[cells[:, None], vertex_dofs[corners]]
-    u = problem.u.x.array.reshape(-1, d)[dofs]
-    return (mesh.geometry.x[nodes][..., :2] + magnify * u[..., :2]), cells
+    positions = mesh.geometry.x[nodes]
+    positions[..., :d] += magnify * problem.u.x.array.reshape(-1, d)[dofs]
+    return positions, cells
+
+
+def deformed_polygons(
+    problem: Problem, facets: NDArray[np.int32] | None = None, magnify: float = 1.0
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """:func:`deformed_corners` seen along z, (n, corners, 2) [mm]."""
+    corners, cells = deformed_corners(problem, facets, magnify)
+    return corners[..., :2], cells
 
 
 def cell_means(function: fem.Function, component: tuple[int, ...] = ()) -> NDArray[np.float64]:

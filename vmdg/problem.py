@@ -21,7 +21,7 @@ from .coupling import Coupling
 from .discretization import Discretization
 from .forms.materials import Material
 from .interface import Interface, InterfaceFacets, check_ghosts, find_facets
-from .parallel import global_max, global_sum, raise_together
+from .parallel import global_any, global_max, global_sum, raise_together
 from .point_values import InterfaceState, PointHistory
 from .stabilization import Stabilization
 from .symmetry import axis_dofs, make_geometry
@@ -150,23 +150,22 @@ class Problem:
         self._dissipated = np.zeros(3)
         self._external = 0.0
         self._largest_work = 0.0
+        #: Largest force of the run so far [N], to which residuals are compared.
+        self.force_scale = 0.0
         #: Whether steps keep what :meth:`created_energy` needs.
         self.watches_energy = False
         self._start: _Start | None = None
-        self._set_discretization(self._discretize())
+        self._set_discretization(self._discretize(self._activation.open))
         self.apply_loads(0.0)
         self.update_stabilization(None)
 
-    def _discretize(self) -> Discretization:
-        """Everything that depends on which facets are open."""
+    def _discretize(self, marks: Sequence[NDArray[np.bool_]]) -> Discretization:
+        """Everything that depends on which facets are open, marked on all local facets."""
         return Discretization(
             self.mesh,
             self._bodies,
             self.interfaces,
-            [
-                facets.among(mark)
-                for facets, mark in zip(self._facets, self._activation.open, strict=True)
-            ],
+            [facets.among(mark) for facets, mark in zip(self._facets, marks, strict=True)],
             self._degree,
             self.geometry,
         )
@@ -218,7 +217,13 @@ class Problem:
 
     # Loads
 
-    def dirichlet(self, facets: Where, value: Value, component: int | str | None = None) -> None:
+    def dirichlet(
+        self,
+        facets: Where,
+        value: Value,
+        component: int | str | None = None,
+        relative: bool = False,
+    ) -> None:
         """Prescribe the displacement on boundary facets.
 
         Args:
@@ -226,12 +231,23 @@ class Problem:
             value: Number, array (d,), f(t) of the load factor, or f(x, t) at points x (3, n)
                 [mm].
             component: 0.. d-1 or "x", "y", "z"; None for all.
+            relative: Add the value to the displacement that the nodes have now, for a tool that
+                grips a body as it is.
 
         Raises:
-            ValueError: nothing selected, unknown component or a value of the wrong shape.
+            ValueError: nothing selected, unknown component or a value of the wrong shape; relative
+                where facets open on demand, whose new nodes would not know their start.
         """
         if not callable(facets):
             facets = np.asarray(facets, dtype=np.int32)
+        if relative:
+            if self._activation:
+                raise ValueError(
+                    "dirichlet: relative=True does not go with activate='on-demand'; prescribe the "
+                    "displacement from the start"
+                )
+            self._prescribe("dirichlet", facets, value, component, relative=True)
+            return
         self._prescribe("dirichlet", facets, value, component)
         self._prescriptions.append(("dirichlet", facets, value, component))
 
@@ -246,14 +262,22 @@ class Problem:
         self._prescriptions.append(("dirichlet_points", where, value, component))
 
     def _prescribe(
-        self, what: str, where: Where, value: Value, component: int | str | None
+        self,
+        what: str,
+        where: Where,
+        value: Value,
+        component: int | str | None,
+        relative: bool = False,
     ) -> None:
         if what == "dirichlet":
             facets = find_boundary_facets(self.mesh, where, what)
             dofs = fem.locate_dofs_topological(self.space, self.mesh.topology.dim - 1, facets)
         else:
             dofs = fem.locate_dofs_geometrical(self.space, where)
-        self._dirichlet.add(dofs, value, component, what)
+        base = (
+            self.u.x.array.reshape(-1, self.space.dofmap.index_map_bs)[dofs] if relative else None
+        )
+        self._dirichlet.add(dofs, value, component, what, base)
 
     def traction(self, facets: Where, value: Value) -> None:
         """Dead traction per reference area on boundary facets, (d,) or f(t) [MPa]."""
@@ -382,6 +406,13 @@ class Problem:
         for coupling in self.discretization.working:
             coupling.cancel_step()
 
+    def discretization_of(self, marks: Sequence[NDArray[np.bool_]]) -> Discretization:
+        """The discretization with these open facets: the present one where it has them."""
+        same = all(map(np.array_equal, marks, self._activation.open))
+        if not global_any(self.comm, not same):
+            return self.discretization
+        return self._discretize(marks)
+
     def snapshot(self) -> Snapshot:
         """The converged state as it can be returned to later."""
         return Snapshot(
@@ -431,7 +462,7 @@ class Problem:
         if not self._activation.mark(self._nearness):
             return False
         before = self.discretization
-        self._set_discretization(self._discretize())
+        self._set_discretization(self._discretize(self._activation.open))
         self.discretization.take_over(before)
         self.apply_loads(self.t)
         self.update_stabilization(None)

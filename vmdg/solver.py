@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 from tqdm import tqdm
 
 from .activation import NEAR, TOO_LATE
+from .checkpoint import write_checkpoint
 from .history import History
 from .newton import Newton, StepReport
 from .problem import Problem
@@ -45,6 +47,8 @@ class SolveOptions:
             the force misses some of the work by itself.
         energy: Add the energies of every step to the history.
         progress: Show a progress bar (rank 0).
+        checkpoint: Folder for a checkpoint of the run, see :func:`vmdg.read_checkpoint`.
+        checkpoint_every: Steps between two checkpoints; the end of a run is always written.
     """
 
     relative_tolerance: float = 1e-9
@@ -60,6 +64,8 @@ class SolveOptions:
     energy_guard: float = math.inf
     energy: bool = False
     progress: bool = False
+    checkpoint: str | Path | None = None
+    checkpoint_every: int = 10
 
 
 @dataclass(frozen=True)
@@ -95,6 +101,7 @@ def solve(
     loads: ArrayLike,
     options: SolveOptions | None = None,
     monitor: Monitor | None = None,
+    history: History | None = None,
 ) -> Result:
     """Solve for a sequence of load factors.
 
@@ -103,6 +110,7 @@ def solve(
         loads: Load factors to reach, one after the other.
         options: See :class:`SolveOptions`.
         monitor: Called after every converged step; what it returns joins the history row.
+        history: Table of an earlier run to continue.
 
     Raises:
         StepFailure: a step fails although it was cut ``max_cuts`` times.
@@ -110,7 +118,7 @@ def solve(
     """
     options = options or SolveOptions()
     loads = np.atleast_1d(np.asarray(loads, dtype=float))
-    result = Result()
+    result = Result(history=history or History())
     bar = tqdm(loads, unit="step", disable=not options.progress or problem.comm.rank > 0)
     stepper = Stepper(problem, options)
     try:
@@ -121,6 +129,8 @@ def solve(
                 iterations=result.history.rows[-1]["iterations"],
                 refresh=False,
             )
+        if options.checkpoint is not None:
+            write_checkpoint(problem, options.checkpoint, result.history)
     finally:
         bar.close()
     # Not where a step failed: one rank alone must not wait for the others here.
@@ -172,6 +182,8 @@ def _advance(stepper: Stepper, target: float, monitor: Monitor | None, result: R
             row |= asdict(energy) | {"imbalance": energy.imbalance}
         result.history.append(row | dict((monitor(problem) if monitor else None) or {}))
         result.residuals.append(report.norms)
+        if options.checkpoint is not None and len(result.history) % options.checkpoint_every == 0:
+            write_checkpoint(problem, options.checkpoint, result.history)
         done, size, cuts = end, 2 * size, max(cuts - 1, 0)
 
 
@@ -183,7 +195,7 @@ class Stepper:
         self.options = options
         self._viscous = any(interface.law.viscosity > 0 for interface in problem.interfaces)
         self._guards = problem.watches_energy = math.isfinite(options.energy_guard)
-        self._newton = self._make_newton(0.0)
+        self._newton = self._make_newton(problem.force_scale)
 
     def _make_newton(self, scale: float) -> Newton:
         options = self.options
@@ -227,6 +239,7 @@ class Stepper:
                 self.problem.open_facets()
                 continue
             self.problem.commit()
+            self.problem.force_scale = self._newton.scale
             if nearness > NEAR:
                 self.problem.open_facets()
             return report

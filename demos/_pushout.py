@@ -1,0 +1,232 @@
+"""Models, measures and pictures of the fibre push-out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import Collection, PolyCollection
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from numpy.typing import NDArray
+
+import vmdg
+from vmdg.meshes import pushout, pushout_section
+from vmdg.meshes.pushout_section import FIBRE, FIBRE_TOP, MATRIX, MATRIX_TOP, OUTER, SUPPORT
+from vmdg.output import CauchyStress
+from vmdg.plot import deformed_corners
+from vmdg.problem import Snapshot
+
+SYMMETRY_X, SYMMETRY_Y = 9, 10
+RADIUS, OUTER_RADIUS, HEIGHT = 0.95, 4.3, 5.36  # mm
+E_MATRIX, NU_MATRIX, NU_FIBRE = 4000.0, 0.33, 0.35  # MPa
+STRENGTH, CRITICAL_GAP, SHRINKAGE = 22.0, 0.011, 0.0022  # MPa, mm
+MODES = {0: "bonded", 1: "tension damage", 2: "compression damage", 3: "friction", 4: "open"}
+COLOURS = ("#dddddd", "#d62728", "#ff9f1c", "#1f77b4", "#9467bd")
+
+
+@dataclass
+class Model:
+    """A push-out set up for the cure, in 3D or as a section.
+
+    Attributes:
+        problem: The problem; its load factor is 0 to 1 in the cure, 1 + punch [mm] afterwards.
+        axis: Component of the displacement along the fibre.
+        share: How often the model is contained in the whole body.
+        top: Facets under the punch.
+        seen: Facets that pictures show, in 3D.
+    """
+
+    problem: vmdg.Problem
+    axis: str
+    share: int
+    top: NDArray[np.int32]
+    seen: NDArray[np.int32] | None
+
+    def measures(self, problem: vmdg.Problem) -> dict[str, float]:
+        """Punch [mm], force [N], debonded and damaged length [mm]; collective."""
+        state = problem.state[0]
+        gone = state.softening >= STRENGTH * (1 - 1e-9)
+        areas = [state.weights[gone].sum(), state.weights[state.softening > 0].sum()]
+        lengths = self.share * problem.comm.allreduce(np.array(areas)) / (2 * np.pi * RADIUS)
+        force = -self.share * problem.reaction(self.top)["xyz".index(self.axis)]
+        return {
+            "punch": problem.t - 1,
+            "force": force,
+            "debonded": lengths[0],
+            "damaged": lengths[1],
+        }
+
+
+def build(solid: bool, layers: int, refine: int, friction: float, fibre_modulus: float) -> Model:
+    """The model at the start of the cure."""
+    if solid:
+        mesh, cells, facets = pushout(layers=layers, refine=refine)
+    else:
+        counts = {"fibre_cells": 8 * refine, "hole_cells": refine, "matrix_cells": 14 * refine}
+        mesh, cells, facets = pushout_section(layers=layers * refine, **counts)
+    bond = vmdg.Debonding(strength=STRENGTH, critical_gap=CRITICAL_GAP, friction=friction)
+    problem = vmdg.Problem(
+        mesh,
+        cells,
+        {
+            FIBRE: vmdg.NeoHookean(E=fibre_modulus, nu=NU_FIBRE),
+            MATRIX: vmdg.NeoHookean(E=E_MATRIX, nu=NU_MATRIX),
+        },
+        [vmdg.Interface(between=(FIBRE, MATRIX), law=bond)],
+        eigenstrain={MATRIX: lambda t: -SHRINKAGE * min(t, 1.0)},
+        symmetry=None if solid else "axisymmetric",
+    )
+    axis = "z" if solid else "y"
+    problem.dirichlet(facets.find(SUPPORT), 0.0, axis)
+    seen = None
+    if solid:
+        problem.dirichlet(facets.find(SYMMETRY_X), 0.0, "x")
+        problem.dirichlet(facets.find(SYMMETRY_Y), 0.0, "y")
+        tags = (SYMMETRY_X, SYMMETRY_Y, FIBRE_TOP, MATRIX_TOP, OUTER)
+        seen = np.concatenate([facets.find(tag) for tag in tags])
+    return Model(problem, axis, 4 if solid else 1, facets.find(FIBRE_TOP), seen)
+
+
+def shear_lag(length: NDArray, friction: float, fibre_modulus: float) -> NDArray:
+    """Force [N] at which the bond is gone over ``length`` [mm] from the loaded end.
+
+    F = pi a^2 [sigma_d e^(lambda l) + p0/k (e^(lambda l) - 1)], the one-dimensional estimate of
+    Alfano and Sacco and of Lin, Geubelle and Sottos: p0 the pressure after the cure, k the rise of
+    the pressure with the stress in the fibre, sigma_d = 2 sqrt(E_f G / a) with G the work of the
+    bond. True lengths exceed it by up to 1.5 a.
+    """
+    a2, b2 = RADIUS**2, OUTER_RADIUS**2
+    compliance = ((b2 + a2) / (b2 - a2) + NU_MATRIX) / E_MATRIX + (1 - NU_FIBRE) / fibre_modulus
+    p0, k = SHRINKAGE / compliance, NU_FIBRE / fibre_modulus / compliance
+    sigma = 2 * np.sqrt(fibre_modulus * STRENGTH * CRITICAL_GAP / 2 / RADIUS)
+    grown = np.exp(2 * friction * k / RADIUS * length)
+    return np.pi * a2 * (sigma * grown + p0 / k * (grown - 1))
+
+
+class Levels:
+    """Keeps the states of Figures 25 to 27: after the cure, at initiation, peak and end."""
+
+    NAMES = ("after the cure", "debonding starts", "largest force", "end")
+
+    def __init__(self, model: Model):
+        self._model = model
+        self._stress = CauchyStress(model.problem)
+        self._kept: dict[str, tuple[Snapshot, float]] = {}
+        self._peak = -np.inf
+
+    def update(self, force: float, damaged: float) -> None:
+        """Keep the current state where it is one of the four."""
+        state = self._model.problem.snapshot(), force
+        self._kept.setdefault(self.NAMES[0], state)
+        if damaged > 0:
+            self._kept.setdefault(self.NAMES[1], state)
+        if force > self._peak:
+            self._peak = force
+            self._kept[self.NAMES[2]] = state
+        self._kept[self.NAMES[3]] = state
+
+    def draw(self) -> Figure:
+        """Shear stress, largest principal stress and mode of the interface at the four levels."""
+        solid = self._model.seen is not None
+        figure = plt.figure(figsize=(12, 9), layout="constrained")
+        kept = [(name, self._kept[name]) for name in self.NAMES if name in self._kept]
+        for column, (name, (snapshot, force)) in enumerate(kept):
+            problem = self._model.problem
+            problem.return_to(snapshot)
+            title = f"{name}\n{problem.t - 1:.4f} mm, {force:.1f} N"
+            values = self._stresses()
+            for row, (what, limits) in enumerate(
+                (("shear", (-22.0, 22.0)), ("principal", (-5.0, 25.0)))
+            ):
+                place = (3, 4, 1 + column + 4 * row)
+                ax = figure.add_subplot(*place, projection="3d" if solid else None)
+                drawn = self._surface(ax, values[what], limits)
+                ax.set_title(title if row == 0 else "", size=9)
+                if column == len(kept) - 1:
+                    label = {"shear": r"$\sigma_{rz}$ [MPa]", "principal": r"$\sigma_1$ [MPa]"}
+                    figure.colorbar(drawn, ax=ax, label=label[what], shrink=0.8)
+            self._modes(figure.add_subplot(3, 4, 9 + column), column == 0)
+        return figure
+
+    def _stresses(self) -> dict[str, NDArray[np.float64]]:
+        """sigma_rz and the largest principal stress, cell means [MPa]."""
+        function = self._stress.update()
+        dofs = function.function_space.dofmap.list
+        sigma = function.x.array.reshape(-1, 3, 3)[dofs].mean(axis=1)
+        if self._model.seen is None:
+            shear = sigma[:, 0, 1]
+        else:
+            x = function.function_space.tabulate_dof_coordinates()[dofs].mean(axis=1)
+            radial = x[:, :2] / np.linalg.norm(x[:, :2], axis=1, keepdims=True)
+            shear = np.einsum("ci,ci->c", radial, sigma[:, :2, 2])
+        return {"shear": shear, "principal": np.linalg.eigvalsh(sigma)[:, -1]}
+
+    def _surface(self, ax: Axes, values: NDArray, limits: tuple[float, float]) -> Collection:
+        problem = self._model.problem
+        corners, cells = deformed_corners(problem, self._model.seen, magnify=5)
+        corners = np.concatenate(problem.comm.allgather(corners))
+        values = np.concatenate(problem.comm.allgather(values[cells]))
+        if self._model.seen is None:
+            drawn = ax.add_collection(PolyCollection(corners[..., :2], array=values))
+            ax.set(aspect="equal", xlabel="r [mm]", ylabel="z [mm]")
+            ax.autoscale()
+        else:
+            drawn = ax.add_collection3d(Poly3DCollection(corners, array=values))
+            ax.set(xlim=(0, 4.3), ylim=(0, 4.3), zlim=(0, 5.4), box_aspect=(4.3, 4.3, 5.4))
+            ax.view_init(elev=25, azim=225)
+            ax.set_axis_off()
+        drawn.set(clim=limits, cmap="coolwarm" if limits[0] == -limits[1] else "viridis")
+        drawn.set_linewidth(0)
+        return drawn
+
+    def _modes(self, ax: Axes, labelled: bool) -> None:
+        """Figure 27: the active branch on the unrolled interface."""
+        problem = self._model.problem
+        points, mode = problem.state[0].points, problem.state[0].mode
+        across = np.full(len(points), 0.5) if self._model.seen is None else _angle(points)
+        height = points[:, 1 if self._model.seen is None else 2]
+        rows = np.concatenate(problem.comm.allgather(np.column_stack([across, height, mode])))
+        # Closing and open points are both without traction.
+        rows[:, 2] = np.minimum(rows[:, 2], 4)
+        norm = BoundaryNorm(np.arange(6) - 0.5, 5)
+        ax.scatter(*rows[:, :2].T, c=rows[:, 2], cmap=ListedColormap(COLOURS), norm=norm, s=14)
+        ax.set(xlabel="angle [°]", ylim=(0, HEIGHT), facecolor="white")
+        if self._model.seen is None:
+            ax.set(xlim=(0, 1), xticks=[], xlabel="interface")
+        if labelled:
+            ax.set_ylabel("z [mm]")
+            for number, name in MODES.items():
+                ax.scatter([], [], color=COLOURS[number], label=name)
+            ax.legend(loc="lower left", fontsize=7)
+
+
+def _angle(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.degrees(np.arctan2(points[:, 1], points[:, 0]))
+
+
+def curves(runs: dict[str, vmdg.History], friction: float, fibre_modulus: float) -> Figure:
+    """Force and debonded length over the punch, and the force over the debonded length."""
+    figure, axes = plt.subplots(1, 3, figsize=(12, 3.8), layout="constrained")
+    for label, history in runs.items():
+        punch, force, length = (history[name] for name in ("punch", "force", "debonded"))
+        axes[0].plot(np.r_[0, punch], np.r_[0, force], label=label)
+        axes[1].plot(np.r_[0, punch], np.r_[0, length], label=label)
+        axes[2].plot(length, force, label=label)
+    axes[0].set(xlabel="punch [mm]", ylabel="force [N]", xlim=0, ylim=0)
+    axes[1].set(xlabel="punch [mm]", ylabel="debonded length [mm]", xlim=0)
+    axes[1].set_ylim(0, 1.05 * HEIGHT)
+    axes[2].set(xlabel="debonded length [mm]", ylabel="force [N]", xlim=(0, HEIGHT), ylim=0)
+    if len(runs) == 1:
+        length = np.linspace(0, HEIGHT, 100)
+        force = shear_lag(length, friction, fibre_modulus)
+        near = np.minimum(length + 1.5 * RADIUS, HEIGHT)
+        band = {"color": "black", "alpha": 0.15, "label": "shear lag, up to 1.5 a longer"}
+        axes[2].fill_betweenx(force, length, near, **band)
+        axes[2].legend()
+    else:
+        axes[0].legend()
+    return figure
