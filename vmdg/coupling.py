@@ -17,7 +17,7 @@ from .facet_quadrature import FacetQuadrature, SideEvaluators, family_pairs, sid
 from .forms import interface as terms
 from .forms import kinematics
 from .forms.kinematics import Body
-from .interface import Interface, InterfaceFacets
+from .interface import AUTO, Interface, InterfaceFacets
 from .laws import Mode, Update
 from .parallel import global_max, raise_together
 from .point_values import InterfaceState, PointHistory, PointValues
@@ -151,26 +151,45 @@ class Coupling:
 
     # Work at the points
 
-    def update_stabilization(self, dt: float | None) -> None:
-        """Evaluate tau_s and delta at the current displacement and freeze them.
+    @property
+    def seeks_safety(self) -> bool:
+        """Whether :mod:`vmdg.coercivity` decides how far tau_s is raised."""
+        return self.interface.safety == AUTO and self.interface.stabilization is None
 
-        Args:
-            dt: Time step [s]; None where it is not known yet, then only a law without viscosity
-                is checked.
-
-        Raises:
-            ValueError: r <= H - eta on a facet: the softening is too steep for the mesh.
-        """
+    def derive_stabilization(self) -> None:
+        """Evaluate tau_s and delta at the current displacement, tau_s not raised yet."""
         self.stabilization = self._stabilizer()
         self._weights = self.stabilization.delta
         if self.turns:
             # A frozen tensor would lag behind a body that turns: take numbers, as r is one.
             share = np.trace(self._weights, axis1=2, axis2=3) / self._d
             self._weights = share[:, :, None, None] * np.eye(self._d)
+
+    @property
+    def bonded_penalty(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """tau (nf, d, d) and delta (nf, 2, d, d) of the bonded form, as the residual has them."""
+        tau = self.stabilization.tau
+        if self.law.inelastic:
+            tau = self.stabilization.norm[:, None, None] * np.eye(self._d)
+        return tau, self._weights
+
+    def freeze_stabilization(self, factor: NDArray[np.float64], dt: float | None) -> None:
+        """Raise the derived tau_s and give it to the forms.
+
+        Args:
+            factor: What coercivity asks for (nf,); 1 is the least.
+            dt: Time step [s]; None where it is not known yet, then only a law without viscosity
+                is checked.
+
+        Raises:
+            ValueError: r <= H - eta on a facet: the softening is too steep for the mesh.
+        """
+        scalar = self.law.inelastic
+        if self.seeks_safety:
+            self.stabilization = self.stabilization.raised(np.maximum(factor, 1.0))
         self.quadrature.set_facet_values(self._delta, self._weights[:, 0])
         if self._delta_s is not None:
             self.quadrature.set_facet_values(self._delta_s, self.stabilization.delta_s)
-        scalar = self.law.inelastic
         self.quadrature.set_facet_values(
             self._tau, self.stabilization.norm if scalar else self.stabilization.tau
         )

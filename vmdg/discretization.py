@@ -18,6 +18,7 @@ from ufl.core.expr import Expr
 
 from . import compat
 from .bodies import Bodies
+from .coercivity import Coercivity
 from .coupling import Coupling, Group
 from .forms import kinematics
 from .forms.kinematics import Body
@@ -72,6 +73,7 @@ class Discretization:
         self._residual_form: fem.Form | None = None
         self._tangent_form: fem.Form | None = None
         self._energy_forms: list[fem.Form] | None = None
+        self._coercivity: Coercivity | None = None
         self.owned = self.space.dofmap.index_map.size_local * self.space.dofmap.index_map_bs
 
     @property
@@ -156,7 +158,20 @@ class Discretization:
         """Evaluate tau_s and delta of every interface at the current displacement."""
         with Timer("vmdg: stabilization"):
             for coupling in self.working:
-                coupling.update_stabilization(dt)
+                coupling.derive_stabilization()
+            for coupling, factor in zip(self.working, self._safety_factors(), strict=True):
+                coupling.freeze_stabilization(factor, dt)
+
+    def _safety_factors(self) -> list[NDArray[np.float64]]:
+        """What coercivity asks for on every facet of the working interfaces."""
+        if not any(coupling.seeks_safety for coupling in self.working):
+            return [np.ones(len(coupling.facets.facets)) for coupling in self.working]
+        if self._coercivity is None:
+            facets = [coupling.facets for coupling in self.working]
+            self._coercivity = Coercivity(self.u, self.bodies, self.degree, facets)
+        with Timer("vmdg: coercivity"):
+            penalties, deltas = zip(*(c.bonded_penalty for c in self.working), strict=True)
+            return self._coercivity(penalties, deltas)
 
     def assemble_residual(
         self, dt: float, hold: bool, loads: NDArray[np.float64] | None
