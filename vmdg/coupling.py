@@ -26,6 +26,10 @@ from .stabilization import Stabilization, Stabilizer
 from .staged_tangent import StagedTangent
 
 
+#: r / H that makes a return map well conditioned, and the factor up to which "auto" raises r for it.
+AMPLE, REPORT_SAFETY = 2.0, 4.0
+
+
 @dataclass(frozen=True)
 class Group:
     """Facets of an interface whose two sides belong to the same pair of material families."""
@@ -105,6 +109,7 @@ class Coupling:
                 by_gradient=np.zeros((count, d, d, d, d)),
             )
         self._converged = self._now
+        self._former = self.stabilization, self._weights
         self._converged_traction = np.zeros((history, d))
         self._dt = 1.0
 
@@ -174,7 +179,11 @@ class Coupling:
         return tau, self._weights
 
     def freeze_stabilization(self, factor: NDArray[np.float64], dt: float | None) -> None:
-        """Raise the derived tau_s and give it to the forms.
+        """Raise the derived tau_s, where ``safety="auto"`` says so, and give it to the forms.
+
+        Where the interface can fail r is raised to twice H too, as far as the factor 4 of the
+        report's tables reaches: close to H a return map with its dgamma = f / (r - H) would
+        magnify every change of the trial traction. A larger r never harms coercivity.
 
         Args:
             factor: What coercivity asks for (nf,); 1 is the least.
@@ -184,17 +193,25 @@ class Coupling:
         Raises:
             ValueError: r <= H - eta on a facet: the softening is too steep for the mesh.
         """
-        scalar = self.law.inelastic
         if self.seeks_safety:
-            self.stabilization = self.stabilization.raised(np.maximum(factor, 1.0))
+            factor = np.maximum(factor, 1.0)
+            if self.law.inelastic:
+                enough = AMPLE * self.law.softening_modulus / self.stabilization.norm
+                factor = np.maximum(factor, np.minimum(enough, REPORT_SAFETY))
+            self.stabilization = self.stabilization.raised(factor)
+        self._set_stabilization()
+        if self.law.inelastic and (dt is not None or self._acting_law.viscosity == 0):
+            self._check_softening(1.0 if dt is None else dt)
+
+    def _set_stabilization(self) -> None:
+        """Give the forms tau_s and the flux weights."""
+        stabilization = self.stabilization
         self.quadrature.set_facet_values(self._delta, self._weights[:, 0])
         if self._delta_s is not None:
-            self.quadrature.set_facet_values(self._delta_s, self.stabilization.delta_s)
+            self.quadrature.set_facet_values(self._delta_s, stabilization.delta_s)
         self.quadrature.set_facet_values(
-            self._tau, self.stabilization.norm if scalar else self.stabilization.tau
+            self._tau, stabilization.norm if self.law.inelastic else stabilization.tau
         )
-        if scalar and (dt is not None or self._acting_law.viscosity == 0):
-            self._check_softening(1.0 if dt is None else dt)
 
     def _check_softening(self, dt: float) -> None:
         r, H = self.stabilization.norm, self.law.softening_modulus
@@ -367,6 +384,7 @@ class Coupling:
             dt: Time step [s].
         """
         self._converged = self._now
+        self._former = self.stabilization, self._weights
         self._dt = dt
         self._acting_law = self.law
         if self.law.inelastic and overstress > 0:
@@ -376,6 +394,8 @@ class Coupling:
     def cancel_step(self) -> None:
         """Return to the values of :meth:`begin_step`."""
         self._now = self._converged
+        self.stabilization, self._weights = self._former
+        self._set_stabilization()
         self._set_gap()
 
     def history(self) -> PointHistory:
