@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import basix.ufl
 import numpy as np
-from dolfinx.mesh import Mesh, create_mesh, meshtags
+from dolfinx.mesh import create_mesh, meshtags
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
@@ -162,19 +161,14 @@ class Configurations:
         while size > 1e-3:
             H = rng.uniform(-1, 1, one.shape)
             F = one + size * H / np.linalg.norm(H)
-            # A pressure between none and mu, where A is sure to be positive.
-            p = rng.random() * mu.min()
-            J = (1 + np.sqrt(1 + 4 * p / max(lmbda.max(), mu.min()))) / 2
+            # A pressure lambda (J - 1) J between none and mu, where A is sure to be positive.
+            p = rng.random() / max((lmbda / mu).max(), 0.5)
+            J = (1 + np.sqrt(1 + 4 * p)) / 2
             F = F * (J / np.linalg.det(F)) ** (1 / self._d)
             if np.linalg.norm(F - one) <= draw.strain and positive_moduli(F, mu, lmbda):
                 return F
             size *= 0.8
         return one
-
-    @property
-    def mesh(self) -> Mesh:
-        """All copies."""
-        return self._mesh
 
     def problem(self, **interface) -> vmdg.Problem:
         """The problem, deformed, with ``interface`` options."""
@@ -220,3 +214,76 @@ class Configurations:
         scale = 1 / np.sqrt(np.abs(np.diagonal(blocks, axis1=1, axis2=2)))
         blocks *= scale[:, :, None] * scale[:, None, :]
         return np.linalg.eigvalsh(blocks)[:, 0]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A class of configurations.
+
+    Attributes:
+        cell: Type of the cells.
+        degree: Degree of the displacement.
+        alone: Two cells and the facet between them; else a patch all of whose facets are interfaces.
+        count: Number of configurations.
+    """
+
+    cell: str
+    degree: int
+    alone: bool
+    count: int
+
+    def __str__(self) -> str:
+        return f"{self.cell} {self.degree}, {'pair' if self.alone else 'patch'}"
+
+    @property
+    def patch(self) -> Patch:
+        """What is copied."""
+        if self.alone:
+            return pair(self.cell)
+        return grid(self.cell, PATCHES[self.cell])
+
+    def draw(self, seed: int = 0) -> Configurations:
+        """The configurations."""
+        return Configurations(self.cell, self.patch, self.count, self.degree, Range(), seed)
+
+
+PATCHES = {
+    "triangle": (2, 2),
+    "quadrilateral": (2, 2),
+    "tetrahedron": (1, 1, 1),
+    "hexahedron": (2, 2, 1),
+}
+
+CASES = (
+    *(Case(cell, 1, True, 330) for cell in DIMENSION),
+    *(Case(cell, 1, False, 80) for cell in DIMENSION),
+    *(Case(cell, 2, True, n) for cell, n in zip(DIMENSION, (120, 120, 60, 20), strict=True)),
+    *(Case(cell, 2, False, n) for cell, n in zip(DIMENSION, (30, 30, 12, 4), strict=True)),
+    *(Case(cell, 3, True, 20) for cell in ("triangle", "quadrilateral")),
+)
+
+
+@dataclass(frozen=True)
+class Count:
+    """What one choice of the safety did to a class of configurations.
+
+    Attributes:
+        negative: Configurations whose tangent has a negative eigenvalue.
+        lowest: Smallest eigenvalue of all, tangents scaled to a unit diagonal.
+        median: Median of the factors used.
+        largest: Largest factor used.
+    """
+
+    negative: int
+    lowest: float
+    median: float
+    largest: float
+
+
+def count(safety: float | str, configurations: Configurations) -> Count:
+    """Negative eigenvalues of the tangents of tied configurations."""
+    problem = configurations.problem(law=vmdg.Bonded(), safety=safety)
+    lowest = configurations.lowest(problem)
+    factor = problem.stabilization[0].safety
+    negative = int((lowest < -ROUNDING).sum())
+    return Count(negative, lowest.min(), float(np.median(factor)), factor.max())

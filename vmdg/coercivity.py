@@ -228,6 +228,7 @@ class CellProblems:
         Z = self._flux_factor(pairs, weights)
         S = np.linalg.solve(factor.transpose(0, 2, 1)[of_cell], Z.transpose(0, 2, 1))
         alone = np.linalg.eigvalsh(S.transpose(0, 2, 1) @ S)[:, -1]
+        alone = np.maximum(alone, np.finfo(float).tiny)
         count = np.bincount(of_cell, minlength=len(factor))
         several = np.flatnonzero(count > 1)
         if not len(several):
@@ -266,8 +267,10 @@ class CellProblems:
         family = self._family[self._cell_of_pair[pairs]]
         H = self._evaluate(self._traction_moduli, family, self._pairs[pairs])
         H = H.reshape(*H.shape[:2], d, d, d)
-        root = np.linalg.cholesky(weights).transpose(0, 2, 1)
-        H = np.einsum("pmk,pqkij->pqmij", root, H, optimize=True)
+        # A tau from indefinite A may itself be: only its positive part can be matched.
+        values, vectors = np.linalg.eigh(weights)
+        root = vectors * np.sqrt(np.maximum(values, 0))[:, None]
+        H = np.einsum("pkm,pqkij->pqmij", root, H, optimize=True)
         H *= np.sqrt(areas)[:, :, None, None, None]
         Z = np.einsum("pqmij,pqaj->pqmai", H, gradients, optimize=True)
         return Z.reshape(len(H), -1, gradients.shape[2] * d)

@@ -163,15 +163,20 @@ class Discretization:
                 coupling.freeze_stabilization(factor, dt)
 
     def _safety_factors(self) -> list[NDArray[np.float64]]:
-        """What coercivity asks for on every facet of the working interfaces."""
-        if not any(coupling.seeks_safety for coupling in self.working):
-            return [np.ones(len(coupling.facets.facets)) for coupling in self.working]
-        if self._coercivity is None:
-            facets = [coupling.facets for coupling in self.working]
-            self._coercivity = Coercivity(self.u, self.bodies, self.degree, facets)
-        with Timer("vmdg: coercivity"):
-            penalties, deltas = zip(*(c.bonded_penalty for c in self.working), strict=True)
-            return self._coercivity(penalties, deltas)
+        """What coercivity asks for on every facet of the working interfaces.
+
+        Interfaces with a stabilization of the user's own neither ask nor take a share.
+        """
+        derived = [c for c in self.working if c.interface.stabilization is None]
+        factors = {c: np.ones(len(c.facets.facets)) for c in self.working}
+        if any(coupling.seeks_safety for coupling in derived):
+            if self._coercivity is None:
+                facets = [coupling.facets for coupling in derived]
+                self._coercivity = Coercivity(self.u, self.bodies, self.degree, facets)
+            with Timer("vmdg: coercivity"):
+                penalties, deltas = zip(*(c.bonded_penalty for c in derived), strict=True)
+                factors |= zip(derived, self._coercivity(penalties, deltas), strict=True)
+        return [factors[coupling] for coupling in self.working]
 
     def assemble_residual(
         self, dt: float, hold: bool, loads: NDArray[np.float64] | None
