@@ -49,7 +49,9 @@ def grid(cell: str, counts: tuple[int, ...]) -> Patch:
         "triangle": [[0, 1, 3], [0, 2, 3]],
         "tetrahedron": [[0, *path, 7] for path in [(1, 3), (1, 5), (2, 3), (2, 6), (4, 5), (4, 6)]],
     }.get(cell)
-    return Patch(nodes.astype(float), boxes if split is None else boxes[:, split].reshape(-1, d + 1))
+    return Patch(
+        nodes.astype(float), boxes if split is None else boxes[:, split].reshape(-1, d + 1)
+    )
 
 
 def pair(cell: str) -> Patch:
@@ -84,7 +86,7 @@ class Range:
 
 
 def positive_moduli(F: NDArray, mu: NDArray, lmbda: NDArray) -> bool:
-    """Whether A of (86) is not negative at F for every pair of parameters, in plane strain or 3D."""
+    """Whether A of (86) at F is not negative for any pair of parameters, in plane strain or 3D."""
     d = len(F)
     J, inverse = np.linalg.det(F), np.linalg.inv(F)
     one = np.einsum("ik,jl->ijkl", np.eye(d), np.eye(d))
@@ -109,9 +111,7 @@ class Configurations:
         seed: Of the random numbers.
     """
 
-    def __init__(
-        self, cell: str, patch: Patch, count: int, degree: int, draw: Range, seed: int
-    ):
+    def __init__(self, cell: str, patch: Patch, count: int, degree: int, draw: Range, seed: int):
         self._rng = np.random.default_rng(seed)
         self._degree = degree
         self._count, self._cells_each = count, len(patch.cells)
@@ -119,9 +119,7 @@ class Configurations:
         shapes = [self._shape(patch, draw) for _ in range(count)]
         cells = np.concatenate([patch.cells + i * len(patch.nodes) for i in range(count)])
         element = basix.ufl.element("Lagrange", cell, 1, shape=(self._d,))
-        self._mesh = create_mesh(
-            MPI.COMM_SELF, cells=cells, x=np.concatenate(shapes), e=element
-        )
+        self._mesh = create_mesh(MPI.COMM_SELF, cells=cells, x=np.concatenate(shapes), e=element)
         #: Copy that every cell belongs to.
         self._original = np.asarray(self._mesh.topology.original_cell_index)
         self._copy = self._original // self._cells_each
@@ -223,7 +221,7 @@ class Case:
     Attributes:
         cell: Type of the cells.
         degree: Degree of the displacement.
-        alone: Two cells and the facet between them; else a patch all of whose facets are interfaces.
+        alone: Two cells and the facet between them; else a patch with interfaces on all facets.
         count: Number of configurations.
     """
 

@@ -25,8 +25,7 @@ from .quadrature import facet_degree
 from .stabilization import Stabilization, Stabilizer
 from .staged_tangent import StagedTangent
 
-
-#: r / H that makes a return map well conditioned, and the factor up to which "auto" raises r for it.
+#: r / H of a well-conditioned return map, and the factor up to which "auto" raises r for it.
 AMPLE, REPORT_SAFETY = 2.0, 4.0
 
 

@@ -102,9 +102,7 @@ class Interface:
             )
         if not isinstance(law, Law):
             raise TypeError(f"Interface: law = {law!r} is no interface law; try vmdg.Bonded()")
-        if safety != AUTO and (
-            isinstance(safety, str) or not (np.isfinite(safety) and safety > 0)
-        ):
+        if safety != AUTO and (isinstance(safety, str) or not (np.isfinite(safety) and safety > 0)):
             raise ValueError(f'Interface: safety = {safety!r} must be positive, or "{AUTO}"')
         if norm not in NORMS:
             raise ValueError(f"Interface: norm = {norm!r} must be one of {NORMS}")

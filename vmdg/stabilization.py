@@ -166,6 +166,4 @@ class Stabilizer:
         delta = np.stack([delta1, np.eye(d) - delta1], axis=1)
         order = "fro" if self._interface.norm == "frobenius" else 2
         norm = np.linalg.norm(tau, ord=order, axis=(1, 2))
-        return Stabilization(
-            tau, delta, tau1 @ bonded @ tau2, norm, np.full(number, float(safety))
-        )
+        return Stabilization(tau, delta, tau1 @ bonded @ tau2, norm, np.full(number, float(safety)))
