@@ -82,7 +82,7 @@ class Range:
     contrast: float = 8.0
     nu: tuple[float, float] = (0.0, 0.4999)
     strain: float = 0.5
-    distortion: float = 0.2
+    distortion: float = 0.15
 
 
 def positive_moduli(F: NDArray, mu: NDArray, lmbda: NDArray) -> bool:
@@ -127,10 +127,15 @@ class Configurations:
 
     def _shape(self, patch: Patch, draw: Range) -> NDArray[np.float64]:
         rng, d = self._rng, self._d
-        x = patch.nodes + draw.distortion * rng.uniform(-1, 1, patch.nodes.shape)
+        shift = draw.distortion * rng.uniform(-1, 1, patch.nodes.shape)
         stretch = 10.0 ** rng.uniform(-draw.aspect, draw.aspect, 3)
-        # The two halves of the patch have heights of their own.
-        x[:, 0] *= np.where(x[:, 0] < 0, stretch[0], stretch[1])
+        # The halves of a pair have heights of their own; what lies between moves by the smaller.
+        side = np.sign(patch.nodes[:, 0])
+        x = patch.nodes + shift
+        x[:, 0] = patch.nodes[:, 0] * np.where(side < 0, stretch[0], stretch[1])
+        x[:, 0] += shift[:, 0] * np.choose(
+            side.astype(int) + 1, [stretch[0], stretch[:2].min(), stretch[1]]
+        )
         if d == 3:
             x[:, 2] *= stretch[2] ** (1 / 3)
         shear = np.eye(d) + rng.uniform(-0.3, 0.3, (d, d))

@@ -46,7 +46,7 @@ def random_cells(monkeypatch):
 
 
 def test_no_negative_eigenvalue(random_cells):
-    """2,076 random configurations: none is negative with "auto", half of them are with 1.
+    """2,076 random configurations: none is negative with "auto", two in five are with 1.
 
     Pairs of cells and patches all of whose facets are interfaces, four cell types, degree 1 to 3.
     """
