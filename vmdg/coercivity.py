@@ -27,6 +27,10 @@ E_K cannot bound anything where A is not positive, as in compression, which lets
 lower energies. There GRAD u : A : GRAD u + c |GRAD u|^2 takes its place, c twice the most negative
 eigenvalue of A in the cell, and the interface takes no more than (1 - theta) c |GRAD u|^2 besides:
 a share of what the bulk itself lacks.
+
+The form is (27) while everything is bonded, at a state without slip. The further term of (26)
+takes energy of the cells that no tau gives back. A facet whose safety is a number takes its share
+of a cell's energy like any other.
 """
 
 from __future__ import annotations
@@ -233,13 +237,10 @@ class CellProblems:
         several = np.flatnonzero(count > 1)
         if not len(several):
             return alone
-        position = np.full(len(factor), -1)
-        position[several] = np.arange(len(several))
         chosen = np.flatnonzero(count[of_cell] > 1)
-        S = S[chosen]
-        together = np.zeros((len(several), S.shape[1], S.shape[1]))
-        each = S @ S.transpose(0, 2, 1) / alone[chosen, None, None]
-        np.add.at(together, position[of_cell[chosen]], each)
+        each = S[chosen] @ S[chosen].transpose(0, 2, 1) / alone[chosen, None, None]
+        starts = np.flatnonzero(np.diff(of_cell[chosen], prepend=-1))
+        together = np.add.reduceat(each, starts, axis=0)
         more = np.ones(len(factor))
         more[several] = np.linalg.eigvalsh(together)[:, -1]
         return more[of_cell] * alone
@@ -287,6 +288,8 @@ class CellProblems:
         result = np.empty((len(entities), len(first.X()), size))
         for number, expression in expressions.items():
             chosen = np.flatnonzero(family == number)
+            if not len(chosen):
+                continue
             values = compat.evaluate(expression, self._mesh, entities[chosen])
             result[chosen] = values.reshape(len(chosen), -1, size)
         return result

@@ -74,6 +74,7 @@ class Discretization:
         self._tangent_form: fem.Form | None = None
         self._energy_forms: list[fem.Form] | None = None
         self._coercivity: Coercivity | None = None
+        self._factors: list[NDArray[np.float64]] | None = None
         self.owned = self.space.dofmap.index_map.size_local * self.space.dofmap.index_map_bs
 
     @property
@@ -167,6 +168,11 @@ class Discretization:
 
         Interfaces with a stabilization of the user's own neither ask nor take a share.
         """
+        if self._factors is None or not self.bodies.families[0].body.small:
+            self._factors = self._find_safety_factors()
+        return self._factors
+
+    def _find_safety_factors(self) -> list[NDArray[np.float64]]:
         derived = [c for c in self.working if c.interface.stabilization is None]
         factors = {c: np.ones(len(c.facets.facets)) for c in self.working}
         if any(coupling.seeks_safety for coupling in derived):
