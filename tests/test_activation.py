@@ -23,7 +23,9 @@ def plate(comm, activate: str, n: int = 12) -> vmdg.Problem:
     cells = mesh.topology.index_map(2)
     local = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
     tags = meshtags(mesh, 2, local, np.ones_like(local))
-    interface = vmdg.Interface(within=1, law=LAW, activate=activate)
+    # Open facets make the plate a little softer, the more the smaller tau_s: here with the factor
+    # for which the two curves are compared.
+    interface = vmdg.Interface(within=1, law=LAW, activate=activate, safety=4.0)
     problem = vmdg.Problem(mesh, tags, {1: vmdg.NeoHookean(E=1000.0, nu=0.3)}, [interface])
     problem.dirichlet(lambda x: np.isclose(x[0], 0), 0.0)
     problem.dirichlet(lambda x: np.isclose(x[0], 1) & (x[1] >= 0.5 - 1e-9), lambda t: t, "x")

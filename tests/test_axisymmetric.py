@@ -321,7 +321,7 @@ def test_tau_of_two_squares(comm, inner, accuracy):
     (on the axis the term of the inner cell is a polynomial, that of the outer one is not).
     """
     scene = section(comm, "quadrilateral", (1, 1), (inner, inner + 1, inner + 2))
-    problem = revolved(scene, vmdg.Bonded())
+    problem = revolved(scene, vmdg.Bonded(), interface={"safety": 4.0})
     tau = [
         tau_of_square(inner + side, side == 0, *(m.parameters[k] for k in ("mu", "lmbda")))
         for side, m in enumerate(MATERIALS)
@@ -418,3 +418,28 @@ def test_errors_at_the_door(comm):
     flat.geometry.x[:, 0] -= 0.25
     with pytest.raises(ValueError, match=r"nodes at x = r = -0\.25 < 0"):
         make(flat)
+
+
+def test_coercive_rings(comm):
+    """Flat rings, nearly incompressible: the derived tau_s leaves negative modes, "auto" none.
+
+    Eigenvalues of the bonded tangent scaled to unit diagonal, relative to the largest; rounding
+    leaves 1e-14. One rank, where the matrix is whole.
+    """
+    if comm.size > 1:
+        pytest.skip("a dense eigenvalue problem of one rank")
+    nearly = [vmdg.NeoHookean(E=E, nu=0.499) for E in (1000.0, 3000.0)]
+    lowest = {}
+    for safety in (1.0, "auto"):
+        scene = section(comm, "quadrilateral", (1, 3), (0.95, 1.0, 1.05), 1.5)
+        problem = revolved(scene, vmdg.Bonded(), nearly, interface={"safety": safety})
+        matrix = problem.create_matrix()
+        problem.assemble_residual()
+        problem.assemble_tangent(matrix)
+        dense = matrix[:, :]
+        scale = np.sqrt(np.diag(dense))
+        values = np.linalg.eigvalsh(dense / scale / scale[:, None])
+        lowest[safety] = values[0] / values[-1]
+        matrix.destroy()
+    assert lowest[1.0] < -1e-4
+    assert lowest["auto"] > -1e-12

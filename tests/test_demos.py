@@ -81,3 +81,14 @@ def test_load_cycle(comm, out):
     assert history["softening"][-1] == load_cycle.LAW.strength
     assert history["friction"][-1] > 0.1
     assert np.abs(history["imbalance"]).max() < 1e-3 * np.abs(history["external"]).max()
+
+
+def test_coercivity(comm):
+    """Some of the random configurations: "auto" is coercive, 1 is not."""
+    import coercivity
+
+    table = coercivity.main(share=0.1)
+    if comm.rank == 0:
+        auto, one = (sum(counts[i].negative for counts in table.values()) for i in range(2))
+        assert auto == 0
+        assert one > 50

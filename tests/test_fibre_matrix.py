@@ -123,12 +123,11 @@ def test_impossible_cells_are_refused(comm):
 
 @BOTH
 def test_slope_of_the_public_deck(comm, cell):
-    """6352 N/mm within .2% at h = .05 mm, and 6334.4, the limit for h -> 0, within .4%."""
+    """At h = .05 mm between 6334.4 N/mm, the limit for h -> 0, and the deck's 6352, within .1%."""
     tagged = fibre_matrix(comm, cell, element_size=0.05)
     problem = pull(tagged, DECK, [vmdg.Interface(between=(1, 2), law=BOND)], load=1e-4)
     slope = problem.reaction(tagged.facet_tags.find(2))[0] / 1e-4
-    assert slope == pytest.approx(6352.0, rel=2e-3)
-    assert slope == pytest.approx(6334.4, rel=4e-3)
+    assert 6334.4 * (1 - 1e-3) < slope < 6352.0 * (1 + 1e-3)
 
 
 def goodier(comm, cell: str, h: float) -> tuple[float, float]:

@@ -199,7 +199,7 @@ def test_fine_scales(comm, cell):
     )
     g = state.points[:, :d] @ (gradient[2] - gradient[1]).T + move.T
     s = g - state.gap
-    tau = np.linalg.inv(stabilization.tau / 4)  # tau_1 + tau_2; 4 is the default safety
+    tau = np.linalg.inv(stabilization.tau / stabilization.safety[:, None, None])  # tau_1 + tau_2
     delta = stabilization.delta
     tau_1, tau_2 = tau @ delta[:, 0], tau @ delta[:, 1]
     delta_s = np.linalg.inv(np.linalg.inv(tau_1) + np.linalg.inv(tau_2))[facet]

@@ -287,6 +287,10 @@ REFUSED_ARGUMENTS = {
         r"between = \(1, 1\) must be two different tags.*within=tag",
     ),
     "safety": (lambda: interface(within=1, safety=0.0), r"safety = 0.0 must be positive"),
+    "safety by name": (
+        lambda: interface(within=1, safety="high"),
+        r"safety = 'high' must be positive, or \"auto\"",
+    ),
     "norm": (lambda: interface(within=1, norm="max"), r"norm = 'max' must be one of"),
     "frame": (lambda: interface(within=1, frame="moving"), r"frame = 'moving' must be one of"),
     "incompressible": (

@@ -207,7 +207,8 @@ def cycled(friction, frame):
     """One element a block on the way of :data:`CYCLE`, alone on every rank."""
     law = vmdg.Debonding(strength=100.0, critical_gap=0.2, friction=friction)
     path = along(CYCLE, np.zeros(len(CYCLE)))
-    return driven(MPI.COMM_SELF, "quadrilateral", law, path, frame=frame)[0]
+    # A factor of tau_s that follows F between steps moves energy, 3e-5 of the work here: fix it.
+    return driven(MPI.COMM_SELF, "quadrilateral", law, path, frame=frame, safety=4.0)[0]
 
 
 class Scout:

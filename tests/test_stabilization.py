@@ -214,10 +214,11 @@ def test_safety_and_norm(comm, cell):
     def of(**options):
         return joined(scene, vmdg.Bonded(), interface=options).stabilization[0]
 
-    one, default, spectral = of(safety=1.0), of(), of(safety=1.0, norm="spectral")
-    assert deviation(comm, default.tau, 4 * one.tau) < ROUNDING
-    assert deviation(comm, default.norm, 4 * one.norm) < ROUNDING
-    assert deviation(comm, default.delta, one.delta) < ROUNDING
+    one, four, spectral = of(safety=1.0), of(safety=4.0), of(safety=1.0, norm="spectral")
+    assert deviation(comm, four.tau, 4 * one.tau) < ROUNDING
+    assert deviation(comm, four.norm, 4 * one.norm) < ROUNDING
+    assert deviation(comm, four.delta, one.delta) < ROUNDING
+    assert (four.safety == 4).all()
     largest = np.linalg.svd(one.tau, compute_uv=False).max(axis=1, initial=0.0)
     assert deviation(comm, spectral.norm, largest) < ROUNDING
     assert (gather(comm, one.norm - spectral.norm) > 0).all()
@@ -268,11 +269,11 @@ def test_user_stabilization_of_wrong_shape(name):
 
 @EVERY_CELL
 def test_many_interface_facets_of_one_cell(comm, cell):
-    """A facet has the same tau_s whether or not other facets of its cells are interfaces too."""
+    """A facet has the same derived tau_s whether or not its cells have other interface facets."""
 
     def build(mesh, **where):
         tags = tag_cells(mesh, {1: everywhere})
-        interface = vmdg.Interface(**where, law=vmdg.Bonded())
+        interface = vmdg.Interface(**where, law=vmdg.Bonded(), safety=1.0)
         return vmdg.Problem(mesh, tags, {1: MATERIALS[0]}, [interface])
 
     def make_mesh(where):

@@ -61,6 +61,13 @@ def form(integrand: ufl.Form, submeshes: list[FacetSubmesh], jit_options: dict) 
     return fem.form(integrand, jit_options=jit_options, entity_maps=entity_maps)
 
 
+def evaluate(
+    expression: fem.Expression, mesh: Mesh, entities: NDArray[np.int32]
+) -> NDArray[np.float64]:
+    """Values of an expression on cells (n,), or on rows (cell, facet in it) (n, 2); (n, ...)."""
+    return expression.eval(mesh, entities if _NEW else entities.ravel())
+
+
 def sharing_ranks(index_map: Any) -> NDArray[np.int32]:
     """Ranks that hold ghosts of this rank's indices, ascending; collective."""
     ranks = index_map.index_to_dest_ranks(*_TAG)  # of ghosts too, which other ranks may share

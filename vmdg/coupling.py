@@ -18,13 +18,16 @@ from .forms import interface as terms
 from .forms import kinematics
 from .forms.geometry import Geometry
 from .forms.kinematics import Body
-from .interface import Interface, InterfaceFacets
+from .interface import AUTO, Interface, InterfaceFacets
 from .laws import Mode, Update
 from .parallel import global_max, raise_together
 from .point_values import InterfaceState, PointHistory, PointValues
 from .quadrature import facet_degree
 from .stabilization import Stabilization, Stabilizer
 from .staged_tangent import StagedTangent
+
+#: r / H of a well-conditioned return map, and the factor up to which "auto" raises r for it.
+AMPLE, REPORT_SAFETY = 2.0, 4.0
 
 
 @dataclass(frozen=True)
@@ -109,6 +112,7 @@ class Coupling:
                 by_gradient=np.zeros((count, d, d, d, d)),
             )
         self._converged = self._now
+        self._former = self.stabilization, self._weights
         self._converged_traction = np.zeros((history, d))
         self._dt = 1.0
 
@@ -161,31 +165,62 @@ class Coupling:
 
     # Work at the points
 
-    def update_stabilization(self, dt: float | None) -> None:
-        """Evaluate tau_s and delta at the current displacement and freeze them.
+    @property
+    def seeks_safety(self) -> bool:
+        """Whether :mod:`vmdg.coercivity` decides how far tau_s is raised."""
+        return self.interface.safety == AUTO and self.interface.stabilization is None
 
-        Args:
-            dt: Time step [s]; None where it is not known yet, then only a law without viscosity
-                is checked.
-
-        Raises:
-            ValueError: r <= H - eta on a facet: the softening is too steep for the mesh.
-        """
+    def derive_stabilization(self) -> None:
+        """Evaluate tau_s and delta at the current displacement, tau_s not raised yet."""
         self.stabilization = self._stabilizer()
         self._weights = self.stabilization.delta
         if self.turns:
             # A frozen tensor would lag behind a body that turns: take numbers, as r is one.
             share = np.trace(self._weights, axis1=2, axis2=3) / self._d
             self._weights = share[:, :, None, None] * np.eye(self._d)
+
+    @property
+    def bonded_penalty(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """tau (nf, d, d) and delta (nf, 2, d, d) of the bonded form, as the residual has them."""
+        tau = self.stabilization.tau
+        if self.law.inelastic:
+            tau = self.stabilization.norm[:, None, None] * np.eye(self._d)
+        return tau, self._weights
+
+    def freeze_stabilization(self, factor: NDArray[np.float64], dt: float | None) -> None:
+        """Raise the derived tau_s, where ``safety="auto"`` says so, and give it to the forms.
+
+        Where the interface can fail r is raised to twice H too, as far as the factor 4 of the
+        report's tables reaches: close to H a return map with its dgamma = f / (r - H) would
+        magnify every change of the trial traction. A larger r never harms coercivity.
+
+        Args:
+            factor: What coercivity asks for (nf,); 1 is the least.
+            dt: Time step [s]; None where it is not known yet, then only a law without viscosity
+                is checked.
+
+        Raises:
+            ValueError: r <= H - eta on a facet: the softening is too steep for the mesh.
+        """
+        if self.seeks_safety:
+            factor = np.maximum(factor, 1.0)
+            if self.law.inelastic:
+                enough = AMPLE * self.law.softening_modulus / self.stabilization.norm
+                factor = np.maximum(factor, np.minimum(enough, REPORT_SAFETY))
+            self.stabilization = self.stabilization.raised(factor)
+        self._set_stabilization()
+        if self.law.inelastic and (dt is not None or self._acting_law.viscosity == 0):
+            self._check_softening(1.0 if dt is None else dt)
+
+    def _set_stabilization(self) -> None:
+        """Give the forms tau_s and the flux weights."""
+        stabilization = self.stabilization
         self.quadrature.set_facet_values(self._delta, self._weights[:, 0])
         if self._delta_s is not None:
-            self.quadrature.set_facet_values(self._delta_s, self.stabilization.delta_s)
-        scalar = self.law.inelastic
+            self.quadrature.set_facet_values(self._delta_s, stabilization.delta_s)
         self.quadrature.set_facet_values(
-            self._tau, self.stabilization.norm if scalar else self.stabilization.tau
+            self._tau, stabilization.norm if self.law.inelastic else stabilization.tau
         )
-        if scalar and (dt is not None or self._acting_law.viscosity == 0):
-            self._check_softening(1.0 if dt is None else dt)
 
     def _check_softening(self, dt: float) -> None:
         r, H = self.stabilization.norm, self.law.softening_modulus
@@ -358,6 +393,7 @@ class Coupling:
             dt: Time step [s].
         """
         self._converged = self._now
+        self._former = self.stabilization, self._weights
         self._dt = dt
         self._acting_law = self.law
         if self.law.inelastic and overstress > 0:
@@ -367,6 +403,8 @@ class Coupling:
     def cancel_step(self) -> None:
         """Return to the values of :meth:`begin_step`."""
         self._now = self._converged
+        self.stabilization, self._weights = self._former
+        self._set_stabilization()
         self._set_gap()
 
     def history(self) -> PointHistory:

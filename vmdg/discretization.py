@@ -18,6 +18,7 @@ from ufl.core.expr import Expr
 
 from . import compat
 from .bodies import Bodies
+from .coercivity import Coercivity
 from .coupling import Coupling, Group
 from .forms import kinematics
 from .forms.geometry import Geometry
@@ -73,6 +74,8 @@ class Discretization:
         self._residual_form: fem.Form | None = None
         self._tangent_form: fem.Form | None = None
         self._energy_forms: list[fem.Form] | None = None
+        self._coercivity: Coercivity | None = None
+        self._factors: list[NDArray[np.float64]] | None = None
         self.owned = self.space.dofmap.index_map.size_local * self.space.dofmap.index_map_bs
 
     @property
@@ -158,7 +161,32 @@ class Discretization:
         """Evaluate tau_s and delta of every interface at the current displacement."""
         with Timer("vmdg: stabilization"):
             for coupling in self.working:
-                coupling.update_stabilization(dt)
+                coupling.derive_stabilization()
+            for coupling, factor in zip(self.working, self._safety_factors(), strict=True):
+                coupling.freeze_stabilization(factor, dt)
+
+    def _safety_factors(self) -> list[NDArray[np.float64]]:
+        """What coercivity asks for on every facet of the working interfaces.
+
+        Interfaces with a stabilization of the user's own neither ask nor take a share.
+        """
+        if self._factors is None or not self.bodies.families[0].body.small:
+            self._factors = self._find_safety_factors()
+        return self._factors
+
+    def _find_safety_factors(self) -> list[NDArray[np.float64]]:
+        derived = [c for c in self.working if c.interface.stabilization is None]
+        factors = {c: np.ones(len(c.facets.facets)) for c in self.working}
+        if any(coupling.seeks_safety for coupling in derived):
+            if self._coercivity is None:
+                facets = [coupling.facets for coupling in derived]
+                self._coercivity = Coercivity(
+                    self.u, self.bodies, self.geometry, self.degree, facets
+                )
+            with Timer("vmdg: coercivity"):
+                penalties, deltas = zip(*(c.bonded_penalty for c in derived), strict=True)
+                factors |= zip(derived, self._coercivity(penalties, deltas), strict=True)
+        return [factors[coupling] for coupling in self.working]
 
     def assemble_residual(
         self, dt: float, hold: bool, loads: NDArray[np.float64] | None

@@ -17,6 +17,7 @@ from .topology import UNTAGGED, facet_cells, local_facets, mark_everywhere
 NORMS = ("frobenius", "spectral")
 FRAMES = ("corotating", "reference")
 ACTIVATIONS = ("all", "on-demand")
+AUTO = "auto"
 
 Stabilizer = Callable[[NDArray, NDArray, "StabilizationContext"], tuple[NDArray, NDArray]]
 
@@ -53,8 +54,9 @@ class Interface:
         between: The facets that separate cells of these two tags.
         within: All facets that separate two cells of this tag (cracks through a region).
         law: ``vmdg.Bonded()`` (tie), ``vmdg.Debonding(...)`` or another :class:`vmdg.laws.Law`.
-        safety: Factor on tau_s. Default 4 as in the report's Tables 1 and 2: coercive in every
-            case tried.
+        safety: Factor on tau_s. "auto" raises the derived tau_s facet by facet, only where the
+            bonded form would not be coercive (:mod:`vmdg.coercivity`) or r too near to H; the
+            report's Tables 1 and 2 were made with 4.
         norm: |tau_s| of (57): "frobenius" or "spectral".
         frame: "corotating" keeps zeta and N in a frame that turns with the interface;
             "reference" is the report's boxes to the letter, for small rotations, and saves the
@@ -80,7 +82,7 @@ class Interface:
         between: tuple[int, int] | None = None,
         within: int | None = None,
         law: Law,
-        safety: float = 4.0,
+        safety: float | str = AUTO,
         norm: str = "frobenius",
         frame: str = "corotating",
         traction_jump: bool = False,
@@ -100,8 +102,8 @@ class Interface:
             )
         if not isinstance(law, Law):
             raise TypeError(f"Interface: law = {law!r} is no interface law; try vmdg.Bonded()")
-        if not (np.isfinite(safety) and safety > 0):
-            raise ValueError(f"Interface: safety = {safety} must be positive")
+        if safety != AUTO and (isinstance(safety, str) or not (np.isfinite(safety) and safety > 0)):
+            raise ValueError(f'Interface: safety = {safety!r} must be positive, or "{AUTO}"')
         if norm not in NORMS:
             raise ValueError(f"Interface: norm = {norm!r} must be one of {NORMS}")
         if frame not in FRAMES:
@@ -121,7 +123,7 @@ class Interface:
         self.between = between
         self.within = within
         self.law = law
-        self.safety = float(safety)
+        self.safety = safety if safety == AUTO else float(safety)
         self.norm = norm
         self.frame = frame
         self.traction_jump = bool(traction_jump)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import ufl
@@ -15,7 +15,7 @@ from .facet_quadrature import FacetQuadrature, bubble_integrals
 from .forms import bubbles
 from .forms.geometry import Geometry
 from .forms.stabilization import bubble_stiffness
-from .interface import Interface, InterfaceFacets, StabilizationContext
+from .interface import AUTO, Interface, InterfaceFacets, StabilizationContext
 from .quadrature import JIT_OPTIONS, bubble_degree
 
 
@@ -28,12 +28,23 @@ class Stabilization:
         delta: Flux weights delta_1, delta_2 of (23) (nf, 2, d, d).
         delta_s: (tau_1^-1 + tau_2^-1)^-1 of (25)-(26), without safety (nf, d, d) [mm3/N].
         norm: |tau_s|, the scalar r of (57) (nf,) [MPa/mm].
+        safety: Factor in ``tau`` and ``norm`` on the derived tau_s (nf,).
     """
 
     tau: NDArray[np.float64]
     delta: NDArray[np.float64]
     delta_s: NDArray[np.float64]
     norm: NDArray[np.float64]
+    safety: NDArray[np.float64]
+
+    def raised(self, factor: NDArray[np.float64]) -> Stabilization:
+        """The same with tau_s multiplied by ``factor`` (nf,)."""
+        return replace(
+            self,
+            tau=factor[:, None, None] * self.tau,
+            norm=factor * self.norm,
+            safety=factor * self.safety,
+        )
 
 
 class BubbleIntegrals:
@@ -112,6 +123,8 @@ class Stabilizer:
     tau_s = safety inv(tau_1 + tau_2),  delta_a = inv(tau_1 + tau_2).tau_a    (23)
     delta_s = tau_1.inv(tau_1 + tau_2).tau_2                                  (25)
 
+    With ``safety="auto"`` tau_s is the derived one: :mod:`vmdg.coercivity` raises it.
+
     In axisymmetry the fine scale is a ring, u' = b_s (beta_r e_r + beta_z e_z), and (21)-(22)
     follow in the same way from the weak form on its cell, all integrals with dA = 2 pi r ds and
     dV = 2 pi r dr dz and GRAD(b e_r) with its hoop part b/r:
@@ -150,6 +163,7 @@ class Stabilizer:
         d = stiffness.shape[-1]
         tau1, tau2 = self._factor[:, None, None] * np.linalg.inv(stiffness).reshape(2, number, d, d)
         bonded = np.linalg.inv(tau1 + tau2)
+        safety = 1.0
         if self._interface.stabilization is not None:
             tau, delta1 = self._interface.stabilization(tau1, tau2, self._context)
             for name, value in (("tau_s", tau), ("delta1", delta1)):
@@ -159,8 +173,10 @@ class Stabilizer:
                         f"{np.shape(value)}, expected {(number, d, d)}"
                     )
         else:
-            tau, delta1 = self._interface.safety * bonded, bonded @ tau1
+            if self._interface.safety != AUTO:
+                safety = self._interface.safety
+            tau, delta1 = safety * bonded, bonded @ tau1
         delta = np.stack([delta1, np.eye(d) - delta1], axis=1)
         order = "fro" if self._interface.norm == "frobenius" else 2
         norm = np.linalg.norm(tau, ord=order, axis=(1, 2))
-        return Stabilization(tau, delta, tau1 @ bonded @ tau2, norm)
+        return Stabilization(tau, delta, tau1 @ bonded @ tau2, norm, np.full(number, float(safety)))
