@@ -34,7 +34,11 @@ DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 
 SOLUTIONS: dict[str, Callable[..., Exact]] = {"sheared": sheared, "bent": bent, "kinked": kinked}
 SHAPES = ("straight", "inclined", "curved")
 NORMS = ("l2", "h1", "traction")
-FREE = 5  # this side carries tractions, all others prescribed displacements
+TOP = 5
+
+#: The bubble of (17) knows degrees 1 and 2: at degree 3 a factor of 4 loses coercivity on some
+#: meshes (no solution is found, or rates collapse), while 8, 12 and 20 give the same errors.
+SAFETY = {1: 4.0, 2: 4.0, 3: 12.0}
 
 #: Of the cells' size: how far distortion moves a node at most.
 DISTORTION = {"triangle": 0.15, "quadrilateral": 0.2, "tetrahedron": 0.1, "hexahedron": 0.15}
@@ -65,6 +69,15 @@ class Study:
     straight_cells: bool = False
 
     @property
+    def loaded(self) -> bool:
+        """Whether the top carries the exact tractions; all other sides are prescribed.
+
+        Not for (i): under dead tractions its top is unstable (the tangent at the exact state is
+        indefinite), so there is no equilibrium nearby that Newton could be asked to find.
+        """
+        return self.solution != "sheared"
+
+    @property
     def materials(self) -> tuple[vmdg.NeoHookean, vmdg.NeoHookean]:
         """Body 1 is the stiff one."""
         return tuple(vmdg.NeoHookean(E=E, nu=0.3) for E in (1e3 * self.contrast, 1e3))
@@ -75,7 +88,7 @@ class Study:
             return 0 * y
         if self.shape == "inclined":
             return 0.4 * (y - 0.5)
-        return 0.15 * m.sin(np.pi * y) * (1 if z is None else m.sin(np.pi * z))
+        return 0.15 * m.sin(2 * y if z is None else 2 * y + z)
 
     def level(self, mesh: Mesh) -> Expr:
         """Zero on the interface, positive in body 2."""
@@ -147,22 +160,24 @@ def errors(study: Study, n: int, comm: MPI.Comm = MPI.COMM_WORLD) -> Errors:
     tagged = study.mesh(n, comm)
     mesh, materials = tagged.mesh, study.materials
     exact = SOLUTIONS[study.solution](mesh, materials, study.level(mesh))
-    interface = vmdg.Interface(between=(1, 2), law=vmdg.Bonded())
+    interface = vmdg.Interface(between=(1, 2), law=vmdg.Bonded(), safety=SAFETY[study.degree])
     problem = vmdg.Problem(
         mesh, tagged.cell_tags, {1: materials[0], 2: materials[1]}, [interface], study.degree
     )
     tags = tags_of_cells(mesh, tagged.cell_tags)
     points = compat.interpolation_points(problem.space)
-    top = tagged.facet_tags.find(FREE)
+    top = tagged.facet_tags.find(TOP)
     top_tags = tags[facet_cells(mesh)[top, 0]]
     for tag, (material, u) in enumerate(zip(materials, exact.u, strict=True), start=1):
         problem.body_force(body_force(material, u), tag)
-        normal = ufl.FacetNormal(mesh)
-        problem.traction(top[top_tags == tag], ufl.dot(stress(material, u), normal))
+        if study.loaded:
+            traction = ufl.dot(stress(material, u), ufl.FacetNormal(mesh))
+            problem.traction(top[top_tags == tag], traction)
         cells = np.flatnonzero(tags == tag).astype(np.int32)
         problem.u.interpolate(fem.Expression(u, points), cells)
     problem.u.x.scatter_forward()
-    sides = np.concatenate([tagged.facet_tags.find(i) for i in (1, 2, 4, 6, 7)])
+    prescribed_sides = (1, 2, 4, 6, 7) if study.loaded else (1, 2, 4, TOP, 6, 7)
+    sides = np.concatenate([tagged.facet_tags.find(i) for i in prescribed_sides])
     dofs = fem.locate_dofs_topological(problem.space, mesh.topology.dim - 1, sides)
     prescribed = problem.u.x.array.reshape(-1, mesh.geometry.dim)[dofs].T.copy()
     problem.dirichlet(sides, lambda x, t: prescribed)
@@ -210,10 +225,16 @@ class Row:
 
     @property
     def rates(self) -> dict[str, float]:
-        """Slope of log(error) against log(h) over the last two meshes, by norm."""
-        coarse, fine = self.levels[-2:]
-        step = np.log(coarse.h / fine.h)
-        return {m: float(np.log(getattr(coarse, m) / getattr(fine, m)) / step) for m in NORMS}
+        """Least-squares slope of log(error) against log(h), by norm.
+
+        Without the coarsest of three or more meshes.
+        """
+        used = self.levels[len(self.levels) > 2 :]
+        h = np.log([level.h for level in used])
+        return {
+            m: float(np.polyfit(h, np.log([getattr(level, m) for level in used]), 1)[0])
+            for m in NORMS
+        }
 
 
 def targets(degree: int) -> dict[str, float]:
@@ -226,7 +247,7 @@ LEVELS = {
     (2, 1): (8, 16, 32, 64),
     (2, 2): (4, 8, 16, 32),
     (2, 3): (4, 8, 16),
-    (3, 1): (2, 4, 8, 16),
+    (3, 1): (5, 10, 20),
     (3, 2): (2, 4, 8),
 }
 
@@ -249,21 +270,21 @@ def coarse_studies() -> list[Study]:
     return [
         Study("triangle", 1, "inclined", "sheared", 1.0, False, (16, 32)),
         Study("triangle", 1, "curved", *hard, (16, 32)),
-        Study("triangle", 2, "curved", *hard, (16, 32)),
-        Study("triangle", 3, "inclined", *hard, (4, 8)),
+        Study("triangle", 2, "curved", *hard, (8, 16, 32)),
+        Study("triangle", 3, "inclined", *hard, (8, 16)),
         Study("quadrilateral", 1, "inclined", *hard, (16, 32)),
         Study("quadrilateral", 2, "straight", "bent", 1.0, True, (8, 16)),
-        Study("quadrilateral", 2, "curved", *hard, (8, 16)),
-        Study("quadrilateral", 3, "curved", *hard, (4, 8)),
-        Study("tetrahedron", 1, "curved", *hard, (6, 12)),
+        Study("quadrilateral", 2, "curved", *hard, (8, 16, 32)),
+        Study("quadrilateral", 3, "curved", *hard, (8, 16)),
+        Study("tetrahedron", 1, "inclined", *hard, (5, 10)),
         Study("tetrahedron", 2, "inclined", *hard, (3, 6)),
         Study("hexahedron", 1, "curved", *hard, (6, 12)),
-        Study("hexahedron", 2, "straight", *hard, (2, 4)),
+        Study("hexahedron", 2, "curved", *hard, (3, 6)),
     ]
 
 
 def table(rows: Sequence[Row]) -> str:
-    """All rows as a Markdown table: finest errors and last rates."""
+    """All rows as a Markdown table: errors on the finest mesh, and rates."""
     lines = [
         "| cell | k | interface | solution | E1/E2 | mesh | cells/mm | dofs | u error | rate "
         "| GRAD u error | rate | T error | rate | s |",
