@@ -1,8 +1,18 @@
 """Meshes of the scenes, made by gmsh; every size is a parameter."""
 
+from .beams import beams
+from .discs import core_and_ring
 from .fibres import fibre_matrix, random_fibres
 from .gmsh_model import TaggedMesh
 from .plate import tearing
 from .two_blocks import blocks
 
-__all__ = ["TaggedMesh", "blocks", "fibre_matrix", "random_fibres", "tearing"]
+__all__ = [
+    "TaggedMesh",
+    "beams",
+    "blocks",
+    "core_and_ring",
+    "fibre_matrix",
+    "random_fibres",
+    "tearing",
+]
