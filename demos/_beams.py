@@ -1,4 +1,4 @@
-"""Delamination of a double cantilever beam (mode I) against corrected beam theory."""
+"""Delamination of beams against corrected beam theory: DCB (mode I) and ENF (mode II)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ufl.core.expr import Expr
 
 import vmdg
 import vmdg.interface
-from vmdg.meshes import beams
+from vmdg.meshes import TaggedMesh, beams
 
 
 def orthotropic_energy(F: Expr, p: Mapping[str, Expr]) -> Expr:
@@ -110,6 +110,23 @@ class Run:
     checks: list[Check]
 
 
+def _problem(m: Laminate, tagged: TaggedMesh, degree: int) -> vmdg.Problem:
+    """Both arms at small strains, bonded from the crack on."""
+    material = m.material
+    interface = vmdg.Interface(
+        tagged.facet_tags.find(6), law=m.bond, frame="reference", stabilization=normal_penalty
+    )
+    return vmdg.Problem(
+        tagged.mesh,
+        tagged.cell_tags,
+        {1: material, 2: material},
+        [interface],
+        degree,
+        kinematics="small",
+        thickness=m.b,
+    )
+
+
 def dcb(
     element_size: float = 0.125, steps: int = 60, end: float = 3.0, rows: int = 3, degree: int = 1
 ) -> Run:
@@ -134,19 +151,7 @@ def dcb(
     sizes = element_size * np.array([4, 1, 1, 8])
     counts = np.ceil(np.diff(stations) / sizes - 1e-9).astype(int).tolist()
     tagged = beams(MPI.COMM_WORLD, "quadrilateral", stations, counts, m.h, rows, a_0)
-    facets, material = tagged.facet_tags, m.material
-    interface = vmdg.Interface(
-        facets.find(6), law=m.bond, frame="reference", stabilization=normal_penalty
-    )
-    problem = vmdg.Problem(
-        tagged.mesh,
-        tagged.cell_tags,
-        {1: material, 2: material},
-        [interface],
-        degree,
-        kinematics="small",
-        thickness=m.b,
-    )
+    problem, facets = _problem(m, tagged, degree), tagged.facet_tags
     problem.dirichlet(facets.find(1), lambda t: -t / 2, "y")
     problem.dirichlet(facets.find(2), lambda t: t / 2, "y")
     problem.dirichlet(facets.find(3), 0.0)
@@ -170,3 +175,48 @@ def dcb(
         (f"crack at {end:g} mm [mm]", last["crack"], last["crack_exact"]),
     ]
     return Run(history, [compare("DCB", what, *values, mesh) for what, *values in pairs])
+
+
+def enf(
+    element_size: float = 0.25, steps: int = 25, end: float = 1.49, rows: int = 2, degree: int = 2
+) -> Run:
+    """End-notched flexure without friction: 2 L = 100, a_0 = 40 mm, stable since a_0 > .7 L.
+
+    Both arms rest on the left support, which is what frictionless contact between them does: equal
+    arms bend alike, each carries P/4. Beam theory with a_e = a + .42 chi h: deflection C P,
+    C = (2 L^3 + 3 a_e^3)/(8 b E h^3) + 3 L/(10 G_12 b h), the last term by shear, and
+    G = 9 P^2 a_e^2/(16 b^2 E h^3) = G_c while the crack runs, so P a_e = K = 4/3 b sqrt(G_c E h^3).
+    The load at the end is compared at the crack length a = a_0 + D/(G_c b) of the energy spent.
+    """
+    m, L, a_0 = Laminate(), 50.0, 40.0
+    K = 4 / 3 * math.sqrt(m.b * m.G_c * m.rigidity)
+    stations = (0.0, a_0 - 4, a_0, L, 60.0, 2 * L)
+    sizes = element_size * np.array([4, 1, 1, 1, 4])
+    counts = np.ceil(np.diff(stations) / sizes - 1e-9).astype(int).tolist()
+    tagged = beams(MPI.COMM_WORLD, "quadrilateral", stations, counts, m.h, rows, a_0)
+    problem, facets = _problem(m, tagged, degree), tagged.facet_tags
+
+    def at(x: float, y: float):
+        return lambda points: np.isclose(points[0], x) & np.isclose(points[1], y)
+
+    for tag in (1, 2):
+        problem.dirichlet(facets.find(tag), 0.0, "y")
+    problem.dirichlet_points(at(2 * L, -m.h), 0.0, "y")
+    problem.dirichlet_points(at(2 * L, 0.0), 0.0, "x")
+    problem.dirichlet_points(at(L, m.h), lambda t: -t, "y")
+
+    def monitor(problem: vmdg.Problem) -> dict[str, float]:
+        force = -problem.reaction(facets.find(5))[1]
+        return {"force": force, "crack": a_0 + problem.energy().damage / (m.G_c * m.b)}
+
+    options = vmdg.SolveOptions(relative_tolerance=1e-7, progress=True)
+    history = vmdg.solve(problem, np.linspace(end / steps, end, steps), options, monitor).history
+    first, last = history.rows[0], history.rows[-1]
+    mesh, more = describe(problem, degree), 0.42 * m.chi * m.h
+    bending = (2 * L**3 + 3 * (a_0 + more) ** 3) / (8 * m.rigidity)
+    stiffness = 1 / (bending + 0.3 * L / (m.G12 * m.b * m.h))
+    pairs = [
+        ("stiffness [N/mm]", first["force"] / first["load"], stiffness),
+        (f"load at a = {last['crack']:.2f} mm [N]", last["force"], K / (last["crack"] + more)),
+    ]
+    return Run(history, [compare("ENF", what, *values, mesh) for what, *values in pairs])

@@ -1,4 +1,4 @@
-"""Closed forms: bimaterial bar, Lame shrink fit, Goodier inclusion, double cantilever beam.
+"""Closed forms: bimaterial bar, Lame shrink fit, Goodier inclusion, delamination of beams.
 
 Prints one table, computed against exact, with the mesh and the seconds each scene took, and draws
 load and crack length of the beam over its opening. The formulas stand in ``_verification.py`` and
@@ -13,7 +13,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 import matplotlib.pyplot as plt
-from _beams import dcb
+from _beams import dcb, enf
 from _verification import Check, bimaterial_bar, goodier, shrink_fit, table, timed
 
 import vmdg
@@ -35,7 +35,7 @@ def draw(history: vmdg.History) -> plt.Figure:
 
 
 def main(coarse: bool = False, out: str = "results/verification") -> list[Check]:
-    """Run all scenes; table and picture go to the folder ``out``. Coarse leaves the beam out."""
+    """Run all scenes; table and picture go to the folder ``out``. Coarse has no beams."""
     checks: list[Check] = []
     size = 0.1 if coarse else 0.025
     for scene in (bimaterial_bar, lambda: shrink_fit(size), lambda: goodier(size)):
@@ -46,6 +46,8 @@ def main(coarse: bool = False, out: str = "results/verification") -> list[Check]
         with timed(checks):
             run = dcb()
             checks += run.checks
+        with timed(checks):
+            checks += enf().checks
     if MPI.COMM_WORLD.rank == 0:
         Path(out).mkdir(parents=True, exist_ok=True)
         (Path(out) / "verification.md").write_text(table(checks) + "\n")
@@ -58,6 +60,6 @@ def main(coarse: bool = False, out: str = "results/verification") -> list[Check]
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--coarse", action="store_true", help="coarse meshes, without the beam")
+    parser.add_argument("--coarse", action="store_true", help="coarse meshes, without the beams")
     parser.add_argument("--out", default="results/verification", help="folder for the results")
     main(**vars(parser.parse_args()))

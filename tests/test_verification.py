@@ -59,6 +59,13 @@ def test_cantilever_before_and_at_the_start_of_growth():
     assert (np.diff(run.history["crack"]) >= 0).all()
 
 
+def test_end_notched_flexure():
+    """Stiffness and the load that drives the crack within 1% of corrected beam theory."""
+    run = _beams.enf()
+    assert all(check.error < 0.01 for check in run.checks)
+    assert run.history["crack"][-1] > 41
+
+
 @pytest.mark.parametrize("slit", [True, False])
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
 def test_mesh_of_beams(comm, cell, slit):
