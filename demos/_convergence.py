@@ -346,6 +346,7 @@ def plot(rows: Sequence[Row]) -> Figure:
             ax.loglog(h, values, lw=1, **style)
         for degree in sorted({row.study.degree for row in hardest}):
             _slope(ax, [r for r in hardest if r.study.degree == degree], norm, colours[degree])
+        ax.margins(x=0.12)
         ax.set(title=title, xlabel="h [mm]")
         ax.grid(which="both", lw=0.3)
     axes[0].set_ylabel("relative error")

@@ -36,6 +36,20 @@ def test_rates(rows):
             assert row.rates[norm] >= target, (row.study, norm, row.rates)
 
 
+def test_straight_cells_along_a_curve(comm):
+    """They limit degree 2 to order 2 in L2 and order 1 of the traction; degree 1 loses nothing."""
+
+    def rates(degree):
+        study = _convergence.Study(
+            "quadrilateral", degree, "curved", contrast=10.0, straight_cells=True, levels=(8, 16)
+        )
+        return _convergence.Row(study, [_convergence.errors(study, n, comm) for n in (8, 16)]).rates
+
+    first, second = rates(1), rates(2)
+    assert all(first[norm] >= rate for norm, rate in _convergence.targets(1).items())
+    assert 1.8 < second["l2"] < 2.5 and 0.8 < second["traction"] < 1.3
+
+
 def test_results_are_stored(rows, comm):
     """Table, CSV with one line a mesh, picture."""
     comm.barrier()
