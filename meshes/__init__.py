@@ -1,5 +1,7 @@
 """Meshes of the scenes, made by gmsh; every size is a parameter."""
 
+from .beams import beams
+from .discs import core_and_ring
 from .fibres import fibre_matrix, random_fibres
 from .gmsh_model import TaggedMesh
 from .plate import tearing
@@ -9,7 +11,9 @@ from .two_blocks import blocks
 
 __all__ = [
     "TaggedMesh",
+    "beams",
     "blocks",
+    "core_and_ring",
     "fibre_matrix",
     "pushout",
     "pushout_section",

@@ -22,6 +22,7 @@ def blocks(
     height: float = 1.0,
     depth: float = 1.0,
     interface: tuple[float, float] = (1.0, 1.0),
+    order: int = 1,
 ) -> TaggedMesh:
     """Blocks [0, x_i] and [x_i, length] x [0, height] (x [0, depth]) that share an interface.
 
@@ -33,6 +34,7 @@ def blocks(
         height: [mm].
         depth: In 3D [mm].
         interface: Its x at the bottom and at the top [mm].
+        order: Of the geometry: 2 gives cells that can be curved by moving their nodes.
 
     Returns:
         Mesh; cell tags 1 (left) and 2 (right); facet tags 1 left, 2 right, 3 interface, 4 bottom
@@ -49,6 +51,7 @@ def blocks(
     with model("blocks") as gmsh_model:
         if comm.rank == 0:
             _build(gmsh_model, cell, divisions, length, height, depth, interface)
+            gmsh_model.mesh.setOrder(order)
         return distribute(gmsh_model, comm, gdim)
 
 

@@ -1,4 +1,4 @@
-"""Prescribed displacements and dead loads, as functions of the load factor t."""
+"""Prescribed displacements and the values of loads, as functions of the load factor t."""
 
 from __future__ import annotations
 
@@ -8,16 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import ufl
 from dolfinx import fem
 from dolfinx.mesh import locate_entities_boundary
 from numpy.typing import ArrayLike, NDArray
 
-from . import compat
-from .forms.geometry import Geometry
 from .parallel import global_sum
-from .quadrature import JIT_OPTIONS
-from .topology import facet_cells, local_facets
 
 Locator = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 Where = ArrayLike | Locator
@@ -60,15 +55,16 @@ def component_index(component: int | str | None, d: int, what: str) -> int | Non
     )
 
 
+def takes_points(value: Value) -> bool:
+    """Whether a value is f(x, t), not a number, an array or f(t)."""
+    return callable(value) and len(inspect.signature(value).parameters) > 1
+
+
 def value_at(value: Value, t: float, points: NDArray[np.float64] | None = None) -> NDArray:
     """Value at load factor t: a number, an array, f(t), or f(x, t) with points x (3, n)."""
     if not callable(value):
         return np.asarray(value, dtype=float)
-    if len(inspect.signature(value).parameters) == 1:
-        return np.asarray(value(t), dtype=float)
-    if points is None:
-        raise ValueError("a load takes a value, or a function of the load factor t only")
-    return np.asarray(value(points, t), dtype=float)
+    return np.asarray(value(points, t) if takes_points(value) else value(t), dtype=float)
 
 
 @dataclass(frozen=True)
@@ -157,62 +153,3 @@ class DirichletConditions:
             result[np.searchsorted(self.dofs, flat)] = value.T + condition.base[:, components]
         result[np.searchsorted(self.dofs, self._held)] = 0
         return result
-
-
-class DeadLoads:
-    """Tractions per reference area and body forces per reference volume."""
-
-    def __init__(self, space: fem.FunctionSpace, geometry: Geometry):
-        self._space = space
-        self._geometry = geometry
-        self._tractions: list[tuple[NDArray[np.int32], fem.Constant, Value]] = []
-        self._body_forces: list[tuple[fem.Constant, Value]] = []
-        self._form: fem.Form | None = None
-
-    def __bool__(self) -> bool:
-        return bool(self._tractions or self._body_forces)
-
-    def _constant(self, value: Value, what: str) -> fem.Constant:
-        d = self._space.dofmap.index_map_bs
-        initial = value_at(value, 0.0)
-        if initial.shape != (d,):
-            raise ValueError(f"{what}: the value has shape {initial.shape}, expected ({d},)")
-        self._form = None
-        return fem.Constant(self._space.mesh, initial)
-
-    def add_traction(self, facets: NDArray[np.int32], value: Value) -> None:
-        """Traction [MPa] on boundary facets."""
-        self._tractions.append((facets, self._constant(value, "traction"), value))
-
-    def add_body_force(self, value: Value) -> None:
-        """Body force [N/mm3] everywhere."""
-        self._body_forces.append((self._constant(value, "body_force"), value))
-
-    def vector(self, t: float) -> NDArray[np.float64]:
-        """Load vector at load factor ``t`` over local dofs; ghosts still to be added to owners."""
-        for *_, constant, value in [*self._tractions, *self._body_forces]:
-            constant.value[:] = value_at(value, t)
-        if self._form is None:
-            self._form = self._compile()
-        return fem.assemble_vector(self._form).array
-
-    def _rows(self, facets: NDArray[np.int32]) -> NDArray[np.int32]:
-        """Rows (cell, facet in it) of the owned ones of boundary facets, flattened."""
-        mesh = self._space.mesh
-        owned = facets[facets < mesh.topology.index_map(mesh.topology.dim - 1).size_local]
-        cells = facet_cells(mesh)[owned, 0]
-        return np.column_stack([cells, local_facets(mesh, cells, owned)]).ravel()
-
-    def _compile(self) -> fem.Form:
-        mesh = self._space.mesh
-        eta = ufl.TestFunction(self._space)
-        degree = 2 * self._space.ufl_element().degree
-        rows = [(i, self._rows(facets)) for i, (facets, *_) in enumerate(self._tractions)]
-        ds = ufl.Measure(
-            "ds", domain=mesh, subdomain_data=rows, metadata={"quadrature_degree": degree}
-        )
-        dx = ufl.Measure("dx", domain=mesh, metadata={"quadrature_degree": degree})
-        weight = self._geometry.weight
-        terms = [weight * ufl.dot(c, eta) * ds(i) for i, (_, c, _) in enumerate(self._tractions)]
-        terms += [weight * ufl.dot(c, eta) * dx for c, _ in self._body_forces]
-        return compat.form(sum(terms[1:], terms[0]), [], JIT_OPTIONS)

@@ -13,14 +13,16 @@ from dolfinx import fem
 from dolfinx.la import InsertMode
 from dolfinx.mesh import Mesh, MeshTags
 from numpy.typing import NDArray
+from ufl.core.expr import Expr
 
 from .activation import Activation
 from .bodies import Bodies, Family, LoadFactor
-from .boundary import DeadLoads, DirichletConditions, Locator, Value, Where, find_boundary_facets
+from .boundary import DirichletConditions, Locator, Value, Where, find_boundary_facets
 from .coupling import Coupling
 from .discretization import Discretization
 from .forms.materials import Material
 from .interface import Interface, InterfaceFacets, check_ghosts, find_facets
+from .loads import DeadLoads
 from .parallel import global_any, global_max, global_sum, raise_together
 from .point_values import InterfaceState, PointHistory
 from .stabilization import Stabilization
@@ -110,6 +112,7 @@ class Problem:
         u: Displacement [mm].
         geometry: Gradient and measure of the forms, from ``symmetry`` and ``thickness``.
         t: Load factor of the current state.
+        load_factor: The same as a UFL constant, for loads given as UFL expressions.
         stabilization: tau_s and delta of every interface, from the start of the last step.
 
     Raises:
@@ -135,7 +138,7 @@ class Problem:
         self.mesh = mesh
         self.comm = mesh.comm
         self.interfaces = list(interfaces)
-        tags = tags_of_cells(mesh, cell_tags)
+        self._tags = tags = tags_of_cells(mesh, cell_tags)
         self._bodies = Bodies(mesh, tags, materials, kinematics == "small", eigenstrain)
         self._facets = [find_facets(mesh, tags, interface) for interface in self.interfaces]
         _check_overlap(mesh, self.interfaces, self._facets)
@@ -144,8 +147,9 @@ class Problem:
             mesh, self.interfaces, self._facets, self._bodies, degree, self.geometry
         )
         self.t = 0.0
+        self.load_factor = fem.Constant(mesh, 0.0)
         self._prescriptions: list[tuple[str, Where, Value, int | str | None]] = []
-        self._dead_loads: list[tuple[str, NDArray[np.int32] | None, Value]] = []
+        self._dead_loads: list[tuple[str, NDArray[np.int32], Value | Expr]] = []
         self._load_vector: NDArray[np.float64] | None = None
         self._dissipated = np.zeros(3)
         self._external = 0.0
@@ -279,22 +283,44 @@ class Problem:
         )
         self._dirichlet.add(dofs, value, component, what, base)
 
-    def traction(self, facets: Where, value: Value) -> None:
-        """Dead traction per reference area on boundary facets, (d,) or f(t) [MPa]."""
-        found = find_boundary_facets(self.mesh, facets, "traction")
-        self._load("traction", found, value)
-        self._dead_loads.append(("traction", found, value))
+    def traction(self, facets: Where, value: Value | Expr) -> None:
+        """Dead traction per reference area on boundary facets.
 
-    def body_force(self, value: Value) -> None:
-        """Dead body force per reference volume, (d,) or f(t) [N/mm3]."""
-        self._load("body_force", None, value)
-        self._dead_loads.append(("body_force", None, value))
+        Args:
+            facets: Local facets, or a predicate on coordinates (3, n).
+            value: Array (d,), f(t) of the load factor, f(x, t) at points x (3, n), which is
+                interpolated in degree k, or a UFL expression, integrated as it is: of
+                ``ufl.SpatialCoordinate(problem.mesh)``, ``ufl.FacetNormal(problem.mesh)`` and
+                :attr:`load_factor`, for example [MPa].
 
-    def _load(self, what: str, facets: NDArray[np.int32] | None, value: Value) -> None:
-        if what == "traction":
-            self._loads.add_traction(facets, value)
-        else:
-            self._loads.add_body_force(value)
+        Raises:
+            ValueError: nothing selected, or a value of the wrong shape or of another mesh.
+        """
+        self._add_load("traction", find_boundary_facets(self.mesh, facets, "traction"), value)
+
+    def body_force(self, value: Value | Expr, tag: int | None = None) -> None:
+        """Dead body force per reference volume.
+
+        Args:
+            value: As for :meth:`traction` [N/mm3].
+            tag: Act on the cells of this tag only; None for all.
+
+        Raises:
+            ValueError: unknown tag, or a value of the wrong shape or of another mesh.
+        """
+        chosen = np.ones(len(self._tags), dtype=bool) if tag is None else self._tags == tag
+        cells = np.flatnonzero(chosen).astype(np.int32)
+        if global_sum(self.comm, len(cells)) == 0:
+            raise ValueError(f"body_force: no cell has tag {tag}")
+        self._add_load("body_force", cells, value)
+
+    def _add_load(self, what: str, entities: NDArray[np.int32], value: Value | Expr) -> None:
+        self._load(what, entities, value)
+        self._dead_loads.append((what, entities, value))
+
+    def _load(self, what: str, entities: NDArray[np.int32], value: Value | Expr) -> None:
+        add = self._loads.add_traction if what == "traction" else self._loads.add_body_force
+        add(entities, value)
         self._load_vector = None
 
     @property
@@ -310,6 +336,7 @@ class Problem:
         """Set loads and eigenstrains to load factor ``t``; prescribed displacements are not
         imposed here but by the solver's predictor."""
         self.t = t
+        self.load_factor.value = t
         self._bodies.apply_eigenstrain(t)
         if self._loads:
             self._load_vector = self._loads.vector(t)

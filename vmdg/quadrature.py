@@ -43,6 +43,14 @@ def facet_degree(degree: int) -> int:
     return 2 * degree
 
 
+def load_degree(degree: int) -> int:
+    """Degree of loads: displacement times a load that is approximated to degree k + 2.
+
+    Loads that vary in space then add no error of the order of the displacement's.
+    """
+    return 2 * degree + 2
+
+
 # gcc's variable tracking under Python's own -g dominates the compile time of large kernels, and
 # the default register allocator is slow on the straight-line code of the interface.
 JIT_OPTIONS = {

@@ -1,0 +1,222 @@
+"""Delamination of beams against corrected beam theory: DCB (mode I) and ENF (mode II)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+import numpy as np
+import ufl
+from _verification import Check, compare, describe
+from numpy.typing import NDArray
+from ufl.core.expr import Expr
+
+import vmdg
+import vmdg.interface
+from vmdg.meshes import TaggedMesh, beams
+
+
+def orthotropic_energy(F: Expr, p: Mapping[str, Expr]) -> Expr:
+    """W = E:C:E/2 [MPa] of the Green strain E, axes of the material along x, y, z."""
+    strain = (F.T * F - ufl.Identity(3)) / 2
+    axial = [strain[i, i] for i in range(3)]
+    W = sum(p[f"C{min(i, j)}{max(i, j)}"] * axial[i] * axial[j] for i in range(3) for j in range(3))
+    shear = ((0, 1), (0, 2), (1, 2))
+    return W / 2 + sum(2 * p[f"G{i}{j}"] * strain[i, j] ** 2 for i, j in shear)
+
+
+@dataclass(frozen=True)
+class Laminate:
+    """Arms of a unidirectional laminate, fibres along x, isotropic across them (Alfano-Crisfield).
+
+    Lengths in mm, moduli and strength in MPa, G_c in N/mm.
+    """
+
+    E1: float = 135300.0
+    E2: float = 9000.0
+    G12: float = 5200.0
+    nu12: float = 0.24
+    nu23: float = 0.46
+    G_c: float = 0.28
+    strength: float = 57.0
+    h: float = 1.5
+    b: float = 20.0
+
+    @property
+    def material(self) -> vmdg.Hyperelastic:
+        """Stiffness from the inverse of the compliance."""
+        S = np.diag([1 / self.E1, 1 / self.E2, 1 / self.E2])
+        S[0, 1:] = S[1:, 0] = -self.nu12 / self.E1
+        S[1, 2] = S[2, 1] = -self.nu23 / self.E2
+        C = np.linalg.inv(S)
+        parameters = {f"C{i}{j}": C[i, j] for i in range(3) for j in range(i, 3)}
+        G23 = self.E2 / (2 * (1 + self.nu23))
+        shear = {"G01": self.G12, "G02": self.G12, "G12": G23}
+        return vmdg.Hyperelastic(orthotropic_energy, parameters | shear)
+
+    @property
+    def plane_strain(self) -> tuple[float, float]:
+        """E_1 and E_2 of a wide beam."""
+        nu21 = self.nu12 * self.E2 / self.E1
+        return self.E1 / (1 - self.nu12 * nu21), self.E2 / (1 - self.nu23**2)
+
+    @property
+    def chi(self) -> float:
+        """Of corrected beam theory: what an arm is longer than the crack, in units of h."""
+        E1, E2 = self.plane_strain
+        gamma = 1.18 * math.sqrt(E1 * E2) / self.G12
+        return math.sqrt(E1 / (11 * self.G12) * (3 - 2 * (gamma / (1 + gamma)) ** 2))
+
+    @property
+    def rigidity(self) -> float:
+        """b E_1 h^3 [N mm2]."""
+        return self.b * self.plane_strain[0] * self.h**3
+
+    @property
+    def bond(self) -> vmdg.Debonding:
+        """Linear softening of energy G_c."""
+        return vmdg.Debonding(self.strength, 2 * self.G_c / self.strength)
+
+
+def normal_penalty(
+    tau1: NDArray, tau2: NDArray, context: vmdg.interface.StabilizationContext
+) -> tuple[NDArray, NDArray]:
+    """r = 4 N.tau.N, in place of the norm of tau_s, and equal weights.
+
+    The norm counts the fibres' modulus along the beam, 15 times the one that meets the opening:
+    Newton cycles between the branches of the law many times more often.
+    """
+    bonded = np.linalg.inv(tau1 + tau2)
+    r = 4 * np.einsum("fi,fij,fj->f", context.N, bonded, context.N)
+    d = tau1.shape[-1]
+    identity = np.eye(d)
+    half = np.tile(identity / 2, (len(r), 1, 1))
+    return r[:, None, None] * identity / math.sqrt(d), half
+
+
+@dataclass(frozen=True)
+class Run:
+    """A delamination test.
+
+    Attributes:
+        history: Opening, load and crack length, computed and of the theory.
+        checks: Lines of the table.
+    """
+
+    history: vmdg.History
+    checks: list[Check]
+
+
+def _problem(m: Laminate, tagged: TaggedMesh, degree: int) -> vmdg.Problem:
+    """Both arms at small strains, bonded from the crack on."""
+    material = m.material
+    interface = vmdg.Interface(
+        tagged.facet_tags.find(6), law=m.bond, frame="reference", stabilization=normal_penalty
+    )
+    return vmdg.Problem(
+        tagged.mesh,
+        tagged.cell_tags,
+        {1: material, 2: material},
+        [interface],
+        degree,
+        kinematics="small",
+        thickness=m.b,
+    )
+
+
+def dcb(
+    element_size: float = 0.125, steps: int = 60, end: float = 3.0, rows: int = 3, degree: int = 1
+) -> Run:
+    """Double cantilever beam: L 100, a_0 30 mm, opened to ``end`` [mm], data of Alfano-Crisfield.
+
+    Corrected beam theory with a_e = a + chi h: opening C P, C = 8 a_e^3/(b E h^3), and
+    G = 12 P^2 a_e^2/(b^2 E h^3) = G_c while the crack runs. So P = K/a_e with
+    K = b sqrt(G_c E h^3/12), opening 8 K a_e^2/(b E h^3), and a follows from the opening alone. The
+    crack length of the computation is that of the energy spent, a = a_0 + D/(G_c b).
+    """
+    m, a_0 = Laminate(), 30.0
+    K = math.sqrt(m.b * m.G_c * m.rigidity / 12)
+
+    def arm(opening: float) -> float:
+        return max(math.sqrt(opening * m.rigidity / (8 * K)), a_0 + m.chi * m.h)
+
+    def load(opening: float) -> float:
+        return opening * m.rigidity / (8 * arm(opening) ** 3)
+
+    # Fine where the crack runs, and a bit around.
+    stations = (0.0, a_0 - 2, a_0, math.ceil(arm(end) - m.chi * m.h + 4), 100.0)
+    sizes = element_size * np.array([4, 1, 1, 8])
+    counts = np.ceil(np.diff(stations) / sizes - 1e-9).astype(int).tolist()
+    tagged = beams(MPI.COMM_WORLD, "quadrilateral", stations, counts, m.h, rows, a_0)
+    problem, facets = _problem(m, tagged, degree), tagged.facet_tags
+    problem.dirichlet(facets.find(1), lambda t: -t / 2, "y")
+    problem.dirichlet(facets.find(2), lambda t: t / 2, "y")
+    problem.dirichlet(facets.find(3), 0.0)
+
+    def monitor(problem: vmdg.Problem) -> dict[str, float]:
+        return {
+            "force": problem.reaction(facets.find(2))[1],
+            "force_exact": load(problem.t),
+            "crack": a_0 + problem.energy().damage / (m.G_c * m.b),
+            "crack_exact": arm(problem.t) - m.chi * m.h,
+        }
+
+    options = vmdg.SolveOptions(relative_tolerance=1e-7, progress=True)
+    history = vmdg.solve(problem, np.linspace(end / steps, end, steps), options, monitor).history
+    first, last = history.rows[0], history.rows[-1]
+    mesh = describe(problem, degree)
+    pairs = [
+        ("stiffness [N/mm]", first["force"] / first["load"], first["force_exact"] / first["load"]),
+        ("peak load [N]", history["force"].max(), K / (a_0 + m.chi * m.h)),
+        (f"load at {end:g} mm [N]", last["force"], last["force_exact"]),
+        (f"crack at {end:g} mm [mm]", last["crack"], last["crack_exact"]),
+    ]
+    return Run(history, [compare("DCB", what, *values, mesh) for what, *values in pairs])
+
+
+def enf(
+    element_size: float = 0.25, steps: int = 25, end: float = 1.49, rows: int = 2, degree: int = 2
+) -> Run:
+    """End-notched flexure without friction: 2 L = 100, a_0 = 40 mm, stable since a_0 > .7 L.
+
+    Both arms rest on the left support, which is what frictionless contact between them does: equal
+    arms bend alike, each carries P/4. Beam theory with a_e = a + .42 chi h: deflection C P,
+    C = (2 L^3 + 3 a_e^3)/(8 b E h^3) + 3 L/(10 G_12 b h), the last term by shear, and
+    G = 9 P^2 a_e^2/(16 b^2 E h^3) = G_c while the crack runs, so P a_e = K = 4/3 b sqrt(G_c E h^3).
+    The load at the end is compared at the crack length a = a_0 + D/(G_c b) of the energy spent.
+    """
+    m, L, a_0 = Laminate(), 50.0, 40.0
+    K = 4 / 3 * math.sqrt(m.b * m.G_c * m.rigidity)
+    stations = (0.0, a_0 - 4, a_0, L, 60.0, 2 * L)
+    sizes = element_size * np.array([4, 1, 1, 1, 4])
+    counts = np.ceil(np.diff(stations) / sizes - 1e-9).astype(int).tolist()
+    tagged = beams(MPI.COMM_WORLD, "quadrilateral", stations, counts, m.h, rows, a_0)
+    problem, facets = _problem(m, tagged, degree), tagged.facet_tags
+
+    def at(x: float, y: float):
+        return lambda points: np.isclose(points[0], x) & np.isclose(points[1], y)
+
+    for tag in (1, 2):
+        problem.dirichlet(facets.find(tag), 0.0, "y")
+    problem.dirichlet_points(at(2 * L, -m.h), 0.0, "y")
+    problem.dirichlet_points(at(2 * L, 0.0), 0.0, "x")
+    problem.dirichlet_points(at(L, m.h), lambda t: -t, "y")
+
+    def monitor(problem: vmdg.Problem) -> dict[str, float]:
+        force = -problem.reaction(facets.find(5))[1]
+        return {"force": force, "crack": a_0 + problem.energy().damage / (m.G_c * m.b)}
+
+    options = vmdg.SolveOptions(relative_tolerance=1e-7, progress=True)
+    history = vmdg.solve(problem, np.linspace(end / steps, end, steps), options, monitor).history
+    first, last = history.rows[0], history.rows[-1]
+    mesh, more = describe(problem, degree), 0.42 * m.chi * m.h
+    bending = (2 * L**3 + 3 * (a_0 + more) ** 3) / (8 * m.rigidity)
+    stiffness = 1 / (bending + 0.3 * L / (m.G12 * m.b * m.h))
+    pairs = [
+        ("stiffness [N/mm]", first["force"] / first["load"], stiffness),
+        (f"load at a = {last['crack']:.2f} mm [N]", last["force"], K / (last["crack"] + more)),
+    ]
+    return Run(history, [compare("ENF", what, *values, mesh) for what, *values in pairs])

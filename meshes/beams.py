@@ -1,0 +1,103 @@
+"""Two arms of a beam one above the other, cracked along their interface: DCB, ENF."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+from mpi4py import MPI
+
+from .gmsh_model import TaggedMesh, distribute, model
+
+CELLS = ("triangle", "quadrilateral")
+
+#: Facet tags.
+LOWER_LEFT, UPPER_LEFT, RIGHT, BOTTOM, TOP, INTERFACE, PRECRACK = 1, 2, 3, 4, 5, 6, 7
+
+
+def beams(
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    cell: str = "quadrilateral",
+    stations: Sequence[float] = (0.0, 30.0, 100.0),
+    divisions: Sequence[int] = (30, 70),
+    height: float = 1.5,
+    rows: int = 2,
+    precrack: float = 30.0,
+    slit: bool = True,
+) -> TaggedMesh:
+    """Arms [x_0, x_n] x [-height, 0] and [x_0, x_n] x [0, height], meshed to match.
+
+    The crack is either a slit, whose two lips share no node but the tip, or a part of the interface
+    with a tag of its own, for an interface law that knows contact and friction.
+
+    Args:
+        comm: Communicator.
+        cell: "triangle" or "quadrilateral".
+        stations: x_0 < x_1 < ... < x_n, nodes of every mesh [mm].
+        divisions: Cells between one station and the next.
+        height: Of one arm [mm].
+        rows: Cells over that height.
+        precrack: Where the crack that starts on the left ends, one of the stations [mm].
+        slit: Whether it is a slit.
+
+    Returns:
+        Mesh; cell tags 1 (lower arm) and 2 (upper arm); facet tags 1 and 2 left ends of the lower
+        and upper arm, 3 right ends, 4 bottom, 5 top, 6 interface, 7 its cracked part
+        (both lips of a slit).
+
+    Raises:
+        ValueError: unknown cell, or stations that do not fit the divisions or the precrack.
+    """
+    if cell not in CELLS:
+        raise ValueError(f"beams: cell = {cell!r} must be one of {CELLS}")
+    ascending = all(a < b for a, b in pairwise(stations))
+    if len(divisions) != len(stations) - 1 or not ascending:
+        raise ValueError("beams: stations must ascend, with one number of cells between each two")
+    if precrack not in stations[1:-1]:
+        raise ValueError(f"beams: precrack = {precrack} must be a station inside {tuple(stations)}")
+    with model("beams") as gmsh_model:
+        if comm.rank == 0:
+            _build(gmsh_model, cell, stations, divisions, height, rows, precrack, slit)
+        return distribute(gmsh_model, comm, 2)
+
+
+def _build(gmsh_model, cell, stations, divisions, height, rows, precrack, slit) -> None:
+    geo = gmsh_model.geo
+    cracked = list(stations).index(precrack)
+    rims = [[geo.addPoint(x, y, 0) for x in stations] for y in (-height, 0, height)]
+    bottom, lower, top = rims
+    apart = cracked if slit else 0
+    upper = [*(geo.addPoint(x, 0, 0) for x in stations[:apart]), *lower[apart:]]
+
+    def chain(points):
+        return [geo.addLine(a, b) for a, b in pairwise(points)]
+
+    below, above = chain(lower), chain(upper[: apart + 1])
+    # Lower and upper edge of every arm.
+    edges = [(chain(bottom), below), ([*above, *below[apart:]], chain(top))]
+    upright = [
+        [geo.addLine(a, b) for a, b in zip(*ends, strict=True)]
+        for ends in ((bottom, lower), (upper, top))
+    ]
+    for lines in (line for pair in edges for line in pair):
+        for line, count in zip(lines, divisions, strict=True):
+            geo.mesh.setTransfiniteCurve(line, count + 1)
+    for line in (*upright[0], *upright[1]):
+        geo.mesh.setTransfiniteCurve(line, rows + 1)
+    arms = [[], []]
+    for i, arm in enumerate(arms):
+        for j in range(len(divisions)):
+            loop = [edges[i][0][j], upright[i][j + 1], -edges[i][1][j], -upright[i][j]]
+            face = geo.addPlaneSurface([geo.addCurveLoop(loop)])
+            geo.mesh.setTransfiniteSurface(face)
+            if cell == "quadrilateral":
+                geo.mesh.setRecombine(2, face)
+            arm.append(face)
+    geo.synchronize()
+    ends = [[upright[0][0]], [upright[1][0]], [upright[0][-1], upright[1][-1]]]
+    sides = [*ends, edges[0][0], edges[1][1], below[cracked:], [*below[:cracked], *above]]
+    for tag, arm in enumerate(arms, start=1):
+        gmsh_model.addPhysicalGroup(2, arm, tag)
+    for tag, side in enumerate(sides, start=LOWER_LEFT):
+        gmsh_model.addPhysicalGroup(1, side, tag)
+    gmsh_model.mesh.generate(2)

@@ -1,0 +1,103 @@
+"""Dead loads that vary in space: values, functions of place and UFL expressions agree."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scenes
+import ufl
+
+import vmdg
+
+
+def resultants(problem: vmdg.Problem, t: float) -> tuple[np.ndarray, float]:
+    """Total external force (2,) and its moment about the origin, the same on every rank."""
+    problem.apply_loads(t)
+    problem.u.x.array[:] = 0
+    forces = -problem.assemble_residual().reshape(-1, 2)
+    x = problem.space.tabulate_dof_coordinates()[: len(forces)]
+    moment = x[:, 0] @ forces[:, 1] - x[:, 1] @ forces[:, 0]
+    total = problem.comm.allreduce(np.append(forces.sum(axis=0), moment))
+    return total[:2], total[2]
+
+
+def make(comm, cell="triangle", degree=1):
+    """Blocks [0, 1] and [1, 2] x [0, 1] without loads, and their facet tags."""
+    scene = scenes.two_blocks(comm, cell, 2)
+    return scenes.joined(scene, vmdg.Bonded(), degree=degree), scene
+
+
+def ramp(problem):
+    """The three ways to give t (1 + 2 x, y): f(x, t) and UFL."""
+    X, Y = ufl.SpatialCoordinate(problem.mesh)
+    t = problem.load_factor
+    return [
+        lambda x, t: t * np.stack([1 + 2 * x[0], x[1]]),
+        ufl.as_vector([t * (1 + 2 * X), t * Y]),
+    ]
+
+
+@pytest.mark.parametrize("way", [0, 1])
+@scenes.EVERY_DEGREE
+def test_body_force_in_space(comm, way, degree):
+    """Resultant and moment of t (1 + 2 x, y) on [0, 2] x [0, 1]; of the right half with its tag."""
+    problem, _ = make(comm, degree=degree)
+    problem.body_force(ramp(problem)[way])
+    force, moment = resultants(problem, 3.0)
+    assert force == pytest.approx([3 * 6, 3 * 1], rel=1e-12)
+    assert moment == pytest.approx(3 * (1.0 - 3.0), rel=1e-12)
+    problem, _ = make(comm, degree=degree)
+    problem.body_force(ramp(problem)[way], tag=2)
+    force, _ = resultants(problem, 1.0)
+    assert force == pytest.approx([4.0, 0.5], rel=1e-12)
+
+
+@pytest.mark.parametrize("way", [0, 1])
+def test_traction_in_space(comm, way):
+    """Resultant and moment of t (1 + 2 x, y) on the side y = 1, x from 0 to 2."""
+    problem, scene = make(comm, "quadrilateral")
+    problem.traction(scene.facet_tags.find(5), ramp(problem)[way])
+    force, moment = resultants(problem, 2.0)
+    assert force == pytest.approx([2 * 6, 2 * 2], rel=1e-12)
+    assert moment == pytest.approx(2 * (2 - 6), rel=1e-12)
+
+
+def test_pressure_by_the_facet_normal(comm):
+    """A dead pressure -p N on the whole boundary leaves no resultant."""
+    problem, scene = make(comm)
+    normal = ufl.FacetNormal(problem.mesh)
+    problem.traction(scene.facet_tags.find(2), -7.0 * normal)
+    assert resultants(problem, 1.0)[0] == pytest.approx([-7.0, 0.0], abs=1e-12)
+    for tag in (1, 4, 5):
+        problem.traction(scene.facet_tags.find(tag), -7.0 * normal)
+    force, moment = resultants(problem, 1.0)
+    assert force == pytest.approx([0, 0], abs=1e-12)
+    assert moment == pytest.approx(0, abs=1e-12)
+
+
+def test_loads_add_up(comm):
+    """Several body forces and tractions, uniform and not, act together."""
+    problem, scene = make(comm)
+    problem.body_force([1.0, 0.0])
+    problem.body_force(lambda t: [0.0, t], tag=1)
+    problem.traction(scene.facet_tags.find(2), lambda x, t: [t, t])
+    assert resultants(problem, 2.0)[0] == pytest.approx([2 + 2, 2 + 2], rel=1e-12)
+
+
+def test_errors_at_the_door(comm):
+    """Unknown tag, wrong shapes, test functions and expressions of another mesh are refused."""
+    problem, scene = make(comm)
+    facets = scene.facet_tags.find(2)
+    with pytest.raises(ValueError, match="no cell has tag 7"):
+        problem.body_force([1.0, 0.0], tag=7)
+    with pytest.raises(ValueError, match=r"traction: the value has shape \(3,\)"):
+        problem.traction(facets, [1.0, 0.0, 0.0])
+    with pytest.raises(ValueError, match=r"body_force: the value has shape \(3, \d+\)"):
+        problem.body_force(lambda x, t: x)
+    with pytest.raises(ValueError, match=r"the value has shape \(\), expected \(2,\)"):
+        problem.body_force(ufl.SpatialCoordinate(problem.mesh)[0])
+    with pytest.raises(ValueError, match="test or trial function"):
+        problem.body_force(ufl.TestFunction(problem.space))
+    other, _ = make(comm)
+    with pytest.raises(ValueError, match="another mesh"):
+        problem.traction(facets, ufl.SpatialCoordinate(other.mesh))
