@@ -61,13 +61,24 @@ class Model:
         }
 
 
-def build(solid: bool, layers: int, refine: int, friction: float, fibre_modulus: float) -> Model:
-    """The model at the start of the cure."""
+def build(solid: bool, layers: int, refine: float, friction: float, fibre_modulus: float) -> Model:
+    """The model at the start of the cure; ``refine`` multiplies all counts of cells."""
+
+    def count(cells: int) -> int:
+        return max(round(refine * cells), 1)
+
     if solid:
-        mesh, cells, facets = pushout(layers=layers, refine=refine)
+        mesh, cells, facets = pushout(
+            layers=count(layers),
+            around=2 * count(6),
+            fibre_rings=count(4),
+            hole_rings=count(2),
+            matrix_rings=count(31),
+        )
     else:
-        counts = {"fibre_cells": 8 * refine, "hole_cells": refine, "matrix_cells": 14 * refine}
-        mesh, cells, facets = pushout_section(layers=layers * refine, **counts)
+        mesh, cells, facets = pushout_section(
+            layers=count(layers), fibre_cells=count(8), hole_cells=count(1), matrix_cells=count(14)
+        )
     bond = vmdg.Debonding(strength=STRENGTH, critical_gap=CRITICAL_GAP, friction=friction)
     problem = vmdg.Problem(
         mesh,
@@ -97,7 +108,7 @@ def shear_lag(length: NDArray, friction: float, fibre_modulus: float) -> NDArray
     F = pi a^2 [sigma_d e^(lambda l) + p0/k (e^(lambda l) - 1)], the one-dimensional estimate of
     Alfano and Sacco and of Lin, Geubelle and Sottos: p0 the pressure after the cure, k the rise of
     the pressure with the stress in the fibre, sigma_d = 2 sqrt(E_f G / a) with G the work of the
-    bond. True lengths exceed it by up to 1.5 a.
+    bond. Near its ends the fibre is no bar: lengths differ by up to 1.5 a.
     """
     a2, b2 = RADIUS**2, OUTER_RADIUS**2
     compliance = ((b2 + a2) / (b2 - a2) + NU_MATRIX) / E_MATRIX + (1 - NU_FIBRE) / fibre_modulus
@@ -215,17 +226,19 @@ def curves(runs: dict[str, vmdg.History], friction: float, fibre_modulus: float)
         punch, force, length = (history[name] for name in ("punch", "force", "debonded"))
         axes[0].plot(np.r_[0, punch], np.r_[0, force], label=label)
         axes[1].plot(np.r_[0, punch], np.r_[0, length], label=label)
-        axes[2].plot(length, force, label=label)
+        axes[2].plot(length, force, label="bond gone" if len(runs) == 1 else label)
     axes[0].set(xlabel="punch [mm]", ylabel="force [N]", xlim=0, ylim=0)
     axes[1].set(xlabel="punch [mm]", ylabel="debonded length [mm]", xlim=0)
     axes[1].set_ylim(0, 1.05 * HEIGHT)
     axes[2].set(xlabel="debonded length [mm]", ylabel="force [N]", xlim=(0, HEIGHT), ylim=0)
     if len(runs) == 1:
+        history = next(iter(runs.values()))
+        axes[2].plot(history["damaged"], history["force"], "--", label="bond damaged")
         length = np.linspace(0, HEIGHT, 100)
         force = shear_lag(length, friction, fibre_modulus)
-        near = np.minimum(length + 1.5 * RADIUS, HEIGHT)
-        band = {"color": "black", "alpha": 0.15, "label": "shear lag, up to 1.5 a longer"}
-        axes[2].fill_betweenx(force, length, near, **band)
+        shift = 1.5 * RADIUS
+        band = {"color": "black", "alpha": 0.15, "label": r"shear lag $\pm$ 1.5 a"}
+        axes[2].fill_betweenx(force, length - shift, length + shift, **band)
         axes[2].legend()
     else:
         axes[0].legend()

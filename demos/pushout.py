@@ -25,7 +25,7 @@ STUDIES = {"modulus": (0.625, 2.5, 6.0), "friction": (0.3, 0.475, 0.6)}
 def main(
     solid: bool = False,
     layers: int = 25,
-    refine: int = 1,
+    refine: float = 1,
     steps: int = 100,
     end: float = END,
     friction: float = FRICTION,
@@ -100,7 +100,9 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--solid", action="store_true", help="a quarter in 3D, not the section")
     parser.add_argument("--layers", type=int, default=25, help="cells along the fibre (25)")
-    parser.add_argument("--refine", type=int, default=1, help="multiplies all counts of cells (1)")
+    parser.add_argument(
+        "--refine", type=float, default=1, help="multiplies all counts of cells (1)"
+    )
     parser.add_argument("--steps", type=int, default=100, help="load steps of the punch (100)")
     parser.add_argument("--end", type=float, default=END, help="travel of the punch [mm] (.174)")
     parser.add_argument("--friction", type=float, default=FRICTION, help="coefficient (.475)")

@@ -105,11 +105,12 @@ class Coupling:
         if self.turns:
             self._now = replace(
                 self._now,
-                spin=np.zeros((count, d, d, d)),
                 rotation=np.tile(np.eye(d), (count, 1, 1)),
                 moment=np.zeros((count, d, d)),
-                by_traction=np.zeros((count, d, d, d)),
-                by_gradient=np.zeros((count, d, d, d, d)),
+                frame_gradient=np.tile(np.eye(d), (count, 1, 1)),
+                frame_total=zero,
+                frame_gap=zero,
+                frame_traction=zero,
             )
         self._converged = self._now
         self._former = self.stabilization, self._weights
@@ -293,44 +294,55 @@ class Coupling:
     ) -> PointValues:
         """The return map in the turning frame R: zeta = R.zeta~, T~ = R^T.T, N stays.
 
-        With q = R^T.({P.N} + r g), dR = R.Omega and omega = W:dF its axial vector,
-        d zeta = C.Tt(du) + R.(Omega.zeta~ - C~.Omega.q), C = R.C~.R^T. The couple c = zeta~ x T~
-        gives M = c_k W_k / 2 of ``forms.interface.frame_couple``, and dc = D.dT~_tr with
-        D = [zeta~]^T - [q]^T.C~, where [x].omega = omega x x.
+        The couple c = zeta~ x T~ gives M = c_k W_k / 2 of ``forms.interface.frame_couple``, with
+        omega = W:dF the axial vector of R^T.dR.
         """
         N = self.quadrature.normal
         R = frame.rotation(F, N)
         W = frame.spin(F, N, R)
         q = _apply_transposed(R, total)
         mapped = self._map(opening, q, r, dt, hold)
-        turn = frame.cross_matrix(mapped.gap)
-        couple = np.einsum("pmk,pm->pk", turn, mapped.traction)
         values = replace(
             mapped,
             gap=_apply(R, mapped.gap),
             traction=_apply(R, mapped.traction),
             rotation=R,
-            moment=np.einsum("pk,pkab->pab", couple, W) / 2,
+            moment=np.einsum("pk,pkab->pab", _couple(mapped.gap, mapped.traction), W) / 2,
         )
         if hold:
             return values
-        C, turn_q = mapped.compliance, frame.cross_matrix(q)
+        return replace(
+            values,
+            frame_gradient=F,
+            frame_total=q,
+            frame_gap=mapped.gap,
+            frame_traction=mapped.traction,
+        )
+
+    def _turning_tangent(self) -> tuple[NDArray, tuple[NDArray, NDArray, NDArray]]:
+        """C and the coefficients Z, dM/dT and dM/dS of the turning frame at the points.
+
+        With q = R^T.({P.N} + r g), dR = R.Omega and omega = W:dF its axial vector,
+        d zeta = C.Tt(du) + R.(Omega.zeta~ - C~.Omega.q), C = R.C~.R^T. The couple changes by
+        dc = D.dT~_tr with D = [zeta~]^T - [q]^T.C~, where [x].omega = omega x x.
+        """
+        now, N = self._now, self.quadrature.normal
+        F, C, q = now.frame_gradient, now.compliance, now.frame_total
+        R = frame.rotation(F, N)
+        W = frame.spin(F, N, R)
+        turn, turn_q = frame.cross_matrix(now.frame_gap), frame.cross_matrix(q)
         # dF is the mean of both sides: half of each side's gradient.
         spin = np.einsum("pmn,pnk,pkab->pmab", R, turn - C @ turn_q, W / 2, optimize=True)
         D = turn.transpose(0, 2, 1) - turn_q.transpose(0, 2, 1) @ C
+        by_traction = np.einsum("pkab,pkl,pml->pabm", W / 2, D, R, optimize=True)
         by_gradient = -np.einsum("pkab,pkl,plcd->pabcd", W, D @ turn_q, W, optimize=True) / 4
+        couple = _couple(now.frame_gap, now.frame_traction)
         loaded = np.flatnonzero(np.abs(couple).max(axis=1) > 0)
         by_gradient[loaded] += (
             np.einsum("pk,pkabcd->pabcd", couple[loaded], frame.spin_gradient(F[loaded], N[loaded]))
             / 4
         )
-        return replace(
-            values,
-            compliance=R @ C @ R.transpose(0, 2, 1),
-            spin=spin,
-            by_traction=np.einsum("pkab,pkl,pml->pabm", W / 2, D, R, optimize=True),
-            by_gradient=by_gradient,
-        )
+        return R @ C @ R.transpose(0, 2, 1), (spin, by_traction, by_gradient)
 
     def stage_tangent(self, damage: bool = True) -> None:
         """First stage of the tangent: H, K and C at the points.
@@ -345,14 +357,12 @@ class Coupling:
             delta_s = self.stabilization.delta_s[facet]
             more = _apply(delta_s, now.jump)
             directions += np.stack([-more, more], axis=1)
-        active = self.law.inelastic and damage
-        self._staging.fill(
-            delta,
-            directions,
-            delta_s,
-            now.compliance if active else None,
-            (now.spin, now.by_traction, now.by_gradient) if active and self.turns else None,
-        )
+        compliance, turning = None, None
+        if self.law.inelastic and damage:
+            compliance = now.compliance
+            if self.turns:
+                compliance, turning = self._turning_tangent()
+        self._staging.fill(delta, directions, delta_s, compliance, turning)
 
     def _slip(self) -> NDArray[np.float64]:
         """s = g - zeta (nq, d) [mm]."""
@@ -520,6 +530,11 @@ class Coupling:
                 else self._now.rotation
             ),
         )
+
+
+def _couple(gap: NDArray[np.float64], traction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """zeta~ x T~ (nq, 3 or 1) [N/mm]."""
+    return np.einsum("pmk,pm->pk", frame.cross_matrix(gap), traction)
 
 
 def _apply_transposed(

@@ -65,12 +65,15 @@ class PointValues:
         jump: [[P.N]] (nq, d).
         gap: zeta (nq, d); None for a tie.
         traction: T (nq, d).
-        compliance: C = d zeta/dT of the last return map (nq, d, d); None for a tie.
-        spin: Z, the part of d zeta/dF that comes from the turning frame (nq, d, d, d); None where
-            the frame does not turn.
+        compliance: C~ = d zeta~/dT~ of the last return map, in the frame of the law (nq, d, d);
+            None for a tie.
         rotation: R of the frame (nq, d, d); None where the frame does not turn.
-        moment: M of the frame's couple (nq, d, d), its derivatives by the traction (nq, d, d, d)
-            and by the gradient of either side (nq, d, d, d, d); None where the frame does not turn.
+        moment: M of the frame's couple (nq, d, d); None where the frame does not turn.
+        frame_gradient: Mean deformation gradient of the last return map (nq, d, d); with the next
+            two all that the tangent of the turning frame needs; None where it does not turn.
+        frame_total: R^T.({P.N} + r g) of it (nq, d).
+        frame_gap: zeta~ of it (nq, d).
+        frame_traction: T~ of it (nq, d).
         update: Result of the return map; None where zeta was held or there is none.
     """
 
@@ -79,11 +82,12 @@ class PointValues:
     gap: NDArray[np.float64] | None
     traction: NDArray[np.float64]
     compliance: NDArray[np.float64] | None = None
-    spin: NDArray[np.float64] | None = None
     rotation: NDArray[np.float64] | None = None
     moment: NDArray[np.float64] | None = None
-    by_traction: NDArray[np.float64] | None = None
-    by_gradient: NDArray[np.float64] | None = None
+    frame_gradient: NDArray[np.float64] | None = None
+    frame_total: NDArray[np.float64] | None = None
+    frame_gap: NDArray[np.float64] | None = None
+    frame_traction: NDArray[np.float64] | None = None
     update: Update | None = None
 
 
