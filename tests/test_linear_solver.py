@@ -1,0 +1,105 @@
+"""Linear solvers: which is chosen, the way back, and that all of them end at the same solution."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import MATERIALS, two_blocks
+
+import vmdg
+from vmdg import linear_solver
+from vmdg.linear_solver import CG_GAMG, GMRES_GAMG, LDLT, LU
+from vmdg.newton import Newton
+
+FRICTION = vmdg.Debonding(strength=50.0, critical_gap=0.2, friction=0.5)
+SMOOTH = vmdg.Debonding(strength=50.0, critical_gap=0.2)
+
+
+def pressed(comm, cell: str, law: vmdg.Law, n: int = 3) -> vmdg.Problem:
+    """Two blocks pressed together by .01 t and sheared by .04 t mm."""
+    scene = two_blocks(comm, cell, n)
+    interface = vmdg.Interface(between=(1, 2), law=law)
+    problem = vmdg.Problem(
+        scene.mesh, scene.cell_tags, dict(enumerate(MATERIALS, start=1)), [interface]
+    )
+    d = scene.mesh.geometry.dim
+    problem.dirichlet(scene.facet_tags.find(1), 0.0)
+    problem.dirichlet(scene.facet_tags.find(2), lambda t: np.array([-0.01 * t, 0.04 * t, 0.0][:d]))
+    return problem
+
+
+@pytest.mark.parametrize(
+    ("cell", "law", "large", "chosen"),
+    [
+        ("quadrilateral", FRICTION, 0, LU),
+        ("quadrilateral", SMOOTH, 0, LDLT),
+        ("hexahedron", FRICTION, 10**9, LU),
+        ("hexahedron", SMOOTH, 10**9, LDLT),
+        ("hexahedron", FRICTION, 0, GMRES_GAMG),
+        ("hexahedron", SMOOTH, 0, GMRES_GAMG),
+        ("hexahedron", vmdg.Bonded(), 0, CG_GAMG),
+    ],
+)
+def test_choice(comm, monkeypatch, cell, law, large, chosen):
+    """Direct in 2D and for small problems, symmetric without friction; multigrid for large ones."""
+    monkeypatch.setattr(linear_solver, "LARGE", large)
+    problem = pressed(comm, cell, law)
+    options, fallback = linear_solver.automatic_options(problem)
+    assert options == chosen
+    assert fallback == (LU if law is FRICTION else LDLT)
+
+
+def tangent_asymmetry(comm, law: vmdg.Law) -> float:
+    """|K x - K^T x| / |K x| for a random x, after a step that damages and slides."""
+    problem = pressed(comm, "hexahedron", law, n=2)
+    vmdg.solve(problem, [0.5, 1.0])
+    matrix = problem.create_matrix()
+    problem.assemble_tangent(matrix)
+    x, once, transposed = (matrix.createVecRight() for _ in range(3))
+    x.array[:] = np.random.default_rng(0).uniform(-1, 1, x.getLocalSize())
+    matrix.mult(x, once)
+    matrix.multTranspose(x, transposed)
+    size = once.norm()
+    once.axpy(-1.0, transposed)
+    return once.norm() / size
+
+
+def test_symmetric_without_friction(comm):
+    """The tangent of a frictionless law is symmetric, its turning frame included."""
+    weak = {"strength": 10.0, "critical_gap": 0.02}
+    assert tangent_asymmetry(comm, vmdg.Debonding(**weak)) < 1e-13
+    assert tangent_asymmetry(comm, vmdg.Debonding(**weak, friction=0.5)) > 1e-4
+
+
+@pytest.mark.parametrize("law", [FRICTION, SMOOTH, vmdg.Bonded()], ids=["mu", "smooth", "tie"])
+def test_solvers_agree(comm, monkeypatch, law):
+    """Multigrid, direct and fallback steps end at the same displacement.
+
+    All meet the residual tolerance of 1e-9, which leaves 1e-8 of the displacement.
+    """
+    results = {}
+    for name, large in (("direct", 10**9), ("multigrid", 0), ("fallback", 0)):
+        monkeypatch.setattr(linear_solver, "LARGE", large)
+        if name == "fallback":
+            hopeless = {"ksp_max_it": 1, "ksp_rtol": 1e-12}
+            for options in ("GMRES_GAMG", "CG_GAMG"):
+                monkeypatch.setattr(
+                    linear_solver, options, {**getattr(linear_solver, options), **hopeless}
+                )
+        problem = pressed(comm, "hexahedron", law)
+        newton = Newton(problem, 1e-9, 20, None)
+        for t in (0.5, 1.0):
+            problem.begin_step(t, 1.0)
+            assert newton.step(1.0).converged
+            problem.commit()
+        counts = newton.linear.counts
+        assert counts.solves > 0
+        assert (counts.fallbacks > 0) == (name == "fallback")
+        assert (counts.iterations > 0) == (name != "direct")
+        if name == "multigrid":
+            assert counts.factorizations == 0
+            assert counts.setups < counts.solves
+        results[name] = problem.u.x.array.copy()
+        newton.destroy()
+    for other in ("multigrid", "fallback"):
+        assert np.abs(results[other] - results["direct"]).max() < 1e-8
