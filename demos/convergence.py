@@ -3,7 +3,7 @@
 Every study refines one kind of mesh (triangles, quadrilaterals, tetrahedra, hexahedra, regular or
 distorted, straight, inclined or curved interface) for one exact solution and one contrast of the
 moduli, and reports errors and rates of the displacement, its gradient and the interface traction.
-The solutions are derived in ``_manufactured.py``. On one core all studies take about an hour.
+The solutions are derived in ``_manufactured.py``. On one core all studies take about half an hour.
 """
 
 from __future__ import annotations
