@@ -7,23 +7,29 @@ from dataclasses import dataclass
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import Collection, PolyCollection
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
 import vmdg
 from vmdg.meshes import pushout, pushout_section
-from vmdg.meshes.pushout_section import FIBRE, FIBRE_TOP, MATRIX, MATRIX_TOP, OUTER, SUPPORT
+from vmdg.meshes.pushout import (
+    FIBRE,
+    FIBRE_TOP,
+    MATRIX,
+    MATRIX_TOP,
+    OUTER,
+    SUPPORT,
+    SYMMETRY_X,
+    SYMMETRY_Y,
+)
 from vmdg.output import CauchyStress
-from vmdg.plot import deformed_corners
-from vmdg.problem import Snapshot
+from vmdg.plot import cell_means, deformed_corners, draw_cells
 
-SYMMETRY_X, SYMMETRY_Y = 9, 10
 RADIUS, OUTER_RADIUS, HEIGHT = 0.95, 4.3, 5.36  # mm
 E_MATRIX, NU_MATRIX, NU_FIBRE = 4000.0, 0.33, 0.35  # MPa
 STRENGTH, CRITICAL_GAP, SHRINKAGE = 22.0, 0.011, 0.0022  # MPa, mm
+MAGNIFY = 5  # of the displacement in pictures
 MODES = {0: "bonded", 1: "tension damage", 2: "compression damage", 3: "friction", 4: "open"}
 COLOURS = ("#dddddd", "#d62728", "#ff9f1c", "#1f77b4", "#9467bd")
 
@@ -119,22 +125,35 @@ def shear_lag(length: NDArray, friction: float, fibre_modulus: float) -> NDArray
 
 
 class Levels:
-    """Keeps the states of Figures 25 to 27: after the cure, at initiation, peak and end."""
+    """Keeps the states of Figures 25 to 27: after the cure, at initiation, peak and end.
+
+    Args:
+        model: The model after the cure.
+    """
 
     NAMES = ("after the cure", "debonding starts", "largest force", "end")
+    ROWS = (
+        (r"$\sigma_{rz}$ [MPa]", "coolwarm", (-22, 22)),
+        (r"$\sigma_1$ [MPa]", "viridis", (-5, 25)),
+    )
 
     def __init__(self, model: Model):
         self._model = model
         self._stress = CauchyStress(model.problem)
-        self._kept: dict[str, tuple[Snapshot, float]] = {}
-        self._peak = -np.inf
+        self._kept = {self.NAMES[0]: (model.problem.snapshot(), 0.0)}
+        self._peak, self._damaged = -np.inf, False
+
+    def skip(self, history: vmdg.History) -> None:
+        """Leave out what a run that is resumed has passed already."""
+        self._peak = history["force"].max()
+        self._damaged = history["damaged"].max() > 0
 
     def update(self, force: float, damaged: float) -> None:
         """Keep the current state where it is one of the four."""
         state = self._model.problem.snapshot(), force
-        self._kept.setdefault(self.NAMES[0], state)
-        if damaged > 0:
-            self._kept.setdefault(self.NAMES[1], state)
+        if damaged > 0 and not self._damaged:
+            self._damaged = True
+            self._kept[self.NAMES[1]] = state
         if force > self._peak:
             self._peak = force
             self._kept[self.NAMES[2]] = state
@@ -142,64 +161,54 @@ class Levels:
 
     def draw(self) -> Figure:
         """Shear stress, largest principal stress and mode of the interface at the four levels."""
-        solid = self._model.seen is not None
+        problem, solid = self._model.problem, self._model.seen is not None
         figure = plt.figure(figsize=(12, 9), layout="constrained")
         kept = [(name, self._kept[name]) for name in self.NAMES if name in self._kept]
-        for column, (name, (snapshot, force)) in enumerate(kept):
-            problem = self._model.problem
+        axes = [[], []]
+        for column, (name, (snapshot, force)) in enumerate(kept, start=1):
             problem.return_to(snapshot)
-            title = f"{name}\n{problem.t - 1:.4f} mm, {force:.1f} N"
-            values = self._stresses()
-            for row, (what, limits) in enumerate(
-                (("shear", (-22.0, 22.0)), ("principal", (-5.0, 25.0)))
-            ):
-                place = (3, 4, 1 + column + 4 * row)
+            corners, cells = deformed_corners(problem, self._model.seen, magnify=MAGNIFY)
+            for row, values in enumerate(self._stresses()):
+                place = (3, len(kept), column + len(kept) * row)
                 ax = figure.add_subplot(*place, projection="3d" if solid else None)
-                drawn = self._surface(ax, values[what], limits)
-                ax.set_title(title if row == 0 else "", size=9)
-                if column == len(kept) - 1:
-                    label = {"shear": r"$\sigma_{rz}$ [MPa]", "principal": r"$\sigma_1$ [MPa]"}
-                    figure.colorbar(drawn, ax=ax, label=label[what], shrink=0.8)
-            self._modes(figure.add_subplot(3, 4, 9 + column), column == 0)
+                shown = corners if solid else corners[..., :2]
+                _, colours, limits = self.ROWS[row]
+                drawn = draw_cells(ax, problem, shown, values[cells], limits)
+                drawn.set(cmap=colours, linewidth=0)
+                if solid:
+                    ax.set(xlim=(0, OUTER_RADIUS), ylim=(0, OUTER_RADIUS), zlim=(-1, HEIGHT))
+                    ax.set_aspect("equal")
+                    ax.view_init(elev=25, azim=225)
+                    ax.set_axis_off()
+                else:
+                    ax.set(xlabel="r [mm]", ylabel="z [mm]")
+                axes[row].append((ax, drawn))
+            title = f"{name}\n{problem.t - 1:.4f} mm, {force:.1f} N"
+            axes[0][-1][0].set_title(f"{title}\ndisplacement x {MAGNIFY}", size=9)
+            self._modes(figure.add_subplot(3, len(kept), 2 * len(kept) + column), column == 1)
+        for drawn, (label, *_) in zip(axes, self.ROWS, strict=True):
+            figure.colorbar(drawn[0][1], ax=[ax for ax, _ in drawn], label=label, shrink=0.8)
         return figure
 
-    def _stresses(self) -> dict[str, NDArray[np.float64]]:
+    def _stresses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """sigma_rz and the largest principal stress, cell means [MPa]."""
         function = self._stress.update()
-        dofs = function.function_space.dofmap.list
-        sigma = function.x.array.reshape(-1, 3, 3)[dofs].mean(axis=1)
-        if self._model.seen is None:
-            shear = sigma[:, 0, 1]
-        else:
-            x = function.function_space.tabulate_dof_coordinates()[dofs].mean(axis=1)
+        sigma = cell_means(function)
+        shear = sigma[:, 0, 1]
+        if self._model.seen is not None:
+            space = function.function_space
+            x = space.tabulate_dof_coordinates()[space.dofmap.list].mean(axis=1)
             radial = x[:, :2] / np.linalg.norm(x[:, :2], axis=1, keepdims=True)
             shear = np.einsum("ci,ci->c", radial, sigma[:, :2, 2])
-        return {"shear": shear, "principal": np.linalg.eigvalsh(sigma)[:, -1]}
-
-    def _surface(self, ax: Axes, values: NDArray, limits: tuple[float, float]) -> Collection:
-        problem = self._model.problem
-        corners, cells = deformed_corners(problem, self._model.seen, magnify=5)
-        corners = np.concatenate(problem.comm.allgather(corners))
-        values = np.concatenate(problem.comm.allgather(values[cells]))
-        if self._model.seen is None:
-            drawn = ax.add_collection(PolyCollection(corners[..., :2], array=values))
-            ax.set(aspect="equal", xlabel="r [mm]", ylabel="z [mm]")
-            ax.autoscale()
-        else:
-            drawn = ax.add_collection3d(Poly3DCollection(corners, array=values))
-            ax.set(xlim=(0, 4.3), ylim=(0, 4.3), zlim=(0, 5.4), box_aspect=(4.3, 4.3, 5.4))
-            ax.view_init(elev=25, azim=225)
-            ax.set_axis_off()
-        drawn.set(clim=limits, cmap="coolwarm" if limits[0] == -limits[1] else "viridis")
-        drawn.set_linewidth(0)
-        return drawn
+        return shear, np.linalg.eigvalsh(sigma)[:, -1]
 
     def _modes(self, ax: Axes, labelled: bool) -> None:
         """Figure 27: the active branch on the unrolled interface."""
         problem = self._model.problem
         points, mode = problem.state[0].points, problem.state[0].mode
-        across = np.full(len(points), 0.5) if self._model.seen is None else _angle(points)
-        height = points[:, 1 if self._model.seen is None else 2]
+        across, height = np.full(len(points), 0.5), points[:, 1]
+        if self._model.seen is not None:
+            across, height = np.degrees(np.arctan2(points[:, 1], points[:, 0])), points[:, 2]
         rows = np.concatenate(problem.comm.allgather(np.column_stack([across, height, mode])))
         # Closing and open points are both without traction.
         rows[:, 2] = np.minimum(rows[:, 2], 4)
@@ -213,10 +222,6 @@ class Levels:
             for number, name in MODES.items():
                 ax.scatter([], [], color=COLOURS[number], label=name)
             ax.legend(loc="lower left", fontsize=7)
-
-
-def _angle(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.degrees(np.arctan2(points[:, 1], points[:, 0]))
 
 
 def curves(runs: dict[str, vmdg.History], friction: float, fibre_modulus: float) -> Figure:

@@ -41,15 +41,17 @@ def main(
     if not resume or vmdg.read_checkpoint(problem, cure) is None:
         vmdg.solve(problem, np.linspace(0.25, 1, 4), vmdg.SolveOptions(relative_tolerance=1e-8))
         vmdg.write_checkpoint(problem, cure)
-    levels = Levels(model)
-    levels.update(0.0, 0.0)
+    levels = Levels(model) if picture else None
     problem.dirichlet(model.top, lambda t: 1 - t, model.axis, relative=True)
     checkpoint = folder / "checkpoint"
     history = vmdg.read_checkpoint(problem, checkpoint) if resume else None
+    if picture and history:
+        levels.skip(history)
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         measured = model.measures(problem)
-        levels.update(measured["force"], measured["damaged"])
+        if picture:
+            levels.update(measured["force"], measured["damaged"])
         return measured
 
     loads = 1 + np.linspace(0, end, steps + 1)[1:]

@@ -7,6 +7,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Iterator
+from pathlib import Path
 
 from mpi4py import MPI
 
@@ -78,6 +79,12 @@ def pytest_runtest_protocol() -> Iterator[None]:
 def pytest_report_header() -> str:
     """Number of ranks, in the head of the report."""
     return f"MPI ranks: {MPI.COMM_WORLD.size}"
+
+
+@pytest.fixture
+def out(comm: MPI.Comm, tmp_path: Path) -> Path:
+    """One folder for all ranks."""
+    return Path(comm.bcast(str(tmp_path)))
 
 
 @pytest.fixture(scope="session")

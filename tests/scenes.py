@@ -9,6 +9,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
+import ufl
 from dolfinx import fem
 from dolfinx.mesh import (
     CellType,
@@ -143,3 +144,19 @@ def multiply(matrix: PETSc.Mat, vector: NDArray) -> NDArray:
     x.destroy()
     y.destroy()
     return result
+
+
+def assert_residual_is_energy_derivative(problem: vmdg.Problem) -> None:
+    """The residual equals d/du of the stored energies with zeta held, to rounding."""
+    parts = problem.discretization
+    energy = parts._bulk(lambda body, F: body.energy(F)) + parts._interfaces(
+        lambda coupling, group: coupling.energy_term(group)
+    )
+    eta = ufl.TestFunction(problem.space)
+    expected, found = (
+        fem.assemble_vector(parts._compile(form)).array
+        for form in (ufl.derivative(energy, problem.u, eta), problem.residual_ufl())
+    )
+    scale = problem.comm.allreduce(np.abs(found).max(initial=0), op=MPI.MAX)
+    assert scale > 10
+    assert np.abs(expected - found).max(initial=0) < 1e-12 * scale

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from mpi4py import MPI
 
+import _coercivity as random_cells
 import numpy as np
 import pytest
 import ufl
@@ -30,22 +29,10 @@ from vmdg import coercivity
 from vmdg.meshes import blocks
 from vmdg.parallel import global_sum
 
-DEMOS = Path(__file__).resolve().parent.parent / "demos"
-
-
-@pytest.fixture
-def random_cells(monkeypatch):
-    """Random configurations of the demo."""
-    monkeypatch.syspath_prepend(str(DEMOS))
-    import _coercivity
-
-    return _coercivity
-
-
 # Coercivity
 
 
-def test_no_negative_eigenvalue(random_cells):
+def test_no_negative_eigenvalue():
     """2,076 random configurations: none is negative with "auto", two in five are with 1.
 
     Pairs of cells and patches all of whose facets are interfaces, four cell types, degree 1 to 3.
@@ -76,7 +63,7 @@ def multiplied(problem: vmdg.Problem, factor: float):
 
 
 @EVERY_CELL
-def test_margin(random_cells, cell):
+def test_margin(cell):
     """1 - theta times the factor suffices for all u: the rest is what keeps theta of the energy."""
     configurations = random_cells.Case(cell, 1, True, 60).draw(1)
     auto = configurations.problem(law=vmdg.Bonded())
@@ -85,7 +72,7 @@ def test_margin(random_cells, cell):
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
-def test_no_more_than_needed(random_cells, cell):
+def test_no_more_than_needed(cell):
     """Alike cells near incompressibility: .95 (1 - theta) times the factor is too little."""
     draw = random_cells.Range(aspect=0.0, contrast=0.0, nu=(0.499, 0.499), strain=0, distortion=0)
     configurations = random_cells.Configurations(cell, random_cells.pair(cell), 20, 1, draw, 2)
@@ -97,7 +84,7 @@ def test_no_more_than_needed(random_cells, cell):
 
 @pytest.mark.parametrize("frame", ["reference", "corotating"])
 @pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
-def test_interface_that_can_fail(random_cells, cell, frame):
+def test_interface_that_can_fail(cell, frame):
     """The scalar r with tensor or isotropic flux weights, while it is bonded."""
     law = vmdg.Debonding(strength=1e12, critical_gap=1e12)
     for alone in (True, False):

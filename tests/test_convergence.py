@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
+import _convergence
+import _manufactured
+import convergence
 import numpy as np
 import pytest
 import ufl
@@ -13,11 +15,6 @@ from dolfinx import fem
 import vmdg
 from vmdg import compat
 from vmdg.meshes import blocks
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "demos"))
-import _convergence
-import _manufactured
-import convergence
 
 MATERIALS = [vmdg.NeoHookean(E=E, nu=0.3) for E in (1e4, 10.0)]
 

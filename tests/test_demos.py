@@ -2,24 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-DEMOS = Path(__file__).resolve().parent.parent / "demos"
-
-
-@pytest.fixture(autouse=True)
-def demos_on_path(monkeypatch):
-    """Demos import their helpers from their own folder, as if they were run from it."""
-    monkeypatch.syspath_prepend(str(DEMOS))
-
-
-@pytest.fixture
-def out(comm, tmp_path):
-    """One folder for all ranks."""
-    return Path(comm.bcast(str(tmp_path)))
 
 
 def test_patch_tension(comm, out):

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 import ufl
@@ -16,7 +13,6 @@ from vmdg.meshes import fibre_matrix, random_fibres
 from vmdg.parallel import global_max, global_sum
 from vmdg.topology import facet_cells, tags_of_cells
 
-DEMOS = str(Path(__file__).resolve().parent.parent / "demos")
 BOTH = pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
 REPORT = {1: vmdg.NeoHookean(E=40e3, nu=0.4), 2: vmdg.NeoHookean(E=10e3, nu=0.33)}
 DECK = {1: vmdg.NeoHookean(E=40e3, nu=0.33), 2: vmdg.NeoHookean(E=4e3, nu=0.4)}
@@ -189,11 +185,8 @@ def test_goodier(comm, cell):
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory) -> vmdg.History:
     """The demo with zeta_c = .01 mm, coarse."""
-    sys.path.insert(0, DEMOS)
-    try:
-        import fibre_matrix as demo
-    finally:
-        sys.path.remove(DEMOS)
+    import fibre_matrix as demo
+
     return demo.main(critical_gap=0.01, out=str(tmp_path_factory.mktemp("fibre_matrix")))
 
 

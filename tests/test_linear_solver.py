@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from mpi4py import MPI
+from petsc4py import PETSc
+
 import numpy as np
 import pytest
 from scenes import MATERIALS, two_blocks
 
 import vmdg
 from vmdg import linear_solver
-from vmdg.linear_solver import CG_GAMG, GMRES_GAMG, LDLT, LU
+from vmdg.linear_solver import CG_GAMG, GMRES_GAMG, LDLT, LU, LinearSolver
 from vmdg.newton import Newton
 
 FRICTION = vmdg.Debonding(strength=50.0, critical_gap=0.2, friction=0.5)
@@ -103,3 +106,30 @@ def test_solvers_agree(comm, monkeypatch, law):
         newton.destroy()
     for other in ("multigrid", "fallback"):
         assert np.abs(results[other] - results["direct"]).max() < 1e-8
+
+
+def tridiagonal(diagonal: float) -> PETSc.Mat:
+    """100 x 100 with the off-diagonals -1 and 2; ILU factorizes it exactly."""
+    matrix = PETSc.Mat().createAIJ(100, nnz=3, comm=MPI.COMM_SELF)
+    for i in range(100):
+        for j, value in ((i - 1, -1.0), (i, diagonal), (i + 1, 2.0)):
+            if 0 <= j < 100:
+                matrix.setValue(i, j, value)
+    matrix.assemble()
+    return matrix
+
+
+def test_stale_preconditioner_is_renewed():
+    """Where an old preconditioner does not do a fresh one is tried before a direct solve."""
+    options = {"ksp_type": "gmres", "ksp_max_it": 5, "ksp_rtol": 1e-12, "pc_type": "ilu"}
+    matrix = tridiagonal(4.0)
+    solver = LinearSolver(matrix, options, LU)
+    outer = PETSc.KSP().create(MPI.COMM_SELF)
+    x, b = matrix.createVecs()
+    b.set(1.0)
+    solver.solve(outer, b, x)
+    tridiagonal(1.5).copy(matrix)
+    solver.solve(outer, b, x)
+    assert (solver.counts.setups, solver.counts.fallbacks) == (2, 0)
+    matrix.mult(x, b)
+    assert b.array == pytest.approx(np.ones(100), abs=1e-9)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
+import pushout as demo
 import pytest
 import ufl
 from dolfinx import fem
@@ -29,22 +28,6 @@ from vmdg.meshes.pushout import (
 
 R_F, R_S, R_M, H = 0.95, 1.025, 4.3, 5.36
 COARSE = {"layers": 6, "around": 6, "fibre_rings": 2, "hole_rings": 1, "matrix_rings": 5}
-
-
-@pytest.fixture
-def demo(monkeypatch):
-    """The demo's modules."""
-    folder = Path(__file__).resolve().parent.parent / "demos"
-    monkeypatch.syspath_prepend(str(folder))
-    import pushout as scene
-
-    return scene
-
-
-@pytest.fixture
-def out(comm, tmp_path):
-    """One folder for all ranks."""
-    return Path(comm.bcast(str(tmp_path)))
 
 
 def test_mesh(comm):
@@ -96,7 +79,7 @@ def test_mesh_errors(comm, options, message):
         pushout(comm, **(COARSE | options))
 
 
-def test_section_to_the_end(comm, demo, out):
+def test_section_to_the_end(comm, out):
     """The whole curve on a coarse section: slope, peak, the jump, friction, modes at the top.
 
     On 12 layers peak and end lie within 3% of those on 100 layers (370.5 N and 90.5 N), the slope
@@ -115,7 +98,7 @@ def test_section_to_the_end(comm, demo, out):
     assert (out / "pushout_levels.png").stat().st_size > 10_000
 
 
-def test_modes_from_the_top(comm, demo):
+def test_modes_from_the_top(comm):
     """The topmost points go from compression damage to friction, the bottom stays bonded."""
     model = demo.build(False, 12, 1, 0.475, 2500.0)
     problem = model.problem
@@ -138,7 +121,7 @@ def test_modes_from_the_top(comm, demo):
     assert (problem.state[0].softening[low] == 0).all()
 
 
-def test_solid_against_section(comm, demo):
+def test_solid_against_section(comm):
     """3D and section on the same layers, half way to the peak: force within 2%.
 
     The quarter has 12 flat facets around it: its area is 1.1% smaller.
@@ -153,7 +136,7 @@ def test_solid_against_section(comm, demo):
     assert forces[0] == pytest.approx(forces[1], rel=0.02)
 
 
-def test_resume(comm, demo, out):
+def test_resume(comm, out):
     """A run that ends half way and goes on from its checkpoint gives the curve of one run."""
     settings = {"refine": 0.4, "picture": False}
     whole = demo.main(steps=12, end=0.036, out=str(out / "whole"), **settings)
@@ -164,7 +147,7 @@ def test_resume(comm, demo, out):
         assert parts[name] == pytest.approx(whole[name], rel=1e-8, abs=1e-8)
 
 
-def test_checkpoint_of_another_problem(comm, demo, out):
+def test_checkpoint_of_another_problem(comm, out):
     """A checkpoint of another mesh is refused; where there is none, None says so."""
     vmdg.write_checkpoint(demo.build(False, 6, 0.5, 0.475, 2500.0).problem, out / "one")
     other = demo.build(False, 8, 0.5, 0.475, 2500.0).problem
@@ -173,7 +156,7 @@ def test_checkpoint_of_another_problem(comm, demo, out):
     assert vmdg.read_checkpoint(other, out / "none") is None
 
 
-def test_relative_displacement(comm, demo):
+def test_relative_displacement(comm):
     """The nodes keep the form they have when they are gripped."""
     model = demo.build(False, 6, 0.5, 0.475, 2500.0)
     problem = model.problem

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 from mpi4py import MPI
 
 import numpy as np
@@ -16,8 +13,6 @@ from dolfinx.mesh import compute_midpoints
 import vmdg
 from vmdg.meshes import tearing
 from vmdg.topology import facet_cells
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "demos"))
 
 WIDTH, PRECRACK = 1.62, 0.405
 

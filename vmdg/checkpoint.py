@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -12,38 +11,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .history import History
-from .parallel import global_any, raise_together
-from .point_values import PointHistory, PointValues
+from .parallel import raise_together
+from .point_values import HISTORY_ARRAYS, VALUE_ARRAYS, PointHistory, PointValues
 from .problem import Problem, Snapshot
 
-_VALUES = [field.name for field in fields(PointValues) if field.name != "update"]
-_HISTORY = [field.name for field in fields(PointHistory) if field.name != "values"]
+#: Two places that are written in turn, and the file that names the one that is complete.
+_SLOTS, _LATEST = ("a", "b"), "latest"
 
 
 def write_checkpoint(problem: Problem, folder: str | Path, history: History | None = None) -> None:
     """Write the converged state and the table of the run, one file a rank; collective.
 
-    A checkpoint is complete or not visible: the files are written beside the old ones and take
-    their place by renaming once all ranks have written theirs.
+    A checkpoint is complete or not visible: the ranks write beside the former one, which stays
+    the valid one until all have written theirs.
 
     Args:
         problem: The problem.
-        folder: Made if missing; an older checkpoint in it is replaced.
+        folder: Made if missing; holds this checkpoint and the former one.
         history: The table so far.
     """
     comm, folder = problem.comm, Path(folder)
     if comm.rank == 0:
         folder.mkdir(parents=True, exist_ok=True)
-    comm.barrier()
-    path = _path(problem, folder)
-    partial = path.with_suffix(".partial")
-    with open(partial, "wb") as file:
-        rows = json.dumps([] if history is None else history.rows, default=float)
+    slot = _SLOTS[_latest(problem, folder) == _SLOTS[0]]
+    rows = json.dumps([] if history is None else history.rows, default=float)
+    with open(_path(problem, folder, slot), "wb") as file:
         np.savez(file, **_arrays(problem), history=np.array(rows))
         file.flush()
         os.fsync(file.fileno())
     comm.barrier()
-    partial.replace(path)
+    if comm.rank == 0:
+        partial = folder / f"{_LATEST}.partial"
+        partial.write_text(slot)
+        partial.replace(folder / _LATEST)
     comm.barrier()
 
 
@@ -60,29 +60,22 @@ def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
         The table of the run up to there; None where there is no checkpoint.
 
     Raises:
-        ValueError: the checkpoint belongs to another problem or number of ranks, or the run ended
-            while its files were being replaced.
+        ValueError: the checkpoint belongs to another problem or number of ranks.
     """
-    path = _path(problem, Path(folder))
-    if not global_any(problem.comm, path.is_file()):
-        others = Path(folder).glob("rank_*.npz")
-        message = f"{folder} holds a checkpoint of another number of ranks" if any(others) else None
-        raise_together(problem.comm, message)
+    slot = _latest(problem, Path(folder))
+    if slot is None:
         return None
-    message, arrays = None, {}
+    path, message, arrays = _path(problem, Path(folder), slot), None, {}
     if path.is_file():
         with np.load(path) as file:
             arrays = dict(file)
+        mine = _fingerprint(problem)
+        if arrays["fingerprint"].shape != mine.shape or not np.allclose(
+            arrays["fingerprint"], mine
+        ):
+            message = f"{path} belongs to another mesh, partition or set of interfaces"
     else:
         message = f"{path} is missing: the checkpoint is of another number of ranks"
-    times = problem.comm.allgather(float(arrays.get("t", np.nan)))
-    if message is None and len(set(times)) > 1:
-        message = f"{folder} is incomplete: its ranks are at the load factors {sorted(set(times))}"
-    mine = _fingerprint(problem)
-    if message is None and not (
-        arrays["fingerprint"].shape == mine.shape and np.allclose(arrays["fingerprint"], mine)
-    ):
-        message = f"{path} belongs to another mesh, partition or set of interfaces"
     raise_together(problem.comm, message)
     _restore(problem, arrays)
     history = History()
@@ -90,8 +83,16 @@ def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
     return history
 
 
-def _path(problem: Problem, folder: Path) -> Path:
-    return folder / f"rank_{problem.comm.rank}_of_{problem.comm.size}.npz"
+def _latest(problem: Problem, folder: Path) -> str | None:
+    """The slot of the complete checkpoint, None where there is none; collective."""
+    slot = None
+    if problem.comm.rank == 0 and (folder / _LATEST).is_file():
+        slot = (folder / _LATEST).read_text()
+    return problem.comm.bcast(slot)
+
+
+def _path(problem: Problem, folder: Path, slot: str) -> Path:
+    return folder / f"{slot}_rank_{problem.comm.rank}_of_{problem.comm.size}.npz"
 
 
 def _fingerprint(problem: Problem) -> NDArray[np.float64]:
@@ -115,8 +116,8 @@ def _arrays(problem: Problem) -> dict[str, NDArray[Any]]:
     }
     arrays |= {f"open_{i}": mark for i, mark in enumerate(state.open)}
     for i, history in enumerate(state.histories):
-        arrays |= {f"{name}_{i}": getattr(history, name) for name in _HISTORY}
-        values = {name: getattr(history.values, name) for name in _VALUES}
+        arrays |= {f"{name}_{i}": getattr(history, name) for name in HISTORY_ARRAYS}
+        values = {name: getattr(history.values, name) for name in VALUE_ARRAYS}
         arrays |= {f"now_{name}_{i}": v for name, v in values.items() if v is not None}
     return arrays
 
@@ -125,9 +126,9 @@ def _restore(problem: Problem, arrays: dict[str, NDArray[Any]]) -> None:
     histories = []
     count = sum(name.startswith("softening_") for name in arrays)
     for i in range(count):
-        values = PointValues(**{name: arrays.get(f"now_{name}_{i}") for name in _VALUES})
+        values = PointValues(**{name: arrays.get(f"now_{name}_{i}") for name in VALUE_ARRAYS})
         histories.append(
-            PointHistory(**{name: arrays[f"{name}_{i}"] for name in _HISTORY}, values=values)
+            PointHistory(**{name: arrays[f"{name}_{i}"] for name in HISTORY_ARRAYS}, values=values)
         )
     marks = [arrays[f"open_{i}"] for i in range(len(problem.interfaces))]
     problem.return_to(

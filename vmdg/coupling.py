@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import ufl
@@ -21,7 +21,13 @@ from .forms.kinematics import Body
 from .interface import AUTO, Interface, InterfaceFacets
 from .laws import Mode, Update
 from .parallel import global_max, raise_together
-from .point_values import InterfaceState, PointHistory, PointValues
+from .point_values import (
+    HISTORY_ARRAYS,
+    VALUE_ARRAYS,
+    InterfaceState,
+    PointHistory,
+    PointValues,
+)
 from .quadrature import facet_degree
 from .stabilization import Stabilization, Stabilizer
 from .staged_tangent import StagedTangent
@@ -445,15 +451,11 @@ class Coupling:
             result[mine] = before[theirs]
             return result
 
-        names = [field.name for field in fields(PointValues) if field.name != "update"]
         values = {
-            name: moved(getattr(new.values, name), getattr(old.values, name)) for name in names
+            name: moved(getattr(new.values, name), getattr(old.values, name))
+            for name in VALUE_ARRAYS
         }
-        history = {
-            field.name: moved(getattr(new, field.name), getattr(old, field.name))
-            for field in fields(PointHistory)
-            if field.name != "values"
-        }
+        history = {name: moved(getattr(new, name), getattr(old, name)) for name in HISTORY_ARRAYS}
         self.set_history(PointHistory(**history, values=PointValues(**values)))
 
     def overstress(self) -> float:

@@ -92,74 +92,78 @@ class LinearSolver:
     def __init__(self, matrix: PETSc.Mat, options: Options, fallback: Options):
         self.counts = SolverCounts()
         self._matrix = matrix
-        self._fallback_options = fallback
-        self._iterative = options.get("ksp_type") != "preonly"
-        self._ksp = self._make("vmdg_", options)
+        iterative = options.get("ksp_type") != "preonly"
+        self._krylov = self._make(options) if iterative else None
+        self._direct_options = fallback if iterative else options
         self._direct: PETSc.KSP | None = None
         self._fresh_iterations = 0
         self._reuse = False
 
-    def _make(self, prefix: str, options: Options) -> PETSc.KSP:
-        database = PETSc.Options()
-        for name, value in options.items():
-            database[prefix + name] = value
+    @property
+    def iterative(self) -> bool:
+        """Whether a Krylov solver comes first."""
+        return self._krylov is not None
+
+    def _make(self, options: Options) -> PETSc.KSP:
         ksp = PETSc.KSP().create(self._matrix.comm)
-        ksp.setOptionsPrefix(prefix)
         ksp.setOperators(self._matrix)
-        ksp.setFromOptions()
-        for name in options:
-            database.delValue(prefix + name)
+        set_options(ksp, options)
         return ksp
 
     def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve A x = b with the current values of the tangent; called by PETSc."""
-        counts = self.counts
-        counts.solves += 1
+        self.counts.solves += 1
         with Timer("vmdg: linear solve"):
-            if not self._iterative:
-                counts.factorizations += 1
-                self._ksp.setOperators(self._matrix)
-                self._ksp.solve(b, x)
-                self._report(ksp, self._ksp)
-                return
-            if self._krylov(b, x) or (self._reuse_again() and self._krylov(b, x)):
-                self._report(ksp, self._ksp)
-                return
-            counts.fallbacks += 1
-            counts.factorizations += 1
-            if self._direct is None:
-                self._direct = self._make("vmdg_direct_", self._fallback_options)
-            self._direct.setOperators(self._matrix)
-            self._direct.solve(b, x)
-            self._report(ksp, self._direct)
+            if self.iterative and self._solve_iteratively(b, x):
+                solver = self._krylov
+            else:
+                solver = self._solve_directly(b, x)
+        ksp.setConvergedReason(solver.getConvergedReason())
 
-    def _reuse_again(self) -> bool:
-        """Whether a fresh preconditioner may do what the old one could not."""
-        reused, self._reuse = self._reuse, False
-        return reused
+    def _solve_directly(self, b: PETSc.Vec, x: PETSc.Vec) -> PETSc.KSP:
+        self.counts.factorizations += 1
+        self.counts.fallbacks += self.iterative
+        if self._direct is None:
+            self._direct = self._make(self._direct_options)
+        self._direct.setOperators(self._matrix)
+        self._direct.solve(b, x)
+        return self._direct
 
-    def _krylov(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        self._ksp.setOperators(self._matrix)
-        self._ksp.getPC().setReusePreconditioner(self._reuse)
-        self._ksp.solve(b, x)
-        iterations = self._ksp.getIterationNumber()
+    def _solve_iteratively(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        """Whether it converges, with a fresh preconditioner where the old one does not do."""
+        if self._reuse and self._iterate(b, x, reuse=True):
+            return True
+        return self._iterate(b, x, reuse=False)
+
+    def _iterate(self, b: PETSc.Vec, x: PETSc.Vec, reuse: bool) -> bool:
+        self._krylov.setOperators(self._matrix)
+        self._krylov.getPC().setReusePreconditioner(reuse)
+        self._krylov.solve(b, x)
+        iterations = self._krylov.getIterationNumber()
         self.counts.iterations += iterations
-        self.counts.setups += not self._reuse
-        if not self._reuse:
+        if not reuse:
+            self.counts.setups += 1
             self._fresh_iterations = iterations
-        converged = self._ksp.getConvergedReason() > 0
+        converged = self._krylov.getConvergedReason() > 0
         self._reuse = converged and iterations <= 2 * self._fresh_iterations
         return converged
 
-    @staticmethod
-    def _report(outer: PETSc.KSP, inner: PETSc.KSP) -> None:
-        outer.setConvergedReason(inner.getConvergedReason())
-
     def free(self) -> None:
         """Free the PETSc objects; collective."""
-        for ksp in (self._ksp, self._direct):
+        for ksp in (self._krylov, self._direct):
             if ksp is not None:
                 ksp.destroy()
+
+
+def set_options(item: PETSc.KSP | PETSc.SNES, options: Options) -> None:
+    """Configure a PETSc object by options named without prefix, and leave none in the database."""
+    prefix, database = "vmdg_", PETSc.Options()
+    for name, value in options.items():
+        database[prefix + name] = value
+    item.setOptionsPrefix(prefix)
+    item.setFromOptions()
+    for name in options:
+        database.delValue(prefix + name)
 
 
 def set_rigid_modes(problem: Problem, matrix: PETSc.Mat) -> None:

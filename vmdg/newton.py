@@ -9,7 +9,13 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx.common import Timer
 
-from .linear_solver import LinearSolver, Options, automatic_options, set_rigid_modes
+from .linear_solver import (
+    LinearSolver,
+    Options,
+    automatic_options,
+    set_options,
+    set_rigid_modes,
+)
 from .parallel import global_max, global_sum
 from .problem import Problem
 
@@ -100,13 +106,13 @@ class Newton:
         self._floor = 0.0
         self._norms: list[float] = []
         self._dt = 1.0
-        self._fresh = False
 
         options, fallback = automatic_options(problem)
         given = {} if petsc is None else petsc
         linear = {name: value for name, value in given.items() if not name.startswith("snes_")}
-        set_rigid_modes(problem, self._matrix)
         self.linear = LinearSolver(self._matrix, linear or options, fallback)
+        if self.linear.iterative:
+            set_rigid_modes(problem, self._matrix)
         search = {name: value for name, value in given.items() if name.startswith("snes_")}
         self._snes = self._make_snes({**LINE_SEARCH, **search}, max_iterations)
         self._full_snes = self._make_snes({**search, **FULL_STEPS}, max_iterations)
@@ -119,15 +125,9 @@ class Newton:
         ksp.setType(PETSc.KSP.Type.PYTHON)
         ksp.setPythonContext(self.linear)
         ksp.getPC().setType(PETSc.PC.Type.NONE)
-        prefix, database = "vmdg_", PETSc.Options()
-        for name, value in options.items():
-            database[prefix + name] = value
-        snes.setOptionsPrefix(prefix)
         snes.setTolerances(max_it=max_iterations)
         snes.setConvergenceTest(self._test)
-        snes.setFromOptions()
-        for name in options:
-            database.delValue(prefix + name)
+        set_options(snes, options)
         return snes
 
     @property
@@ -143,19 +143,27 @@ class Newton:
             damage_predictor: Predict with the damage tangent of the last converged step.
         """
         self._dt = dt
-        start, scale = self._problem.u.x.array.copy(), self._scale
-        report = self._attempt(self._snes, damage_predictor and self._problem.can_fail)
-        if report.converged or not self._problem.can_fail:
+        scale = self._scale
+        report = self._search(damage_predictor)
+        if not report.converged:
+            # The forces of a state that is given up say nothing about the run.
+            self._scale = scale
+        return report
+
+    def _search(self, damage_predictor: bool) -> StepReport:
+        """The line search, then full steps where an interface can fail."""
+        problem = self._problem
+        start, scale = problem.u.x.array.copy(), self._scale
+        report = self._attempt(self._snes, damage_predictor and problem.can_fail)
+        if report.converged or not problem.can_fail:
             return report
         # At a kink between branches of a law the line search can jam where full steps pass.
-        self._problem.u.x.array[:] = start
+        problem.u.x.array[:] = start
         self._scale = scale
-        self._problem.assemble_residual(dt, hold=True)
-        self._problem.watch_energy()
+        problem.assemble_residual(self._dt, hold=True)
+        problem.watch_energy()
         report = self._attempt(self._full_snes, False)
-        if not report.converged:
-            self._scale = scale
-        if report.converged and self._problem.unaccounted_energy() > DISTANT:
+        if report.converged and problem.unaccounted_energy() > DISTANT:
             return StepReport(False, report.norms, "DISTANT_EQUILIBRIUM")
         return report
 

@@ -6,7 +6,8 @@ import basix
 import numpy as np
 from dolfinx import fem
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import Collection, PolyCollection
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
 from . import compat
@@ -66,13 +67,24 @@ def cell_means(function: fem.Function, component: tuple[int, ...] = ()) -> NDArr
 
 def draw_cells(
     ax: Axes, problem: Problem, polygons: NDArray, values: NDArray, limits: tuple[float, float]
-) -> PolyCollection:
-    """Draw coloured polygons of all ranks (on rank 0's axes); collective."""
+) -> Collection:
+    """Draw coloured polygons of all ranks (on rank 0's axes); collective.
+
+    Args:
+        ax: Plane axes for corners (n, corners, 2), axes in space for (n, corners, 3).
+        problem: The problem.
+        polygons: The corners [mm].
+        values: Value of every polygon (n,).
+        limits: Values at both ends of the colours.
+    """
     polygons = np.concatenate(problem.comm.allgather(polygons))
     values = np.concatenate(problem.comm.allgather(values))
-    collection = PolyCollection(polygons, array=values, edgecolors="black", linewidths=0.6)
+    style = {"array": values, "edgecolors": "black", "linewidths": 0.6}
+    if polygons.shape[-1] == 3:
+        collection = ax.add_collection3d(Poly3DCollection(polygons, **style))
+    else:
+        collection = ax.add_collection(PolyCollection(polygons, **style))
+        ax.autoscale()
     collection.set_clim(*limits)
-    ax.add_collection(collection)
     ax.set_aspect("equal")
-    ax.autoscale()
     return collection

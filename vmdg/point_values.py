@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,3 +100,8 @@ class PointHistory:
     mode: NDArray[np.int8]
     traction: NDArray[np.float64]
     values: PointValues
+
+
+#: Names of the arrays of both: what a change of the mesh of points or a checkpoint carries over.
+VALUE_ARRAYS = tuple(field.name for field in fields(PointValues) if field.name != "update")
+HISTORY_ARRAYS = tuple(field.name for field in fields(PointHistory) if field.name != "values")

@@ -250,10 +250,9 @@ class Problem:
                     "dirichlet: relative=True does not go with activate='on-demand'; prescribe the "
                     "displacement from the start"
                 )
-            self._prescribe("dirichlet", facets, value, component, relative=True)
-            return
-        self._prescribe("dirichlet", facets, value, component)
-        self._prescriptions.append(("dirichlet", facets, value, component))
+        self._prescribe("dirichlet", facets, value, component, relative)
+        if not relative:
+            self._prescriptions.append(("dirichlet", facets, value, component))
 
     def dirichlet_points(
         self, where: Locator, value: Value, component: int | str | None = None
@@ -414,8 +413,10 @@ class Problem:
             self.u.x.array.copy(),
             self.forces.x.array.copy(),
             self._load_vector,
-            float(self.discretization.stored_energy().sum()) if self.watches_energy else 0.0,
+            stored=0.0,
         )
+        if self.watches_energy:
+            self.watch_energy()
         for coupling in self.discretization.working:
             coupling.begin_step(overstress, dt)
         try:

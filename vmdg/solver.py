@@ -129,7 +129,7 @@ def solve(
                 iterations=result.history.rows[-1]["iterations"],
                 refresh=False,
             )
-        if options.checkpoint is not None:
+        if options.checkpoint is not None and len(result.history) % options.checkpoint_every:
             write_checkpoint(problem, options.checkpoint, result.history)
     finally:
         bar.close()
@@ -154,8 +154,9 @@ def _advance(stepper: Stepper, target: float, monitor: Monitor | None, result: R
         ):
             result.failures.append((t, report.reason))
             # Beyond the limit point by as much as the step allows: near it a jump starts slowly.
-            end, t = 1.0, target
-            report, jumps = stepper.jump(t)
+            report, jumps = stepper.jump(target)
+            if report.converged:
+                end, t = 1.0, target
         if not report.converged:
             result.failures.append((t, report.reason))
             cuts += 1
