@@ -175,7 +175,7 @@ def test_energy_of_separation(runs, cell):
 def test_quadratic_convergence(comm):
     """In a damage step without the predictor's help the residual falls quadratically."""
     problem, _ = pulled(comm, "hexahedron")
-    options = vmdg.SolveOptions(relative_tolerance=1e-12, damage_predictor=False)
+    options = vmdg.SolveOptions(relative_tolerance=1e-12, predictor="elastic")
     result = vmdg.solve(problem, [0.04, 0.10, 0.16], options)
     force = uniaxial_traction(1.02, False)
     pairs = []
@@ -270,7 +270,7 @@ def test_cut_step_ends_where_small_steps_end(comm):
     """A step that fails whole and passes in parts ends in the state of small steps."""
     problem, right = pulled(comm, "hexahedron")
     tight = vmdg.SolveOptions(
-        relative_tolerance=1e-10, max_iterations=2, damage_predictor=False, jump=False
+        relative_tolerance=1e-10, max_iterations=2, predictor="elastic", jump=False
     )
     result = vmdg.solve(problem, [0.04, 0.14], tight, watch(right))
     zeta, traction = closed_form(0.14)

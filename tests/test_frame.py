@@ -122,6 +122,19 @@ def test_spin_is_the_derivative(d, seed):
 
 @EVERY_DIMENSION
 @SEEDS
+def test_spin_gradient(d, seed):
+    """dW equals central differences of W along a random change, to the same accuracy."""
+    rng, F, N = sample(seed, d)
+    dF = rng.uniform(-1, 1, size=F.shape)
+    gradient = frame.spin_gradient(F, N, frame.rotation(F, N))
+    h = 1e-5
+    ahead, behind = (frame.spin(A, N, frame.rotation(A, N)) for A in (F + h * dF, F - h * dF))
+    change = np.einsum("pkabcd,pcd->pkab", gradient, dF)
+    assert change == pytest.approx((ahead - behind) / (2 * h), abs=1e-6)
+
+
+@EVERY_DIMENSION
+@SEEDS
 def test_cross_matrix(d, seed):
     """X.omega = omega x x, in the plane with omega along the third axis."""
     rng = np.random.default_rng(seed)

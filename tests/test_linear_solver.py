@@ -11,7 +11,15 @@ from scenes import MATERIALS, two_blocks
 
 import vmdg
 from vmdg import linear_solver
-from vmdg.linear_solver import CG_GAMG, GMRES_GAMG, LDLT, LU, LinearSolver
+from vmdg.linear_solver import (
+    CG_GAMG,
+    GMRES_GAMG,
+    GMRES_LDLT,
+    GMRES_LU,
+    LDLT,
+    LU,
+    LinearSolver,
+)
 from vmdg.newton import Newton
 
 FRICTION = vmdg.Debonding(strength=50.0, critical_gap=0.2, friction=0.5)
@@ -31,21 +39,32 @@ def pressed(comm, cell: str, law: vmdg.Law, n: int = 3) -> vmdg.Problem:
     return problem
 
 
+def set_sizes(monkeypatch, medium: int, large: int) -> None:
+    """Choose solvers as if problems were larger or smaller than they are."""
+    monkeypatch.setattr(linear_solver, "MEDIUM", medium)
+    monkeypatch.setattr(linear_solver, "LARGE", large)
+
+
 @pytest.mark.parametrize(
-    ("cell", "law", "large", "chosen"),
+    ("cell", "law", "sizes", "chosen"),
     [
-        ("quadrilateral", FRICTION, 0, LU),
-        ("quadrilateral", SMOOTH, 0, LDLT),
-        ("hexahedron", FRICTION, 10**9, LU),
-        ("hexahedron", SMOOTH, 10**9, LDLT),
-        ("hexahedron", FRICTION, 0, GMRES_GAMG),
-        ("hexahedron", SMOOTH, 0, GMRES_GAMG),
-        ("hexahedron", vmdg.Bonded(), 0, CG_GAMG),
+        ("quadrilateral", FRICTION, (10**9, 10**9), LU),
+        ("quadrilateral", SMOOTH, (10**9, 10**9), LDLT),
+        ("quadrilateral", FRICTION, (0, 0), GMRES_LU),
+        ("quadrilateral", SMOOTH, (0, 0), GMRES_LDLT),
+        ("hexahedron", FRICTION, (10**9, 10**9), LU),
+        ("hexahedron", SMOOTH, (10**9, 10**9), LDLT),
+        ("hexahedron", FRICTION, (0, 10**9), GMRES_LU),
+        ("hexahedron", SMOOTH, (0, 10**9), GMRES_LDLT),
+        ("hexahedron", FRICTION, (0, 0), GMRES_GAMG),
+        ("hexahedron", SMOOTH, (0, 0), GMRES_GAMG),
+        ("hexahedron", vmdg.Bonded(), (0, 0), CG_GAMG),
     ],
 )
-def test_choice(comm, monkeypatch, cell, law, large, chosen):
-    """Direct in 2D and for small problems, symmetric without friction; multigrid for large ones."""
-    monkeypatch.setattr(linear_solver, "LARGE", large)
+def test_choice(comm, monkeypatch, cell, law, sizes, chosen):
+    """Direct if small, with kept factors if medium, multigrid for large problems in 3D; symmetric
+    without friction."""
+    set_sizes(monkeypatch, *sizes)
     problem = pressed(comm, cell, law)
     options, fallback = linear_solver.automatic_options(problem)
     assert options == chosen
@@ -76,13 +95,19 @@ def test_symmetric_without_friction(comm):
 
 @pytest.mark.parametrize("law", [FRICTION, SMOOTH, vmdg.Bonded()], ids=["mu", "smooth", "tie"])
 def test_solvers_agree(comm, monkeypatch, law):
-    """Multigrid, direct and fallback steps end at the same displacement.
+    """Direct, kept factors, multigrid and fallback end at the same displacement.
 
     All meet the residual tolerance of 1e-9, which leaves 1e-8 of the displacement.
     """
     results = {}
-    for name, large in (("direct", 10**9), ("multigrid", 0), ("fallback", 0)):
-        monkeypatch.setattr(linear_solver, "LARGE", large)
+    sizes = {
+        "direct": (10**9, 10**9),
+        "kept factors": (0, 10**9),
+        "multigrid": (0, 0),
+        "fallback": (0, 0),
+    }
+    for name, (medium, large) in sizes.items():
+        set_sizes(monkeypatch, medium, large)
         if name == "fallback":
             hopeless = {"ksp_max_it": 1, "ksp_rtol": 1e-12}
             for options in ("GMRES_GAMG", "CG_GAMG"):
@@ -99,12 +124,12 @@ def test_solvers_agree(comm, monkeypatch, law):
         assert counts.solves > 0
         assert (counts.fallbacks > 0) == (name == "fallback")
         assert (counts.iterations > 0) == (name != "direct")
-        if name == "multigrid":
+        if name in ("kept factors", "multigrid"):
             assert counts.factorizations == 0
             assert counts.setups < counts.solves
         results[name] = problem.u.x.array.copy()
         newton.destroy()
-    for other in ("multigrid", "fallback"):
+    for other in ("kept factors", "multigrid", "fallback"):
         assert np.abs(results[other] - results["direct"]).max() < 1e-8
 
 

@@ -344,10 +344,8 @@ class Coupling:
         by_gradient = -np.einsum("pkab,pkl,plcd->pabcd", W, D @ turn_q, W, optimize=True) / 4
         couple = _couple(now.frame_gap, now.frame_traction)
         loaded = np.flatnonzero(np.abs(couple).max(axis=1) > 0)
-        by_gradient[loaded] += (
-            np.einsum("pk,pkabcd->pabcd", couple[loaded], frame.spin_gradient(F[loaded], N[loaded]))
-            / 4
-        )
+        change = frame.spin_gradient(F[loaded], N[loaded], R[loaded])
+        by_gradient[loaded] += np.einsum("pk,pkabcd->pabcd", couple[loaded] / 4, change)
         return R @ C @ R.transpose(0, 2, 1), (spin, by_traction, by_gradient)
 
     def stage_tangent(self, damage: bool = True) -> None:
@@ -476,7 +474,7 @@ class Coupling:
             return np.zeros(3)
         works = np.array([update.damage_work, update.friction_work, update.viscous_work])
         if self.law.friction > 0:
-            works[1] = np.maximum(works[1] + self._pressure_change(update), 0.0)
+            works[1] = np.maximum(works[1] + self._friction_between(update), 0.0)
         if self._acting_law is not self.law:
             # In a jump the overstress does most of the work: count it as the integral of T.dzeta
             # by the trapezoidal rule, exact for linear bodies, less what bond and friction take.
@@ -485,19 +483,29 @@ class Coupling:
             works[2] = total - works[0] - works[1]
         return works @ self.quadrature.weights
 
-    def _pressure_change(self, update: Update) -> NDArray[np.float64]:
-        """mu (|T_N,n| - |T_N,n+1|) dgamma / 2 where friction slips (nq,) [N/mm].
+    def _friction_between(self, update: Update) -> NDArray[np.float64]:
+        """Friction work that the law does not see, since it knows the end of the step only (nq,).
 
-        The law charges friction at the pressure of the end of the step; the mean of both ends is
-        accurate to second order.
+        It charges friction at the pressure of the end. Where a point slides, the mean of both ends
+        is accurate to second order: mu (|T_N,n| - |T_N,n+1|) dgamma / 2 more. Where a sliding point
+        lifts off, the pressure falls to zero within the share s = |T_N,n| / (|T_N,n| + r dzeta_N)
+        of the step: mu |T_N,n| s |dzeta_T| / 2 [N/mm].
         """
-        N = self.quadrature.normal
-        slips = update.mode == Mode.FRICTION
+        N, mu = self.quadrature.normal, self.law.friction
         before, after = (
             np.maximum(-np.einsum("pi,pi->p", T, N), 0.0)
             for T in (self._converged_traction, update.traction)
         )
-        return slips * self.law.friction * (before - after) * update.multiplier / 2
+        slips = update.mode == Mode.FRICTION
+        work = slips * mu * (before - after) * update.multiplier / 2
+        lifts = (self.mode == Mode.FRICTION) & (update.mode == Mode.OPEN) & (before > 0)
+        change = (update.gap - self.gap)[lifts]
+        opening = np.einsum("pi,pi->p", change, N[lifts])
+        slip = np.linalg.norm(change - opening[:, None] * N[lifts], axis=1)
+        pressure, r = before[lifts], self.stabilization.norm[self.quadrature.facet[lifts]]
+        share = pressure / (pressure + r * np.maximum(opening, 0.0))
+        work[lifts] = mu * pressure * share * slip / 2
+        return work
 
     def commit(self) -> None:
         """Take the last return map as the converged history."""

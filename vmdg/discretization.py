@@ -25,7 +25,7 @@ from .forms.geometry import Geometry
 from .forms.kinematics import Body
 from .interface import Interface, InterfaceFacets
 from .parallel import global_sum
-from .quadrature import JIT_OPTIONS, bulk_degree, facet_degree
+from .quadrature import JIT_OPTIONS, VECTORIZED, bulk_degree, facet_degree
 from .space import broken_space
 
 
@@ -130,7 +130,8 @@ class Discretization:
 
     def _compile(self, form: ufl.Form) -> fem.Form:
         submeshes = [submesh for coupling in self.working for submesh in coupling.submeshes]
-        return compat.form(form, submeshes, JIT_OPTIONS)
+        options = VECTORIZED if self.mesh.topology.dim == 3 else JIT_OPTIONS
+        return compat.form(form, submeshes, options)
 
     def residual_ufl(self) -> ufl.Form:
         """The stabilized residual (27) without dead loads."""

@@ -8,6 +8,8 @@ identity for pure stretches along the surface or across it, and Q.R for a rotate
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -59,35 +61,68 @@ def spin(F: Array, N: Array, R: Array) -> Array:
         stretch = np.linalg.norm(np.einsum("pij,pj->pi", F, t0), axis=1)
         pulled = -_outer(N, t0) / stretch[:, None, None]
         return np.einsum("pab,pca->pcb", pulled, R)[:, None]
-    one = np.eye(3)
-    plane = one - _outer(N, N)
-    U = np.einsum("pki,pkj->pij", R, F @ plane) + _outer(N, N)
+    *_, inertia, moment = _spin_parts(F, N, R)
+    return np.einsum("pkab,pca->pkcb", _solve(inertia, moment), R)
+
+
+def _spin_parts(F: Array, N: Array, R: Array) -> tuple[Array, Array, Array, Array]:
+    """U, V = U^-1 in the surface, tr(U) I - U, and the map of R^T.dF to -eps:(R^T.dM) in 3D."""
+    one, NN = np.eye(3), _outer(N, N)
+    plane = one - NN
+    U = R.transpose(0, 2, 1) @ (F @ plane) + NN
     V = plane @ np.linalg.inv(U) @ plane
-    moment = -np.einsum("kaj,pbj->pkab", _EPSILON, plane) + np.einsum(
-        "kij,pib,pa,pj->pkab", _EPSILON, V, N, N, optimize=True
-    )
     inertia = np.trace(U, axis1=1, axis2=2)[:, None, None] * one - U
-    pulled = np.einsum("pkl,plab->pkab", np.linalg.inv(inertia), moment)
-    return np.einsum("pkab,pca->pkcb", pulled, R)
+    moment = -np.einsum("kaj,pbj->pkab", _EPSILON, plane)
+    moment += (_normal_spin(N) @ V)[:, :, None] * N[:, None, :, None]
+    return U, V, inertia, moment
 
 
-def spin_gradient(F: Array, N: Array) -> Array:
-    """dW_kab/dF_cd by central differences, (n, 3 or 1, d, d, d, d).
+def _normal_spin(N: Array) -> Array:
+    """eps_kij N_j (n, 3, 3)."""
+    return np.einsum("kij,pj->pki", _EPSILON, N)
 
-    W is a smooth function of numbers of order one: the step of 1e-5 leaves an error of 1e-10.
+
+def _solve(inertia: Array, moment: Array) -> Array:
+    """inertia^-1.moment with any number of indices behind the first of ``moment``."""
+    columns = moment.reshape(len(moment), 3, math.prod(moment.shape[2:]))
+    return np.linalg.solve(inertia, columns).reshape(moment.shape)
+
+
+def spin_gradient(F: Array, N: Array, R: Array) -> Array:
+    """dW_kab/dF_cd, (n, 3 or 1, d, d, d, d).
+
+    In the plane with s = |F.t0|, t = R.t0 and n = R.N: W = -(n (x) t0)/s, ds = t.dF.t0 and
+    dn = -omega t, so dW_ab/dF_cd = (t_a n_c + n_a t_c) t0_b t0_d / s^2 up to the sign of
+    omega = W:dF. In space by the chain rule in the parts of :func:`spin`, along the unit changes
+    dF = e_c (x) e_d: dU = R^T.dM - Omega.U, dV = -V.dU.V.
     """
-    step, d = 1e-5, N.shape[1]
-
-    def shifted(c: int, e: int, amount: float) -> Array:
-        moved = F.copy()
-        moved[:, c, e] += amount
-        return spin(moved, N, rotation(moved, N))
-
-    columns = [
-        [(shifted(c, e, step) - shifted(c, e, -step)) / (2 * step) for e in range(d)]
-        for c in range(d)
-    ]
-    return np.moveaxis(np.array(columns), (0, 1), (4, 5))
+    if N.shape[1] == 2:
+        t0 = _quarter_turn(N)
+        stretch = np.linalg.norm(np.einsum("pij,pj->pi", F, t0), axis=1)
+        t, n = np.einsum("pij,pj->pi", R, t0), np.einsum("pij,pj->pi", R, N)
+        both = np.einsum("pa,pc->pac", t, n) + np.einsum("pa,pc->pac", n, t)
+        square = _outer(t0, t0) / stretch[:, None, None] ** 2
+        return np.einsum("pac,pbd->pabcd", both, square)[:, None]
+    points = len(N)
+    U, V, inertia, moment = _spin_parts(F, N, R)
+    pulled = _solve(inertia, moment)
+    W = np.einsum("pkab,pca->pkcb", pulled, R)
+    # The nine changes are the second index.
+    turn = np.einsum("ilm,plcd->pcdim", _EPSILON, W).reshape(points, 9, 3, 3)
+    plane = np.eye(3) - _outer(N, N)
+    along = np.einsum("pci,pi->pc", R, N)
+    dM = np.einsum("pci,pdj->pcdij", R, plane) - np.einsum("pc,pid,pj->pcdij", along, V, N)
+    dU = dM.reshape(points, 9, 3, 3) - turn @ U[:, None]
+    d_inertia = np.trace(dU, axis1=2, axis2=3)[..., None, None] * np.eye(3) - dU
+    dV = -V[:, None] @ dU @ V[:, None]
+    d_moment = (_normal_spin(N)[:, None] @ dV)[..., None, :] * N[:, None, None, :, None]
+    right = d_moment - (d_inertia @ pulled.reshape(points, 1, 3, 9)).reshape(d_moment.shape)
+    d_pulled = _solve(inertia, right.transpose(0, 2, 1, 3, 4))
+    # W_kgb = pulled_kab R_ga, and dR = R.Omega
+    by_pulled = np.matmul(R[:, None, None], d_pulled)
+    by_turn = np.matmul((R[:, None] @ turn)[:, None], pulled[:, :, None])
+    result = (by_pulled + by_turn).reshape(points, 3, 3, 3, 3, 3)
+    return result.transpose(0, 1, 4, 5, 2, 3)
 
 
 def cross_matrix(x: Array) -> Array:

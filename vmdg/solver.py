@@ -16,7 +16,12 @@ from .activation import NEAR, TOO_LATE
 from .checkpoint import write_checkpoint
 from .history import History
 from .newton import Newton, StepReport
+from .predictor import PATH, PREDICTORS
 from .problem import Problem
+
+#: In a jump the overstress falls after a step with so few corrections, and grows by this factor
+#: after one that fails.
+EASY, SLOWER = 3, 4.0
 
 Monitor = Callable[[Problem], Mapping[str, Any] | None]
 
@@ -37,7 +42,9 @@ class SolveOptions:
         max_jump_steps: Steps with overstress before a jump is given up.
         jump_rest: Largest overstress, relative to the strength, at which the end of a jump is
             tried without it.
-        damage_predictor: Predict with the damage tangent of the last step.
+        predictor: How a step starts: "path" extrapolates the last states where that is good and
+            else does as "tangent", the tangent with the damage of the last state; "elastic" holds
+            the damage.
         duration: Time for one unit of load factor [s]; matters to laws with viscosity only.
         petsc: Options for SNES, KSP and PC. Default: a backtracking line search and the linear
             solver of :func:`vmdg.linear_solver.automatic_options`.
@@ -58,7 +65,7 @@ class SolveOptions:
     jump_after: int = 2
     max_jump_steps: int = 200
     jump_rest: float = 0.1
-    damage_predictor: bool = True
+    predictor: str = PATH
     duration: float = 1.0
     petsc: Mapping[str, str | int | float | bool | None] | None = None
     energy_guard: float = math.inf
@@ -114,9 +121,14 @@ def solve(
 
     Raises:
         StepFailure: a step fails although it was cut ``max_cuts`` times.
-        ValueError: the softening of a law is too steep for the mesh (r <= H - eta).
+        ValueError: the softening of a law is too steep for the mesh (r <= H - eta), or an unknown
+            predictor.
     """
     options = options or SolveOptions()
+    if options.predictor not in PREDICTORS:
+        raise ValueError(
+            f"SolveOptions: predictor = {options.predictor!r} must be one of {PREDICTORS}"
+        )
     loads = np.atleast_1d(np.asarray(loads, dtype=float))
     result = Result(history=history or History())
     bar = tqdm(loads, unit="step", disable=not options.progress or problem.comm.rank > 0)
@@ -142,7 +154,7 @@ def _advance(stepper: Stepper, target: float, monitor: Monitor | None, result: R
     """Reach ``target``, in several steps where one does not converge."""
     problem, options = stepper.problem, stepper.options
     start = problem.t
-    done, size, cuts = 0.0, 1.0, 0
+    done, size, cuts, failed = 0.0, 1.0, 0, False
     while done < 1.0:
         end = min(done + size, 1.0)
         t = target if end == 1.0 else start + end * (target - start)
@@ -159,7 +171,7 @@ def _advance(stepper: Stepper, target: float, monitor: Monitor | None, result: R
                 end, t = 1.0, target
         if not report.converged:
             result.failures.append((t, report.reason))
-            cuts += 1
+            cuts, failed = cuts + 1, True
             size = (end - done) / 2
             if cuts > options.max_cuts:
                 norms = ", ".join(f"{norm:.3g}" for norm in report.norms[-4:]) or "none"
@@ -185,7 +197,10 @@ def _advance(stepper: Stepper, target: float, monitor: Monitor | None, result: R
         result.residuals.append(report.norms)
         if options.checkpoint is not None and len(result.history) % options.checkpoint_every == 0:
             write_checkpoint(problem, options.checkpoint, result.history)
-        done, size, cuts = end, 2 * size, max(cuts - 1, 0)
+        done = end
+        if not failed:
+            size, cuts = 2 * size, max(cuts - 1, 0)
+        failed = False
 
 
 class Stepper:
@@ -212,7 +227,13 @@ class Stepper:
         """Free what PETSc holds; collective."""
         self._newton.destroy()
 
-    def step(self, t: float, overstress: float = 0.0) -> StepReport:
+    def step(
+        self,
+        t: float,
+        overstress: float = 0.0,
+        along: tuple[float, float] | None = None,
+        once: bool = False,
+    ) -> StepReport:
         """One step to load factor ``t``, committed if it converges and undone if not.
 
         A step that takes closed facets beyond their strength is undone, the facets are opened,
@@ -221,9 +242,11 @@ class Stepper:
         Args:
             t: Load factor.
             overstress: Viscous regularisation, see :meth:`Problem.begin_step`.
+            along: Path parameter at the start and the end of the step; None for the load factor.
+            once: Without the second attempt of the iteration.
         """
         while True:
-            report = self._try(t, overstress)
+            report = self._try(t, overstress, along, once)
             if not report.converged:
                 self.problem.cancel_step()
                 return report
@@ -245,7 +268,9 @@ class Stepper:
                 self.problem.open_facets()
             return report
 
-    def _try(self, t: float, overstress: float) -> StepReport:
+    def _try(
+        self, t: float, overstress: float, along: tuple[float, float] | None, once: bool
+    ) -> StepReport:
         problem, options = self.problem, self.options
         if self._newton.discretization is not problem.discretization:
             self._newton.destroy()
@@ -258,7 +283,9 @@ class Stepper:
             if not (overstress or self._viscous):
                 raise
             return StepReport(False, [], str(error))
-        return self._newton.step(dt, options.damage_predictor)
+        return self._newton.step(
+            dt, options.predictor, along, passing=overstress > 0, once=once or overstress > 0
+        )
 
     def jump(self, t: float) -> tuple[StepReport, int]:
         """Carry the problem over an unstable stage at load factor ``t``.
@@ -273,20 +300,26 @@ class Stepper:
         """
         options = self.options
         before = self.problem.snapshot()
-        factor, steps, rest = 4.0, 0, 1
+        # The time that passes, relative to the viscosity: the path goes on in it.
+        factor, elapsed, steps, rest = 4.0, 0.0, 0, 1
         report = StepReport(False, [], "")
+        self._newton.forget_path()
         while steps < options.max_jump_steps and factor < 1e8:
-            report = self.step(t, factor)
+            report = self.step(t, factor, (elapsed, elapsed + 1 / factor))
             steps += 1
             if not report.converged:
-                factor *= 8
+                factor *= SLOWER
                 continue
+            elapsed += 1 / factor
             if steps >= rest and self.problem.largest_overstress() < options.jump_rest:
-                report = self.step(t)
+                report = self.step(t, 0.0, (elapsed, elapsed), once=True)
                 if report.converged:
+                    self._newton.forget_path()
                     return report, steps
                 # It grows from small values while the state leaves the equilibrium: be patient.
                 rest = 2 * steps
-            factor /= 2
+            if report.iterations <= EASY:
+                factor /= 2
         self.problem.return_to(before)
+        self._newton.forget_path()
         return StepReport(False, report.norms, f"JUMP_FAILED after {steps} steps"), steps
