@@ -172,7 +172,7 @@ def side_evaluators(
     def one_side(a: int) -> Evaluator:
         parts = []
         for number in np.unique(pairs[:, a]):
-            F = kinematics.deformation_gradient(quadrature.geometry.gradient(u))
+            F = ufl.variable(quadrature.geometry.deformation(u))
             select = bodies.family[facets.cells[:, a]] == number
             parts.append((a, select, expression(bodies.families[number].body, F, N, a)))
         return quadrature.evaluator(shape, parts)
