@@ -33,7 +33,9 @@ def tear(case: Case, law: vmdg.Debonding, mesh: str, steps: int, out: Path) -> t
     tagged = tearing(MPI.COMM_WORLD, "quadrilateral", *sizes)
     interface = vmdg.Interface(between=(1, 2), law=law)
     materials = {1: case.soft, 2: STIFF}
-    problem = vmdg.Problem(tagged.mesh, tagged.cell_tags, materials, [interface], case.degree)
+    problem = vmdg.Problem(
+        tagged.mesh, tagged.cell_tags, materials, [interface], volumetric=case.volumetric
+    )
     bottom, top = (tagged.facet_tags.find(tag) for tag in (1, 2))
     problem.dirichlet(bottom, lambda strain: (0.0, -HEIGHT * strain))
     problem.dirichlet(top, 0.0)

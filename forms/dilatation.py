@@ -18,7 +18,7 @@ dw/dF a deviatoric and p the pressure in the cell. The first Piola-Kirchhoff str
     P = dw/dF + dw/dtheta dJ/dF,
 
 equal to dW/dF where theta = J; the tractions P.N of interfaces are made with it. At small strain
-J - 1 and theta - 1 are tr(eps) and its mean and F_bar - I = eps + (theta - J)/n I: the B-bar method.
+J - 1 = tr(eps), theta - 1 is its mean and F_bar - I = eps + (theta - J)/n I, the B-bar method.
 
 Here theta is an independent field of the forms: it follows the displacement gradient as one more
 diagonal entry, (n, n), of F, of GRAD and of everything that is differentiated by F. A test or trial

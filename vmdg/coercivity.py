@@ -28,6 +28,9 @@ lower energies. There GRAD u : A : GRAD u + c |GRAD u|^2 takes its place, c twic
 eigenvalue of A in the cell, and the interface takes no more than (1 - theta) c |GRAD u|^2 besides:
 a share of what the bulk itself lacks.
 
+With mean dilatation the forms are those of :mod:`forms.dilatation`: GRAD u has the mean dilatation
+of the cell as one more entry, A and the fluxes have the derivatives by theta, and A that of p J.
+
 The form is (27) while everything is bonded, at a state without slip. The further term of (26)
 takes energy of the cells that no tau gives back. A facet whose safety is a number takes its share
 of a cell's energy like any other.

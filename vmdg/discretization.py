@@ -18,8 +18,8 @@ from ufl.core.expr import Expr
 
 from . import compat
 from .bodies import Bodies
-from .condensation import Condensation
 from .coercivity import Coercivity
+from .condensation import Condensation
 from .coupling import Coupling, Group
 from .forms import kinematics
 from .forms.dilatation import MeanDilatation
@@ -48,6 +48,7 @@ class Discretization:
         forces: Internal minus external forces of the last assembly, owned and ghost dofs [N].
         couplings: One for every interface, None where no rank has an open facet.
         owned: Number of component-wise dofs this rank owns.
+        condensation: theta, p and their elimination with mean dilatation, else None.
     """
 
     def __init__(
@@ -79,9 +80,7 @@ class Discretization:
         self._coercivity: Coercivity | None = None
         self._factors: list[NDArray[np.float64]] | None = None
         self.owned = self.space.dofmap.index_map.size_local * self.space.dofmap.index_map_bs
-        self.condensation = (
-            Condensation(self) if isinstance(geometry, MeanDilatation) else None
-        )
+        self.condensation = Condensation(self) if isinstance(geometry, MeanDilatation) else None
 
     @property
     def working(self) -> list[Coupling]:
@@ -181,6 +180,7 @@ class Discretization:
     def update_stabilization(self, dt: float | None) -> None:
         """Evaluate tau_s and delta of every interface at the current displacement."""
         self.update_dilatation()
+        self._update_pressure()
         with Timer("vmdg: stabilization"):
             for coupling in self.working:
                 coupling.derive_stabilization()
@@ -211,9 +211,13 @@ class Discretization:
         return [factors[coupling] for coupling in self.working]
 
     def update_dilatation(self) -> None:
-        """With mean dilatation: theta and p at the current displacement and gap."""
+        """With mean dilatation: theta at the current displacement."""
         if self.condensation is not None:
             self.condensation.update_dilatation()
+
+    def _update_pressure(self) -> None:
+        """With mean dilatation: p at the current displacement, dilatation and gap."""
+        if self.condensation is not None:
             self.condensation.update_pressure()
 
     def assemble_residual(
@@ -230,13 +234,11 @@ class Discretization:
             Owned dofs, nothing removed at prescribed ones [N].
         """
         self.compile_residual()
-        if self.condensation is not None:
-            self.condensation.update_dilatation()
+        self.update_dilatation()
         with Timer("vmdg: return map"):
             for coupling in self.working:
                 coupling.update_points(dt, hold)
-        if self.condensation is not None:
-            self.condensation.update_pressure()
+        self._update_pressure()
         with Timer("vmdg: assemble residual"):
             forces = self.forces.x
             forces.array[:] = 0

@@ -17,7 +17,6 @@ from ufl.core.expr import Expr
 
 from . import compat
 from .bodies import Bodies
-from .forms import kinematics
 from .forms.geometry import CARTESIAN, Geometry
 from .forms.kinematics import Body
 from .interface import InterfaceFacets
