@@ -267,8 +267,10 @@ class CellProblems:
             ),
             shapes.bulk_points,
         )
+        self._mean_dilatation = isinstance(geometry, MeanDilatation)
         self._volume_gradient: dict[int, fem.Expression] = {}
-        if isinstance(geometry, MeanDilatation):
+        # At small strain dJ/dF is the identity, which is no expression on a mesh.
+        if self._mean_dilatation and not bodies.families[0].body.small:
             self._volume_gradient = compiled(
                 lambda body, F: kinematics.volume_gradient(body, F, entries), shapes.bulk_points
             )
@@ -321,10 +323,15 @@ class CellProblems:
 
     def _dilatations(self, cells: slice) -> NDArray[np.float64] | None:
         """Change of theta with the shape functions, where GRAD has an entry of theta."""
-        if not self._volume_gradient:
+        if not self._mean_dilatation:
             return None
-        values = self._evaluate(self._volume_gradient, self._family[cells], self._cells[cells])
-        return self._shapes.dilatations(values, tuple(bulk[cells] for bulk in self._bulk))
+        gradients, volumes = (values[cells] for values in self._bulk)
+        if self._volume_gradient:
+            dJ = self._evaluate(self._volume_gradient, self._family[cells], self._cells[cells])
+        else:
+            identity = [float(i == j) for i, j in self._entries[:-1]]
+            dJ = np.broadcast_to(identity, (*volumes.shape, len(identity)))
+        return self._shapes.dilatations(dJ, (gradients, volumes))
 
     def _energy_factor(
         self, cells: slice, dilatations: NDArray[np.float64] | None
