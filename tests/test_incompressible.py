@@ -253,6 +253,34 @@ def test_tangent_in_a_turning_frame(comm, materials, swelling):
     assert finite_difference_error(problem, tangent_matrix(problem)) < 1e-7
 
 
+def energy_of_a_user(F, parameters):
+    """Eq. (86) without invariants."""
+    mu, lmbda = parameters["mu"], parameters["lmbda"]
+    J = ufl.det(F)
+    return mu / 2 * (ufl.inner(F, F) - 3) - mu * ufl.ln(J) + lmbda / 2 * (J - 1) ** 2
+
+
+@pytest.mark.parametrize("swelling", [None, {1: 0.05}], ids=["", "swelling"])
+def test_invariants_give_the_energy_of_f_bar(comm, swelling):
+    """W(F_bar) written out, differentiated by UFL: the same forces, energy and tangent."""
+    found = []
+    for user in (False, True):
+        scene = two_blocks(comm, "quadrilateral", n=2, distortion=0.05)
+        materials = [rubber(), rubber(200.0)]
+        if user:
+            materials = [vmdg.Hyperelastic(energy_of_a_user, m.parameters) for m in materials]
+        problem = joined(scene, vmdg.Bonded(), materials, volumetric="mean", eigenstrain=swelling)
+        problem.apply_loads(1.0)
+        displace(problem, scene, 1.0)
+        matrix = tangent_matrix(problem)
+        found.append((problem.energy().stored, problem.forces.x.array.copy(), matrix))
+    (energy, forces, matrix), (expected, reference, other) = found
+    assert energy == pytest.approx(expected, rel=1e-12)
+    assert np.abs(forces - reference).max() < 1e-11 * np.abs(reference).max()
+    other.axpy(-1.0, matrix)
+    assert other.norm() < 1e-11 * matrix.norm()
+
+
 def assembled(problem, form):
     """Matrix of a form of the problem."""
     matrix = fem_petsc.assemble_matrix(problem.discretization.compile_form(form))
