@@ -149,6 +149,9 @@ class Hyperelastic(Material):
     must be smooth (three times differentiable) in the range of use; in plane strain it is given
     the 3 x 3 F with F_33 = 1.
 
+    With mean dilatation in 3D the kernels of W(F_bar) take minutes to compile, once: a subclass of
+    Material with :meth:`Material.invariant_energy`, as of :class:`NeoHookean`, takes seconds.
+
     Args:
         energy: W(F, parameters) per reference volume [MPa] of the 3 x 3 ``F``.
         parameters: Values by name, given to ``energy`` as cell-wise constants.
