@@ -173,7 +173,7 @@ class Configurations:
             size *= 0.8
         return one
 
-    def problem(self, **interface) -> vmdg.Problem:
+    def problem(self, volumetric: str = "pointwise", **interface) -> vmdg.Problem:
         """The problem, deformed, with ``interface`` options."""
         mesh, d = self._mesh, self._d
         mesh.topology.create_entities(d - 1)
@@ -187,6 +187,7 @@ class Configurations:
             dict(enumerate(self._materials)),
             [vmdg.Interface(facets, **interface)],
             self._degree,
+            volumetric=volumetric,
         )
         X = problem.space.tabulate_dof_coordinates()[:, :d]
         copy = self._copy_of_dofs(problem)

@@ -26,7 +26,8 @@ def _body(material: vmdg.NeoHookean) -> Body:
 
 def stress(material: vmdg.NeoHookean, u: Expr) -> Expr:
     """P(I + GRAD u) (d, d) [MPa]."""
-    return kinematics.first_piola(_body(material), kinematics.deformation_gradient(ufl.grad(u)))
+    F = ufl.variable(ufl.Identity(len(u)) + ufl.grad(u))
+    return kinematics.first_piola(_body(material), F)
 
 
 def body_force(material: vmdg.NeoHookean, u: Expr) -> Expr:

@@ -12,8 +12,7 @@ import vmdg
 WIDTH, HEIGHT, PRECRACK = 1.62, 1.35, 0.405  # mm; HEIGHT of the soft plate
 MESHES = {"coarse": 1, "medium": 2, "fine": 4}  # times 24 x 20 under 24 x 10 quadrilaterals
 STIFF = vmdg.NeoHookean(E=16000.0, nu=0.44)
-C, NU = (6.3, 0.012, -0.010), 0.49  # MPa; Poisson's ratio of the rubber at small strain
-KAPPA = sum(C) * (1 + NU) / (3 * (1 - 2 * NU))
+C, KAPPA = (6.3, 0.012, -0.010), 4000.0 / (3 * (1 - 2 * 0.44))  # MPa
 
 
 @dataclass(frozen=True)
@@ -22,7 +21,7 @@ class Case:
 
     soft: vmdg.Material
     strength: float  # MPa
-    degree: int
+    volumetric: str
     contours: tuple[float, ...]
     profiles: tuple[float, ...]
     limits: tuple[float, float]  # of the colours, MPa
@@ -39,12 +38,12 @@ class Case:
 
 CASES = {
     "neo-hookean": Case(
-        vmdg.NeoHookean(E=4000.0, nu=0.44), 200.0, 1,
+        vmdg.NeoHookean(E=4000.0, nu=0.44), 200.0, "pointwise",
         (0.04, 0.10, 0.14, 0.147), (0.026, 0.10, 0.14), (0, 250),
         ((0.05, 1.0), (0.145, 0.76), (0.15, 0.4)),
     ),
     "ogden": Case(
-        vmdg.Ogden(c=C, m=(1.3, 5.0, -2.0), kappa=KAPPA), 20.0, 2,
+        vmdg.Ogden(c=C, m=(1.3, 5.0, -2.0), kappa=KAPPA), 20.0, "mean",
         (0.04, 0.10, 0.16, 0.19), (0.04, 0.10, 0.19), (0, 6),
         ((0.19, 0.76),),
     ),

@@ -18,6 +18,10 @@ from ufl.core.expr import Expr
 Entries = list[tuple[int, int]]
 
 
+def _plus_identity(gradient: Expr) -> Expr:
+    return ufl.Identity(gradient.ufl_shape[0]) + gradient
+
+
 @dataclass(frozen=True, eq=False)
 class Cartesian:
     """Solids in 3D, and plane strain of a given thickness; n = d.
@@ -49,9 +53,13 @@ class Cartesian:
         """GRAD w, (d, d)."""
         return ufl.grad(w)
 
-    def nodal_gradient(self, w: Expr) -> Expr:
-        """GRAD w for points that may be nodes, (d, d)."""
-        return ufl.grad(w)
+    def deformation(self, u: Expr) -> Expr:
+        """F = I + GRAD u, (d, d)."""
+        return _plus_identity(ufl.grad(u))
+
+    def nodal_deformation(self, u: Expr) -> Expr:
+        """F for points that may be nodes, (d, d)."""
+        return _plus_identity(ufl.grad(u))
 
     def bubble_stiffness(self, A: Expr, bubble: Expr) -> Expr:
         """GRAD b : A : GRAD b of (22), B_ik = b_,j A_ijkl b_,l, (d, d) [MPa/mm2]."""
@@ -101,12 +109,17 @@ class Axisymmetric:
         """GRAD w, (3, 3); regular at Gauss points, where r > 0."""
         return self._with_hoop(ufl.grad(w), w[0] / self.x[0])
 
-    def nodal_gradient(self, w: Expr) -> Expr:
-        """GRAD w, (3, 3), with the limit w_r,r of w_r/r on the axis."""
+    def deformation(self, u: Expr) -> Expr:
+        """F = I + GRAD u, (3, 3); regular at Gauss points, where r > 0."""
+        return _plus_identity(self._with_hoop(ufl.grad(u), u[0] / self.x[0]))
+
+    def nodal_deformation(self, u: Expr) -> Expr:
+        """F, (3, 3), with the limit u_r,r of u_r/r on the axis."""
         off = ufl.gt(self.x[0], self.axis)
         radius = ufl.conditional(off, self.x[0], 1.0)
-        section = ufl.grad(w)
-        return self._with_hoop(section, ufl.conditional(off, w[0] / radius, section[0, 0]))
+        section = ufl.grad(u)
+        hoop = ufl.conditional(off, u[0] / radius, section[0, 0])
+        return _plus_identity(self._with_hoop(section, hoop))
 
     @staticmethod
     def _with_hoop(section: Expr, hoop: Expr) -> Expr:

@@ -10,14 +10,22 @@ import ufl
 from ufl.core.expr import Expr
 
 from .geometry import Geometry
-from .kinematics import Body, deformation_gradient, projected_traction_moduli, traction
+from .kinematics import Body, projected_traction_moduli, traction
 
 SIDES = ("+", "-")
 
 
 def opening(w: Expr) -> Expr:
-    """g(w) = w_2 - w_1 = -[[w]] of (3), (d,) [mm]."""
-    return w("-") - w("+")
+    """g(w) = w_2 - w_1 = -[[w]] of (3), (d,) [mm]; none of a dilatation, a scalar."""
+    return w("-") - w("+") if w.ufl_shape else ufl.zero(len(ufl.grad(w)))
+
+
+def section_gradients(w: Expr) -> Expr:
+    """GRAD w_1 + GRAD w_2 in the section, (d, d); none of a dilatation."""
+    gradient = ufl.grad(w)
+    if not w.ufl_shape:
+        return ufl.zero((len(gradient), len(gradient)))
+    return gradient("+") + gradient("-")
 
 
 def flux_weights(delta: Expr) -> tuple[Expr, Expr]:
@@ -35,7 +43,7 @@ def one_sided_tractions(
 ) -> tuple[Expr, Expr]:
     """P_1.N and P_2.N, both with the normal of side 1, (d,) [MPa]."""
     return tuple(
-        traction(body(side), deformation_gradient(geometry.gradient(u)(side)), N)
+        traction(body(side), ufl.variable(geometry.deformation(u)(side)), N)
         for body, side in zip(bodies, SIDES, strict=True)
     )
 
@@ -73,7 +81,7 @@ def adjoint_term(
     return sum(
         ufl.inner(
             projected_traction_moduli(
-                body(side), deformation_gradient(geometry.gradient(u)(side)), N, direction
+                body(side), ufl.variable(geometry.deformation(u)(side)), N, direction
             ),
             geometry.gradient(eta)(side),
         )
@@ -101,7 +109,7 @@ def frame_couple(eta: Expr, moment: Expr) -> Expr:
     Without it the couple T x zeta would do work on a body that turns. In axisymmetry the frame
     turns in the section and GRAD is that of the section.
     """
-    return -ufl.inner(moment, ufl.grad(eta)("+") + ufl.grad(eta)("-"))
+    return -ufl.inner(moment, section_gradients(eta))
 
 
 def residual(

@@ -9,6 +9,7 @@ from itertools import combinations_with_replacement
 import ufl
 from ufl.core.expr import Expr
 
+from .dilatation import dilatation, mean_dilated, volume_ratio, without_dilatation
 from .geometry import Entries, Geometry
 from .invariants import InvariantChain, Invariants
 from .materials import Material
@@ -35,12 +36,14 @@ class Body:
         small: Small strains: the energy is the quadratic one of the symmetric gradient.
         swelling: Isotropic stress-free strain theta, F = F_e F_th with F_th = (1 + theta) I;
             None where the scene has none.
+        mean_dilatation: The energy is w(F, theta) of :mod:`forms.dilatation`, theta an entry of F.
     """
 
     material: Material
     parameters: Mapping[str, Expr]
     small: bool = False
     swelling: Expr | None = None
+    mean_dilatation: bool = False
 
     def __call__(self, side: str) -> Body:
         """The same body with its parameters restricted to ``side`` ('+' or '-') of a facet."""
@@ -52,7 +55,11 @@ class Body:
         """Strain energy W(F) per reference volume [MPa]; F 3 x 3, or 2 x 2 in plane strain.
 
         With swelling: W = J_th W_e(F F_th^-1); small strains: W = W_lin(sym(F) - I - theta I).
+        With mean dilatation F is diag(F, theta) and W that of F_bar.
         """
+        if self.mean_dilatation:
+            reduced = self.invariant_energy(F)
+            return self.pointwise.energy(self.effective(F)) if reduced is None else reduced.energy
         d = F.ufl_shape[0]
         theta = 0 if self.swelling is None else self.swelling
         if self.small:
@@ -69,45 +76,63 @@ class Body:
             return self.material.energy(F, self.parameters)
         return (1 + theta) ** 3 * self.material.energy(F / (1 + theta), self.parameters)
 
+    @property
+    def pointwise(self) -> Body:
+        """The same body without mean dilatation."""
+        return replace(self, mean_dilatation=False)
+
+    def effective(self, F: Expr) -> Expr:
+        """The deformation gradient (n, n) that :attr:`pointwise` sees, F_bar of diag(F, theta)."""
+        if not self.mean_dilatation:
+            return F
+        return mean_dilated(without_dilatation(F), dilatation(F), self.small)
+
+    def volume_ratio(self, F: Expr) -> Expr:
+        """J of the displacement in diag(F, theta)."""
+        return volume_ratio(without_dilatation(F), self.small)
+
     def invariant_energy(self, F: Expr) -> Invariants | None:
         """:meth:`energy` by few invariants, where the material offers that, else None."""
         if self.small:
             return None
         stretch = 1 if self.swelling is None else 1 / (1 + self.swelling)
-        out_of_plane = ufl.as_ufl(stretch) if F.ufl_shape[0] == 2 else None
-        elastic = F
+        elastic, more = F, {}
+        if self.mean_dilatation:
+            elastic = without_dilatation(F)
+            more["dilatation"] = stretch ** elastic.ufl_shape[0] * dilatation(F)
+        out_of_plane = ufl.as_ufl(stretch) if elastic.ufl_shape[0] == 2 else None
         if self.swelling is not None:
-            d = range(F.ufl_shape[0])
-            elastic = ufl.as_tensor([[stretch * F[i, j] for j in d] for i in d])
-        reduced = self.material.invariant_energy(elastic, out_of_plane, self.parameters)
+            d = range(elastic.ufl_shape[0])
+            elastic = ufl.as_tensor([[stretch * elastic[i, j] for j in d] for i in d])
+        reduced = self.material.invariant_energy(elastic, out_of_plane, self.parameters, **more)
         if reduced is None or self.swelling is None:
             return reduced
         return replace(reduced, energy=(1 + self.swelling) ** 3 * reduced.energy)
-
-
-def deformation_gradient(gradient: Expr) -> Expr:
-    """F = I + GRAD u as a UFL variable, so that it can be differentiated by."""
-    return ufl.variable(ufl.Identity(gradient.ufl_shape[0]) + gradient)
 
 
 def _chain(body: Body, F: Expr) -> InvariantChain | None:
     return None if body.invariant_energy(F) is None else InvariantChain(body.invariant_energy, F)
 
 
-def _weights(v: Sequence, N: Sequence, n: int) -> list:
-    """Weights of the components of P (n, n) in v.P.N."""
-    v, N = ([*x, *[0] * (n - len(x))] for x in (v, N))
-    return [a * b for a in v for b in N]
-
-
 def _unit_vectors(d: int) -> list[list[int]]:
     return [[int(i == j) for j in range(d)] for i in range(d)]
 
 
-def first_piola(body: Body, F: Expr) -> Expr:
-    """P = dW/dF, first Piola-Kirchhoff stress, of the shape of F [MPa]."""
+def _conjugate_stress(body: Body, F: Expr) -> Expr:
+    """dW/dF, of the shape of F [MPa]; with mean dilatation dw/dtheta stands in its last entry."""
     chain = _chain(body, F)
     return ufl.diff(body.energy(F), F) if chain is None else chain.stress()
+
+
+def first_piola(body: Body, F: Expr) -> Expr:
+    """First Piola-Kirchhoff stress P = dW/dF, (n, n) [MPa].
+
+    With mean dilatation P = dw/dF + dw/dtheta dJ/dF.
+    """
+    P = _conjugate_stress(body, F)
+    if not body.mean_dilatation:
+        return P
+    return without_dilatation(P + dilatation(P) * ufl.diff(body.volume_ratio(F), F))
 
 
 def traction(body: Body, F: Expr, N: Expr) -> Expr:
@@ -116,9 +141,45 @@ def traction(body: Body, F: Expr, N: Expr) -> Expr:
     F may have a hoop direction besides, in which neither N nor P.N has a component.
     """
     P, d = first_piola(body, F), range(len(N))
-    if F.ufl_shape[0] > len(N):
+    if P.ufl_shape[0] > len(N):
         P = ufl.as_tensor([[P[i, j] for j in d] for i in d])
     return ufl.dot(P, N)
+
+
+class _TractionChain:
+    """Derivatives of v.P.N by F through invariants.
+
+    v.P.N = v.(dW/dF).N, with mean dilatation + dw/dtheta j, j = v.(dJ/dF).N.
+    """
+
+    def __init__(self, chain: InvariantChain, body: Body, F: Expr, N: Sequence, v: Sequence):
+        n = F.ufl_shape[0]
+        v, N = ([*x, *[0] * (n - len(x))] for x in (v, N))
+        self._chain = chain
+        self._weights = [a * b for a in v for b in N]
+        self._mean = body.mean_dilatation
+        if not self._mean:
+            return
+        dJ = ufl.diff(body.volume_ratio(F), F)
+        j = sum(weight * dJ[divmod(p, n)] for p, weight in enumerate(self._weights) if weight != 0)
+        self._weights[-1] = j
+        self._stress = dilatation(chain.stress())
+        self._dj = ufl.diff(j, F)
+        self._d2j = ufl.diff(self._dj, F)
+
+    def moduli(self) -> Expr:
+        """d(v.P.N)/dF."""
+        moduli = self._chain.moduli(self._weights)
+        return moduli + self._stress * self._dj if self._mean else moduli
+
+    def third_derivative(self) -> Expr:
+        """d2(v.P.N)/dF2."""
+        third = self._chain.third_derivative(self._weights)
+        if not self._mean:
+            return third
+        by_theta = self._chain.moduli([*[0] * (len(self._weights) - 1), 1])
+        mixed = ufl.outer(by_theta, self._dj) + ufl.outer(self._dj, by_theta)
+        return third + mixed + self._stress * self._d2j
 
 
 def traction_moduli(body: Body, F: Expr, N: Expr) -> Expr:
@@ -126,8 +187,8 @@ def traction_moduli(body: Body, F: Expr, N: Expr) -> Expr:
     chain = _chain(body, F)
     if chain is None:
         return ufl.diff(traction(body, F, N), F)
-    n = F.ufl_shape[0]
-    return ufl.as_tensor([chain.moduli(_weights(e, N, n)) for e in _unit_vectors(len(N))])
+    units = _unit_vectors(len(N))
+    return ufl.as_tensor([_TractionChain(chain, body, F, N, e).moduli() for e in units])
 
 
 def projected_traction_moduli(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
@@ -135,7 +196,7 @@ def projected_traction_moduli(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
     chain = _chain(body, F)
     if chain is None:
         return ufl.diff(ufl.dot(v, traction(body, F, N)), F)
-    return chain.moduli(_weights(v, N, F.ufl_shape[0]))
+    return _TractionChain(chain, body, F, N, v).moduli()
 
 
 def projected_third_derivative(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
@@ -143,7 +204,7 @@ def projected_third_derivative(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
     chain = _chain(body, F)
     if chain is None:
         return ufl.diff(projected_traction_moduli(body, F, N, v), F)
-    return chain.third_derivative(_weights(v, N, F.ufl_shape[0]))
+    return _TractionChain(chain, body, F, N, v).third_derivative()
 
 
 def major_components(tensor: Expr, entries: Entries) -> Expr:
@@ -168,14 +229,40 @@ def acoustic_tensor(body: Body, F: Expr) -> Expr:
     """A = d2W/dFdF, eq. (19), (n, n, n, n) for F (n, n) [MPa]."""
     chain = _chain(body, F)
     if chain is None:
-        return ufl.diff(first_piola(body, F), F)
-    size = F.ufl_shape[0]
-    units = _unit_vectors(size)
-    return ufl.as_tensor([[chain.moduli(_weights(m, n, size)) for n in units] for m in units])
+        return ufl.diff(_conjugate_stress(body, F), F)
+    n = F.ufl_shape[0]
+    rows = [[int(p == q) for q in range(n * n)] for p in range(n * n)]
+    return ufl.as_tensor([[chain.moduli(rows[n * i + j]) for j in range(n)] for i in range(n)])
+
+
+def bulk_stress(body: Body, geometry: Geometry, F: Expr) -> Expr:
+    """What works on GRAD eta in a cell, of the shape of F [MPa].
+
+    P; with mean dilatation diag(dw/dF + p dJ/dF, dw/dtheta).
+    """
+    stress = _conjugate_stress(body, F)
+    if not body.mean_dilatation:
+        return stress
+    return stress + geometry.pressure * ufl.diff(body.volume_ratio(F), F)
+
+
+def bulk_moduli(body: Body, geometry: Geometry, F: Expr) -> Expr:
+    """Derivative of :func:`bulk_stress` by F: A, with mean dilatation d2(w + p J) [MPa]."""
+    A = acoustic_tensor(body, F)
+    if not body.mean_dilatation:
+        return A
+    dJ = ufl.diff(body.volume_ratio(F), F)
+    return A + geometry.pressure * ufl.diff(dJ, F)
+
+
+def volume_gradient(body: Body, F: Expr, entries: Entries) -> Expr:
+    """Vector of these entries of dJ/dF in diag(F, theta) but the last one, that of theta."""
+    dJ = ufl.diff(body.volume_ratio(F), F)
+    return ufl.as_vector([dJ[entry] for entry in entries[:-1]])
 
 
 def stiffness(body: Body, geometry: Geometry, F: Expr, eta: Expr, du: Expr) -> Expr:
     """GRAD eta : A : GRAD du, the first term of (85) [N/mm2]."""
-    A = acoustic_tensor(body, F)
+    A = bulk_moduli(body, geometry, F)
     i, j, k, m = ufl.indices(4)
     return geometry.gradient(eta)[i, j] * A[i, j, k, m] * geometry.gradient(du)[k, m]

@@ -33,7 +33,11 @@ class Material:
         raise NotImplementedError
 
     def invariant_energy(
-        self, F: Expr, out_of_plane: Expr | None, parameters: Mapping[str, Expr]
+        self,
+        F: Expr,
+        out_of_plane: Expr | None,
+        parameters: Mapping[str, Expr],
+        dilatation: Expr | None = None,
     ) -> Invariants | None:
         """The same W as a function of few invariants; None where :meth:`energy` serves as it is.
 
@@ -43,6 +47,8 @@ class Material:
             F: Deformation gradient, 3 x 3, or 2 x 2 in plane strain.
             out_of_plane: F_33 in plane strain, else None.
             parameters: Values by name.
+            dilatation: theta of :mod:`forms.dilatation`, which F_bar has in place of det F; given
+                with mean dilatation only.
         """
         return None
 
@@ -107,6 +113,28 @@ class NeoHookean(Material):
         J = ufl.det(F)
         return mu / 2 * (ufl.inner(F, F) - 3) - mu * ufl.ln(J) + lmbda / 2 * (J - 1) ** 2
 
+    def invariant_energy(
+        self,
+        F: Expr,
+        out_of_plane: Expr | None,
+        parameters: Mapping[str, Expr],
+        dilatation: Expr | None = None,
+    ) -> Invariants | None:
+        """Eq. (86) at F_bar by |F|^2, J and theta; None without a ``dilatation``."""
+        if dilatation is None:
+            return None
+        mu, lmbda = parameters["mu"], parameters["lmbda"]
+        square, J = ufl.variable(ufl.inner(F, F)), ufl.variable(ufl.det(F))
+        theta = ufl.variable(dilatation)
+        # |F_bar|^2 and det F_bar with the stretch out of the plane, which mean dilatation leaves.
+        first = ufl.variable((theta / J) ** (2 / F.ufl_shape[0]) * square)
+        volume = ufl.variable(theta)
+        F33 = 1 if out_of_plane is None else out_of_plane
+        rest = 0 if out_of_plane is None else F33**2
+        j = volume * F33
+        energy = mu / 2 * (first + rest - 3) - mu * ufl.ln(j) + lmbda / 2 * (j - 1) ** 2
+        return Invariants(energy, (first, volume), (square, J, theta))
+
     def linear_energy(self, strain: Expr, parameters: Mapping[str, Expr]) -> Expr:
         """mu eps:eps + lambda/2 tr(eps)^2, the limit of (86) at small strain."""
         mu, lmbda = parameters["mu"], parameters["lmbda"]
@@ -120,6 +148,9 @@ class Hyperelastic(Material):
     to all of them, not a new lambda to each. Stress and moduli are derived by UFL, so the energy
     must be smooth (three times differentiable) in the range of use; in plane strain it is given
     the 3 x 3 F with F_33 = 1.
+
+    With mean dilatation in 3D the kernels of W(F_bar) take minutes to compile, once: a subclass of
+    Material with :meth:`Material.invariant_energy`, as of :class:`NeoHookean`, takes seconds.
 
     Args:
         energy: W(F, parameters) per reference volume [MPa] of the 3 x 3 ``F``.

@@ -80,9 +80,17 @@ class Ogden(Material):
         return self.invariant_energy(F, None, parameters).energy
 
     def invariant_energy(
-        self, F: Expr, out_of_plane: Expr | None, parameters: Mapping[str, Expr]
+        self,
+        F: Expr,
+        out_of_plane: Expr | None,
+        parameters: Mapping[str, Expr],
+        dilatation: Expr | None = None,
     ) -> Invariants:
-        """Eqs. (87) and (88) by (x, y, J) in 3D and by (Y, J) of the plane in plane strain."""
+        """Eqs. (87) and (88) by (x, y, J) in 3D and by (Y, J) of the plane in plane strain.
+
+        x, y and Y do not change with the volume, so that a ``dilatation`` takes the place of J
+        where that is an argument of its own.
+        """
         moduli = [(parameters[f"c{a + 1}"], parameters[f"m{a + 1}"]) for a in range(self.terms)]
         # The energy sees J as an argument of its own, apart from the J in the other arguments.
         if out_of_plane is None:
@@ -91,16 +99,18 @@ class Ogden(Material):
             second = ufl.variable(_square(cofactor))
             J = ufl.variable(sum(F[0, k] * cofactor[k] for k in range(3)))
             scale = ufl.exp(-2 / 3 * ufl.ln(J))
-            x, y, j = (ufl.variable(value) for value in (scale * first, scale**2 * second, J))
-            energy = _isochoric(x, y, moduli) + _volumetric(j, parameters["kappa"])
-            return Invariants(energy, (x, y, j), (first, second, J))
+            x, y = ufl.variable(scale * first), ufl.variable(scale**2 * second)
+            volume, variables = _volume(J, dilatation)
+            energy = _isochoric(x, y, moduli) + _volumetric(volume, parameters["kappa"])
+            return Invariants(energy, (x, y, volume), (first, second, *variables))
         # Square of the difference of the two stretches, without cancellation.
         square = ufl.variable(_square((F[0, 0] - F[1, 1], F[0, 1] + F[1, 0])))
         J = ufl.variable(F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0])
-        Y, j = ufl.variable(square / (4 * J)), ufl.variable(J)
-        third = ufl.ln(out_of_plane) * 2 / 3 - ufl.ln(j) / 3
-        energy = _apart(third, Y, moduli) + _volumetric(j * out_of_plane, parameters["kappa"])
-        return Invariants(energy, (Y, j), (square, J))
+        Y = ufl.variable(square / (4 * J))
+        volume, variables = _volume(J, dilatation)
+        third = ufl.ln(out_of_plane) * 2 / 3 - ufl.ln(volume) / 3
+        energy = _apart(third, Y, moduli) + _volumetric(volume * out_of_plane, parameters["kappa"])
+        return Invariants(energy, (Y, volume), (square, *variables))
 
     def linear_energy(self, strain: Expr, parameters: Mapping[str, Expr]) -> Expr:
         """mu dev(eps):dev(eps) + kappa/2 tr(eps)^2 with mu = sum_a c_a / 2."""
@@ -108,6 +118,14 @@ class Ogden(Material):
         return mu * ufl.inner(ufl.dev(strain), ufl.dev(strain)) + (
             parameters["kappa"] / 2 * ufl.tr(strain) ** 2
         )
+
+
+def _volume(J: Expr, dilatation: Expr | None) -> tuple[Expr, tuple[Expr, ...]]:
+    """The volume ratio as an argument of W, and the invariants J and, if given, the dilatation."""
+    if dilatation is None:
+        return ufl.variable(J), (J,)
+    theta = ufl.variable(dilatation)
+    return ufl.variable(theta), (J, theta)
 
 
 def _square(entries: Iterable[Expr]) -> Expr:

@@ -12,7 +12,7 @@ import ufl
 from ufl.core.expr import Expr
 
 from .geometry import Geometry
-from .interface import SIDES, opening, penalty
+from .interface import SIDES, opening, penalty, section_gradients
 
 
 def flux_variation(geometry: Geometry, w: Expr, moduli: tuple[Expr, Expr]) -> Expr:
@@ -89,7 +89,7 @@ def gap_variation(
     if spin is None:
         return change
     i, j, m = ufl.indices(3)
-    both = ufl.grad(du)("+") + ufl.grad(du)("-")
+    both = section_gradients(du)
     return change + ufl.as_vector(spin[m, i, j] * both[i, j], m)
 
 
@@ -121,6 +121,6 @@ def frame_couple_tangent(
     S(w) = GRAD w_1 + GRAD w_2; dM/dT (d, d, d) and dM/dS (d, d, d, d) from the points.
     """
     i, j, k, m = ufl.indices(4)
-    test, trial = (ufl.grad(w)("+") + ufl.grad(w)("-") for w in (eta, du))
+    test, trial = section_gradients(eta), section_gradients(du)
     flux = traction_variation(geometry, du, moduli, tau)
     return -test[i, j] * (by_traction[i, j, m] * flux[m] + by_gradient[i, j, k, m] * trial[k, m])

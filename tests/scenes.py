@@ -149,12 +149,12 @@ def multiply(matrix: PETSc.Mat, vector: NDArray) -> NDArray:
 def assert_residual_is_energy_derivative(problem: vmdg.Problem) -> None:
     """The residual equals d/du of the stored energies with zeta held, to rounding."""
     parts = problem.discretization
-    energy = parts._bulk(lambda body, F: body.energy(F)) + parts._interfaces(
+    energy = parts.bulk(lambda body, F: body.energy(F)) + parts._interfaces(
         lambda coupling, group: coupling.energy_term(group)
     )
     eta = ufl.TestFunction(problem.space)
     expected, found = (
-        fem.assemble_vector(parts._compile(form)).array
+        fem.assemble_vector(parts.compile_form(form)).array
         for form in (ufl.derivative(energy, problem.u, eta), problem.residual_ufl())
     )
     scale = problem.comm.allreduce(np.abs(found).max(initial=0), op=MPI.MAX)

@@ -50,12 +50,13 @@ def trial_tractions(problem) -> np.ndarray:
     return np.sort(np.linalg.norm(gather(problem.comm, problem.state[0].traction), axis=1))
 
 
-def partly_damaged(comm, cell: str, degree: int):
+def partly_damaged(comm, cell: str, degree: int, **options):
     """Second step of a state in which some points were damaged and go on, and others are whole."""
+    options["degree"] = degree
     scene = two_blocks(comm, cell, n=2 if DIMENSION[cell] == 2 else 1, distortion=0.05)
     fixed = {"safety": 4.0}  # the probe must have the r of the problem, whose H is another
     probe = joined(
-        scene, vmdg.Debonding(strength=1e5, critical_gap=1e3), interface=fixed, degree=degree
+        scene, vmdg.Debonding(strength=1e5, critical_gap=1e3), interface=fixed, **options
     )
     displace(probe, scene, 1.0)
     sizes = trial_tractions(probe)
@@ -65,7 +66,7 @@ def partly_damaged(comm, cell: str, degree: int):
     strength = sizes[widest] + 0.8 * (sizes[widest + 1] - sizes[widest])
     # H = 1000 MPa/mm, below every r here; no point is near separation at these openings.
     law = vmdg.Debonding(strength=strength, critical_gap=strength / 1000.0)
-    problem = joined(scene, law, interface=fixed, degree=degree)
+    problem = joined(scene, law, interface=fixed, **options)
     problem.begin_step(1.0, 1.0)
     displace(problem, scene, 1.0)
     problem.assemble_residual()

@@ -87,7 +87,7 @@ def test_neo_hookean(tmp_path_factory, comm):
 
 
 def test_rubber_does_not_tear(tmp_path_factory, comm):
-    """Ogden: the crack stays, the force still grows, and the stress has no locking artefact."""
+    """Ogden, nu = .49986: the crack stays and blunts, the force still grows, nothing locks."""
     from tearing import main
 
     folder = comm.bcast(str(tmp_path_factory.mktemp("tearing")))
@@ -95,6 +95,6 @@ def test_rubber_does_not_tear(tmp_path_factory, comm):
     history = run.history
     assert history["broken"].max() == 0.0 and history["damaged"][-1] < 0.1
     assert (np.diff(history["force"]) > 0).all()
-    assert np.isclose(history["force"][-1], 3.376, rtol=2e-3)
-    assert run.gap[0.19][0, 1] > 50 * run.gap[0.19][12, 1]
+    assert np.isclose(history["force"][-1], 3.521, rtol=2e-3)
+    assert run.gap[0.19][0, 1] > 50 * abs(run.gap[0.19][6, 1])
     assert np.median(history["iterations"]) <= 5 and history["iterations"].max() <= 10

@@ -41,6 +41,7 @@ class Bodies:
         small: Small-strain kinematics.
         eigenstrain: Isotropic stress-free strain theta by tag, a number or a function of the load
             factor; None where no body swells.
+        mean_dilatation: J of a cell is one number.
 
     Attributes:
         families: All families.
@@ -57,6 +58,7 @@ class Bodies:
         materials: Mapping[int, Material],
         small: bool,
         eigenstrain: Mapping[int, LoadFactor] | None,
+        mean_dilatation: bool = False,
     ):
         _check_tags(mesh, tags, materials, eigenstrain)
         space = fem.functionspace(mesh, ("DG", 0))
@@ -75,7 +77,7 @@ class Bodies:
                     parameters[name].x.array[self._cells_of[tag]] = value
                 self.family[self._cells_of[tag]] = len(self.families)
             cells = np.flatnonzero(self.family[:owned] == len(self.families))
-            body = Body(representative, parameters, small, self._swelling)
+            body = Body(representative, parameters, small, self._swelling, mean_dilatation)
             self.families.append(Family(body, cells.astype(np.int32)))
 
     def apply_eigenstrain(self, t: float) -> None:

@@ -28,6 +28,9 @@ lower energies. There GRAD u : A : GRAD u + c |GRAD u|^2 takes its place, c twic
 eigenvalue of A in the cell, and the interface takes no more than (1 - theta) c |GRAD u|^2 besides:
 a share of what the bulk itself lacks.
 
+With mean dilatation the forms are those of :mod:`forms.dilatation`: GRAD u has the mean dilatation
+of the cell as one more entry, A and the fluxes have the derivatives by theta, and A that of p J.
+
 The form is (27) while everything is bonded, at a state without slip. The further term of (26)
 takes energy of the cells that no tau gives back. A facet whose safety is a number takes its share
 of a cell's energy like any other.
@@ -54,7 +57,8 @@ from ufl.variable import Label
 from . import compat
 from .bodies import Bodies
 from .forms import kinematics
-from .forms.geometry import Geometry
+from .forms.dilatation import MeanDilatation
+from .forms.geometry import Axisymmetric, Geometry
 from .forms.kinematics import Body
 from .interface import InterfaceFacets
 from .quadrature import JIT_OPTIONS, bulk_degree, facet_degree
@@ -76,7 +80,8 @@ class CellGeometry:
     """Gradients of the shape functions where the forms integrate over cells and their facets.
 
     In axisymmetry a column N_a / r follows the derivatives of a shape function N_a, for the hoop
-    entry of GRAD, and the weights count the circumference.
+    entry of GRAD, and the weights count the circumference. With mean dilatation GRAD has the entry
+    of theta besides, whose change :meth:`dilatations` gives.
 
     Args:
         mesh: The mesh.
@@ -107,7 +112,7 @@ class CellGeometry:
             coordinates.degree,
             lagrange_variant=basix.LagrangeVariant(coordinates.variant),
         )
-        self._hoop = geometry.size(self._d) > self._d
+        self._hoop = isinstance(geometry, Axisymmetric)
         corners = basix.geometry(self._cell)
         facets = basix.topology(self._cell)[self._d - 1]
         #: Edges that span every reference facet (local facets, d - 1, d).
@@ -146,6 +151,20 @@ class CellGeometry:
         gradients, J, around = self._at(cells, self.bulk_points)
         return gradients, np.abs(np.linalg.det(J)) * around * self._bulk_weights
 
+    def dilatations(
+        self, volume_gradient: NDArray[np.float64], cells: tuple[NDArray, NDArray]
+    ) -> NDArray[np.float64]:
+        """Change of theta with every shape function in every direction (cells, nodes, d).
+
+        Args:
+            volume_gradient: dJ/dF at the points (cells, points, entries of GRAD).
+            cells: What :meth:`in_cells` returns.
+        """
+        gradients, weights = cells
+        shares = weights / weights.sum(axis=1, keepdims=True)
+        changes = contract(volume_gradient[..., None], gradients)[:, :, 0]
+        return np.einsum("cq,cqai->cai", shares, changes)
+
     def on_facets(
         self, cells: NDArray[np.int32], local: NDArray[np.int32]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -165,22 +184,32 @@ class CellGeometry:
         return gradients, weights
 
 
-def contract(tensor: NDArray[np.float64], gradients: NDArray[np.float64]) -> NDArray[np.float64]:
+def contract(
+    tensor: NDArray[np.float64],
+    gradients: NDArray[np.float64],
+    dilatations: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
     """tensor : GRAD of every shape function in every direction.
 
     Args:
         tensor: (cells, points, entries of GRAD, m).
         gradients: (cells, points, nodes, d), with the hoop column in axisymmetry.
+        dilatations: Change of theta (cells, nodes, d), where GRAD has that entry, the last one.
 
     Returns:
         (cells, points, m, nodes, d).
     """
+    theta = None
+    if dilatations is not None:
+        tensor, theta = tensor[:, :, :-1], tensor[:, :, -1]
     hoop = tensor.shape[2] != gradients.shape[3] ** 2
     d = gradients.shape[3] - hoop
     section = tensor[:, :, : d * d].reshape(*tensor.shape[:2], d, d, -1)
     result = np.einsum("cqijm,cqaj->cqmai", section, gradients[..., :d], optimize=True)
     if hoop:
         result[..., 0] += np.einsum("cqm,cqa->cqma", tensor[:, :, -1], gradients[..., -1])
+    if theta is not None:
+        result += np.einsum("cqm,cai->cqmai", theta, dilatations)
     return result
 
 
@@ -208,7 +237,7 @@ class CellProblems:
         self._mesh = mesh = u.function_space.mesh
         self._d = d = mesh.geometry.dim
         self._entries = entries = geometry.entries(d)
-        shapes = CellGeometry(mesh, geometry, degree)
+        self._shapes = shapes = CellGeometry(mesh, geometry, degree)
         self._cells, self._first, self._cell_of_pair = np.unique(
             cells, return_index=True, return_inverse=True
         )
@@ -223,7 +252,7 @@ class CellProblems:
         def compiled(
             expression: Callable[[Body, Expr], Expr], points: NDArray[np.float64]
         ) -> dict[int, fem.Expression]:
-            F = kinematics.deformation_gradient(geometry.gradient(u))
+            F = ufl.variable(geometry.deformation(u))
             return {
                 number: compile_expression(
                     expression(bodies.families[number].body, F), points, mesh.comm
@@ -234,10 +263,17 @@ class CellProblems:
         N = ufl.FacetNormal(mesh)
         self._moduli = compiled(
             lambda body, F: kinematics.major_components(
-                kinematics.acoustic_tensor(body, F), entries
+                kinematics.bulk_moduli(body, geometry, F), entries
             ),
             shapes.bulk_points,
         )
+        self._mean_dilatation = isinstance(geometry, MeanDilatation)
+        self._volume_gradient: dict[int, fem.Expression] = {}
+        # At small strain dJ/dF is the identity, which is no expression on a mesh.
+        if self._mean_dilatation and not bodies.families[0].body.small:
+            self._volume_gradient = compiled(
+                lambda body, F: kinematics.volume_gradient(body, F, entries), shapes.bulk_points
+            )
 
         def moduli(body: Body, F: Expr) -> Expr:
             H = kinematics.traction_moduli(body, F, N)
@@ -265,10 +301,11 @@ class CellProblems:
         self, cells: slice, pairs: slice, weights: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """:meth:`__call__` for a range of cells and of the pairs that belong to them."""
-        factor = self._energy_factor(cells)
+        dilatations = self._dilatations(cells)
+        factor = self._energy_factor(cells, dilatations)
         of_cell = self._cell_of_pair[pairs] - cells.start
         # int_f h.T.h = |Z u|^2 and E = |R u|^2: with S = Z.R^-1 the eigenvalues are those of S.S^T.
-        Z = self._flux_factor(pairs, weights)
+        Z = self._flux_factor(pairs, weights, None if dilatations is None else dilatations[of_cell])
         S = np.linalg.solve(factor.transpose(0, 2, 1)[of_cell], Z.transpose(0, 2, 1))
         alone = np.linalg.eigvalsh(S.transpose(0, 2, 1) @ S)[:, -1]
         alone = np.maximum(alone, np.finfo(float).tiny)
@@ -284,7 +321,21 @@ class CellProblems:
         more[several] = np.linalg.eigvalsh(together)[:, -1]
         return more[of_cell] * alone
 
-    def _energy_factor(self, cells: slice) -> NDArray[np.float64]:
+    def _dilatations(self, cells: slice) -> NDArray[np.float64] | None:
+        """Change of theta with the shape functions, where GRAD has an entry of theta."""
+        if not self._mean_dilatation:
+            return None
+        gradients, volumes = (values[cells] for values in self._bulk)
+        if self._volume_gradient:
+            dJ = self._evaluate(self._volume_gradient, self._family[cells], self._cells[cells])
+        else:
+            identity = [float(i == j) for i, j in self._entries[:-1]]
+            dJ = np.broadcast_to(identity, (*volumes.shape, len(identity)))
+        return self._shapes.dilatations(dJ, (gradients, volumes))
+
+    def _energy_factor(
+        self, cells: slice, dilatations: NDArray[np.float64] | None
+    ) -> NDArray[np.float64]:
         """R with E_K(u) = |R.u|^2 (cells, n, n), regular."""
         gradients, volumes = (values[cells] for values in self._bulk)
         n, size = gradients.shape[2] * self._d, len(self._entries)
@@ -293,12 +344,17 @@ class CellProblems:
         full = np.empty((*A.shape[:2], size, size))
         full[..., first, second] = full[..., second, first] = A
         L = _square_root(full) * np.sqrt(volumes)[:, :, None, None]
-        Y = contract(L, gradients).reshape(len(A), -1, n)
+        Y = contract(L, gradients, dilatations).reshape(len(A), -1, n)
         scale = _REGULAR_CELL * np.abs(Y).max(axis=(1, 2))
         Y = np.concatenate([Y, scale[:, None, None] * np.eye(n)], axis=1)
         return np.linalg.qr(Y, mode="r")
 
-    def _flux_factor(self, pairs: slice, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _flux_factor(
+        self,
+        pairs: slice,
+        weights: NDArray[np.float64],
+        dilatations: NDArray[np.float64] | None,
+    ) -> NDArray[np.float64]:
         """Z with int_f h.T.h = |Z.u|^2 (pairs, rows, n)."""
         d = self._d
         gradients, areas = (values[pairs] for values in self._facets)
@@ -310,7 +366,7 @@ class CellProblems:
         root = vectors * np.sqrt(np.maximum(values, 0))[:, None]
         H = np.einsum("pkm,pqke->pqem", root, H, optimize=True)
         H *= np.sqrt(areas)[:, :, None, None]
-        return contract(H, gradients).reshape(len(H), -1, gradients.shape[2] * d)
+        return contract(H, gradients, dilatations).reshape(len(H), -1, gradients.shape[2] * d)
 
     def _evaluate(
         self,

@@ -19,8 +19,10 @@ from ufl.core.expr import Expr
 from . import compat
 from .bodies import Bodies
 from .coercivity import Coercivity
+from .condensation import Condensation
 from .coupling import Coupling, Group
 from .forms import kinematics
+from .forms.dilatation import MeanDilatation
 from .forms.geometry import Geometry
 from .forms.kinematics import Body
 from .interface import Interface, InterfaceFacets
@@ -46,6 +48,7 @@ class Discretization:
         forces: Internal minus external forces of the last assembly, owned and ghost dofs [N].
         couplings: One for every interface, None where no rank has an open facet.
         owned: Number of component-wise dofs this rank owns.
+        condensation: theta, p and their elimination with mean dilatation, else None.
     """
 
     def __init__(
@@ -77,6 +80,7 @@ class Discretization:
         self._coercivity: Coercivity | None = None
         self._factors: list[NDArray[np.float64]] | None = None
         self.owned = self.space.dofmap.index_map.size_local * self.space.dofmap.index_map_bs
+        self.condensation = Condensation(self) if isinstance(geometry, MeanDilatation) else None
 
     @property
     def working(self) -> list[Coupling]:
@@ -109,10 +113,10 @@ class Discretization:
     def _groups(self) -> list[tuple[Coupling, Group]]:
         return [(coupling, group) for coupling in self.working for group in coupling.groups]
 
-    def _bulk(self, integrand: Callable[[Body, Expr], Expr]) -> ufl.Form:
+    def bulk(self, integrand: Callable[[Body, Expr], Expr]) -> ufl.Form:
         """Sum over the families of ``integrand(body, F)``."""
         dx, _ = self._measures
-        F = kinematics.deformation_gradient(self.geometry.gradient(self.u))
+        F = ufl.variable(self.geometry.deformation(self.u))
         terms = [
             self.geometry.weight * integrand(family.body, F) * dx(i)
             for i, family in enumerate(self.bodies.families)
@@ -128,38 +132,56 @@ class Discretization:
         ]
         return sum(terms, start=ufl.Form([]))
 
-    def _compile(self, form: ufl.Form) -> fem.Form:
+    def compile_form(self, form: ufl.Form) -> fem.Form:
         submeshes = [submesh for coupling in self.working for submesh in coupling.submeshes]
         options = VECTORIZED if self.mesh.topology.dim == 3 else JIT_OPTIONS
         return compat.form(form, submeshes, options)
 
-    def residual_ufl(self) -> ufl.Form:
-        """The stabilized residual (27) without dead loads."""
-        eta = ufl.TestFunction(self.space)
+    def residual_ufl(self, eta: Expr | None = None) -> ufl.Form:
+        """The stabilized residual (27) without dead loads.
+
+        Args:
+            eta: Test function; that of the displacement, or with mean dilatation of the dilatation.
+        """
+        eta = ufl.TestFunction(self.space) if eta is None else eta
         virtual = self.geometry.gradient(eta)
-        bulk = self._bulk(lambda body, F: ufl.inner(virtual, kinematics.first_piola(body, F)))
+        bulk = self.bulk(
+            lambda body, F: ufl.inner(virtual, kinematics.bulk_stress(body, self.geometry, F))
+        )
         return bulk + self._interfaces(lambda coupling, group: coupling.residual_term(eta, group))
 
-    def tangent_ufl(self) -> ufl.Form:
-        """The tangent (85), the interfaces in staged coefficients."""
-        eta, du = ufl.TestFunction(self.space), ufl.TrialFunction(self.space)
-        bulk = self._bulk(lambda body, F: kinematics.stiffness(body, self.geometry, F, eta, du))
+    def tangent_ufl(self, eta: Expr | None = None, du: Expr | None = None) -> ufl.Form:
+        """The tangent (85), the interfaces in staged coefficients.
+
+        Args:
+            eta: Test function, as for :meth:`residual_ufl`.
+            du: Trial function.
+        """
+        eta = ufl.TestFunction(self.space) if eta is None else eta
+        du = ufl.TrialFunction(self.space) if du is None else du
+        bulk = self.bulk(lambda body, F: kinematics.stiffness(body, self.geometry, F, eta, du))
         return bulk + self._interfaces(lambda coupling, group: coupling.tangent_term(eta, du))
 
     def compile_residual(self) -> None:
         """Compile the residual, or load it from the cache; collective."""
+        if self.condensation is not None:
+            self.condensation.compile_residual()
         if self._residual_form is None:
-            self._residual_form = self._compile(self.residual_ufl())
+            self._residual_form = self.compile_form(self.residual_ufl())
 
     def compile_tangent(self) -> None:
         """Compile the tangent, or load it from the cache; collective."""
+        if self.condensation is not None:
+            self.condensation.compile_tangent()
         if self._tangent_form is None:
-            self._tangent_form = self._compile(self.tangent_ufl())
+            self._tangent_form = self.compile_form(self.tangent_ufl())
 
     # Assembly
 
     def update_stabilization(self, dt: float | None) -> None:
         """Evaluate tau_s and delta of every interface at the current displacement."""
+        self.update_dilatation()
+        self._update_pressure()
         with Timer("vmdg: stabilization"):
             for coupling in self.working:
                 coupling.derive_stabilization()
@@ -189,6 +211,16 @@ class Discretization:
                 factors |= zip(derived, self._coercivity(penalties, deltas), strict=True)
         return [factors[coupling] for coupling in self.working]
 
+    def update_dilatation(self) -> None:
+        """With mean dilatation: theta at the current displacement."""
+        if self.condensation is not None:
+            self.condensation.update_dilatation()
+
+    def _update_pressure(self) -> None:
+        """With mean dilatation: p at the current displacement, dilatation and gap."""
+        if self.condensation is not None:
+            self.condensation.update_pressure()
+
     def assemble_residual(
         self, dt: float, hold: bool, loads: NDArray[np.float64] | None
     ) -> NDArray[np.float64]:
@@ -202,10 +234,12 @@ class Discretization:
         Returns:
             Owned dofs, nothing removed at prescribed ones [N].
         """
+        self.compile_residual()
+        self.update_dilatation()
         with Timer("vmdg: return map"):
             for coupling in self.working:
                 coupling.update_points(dt, hold)
-        self.compile_residual()
+        self._update_pressure()
         with Timer("vmdg: assemble residual"):
             forces = self.forces.x
             forces.array[:] = 0
@@ -235,14 +269,17 @@ class Discretization:
             matrix.zeroEntries()
             fem_petsc.assemble_matrix(matrix, self._tangent_form)
             matrix.assemble()
+            if self.condensation is not None:
+                self.condensation.add_to(matrix)
 
     def stored_energy(self) -> NDArray[np.float64]:
         """Strain energy of the bodies and energy of the interfaces (30), this rank's [N mm]."""
+        self.update_dilatation()
         if self._energy_forms is None:
-            bulk = self._bulk(lambda body, F: body.energy(F))
+            bulk = self.bulk(lambda body, F: body.energy(F))
             interfaces = self._interfaces(lambda coupling, group: coupling.energy_term(group))
             self._energy_forms = [
-                self._compile(form) for form in (bulk, interfaces) if not form.empty()
+                self.compile_form(form) for form in (bulk, interfaces) if not form.empty()
             ]
         stored = np.zeros(2)
         for i, form in enumerate(self._energy_forms):

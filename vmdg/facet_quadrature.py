@@ -17,7 +17,6 @@ from ufl.core.expr import Expr
 
 from . import compat
 from .bodies import Bodies
-from .forms import kinematics
 from .forms.geometry import CARTESIAN, Geometry
 from .forms.kinematics import Body
 from .interface import InterfaceFacets
@@ -172,7 +171,7 @@ def side_evaluators(
     def one_side(a: int) -> Evaluator:
         parts = []
         for number in np.unique(pairs[:, a]):
-            F = kinematics.deformation_gradient(quadrature.geometry.gradient(u))
+            F = ufl.variable(quadrature.geometry.deformation(u))
             select = bodies.family[facets.cells[:, a]] == number
             parts.append((a, select, expression(bodies.families[number].body, F, N, a)))
         return quadrature.evaluator(shape, parts)

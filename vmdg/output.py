@@ -11,6 +11,8 @@ from dolfinx.io import VTXWriter
 
 from . import compat
 from .forms import kinematics
+from .forms.dilatation import without_dilatation
+from .forms.geometry import Axisymmetric
 from .problem import Problem
 
 
@@ -21,7 +23,7 @@ class CauchyStress:
     """
 
     def __init__(self, problem: Problem):
-        n = problem.geometry.size(problem.mesh.geometry.dim)
+        n = 3 if isinstance(problem.geometry, Axisymmetric) else problem.mesh.geometry.dim
         degree = problem.space.ufl_element().degree
         space = fem.functionspace(problem.mesh, ("DG", degree, (n, n)))
         self.function = fem.Function(space, name="stress")
@@ -34,14 +36,17 @@ class CauchyStress:
         self._u = self._problem.u
         self._expressions = []
         for family in self._problem.families:
-            F = kinematics.deformation_gradient(self._problem.geometry.nodal_gradient(self._u))
-            stress = kinematics.first_piola(family.body, F) * F.T / ufl.det(F)
+            F = ufl.variable(self._problem.geometry.nodal_deformation(self._u))
+            P = kinematics.first_piola(family.body, F)
+            own = without_dilatation(F) if family.body.mean_dilatation else F
+            stress = P * own.T / ufl.det(own)
             self._expressions.append((fem.Expression(stress, self._points), family.cells))
 
     def update(self) -> fem.Function:
         """Evaluate at the current displacement."""
         if self._u is not self._problem.u:
             self._make_expressions()
+        self._problem.discretization.update_dilatation()
         for expression, cells in self._expressions:
             self.function.interpolate(expression, cells)
         self.function.x.scatter_forward()

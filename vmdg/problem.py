@@ -107,6 +107,9 @@ class Problem:
             torsion: x = r >= 0, y = z, displacement (u_r, u_z). Forces, energies, load vectors and
             the areas of interface points are those of the whole body; u_r = 0 is imposed on nodes
             on the axis, whatever else is prescribed there. None for plane strain and 3D.
+        volumetric: "pointwise", or "mean" for mean dilatation (F-bar; B-bar at small strain): J of
+            a cell is one number, so that quadrilaterals and hexahedra of degree 1 do not lock near
+            incompressibility.
 
     Attributes:
         u: Displacement [mm].
@@ -131,15 +134,18 @@ class Problem:
         thickness: float = 1.0,
         eigenstrain: Mapping[int, LoadFactor] | None = None,
         symmetry: str | None = None,
+        volumetric: str = "pointwise",
     ):
         _check_arguments(mesh, degree, kinematics)
-        self.geometry = make_geometry(mesh, symmetry, thickness)
+        self.geometry = make_geometry(mesh, symmetry, thickness, volumetric, degree)
         check_ghosts(mesh)
         self.mesh = mesh
         self.comm = mesh.comm
         self.interfaces = list(interfaces)
         self._tags = tags = tags_of_cells(mesh, cell_tags)
-        self._bodies = Bodies(mesh, tags, materials, kinematics == "small", eigenstrain)
+        self._bodies = Bodies(
+            mesh, tags, materials, kinematics == "small", eigenstrain, volumetric == "mean"
+        )
         self._facets = [find_facets(mesh, tags, interface) for interface in self.interfaces]
         _check_overlap(mesh, self.interfaces, self._facets)
         self._degree = degree

@@ -1,0 +1,112 @@
+"""Mean dilatation: nearly incompressible bodies of linear quadrilaterals and hexahedra.
+
+Pointwise, J = det F of such a cell must be 1 at all of its quadrature points where the bulk modulus
+is large: more constraints than the cell has freedom, it locks. Mean dilatation asks for one per
+cell (Nagtegaal, Parks & Rice 1974; Hughes 1980; Simo, Taylor & Pister 1985; de Souza Neto et al.
+1996). The dilatation theta is constant in a cell and F is replaced by
+
+    F_bar = (theta / J)^(1/n) F,   theta = 1/V int_K J dV,
+
+n = 2 in plane strain, where F_33 stays 1, and 3 otherwise. W(F_bar) is a function w(F, theta), and
+the form is the derivative of its integral with theta eliminated: symmetric, with an energy. With p
+the mean of dw/dtheta over the cell (and what interfaces add, see :mod:`vmdg.condensation`)
+
+    dPi = int (dw/dF + p dJ/dF) : GRAD eta dV,
+
+dw/dF a deviatoric and p the pressure in the cell. The first Piola-Kirchhoff stress at a point is
+
+    P = dw/dF + dw/dtheta dJ/dF,
+
+equal to dW/dF where theta = J; the tractions P.N of interfaces are made with it. At small strain
+J - 1 = tr(eps), theta - 1 is its mean and F_bar - I = eps + (theta - J)/n I, the B-bar method.
+
+Here theta is an independent field of the forms: it follows the displacement gradient as one more
+diagonal entry, (n, n), of F, of GRAD and of everything that is differentiated by F. A test or trial
+function of theta is a scalar, so that one formula gives all blocks of the two-field form.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import ufl
+from ufl.core.expr import Expr
+
+from .geometry import Axisymmetric, Cartesian, Entries
+
+
+def with_dilatation(tensor: Expr, theta: Expr | int) -> Expr:
+    """``tensor`` (n, n) with ``theta`` as one more diagonal entry, (n + 1, n + 1)."""
+    n = range(tensor.ufl_shape[0])
+    return ufl.as_tensor([[*(tensor[i, j] for j in n), 0] for i in n] + [[*(0 for _ in n), theta]])
+
+
+def without_dilatation(tensor: Expr) -> Expr:
+    """The (n, n) part of a tensor (n + 1, n + 1) that belongs to the displacement."""
+    n = range(tensor.ufl_shape[0] - 1)
+    return ufl.as_tensor([[tensor[i, j] for j in n] for i in n])
+
+
+def dilatation(tensor: Expr) -> Expr:
+    """The entry of a tensor (n + 1, n + 1) that belongs to theta."""
+    n = tensor.ufl_shape[0] - 1
+    return tensor[n, n]
+
+
+def volume_ratio(F: Expr, small: bool) -> Expr:
+    """J of F (n, n); 1 + tr(F - I) at small strain."""
+    return 1 + ufl.tr(F) - F.ufl_shape[0] if small else ufl.det(F)
+
+
+def mean_dilated(F: Expr, theta: Expr, small: bool) -> Expr:
+    """F_bar (n, n): F with its volume ratio replaced by ``theta``."""
+    n = F.ufl_shape[0]
+    J = volume_ratio(F, small)
+    return F + (theta - J) / n * ufl.Identity(n) if small else (theta / J) ** (1 / n) * F
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MeanDilatation:
+    """A geometry whose F and GRAD have the entry of theta besides.
+
+    Attributes:
+        theta: Dilatation of the cells.
+        pressure: p of the cells, positive in tension [MPa].
+    """
+
+    theta: Expr
+    pressure: Expr
+
+    def size(self, d: int) -> int:
+        """Rows n + 1 of GRAD w."""
+        return super().size(d) + 1
+
+    def entries(self, d: int) -> Entries:
+        """Entries of GRAD w that are not zero for every w."""
+        n = super().size(d)
+        return [*super().entries(d), (n, n)]
+
+    def gradient(self, w: Expr) -> Expr:
+        """GRAD w of a displacement, or of a dilatation, a scalar, (n + 1, n + 1)."""
+        if w.ufl_shape:
+            return with_dilatation(super().gradient(w), 0)
+        n = super().size(len(ufl.grad(w)))
+        return with_dilatation(ufl.zero((n, n)), w)
+
+    def deformation(self, u: Expr) -> Expr:
+        """diag(F, theta)."""
+        return with_dilatation(super().deformation(u), self.theta)
+
+    def nodal_deformation(self, u: Expr) -> Expr:
+        """diag(F, theta) for points that may be nodes."""
+        return with_dilatation(super().nodal_deformation(u), self.theta)
+
+
+@dataclass(frozen=True, eq=False)
+class MeanCartesian(MeanDilatation, Cartesian):
+    """Solids in 3D and in plane strain, with mean dilatation."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeanAxisymmetric(MeanDilatation, Axisymmetric):
+    """Bodies of revolution with mean dilatation."""
