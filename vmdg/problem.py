@@ -18,6 +18,7 @@ from ufl.core.expr import Expr
 from .activation import Activation
 from .bodies import Bodies, Family, LoadFactor
 from .boundary import DirichletConditions, Locator, Value, Where, find_boundary_facets
+from .cell_shapes import check_cells
 from .coupling import Coupling
 from .discretization import Discretization
 from .forms.materials import Material
@@ -135,6 +136,7 @@ class Problem:
         _check_arguments(mesh, degree, kinematics)
         self.geometry = make_geometry(mesh, symmetry, thickness)
         check_ghosts(mesh)
+        check_cells(mesh)
         self.mesh = mesh
         self.comm = mesh.comm
         self.interfaces = list(interfaces)
