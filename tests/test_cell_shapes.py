@@ -26,7 +26,7 @@ def move_middle(mesh: Mesh, to: float) -> None:
 
 
 @EVERY_CELL
-@pytest.mark.parametrize("stretch", [1e-8, 1.0, 1e8])
+@pytest.mark.parametrize("stretch", [1e-6, 1.0, 1e6])
 def test_sound_cells(comm, cell, stretch):
     """Distorted, mirrored and very flat cells pass."""
     mesh = unit_box(comm, cell, 3)

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 import vmdg
 from vmdg.meshes import blocks
 from vmdg.newton import StepReport
-from vmdg.solver import Result, _advance
+from vmdg.solver import Result, Stepper, _advance
 
 E, NU, STRENGTH = 5000.0, 0.25, 100.0
 LOADS = 0.002 * np.arange(1, 31)
@@ -99,6 +99,20 @@ def test_failed_jump_returns(comm):
         vmdg.solve(problem, LOADS, vmdg.SolveOptions(max_cuts=2, max_jump_steps=1), mean)
     assert problem.mean(0).gap[0] == 0
     assert problem.energy().dissipated == 0
+
+
+def test_failed_jump_restores_the_stabilization(comm):
+    """In equilibrium again: with tau_s of its own step, not with that of the states on the way."""
+    problem = bar(comm, 0.01)
+    stepper = Stepper(problem, vmdg.SolveOptions(max_jump_steps=3))
+    assert stepper.step(0.9 * onset()).converged
+    tau, forces = problem.stabilization[0].tau, problem.forces.x.array.copy()
+    report, _ = stepper.jump(1.1 * onset())
+    assert "JUMP_FAILED" in report.reason
+    assert np.array_equal(problem.stabilization[0].tau, tau)
+    problem.assemble_residual(hold=True)
+    assert problem.forces.x.array == pytest.approx(forces, abs=1e-9 * np.abs(forces).max())
+    stepper.close()
 
 
 def test_jump_starts_within_a_quarter_of_the_step(comm):

@@ -12,8 +12,8 @@ from . import compat
 from .parallel import raise_together
 from .topology import facet_cells, local_facets
 
-# det J relative to the lengths of its columns below which a cell has no volume, by rounding.
-_FLAT = 1e-12
+# det J relative to the lengths of its columns below which rounding leaves no sign.
+_FLAT = 1e-14
 
 # Cells and facets that are examined together.
 _BATCH = 2**16
@@ -51,7 +51,8 @@ def _bad_cell(mesh: Mesh) -> str | None:
     for start in range(0, len(nodes), _BATCH):
         x = mesh.geometry.x[nodes[start : start + _BATCH], :d]
         J = np.einsum("tqn,cni->cqit", slopes, x, optimize=True)
-        det, size = np.linalg.det(J), np.linalg.norm(J, axis=2).prod(axis=2)
+        with np.errstate(invalid="ignore"):
+            det, size = np.linalg.det(J), np.linalg.norm(J, axis=2).prod(axis=2)
         det *= np.where(det.sum(axis=1) < 0, -1, 1)[:, None]
         # At a corner two sides may form one line; inside, where integrals are taken, they may not.
         # The comparison also catches coordinates that are not finite.

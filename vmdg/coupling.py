@@ -36,6 +36,9 @@ from .staged_tangent import StagedTangent
 AMPLE, REPORT_SAFETY = 2.0, 4.0
 
 
+Frozen = tuple[Stabilization, NDArray[np.float64]]
+
+
 @dataclass(frozen=True)
 class Group:
     """Facets of an interface whose two sides belong to the same pair of material families."""
@@ -119,7 +122,7 @@ class Coupling:
                 frame_traction=zero,
             )
         self._converged = self._now
-        self._former = self.stabilization, self._weights
+        self._former = self.frozen
         self._converged_traction = np.zeros((history, d))
         self._dt = 1.0
 
@@ -409,7 +412,7 @@ class Coupling:
             dt: Time step [s].
         """
         self._converged = self._now
-        self._former = self.stabilization, self._weights
+        self._former = self.frozen
         self._dt = dt
         self._acting_law = self.law
         if self.law.inelastic and overstress > 0:
@@ -419,9 +422,18 @@ class Coupling:
     def cancel_step(self) -> None:
         """Return to the values of :meth:`begin_step`."""
         self._now = self._converged
-        self.stabilization, self._weights = self._former
-        self._set_stabilization()
+        self.frozen = self._former
         self._set_gap()
+
+    @property
+    def frozen(self) -> Frozen:
+        """The stabilization of the last step, and the flux weights with it."""
+        return self.stabilization, self._weights
+
+    @frozen.setter
+    def frozen(self, frozen: Frozen) -> None:
+        self.stabilization, self._weights = frozen
+        self._set_stabilization()
 
     def history(self) -> PointHistory:
         """The converged history; its arrays are never changed in place."""

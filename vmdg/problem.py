@@ -19,7 +19,7 @@ from .activation import Activation
 from .bodies import Bodies, Family, LoadFactor
 from .boundary import DirichletConditions, Locator, Value, Where, find_boundary_facets
 from .cell_shapes import check_cells
-from .coupling import Coupling
+from .coupling import Coupling, Frozen
 from .discretization import Discretization
 from .forms.materials import Material
 from .interface import Interface, InterfaceFacets, check_ghosts, find_facets
@@ -209,8 +209,8 @@ class Problem:
 
     @property
     def symmetric(self) -> bool:
-        """Whether the tangent is symmetric: no working interface has friction."""
-        return all(coupling.law.friction == 0 for coupling in self.discretization.working)
+        """Whether the tangent is symmetric: the laws of all working interfaces say so."""
+        return all(coupling.law.symmetric for coupling in self.discretization.working)
 
     @property
     def forces(self) -> fem.Function:
@@ -454,6 +454,7 @@ class Problem:
             list(self._activation.open),
             self._dissipated.copy(),
             self._external,
+            [coupling.frozen for coupling in self.discretization.working],
         )
 
     def return_to(self, snapshot: Snapshot) -> None:
@@ -467,6 +468,8 @@ class Problem:
         self._external = snapshot.external
         for coupling, history in zip(self.discretization.working, snapshot.histories, strict=True):
             coupling.set_history(history)
+        for coupling, frozen in zip(self.discretization.working, snapshot.frozen):
+            coupling.frozen = frozen
         self.apply_loads(snapshot.t)
 
     # Facets that open on demand
@@ -641,7 +644,11 @@ class Problem:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A converged state: everything a run continues from."""
+    """A converged state: everything a run continues from.
+
+    ``frozen`` are the stabilizations under which it is in equilibrium; empty where they are to be
+    evaluated anew.
+    """
 
     t: float
     discretization: Discretization
@@ -651,6 +658,7 @@ class Snapshot:
     open: list[NDArray[np.bool_]]
     dissipated: NDArray[np.float64]
     external: float
+    frozen: Sequence[Frozen] = ()
 
 
 @dataclass(frozen=True)

@@ -118,7 +118,7 @@ def solve(
     """
     options = options or SolveOptions()
     loads = np.atleast_1d(np.asarray(loads, dtype=float))
-    result = Result(history=history or History())
+    result = Result(history=History() if history is None else history)
     bar = tqdm(loads, unit="step", disable=not options.progress or problem.comm.rank > 0)
     stepper = Stepper(problem, options)
     try:
