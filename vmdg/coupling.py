@@ -13,6 +13,7 @@ from ufl.core.expr import Expr
 
 from . import frame
 from .bodies import Bodies
+from .coercivity import MARGIN
 from .facet_quadrature import FacetQuadrature, SideEvaluators, family_pairs, side_evaluators
 from .forms import interface as terms
 from .forms import kinematics
@@ -188,6 +189,29 @@ class Coupling:
             # A frozen tensor would lag behind a body that turns: take numbers, as r is one.
             share = np.trace(self._weights, axis1=2, axis2=3) / self._d
             self._weights = share[:, :, None, None] * np.eye(self._d)
+
+    @property
+    def derived(self) -> Frozen:
+        """What :meth:`derive_stabilization` found."""
+        return self.stabilization, self._weights
+
+    @derived.setter
+    def derived(self, derived: Frozen) -> None:
+        self.stabilization, self._weights = derived
+
+    def falls_short(self, frozen: Frozen, factor: NDArray[np.float64]) -> bool:
+        """Whether a frozen tau_s is less than coercivity asks for where it was derived last.
+
+        What is kept of the bulk energy (:mod:`vmdg.coercivity`) is there to be used up in a step.
+
+        Args:
+            frozen: The stabilization of the step.
+            factor: What coercivity asks for on the derived one (nf,).
+        """
+        if not self.seeks_safety:
+            return False
+        needed = (1 - MARGIN) * factor * self.stabilization.norm
+        return bool((frozen[0].norm < needed).any())
 
     @property
     def bonded_penalty(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -427,7 +451,7 @@ class Coupling:
 
     @property
     def frozen(self) -> Frozen:
-        """The stabilization of the last step, and the flux weights with it."""
+        """The stabilization of the last step and its flux weights, as the forms have them."""
         return self.stabilization, self._weights
 
     @frozen.setter

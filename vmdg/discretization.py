@@ -19,7 +19,7 @@ from ufl.core.expr import Expr
 from . import compat
 from .bodies import Bodies
 from .coercivity import Coercivity
-from .coupling import Coupling, Group
+from .coupling import Coupling, Frozen, Group
 from .forms import kinematics
 from .forms.geometry import Geometry
 from .forms.kinematics import Body
@@ -76,6 +76,7 @@ class Discretization:
         self._energy_forms: list[fem.Form] | None = None
         self._coercivity: Coercivity | None = None
         self._factors: list[NDArray[np.float64]] | None = None
+        self._derived: tuple[NDArray, list[Frozen], list[NDArray]] | None = None
         self.owned = self.space.dofmap.index_map.size_local * self.space.dofmap.index_map_bs
 
     @property
@@ -160,10 +161,43 @@ class Discretization:
     def update_stabilization(self, dt: float | None) -> None:
         """Evaluate tau_s and delta of every interface at the current displacement."""
         with Timer("vmdg: stabilization"):
+            for coupling, factor in zip(self.working, self._derive_stabilization(), strict=True):
+                coupling.freeze_stabilization(factor, dt)
+
+    def outgrown(self) -> bool:
+        """Whether the frozen tau_s falls short of what coercivity asks for now, on this rank.
+
+        At finite strain a step that goes far from where tau_s was evaluated may end in an
+        equilibrium that only the lack of it makes possible.
+        """
+        if self.bodies.families[0].body.small:
+            return False
+        with Timer("vmdg: stabilization"):
+            held = [coupling.frozen for coupling in self.working]
+            factors = self._derive_stabilization()
+            short = [
+                coupling.falls_short(frozen, factor)
+                for coupling, frozen, factor in zip(self.working, held, factors, strict=True)
+            ]
+            for coupling, frozen in zip(self.working, held, strict=True):
+                coupling.frozen = frozen
+        return any(short)
+
+    def _derive_stabilization(self) -> list[NDArray[np.float64]]:
+        """Give the interfaces tau_s and delta of the current displacement; factors to raise it by.
+
+        A step ends where the next one starts: what was derived last is kept.
+        """
+        place = np.concatenate([self.u.x.array, self.bodies.swelling])
+        if self._derived is None or not np.array_equal(self._derived[0], place):
             for coupling in self.working:
                 coupling.derive_stabilization()
-            for coupling, factor in zip(self.working, self._safety_factors(), strict=True):
-                coupling.freeze_stabilization(factor, dt)
+            derived = [coupling.derived for coupling in self.working]
+            self._derived = place, derived, self._safety_factors()
+        _, derived, factors = self._derived
+        for coupling, values in zip(self.working, derived, strict=True):
+            coupling.derived = values
+        return factors
 
     def _safety_factors(self) -> list[NDArray[np.float64]]:
         """What coercivity asks for on every facet of the working interfaces.

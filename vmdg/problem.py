@@ -394,6 +394,10 @@ class Problem:
         """
         self.discretization.assemble_tangent(matrix, damage)
 
+    def outgrown(self) -> bool:
+        """Whether the step has ended where its tau_s is not enough for coercivity; collective."""
+        return global_any(self.comm, self.discretization.outgrown())
+
     # Steps
 
     def begin_step(self, t: float, dt: float, overstress: float = 0.0) -> None:

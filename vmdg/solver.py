@@ -227,6 +227,9 @@ class Stepper:
             if not report.converged:
                 self.problem.cancel_step()
                 return report
+            if self.problem.outgrown():
+                self.problem.cancel_step()
+                return StepReport(False, report.norms, "STABILIZATION_OUTGROWN")
             if (
                 self._guards
                 and not overstress
