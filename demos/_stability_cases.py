@@ -413,6 +413,33 @@ def load_cycles(rng: Generator) -> Case:
     return Case("load cycles", f"{count} legs, {hard(law)}", degree=degree, **inputs)
 
 
+def dead_loads(rng: Generator) -> Case:
+    """Tractions with reversals on a free end, mostly below the strength."""
+    kind, degree = choose(rng, PLANE)
+    mesh, tags = block_pair(kind, rng, np.ones(2))
+    law = random_law(rng, E, 1.0)
+    inputs = pulled(rng, mesh, tags, two_materials(rng), (Bond(law, (1, 2)),), 1.0)
+    count = int(rng.integers(2, 7))
+    confined = rng.random() < 0.5
+    if confined:
+        points = law.strength * np.column_stack([rng.uniform(-3, 0.9, count), np.zeros(count)])
+    else:
+        points = law.strength * rng.uniform(-0.4, 0.4, (count, 2)) * log_uniform(rng, 0.3, 3)
+    path = Path(np.vstack([np.zeros(2), points]))
+
+    def deviation(problem: vmdg.Problem) -> float:
+        wanted = path(problem.t)
+        return float(np.abs(problem.mean(0).traction - wanted).max() / np.abs(wanted).max())
+
+    inputs |= {
+        "supports": (Support(mesh.side(0, 0), 0.0), *(rollers(mesh) if confined else ())),
+        "loads": legs(count, int(rng.integers(1, 8))),
+        "traction": path,
+        "exact": deviation if confined else None,
+    }
+    return Case("dead loads", f"{count} legs, {hard(law)}", degree=degree, **inputs)
+
+
 def large_rotation(rng: Generator) -> Case:
     """Opened in part, then turned by up to half a turn a leg."""
     kind, degree = choose(rng, FAILING)
@@ -439,7 +466,7 @@ def large_rotation(rng: Generator) -> Case:
 
 
 def large_strain(rng: Generator) -> Case:
-    """|H| up to 1: tied or strong, exact; or debonding after the stretch."""
+    """|H| up to 1: tied or strong, exact; or an end moved by as much, to any side, and back."""
     kind, degree = choose(rng, FAILING)
     mesh, tags = block_pair(kind, rng, np.ones(dimension(kind)), (2, 2, 1))
     size = rng.uniform(0.5, 1.0)
@@ -451,8 +478,10 @@ def large_strain(rng: Generator) -> Case:
         return Case("large strain", f"{strain}, patch", degree=degree, **inputs)
     law = random_law(rng, 10 * E, 1.0, any_kind=False)
     inputs = pulled(rng, mesh, tags, two_materials(rng), (Bond(law, (1, 2)),), 1.0)
-    turn = rotation(np.array([0.0, 0.0, 1.0]), rng.uniform(-1.2, 1.2))[: mesh.d, : mesh.d]
-    stretch = Path(np.array([np.zeros(mesh.d), size * turn[:, 0], np.zeros(mesh.d)]))
+    angle = rng.uniform(-np.pi, np.pi)
+    move = size * rotation(np.array([0.0, 0.0, 1.0]), angle)[: mesh.d, 0]
+    strain += f" at {np.degrees(angle):.0f} degrees"
+    stretch = Path(np.array([np.zeros(mesh.d), move, np.zeros(mesh.d)]))
     inputs |= {
         "supports": (Support(mesh.side(0, 0), 0.0), Support(mesh.side(0, -1), stretch)),
         "loads": legs(2, int(rng.integers(5, 21))),
@@ -640,6 +669,7 @@ FAMILIES: tuple[Callable[[Generator], Case], ...] = (
     steep_softening,
     step_sizes,
     load_cycles,
+    dead_loads,
     large_rotation,
     large_strain,
     weak_bond,

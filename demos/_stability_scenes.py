@@ -217,6 +217,7 @@ class Case:
         bonds: Interfaces.
         supports: Prescribed displacements.
         loads: Load factors.
+        traction: Dead traction on the high end of the first axis [MPa]; None for none.
         degree: Of the displacement.
         kinematics: "finite" or "small".
         symmetry: None or "axisymmetric".
@@ -234,6 +235,7 @@ class Case:
     bonds: tuple[Bond, ...]
     supports: tuple[Support, ...]
     loads: Array
+    traction: Path | None = None
     degree: int = 1
     kinematics: str = "finite"
     symmetry: str | None = None
@@ -287,7 +289,15 @@ class Case:
         )
         for support in self.supports:
             problem.dirichlet(support.where, support.value, support.component)
+        if self.traction is not None:
+            problem.traction(mesh.side(0, -1), self.traction)
         return problem
+
+    def load(self, t: float) -> Array:
+        """Resultant (d,) of the dead traction [N]."""
+        if self.traction is None:
+            return np.zeros(self.mesh.d)
+        return self.traction(t) * self.mesh.size[1:].prod()
 
 
 def legs(count: int, steps: int) -> Array:

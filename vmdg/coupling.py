@@ -515,9 +515,12 @@ class Coupling:
             works[1] = np.maximum(works[1] + self._pressure_change(update), 0.0)
         if self._acting_law is not self.law:
             # In a jump the overstress does most of the work: count it as the integral of T.dzeta
-            # by the trapezoidal rule, exact for linear bodies, less what bond and friction take.
+            # by the trapezoidal rule, exact for linear bodies, less what the bond can give back and
+            # what bond and friction take.
             mean = (self._converged_traction + update.traction) / 2
             total = np.einsum("pi,pi->p", mean, update.gap - self.gap)
+            total -= self.law.stored_energy(update.gap, update.softening)
+            total += self.law.stored_energy(self.gap, self.softening)
             works[2] = total - works[0] - works[1]
         return works @ self.quadrature.weights
 

@@ -54,6 +54,9 @@ LINE_SEARCH = {
 #: The line search is stuck at a kink if two corrections leave more than this share of the residual.
 STALL = 0.98
 
+#: Residual relative to the largest reaction or load so far that is never small enough.
+LOOSE = 1e-6
+
 #: The second attempt takes full steps, with a residual up to so many times the force scale, and
 #: must end where at most this share of the energy it exchanged is unaccounted for: larger releases
 #: are jumps, whose dissipation is to be counted.
@@ -72,7 +75,9 @@ class Newton:
 
     The residual is small when its norm on the free dofs is below ``relative_tolerance`` times the
     largest force the run has seen (reactions, loads, or the imbalance a step starts with). Such a
-    scale stays when the body has come apart and no force is left.
+    scale stays when the body has come apart and no force is left. The imbalance of a step that
+    carries a weak bond far beyond its strength may be larger than any force the bond can bear by
+    orders of magnitude, so that the residual must also be small against forces that were there.
 
     Args:
         problem: The problem.
@@ -97,6 +102,7 @@ class Newton:
         self.discretization = problem.discretization
         self._tolerance = relative_tolerance
         self._scale = scale
+        self._borne = 0.0
         self._matrix = problem.create_matrix()
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self._x, self._f = self._matrix.createVecs()
@@ -143,11 +149,11 @@ class Newton:
             damage_predictor: Predict with the damage tangent of the last converged step.
         """
         self._dt = dt
-        scale = self._scale
+        scales = self._scale, self._borne
         report = self._search(damage_predictor)
         if not report.converged:
             # The forces of a state that is given up say nothing about the run.
-            self._scale = scale
+            self._scale, self._borne = scales
         return report
 
     def _search(self, damage_predictor: bool) -> StepReport:
@@ -225,7 +231,9 @@ class Newton:
         self._f.array[:] = -residual - self._f.array_r
         self._f.array[self._prescribed] = 0
         imbalance = self._f.norm()
-        self._see_forces(imbalance)
+        free = np.delete(residual, self._prescribed)
+        self._see_forces(float(np.sqrt(global_sum(problem.comm, free @ free))))
+        self._scale = max(self._scale, imbalance)
         self._f.array[self._prescribed] = increment[self._prescribed]
         matrix.zeroRowsColumnsLocal(self._prescribed, 1.0)
         ksp = self._snes.getKSP()
@@ -236,11 +244,17 @@ class Newton:
         problem.u.x.scatter_forward()
         return imbalance
 
-    def _see_forces(self, imbalance: float = 0.0) -> None:
-        forces = self._problem.forces.x.array[: self._owned][self._prescribed]
-        reaction = float(np.sqrt(global_sum(self._problem.comm, forces @ forces)))
+    def _see_forces(self, loads: float = 0.0) -> None:
+        """Take the reactions of the last assembly, and loads without balance, into the scales."""
+        reaction = self._reaction()
         if np.isfinite(reaction):
-            self._scale = max(self._scale, reaction, imbalance)
+            self._borne = max(self._borne, reaction, loads)
+            self._scale = max(self._scale, self._borne)
+
+    def _reaction(self) -> float:
+        """Norm of the reactions of the last assembly [N]."""
+        forces = self._problem.forces.x.array[: self._owned][self._prescribed]
+        return float(np.sqrt(global_sum(self._problem.comm, forces @ forces)))
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
         u = self._problem.u.x
@@ -258,7 +272,8 @@ class Newton:
         self._norms.append(residual)
         if not np.isfinite(residual):
             return PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN
-        if residual <= max(self._tolerance * self._scale, self._floor):
+        borne = max(self._borne, self._reaction())
+        if residual <= max(min(self._tolerance * self._scale, LOOSE * borne), self._floor):
             return PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE
         if snes == self._full_snes:
             if residual > EXCURSION * self._scale:
