@@ -17,7 +17,7 @@ import numpy as np
 from _stability_scenes import Array, Case
 
 import vmdg
-from vmdg.coercivity import CellGeometry
+from vmdg.coercivity import MARGIN, CellGeometry
 from vmdg.laws.extrinsic import RadialLaw
 
 EPS = np.finfo(float).eps
@@ -25,6 +25,10 @@ EPS = np.finfo(float).eps
 #: Residual relative to the reactions that no solution may exceed; deviation from a closed form, or
 #: of states that ought to be the same; and what another tau_s may change on these coarse meshes.
 LOOSE, EXACT, MESH = 1e-6, 1e-6, 0.05
+
+#: Share of the bulk energy by which that of a finite deformation may differ from the quadratic form
+#: of its tangent.
+NONLINEAR = 0.05
 
 
 @dataclass(frozen=True)
@@ -385,7 +389,7 @@ def energy_balance(run: Run) -> list[str]:
     for before, after, jumped in zip(run.records, run.records[1:], jumps[1:], strict=False):
         moved = np.abs(after.u - before.u)[dofs]
         largest = np.max([np.abs(record.forces[dofs]) for record in run.records], axis=0)
-        bound = (largest + borne) @ moved
+        bound = largest @ moved + borne * run.case.mesh.d * moved.max()
         if run.case.traction is not None:
             load = max(np.linalg.norm(run.case.load(record.t)) for record in run.records)
             bound += load * np.abs(after.u - before.u).max()
@@ -395,6 +399,21 @@ def energy_balance(run: Run) -> list[str]:
         if change > bound + rounding:
             found.append(f"{change:.2e} N mm lost at t = {after.t:.4g}, {bound:.2e} allowed")
     return found[:1]
+
+
+def coercive(run: Run) -> list[str]:
+    """The interfaces take no more of the bulk energy than :mod:`vmdg.coercivity` lets them.
+
+    In a spurious equilibrium, which only a tau_s too small for the state allows, they do.
+    """
+    energy = run.records[-1].energy
+    rounding = 10 * EPS * _stiffest(run) * run.reach**run.case.mesh.d
+    taken = -energy.interface - (1 - MARGIN) * energy.bulk
+    if run.case.kinematics == "finite":
+        taken -= NONLINEAR * energy.bulk
+    if taken <= rounding:
+        return []
+    return [f"interface energy {energy.interface:.3e}, bulk energy {energy.bulk:.3e} N mm"]
 
 
 def exact(run: Run) -> list[str]:
@@ -436,6 +455,7 @@ CHECKS: tuple[Callable[[Run], list[str]], ...] = (
     irreversible,
     damage_energy,
     energy_balance,
+    coercive,
     exact,
     objective,
 )

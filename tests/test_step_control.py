@@ -35,30 +35,21 @@ def turning(move: float, angle: float):
     return displacement
 
 
-@pytest.mark.parametrize("degrees", [20.0, 33.0, 50.0])
+@pytest.mark.parametrize("degrees", [33.0, 50.0])
 def test_rotation_in_coarse_steps(comm, degrees):
-    """A damaged bond turned by much in a step comes out as it was, however often that is cut.
+    """A loaded bond turned by much in a step comes out as it was, however often that is cut.
 
-    The linear predictor stretches the bodies by a tenth and more. With tau_s of before Newton's
-    method can end in a spurious equilibrium of strained bodies: such steps are refused.
+    The linear predictor stretches the bodies by a fifth and more and breaks the bond. From there
+    Newton's method finds an equilibrium of strained bodies that only tau_s of before allows, 50
+    degrees away with 2e5 times the energy: such steps are refused.
     """
-    law = vmdg.Debonding(strength=2.0, critical_gap=0.006)
+    law = vmdg.Debonding(strength=2.0, critical_gap=0.0025)
     angle = np.radians(degrees)
-    problem = squares(comm, law, turning(0.0, angle), turning(0.005, angle))
-    seen = []
-
-    def monitor(problem):
-        state = problem.state[0]
-        gap = np.einsum("pji,pj->pi", state.rotation, state.gap)
-        seen.append((gap, state.softening, problem.energy().stored))
-
-    vmdg.solve(problem, [0.5, 1.0, 2.0, 3.0, 4.0], monitor=monitor)
-    (gap, softening, stored), *later = seen[1:]
-    assert 0 < global_max(comm, softening.max(initial=0.0)) < law.strength
-    for other_gap, other_softening, other_stored in later:
-        assert other_gap == pytest.approx(gap, abs=1e-3 * law.critical_gap)
-        assert other_softening == pytest.approx(softening, abs=1e-3 * law.strength)
-        assert other_stored == pytest.approx(stored, rel=1e-2)
+    problem = squares(comm, law, turning(0.0, angle), turning(0.001, angle))
+    stored = []
+    vmdg.solve(problem, [1.0, 2.0, 3.0], monitor=lambda p: stored.append(p.energy().stored))
+    assert stored == pytest.approx([stored[0]] * len(stored), rel=1e-6)
+    assert global_max(comm, problem.state[0].softening.max(initial=0.0)) == 0
 
 
 def test_outgrown_stabilization_is_refused(comm):
