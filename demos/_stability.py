@@ -223,9 +223,7 @@ def write_csv(outcomes: Sequence[Outcome], path: Path) -> None:
         writer = csv.writer(file)
         writer.writerow([field.name for field in fields(Outcome)])
         for outcome in outcomes:
-            writer.writerow(
-                [round(v, 2) if isinstance(v, float) else v for v in astuple(outcome)]
-            )
+            writer.writerow([round(v, 2) if isinstance(v, float) else v for v in astuple(outcome)])
 
 
 def plot(outcomes: Sequence[Outcome]) -> Figure:

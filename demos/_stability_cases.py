@@ -85,7 +85,7 @@ def random_law(rng: Generator, modulus: float, length: float, any_kind: bool = T
     """A law under which a body of this modulus and length softens stably, or nearly."""
     strength = modulus * log_uniform(rng, 1e-3, 3e-2)
     gap = strength * length / modulus * log_uniform(rng, 0.5, 10)
-    friction = rng.choice([0.0, rng.uniform(0.1, 0.8)])
+    friction = float(rng.choice([0.0, rng.uniform(0.1, 0.8)]))
     kind = rng.choice(4) if any_kind else 0
     if kind == 1:
         return vmdg.ExponentialDebonding(strength, strength * gap / 2, friction)
@@ -199,7 +199,8 @@ def bar(
             peak = stretched(law.strength)
             gap = 0.0
             if t > peak:
-                gap = law.critical_gap * (1 - T / law.strength) if T > 1e-9 * law.strength else t
+                left = law.critical_gap * (1 - T / law.strength)
+                gap = left if T > 1e-9 * law.strength else max(t, law.critical_gap)
             off = max(off, abs(mean.gap[0] - gap) / max(abs(t), law.critical_gap))
             if t > peak and T < -1e-9 * law.strength:
                 off = np.inf
@@ -254,7 +255,8 @@ def two_materials(rng: Generator, contrast: float = 1.0, nu: float | None = None
     """Bodies 1 and 2, either of them the softer."""
     moduli = [E, E * contrast][:: int(rng.choice([1, -1]))]
     ratios = [rng.uniform(0.0, 0.4) if nu is None else nu for _ in moduli]
-    return {i: vmdg.NeoHookean(E=m, nu=n) for i, (m, n) in enumerate(zip(moduli, ratios), 1)}
+    bodies = [vmdg.NeoHookean(E=m, nu=n) for m, n in zip(moduli, ratios, strict=True)]
+    return dict(enumerate(bodies, 1))
 
 
 # Families
@@ -496,7 +498,7 @@ def weak_bond(rng: Generator) -> Case:
     mesh, tags = block_pair(kind, rng, size)
     strength = E * log_uniform(rng, 1e-12, 1e-4)
     gap = strength / E * log_uniform(rng, 0.5, 1e3)
-    law = vmdg.Debonding(strength, gap, rng.choice([0.0, 0.3]))
+    law = vmdg.Debonding(strength, gap, float(rng.choice([0.0, 0.3])))
     what = hard(law)
     if rng.random() < 0.5:
         loads = bar_loads(law, (E, E), size, 0.3, int(rng.integers(2, 15)))

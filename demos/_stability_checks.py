@@ -337,7 +337,8 @@ def irreversible(run: Run) -> list[str]:
     for before, after in zip(run.records, run.records[1:], strict=False):
         for bond, Q0, Q1 in zip(run.case.bonds, before.softening, after.softening, strict=True):
             if (Q1 < Q0).any():
-                found.append(f"Q falls by {(Q0 - Q1).max() / bond.law.strength:.1e} of the strength")
+                share = (Q0 - Q1).max() / bond.law.strength
+                found.append(f"Q falls by {share:.1e} of the strength")
         scale = 1e-9 * after.energy.dissipated
         for name in ("damage", "friction"):
             if getattr(after.energy, name) < getattr(before.energy, name) - scale:

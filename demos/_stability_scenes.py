@@ -267,9 +267,7 @@ class Case:
         midpoints = compute_midpoints(dolfinx_mesh, d - 1, inner).T
         frame = "corotating" if self.kinematics == "finite" else "reference"
         interfaces = []
-        for bond, own in zip(
-            self.bonds, stabilizations or [None] * len(self.bonds), strict=True
-        ):
+        for bond, own in zip(self.bonds, stabilizations or [None] * len(self.bonds), strict=True):
             facets = None
             if bond.facets is not None:
                 facets = inner[bond.facets(midpoints, tags[pairs[inner]])]

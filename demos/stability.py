@@ -8,6 +8,7 @@ converged step intact. The families are in ``_stability_cases.py``.
 from __future__ import annotations
 
 import argparse
+from itertools import chain
 from pathlib import Path
 
 from mpi4py import MPI
@@ -16,9 +17,7 @@ from _stability import BAD, Outcome, plot, stress, table, write_csv
 from tqdm import tqdm
 
 
-def main(
-    runs: int = 680, only: int | None = None, out: str = "results/stability"
-) -> list[Outcome]:
+def main(runs: int = 680, only: int | None = None, out: str = "results/stability") -> list[Outcome]:
     """Runs 0 to ``runs`` - 1, or one of them; table, list and picture go to the folder ``out``.
 
     Ranks take turns: every run is one of a single rank.
@@ -32,7 +31,7 @@ def main(
         if outcome.verdict in BAD or only is not None:
             lines = (f"run {number}, {outcome.family}: {outcome.verdict}", outcome.case)
             bar.write("\n".join((*lines, outcome.detail)))
-    outcomes = sorted(sum(comm.allgather(mine), []), key=lambda outcome: outcome.number)
+    outcomes = sorted(chain(*comm.allgather(mine)), key=lambda outcome: outcome.number)
     if comm.rank == 0 and only is None:
         Path(out).mkdir(parents=True, exist_ok=True)
         (Path(out) / "stability.md").write_text(table(outcomes) + "\n")

@@ -16,7 +16,8 @@ from vmdg.newton import Newton
 
 FRICTION = vmdg.Debonding(strength=50.0, critical_gap=0.2, friction=0.5)
 SMOOTH = vmdg.Debonding(strength=50.0, critical_gap=0.2)
-WEIGHTED = vmdg.IntrinsicExponential(strength=50.0, fracture_energy=10.0)  # no friction, no potential
+#: No friction, but no potential either.
+WEIGHTED = vmdg.IntrinsicExponential(strength=50.0, fracture_energy=10.0)
 
 
 def pressed(comm, cell: str, law: vmdg.Law, n: int = 3, opening: float = -0.01) -> vmdg.Problem:
@@ -28,7 +29,8 @@ def pressed(comm, cell: str, law: vmdg.Law, n: int = 3, opening: float = -0.01) 
     )
     d = scene.mesh.geometry.dim
     problem.dirichlet(scene.facet_tags.find(1), 0.0)
-    problem.dirichlet(scene.facet_tags.find(2), lambda t: np.array([opening * t, 0.04 * t, 0.0][:d]))
+    move = np.array([opening, 0.04, 0.0][:d])
+    problem.dirichlet(scene.facet_tags.find(2), lambda t: t * move)
     return problem
 
 

@@ -13,7 +13,7 @@ import pytest
 import stability
 from _stability import BAD, execute, judge, stress
 from _stability_cases import FAMILIES, bar, block_pair, draw, pulled, two_materials
-from _stability_checks import Points, Record, Run
+from _stability_checks import Points, Run
 from _stability_scenes import Bond, Case
 
 import vmdg

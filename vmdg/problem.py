@@ -472,8 +472,10 @@ class Problem:
         self._external = snapshot.external
         for coupling, history in zip(self.discretization.working, snapshot.histories, strict=True):
             coupling.set_history(history)
-        for coupling, frozen in zip(self.discretization.working, snapshot.frozen):
-            coupling.frozen = frozen
+        if snapshot.frozen:
+            working = self.discretization.working
+            for coupling, frozen in zip(working, snapshot.frozen, strict=True):
+                coupling.frozen = frozen
         self.apply_loads(snapshot.t)
 
     # Facets that open on demand

@@ -26,7 +26,8 @@ class SolveOptions:
     """How to step.
 
     Attributes:
-        relative_tolerance: Residual norm relative to the largest force the run has seen.
+        relative_tolerance: Residual norm relative to the largest force the run has seen; it never
+            exceeds 1e-6 of the largest reaction or load.
         max_iterations: Newton corrections before a step is cut.
         max_cuts: How often a step may be halved.
         jump: Where cutting does not help, pass an unstable stage by steps with viscous overstress
