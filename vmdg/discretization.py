@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from petsc4py import PETSc
 
@@ -24,9 +25,24 @@ from .forms import kinematics
 from .forms.geometry import Geometry
 from .forms.kinematics import Body
 from .interface import Interface, InterfaceFacets
-from .parallel import global_sum
+from .parallel import global_any, global_sum
 from .quadrature import JIT_OPTIONS, bulk_degree, facet_degree
 from .space import broken_space
+
+
+@dataclass(frozen=True)
+class _Derived:
+    """Stabilization of all working interfaces at one displacement.
+
+    Attributes:
+        place: Displacement and swelling for which it holds, on this rank.
+        values: tau_s, not raised, and flux weights of every interface.
+        factors: What coercivity asks to raise tau_s by, (nf,) of every interface.
+    """
+
+    place: NDArray[np.float64]
+    values: list[Frozen]
+    factors: list[NDArray[np.float64]]
 
 
 class Discretization:
@@ -76,7 +92,7 @@ class Discretization:
         self._energy_forms: list[fem.Form] | None = None
         self._coercivity: Coercivity | None = None
         self._factors: list[NDArray[np.float64]] | None = None
-        self._derived: tuple[NDArray, list[Frozen], list[NDArray]] | None = None
+        self._derived: _Derived | None = None
         self.owned = self.space.dofmap.index_map.size_local * self.space.dofmap.index_map_bs
 
     @property
@@ -161,7 +177,8 @@ class Discretization:
     def update_stabilization(self, dt: float | None) -> None:
         """Evaluate tau_s and delta of every interface at the current displacement."""
         with Timer("vmdg: stabilization"):
-            for coupling, factor in zip(self.working, self._derive_stabilization(), strict=True):
+            derived = self._derive_stabilization()
+            for coupling, factor in zip(self.working, derived.factors, strict=True):
                 coupling.freeze_stabilization(factor, dt)
 
     def outgrown(self) -> bool:
@@ -174,30 +191,30 @@ class Discretization:
             return False
         with Timer("vmdg: stabilization"):
             held = [coupling.frozen for coupling in self.working]
-            factors = self._derive_stabilization()
+            derived = self._derive_stabilization()
             short = [
-                coupling.falls_short(frozen, factor)
-                for coupling, frozen, factor in zip(self.working, held, factors, strict=True)
+                coupling.falls_short(*values)
+                for coupling, *values in zip(self.working, held, derived.factors, strict=True)
             ]
+            # A step ends where the next one starts.
+            self._derived = derived
             for coupling, frozen in zip(self.working, held, strict=True):
                 coupling.frozen = frozen
         return any(short)
 
-    def _derive_stabilization(self) -> list[NDArray[np.float64]]:
-        """Give the interfaces tau_s and delta of the current displacement; factors to raise it by.
-
-        A step ends where the next one starts: what was derived last is kept.
-        """
+    def _derive_stabilization(self) -> _Derived:
+        """Give the interfaces tau_s and delta of the current displacement, not raised yet."""
         place = np.concatenate([self.u.x.array, self.bodies.swelling])
-        if self._derived is None or not np.array_equal(self._derived[0], place):
+        kept, self._derived = self._derived, None
+        moved = kept is None or not np.array_equal(kept.place, place)
+        if global_any(self.mesh.comm, moved):
             for coupling in self.working:
                 coupling.derive_stabilization()
             derived = [coupling.derived for coupling in self.working]
-            self._derived = place, derived, self._safety_factors()
-        _, derived, factors = self._derived
-        for coupling, values in zip(self.working, derived, strict=True):
+            return _Derived(place, derived, self._safety_factors())
+        for coupling, values in zip(self.working, kept.values, strict=True):
             coupling.derived = values
-        return factors
+        return kept
 
     def _safety_factors(self) -> list[NDArray[np.float64]]:
         """What coercivity asks for on every facet of the working interfaces.
