@@ -107,7 +107,7 @@ def opening_scale(law: vmdg.Law) -> float:
     return 3 * law.fracture_energy / law.strength
 
 
-def hard(law: vmdg.Law) -> str:
+def described(law: vmdg.Law) -> str:
     """The law in words."""
     return f"{type(law).__name__} {law.strength:.2g} MPa, H {law.softening_modulus:.2g}"
 
@@ -130,8 +130,6 @@ def patch(rng: Generator, mesh: Cells, size: float, law: vmdg.Law, nu: float, **
     d = mesh.d
     H = rng.uniform(-1, 1, (d, d))
     H *= size / np.linalg.norm(H)
-    if options.get("symmetry"):
-        H = np.diag(np.diag(H))
     while np.linalg.det(np.eye(d) + H) < 0.3 or (np.diag(H) < -0.5).any():
         H += 0.1 * np.eye(d)
     sides = [Support(mesh.side(a, e), Affine(H)) for a in range(d) for e in (0, -1)]
@@ -275,7 +273,7 @@ def aspect_ratio(rng: Generator) -> Case:
         inputs = patch(rng, mesh, rng.uniform(0.01, 0.3), vmdg.Bonded(), nu, tags=tags)
     else:
         law = random_law(rng, E, 1.0, any_kind=False)
-        what += f", {hard(law)}"
+        what += f", {described(law)}"
         if scene == 1:
             loads = bar_loads(law, (E, E), size, nu, int(rng.integers(2, 15)))
             inputs = bar(mesh, tags, (E, E), nu, law, loads)
@@ -293,7 +291,7 @@ def contrast(rng: Generator) -> Case:
     mesh, tags = block_pair(kind, rng, size)
     mesh = distorted(mesh, rng, 0.5, np.array([split_plane(mesh, tags)]))
     law = random_law(rng, E, 1.0, any_kind=False)
-    what = f"contrast {ratio:.2g}, {hard(law)}"
+    what = f"contrast {ratio:.2g}, {described(law)}"
     if rng.random() < 0.5:
         moduli = tuple(float(m) for m in rng.permutation([E, E * ratio]))
         nu = rng.uniform(0, 0.4)
@@ -313,7 +311,7 @@ def incompressible(rng: Generator) -> Case:
     size = np.ones(dimension(kind))
     mesh, tags = block_pair(kind, rng, size)
     law = random_law(rng, E, 1.0, any_kind=False)
-    what = f"nu {nu:.5f}, {hard(law)}"
+    what = f"nu {nu:.5f}, {described(law)}"
     if rng.random() < 0.5:
         loads = bar_loads(law, (E, 3 * E), size, nu, int(rng.integers(2, 15)))
         inputs = bar(mesh, tags, (E, 3 * E), nu, law, loads)
@@ -337,7 +335,7 @@ def distortion(rng: Generator) -> Case:
         inputs = patch(rng, mesh, rng.uniform(0.01, 0.3), vmdg.Bonded(), nu, tags=tags)
     else:
         law = random_law(rng, E, 1.0, any_kind=False)
-        what += f", {hard(law)}"
+        what += f", {described(law)}"
         if scene == 1:
             loads = bar_loads(law, (E, E), mesh.size, nu, int(rng.integers(2, 15)))
             inputs = bar(mesh, tags, (E, E), nu, law, loads)
@@ -378,7 +376,7 @@ def steep_softening(rng: Generator) -> Case:
     law = vmdg.Debonding(strength, strength / H)
     loads = bar_loads(law, (E, E), size, nu, int(rng.integers(2, 15)))
     inputs = bar(mesh, tags, (E, E), nu, law, loads)
-    return Case("steep softening", hard(law), degree=degree, **inputs)
+    return Case("steep softening", described(law), degree=degree, **inputs)
 
 
 def step_sizes(rng: Generator) -> Case:
@@ -393,7 +391,7 @@ def step_sizes(rng: Generator) -> Case:
     loads = loads[: max(int(np.searchsorted(loads, end)) + 1, 3)]
     kinematics = str(rng.choice(["finite", "small"])) if (kind, degree) in LINEAR else "finite"
     inputs = bar(mesh, tags, (E, E), 0.3, law, loads, kinematics)
-    return Case("step sizes", f"{len(loads)} steps, {hard(law)}", degree=degree, **inputs)
+    return Case("step sizes", f"{len(loads)} steps, {described(law)}", degree=degree, **inputs)
 
 
 def load_cycles(rng: Generator) -> Case:
@@ -412,7 +410,7 @@ def load_cycles(rng: Generator) -> Case:
         "loads": legs(count, int(rng.integers(1, 11))),
         "kinematics": "small" if small else "finite",
     }
-    return Case("load cycles", f"{count} legs, {hard(law)}", degree=degree, **inputs)
+    return Case("load cycles", f"{count} legs, {described(law)}", degree=degree, **inputs)
 
 
 def dead_loads(rng: Generator) -> Case:
@@ -439,7 +437,7 @@ def dead_loads(rng: Generator) -> Case:
         "traction": path,
         "exact": deviation if confined else None,
     }
-    return Case("dead loads", f"{count} legs, {hard(law)}", degree=degree, **inputs)
+    return Case("dead loads", f"{count} legs, {described(law)}", degree=degree, **inputs)
 
 
 def large_rotation(rng: Generator) -> Case:
@@ -463,7 +461,7 @@ def large_rotation(rng: Generator) -> Case:
         "supports": (Support(mesh.side(0, 0), held), Support(mesh.side(0, -1), led)),
         "loads": legs(1 + turns, steps),
     }
-    what = f"{turns} x {np.degrees(angle):.0f} degrees in {steps} steps each, {hard(law)}"
+    what = f"{turns} x {np.degrees(angle):.0f} degrees in {steps} steps each, {described(law)}"
     return Case("large rotation", what, degree=degree, unchanged_from=1.0, **inputs)
 
 
@@ -488,7 +486,7 @@ def large_strain(rng: Generator) -> Case:
         "supports": (Support(mesh.side(0, 0), 0.0), Support(mesh.side(0, -1), stretch)),
         "loads": legs(2, int(rng.integers(5, 21))),
     }
-    return Case("large strain", f"{strain}, {hard(law)}", degree=degree, **inputs)
+    return Case("large strain", f"{strain}, {described(law)}", degree=degree, **inputs)
 
 
 def weak_bond(rng: Generator) -> Case:
@@ -499,7 +497,7 @@ def weak_bond(rng: Generator) -> Case:
     strength = E * log_uniform(rng, 1e-12, 1e-4)
     gap = strength / E * log_uniform(rng, 0.5, 1e3)
     law = vmdg.Debonding(strength, gap, float(rng.choice([0.0, 0.3])))
-    what = hard(law)
+    what = described(law)
     if rng.random() < 0.5:
         loads = bar_loads(law, (E, E), size, 0.3, int(rng.integers(2, 15)))
         inputs = bar(mesh, tags, (E, E), 0.3, law, loads)
@@ -539,7 +537,7 @@ def polycrystal(rng: Generator) -> Case:
     law = random_law(rng, E, 1.0)
     bond = Bond(law, facets=different_tags)
     inputs = pulled(rng, mesh, tags, materials, (bond,), 2 * opening_scale(law))
-    return Case("polycrystal", f"{count} grains, {hard(law)}", degree=degree, **inputs)
+    return Case("polycrystal", f"{count} grains, {described(law)}", degree=degree, **inputs)
 
 
 def crack_tip(rng: Generator) -> Case:
@@ -563,7 +561,9 @@ def crack_tip(rng: Generator) -> Case:
     materials = {1: vmdg.NeoHookean(E=E, nu=rng.uniform(0, 0.4))}
     bond = Bond(law, facets=on_crack)
     inputs = pulled(rng, mesh, tags, materials, (bond,), opening_scale(law))
-    return Case("crack tip", f"y from {low:g} to {high:g}, {hard(law)}", degree=degree, **inputs)
+    return Case(
+        "crack tip", f"y from {low:g} to {high:g}, {described(law)}", degree=degree, **inputs
+    )
 
 
 def random_facets(rng: Generator) -> Case:
@@ -586,7 +586,7 @@ def random_facets(rng: Generator) -> Case:
     materials = {1: vmdg.NeoHookean(E=E, nu=rng.uniform(0, 0.4))}
     bond = Bond(law, facets=chosen)
     inputs = pulled(rng, mesh, tags, materials, (bond,), 1.5 * opening_scale(law))
-    return Case("random facets", f"{share:.0%} of all, {hard(law)}", degree=degree, **inputs)
+    return Case("random facets", f"{share:.0%} of all, {described(law)}", degree=degree, **inputs)
 
 
 def inclined(rng: Generator) -> Case:
@@ -603,7 +603,7 @@ def inclined(rng: Generator) -> Case:
     materials = two_materials(rng, log_uniform(rng, 1, 1e3))
     bond = (Bond(law, (1, 2)),)
     inputs = pulled(rng, mesh, tags, materials, bond, 1.5 * opening_scale(law))
-    what = f"{np.degrees(angle):.0f} degrees, {hard(law)}"
+    what = f"{np.degrees(angle):.0f} degrees, {described(law)}"
     return Case("interface at the boundary", what, degree=degree, **inputs)
 
 
@@ -630,7 +630,7 @@ def corner_cells(rng: Generator) -> Case:
     bonds = (Bond(first, facets=upright), Bond(second, facets=level))
     materials = two_materials(rng, log_uniform(rng, 1, 1e3))
     inputs = pulled(rng, mesh, tags, materials, bonds, opening_scale(first))
-    what = f"{hard(first)} and {type(second).__name__}"
+    what = f"{described(first)} and {type(second).__name__}"
     return Case("two interfaces in a cell", what, degree=degree, **inputs)
 
 
@@ -658,7 +658,7 @@ def axisymmetric(rng: Generator) -> Case:
         "loads": legs(3, int(rng.integers(2, 9))),
         "symmetry": "axisymmetric",
     }
-    what = f"r from {inner:.2g}, {'across' if across else 'around'} the axis, {hard(law)}"
+    what = f"r from {inner:.2g}, {'across' if across else 'around'} the axis, {described(law)}"
     return Case("axisymmetric", what, degree=degree, **inputs)
 
 

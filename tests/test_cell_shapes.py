@@ -63,6 +63,18 @@ def test_degenerate(comm, cell):
 
 
 @EVERY_CELL
+@pytest.mark.parametrize("far", [0.0, 1e3])
+def test_edge_without_length(comm, cell, far):
+    """Two nodes in one place, far from the origin too."""
+    mesh = unit_box(comm, cell, 2)
+    x = mesh.geometry.x
+    x[middle_node(mesh), 0] = 1.0
+    x += far
+    with pytest.raises(ValueError, match=r"cell \d+ at \[.*\] is degenerate"):
+        check_cells(mesh)
+
+
+@EVERY_CELL
 def test_coordinates_that_are_no_numbers(comm, cell):
     """NaN passes no comparison."""
     mesh = unit_box(comm, cell, 2)

@@ -12,8 +12,9 @@ from . import compat
 from .parallel import raise_together
 from .topology import facet_cells, local_facets
 
-# det J relative to the lengths of its columns below which rounding leaves no sign.
-_FLAT = 1e-14
+# det J relative to the lengths of its columns, and edges at a corner relative to the longest, that
+# rounding cannot tell from zero.
+_FLAT, _SHORT = 1e-14, 1e-12
 
 # Cells and facets that are examined together.
 _BATCH = 2**16
@@ -24,8 +25,9 @@ REMEDY = "move its nodes or mesh anew"
 def check_cells(mesh: Mesh) -> None:
     """Refuse meshes with cells on which no element can be built; collective.
 
-    det dX/dxi must have one sign at the corners and inside of every cell, and the two cells of a
-    facet must lie on different sides of it: simplices that are turned over show by that only.
+    det dX/dxi must have one sign at the corners and inside of every cell, edges must have a length,
+    and the two cells of a facet must lie on different sides of it: simplices that are turned over
+    show by that only.
 
     Args:
         mesh: Mesh with facet ghosts, if distributed.
@@ -50,15 +52,17 @@ def _bad_cell(mesh: Mesh) -> str | None:
     nodes = compat.geometry_dofmap(mesh)
     for start in range(0, len(nodes), _BATCH):
         x = mesh.geometry.x[nodes[start : start + _BATCH], :d]
-        J = np.einsum("tqn,cni->cqit", slopes, x, optimize=True)
+        J = np.einsum("tqn,cni->cqit", slopes, x - x[:, :1], optimize=True)
+        edges = np.linalg.norm(J, axis=2)
         with np.errstate(invalid="ignore"):
-            det, size = np.linalg.det(J), np.linalg.norm(J, axis=2).prod(axis=2)
+            det, size = np.linalg.det(J), edges.prod(axis=2)
         det *= np.where(det.sum(axis=1) < 0, -1, 1)[:, None]
         # At a corner two sides may form one line; inside, where integrals are taken, they may not.
         # The comparison also catches coordinates that are not finite.
         flat = ~(det > _FLAT * size)[:, len(corners) :].all(axis=1)
-        turned = (det < -_FLAT * size).any(axis=1)
-        bad = np.flatnonzero(flat | turned)
+        collapsed = edges.min(axis=(1, 2)) <= _SHORT * edges.max(axis=(1, 2))
+        turned = (det < -_FLAT * size).any(axis=1) & ~collapsed
+        bad = np.flatnonzero(flat | turned | collapsed)
         if len(bad):
             what = "inverted" if turned[bad[0]] else "degenerate"
             return (
