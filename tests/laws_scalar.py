@@ -181,7 +181,7 @@ def mixed(law, eta, trial, normal, gap, softening, r):
     )
 
 
-def intrinsic(law, trial, normal, gap, softening, r):
+def intrinsic(law, eta, trial, normal, gap, softening, r):
     """`IntrinsicExponential`: bisection for the length of zeta along b = T_tr + r zeta_n."""
     scale = law.fracture_energy / (math.e * law.strength)
     stiffness = law.fracture_energy / scale**2
@@ -199,10 +199,15 @@ def intrinsic(law, trial, normal, gap, softening, r):
     def damage(x):
         return max(d_n, -math.expm1(-per_length * x / scale))
 
-    x = bisect(lambda x: r * x + stiffness * (1 - damage(x)) * x - length, 0.0, length / r)
+    x_n = -math.log(max(1.0 - d_n, 1e-300)) * scale / per_length
+
+    def bond(x):
+        return stiffness * (1 - damage(x)) * x + eta * max(x - x_n, 0.0)
+
+    x = bisect(lambda x: r * x + bond(x) - length, 0.0, length / r)
     d = damage(x)
     new_gap = combine((x / length, b))
-    traction = combine((stiffness * (1 - d), new_gap), (contact, normal))
+    traction = combine((bond(x) / length, b), (contact, normal))
     grows = d > d_n
     step = combine((1.0, new_gap), (-1.0, gap))
     # dissipation = integral of K |zeta|^2/2 dd, dd = exp(-y) dy, |zeta| = scale y/per_length
@@ -219,7 +224,8 @@ def intrinsic(law, trial, normal, gap, softening, r):
         mode = "OPEN"
     softening = law.strength * d if grows else softening
     slip = math.sqrt(dot(step, step)) if grows else 0.0
-    return Step(traction, new_gap, softening, slip, mode, work, 0.0, 0.0)
+    drag = eta * (x - x_n) ** 2 if grows else 0.0
+    return Step(traction, new_gap, softening, slip, mode, work, 0.0, drag)
 
 
 class State(NamedTuple):

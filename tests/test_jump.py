@@ -11,17 +11,21 @@ from scipy.optimize import brentq
 import vmdg
 from vmdg.meshes import blocks
 from vmdg.newton import StepReport
-from vmdg.solver import Result, _advance
+from vmdg.solver import Result, Stepper, _advance
 
 E, NU, STRENGTH = 5000.0, 0.25, 100.0
 LOADS = 0.002 * np.arange(1, 31)
 
 
-def bar(comm, critical_gap: float) -> vmdg.Problem:
+def linear(critical_gap: float) -> vmdg.Debonding:
+    """The law of most bars."""
+    return vmdg.Debonding(strength=STRENGTH, critical_gap=critical_gap)
+
+
+def bar(comm, law: vmdg.Law) -> vmdg.Problem:
     """Two squares of 1 mm in plane strain, the right end pulled by the load factor."""
     mesh, cells, facets = blocks(comm, "quadrilateral")
     material = vmdg.NeoHookean(E=E, nu=NU)
-    law = vmdg.Debonding(strength=STRENGTH, critical_gap=critical_gap)
     interface = vmdg.Interface(between=(1, 2), law=law)
     problem = vmdg.Problem(mesh, cells, {1: material, 2: material}, [interface])
     problem.dirichlet(facets.find(1), 0.0, "x")
@@ -52,7 +56,7 @@ def mean(problem: vmdg.Problem) -> dict[str, float]:
 
 def test_stable_bar_needs_no_jump(comm):
     """zeta_c = .041 mm: just stable under displacement control, no step is cut."""
-    result = vmdg.solve(bar(comm, 0.041), LOADS, monitor=mean)
+    result = vmdg.solve(bar(comm, linear(0.041)), LOADS, monitor=mean)
     assert not result.failures
     assert result.history["jump_steps"].sum() == 0
     assert len(result.history) == len(LOADS)
@@ -68,7 +72,7 @@ def test_snap_back(comm, critical_gap):
     1%: displacements are integrated by the trapezoidal rule over steps that contain the kink.
     """
     options = vmdg.SolveOptions(energy=True, jump_after=6)
-    history = vmdg.solve(bar(comm, critical_gap), LOADS, options, mean).history
+    history = vmdg.solve(bar(comm, linear(critical_gap)), LOADS, options, mean).history
     (jump,) = np.flatnonzero(history["jump_steps"])
     assert history["load"][jump - 1] <= onset() * (1 + 1e-6)
     assert history["load"][jump - 1] == pytest.approx(onset(), rel=1e-3)
@@ -81,9 +85,22 @@ def test_snap_back(comm, critical_gap):
     assert abs(history["imbalance"][-1]) < 0.01 * history["external"][-1]
 
 
+def test_law_with_an_elastic_branch(comm):
+    """A jump carries `IntrinsicExponential` too, and what its gap stores is not taken for loss."""
+    law = vmdg.IntrinsicExponential(strength=STRENGTH, fracture_energy=1.0, shear_weight=1.0)
+    problem = bar(comm, law)
+    history = vmdg.solve(problem, LOADS, vmdg.SolveOptions(energy=True), mean).history
+    assert (history["jump_steps"] > 0).sum() == 1
+    assert np.abs(history["traction"]).max() == pytest.approx(STRENGTH, rel=0.05)
+    assert abs(history["traction"][-1]) < 1e-3 * STRENGTH
+    assert history["damage"][-1] == pytest.approx(1.0, rel=1e-3)
+    assert history["viscosity"][-1] > 0
+    assert abs(history["imbalance"][-1]) < 0.02 * history["external"][-1]
+
+
 def test_without_jumps_the_step_fails(comm):
     """The same bar with jump=False: an error, and the last converged state is intact."""
-    problem = bar(comm, 0.01)
+    problem = bar(comm, linear(0.01))
     with pytest.raises(vmdg.StepFailure, match="although it was cut") as failure:
         vmdg.solve(problem, LOADS, vmdg.SolveOptions(jump=False, max_cuts=3), mean)
     history = failure.value.result.history
@@ -94,16 +111,30 @@ def test_without_jumps_the_step_fails(comm):
 
 def test_failed_jump_returns(comm):
     """A jump that is given up leaves the problem in its last converged state."""
-    problem = bar(comm, 0.01)
+    problem = bar(comm, linear(0.01))
     with pytest.raises(vmdg.StepFailure, match="JUMP_FAILED"):
         vmdg.solve(problem, LOADS, vmdg.SolveOptions(max_cuts=2, max_jump_steps=1), mean)
     assert problem.mean(0).gap[0] == 0
     assert problem.energy().dissipated == 0
 
 
+def test_failed_jump_restores_the_stabilization(comm):
+    """In equilibrium again: with tau_s of its own step, not with that of the states on the way."""
+    problem = bar(comm, linear(0.01))
+    stepper = Stepper(problem, vmdg.SolveOptions(max_jump_steps=3))
+    assert stepper.step(0.9 * onset()).converged
+    tau, forces = problem.stabilization[0].tau, problem.forces.x.array.copy()
+    report, _ = stepper.jump(1.1 * onset())
+    assert "JUMP_FAILED" in report.reason
+    assert np.array_equal(problem.stabilization[0].tau, tau)
+    problem.assemble_residual(hold=True)
+    assert problem.forces.x.array == pytest.approx(forces, abs=1e-9 * np.abs(forces).max())
+    stepper.close()
+
+
 def test_jump_starts_within_a_quarter_of_the_step(comm):
     """By default two cuts come before the jump."""
-    history = vmdg.solve(bar(comm, 0.02), LOADS, monitor=mean).history
+    history = vmdg.solve(bar(comm, linear(0.02)), LOADS, monitor=mean).history
     (jump,) = np.flatnonzero(history["jump_steps"])
     step = LOADS[1] - LOADS[0]
     assert onset() - step / 4 <= history["load"][jump - 1] <= onset() * (1 + 1e-6)

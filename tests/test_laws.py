@@ -33,7 +33,7 @@ LAWS = {
     "linear": lambda mu=0.0, nu=0.0: Debonding(P_C, ZETA_C, mu, nu),
     "exponential": lambda mu=0.0, nu=0.0: ExponentialDebonding(P_C, 10.0, mu, nu),
     "mixed": lambda mu=0.0, nu=0.0: MixedModeDebonding(P_C, 60.0, 10.0, 18.0, mu, nu),
-    "intrinsic": lambda mu=0.0, nu=0.0: IntrinsicExponential(P_C, 10.0, 2.0),
+    "intrinsic": lambda mu=0.0, nu=0.0: IntrinsicExponential(P_C, 10.0, 2.0, nu),
 }
 EXTRINSIC = [name for name in LAWS if name != "intrinsic"]
 EVERY_EXTRINSIC = pytest.mark.parametrize("make", [LAWS[n] for n in EXTRINSIC], ids=EXTRINSIC)
@@ -425,7 +425,7 @@ def twin(law, eta, *point):
     if isinstance(law, MixedModeDebonding):
         return oracle.mixed(law, eta, *point)
     if isinstance(law, IntrinsicExponential):
-        return oracle.intrinsic(law, *point)
+        return oracle.intrinsic(law, eta, *point)
     if isinstance(law, ExponentialDebonding):
         curve = oracle.Exponential(law.strength, law.fracture_energy)
     else:

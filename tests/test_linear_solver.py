@@ -24,10 +24,12 @@ from vmdg.newton import Newton
 
 FRICTION = vmdg.Debonding(strength=50.0, critical_gap=0.2, friction=0.5)
 SMOOTH = vmdg.Debonding(strength=50.0, critical_gap=0.2)
+#: No friction, but no potential either.
+WEIGHTED = vmdg.IntrinsicExponential(strength=50.0, fracture_energy=10.0)
 
 
-def pressed(comm, cell: str, law: vmdg.Law, n: int = 3) -> vmdg.Problem:
-    """Two blocks pressed together by .01 t and sheared by .04 t mm."""
+def pressed(comm, cell: str, law: vmdg.Law, n: int = 3, opening: float = -0.01) -> vmdg.Problem:
+    """Two blocks pressed together by .01 t, or opened, and sheared by .04 t mm."""
     scene = two_blocks(comm, cell, n)
     interface = vmdg.Interface(between=(1, 2), law=law)
     problem = vmdg.Problem(
@@ -35,7 +37,8 @@ def pressed(comm, cell: str, law: vmdg.Law, n: int = 3) -> vmdg.Problem:
     )
     d = scene.mesh.geometry.dim
     problem.dirichlet(scene.facet_tags.find(1), 0.0)
-    problem.dirichlet(scene.facet_tags.find(2), lambda t: np.array([-0.01 * t, 0.04 * t, 0.0][:d]))
+    move = np.array([opening, 0.04, 0.0][:d])
+    problem.dirichlet(scene.facet_tags.find(2), lambda t: t * move)
     return problem
 
 
@@ -54,6 +57,8 @@ def set_sizes(monkeypatch, medium: int, large: int) -> None:
         ("quadrilateral", SMOOTH, (0, 0), GMRES_LDLT),
         ("hexahedron", FRICTION, (10**9, 10**9), LU),
         ("hexahedron", SMOOTH, (10**9, 10**9), LDLT),
+        ("quadrilateral", WEIGHTED, (10**9, 10**9), LU),
+        ("hexahedron", WEIGHTED, (10**9, 10**9), LU),
         ("hexahedron", FRICTION, (0, 10**9), GMRES_LU),
         ("hexahedron", SMOOTH, (0, 10**9), GMRES_LDLT),
         ("hexahedron", FRICTION, (0, 0), GMRES_GAMG),
@@ -68,12 +73,12 @@ def test_choice(comm, monkeypatch, cell, law, sizes, chosen):
     problem = pressed(comm, cell, law)
     options, fallback = linear_solver.automatic_options(problem)
     assert options == chosen
-    assert fallback == (LU if law is FRICTION else LDLT)
+    assert fallback == (LDLT if law.symmetric else LU)
 
 
-def tangent_asymmetry(comm, law: vmdg.Law) -> float:
+def tangent_asymmetry(comm, law: vmdg.Law, opening: float = -0.01) -> float:
     """|K x - K^T x| / |K x| for a random x, after a step that damages and slides."""
-    problem = pressed(comm, "hexahedron", law, n=2)
+    problem = pressed(comm, "hexahedron", law, 2, opening)
     vmdg.solve(problem, [0.5, 1.0])
     matrix = problem.create_matrix()
     problem.assemble_tangent(matrix)
@@ -87,10 +92,19 @@ def tangent_asymmetry(comm, law: vmdg.Law) -> float:
 
 
 def test_symmetric_without_friction(comm):
-    """The tangent of a frictionless law is symmetric, its turning frame included."""
+    """The tangent of a law with a potential is symmetric, its turning frame included."""
     weak = {"strength": 10.0, "critical_gap": 0.02}
     assert tangent_asymmetry(comm, vmdg.Debonding(**weak)) < 1e-13
     assert tangent_asymmetry(comm, vmdg.Debonding(**weak, friction=0.5)) > 1e-4
+    assert tangent_asymmetry(comm, WEIGHTED, opening=0.01) > 1e-4
+
+
+def test_quadratic_without_symmetry(comm):
+    """Damage grows in all steps of a law without potential, and none takes many corrections."""
+    problem = pressed(comm, "quadrilateral", WEIGHTED, opening=0.02)
+    result = vmdg.solve(problem, np.linspace(0.1, 1.0, 10))
+    assert not result.failures
+    assert result.history["iterations"].max() <= 6
 
 
 @pytest.mark.parametrize("law", [FRICTION, SMOOTH, vmdg.Bonded()], ids=["mu", "smooth", "tie"])

@@ -85,6 +85,11 @@ class Bodies:
         for tag, theta in self._eigenstrain_at(t).items():
             self._swelling.x.array[self._cells_of[tag]] = theta
 
+    @property
+    def swelling(self) -> NDArray[np.float64]:
+        """theta of every local cell now; empty where no body swells."""
+        return np.zeros(0) if self._swelling is None else self._swelling.x.array
+
     def _eigenstrain_at(self, t: float) -> dict[int, float]:
         return {
             tag: value(t) if callable(value) else value for tag, value in self._eigenstrain.items()

@@ -13,6 +13,7 @@ from ufl.core.expr import Expr
 
 from . import frame
 from .bodies import Bodies
+from .coercivity import MARGIN
 from .facet_quadrature import FacetQuadrature, SideEvaluators, family_pairs, side_evaluators
 from .forms import interface as terms
 from .forms import kinematics
@@ -34,6 +35,9 @@ from .staged_tangent import StagedTangent
 
 #: r / H of a well-conditioned return map, and the factor up to which "auto" raises r for it.
 AMPLE, REPORT_SAFETY = 2.0, 4.0
+
+
+Frozen = tuple[Stabilization, NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
@@ -119,7 +123,7 @@ class Coupling:
                 frame_traction=zero,
             )
         self._converged = self._now
-        self._former = self.stabilization, self._weights
+        self._former = self.frozen
         self._converged_traction = np.zeros((history, d))
         self._dt = 1.0
 
@@ -185,6 +189,29 @@ class Coupling:
             # A frozen tensor would lag behind a body that turns: take numbers, as r is one.
             share = np.trace(self._weights, axis1=2, axis2=3) / self._d
             self._weights = share[:, :, None, None] * np.eye(self._d)
+
+    @property
+    def derived(self) -> Frozen:
+        """What :meth:`derive_stabilization` found."""
+        return self.stabilization, self._weights
+
+    @derived.setter
+    def derived(self, derived: Frozen) -> None:
+        self.stabilization, self._weights = derived
+
+    def falls_short(self, frozen: Frozen, factor: NDArray[np.float64]) -> bool:
+        """Whether a frozen tau_s is less than coercivity asks for where it was derived last.
+
+        What is kept of the bulk energy (:mod:`vmdg.coercivity`) is there to be used up in a step.
+
+        Args:
+            frozen: The stabilization of the step.
+            factor: What coercivity asks for on the derived one (nf,).
+        """
+        if not self.seeks_safety:
+            return False
+        needed = (1 - MARGIN) * factor * self.stabilization.norm
+        return bool((frozen[0].norm < needed).any())
 
     @property
     def bonded_penalty(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -407,7 +434,7 @@ class Coupling:
             dt: Time step [s].
         """
         self._converged = self._now
-        self._former = self.stabilization, self._weights
+        self._former = self.frozen
         self._dt = dt
         self._acting_law = self.law
         if self.law.inelastic and overstress > 0:
@@ -417,9 +444,18 @@ class Coupling:
     def cancel_step(self) -> None:
         """Return to the values of :meth:`begin_step`."""
         self._now = self._converged
-        self.stabilization, self._weights = self._former
-        self._set_stabilization()
+        self.frozen = self._former
         self._set_gap()
+
+    @property
+    def frozen(self) -> Frozen:
+        """The stabilization of the last step and its flux weights, as the forms have them."""
+        return self.stabilization, self._weights
+
+    @frozen.setter
+    def frozen(self, frozen: Frozen) -> None:
+        self.stabilization, self._weights = frozen
+        self._set_stabilization()
 
     def history(self) -> PointHistory:
         """The converged history; its arrays are never changed in place."""
@@ -477,9 +513,12 @@ class Coupling:
             works[1] = np.maximum(works[1] + self._friction_between(update), 0.0)
         if self._acting_law is not self.law:
             # In a jump the overstress does most of the work: count it as the integral of T.dzeta
-            # by the trapezoidal rule, exact for linear bodies, less what bond and friction take.
+            # by the trapezoidal rule, exact for linear bodies, less what the bond can give back and
+            # what bond and friction take.
             mean = (self._converged_traction + update.traction) / 2
             total = np.einsum("pi,pi->p", mean, update.gap - self.gap)
+            total -= self.law.stored_energy(update.gap, update.softening)
+            total += self.law.stored_energy(self.gap, self.softening)
             works[2] = total - works[0] - works[1]
         return works @ self.quadrature.weights
 

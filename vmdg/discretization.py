@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from petsc4py import PETSc
 
@@ -20,15 +21,30 @@ from . import compat
 from .bodies import Bodies
 from .coercivity import Coercivity
 from .condensation import Condensation
-from .coupling import Coupling, Group
+from .coupling import Coupling, Frozen, Group
 from .forms import kinematics
 from .forms.dilatation import MeanDilatation
 from .forms.geometry import Geometry
 from .forms.kinematics import Body
 from .interface import Interface, InterfaceFacets
-from .parallel import global_sum
+from .parallel import global_any, global_sum
 from .quadrature import JIT_OPTIONS, VECTORIZED, bulk_degree, facet_degree
 from .space import broken_space
+
+
+@dataclass(frozen=True)
+class _Derived:
+    """Stabilization of all working interfaces at one displacement.
+
+    Attributes:
+        place: Displacement and swelling for which it holds, on this rank.
+        values: tau_s, not raised, and flux weights of every interface.
+        factors: What coercivity asks to raise tau_s by, (nf,) of every interface.
+    """
+
+    place: NDArray[np.float64]
+    values: list[Frozen]
+    factors: list[NDArray[np.float64]]
 
 
 class Discretization:
@@ -79,6 +95,7 @@ class Discretization:
         self._energy_forms: list[fem.Form] | None = None
         self._coercivity: Coercivity | None = None
         self._factors: list[NDArray[np.float64]] | None = None
+        self._derived: _Derived | None = None
         self.owned = self.space.dofmap.index_map.size_local * self.space.dofmap.index_map_bs
         self.condensation = Condensation(self) if isinstance(geometry, MeanDilatation) else None
 
@@ -183,10 +200,44 @@ class Discretization:
         self.update_dilatation()
         self._update_pressure()
         with Timer("vmdg: stabilization"):
+            derived = self._derive_stabilization()
+            for coupling, factor in zip(self.working, derived.factors, strict=True):
+                coupling.freeze_stabilization(factor, dt)
+
+    def outgrown(self) -> bool:
+        """Whether the frozen tau_s falls short of what coercivity asks for now, on this rank.
+
+        At finite strain a step that goes far from where tau_s was evaluated may end in an
+        equilibrium that only the lack of it makes possible.
+        """
+        if self.bodies.families[0].body.small:
+            return False
+        with Timer("vmdg: stabilization"):
+            held = [coupling.frozen for coupling in self.working]
+            derived = self._derive_stabilization()
+            short = [
+                coupling.falls_short(*values)
+                for coupling, *values in zip(self.working, held, derived.factors, strict=True)
+            ]
+            # A step ends where the next one starts.
+            self._derived = derived
+            for coupling, frozen in zip(self.working, held, strict=True):
+                coupling.frozen = frozen
+        return any(short)
+
+    def _derive_stabilization(self) -> _Derived:
+        """Give the interfaces tau_s and delta of the current displacement, not raised yet."""
+        place = np.concatenate([self.u.x.array, self.bodies.swelling])
+        kept, self._derived = self._derived, None
+        moved = kept is None or not np.array_equal(kept.place, place)
+        if global_any(self.mesh.comm, moved):
             for coupling in self.working:
                 coupling.derive_stabilization()
-            for coupling, factor in zip(self.working, self._safety_factors(), strict=True):
-                coupling.freeze_stabilization(factor, dt)
+            derived = [coupling.derived for coupling in self.working]
+            return _Derived(place, derived, self._safety_factors())
+        for coupling, values in zip(self.working, kept.values, strict=True):
+            coupling.derived = values
+        return kept
 
     def _safety_factors(self) -> list[NDArray[np.float64]]:
         """What coercivity asks for on every facet of the working interfaces.

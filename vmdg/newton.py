@@ -59,6 +59,9 @@ LINE_SEARCH = {
 #: The line search is stuck at a kink if two corrections leave more than this share of the residual.
 STALL = 0.98
 
+#: Residual relative to the largest reaction or load so far that is never small enough.
+LOOSE = 1e-6
+
 #: The second attempt takes full steps, with a residual up to so many times the force scale, and
 #: must end where at most this share of the energy it exchanged is unaccounted for: larger releases
 #: are jumps, whose dissipation is to be counted.
@@ -101,7 +104,9 @@ class Newton:
 
     The residual is small when its norm on the free dofs is below ``relative_tolerance`` times the
     largest force the run has seen (reactions, loads, or the imbalance a step starts with). Such a
-    scale stays when the body has come apart and no force is left.
+    scale stays when the body has come apart and no force is left. The imbalance of a step that
+    carries a weak bond far beyond its strength may be larger than any force the bond can bear by
+    orders of magnitude, so that the residual must also be small against forces that were there.
 
     Args:
         problem: The problem.
@@ -126,6 +131,7 @@ class Newton:
         self.discretization = problem.discretization
         self._tolerance = relative_tolerance
         self._scale = scale
+        self._borne = 0.0
         self._matrix = problem.create_matrix()
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self._x, self._f = self._matrix.createVecs()
@@ -135,7 +141,7 @@ class Newton:
         self._floor = 0.0
         self._norms: list[float] = []
         self._dt = 1.0
-        self._goal = relative_tolerance
+        self._slack = 1.0
         self._path = Path()
 
         options, fallback = automatic_options(problem)
@@ -188,12 +194,12 @@ class Newton:
         self._dt = dt
         start, end = along or (problem.start_of_step[0], problem.t)
         self._path.start(start, problem.start_of_step[1])
-        self._goal = self._tolerance * (ROUGH if passing else 1.0)
-        scale = self._scale
+        self._slack = ROUGH if passing else 1.0
+        scales = self._scale, self._borne
         report = self._search(self._path.ahead(end), predictor, once)
         if not report.converged:
             # The forces of a state that is given up say nothing about the run.
-            self._scale = scale
+            self._scale, self._borne = scales
         return report
 
     def forget_path(self) -> None:
@@ -220,8 +226,9 @@ class Newton:
     def _attempt(self, snes: PETSc.SNES, ahead: list[NDArray], predictor: str) -> StepReport:
         self._norms = []
         with Timer("vmdg: predictor"):
-            imbalance = self._predictor(predictor, ahead, self._dt)
-        self._scale = max(self._scale, imbalance)
+            imbalance, loads = self._predictor(predictor, ahead, self._dt)
+        self._scale = max(self._scale, imbalance, loads)
+        self._borne = max(self._borne, loads)
         self._x.array[:] = self._problem.u.x.array[: self._owned]
         snes.solve(None, self._x)
         reason = snes.getConvergedReason()
@@ -230,10 +237,16 @@ class Newton:
         return StepReport(reason > 0, self._norms, _REASONS.get(reason, str(reason)))
 
     def _see_forces(self) -> None:
-        forces = self._problem.forces.x.array[: self._owned][self._prescribed]
-        reaction = float(np.sqrt(global_sum(self._problem.comm, forces @ forces)))
+        """Take the reactions of the last assembly into the scales."""
+        reaction = self._reaction()
         if np.isfinite(reaction):
-            self._scale = max(self._scale, reaction)
+            self._borne = max(self._borne, reaction)
+            self._scale = max(self._scale, self._borne)
+
+    def _reaction(self) -> float:
+        """Norm of the reactions of the last assembly [N]."""
+        forces = self._problem.forces.x.array[: self._owned][self._prescribed]
+        return float(np.sqrt(global_sum(self._problem.comm, forces @ forces)))
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
         u = self._problem.u.x
@@ -253,7 +266,9 @@ class Newton:
         self._norms.append(residual)
         if not np.isfinite(residual):
             return PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN
-        goal = max(self._goal * self._scale, self._floor)
+        borne = max(self._borne, self._reaction())
+        small = min(self._tolerance * self._scale, LOOSE * borne)
+        goal = max(self._slack * small, self._floor)
         if residual <= goal:
             return PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE
         if snes == self._full_snes:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from petsc4py import PETSc
 
 import numpy as np
@@ -23,6 +25,18 @@ POOR, ASTRAY = 1e-2, 0.1
 FIRST = 1e-3
 
 
+class Norms(NamedTuple):
+    """What a predictor found out of balance, norms on the free dofs [N].
+
+    Attributes:
+        imbalance: Loads and what prescribed displacements would cause.
+        loads: Without the prescribed displacements.
+    """
+
+    imbalance: float
+    loads: float
+
+
 class Predictor:
     """Carries the displacement to the loads of a step, as near to equilibrium as is cheap.
 
@@ -42,7 +56,7 @@ class Predictor:
         self._prescribed = prescribed[prescribed < self._owned]
         self._dt = 1.0
 
-    def __call__(self, predictor: str, ahead: list[NDArray[np.float64]], dt: float) -> float:
+    def __call__(self, predictor: str, ahead: list[NDArray[np.float64]], dt: float) -> Norms:
         """Change the displacement of the problem; collective.
 
         The first predictor in the order of :data:`PREDICTORS` that is not poor is taken, or the
@@ -54,25 +68,25 @@ class Predictor:
             dt: Time step of the return maps [s].
 
         Returns:
-            Residual norm on the free dofs before the prediction, 0 where it was not needed [N].
+            What was out of balance before, 0 where it was not needed.
         """
         self._dt = dt
         if predictor == PATH and self._follow(ahead):
-            return 0.0
+            return Norms(0.0, 0.0)
         if predictor == ELASTIC or not self._problem.can_fail:
             return self._solve(damage=False)
         u = self._problem.u.x.array
         start = u.copy()
-        imbalance = self._solve(damage=True)
+        norms = self._solve(damage=True)
         left = self._residual_norm()
         # A comparison that also catches NaN.
-        if not left <= POOR * imbalance:
+        if not left <= POOR * norms.imbalance:
             best = u.copy()
             u[:] = start
             self._solve(damage=False)
             if left < self._residual_norm():
                 u[:] = best
-        return imbalance
+        return norms
 
     def _follow(self, ahead: list[NDArray[np.float64]]) -> bool:
         """Go where the path leads, or stay if nothing has moved; without a solve.
@@ -109,14 +123,11 @@ class Predictor:
         residual[self._prescribed] = 0
         return float(np.sqrt(global_sum(self._problem.comm, residual @ residual)))
 
-    def _solve(self, damage: bool) -> float:
-        """u += du with K du = -R, du prescribed where the displacement is.
-
-        Returns:
-            Norm of the right-hand side on the free dofs [N].
-        """
+    def _solve(self, damage: bool) -> Norms:
+        """u += du with K du = -R, du prescribed where the displacement is."""
         problem, matrix = self._problem, self._matrix
-        residual = problem.assemble_residual(self._dt, hold=True)
+        loads = self._residual_norm(hold=True)
+        residual = problem.forces.x.array[: self._owned]
         problem.assemble_tangent(matrix, damage)
         increment = np.zeros(self._owned)
         target = problem.prescribed_values(problem.t)[problem.prescribed < self._owned]
@@ -134,7 +145,7 @@ class Predictor:
         problem.u.x.array[: self._owned] += self._x.array_r
         problem.u.x.array[: self._owned][self._prescribed] = target
         problem.u.x.scatter_forward()
-        return imbalance
+        return Norms(imbalance, loads)
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""

@@ -18,7 +18,8 @@ from ufl.core.expr import Expr
 from .activation import Activation
 from .bodies import Bodies, Family, LoadFactor
 from .boundary import DirichletConditions, Locator, Value, Where, find_boundary_facets
-from .coupling import Coupling
+from .cell_shapes import check_cells
+from .coupling import Coupling, Frozen
 from .discretization import Discretization
 from .forms.materials import Material
 from .interface import Interface, InterfaceFacets, check_ghosts, find_facets
@@ -139,6 +140,7 @@ class Problem:
         _check_arguments(mesh, degree, kinematics)
         self.geometry = make_geometry(mesh, symmetry, thickness, volumetric, degree)
         check_ghosts(mesh)
+        check_cells(mesh)
         self.mesh = mesh
         self.comm = mesh.comm
         self.interfaces = list(interfaces)
@@ -213,8 +215,8 @@ class Problem:
 
     @property
     def symmetric(self) -> bool:
-        """Whether the tangent is symmetric: no working interface has friction."""
-        return all(coupling.law.friction == 0 for coupling in self.discretization.working)
+        """Whether the tangent is symmetric: the laws of all working interfaces say so."""
+        return all(coupling.law.symmetric for coupling in self.discretization.working)
 
     @property
     def forces(self) -> fem.Function:
@@ -398,6 +400,10 @@ class Problem:
         """
         self.discretization.assemble_tangent(matrix, damage)
 
+    def outgrown(self) -> bool:
+        """Whether the step has ended where its tau_s is not enough for coercivity; collective."""
+        return global_any(self.comm, self.discretization.outgrown())
+
     # Steps
 
     def begin_step(self, t: float, dt: float, overstress: float = 0.0) -> None:
@@ -463,6 +469,7 @@ class Problem:
             list(self._activation.open),
             self._dissipated.copy(),
             self._external,
+            [coupling.frozen for coupling in self.discretization.working],
         )
 
     def return_to(self, snapshot: Snapshot) -> None:
@@ -476,6 +483,10 @@ class Problem:
         self._external = snapshot.external
         for coupling, history in zip(self.discretization.working, snapshot.histories, strict=True):
             coupling.set_history(history)
+        if snapshot.frozen:
+            working = self.discretization.working
+            for coupling, frozen in zip(working, snapshot.frozen, strict=True):
+                coupling.frozen = frozen
         self.apply_loads(snapshot.t)
 
     # Facets that open on demand
@@ -650,7 +661,11 @@ class Problem:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A converged state: everything a run continues from."""
+    """A converged state: everything a run continues from.
+
+    ``frozen`` are the stabilizations under which it is in equilibrium; empty where they are to be
+    evaluated anew.
+    """
 
     t: float
     discretization: Discretization
@@ -660,6 +675,7 @@ class Snapshot:
     open: list[NDArray[np.bool_]]
     dissipated: NDArray[np.float64]
     external: float
+    frozen: Sequence[Frozen] = ()
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,8 @@ class SolveOptions:
     """How to step.
 
     Attributes:
-        relative_tolerance: Residual norm relative to the largest force the run has seen.
+        relative_tolerance: Residual norm relative to the largest force the run has seen; it never
+            exceeds 1e-6 of the largest reaction or load.
         max_iterations: Newton corrections before a step is cut.
         max_cuts: How often a step may be halved.
         jump: Where cutting does not help, pass an unstable stage by steps with viscous overstress
@@ -130,7 +131,7 @@ def solve(
             f"SolveOptions: predictor = {options.predictor!r} must be one of {PREDICTORS}"
         )
     loads = np.atleast_1d(np.asarray(loads, dtype=float))
-    result = Result(history=history or History())
+    result = Result(history=History() if history is None else history)
     bar = tqdm(loads, unit="step", disable=not options.progress or problem.comm.rank > 0)
     stepper = Stepper(problem, options)
     try:
@@ -250,6 +251,9 @@ class Stepper:
             if not report.converged:
                 self.problem.cancel_step()
                 return report
+            if self.problem.outgrown():
+                self.problem.cancel_step()
+                return StepReport(False, report.norms, "STABILIZATION_OUTGROWN")
             if (
                 self._guards
                 and not overstress

@@ -107,10 +107,13 @@ class IntrinsicExponential(Law):
     G_c/beta^2. Unloading goes to the origin. Contact instead of penetration: zeta_N >= 0, with T_N
     <= 0 free where zeta_N = 0; no friction.
 
+    Viscosity resists the growth of damage: with y = delta/delta_0, y_n the y that belongs to d_n
+    and eta = viscosity/dt, T has the further part eta (1 - y_n/y) zeta while y > y_n.
+
     With b = T_tr + r zeta_n (without its normal part in contact, b.N < 0) zeta_{n+1} is parallel to
-    b, and one equation is left for y = delta/delta_0: (r + K exp(-y)) y = delta(b)/delta_0. Its
-    slope is positive for all y if r > K/e^2 = strength^2/G_c (the inflection at y = 2), which is
-    `softening_modulus`.
+    b, and one equation is left: (r + K exp(-y)) y + eta (y - y_n) = delta(b)/delta_0. Its slope is
+    positive for all y if r > K/e^2 - eta, K/e^2 = strength^2/G_c (the inflection at y = 2), which
+    is `softening_modulus`.
 
     The history Q = strength d (MPa) plays the part that P_c - R plays in the other laws.
     `Update.damage_work` is the dissipation, the integral of K |zeta|^2/2 over d along the ray of b;
@@ -120,6 +123,7 @@ class IntrinsicExponential(Law):
         strength: peak traction in pure opening, MPa.
         fracture_energy: G_c in pure opening, N/mm.
         shear_weight: beta.
+        viscosity: MPa s/mm.
 
     Raises:
         ValueError: a parameter is out of range.
@@ -128,6 +132,7 @@ class IntrinsicExponential(Law):
     strength: float
     fracture_energy: float
     shear_weight: float = 2.0
+    viscosity: float = 0.0
 
     def __post_init__(self) -> None:
         require_positive("for an interface that never opens use Bonded()", strength=self.strength)
@@ -135,6 +140,7 @@ class IntrinsicExponential(Law):
             "it is the energy in N/mm to separate a unit area", fracture_energy=self.fracture_energy
         )
         require_positive("use 1 for equal weights", shear_weight=self.shear_weight)
+        require_not_negative("use 0 for no rate dependence", viscosity=self.viscosity)
 
     @property
     def gap_scale(self) -> float:
@@ -173,6 +179,7 @@ class IntrinsicExponential(Law):
         """Solve T_tr - r (zeta - zeta_n) = T(zeta); arguments and errors as in `Law.return_map`."""
         trial, normal, gap, softening, r = self._checked(trial, normal, gap, softening, penalty, dt)
         stiffness, scale, weight = self.stiffness, self.gap_scale, self.shear_weight**2
+        eta = self.overstress(dt)
 
         b = trial + r[:, None] * gap
         b_n = dot(b, normal)
@@ -190,15 +197,19 @@ class IntrinsicExponential(Law):
         # exp(-y) < 1 - d_n, written so that the first small openings are not lost in round-off
         growing = -np.expm1(-y) > softening / self.strength
         rows = np.flatnonzero(growing)
-        y[rows] = self._grown_opening(load[rows], r[rows])
+        y_n = self._opening_of(integrity_n[rows])
+        y[rows] = self._grown_opening(load[rows], r[rows], y_n, eta)
         decay = np.exp(-y[rows])
         integrity = integrity_n.copy()
         integrity[rows] = np.minimum(decay, integrity_n[rows])
+        drag = eta * (1.0 - y_n / y[rows])
 
-        secant = r + stiffness * integrity
+        bonded = stiffness * integrity
+        bonded[rows] += drag
+        secant = r + bonded
         new_gap = b / secant[:, None]
         update = Update.elastic(trial, new_gap, softening)
-        update.traction[:] = contact + (stiffness * integrity)[:, None] * new_gap
+        update.traction[:] = contact + bonded[:, None] * new_gap
         update.softening[rows] = np.maximum(softening[rows], -self.strength * np.expm1(-y[rows]))
         step = new_gap[rows] - gap[rows]
         update.multiplier[rows] = np.sqrt(dot(step, step))
@@ -208,8 +219,9 @@ class IntrinsicExponential(Law):
         add_to_diagonal(update.tangent, 1.0 / secant)
         held = normal[pressed]
         update.tangent[pressed] -= outer(held / secant[pressed, None], held)
-        slope = r[rows] + stiffness * decay * (1.0 - y[rows])
-        growth = stiffness * decay / (scale * secant[rows] ** 2 * slope * delta_b[rows])
+        slope = r[rows] + stiffness * decay * (1.0 - y[rows]) + eta
+        steepening = stiffness * decay - eta * y_n / y[rows] ** 2
+        growth = steepening / (scale * secant[rows] ** 2 * slope * delta_b[rows])
         update.tangent[rows] += outer(growth[:, None] * b[rows], weighted[rows])
 
         update.mode[rows] = np.where(pressed[rows], Mode.SHEAR, Mode.TENSION)
@@ -218,23 +230,28 @@ class IntrinsicExponential(Law):
         ray2 = dot(b[rows], b[rows]) / delta_b[rows] ** 2
         spent = self._undissipated(integrity_n[rows]) - self._undissipated(integrity[rows])
         update.damage_work[rows] = np.maximum(ray2 * spent, 0.0)
+        update.viscous_work[rows] = eta * ray2 * (scale * (y[rows] - y_n)) ** 2
         return update
 
     def _integrity(self, softening: Array) -> Array:
         """1 - d = 1 - Q/strength."""
         return np.maximum(1.0 - softening / self.strength, 0.0)
 
-    def _grown_opening(self, load: Array, r: Array) -> Array:
-        """y = delta/delta_0 with (r + K exp(-y)) y = load, where damage grows."""
+    def _opening_of(self, integrity: Array) -> Array:
+        """y with exp(-y) = 1 - d."""
+        return -np.log(np.maximum(integrity, np.finfo(float).tiny))
+
+    def _grown_opening(self, load: Array, r: Array, y_n: Array, eta: float) -> Array:
+        """y = delta/delta_0 with (r + K exp(-y)) y + eta (y - y_n) = load, where damage grows."""
 
         def imbalance(y: Array) -> tuple[Array, Array]:
             elastic = self.stiffness * np.exp(-y)
-            return (r + elastic) * y - load, r + elastic * (1.0 - y)
+            return (r + elastic) * y + eta * (y - y_n) - load, r + elastic * (1.0 - y) + eta
 
-        upper = load / r
-        return increasing_root(imbalance, load / (r + self.stiffness), upper, start=upper)
+        upper = (load + eta * y_n) / (r + eta)
+        return increasing_root(imbalance, load / (r + self.stiffness + eta), upper, start=upper)
 
     def _undissipated(self, integrity: Array) -> Array:
         """Energy still to dissipate in opening, N/mm: G_c (1 - d) (y^2/2 + y + 1), e^-y = 1 - d."""
-        y = -np.log(np.maximum(integrity, np.finfo(float).tiny))
+        y = self._opening_of(integrity)
         return self.fracture_energy * integrity * (0.5 * y * y + y + 1.0)

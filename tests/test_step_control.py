@@ -1,0 +1,95 @@
+"""What a step must fulfil beside a small residual, and what solve reports."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes_motion import rotation
+
+import vmdg
+from vmdg.meshes import blocks
+from vmdg.parallel import global_max
+from vmdg.solver import Stepper
+
+E = 1000.0
+
+
+def squares(comm, law: vmdg.Law, left, right) -> vmdg.Problem:
+    """Two bonded squares with rigid ends."""
+    mesh, cells, facets = blocks(comm, "quadrilateral", (2, 2))
+    material = vmdg.NeoHookean(E=E, nu=0.3)
+    interface = vmdg.Interface(between=(1, 2), law=law)
+    problem = vmdg.Problem(mesh, cells, {1: material, 2: material}, [interface])
+    problem.dirichlet(facets.find(1), left)
+    problem.dirichlet(facets.find(2), right)
+    return problem
+
+
+def turning(move: float, angle: float):
+    """Displacement of points that move along x up to t = 1 and then turn by ``angle`` a unit."""
+
+    def displacement(x, t):
+        moved = x[:2] + np.array([[move * min(t, 1.0)], [0.0]])
+        return rotation(2, angle * max(t - 1.0, 0.0)) @ moved - x[:2]
+
+    return displacement
+
+
+@pytest.mark.parametrize("degrees", [33.0, 50.0])
+def test_rotation_in_coarse_steps(comm, degrees):
+    """A loaded bond turned by much in a step comes out as it was, however often that is cut.
+
+    The linear predictor stretches the bodies by a fifth and more and breaks the bond. From there
+    Newton's method finds an equilibrium of strained bodies that only tau_s of before allows, 50
+    degrees away with 2e5 times the energy: such steps are refused.
+    """
+    law = vmdg.Debonding(strength=2.0, critical_gap=0.0025)
+    angle = np.radians(degrees)
+    problem = squares(comm, law, turning(0.0, angle), turning(0.001, angle))
+    stored = []
+    vmdg.solve(problem, [1.0, 2.0, 3.0], monitor=lambda p: stored.append(p.energy().stored))
+    assert stored == pytest.approx([stored[0]] * len(stored), rel=1e-6)
+    assert global_max(comm, problem.state[0].softening.max(initial=0.0)) == 0
+
+
+def test_outgrown_stabilization_is_refused(comm):
+    """tau_s of the start serves a small deformation, not one that asks for twice as much."""
+    law = vmdg.Debonding(strength=1e6, critical_gap=1e6)
+    problem = squares(comm, law, 0.0, 0.0)
+    norm = problem.stabilization[0].norm.copy()
+    for stretch, outgrown in ((0.01, False), (1.0, True)):
+        problem.u.interpolate(lambda x, s=stretch: np.stack([0 * x[0], s * x[1] ** 2]))
+        assert problem.outgrown() == outgrown
+        assert np.array_equal(problem.stabilization[0].norm, norm)
+    problem.update_stabilization(None)
+    assert not problem.outgrown()
+
+
+def test_residual_is_small_against_a_weak_bond(comm):
+    """Opened beyond its strength in one step, a bond of 1e-8 E leaves no force.
+
+    The bonded imbalance of such a step is of the order of E: a billionth of it is more than the
+    bond could ever bear.
+    """
+    law = vmdg.Debonding(strength=1e-5, critical_gap=1e-6, friction=0.3)
+    problem = squares(comm, law, 0.0, lambda t: np.array([t, t / 2]))
+    stepper = Stepper(problem, vmdg.SolveOptions())
+    for t in (0.05, 0.1):
+        assert stepper.step(t).converged
+        free = np.setdiff1d(np.arange(problem.discretization.owned), problem.prescribed)
+        residual = problem.assemble_residual(hold=True)[free]
+        assert np.abs(residual).max(initial=0.0) < 1e-6 * law.strength
+    stepper.close()
+
+
+def test_given_history_is_filled(comm):
+    """An empty table too, and also where the run ends in an error."""
+    law = vmdg.Debonding(strength=10.0, critical_gap=0.1)
+    problem = squares(comm, law, 0.0, lambda t: np.array([t, 0.0]))
+    history = vmdg.History()
+    vmdg.solve(problem, [0.001, 0.002], history=history)
+    assert list(history["load"]) == [0.001, 0.002]
+    options = vmdg.SolveOptions(max_iterations=1, max_cuts=0, jump=False)
+    with pytest.raises(vmdg.StepFailure):
+        vmdg.solve(problem, [0.0025, 1.0], options, history=history)
+    assert list(history["load"]) == [0.001, 0.002, 0.0025]
