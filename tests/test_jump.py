@@ -148,7 +148,7 @@ class Halting:
         self.options = vmdg.SolveOptions()
         self._longest = longest
 
-    def step(self, t: float) -> StepReport:
+    def step(self, t: float, once: bool) -> StepReport:
         """Converges if it is short."""
         converged = t - self.problem.t <= self._longest * (1 + 1e-9)
         if converged:

@@ -18,6 +18,7 @@ from vmdg.linear_solver import (
     GMRES_LU,
     LDLT,
     LU,
+    Choice,
     LinearSolver,
 )
 from vmdg.newton import Newton
@@ -42,38 +43,42 @@ def pressed(comm, cell: str, law: vmdg.Law, n: int = 3, opening: float = -0.01) 
     return problem
 
 
-def set_sizes(monkeypatch, medium: int, large: int) -> None:
+#: Bounds of the sizes for which all problems are small, medium, large or huge.
+SMALL, MEDIUM, LARGE, HUGE = ((0,) * i + (10**9,) * (3 - i) for i in range(4))
+
+
+def set_sizes(monkeypatch, sizes: tuple[int, int, int]) -> None:
     """Choose solvers as if problems were larger or smaller than they are."""
-    monkeypatch.setattr(linear_solver, "MEDIUM", medium)
-    monkeypatch.setattr(linear_solver, "LARGE", large)
+    for name, size in zip(("MEDIUM", "LARGE", "HUGE"), sizes, strict=True):
+        monkeypatch.setattr(linear_solver, name, size)
 
 
 @pytest.mark.parametrize(
-    ("cell", "law", "sizes", "chosen"),
+    ("cell", "law", "sizes", "stable", "unstable"),
     [
-        ("quadrilateral", FRICTION, (10**9, 10**9), LU),
-        ("quadrilateral", SMOOTH, (10**9, 10**9), LDLT),
-        ("quadrilateral", FRICTION, (0, 0), GMRES_LU),
-        ("quadrilateral", SMOOTH, (0, 0), GMRES_LDLT),
-        ("hexahedron", FRICTION, (10**9, 10**9), LU),
-        ("hexahedron", SMOOTH, (10**9, 10**9), LDLT),
-        ("quadrilateral", WEIGHTED, (10**9, 10**9), LU),
-        ("hexahedron", WEIGHTED, (10**9, 10**9), LU),
-        ("hexahedron", FRICTION, (0, 10**9), GMRES_LU),
-        ("hexahedron", SMOOTH, (0, 10**9), GMRES_LDLT),
-        ("hexahedron", FRICTION, (0, 0), GMRES_GAMG),
-        ("hexahedron", SMOOTH, (0, 0), GMRES_GAMG),
-        ("hexahedron", vmdg.Bonded(), (0, 0), CG_GAMG),
+        ("quadrilateral", FRICTION, SMALL, LU, LU),
+        ("quadrilateral", SMOOTH, SMALL, LDLT, LDLT),
+        ("quadrilateral", WEIGHTED, SMALL, LU, LU),
+        ("quadrilateral", FRICTION, HUGE, GMRES_LU, GMRES_LU),
+        ("quadrilateral", SMOOTH, HUGE, GMRES_LDLT, GMRES_LDLT),
+        ("hexahedron", FRICTION, SMALL, LU, LU),
+        ("hexahedron", SMOOTH, SMALL, LDLT, LDLT),
+        ("hexahedron", FRICTION, MEDIUM, GMRES_LU, GMRES_LU),
+        ("hexahedron", SMOOTH, MEDIUM, GMRES_LDLT, GMRES_LDLT),
+        ("hexahedron", WEIGHTED, MEDIUM, GMRES_LU, GMRES_LU),
+        ("hexahedron", FRICTION, LARGE, GMRES_GAMG, GMRES_LU),
+        ("hexahedron", SMOOTH, LARGE, GMRES_GAMG, GMRES_LDLT),
+        ("hexahedron", FRICTION, HUGE, GMRES_GAMG, GMRES_GAMG),
+        ("hexahedron", vmdg.Bonded(), HUGE, CG_GAMG, CG_GAMG),
     ],
 )
-def test_choice(comm, monkeypatch, cell, law, sizes, chosen):
+def test_choice(comm, monkeypatch, cell, law, sizes, stable, unstable):
     """Direct if small, with kept factors if medium, multigrid for large problems in 3D; symmetric
-    without friction."""
-    set_sizes(monkeypatch, *sizes)
-    problem = pressed(comm, cell, law)
-    options, fallback = linear_solver.automatic_options(problem)
-    assert options == chosen
-    assert fallback == (LDLT if law.symmetric else LU)
+    where the law is."""
+    set_sizes(monkeypatch, sizes)
+    choice = linear_solver.automatic_options(pressed(comm, cell, law))
+    assert (choice.stable, choice.unstable) == (stable, unstable)
+    assert choice.fallback == (LDLT if law.symmetric else LU)
 
 
 def tangent_asymmetry(comm, law: vmdg.Law, opening: float = -0.01) -> float:
@@ -114,14 +119,9 @@ def test_solvers_agree(comm, monkeypatch, law):
     All meet the residual tolerance of 1e-9, which leaves 1e-8 of the displacement.
     """
     results = {}
-    sizes = {
-        "direct": (10**9, 10**9),
-        "kept factors": (0, 10**9),
-        "multigrid": (0, 0),
-        "fallback": (0, 0),
-    }
-    for name, (medium, large) in sizes.items():
-        set_sizes(monkeypatch, medium, large)
+    sizes = {"direct": SMALL, "kept factors": MEDIUM, "multigrid": HUGE, "fallback": HUGE}
+    for name in sizes:
+        set_sizes(monkeypatch, sizes[name])
         if name == "fallback":
             hopeless = {"ksp_max_it": 1, "ksp_rtol": 1e-12}
             for options in ("GMRES_GAMG", "CG_GAMG"):
@@ -162,7 +162,7 @@ def test_stale_preconditioner_is_renewed():
     """Where an old preconditioner does not do a fresh one is tried before a direct solve."""
     options = {"ksp_type": "gmres", "ksp_max_it": 5, "ksp_rtol": 1e-12, "pc_type": "ilu"}
     matrix = tridiagonal(4.0)
-    solver = LinearSolver(matrix, options, LU)
+    solver = LinearSolver(matrix, Choice(options, options, LU))
     outer = PETSc.KSP().create(MPI.COMM_SELF)
     x, b = matrix.createVecs()
     b.set(1.0)

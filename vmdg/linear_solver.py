@@ -49,31 +49,51 @@ CG_GAMG = {
     "ksp_max_it": 100,
 }
 
-#: Dofs beyond which factors are kept, and those in 3D beyond which multigrid is cheaper.
-MEDIUM, LARGE = 3_000, 60_000
+#: Dofs beyond which factors are kept, and in 3D those beyond which multigrid is cheaper on a stable
+#: path, and beyond which it must do for unstable stages too.
+MEDIUM, LARGE, HUGE = 3_000, 20_000, 60_000
 
 #: What a factorization, or the set-up of multigrid, costs in Krylov iterations; measured at 42,000
-#: dofs in 3D: 41 of 49 ms and 26 of 39 ms.
+#: dofs in 3D: 41 of 49 ms and 26 of 30 ms.
 SETUP = 30
 
 
-def automatic_options(problem: Problem) -> tuple[Options, Options]:
-    """Options of the solver that fits a problem, and of the one to fall back on.
+@dataclass(frozen=True)
+class Choice:
+    """Options of the linear solvers of a run.
+
+    Attributes:
+        stable: On a stable path.
+        unstable: In a jump over an unstable stage.
+        fallback: Direct, where the others do not converge.
+    """
+
+    stable: Options
+    unstable: Options
+    fallback: Options
+
+
+def automatic_options(problem: Problem) -> Choice:
+    """The solvers that fit a problem.
 
     Small problems are solved directly: LDL^T where the tangent is symmetric (no friction), else LU.
     Larger ones by GMRES with the factors of an earlier tangent: in 3D, at 42,000 dofs, a
     factorization takes 2 s and a solve with its factors 41 ms, and few rows of the tangent change
     in a step. Large ones in 3D by multigrid, with CG where every interface is a tie, else GMRES.
-    Near a limit point its residual says little of the error along the softening mode: an unstable
-    stage takes about twice as many steps as with factors.
+    Near a limit point the residual of multigrid says little of the error along the softening mode:
+    an unstable stage takes about twice as many steps as with factors, which are used there as long
+    as they fit.
     """
     direct, kept = (LDLT, GMRES_LDLT) if problem.symmetric else (LU, GMRES_LU)
+    multigrid = GMRES_GAMG if problem.can_fail else CG_GAMG
     size = problem.space.dofmap.index_map.size_global * problem.space.dofmap.index_map_bs
     if size <= MEDIUM:
-        return direct, direct
+        return Choice(direct, direct, direct)
     if problem.mesh.topology.dim < 3 or size <= LARGE:
-        return kept, direct
-    return (GMRES_GAMG if problem.can_fail else CG_GAMG), direct
+        return Choice(kept, kept, direct)
+    if size <= HUGE:
+        return Choice(multigrid, kept, direct)
+    return Choice(multigrid, multigrid, direct)
 
 
 @dataclass
@@ -95,92 +115,126 @@ class SolverCounts:
     fallbacks: int = 0
 
 
-class LinearSolver:
-    """Solves with the tangent: the context of a PETSc KSP of type "python".
+class KeptKrylov:
+    """A Krylov solver that keeps its preconditioner over Newton iterations and steps.
 
-    A Krylov solver keeps its preconditioner over Newton iterations and steps until the iterations
-    that a fresh one would have spared add up to what it costs. Where it does not converge with a
-    fresh one, which happens near a limit point, the system is solved directly. It solves to the
-    relative tolerance of the KSP it serves, unless its own options set one.
+    It is made anew where the iterations that a fresh one would have spared add up to what it costs,
+    and where the solver does not converge with an old one. Systems are solved to the tolerance
+    asked for, unless the options set one.
 
     Args:
         matrix: The tangent.
-        options: Of KSP and PC; a ``ksp_type`` other than "preonly" is iterative.
-        fallback: Options of the direct solver.
+        options: Of KSP and PC.
+        counts: Work to be counted.
     """
 
-    def __init__(self, matrix: PETSc.Mat, options: Options, fallback: Options):
-        self.counts = SolverCounts()
+    def __init__(self, matrix: PETSc.Mat, options: Options, counts: SolverCounts):
         self._matrix = matrix
-        iterative = options.get("ksp_type") != "preonly"
-        self._krylov = self._make(options) if iterative else None
-        self._direct_options = fallback if iterative else options
-        self._direct: PETSc.KSP | None = None
+        self._counts = counts
+        self.ksp = make_ksp(matrix, options)
         self._follows_tolerance = "ksp_rtol" not in options
         self._fresh_effort = 0.0
         self._excess = math.inf
 
-    @property
-    def iterative(self) -> bool:
-        """Whether a Krylov solver comes first."""
-        return self._krylov is not None
-
-    def _make(self, options: Options) -> PETSc.KSP:
-        ksp = PETSc.KSP().create(self._matrix.comm)
-        ksp.setOperators(self._matrix)
-        set_options(ksp, options)
-        return ksp
-
-    def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Solve A x = b with the current values of the tangent; called by PETSc."""
-        self.counts.solves += 1
-        with Timer("vmdg: linear solve"):
-            if self.iterative and self._follows_tolerance:
-                self._krylov.setTolerances(rtol=ksp.getTolerances()[0])
-            if self.iterative and self._solve_iteratively(b, x):
-                solver = self._krylov
-            else:
-                solver = self._solve_directly(b, x)
-        ksp.setConvergedReason(solver.getConvergedReason())
-
-    def _solve_directly(self, b: PETSc.Vec, x: PETSc.Vec) -> PETSc.KSP:
-        self.counts.factorizations += 1
-        self.counts.fallbacks += self.iterative
-        if self._direct is None:
-            self._direct = self._make(self._direct_options)
-        self._direct.setOperators(self._matrix)
-        self._direct.solve(b, x)
-        return self._direct
-
-    def _solve_iteratively(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """Whether it converges, with a fresh preconditioner where the old one does not do."""
+    def solve(self, b: PETSc.Vec, x: PETSc.Vec, tolerance: float) -> bool:
+        """Whether A x = b is solved to a relative tolerance."""
+        if self._follows_tolerance:
+            self.ksp.setTolerances(rtol=tolerance)
         if self._excess < SETUP and self._iterate(b, x, reuse=True):
             return True
         return self._iterate(b, x, reuse=False)
 
     def _iterate(self, b: PETSc.Vec, x: PETSc.Vec, reuse: bool) -> bool:
-        self._krylov.setOperators(self._matrix)
-        self._krylov.getPC().setReusePreconditioner(reuse)
-        self._krylov.solve(b, x)
-        iterations = self._krylov.getIterationNumber()
-        self.counts.iterations += iterations
-        converged = self._krylov.getConvergedReason() > 0
-        reduction = self._krylov.getResidualNorm() / max(b.norm(), np.finfo(float).tiny)
+        self.ksp.setOperators(self._matrix)
+        self.ksp.getPC().setReusePreconditioner(reuse)
+        self.ksp.solve(b, x)
+        iterations = self.ksp.getIterationNumber()
+        self._counts.iterations += iterations
+        reduction = self.ksp.getResidualNorm() / max(b.norm(), np.finfo(float).tiny)
         # Iterations to the tolerance vary with it; their number per digit does not.
         digits = max(-math.log10(max(reduction, 1e-300)), 1.0)
         if not reuse:
-            self.counts.setups += 1
+            self._counts.setups += 1
             self._fresh_effort, self._excess = iterations / digits, 0.0
         self._excess += iterations - self._fresh_effort * digits
+        converged = self.ksp.getConvergedReason() > 0
         if not converged:
             self._excess = math.inf
         return converged
 
+
+class LinearSolver:
+    """Solves with the tangent: the context of a PETSc KSP of type "python".
+
+    Krylov solvers keep their preconditioners. Where one does not converge with a fresh one, the
+    system is solved directly.
+
+    Args:
+        matrix: The tangent.
+        choice: Options; a ``ksp_type`` other than "preonly" is iterative.
+
+    Attributes:
+        unstable: Whether the systems belong to an unstable stage.
+        counts: Work done so far.
+    """
+
+    def __init__(self, matrix: PETSc.Mat, choice: Choice):
+        self.counts = SolverCounts()
+        self.unstable = False
+        self._matrix = matrix
+        self._choice = choice
+        self._krylov: list[tuple[Options, KeptKrylov]] = []
+        self._direct: PETSc.KSP | None = None
+
+    @property
+    def multigrid(self) -> bool:
+        """Whether a solver asks for the rigid modes."""
+        used = (self._choice.stable, self._choice.unstable)
+        return any(options.get("pc_type") == "gamg" for options in used)
+
+    def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Solve A x = b with the current values of the tangent; called by PETSc."""
+        self.counts.solves += 1
+        options = self._choice.unstable if self.unstable else self._choice.stable
+        iterative = options.get("ksp_type") != "preonly"
+        with Timer("vmdg: linear solve"):
+            if iterative and (krylov := self._get(options)).solve(b, x, ksp.getTolerances()[0]):
+                solver = krylov.ksp
+            else:
+                self.counts.fallbacks += iterative
+                solver = self._solve_directly(b, x)
+        ksp.setConvergedReason(solver.getConvergedReason())
+
+    def _get(self, options: Options) -> KeptKrylov:
+        for known, krylov in self._krylov:
+            if known is options:
+                return krylov
+        krylov = KeptKrylov(self._matrix, options, self.counts)
+        self._krylov.append((options, krylov))
+        return krylov
+
+    def _solve_directly(self, b: PETSc.Vec, x: PETSc.Vec) -> PETSc.KSP:
+        self.counts.factorizations += 1
+        if self._direct is None:
+            self._direct = make_ksp(self._matrix, self._choice.fallback)
+        self._direct.setOperators(self._matrix)
+        self._direct.solve(b, x)
+        return self._direct
+
     def free(self) -> None:
         """Free the PETSc objects; collective."""
-        for ksp in (self._krylov, self._direct):
-            if ksp is not None:
-                ksp.destroy()
+        for _, krylov in self._krylov:
+            krylov.ksp.destroy()
+        if self._direct is not None:
+            self._direct.destroy()
+
+
+def make_ksp(matrix: PETSc.Mat, options: Options) -> PETSc.KSP:
+    """A solver with its own options."""
+    ksp = PETSc.KSP().create(matrix.comm)
+    ksp.setOperators(matrix)
+    set_options(ksp, options)
+    return ksp
 
 
 def set_options(item: PETSc.KSP | PETSc.SNES, options: Options) -> None:

@@ -11,6 +11,7 @@ from dolfinx.common import Timer
 from numpy.typing import NDArray
 
 from .linear_solver import (
+    Choice,
     LinearSolver,
     Options,
     automatic_options,
@@ -144,11 +145,14 @@ class Newton:
         self._slack = 1.0
         self._path = Path()
 
-        options, fallback = automatic_options(problem)
+        choice = automatic_options(problem)
         given = {} if petsc is None else petsc
         linear = {name: value for name, value in given.items() if not name.startswith("snes_")}
-        self.linear = LinearSolver(self._matrix, linear or options, fallback)
-        if self.linear.iterative:
+        if linear:
+            direct = linear if linear.get("ksp_type") == "preonly" else choice.fallback
+            choice = Choice(linear, linear, direct)
+        self.linear = LinearSolver(self._matrix, choice)
+        if self.linear.multigrid:
             set_rigid_modes(problem, self._matrix)
         search = {name: value for name, value in given.items() if name.startswith("snes_")}
         self._snes = self._make_snes({**LINE_SEARCH, **search}, max_iterations)
@@ -186,7 +190,8 @@ class Newton:
         Args:
             dt: Time step of the return maps [s].
             predictor: One of :data:`vmdg.predictor.PREDICTORS`.
-            along: Path parameter at the start and the end of the step; None for the load factor.
+            along: Path parameter at the start and the end of a step in a jump; None for the load
+                factor.
             passing: The state is only on the way to an equilibrium, and need not be exact.
             once: Without the second attempt.
         """
@@ -195,6 +200,7 @@ class Newton:
         start, end = along or (problem.start_of_step[0], problem.t)
         self._path.start(start, problem.start_of_step[1])
         self._slack = ROUGH if passing else 1.0
+        self.linear.unstable = along is not None
         scales = self._scale, self._borne
         report = self._search(self._path.ahead(end), predictor, once)
         if not report.converged:

@@ -159,12 +159,10 @@ def _advance(stepper: Stepper, target: float, monitor: Monitor | None, result: R
     while done < 1.0:
         end = min(done + size, 1.0)
         t = target if end == 1.0 else start + end * (target - start)
-        report, jumps = stepper.step(t), 0
-        if (
-            not report.converged
-            and cuts >= min(options.jump_after, options.max_cuts)
-            and options.jump
-        ):
+        # A smaller step is the cheaper second attempt, as long as there are some left.
+        last = cuts >= min(options.jump_after, options.max_cuts)
+        report, jumps = stepper.step(t, once=not last), 0
+        if not report.converged and last and options.jump:
             result.failures.append((t, report.reason))
             # Beyond the limit point by as much as the step allows: near it a jump starts slowly.
             report, jumps = stepper.jump(target)
