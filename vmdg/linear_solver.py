@@ -49,51 +49,31 @@ CG_GAMG = {
     "ksp_max_it": 100,
 }
 
-#: Dofs beyond which factors are kept, and in 3D those beyond which multigrid is cheaper on a stable
-#: path, and beyond which it must do for unstable stages too.
-MEDIUM, LARGE, HUGE = 3_000, 20_000, 60_000
+#: Dofs beyond which factors are kept, and those in 3D beyond which they cost more than multigrid.
+MEDIUM, LARGE = 3_000, 60_000
 
 #: What a factorization, or the set-up of multigrid, costs in Krylov iterations; measured at 42,000
 #: dofs in 3D: 41 of 49 ms and 26 of 30 ms.
 SETUP = 30
 
 
-@dataclass(frozen=True)
-class Choice:
-    """Options of the linear solvers of a run.
-
-    Attributes:
-        stable: On a stable path.
-        unstable: In a jump over an unstable stage.
-        fallback: Direct, where the others do not converge.
-    """
-
-    stable: Options
-    unstable: Options
-    fallback: Options
-
-
-def automatic_options(problem: Problem) -> Choice:
-    """The solvers that fit a problem.
+def automatic_options(problem: Problem) -> tuple[Options, Options]:
+    """Options of the solver that fits a problem, and of the one to fall back on.
 
     Small problems are solved directly: LDL^T where the tangent is symmetric (no friction), else LU.
     Larger ones by GMRES with the factors of an earlier tangent: in 3D, at 42,000 dofs, a
     factorization takes 2 s and a solve with its factors 41 ms, and few rows of the tangent change
     in a step. Large ones in 3D by multigrid, with CG where every interface is a tie, else GMRES.
     Near a limit point the residual of multigrid says little of the error along the softening mode:
-    an unstable stage takes about twice as many steps as with factors, which are used there as long
-    as they fit.
+    an unstable stage takes about twice as many steps as with factors.
     """
     direct, kept = (LDLT, GMRES_LDLT) if problem.symmetric else (LU, GMRES_LU)
-    multigrid = GMRES_GAMG if problem.can_fail else CG_GAMG
     size = problem.space.dofmap.index_map.size_global * problem.space.dofmap.index_map_bs
     if size <= MEDIUM:
-        return Choice(direct, direct, direct)
+        return direct, direct
     if problem.mesh.topology.dim < 3 or size <= LARGE:
-        return Choice(kept, kept, direct)
-    if size <= HUGE:
-        return Choice(multigrid, kept, direct)
-    return Choice(multigrid, multigrid, direct)
+        return kept, direct
+    return (GMRES_GAMG if problem.can_fail else CG_GAMG), direct
 
 
 @dataclass
@@ -166,65 +146,52 @@ class KeptKrylov:
 class LinearSolver:
     """Solves with the tangent: the context of a PETSc KSP of type "python".
 
-    Krylov solvers keep their preconditioners. Where one does not converge with a fresh one, the
-    system is solved directly.
+    Where a Krylov solver does not converge with a fresh preconditioner, which happens near a limit
+    point, the system is solved directly.
 
     Args:
         matrix: The tangent.
-        choice: Options; a ``ksp_type`` other than "preonly" is iterative.
+        options: Of KSP and PC; a ``ksp_type`` other than "preonly" is iterative.
+        fallback: Options of the direct solver.
 
     Attributes:
-        unstable: Whether the systems belong to an unstable stage.
         counts: Work done so far.
+        multigrid: Whether it asks for the rigid modes.
     """
 
-    def __init__(self, matrix: PETSc.Mat, choice: Choice):
+    def __init__(self, matrix: PETSc.Mat, options: Options, fallback: Options):
         self.counts = SolverCounts()
-        self.unstable = False
+        self.multigrid = options.get("pc_type") == "gamg"
         self._matrix = matrix
-        self._choice = choice
-        self._krylov: list[tuple[Options, KeptKrylov]] = []
+        iterative = options.get("ksp_type") != "preonly"
+        self._krylov = KeptKrylov(matrix, options, self.counts) if iterative else None
+        self._direct_options = fallback if iterative else options
         self._direct: PETSc.KSP | None = None
-
-    @property
-    def multigrid(self) -> bool:
-        """Whether a solver asks for the rigid modes."""
-        used = (self._choice.stable, self._choice.unstable)
-        return any(options.get("pc_type") == "gamg" for options in used)
 
     def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve A x = b with the current values of the tangent; called by PETSc."""
         self.counts.solves += 1
-        options = self._choice.unstable if self.unstable else self._choice.stable
-        iterative = options.get("ksp_type") != "preonly"
+        iterative = self._krylov is not None
         with Timer("vmdg: linear solve"):
-            if iterative and (krylov := self._get(options)).solve(b, x, ksp.getTolerances()[0]):
-                solver = krylov.ksp
+            if iterative and self._krylov.solve(b, x, ksp.getTolerances()[0]):
+                solver = self._krylov.ksp
             else:
                 self.counts.fallbacks += iterative
                 solver = self._solve_directly(b, x)
         ksp.setConvergedReason(solver.getConvergedReason())
 
-    def _get(self, options: Options) -> KeptKrylov:
-        for known, krylov in self._krylov:
-            if known is options:
-                return krylov
-        krylov = KeptKrylov(self._matrix, options, self.counts)
-        self._krylov.append((options, krylov))
-        return krylov
-
     def _solve_directly(self, b: PETSc.Vec, x: PETSc.Vec) -> PETSc.KSP:
         self.counts.factorizations += 1
         if self._direct is None:
-            self._direct = make_ksp(self._matrix, self._choice.fallback)
+            self._direct = make_ksp(self._matrix, self._direct_options)
         self._direct.setOperators(self._matrix)
         self._direct.solve(b, x)
         return self._direct
 
     def free(self) -> None:
         """Free the PETSc objects; collective."""
-        for _, krylov in self._krylov:
-            krylov.ksp.destroy()
+        if self._krylov is not None:
+            self._krylov.ksp.destroy()
         if self._direct is not None:
             self._direct.destroy()
 

@@ -11,7 +11,6 @@ from dolfinx.common import Timer
 from numpy.typing import NDArray
 
 from .linear_solver import (
-    Choice,
     LinearSolver,
     Options,
     automatic_options,
@@ -145,13 +144,10 @@ class Newton:
         self._slack = 1.0
         self._path = Path()
 
-        choice = automatic_options(problem)
+        options, fallback = automatic_options(problem)
         given = {} if petsc is None else petsc
         linear = {name: value for name, value in given.items() if not name.startswith("snes_")}
-        if linear:
-            direct = linear if linear.get("ksp_type") == "preonly" else choice.fallback
-            choice = Choice(linear, linear, direct)
-        self.linear = LinearSolver(self._matrix, choice)
+        self.linear = LinearSolver(self._matrix, linear or options, fallback)
         if self.linear.multigrid:
             set_rigid_modes(problem, self._matrix)
         search = {name: value for name, value in given.items() if name.startswith("snes_")}
@@ -200,7 +196,6 @@ class Newton:
         start, end = along or (problem.start_of_step[0], problem.t)
         self._path.start(start, problem.start_of_step[1])
         self._slack = ROUGH if passing else 1.0
-        self.linear.unstable = along is not None
         scales = self._scale, self._borne
         report = self._search(self._path.ahead(end), predictor, once)
         if not report.converged:
