@@ -17,7 +17,7 @@ from _stability import BAD, Outcome, plot, stress, table, write_csv
 from tqdm import tqdm
 
 
-def main(runs: int = 680, only: int | None = None, out: str = "results/stability") -> list[Outcome]:
+def main(runs: int = 540, only: int | None = None, out: str = "results/stability") -> list[Outcome]:
     """Runs 0 to ``runs`` - 1, or one of them; table, list and picture go to the folder ``out``.
 
     Ranks take turns: every run is one of a single rank.
@@ -44,7 +44,7 @@ def main(runs: int = 680, only: int | None = None, out: str = "results/stability
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=680, help="number of runs (default 680)")
+    parser.add_argument("--runs", type=int, default=540, help="number of runs (default 540)")
     parser.add_argument("--only", type=int, help="this run only, for example one that failed")
     parser.add_argument("--out", default="results/stability", help="folder for the results")
     main(**vars(parser.parse_args()))

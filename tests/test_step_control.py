@@ -52,6 +52,26 @@ def test_rotation_in_coarse_steps(comm, degrees):
     assert global_max(comm, problem.state[0].softening.max(initial=0.0)) == 0
 
 
+def test_inverted_cells_are_refused(comm):
+    """A body that is given as a start turned inside out is noticed, and no step ends so."""
+    problem = squares(comm, vmdg.Bonded(), 0.0, lambda t: np.array([0.1 * t, 0.0]))
+    assert not problem.inverted()
+    x = problem.space.tabulate_dof_coordinates()
+    start = problem.u.x.array.copy()
+    problem.u.x.array[::2] = -1.5 * x[:, 0]
+    assert problem.inverted()
+    problem.u.x.array[:] = start
+    stepper = Stepper(problem, vmdg.SolveOptions())
+    assert stepper.step(1.0).converged
+    before = problem.u.x.array.copy()
+    problem.inverted = lambda: True
+    report = stepper.step(2.0)
+    stepper.close()
+    assert (report.converged, report.reason) == (False, "CELLS_INVERTED")
+    assert problem.t == 1.0
+    assert np.array_equal(problem.u.x.array, before)
+
+
 def test_outgrown_stabilization_is_refused(comm):
     """tau_s of the start serves a small deformation, not one that asks for twice as much."""
     law = vmdg.Debonding(strength=1e6, critical_gap=1e6)

@@ -93,6 +93,7 @@ class Discretization:
         self._residual_form: fem.Form | None = None
         self._tangent_form: fem.Form | None = None
         self._energy_forms: list[fem.Form] | None = None
+        self._inverted_form: fem.Form | None = None
         self._coercivity: Coercivity | None = None
         self._factors: list[NDArray[np.float64]] | None = None
         self._derived: _Derived | None = None
@@ -339,6 +340,23 @@ class Discretization:
             coupling.recoverable_energy() for coupling in self.working
         )
         return stored
+
+    def inverted(self) -> bool:
+        """Whether det F <= 0 at a quadrature point of this rank; never at small strain.
+
+        Not every stress grows without bound as det F falls to zero: Newton's method can end in an
+        equilibrium of cells that are turned inside out.
+        """
+        if self.bodies.families[0].body.small:
+            return False
+        if self._inverted_form is None:
+
+            def turned(body: Body, F: Expr) -> Expr:
+                J = body.volume_ratio(F) if body.mean_dilatation else ufl.det(F)
+                return ufl.conditional(ufl.le(J, 0), 1.0, 0.0)
+
+            self._inverted_form = self.compile_form(self.bulk(turned))
+        return fem.assemble_scalar(self._inverted_form) > 0
 
     def take_over(self, other: Discretization) -> None:
         """Continue from the state of a discretization with fewer open facets, exactly.

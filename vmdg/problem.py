@@ -400,6 +400,10 @@ class Problem:
         """
         self.discretization.assemble_tangent(matrix, damage)
 
+    def inverted(self) -> bool:
+        """Whether cells are turned inside out, det F <= 0; collective."""
+        return global_any(self.comm, self.discretization.inverted())
+
     def outgrown(self) -> bool:
         """Whether the step has ended where its tau_s is not enough for coercivity; collective."""
         return global_any(self.comm, self.discretization.outgrown())

@@ -249,6 +249,9 @@ class Stepper:
             if not report.converged:
                 self.problem.cancel_step()
                 return report
+            if self.problem.inverted():
+                self.problem.cancel_step()
+                return StepReport(False, report.norms, "CELLS_INVERTED")
             if self.problem.outgrown():
                 self.problem.cancel_step()
                 return StepReport(False, report.norms, "STABILIZATION_OUTGROWN")
