@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 from test_linear_solver import FRICTION, pressed
@@ -18,7 +20,7 @@ def on_a_parabola(t: float) -> np.ndarray:
 
 
 def walked(*times: float) -> Path:
-    path = Path()
+    path = Path(MPI.COMM_SELF)
     for t in times:
         path.start(t, on_a_parabola(t))
     return path
@@ -47,6 +49,15 @@ def test_cut_steps_and_jumps():
     path.start(0.1, on_a_parabola(0.1))
     assert len(path.ahead(0.2)) == 1
     path.start(0.1, on_a_parabola(0.1) + 1)
+    assert path.ahead(0.2) == []
+
+
+def test_ranks_leave_the_path_together(comm):
+    """A state that differs on one rank only ends the path on all."""
+    path = Path(comm)
+    for t in (0.0, 0.1):
+        path.start(t, on_a_parabola(t))
+    path.start(0.1, on_a_parabola(0.1) + (comm.rank == 0))
     assert path.ahead(0.2) == []
 
 

@@ -142,7 +142,7 @@ class Newton:
         self._norms: list[float] = []
         self._dt = 1.0
         self._slack = 1.0
-        self._path = Path()
+        self._path = Path(problem.comm)
 
         options, fallback = automatic_options(problem)
         given = {} if petsc is None else petsc
@@ -205,7 +205,7 @@ class Newton:
 
     def forget_path(self) -> None:
         """The next step does not continue the path of the last ones."""
-        self._path = Path()
+        self._path = Path(self._problem.comm)
 
     def _search(self, ahead: list[NDArray], predictor: str, once: bool) -> StepReport:
         """The line search, then full steps where an interface can fail."""

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from mpi4py import MPI
+
 import numpy as np
 from numpy.typing import NDArray
+
+from .parallel import global_any
 
 #: States that are kept, and the longest step relative to the last one that is extrapolated.
 KEPT, REACH = 3, 4.0
@@ -15,15 +19,19 @@ class Path:
     A step that is cut and tried again starts where it started before. One that starts elsewhere at
     the same parameter has passed an unstable stage: what was before it says nothing of what
     follows.
+
+    Args:
+        comm: Ranks that share the displacement.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, comm: MPI.Comm) -> None:
+        self._comm = comm
         self._states: list[tuple[float, NDArray[np.float64]]] = []
 
     def start(self, t: float, u: NDArray[np.float64]) -> None:
-        """A step starts from displacement ``u`` at the path parameter ``t``."""
+        """A step starts from displacement ``u`` at the path parameter ``t``; collective."""
         if self._states and self._states[-1][0] == t:
-            if not np.array_equal(self._states[-1][1], u):
+            if global_any(self._comm, not np.array_equal(self._states[-1][1], u)):
                 self._states = [(t, u.copy())]
             return
         self._states = [*self._states, (t, u.copy())][-KEPT:]
