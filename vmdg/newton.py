@@ -178,8 +178,8 @@ class Newton:
         dt: float,
         predictor: str = PATH,
         along: tuple[float, float] | None = None,
-        passing: bool = False,
         once: bool = False,
+        rough: bool = False,
     ) -> StepReport:
         """Solve for the loads that ``Problem.begin_step`` has set.
 
@@ -188,14 +188,14 @@ class Newton:
             predictor: One of :data:`vmdg.predictor.PREDICTORS`.
             along: Path parameter at the start and the end of a step in a jump; None for the load
                 factor.
-            passing: The state is only on the way to an equilibrium, and need not be exact.
             once: Without the second attempt.
+            rough: The state is only on the way to an equilibrium, and need not be exact.
         """
         problem = self._problem
         self._dt = dt
         start, end = along or (problem.start_of_step[0], problem.t)
         self._path.start(start, problem.start_of_step[1])
-        self._slack = ROUGH if passing else 1.0
+        self._slack = ROUGH if rough else 1.0
         scales = self._scale, self._borne
         report = self._search(self._path.ahead(end), predictor, once)
         if not report.converged:

@@ -21,7 +21,10 @@ from .problem import Problem
 
 #: In a jump the overstress falls after a step with so few corrections, and grows by this factor
 #: after one that fails.
-EASY, SLOWER = 3, 4.0
+EASY, SLOWER = 5, 4.0
+
+#: Range of the overstress in a jump, in multiples of H; below it there is none to speak of.
+STIFFEST = 1e8
 
 Monitor = Callable[[Problem], Mapping[str, Any] | None]
 
@@ -232,6 +235,7 @@ class Stepper:
         overstress: float = 0.0,
         along: tuple[float, float] | None = None,
         once: bool = False,
+        rough: bool = False,
     ) -> StepReport:
         """One step to load factor ``t``, committed if it converges and undone if not.
 
@@ -243,9 +247,10 @@ class Stepper:
             overstress: Viscous regularisation, see :meth:`Problem.begin_step`.
             along: Path parameter at the start and the end of the step; None for the load factor.
             once: Without the second attempt of the iteration.
+            rough: The state is only on the way to an equilibrium, and need not be exact.
         """
         while True:
-            report = self._try(t, overstress, along, once)
+            report = self._try(t, overstress, along, once, rough)
             if not report.converged:
                 self.problem.cancel_step()
                 return report
@@ -274,7 +279,12 @@ class Stepper:
             return report
 
     def _try(
-        self, t: float, overstress: float, along: tuple[float, float] | None, once: bool
+        self,
+        t: float,
+        overstress: float,
+        along: tuple[float, float] | None,
+        once: bool,
+        rough: bool,
     ) -> StepReport:
         problem, options = self.problem, self.options
         if self._newton.discretization is not problem.discretization:
@@ -288,9 +298,7 @@ class Stepper:
             if not (overstress or self._viscous):
                 raise
             return StepReport(False, [], str(error))
-        return self._newton.step(
-            dt, options.predictor, along, passing=overstress > 0, once=once or overstress > 0
-        )
+        return self._newton.step(dt, options.predictor, along, once, rough)
 
     def jump(self, t: float) -> tuple[StepReport, int]:
         """Carry the problem over an unstable stage at load factor ``t``.
@@ -307,17 +315,20 @@ class Stepper:
         before = self.problem.snapshot()
         # The time that passes, relative to the viscosity: the path goes on in it.
         factor, elapsed, steps, rest = 4.0, 0.0, 0, 1
-        report = StepReport(False, [], "")
+        report, rough = StepReport(False, [], ""), True
         self._newton.forget_path()
-        while steps < options.max_jump_steps and factor < 1e8:
-            report = self.step(t, factor, (elapsed, elapsed + 1 / factor))
+        while steps < options.max_jump_steps and 1 / STIFFEST < factor < STIFFEST:
+            place = (elapsed, elapsed + 1 / factor)
+            report = self.step(t, factor, place, once=True, rough=rough)
             steps += 1
             if not report.converged:
                 factor *= SLOWER
                 continue
             elapsed += 1 / factor
+            # A state that has hardly left the equilibrium would be taken for the next one.
+            rough = rough and report.iterations > 0
             if steps >= rest and self.problem.largest_overstress() < options.jump_rest:
-                report = self.step(t, 0.0, (elapsed, elapsed), once=True)
+                report = self.step(t, along=(elapsed, elapsed), once=True)
                 if report.converged:
                     self._newton.forget_path()
                     return report, steps
