@@ -47,7 +47,7 @@ def beams(
         7 both lips of the slit, 8 the part of the crack before it.
 
     Raises:
-        ValueError: unknown cell, or stations that do not fit the divisions or the parts of the crack.
+        ValueError: unknown cell, or stations that do not fit the divisions or the crack.
     """
     if cell not in CELLS:
         raise ValueError(f"beams: cell = {cell!r} must be one of {CELLS}")
