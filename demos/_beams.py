@@ -199,10 +199,9 @@ def enf(
     Only the lower arm rests on the left support; it carries the upper one by contact there. Equal
     arms bend alike, each carries P/4, so the contact force is P/4 and, since the lips slide, its
     friction f = mu P/4. Assumed is that there is no other contact: the lips are an interface over
-    the first 6 mm and a slit from there on. (Computed, they touch over 1 mm with P/4 to .7%, and the
-    slit is open everywhere.) Each arm then has
-    the moment P x/4 - f h/2 and the axial force f. From the section forces behind and ahead of the
-    tip the energy release rate is a full square,
+    the first 6 mm and a slit from there on. (Computed, they touch over 1 mm with P/4 to .7%, and
+    the slit is open everywhere.) Each arm then has the moment P x/4 - f h/2 and the axial force f.
+    From the section forces behind and ahead of the tip the energy release rate is a full square,
 
         G = 9 P^2 (a_e - 2 mu h/3)^2/(16 b^2 E h^3),  so that  P (a_e - 2 mu h/3) = K
 
