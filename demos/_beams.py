@@ -205,9 +205,9 @@ def enf(
 
         G = 9 P^2 (a_e - 2 mu h/3)^2/(16 b^2 E h^3),  so that  P (a_e - 2 mu h/3) = K
 
-    with K = 4/3 b sqrt(G_c E h^3) while the crack runs (to first order in mu that of Carlsson,
-    Gillespie and Pipes 1986), and the work of P on the deflection C P, less the energy stored,
-    is the work of f on the slip of the lips,
+    with K = 4/3 b sqrt(G_c E h^3) while the crack runs (an analysis of the kind of Carlsson,
+    Gillespie and Pipes 1986). The work of P on the deflection C P, less the energy stored, is the
+    work W of f on the slip of the lips before growth:
 
         C = (2 L^3 + 3 a_e^3 - 3 mu h a_e^2)/(8 b E h^3) + 3 L/(10 G_12 b h),
         W = 3 mu P^2 h a_e (a_e - 4 mu h/3)/(16 b E h^3).

@@ -25,8 +25,8 @@ class PartialSlip:
 
         int_-c^c f(X)/sqrt(c^2 - X^2) dX = 0,  hence  c^2 = 2 (tau - mu p0)/(mu p1).
 
-    (Bilby, Cottrell and Swinden 1963 for the condition; Hills, Kelly, Dai and Korsunsky, Solution
-    of Crack Problems, 1996, chapters 2 and 4, for the integrals.) With f0 = tau - mu p0 and
+    (Bilby, Cottrell and Swinden 1963 for the condition; the integrals are in Hills, Kelly, Dai and
+    Korsunsky, Solution of Crack Problems, 1996.) With f0 = tau - mu p0 and
     E' = E/(1 - nu^2) slip and shear traction are
 
         delta = 8 f0/(3 E' c^2) (c^2 - X^2)^(3/2)               |X| < c,
