@@ -108,20 +108,31 @@ def build(solid: bool, layers: int, refine: float, friction: float, fibre_modulu
     return Model(problem, axis, 4 if solid else 1, facets.find(FIBRE_TOP), seen)
 
 
-def shear_lag(length: NDArray, friction: float, fibre_modulus: float) -> NDArray:
+def ring_pressure(fibre_modulus: float) -> tuple[float, float]:
+    """p0 [MPa] and k [-]: p = p0 + k sigma on a fibre with stress sigma (Lame, plane stress)."""
+    a2, b2 = RADIUS**2, OUTER_RADIUS**2
+    compliance = ((b2 + a2) / (b2 - a2) + NU_MATRIX) / E_MATRIX + (1 - NU_FIBRE) / fibre_modulus
+    return SHRINKAGE / compliance, NU_FIBRE / fibre_modulus / compliance
+
+
+def shear_lag(
+    length: NDArray | float,
+    friction: float,
+    fibre_modulus: float,
+    energy: float = STRENGTH * CRITICAL_GAP / 2,
+) -> NDArray | float:
     """Force [N] at which the bond is gone over ``length`` [mm] from the loaded end.
 
     F = pi a^2 [sigma_d e^(lambda l) + p0/k (e^(lambda l) - 1)], the one-dimensional estimate of
     Alfano and Sacco and of Lin, Geubelle and Sottos: p0 the pressure after the cure, k the rise of
     the pressure with the stress in the fibre, sigma_d = 2 sqrt(E_f G / a) with G the work of the
-    bond. Near its ends the fibre is no bar: lengths differ by up to 1.5 a.
+    bond [N/mm], 0 for friction alone. Near its ends the fibre is no bar: lengths differ by up to
+    1.5 a.
     """
-    a2, b2 = RADIUS**2, OUTER_RADIUS**2
-    compliance = ((b2 + a2) / (b2 - a2) + NU_MATRIX) / E_MATRIX + (1 - NU_FIBRE) / fibre_modulus
-    p0, k = SHRINKAGE / compliance, NU_FIBRE / fibre_modulus / compliance
-    sigma = 2 * np.sqrt(fibre_modulus * STRENGTH * CRITICAL_GAP / 2 / RADIUS)
+    p0, k = ring_pressure(fibre_modulus)
+    sigma = 2 * np.sqrt(fibre_modulus * energy / RADIUS)
     grown = np.exp(2 * friction * k / RADIUS * length)
-    return np.pi * a2 * (sigma * grown + p0 / k * (grown - 1))
+    return np.pi * RADIUS**2 * (sigma * grown + p0 / k * (grown - 1))
 
 
 class Levels:

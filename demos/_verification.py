@@ -135,7 +135,7 @@ def _quadrant(
     return problem, facets
 
 
-def _field_check(
+def compare_field(
     case: str, quantity: str, computed: np.ndarray, exact: np.ndarray, mesh: str
 ) -> Check:
     """Largest deviation of a field, relative to its largest value."""
@@ -166,7 +166,7 @@ def shrink_fit(element_size: float = 0.1, degree: int = 2, theta: float = 1e-3) 
     total, area = global_sum(problem.comm, [state.weights @ radial, state.weights.sum()])
     return [
         compare("Lame shrink fit", "mean pressure [MPa]", -total / area, pressure, size),
-        _field_check(
+        compare_field(
             "Lame shrink fit", "radial traction [MPa]", radial, -pressure + 0 * shear, size
         ),
     ]
@@ -205,6 +205,6 @@ def goodier(element_size: float = 0.1, degree: int = 2, S: float = 1.0) -> list[
     angle, radial, shear = _polar(state.points, state.traction)
     exact = S / 2 * (A + B * np.cos(2 * angle)), -S / 2 * B * np.sin(2 * angle)
     return [
-        _field_check("Goodier inclusion", "radial traction [MPa]", radial, exact[0], size),
-        _field_check("Goodier inclusion", "shear traction [MPa]", shear, exact[1], size),
+        compare_field("Goodier inclusion", "radial traction [MPa]", radial, exact[0], size),
+        compare_field("Goodier inclusion", "shear traction [MPa]", shear, exact[1], size),
     ]

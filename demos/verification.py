@@ -1,8 +1,8 @@
-"""Closed forms: bimaterial bar, Lame shrink fit, Goodier inclusion, delamination of beams.
+"""Closed forms: bar, shrink fit, inclusion, partial slip, push-out, delamination of beams.
 
 Prints one table, computed against exact, with the mesh and the seconds each scene took, and draws
-load and crack length of the beam over its opening. The formulas stand in ``_verification.py`` and
-``_beams.py``.
+load and crack length of the beam over its opening. The formulas stand in ``_verification.py``,
+``_partial_slip.py``, ``_shear_lag.py`` and ``_beams.py``.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from mpi4py import MPI
 
 import matplotlib.pyplot as plt
 from _beams import dcb, enf
+from _partial_slip import partial_slip
+from _shear_lag import push_out
 from _verification import Check, bimaterial_bar, goodier, shrink_fit, table, timed
 
 import vmdg
@@ -38,7 +40,14 @@ def main(coarse: bool = False, out: str = "results/verification") -> list[Check]
     """Run all scenes; table and picture go to the folder ``out``. Coarse has no beams."""
     checks: list[Check] = []
     size = 0.1 if coarse else 0.025
-    for scene in (bimaterial_bar, lambda: shrink_fit(size), lambda: goodier(size)):
+    scenes = [
+        bimaterial_bar,
+        lambda: shrink_fit(size),
+        lambda: goodier(size),
+        lambda: partial_slip(0.2 if coarse else 0.05),
+        lambda: push_out(40 if coarse else 80),
+    ]
+    for scene in scenes:
         with timed(checks):
             checks += scene()
     run = None
@@ -47,7 +56,9 @@ def main(coarse: bool = False, out: str = "results/verification") -> list[Check]
             run = dcb()
             checks += run.checks
         with timed(checks):
-            checks += enf().checks
+            checks += enf(element_size=0.125, steps=54, end=1.62, rows=3).checks
+        with timed(checks):
+            checks += enf(friction=0.3, steps=27, end=1.62).checks
     if MPI.COMM_WORLD.rank == 0:
         Path(out).mkdir(parents=True, exist_ok=True)
         (Path(out) / "verification.md").write_text(table(checks) + "\n")

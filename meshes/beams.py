@@ -12,7 +12,7 @@ from .gmsh_model import TaggedMesh, distribute, model
 CELLS = ("triangle", "quadrilateral")
 
 #: Facet tags.
-LOWER_LEFT, UPPER_LEFT, RIGHT, BOTTOM, TOP, INTERFACE, PRECRACK = 1, 2, 3, 4, 5, 6, 7
+LOWER_LEFT, UPPER_LEFT, RIGHT, BOTTOM, TOP, INTERFACE, SLIT, CONTACT = 1, 2, 3, 4, 5, 6, 7, 8
 
 
 def beams(
@@ -23,12 +23,12 @@ def beams(
     height: float = 1.5,
     rows: int = 2,
     precrack: float = 30.0,
-    slit: bool = True,
+    contact: float | None = None,
 ) -> TaggedMesh:
     """Arms [x_0, x_n] x [-height, 0] and [x_0, x_n] x [0, height], meshed to match.
 
-    The crack is either a slit, whose two lips share no node but the tip, or a part of the interface
-    with a tag of its own, for an interface law that knows contact and friction.
+    The crack is a slit, whose two lips share no node but the tip. Its first part may instead be an
+    interface with a tag of its own, for a law that knows contact and friction.
 
     Args:
         comm: Communicator.
@@ -38,15 +38,16 @@ def beams(
         height: Of one arm [mm].
         rows: Cells over that height.
         precrack: Where the crack that starts on the left ends, one of the stations [mm].
-        slit: Whether it is a slit.
+        contact: Where that first part ends, a station up to ``precrack`` [mm]; None for no such
+            part.
 
     Returns:
         Mesh; cell tags 1 (lower arm) and 2 (upper arm); facet tags 1 and 2 left ends of the lower
-        and upper arm, 3 right ends, 4 bottom, 5 top, 6 interface, 7 its cracked part
-        (both lips of a slit).
+        and upper arm, 3 right ends, 4 bottom, 5 top, 6 interface from the crack on,
+        7 both lips of the slit, 8 the part of the crack before it.
 
     Raises:
-        ValueError: unknown cell, or stations that do not fit the divisions or the precrack.
+        ValueError: unknown cell, or stations that do not fit the divisions or the crack.
     """
     if cell not in CELLS:
         raise ValueError(f"beams: cell = {cell!r} must be one of {CELLS}")
@@ -55,26 +56,32 @@ def beams(
         raise ValueError("beams: stations must ascend, with one number of cells between each two")
     if precrack not in stations[1:-1]:
         raise ValueError(f"beams: precrack = {precrack} must be a station inside {tuple(stations)}")
+    if contact is not None and contact not in stations[1 : stations.index(precrack) + 1]:
+        raise ValueError(f"beams: contact = {contact} must be a station up to {precrack}")
     with model("beams") as gmsh_model:
         if comm.rank == 0:
-            _build(gmsh_model, cell, stations, divisions, height, rows, precrack, slit)
+            _build(gmsh_model, cell, stations, divisions, height, rows, precrack, contact)
         return distribute(gmsh_model, comm, 2)
 
 
-def _build(gmsh_model, cell, stations, divisions, height, rows, precrack, slit) -> None:
+def _build(gmsh_model, cell, stations, divisions, height, rows, precrack, contact) -> None:
     geo = gmsh_model.geo
-    cracked = list(stations).index(precrack)
+    cracked = stations.index(precrack)
+    start = 0 if contact is None else stations.index(contact)
     rims = [[geo.addPoint(x, y, 0) for x in stations] for y in (-height, 0, height)]
     bottom, lower, top = rims
-    apart = cracked if slit else 0
-    upper = [*(geo.addPoint(x, 0, 0) for x in stations[:apart]), *lower[apart:]]
+    upper = lower.copy()
+    for j in range(start + (start > 0), cracked):
+        upper[j] = geo.addPoint(stations[j], 0, 0)
 
     def chain(points):
         return [geo.addLine(a, b) for a, b in pairwise(points)]
 
-    below, above = chain(lower), chain(upper[: apart + 1])
+    below = chain(lower)
+    lip = chain(upper[start : cracked + 1])
+    above = [*below[:start], *lip, *below[cracked:]]
     # Lower and upper edge of every arm.
-    edges = [(chain(bottom), below), ([*above, *below[apart:]], chain(top))]
+    edges = [(chain(bottom), below), (above, chain(top))]
     upright = [
         [geo.addLine(a, b) for a, b in zip(*ends, strict=True)]
         for ends in ((bottom, lower), (upper, top))
@@ -95,9 +102,11 @@ def _build(gmsh_model, cell, stations, divisions, height, rows, precrack, slit) 
             arm.append(face)
     geo.synchronize()
     ends = [[upright[0][0]], [upright[1][0]], [upright[0][-1], upright[1][-1]]]
-    sides = [*ends, edges[0][0], edges[1][1], below[cracked:], [*below[:cracked], *above]]
+    lips = [*below[start:cracked], *lip]
+    sides = [*ends, edges[0][0], edges[1][1], below[cracked:], lips, below[:start]]
     for tag, arm in enumerate(arms, start=1):
         gmsh_model.addPhysicalGroup(2, arm, tag)
     for tag, side in enumerate(sides, start=LOWER_LEFT):
-        gmsh_model.addPhysicalGroup(1, side, tag)
+        if side:
+            gmsh_model.addPhysicalGroup(1, side, tag)
     gmsh_model.mesh.generate(2)

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 import vmdg.laws
 from vmdg.laws import (
     Bonded,
+    Contact,
     Debonding,
     ExponentialDebonding,
     IntrinsicExponential,
@@ -643,6 +644,36 @@ def test_bonded_is_a_tie():
     np.testing.assert_array_equal(update.traction, trial)
     assert not update.gap.any()
     assert not update.tangent.any()
+
+
+@SETTINGS
+@given(dims, seeds, frictions)
+def test_contact_is_what_is_left_of_a_bond(d, seed, mu):
+    """Equal to `Debonding` whose bond is gone, in everything but the history that it needs not."""
+    bond, law = Debonding(P_C, ZETA_C, mu), Contact(mu)
+    trial, normal, gap, _, penalty = oracle.random_state(
+        np.random.default_rng(seed), bond, POINTS, d, 3.0
+    )
+    trial[:20], gap[20:40] = 0.0, 0.0
+    gone, none = np.full(POINTS, P_C), np.zeros(POINTS)
+    with np.errstate(all="raise"):
+        update = law.return_map(trial, normal, gap, none, penalty)
+    expected = bond.return_map(trial, normal, gap, gone, penalty)
+    for name in set(update.__slots__) - {"softening"}:
+        np.testing.assert_array_equal(getattr(update, name), getattr(expected, name), name)
+    assert not update.softening.any()
+
+
+def test_contact_has_no_strength():
+    law = Contact(0.3)
+    assert law.inelastic
+    assert Contact().symmetric
+    assert not law.symmetric
+    assert law.admissible(1e-30)
+    assert law.with_viscosity(5.0) is law
+    assert np.isinf(law.nearness(np.zeros(2), np.zeros(2))).all()
+    with pytest.raises(ValueError, match=r"friction = -1\.0: must be zero or positive"):
+        Contact(-1.0)
 
 
 def test_numpy_is_all_the_laws_import():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import _beams
+import _partial_slip
 import _verification
 import numpy as np
 import pytest
@@ -15,16 +16,53 @@ def test_closed_forms(comm, out):
     """Bar to round-off (a patch test); fields to the h2 of the traction of degree 2.
 
     At h = a/10 the measured errors are 1.0e-5 (mean pressure), 6.6e-3 (pressure, pointwise at the
-    quadrature points), 5.3e-3 and 5.8e-3 (Goodier).
+    quadrature points), 5.3e-3 and 5.8e-3 (Goodier). The slip zone ends somewhere in a facet, .2 of
+    1.27 mm, and the shear traction has a kink of infinite slope there. The estimates of the
+    push-out are approximate: half a radius at each end of 21 and a twentieth for the stress in the
+    matrix; with 5.6 radii the ends are a sixth.
     """
     checks = {(c.case, c.quantity): c for c in verification.main(coarse=True, out=str(out))}
-    bounds = {"bimaterial bar": 1e-10, "Lame shrink fit": 1e-2, "Goodier inclusion": 1e-2}
+    bounds = {
+        "bimaterial bar": 1e-10,
+        "Lame shrink fit": 1e-2,
+        "Goodier inclusion": 1e-2,
+        "partial slip": 0.08,
+        "push-out, H = 21.1 a": 0.05,
+        "push-out, H = 5.6 a": 0.15,
+    }
     assert {case for case, _ in checks} == set(bounds)
     for (case, _), check in checks.items():
         assert check.error < bounds[case], check
     assert checks["Lame shrink fit", "mean pressure [MPa]"].error < 5e-5
+    assert checks["partial slip", "slip [mm]"].error < 1e-2
     comm.barrier()
     assert (out / "verification.md").read_text().count("\n") == len(checks) + 2
+
+
+def test_partial_slip_is_elastic_equilibrium():
+    """The closed form itself: displacements that slip by delta, and tractions p and q on Y = 0."""
+    model, c, h = _partial_slip.PartialSlip(), 1.27, 1e-6
+    X = np.linspace(-1.9, 1.9, 39)
+    above, below = (np.stack(model.displacement(X + s * 1e-12j, 1.0, c)) for s in (1, -1))
+    np.testing.assert_allclose(above[0] - below[0], model.slip(X, c), atol=1e-12)
+    np.testing.assert_allclose(above[1], below[1], atol=1e-12)
+    z = X + 2j * h
+    across, along = (
+        np.subtract(*(model.displacement(z + s * step, 1.0, c) for s in (1, -1))) / (2 * h)
+        for step in (1j * h, h)
+    )
+    np.testing.assert_allclose(model.G * (across[0] + along[1]), model.shear(X, c), atol=0.02)
+    lmbda = 2 * model.G * model.nu / (1 - 2 * model.nu)
+    stress = 2 * model.G * across[1] + lmbda * (along[0] + across[1])
+    np.testing.assert_allclose(-stress, model.pressure(X), atol=0.02)
+
+
+def test_partial_slip_converges():
+    """The end of the slip zone to a facet; fields converge although their end has a kink."""
+    coarse, fine = (_partial_slip.partial_slip(h, steps=5) for h in (0.25, 0.125))
+    assert fine[0].error < 0.125 / 1.27
+    assert fine[1].error < coarse[1].error
+    assert fine[2].error < coarse[2].error
 
 
 def test_pointwise_tractions_converge():
@@ -54,24 +92,33 @@ def test_cantilever_before_and_at_the_start_of_growth():
 
 
 def test_end_notched_flexure():
-    """Stiffness and the load that drives the crack within 1% of corrected beam theory."""
-    run = _beams.enf()
-    assert all(check.error < 0.01 for check in run.checks)
-    assert run.history["crack"][-1] > 41
+    """Stiffness, friction work and the load that drives the crack within 1% of beam theory.
+
+    What friction adds to the stiffness, half a percent, is met to 2% of itself: the error of beam
+    theory is the same with and without it.
+    """
+    smooth, rough = _beams.enf(), _beams.enf(friction=0.3)
+    assert all(check.error < 0.01 for check in [*smooth.checks, *rough.checks])
+    assert smooth.history["crack"][-1] > 41
+    ratio, exact = (
+        getattr(rough.checks[0], side) / getattr(smooth.checks[0], side)
+        for side in ("computed", "exact")
+    )
+    assert ratio - 1 == pytest.approx(exact - 1, rel=0.02)
 
 
-@pytest.mark.parametrize("slit", [True, False])
+@pytest.mark.parametrize(("contact", "slit", "touching"), [(None, 8, 0), (1.0, 4, 2), (2.0, 0, 4)])
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
-def test_mesh_of_beams(comm, cell, slit):
-    """The cracked part has its tag; a slit has twice the facets there, one for each lip."""
-    tagged = beams(comm, cell, (0.0, 2.0, 5.0), (4, 6), 1.0, 2, 2.0, slit)
+def test_mesh_of_beams(comm, cell, contact, slit, touching):
+    """The parts of the crack have tags; a slit has twice the facets, one for each lip."""
+    tagged = beams(comm, cell, (0.0, 1.0, 2.0, 5.0), (2, 2, 6), 1.0, 2, 2.0, contact)
     tags = tagged.facet_tags
     own = tagged.mesh.topology.index_map(1).size_local
 
     def count(tag):
         return comm.allreduce(int((tags.find(tag) < own).sum()))
 
-    assert [count(tag) for tag in range(1, 8)] == [2, 2, 4, 10, 10, 6, 8 if slit else 4]
+    assert [count(tag) for tag in range(1, 9)] == [2, 2, 4, 10, 10, 6, slit, touching]
 
 
 def test_errors_of_the_meshes(comm):
@@ -82,5 +129,7 @@ def test_errors_of_the_meshes(comm):
         beams(comm, stations=(0.0, 30.0, 20.0))
     with pytest.raises(ValueError, match="precrack = 31"):
         beams(comm, precrack=31.0)
+    with pytest.raises(ValueError, match="contact = 60"):
+        beams(comm, stations=(0.0, 30.0, 60.0, 100.0), divisions=(3, 3, 4), contact=60.0)
     with pytest.raises(ValueError, match="radius = 3"):
         core_and_ring(comm, radius=3.0)

@@ -14,6 +14,7 @@ if (_ROOT / "pyproject.toml").is_file():
 
 _HOME = {
     "Bonded": "laws",
+    "Contact": "laws",
     "Debonding": "laws",
     "ExponentialDebonding": "laws",
     "IntrinsicExponential": "laws",

@@ -498,6 +498,8 @@ class Coupling:
         if update is None or len(update.multiplier) == 0:
             return 0.0
         eta = self._acting_law.overstress(self._dt)
+        if eta == 0:
+            return 0.0
         return float(eta * update.multiplier.max() / self.law.strength)
 
     def works(self) -> NDArray[np.float64]:

@@ -15,9 +15,11 @@ from .debonding import Debonding
 from .exponential import ExponentialDebonding, IntrinsicExponential
 from .extrinsic import ExtrinsicLaw, RadialLaw
 from .mixed_mode import MixedModeDebonding
+from .unbonded import Contact
 
 __all__ = [
     "Bonded",
+    "Contact",
     "Debonding",
     "ExponentialDebonding",
     "ExtrinsicLaw",

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from .base import Array, Law, Mode, Update, add_to_diagonal, dot, outer, unit
 from .contact import Closure, Slide, SofteningCurve, close, slide
 
-# A closure this small against strength/H is what round-off left of a closed gap, not a branch.
+# A closure this small against the load over r is what round-off left of a closed gap, not a branch.
 _ROUND_OFF = 1e-12
 
 
@@ -100,7 +100,7 @@ class ExtrinsicLaw(Law):
     def _pressed(self, update: Update, at: Points, eta: float) -> None:
         """Closing, then bond or friction in shear: points with T_tr.N < 0."""
         bond = self.in_shear
-        ratio = bond.strength / self.strength
+        ratio = 1.0 if bond is self else bond.strength / self.strength
         closure = close(at.trial_n, dot(at.gap, at.normal), at.penalty)
         cap = -self.friction * closure.traction
         sliding = slide(bond, at.shear, cap, ratio * at.resistance, at.penalty, eta)
@@ -121,7 +121,8 @@ class ExtrinsicLaw(Law):
         update.tangent[rows] = self._pressed_tangent(at, closure, sliding, direction)
         mode = np.where(sliding.slipping, Mode.SHEAR, Mode.ELASTIC)
         mode = np.where(sliding.by_friction, Mode.FRICTION, mode)
-        closing = closure.length * self.softening_modulus > _ROUND_OFF * self.strength
+        load = np.maximum(-at.trial_n, self.strength)
+        closing = closure.length * at.penalty > _ROUND_OFF * load
         update.mode[rows] = np.where(closing, Mode.CLOSING, mode)
         update.damage_work[rows] = sliding.damage_work
         update.friction_work[rows] = sliding.friction_work

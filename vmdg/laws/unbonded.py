@@ -1,0 +1,56 @@
+"""Contact without a bond: an interface that was never glued, or a crack that is there already."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .base import Array, require_not_negative
+from .extrinsic import RadialLaw
+
+
+@dataclass(frozen=True)
+class Contact(RadialLaw):
+    """Unilateral contact with Coulomb friction: what is left of any other law without its bond.
+
+    T = 0 where the interface is open; in contact T_N <= 0, zeta_N = 0 and |T_T| <= mu |T_N|. No
+    tangent couples the two sides of points at rest: hold or press both bodies.
+
+    Attributes:
+        friction: Coulomb coefficient mu.
+
+    Raises:
+        ValueError: the coefficient is out of range.
+    """
+
+    friction: float = 0.0
+    strength = 0.0
+
+    def __post_init__(self) -> None:
+        require_not_negative("use 0 for no friction", friction=self.friction)
+
+    @property
+    def softening_modulus(self) -> float:
+        """Zero: nothing softens."""
+        return 0.0
+
+    def nearness(self, normal: Array, shear: Array) -> Array:
+        """Infinite: there is no strength to wait for."""
+        return np.full_like(normal, np.inf)
+
+    def slip(self, load: Array, resistance: Array, stiffness: Array) -> Array:
+        """The free slip load/stiffness."""
+        return load / stiffness
+
+    def soften(self, resistance: Array, slip: Array) -> tuple[Array, Array]:
+        """R = 0."""
+        return np.zeros_like(resistance), np.zeros_like(resistance)
+
+    def slip_to(self, resistance: Array, target: Array) -> Array:
+        """No slip is needed."""
+        return np.zeros_like(resistance)
+
+    def bond_energy(self, resistance: Array) -> Array:
+        """None."""
+        return np.zeros_like(resistance)
