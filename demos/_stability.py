@@ -15,6 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
 
+import adios2
 import matplotlib.pyplot as plt
 import numpy as np
 from _stability_cases import draw
@@ -162,8 +163,6 @@ def judge(run: Run, files: bool = False) -> tuple[str, str]:
 
 def files_finite(run: Run, folder: Path) -> list[str]:
     """Write the table and the fields of a run, read them, and look for what is not finite."""
-    import adios2
-
     run.history.to_csv(folder / "history.csv")
     with (folder / "history.csv").open() as file:
         found = [row for row in csv.DictReader(file) if not _finite_row(row)]

@@ -34,8 +34,9 @@ import vmdg
 from vmdg import compat
 from vmdg.facet_quadrature import FacetQuadrature
 from vmdg.interface import Interface, find_facets
+from vmdg.kernels import compile_form
 from vmdg.meshes import blocks
-from vmdg.quadrature import JIT_OPTIONS, facet_degree
+from vmdg.quadrature import facet_degree
 from vmdg.topology import tags_of_cells
 
 N = 4  # cells along each side of the unit box
@@ -139,7 +140,7 @@ def test_points_line_up_on_both_sides(comm, cell, degree):
     )
     difference = [X(side) - written("+") for side in ("+", "-")]
     mismatch = sum(ufl.inner(e, e) for e in difference) * dS(0)
-    form = compat.form(mismatch, [quadrature.submesh], JIT_OPTIONS)
+    form = compile_form(mismatch, [quadrature.submesh], comm)
     squared = comm.allreduce(fem.assemble_scalar(form))
     total = comm.allreduce(quadrature.weights.sum())
 

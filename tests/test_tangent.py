@@ -23,8 +23,8 @@ from scenes import (
 )
 
 import vmdg
-from vmdg import Mode, compat
-from vmdg.quadrature import JIT_OPTIONS
+from vmdg import Mode
+from vmdg.kernels import compile_form
 
 STRETCH = np.array([[0.06, 0.03, -0.02], [0.02, -0.03, 0.04], [-0.03, 0.02, 0.05]])
 PUSH = np.array([0.03, 0.008, -0.006])
@@ -235,7 +235,7 @@ def test_staged_tangent_is_the_symbolic_one(comm, cell, degree):
     submeshes = problem.couplings[0].submeshes
 
     def assembled(form):
-        matrix = fem_petsc.assemble_matrix(compat.form(form, submeshes, JIT_OPTIONS))
+        matrix = fem_petsc.assemble_matrix(compile_form(form, submeshes, comm))
         matrix.assemble()
         return matrix
 

@@ -40,8 +40,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from mpi4py import MPI
-
 import basix
 import basix.ufl
 import numpy as np
@@ -50,9 +48,6 @@ from dolfinx import fem, la
 from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 from ufl.core.expr import Expr
-from ufl.corealg.map_dag import map_expr_dag
-from ufl.corealg.multifunction import MultiFunction
-from ufl.variable import Label
 
 from . import compat
 from .bodies import Bodies
@@ -61,7 +56,8 @@ from .forms.dilatation import MeanDilatation
 from .forms.geometry import Axisymmetric, Geometry
 from .forms.kinematics import Body
 from .interface import InterfaceFacets
-from .quadrature import JIT_OPTIONS, bulk_degree, facet_degree
+from .kernels import compile_expression
+from .quadrature import bulk_degree, facet_degree
 
 #: theta: share of the bulk energy that the bonded form keeps at least.
 MARGIN = 0.25
@@ -385,32 +381,6 @@ class CellProblems:
             values = compat.evaluate(expression, self._mesh, entities[chosen])
             result[chosen] = values.reshape(len(chosen), -1, size)
         return result
-
-
-class _NumberLabels(MultiFunction):
-    """Numbers the labels of UFL variables from 0 in the order of their occurrence."""
-
-    def __init__(self):
-        super().__init__()
-        self._labels: dict[Label, Label] = {}
-
-    expr = MultiFunction.reuse_if_untouched
-
-    def label(self, o: Label) -> Label:
-        """A label that depends on the expression only."""
-        return self._labels.setdefault(o, Label(len(self._labels)))
-
-
-def compile_expression(
-    expression: Expr, points: NDArray[np.float64], comm: MPI.Comm
-) -> fem.Expression:
-    """Compile an expression at reference ``points``, or load it from the cache; collective.
-
-    The cache knows expressions, unlike forms, by the running numbers of their UFL variables, and
-    would never find one again: give them numbers of their own.
-    """
-    numbered = map_expr_dag(_NumberLabels(), expression)
-    return fem.Expression(numbered, points, comm=comm, jit_options=JIT_OPTIONS)
 
 
 def _square_root(A: NDArray[np.float64]) -> NDArray[np.float64]:

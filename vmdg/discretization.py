@@ -17,7 +17,6 @@ from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
-from . import compat
 from .bodies import Bodies
 from .coercivity import Coercivity
 from .condensation import Condensation
@@ -27,8 +26,9 @@ from .forms.dilatation import MeanDilatation
 from .forms.geometry import Geometry
 from .forms.kinematics import Body
 from .interface import Interface, InterfaceFacets
+from .kernels import JIT_OPTIONS, VECTORIZED, compile_form
 from .parallel import global_any, global_sum
-from .quadrature import JIT_OPTIONS, VECTORIZED, bulk_degree, facet_degree
+from .quadrature import bulk_degree, facet_degree
 from .space import broken_space
 
 
@@ -153,7 +153,7 @@ class Discretization:
     def compile_form(self, form: ufl.Form) -> fem.Form:
         submeshes = [submesh for coupling in self.working for submesh in coupling.submeshes]
         options = VECTORIZED if self.mesh.topology.dim == 3 else JIT_OPTIONS
-        return compat.form(form, submeshes, options)
+        return compile_form(form, submeshes, self.mesh.comm, options)
 
     def residual_ufl(self, eta: Expr | None = None) -> ufl.Form:
         """The stabilized residual (27) without dead loads.

@@ -20,7 +20,7 @@ from .bodies import Bodies
 from .forms.geometry import CARTESIAN, Geometry
 from .forms.kinematics import Body
 from .interface import InterfaceFacets
-from .quadrature import JIT_OPTIONS
+from .kernels import compile_form
 
 
 class Evaluator:
@@ -143,7 +143,7 @@ class FacetQuadrature:
                 metadata={"quadrature_degree": self.degree, "quadrature_rule": "default"},
             )
             integrand = ufl.inner(test, expression) * ds
-            forms.append(compat.form(integrand, [self.submesh], JIT_OPTIONS))
+            forms.append(compile_form(integrand, [self.submesh], self.mesh.comm))
         return Evaluator(forms, space, self._weights if weights is None else weights)
 
 

@@ -12,10 +12,10 @@ from ufl.algorithms import extract_arguments
 from ufl.core.expr import Expr
 from ufl.domain import extract_domains
 
-from . import compat
 from .boundary import Value, takes_points, value_at
 from .forms.geometry import Geometry
-from .quadrature import JIT_OPTIONS, load_degree
+from .kernels import compile_form
+from .quadrature import load_degree
 from .topology import facet_cells, local_facets
 
 
@@ -152,4 +152,4 @@ class DeadLoads:
                 self._weight * ufl.dot(load.density, eta) * measure(i)
                 for i, load in enumerate(loads)
             ]
-        return compat.form(sum(terms[1:], terms[0]), [], JIT_OPTIONS)
+        return compile_form(sum(terms[1:], terms[0]), [], self._mesh.comm)

@@ -13,6 +13,7 @@ from . import compat
 from .forms import kinematics
 from .forms.dilatation import without_dilatation
 from .forms.geometry import Axisymmetric
+from .kernels import compile_expression
 from .problem import Problem
 
 
@@ -40,7 +41,8 @@ class CauchyStress:
             P = kinematics.first_piola(family.body, F)
             own = without_dilatation(F) if family.body.mean_dilatation else F
             stress = P * own.T / ufl.det(own)
-            self._expressions.append((fem.Expression(stress, self._points), family.cells))
+            expression = compile_expression(stress, self._points, self._problem.comm)
+            self._expressions.append((expression, family.cells))
 
     def update(self) -> fem.Function:
         """Evaluate at the current displacement."""

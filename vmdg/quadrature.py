@@ -49,33 +49,3 @@ def load_degree(degree: int) -> int:
     Loads that vary in space then add no error of the order of the displacement's.
     """
     return 2 * degree + 2
-
-
-# gcc's variable tracking under Python's own -g dominates the compile time of large kernels, and
-# the default register allocator is slow on the straight-line code of the interface.
-JIT_OPTIONS = {
-    # How long a rank waits for the one that compiles [s].
-    "timeout": 600,
-    "cffi_extra_compile_args": [
-        "-O1",
-        "-march=native",
-        "-g0",
-        "-fira-region=one",
-        "-fira-algorithm=priority",
-    ],
-}
-
-# Loops over many basis functions are worth a sixth more compile time: the tangent of 12,000
-# hexahedra takes .16 s instead of .26 s. Sums are in another order; NaN keeps its meaning.
-VECTORIZED = {
-    **JIT_OPTIONS,
-    "cffi_extra_compile_args": [
-        *JIT_OPTIONS["cffi_extra_compile_args"],
-        "-ftree-loop-vectorize",
-        "-fvect-cost-model=dynamic",
-        "-fassociative-math",
-        "-fno-signed-zeros",
-        "-fno-trapping-math",
-        "-fno-math-errno",
-    ],
-}

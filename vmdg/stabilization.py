@@ -9,14 +9,14 @@ import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
 
-from . import compat
 from .bodies import Bodies
 from .facet_quadrature import FacetQuadrature, bubble_integrals
 from .forms import bubbles
 from .forms.geometry import Geometry
 from .forms.stabilization import bubble_stiffness
 from .interface import AUTO, Interface, InterfaceFacets, StabilizationContext
-from .quadrature import JIT_OPTIONS, bubble_degree
+from .kernels import compile_form
+from .quadrature import bubble_degree
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class BubbleIntegrals:
             integrand = bubble_stiffness(family.body, geometry, u, self._bubble)
             weight = geometry.circumference(ufl.SpatialCoordinate(mesh))
             form = weight * ufl.inner(test, integrand) * dx
-            self._forms.append(compat.form(form, [], JIT_OPTIONS))
+            self._forms.append(compile_form(form, [], mesh.comm))
 
     def __call__(self) -> NDArray[np.float64]:
         """The integrals (number of pairs, d, d) [MPa mm; MPa in plane strain]."""
