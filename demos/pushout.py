@@ -55,7 +55,7 @@ def main(
         return measured
 
     loads = 1 + np.linspace(0, end, steps + 1)[1:]
-    options = vmdg.SolveOptions(relative_tolerance=1e-8, progress=True, checkpoint=checkpoint)
+    options = vmdg.SolveOptions(relative_tolerance=1e-7, progress=True, checkpoint=checkpoint)
     loads = loads[loads > problem.t + 1e-12]
     history = vmdg.solve(problem, loads, options, monitor, history).history
     figure = levels.draw() if picture else None

@@ -92,6 +92,7 @@ class Discretization:
         self._measures = self._make_measures()
         self._residual_form: fem.Form | None = None
         self._tangent_form: fem.Form | None = None
+        self._interface_forms: list[fem.Form] | None = None
         self._energy_forms: list[fem.Form] | None = None
         self._inverted_form: fem.Form | None = None
         self._coercivity: Coercivity | None = None
@@ -193,6 +194,14 @@ class Discretization:
             self.condensation.compile_tangent()
         if self._tangent_form is None:
             self._tangent_form = self.compile_form(self.tangent_ufl())
+
+    def compile_interfaces(self) -> None:
+        """Compile residual and tangent of the interfaces alone, or load them; collective."""
+        if self._interface_forms is None:
+            eta, du = ufl.TestFunction(self.space), ufl.TrialFunction(self.space)
+            residual = self._interfaces(lambda coupling, group: coupling.residual_term(eta, group))
+            tangent = self._interfaces(lambda coupling, group: coupling.tangent_term(eta, du))
+            self._interface_forms = [self.compile_form(form) for form in (residual, tangent)]
 
     # Assembly
 
@@ -314,15 +323,36 @@ class Discretization:
             matrix: From :meth:`create_matrix`.
             damage: False holds zeta: the damage part of (84) is left out.
         """
-        with Timer("vmdg: stage tangent"):
-            for coupling in self.working:
-                coupling.stage_tangent(damage)
+        self._stage_tangent(damage)
         with Timer("vmdg: assemble tangent"):
             matrix.zeroEntries()
             fem_petsc.assemble_matrix(matrix, self._tangent_form)
             matrix.assemble()
             if self.condensation is not None:
                 self.condensation.add_to(matrix)
+
+    def _stage_tangent(self, damage: bool) -> None:
+        with Timer("vmdg: stage tangent"):
+            for coupling in self.working:
+                coupling.stage_tangent(damage)
+
+    def add_interface_tangent(self, matrix: PETSc.Mat, damage: bool) -> None:
+        """Add the interfaces' part of :meth:`assemble_tangent` to a matrix."""
+        self.compile_interfaces()
+        self._stage_tangent(damage)
+        with Timer("vmdg: assemble interface tangent"):
+            fem_petsc.assemble_matrix(matrix, self._interface_forms[1])
+            matrix.assemble()
+
+    def bulk_forces(self, loads: NDArray[np.float64] | None) -> NDArray[np.float64]:
+        """The bodies' part of the last :meth:`assemble_residual`, without loads, owned dofs [N]."""
+        self.compile_interfaces()
+        others = fem.Function(self.space).x
+        fem.assemble_vector(others.array, self._interface_forms[0])
+        if loads is not None:
+            others.array[:] -= loads
+        others.scatter_reverse(InsertMode.add)
+        return self.forces.x.array[: self.owned] - others.array[: self.owned]
 
     def stored_energy(self) -> NDArray[np.float64]:
         """Strain energy of the bodies and energy of the interfaces (30), this rank's [N mm]."""

@@ -10,14 +10,16 @@ import numpy as np
 from dolfinx.common import Timer
 from numpy.typing import NDArray
 
+from .kept_bulk import KeptBulk
 from .linear_solver import (
     LinearSolver,
     Options,
     automatic_options,
+    interface_zone,
     set_options,
     set_rigid_modes,
 )
-from .parallel import global_max, global_sum
+from .parallel import global_max, global_norm
 from .path import Path
 from .predictor import ELASTIC, FIRST, PATH, Predictor
 from .problem import Problem
@@ -147,13 +149,17 @@ class Newton:
         options, fallback = automatic_options(problem)
         given = {} if petsc is None else petsc
         linear = {name: value for name, value in given.items() if not name.startswith("snes_")}
-        self.linear = LinearSolver(self._matrix, linear or options, fallback)
+        keeps = not linear and options.get("ksp_type") != "preonly" and problem.can_fail
+        zone = interface_zone(problem) if keeps else None
+        self.linear = LinearSolver(self._matrix, linear or options, fallback, zone)
         if self.linear.multigrid:
             set_rigid_modes(problem, self._matrix)
         search = {name: value for name, value in given.items() if name.startswith("snes_")}
+        kept = self.linear.keeps and problem.can_fail and not problem.discretization.condensation
+        self._bulk = KeptBulk(problem, self._matrix) if kept else None
         self._snes = self._make_snes({**LINE_SEARCH, **search}, max_iterations)
         self._full_snes = self._make_snes({**search, **FULL_STEPS}, max_iterations)
-        self._predictor = Predictor(problem, self._matrix, self._snes.getKSP())
+        self._predictor = Predictor(problem, self._matrix, self._assemble, self._snes.getKSP())
 
     def _make_snes(self, options: Options, max_iterations: int) -> PETSc.SNES:
         snes = PETSc.SNES().create(self._problem.comm)
@@ -167,6 +173,11 @@ class Newton:
         snes.setConvergenceTest(self._test)
         set_options(snes, options)
         return snes
+
+    @property
+    def keeps_bulk(self) -> bool:
+        """Whether the bodies' part of the tangent may be older than the interfaces'."""
+        return self._bulk is not None
 
     @property
     def scale(self) -> float:
@@ -247,7 +258,7 @@ class Newton:
     def _reaction(self) -> float:
         """Norm of the reactions of the last assembly [N]."""
         forces = self._problem.forces.x.array[: self._owned][self._prescribed]
-        return float(np.sqrt(global_sum(self._problem.comm, forces @ forces)))
+        return global_norm(self._problem.comm, forces)
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
         u = self._problem.u.x
@@ -257,10 +268,17 @@ class Newton:
         f.array[self._prescribed] = 0
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
-        self._problem.assemble_tangent(P)
+        self._assemble()
         if self._floor == 0.0:
             self._floor = rounding(self._problem, P)
         P.zeroRowsColumnsLocal(self._prescribed, 1.0)
+
+    def _assemble(self, damage: bool = True) -> None:
+        """Put the tangent at the state of the last residual into the matrix."""
+        if self._bulk is None:
+            self._problem.assemble_tangent(self._matrix, damage)
+        else:
+            self._bulk.assemble(damage)
 
     def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         residual = norms[2]
@@ -286,5 +304,7 @@ class Newton:
         """Free the PETSc objects; collective."""
         self.linear.free()
         self._predictor.destroy()
+        if self._bulk is not None:
+            self._bulk.destroy()
         for item in (self._snes, self._full_snes, self._matrix, self._x, self._f):
             item.destroy()

@@ -16,6 +16,11 @@ def global_sum(comm: MPI.Comm, value: ArrayLike) -> NDArray:
     return comm.allreduce(np.asarray(value), op=MPI.SUM)
 
 
+def global_norm(comm: MPI.Comm, values: NDArray[np.float64]) -> float:
+    """Euclidean norm of a vector of which every rank has its own part."""
+    return float(np.sqrt(global_sum(comm, values @ values)))
+
+
 def global_max(comm: MPI.Comm, value: float) -> float:
     """Largest value over ranks."""
     return comm.allreduce(value, op=MPI.MAX)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 from petsc4py import PETSc
@@ -9,7 +10,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from .parallel import global_max, global_sum
+from .parallel import global_max, global_norm
 from .problem import Problem
 
 #: Along the path of the last states, by the tangent with the damage of the last state, or by the
@@ -43,12 +44,20 @@ class Predictor:
     Args:
         problem: The problem.
         matrix: For the tangent.
+        assemble: Puts the tangent there, with damage or without.
         ksp: Solves with it.
     """
 
-    def __init__(self, problem: Problem, matrix: PETSc.Mat, ksp: PETSc.KSP):
+    def __init__(
+        self,
+        problem: Problem,
+        matrix: PETSc.Mat,
+        assemble: Callable[[bool], None],
+        ksp: PETSc.KSP,
+    ):
         self._problem = problem
         self._matrix = matrix
+        self._assemble = assemble
         self._ksp = ksp
         self._x, self._f = matrix.createVecs()
         self._owned = self._x.getLocalSize()
@@ -121,14 +130,14 @@ class Predictor:
         """Norm of the residual on the free dofs at the current displacement [N]."""
         residual = self._problem.assemble_residual(self._dt, hold).copy()
         residual[self._prescribed] = 0
-        return float(np.sqrt(global_sum(self._problem.comm, residual @ residual)))
+        return global_norm(self._problem.comm, residual)
 
     def _solve(self, damage: bool) -> Norms:
         """u += du with K du = -R, du prescribed where the displacement is."""
         problem, matrix = self._problem, self._matrix
         loads = self._residual_norm(hold=True)
         residual = problem.forces.x.array[: self._owned]
-        problem.assemble_tangent(matrix, damage)
+        self._assemble(damage)
         increment = np.zeros(self._owned)
         target = problem.prescribed_values(problem.t)[problem.prescribed < self._owned]
         increment[self._prescribed] = target - problem.u.x.array[: self._owned][self._prescribed]

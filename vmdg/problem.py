@@ -400,6 +400,10 @@ class Problem:
         """
         self.discretization.assemble_tangent(matrix, damage)
 
+    def bulk_forces(self) -> NDArray[np.float64]:
+        """The bodies' part of the last :meth:`assemble_residual`, without loads, owned dofs [N]."""
+        return self.discretization.bulk_forces(self._load_vector)
+
     def inverted(self) -> bool:
         """Whether cells are turned inside out, det F <= 0; collective."""
         return global_any(self.comm, self.discretization.inverted())
