@@ -182,6 +182,11 @@ class LinearSolver:
 
     def _solve_directly(self, b: PETSc.Vec, x: PETSc.Vec) -> PETSc.KSP:
         self.counts.factorizations += 1
+        failed = PETSc.KSP.ConvergedReason.DIVERGED_PCSETUP_FAILED
+        if self._direct is not None and self._direct.getConvergedReason() == failed:
+            # MUMPS does no more after a factorization that failed, of NaN for example.
+            self._direct.destroy()
+            self._direct = None
         if self._direct is None:
             self._direct = make_ksp(self._matrix, self._direct_options)
         self._direct.setOperators(self._matrix)

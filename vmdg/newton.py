@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from petsc4py import PETSc
@@ -57,9 +56,9 @@ LINE_SEARCH = {
     "snes_linesearch_order": 1,
     "snes_linesearch_max_it": 8,
 }
-#: A line search for the least energy along a correction, where its work falls to zero. A bond whose
-#: overstress exceeds its softening makes the energy of a step convex: this search leads to its
-#: minimum, while the residual norm has a minimum of its own at many a kink.
+#: The second attempt in a jump looks for the least energy along a correction, where its work falls
+#: to zero. A bond whose overstress exceeds its softening makes the energy of a step convex: this
+#: leads to its minimum, while the residual norm has a minimum of its own at many a kink.
 LEAST_ENERGY = {
     "snes_linesearch_type": "cp",
     "snes_linesearch_order": 1,
@@ -73,9 +72,9 @@ STALL = 0.98
 #: Residual relative to the largest reaction or load so far that is never small enough.
 LOOSE = 1e-6
 
-#: The last attempt takes full steps, with a residual up to so many times the force scale. All but
-#: the first must end where at most this share of the energy they exchanged is unaccounted for:
-#: larger releases are jumps, whose dissipation is to be counted.
+#: Else the second attempt takes full steps, with a residual up to so many times the force scale.
+#: Either must end where at most this share of the energy it exchanged is unaccounted for: larger
+#: releases are jumps, whose dissipation is to be counted.
 FULL_STEPS = {"snes_linesearch_type": "basic"}
 EXCURSION, DISTANT = 5.0, 0.1
 
@@ -200,7 +199,7 @@ class Newton:
             predictor: One of :data:`vmdg.predictor.PREDICTORS`.
             along: Path parameter at the start and the end of a step in a jump; None for the load
                 factor.
-            once: Only the first of the searches, unless in a jump.
+            once: Without the second attempt, which a step in a jump always has.
             rough: The state is only on the way to an equilibrium, and need not be exact.
         """
         problem = self._problem
@@ -210,10 +209,12 @@ class Newton:
         self._slack = ROUGH if rough else 1.0
         scales = self._scale, self._borne
         ahead = self._path.ahead(end)
-        others = () if once or not problem.can_fail else (self._energy_snes, self._full_snes)
+        second = None
         if along is not None:
-            others = (self._energy_snes,)
-        report = self._search(ahead, predictor, others)
+            second = self._energy_snes
+        elif problem.can_fail and not once:
+            second = self._full_snes
+        report = self._search(ahead, predictor, second)
         if not report.converged:
             # The forces of a state that is given up say nothing about the run.
             self._scale, self._borne = scales
@@ -224,22 +225,21 @@ class Newton:
         self._path = Path(self._problem.comm)
 
     def _search(
-        self, ahead: list[NDArray], predictor: str, others: Sequence[PETSc.SNES]
+        self, ahead: list[NDArray], predictor: str, second: PETSc.SNES | None
     ) -> StepReport:
-        """The line search; at a kink between branches of a law it can jam where others pass."""
+        """The line search; at a kink between branches of a law it can jam where another passes."""
         problem = self._problem
         start, scale = problem.u.x.array.copy(), self._scale
         report = self._attempt(self._snes, ahead, predictor)
-        for snes in others:
-            if report.converged:
-                break
-            problem.u.x.array[:] = start
-            self._scale = scale
-            problem.assemble_residual(self._dt, hold=True)
-            problem.watch_energy()
-            report = self._attempt(snes, [], ELASTIC)
-            if report.converged and problem.unaccounted_energy() > DISTANT:
-                report = StepReport(False, report.norms, "DISTANT_EQUILIBRIUM")
+        if report.converged or second is None:
+            return report
+        problem.u.x.array[:] = start
+        self._scale = scale
+        problem.assemble_residual(self._dt, hold=True)
+        problem.watch_energy()
+        report = self._attempt(second, [], ELASTIC)
+        if report.converged and problem.unaccounted_energy() > DISTANT:
+            return StepReport(False, report.norms, "DISTANT_EQUILIBRIUM")
         return report
 
     def _attempt(self, snes: PETSc.SNES, ahead: list[NDArray], predictor: str) -> StepReport:
