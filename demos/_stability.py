@@ -24,6 +24,7 @@ from _stability_scenes import Case
 from matplotlib.figure import Figure
 
 import vmdg
+from vmdg.solver import Monitor
 
 #: How a run may end, and how it must not.
 GOOD = ("correct", "refused", "stopped")
@@ -130,6 +131,8 @@ def execute(case: Case) -> Run:
     try:
         result = vmdg.solve(problem, case.loads, case.options, monitor, history)
         run.failures = result.failures
+        if case.on_demand:
+            settle(problem, case, monitor, history)
     except vmdg.StepFailure as error:
         run.stopped, run.failures = str(error), error.result.failures
     except ValueError as error:
@@ -138,6 +141,17 @@ def execute(case: Case) -> Run:
         run.stopped = str(error)
     run.history = history
     return run
+
+
+def settle(problem: vmdg.Problem, case: Case, monitor: Monitor, history: vmdg.History) -> None:
+    """Steps at the last load until none opens facets: it leaves them bonded, not yet balanced.
+
+    Raises:
+        vmdg.StepFailure: one of them fails.
+    """
+    before = 0
+    while before < (before := len(problem.u.x.array)):
+        vmdg.solve(problem, case.loads[-1:], case.options, monitor, history)
 
 
 def judge(run: Run, files: bool = False) -> tuple[str, str]:

@@ -140,7 +140,7 @@ def patch(rng: Generator, mesh: Cells, size: float, law: vmdg.Law, nu: float, **
         return float(np.abs(off).max() / np.abs(problem.u.x.array).max())
 
     tags = options.pop("tags")
-    material = vmdg.NeoHookean(E=E, nu=nu)
+    material = options.pop("material", None) or vmdg.NeoHookean(E=E, nu=nu)
     return {
         "mesh": mesh,
         "tags": tags,
@@ -662,6 +662,80 @@ def axisymmetric(rng: Generator) -> Case:
     return Case("axisymmetric", what, degree=degree, **inputs)
 
 
+def on_demand(rng: Generator) -> Case:
+    """Any facet between two cells may open: cracks find their way, in a body or between two."""
+    kind, degree = choose(rng, {**LINEAR, ("triangle", 2): 1, ("quadrilateral", 2): 1})
+    n = 5 if degree == 1 else 3
+    mesh = box(kind, tuple(np.linspace(0, 1, n + 1) for _ in range(2)))
+    mesh = distorted(mesh, rng, rng.uniform(0.3, 0.8), np.zeros(0))
+    count = int(rng.integers(1, 4))
+    tags = grains(rng, mesh, count)
+    materials = {
+        int(tag): vmdg.NeoHookean(E=E * log_uniform(rng, 1, 100), nu=rng.uniform(0, 0.4))
+        for tag in np.unique(tags)
+    }
+    law = random_law(rng, E, 1.0)
+    opens_at = rng.uniform(0.1, 0.9)
+
+    def everywhere(midpoints: Array, tags: Array) -> Array:
+        return np.ones(len(tags), dtype=bool)
+
+    bond = Bond(law, facets=everywhere, opens_at=opens_at)
+    reach = log_uniform(rng, 0.3, 2) * opening_scale(law)
+    inputs = pulled(rng, mesh, tags, materials, (bond,), reach)
+    what = f"at {opens_at:.2f}, {count} bodies, {described(law)}"
+    return Case("on demand", what, degree=degree, **inputs)
+
+
+def random_ogden(rng: Generator, modulus: float) -> vmdg.Ogden:
+    """Three terms, all convex, of given Young's modulus [MPa]."""
+    nu = rng.uniform(0.0, 0.45)
+    shares = rng.dirichlet(np.ones(3))
+    exponents = rng.uniform([1, 2, -4], [3, 6, -1])
+    c = shares * modulus / (1 + nu)
+    return vmdg.Ogden(c=c, m=exponents, kappa=modulus / (3 * (1 - 2 * nu)))
+
+
+def ogden(rng: Generator) -> Case:
+    """Ogden bodies: an affine field, exact; or a bond that fails, up to |H| = .5."""
+    kind, degree = choose(rng, {**LINEAR, ("quadrilateral", 2): 0.5, ("hexahedron", 1): 0.5})
+    mesh, tags = block_pair(kind, rng, np.ones(dimension(kind)))
+    if rng.random() < 0.4:
+        size = log_uniform(rng, 0.01, 0.5)
+        mesh = distorted(mesh, rng, 0.4, np.array([split_plane(mesh, tags)]))
+        material = random_ogden(rng, E)
+        inputs = patch(rng, mesh, size, vmdg.Bonded(), 0.0, tags=tags, material=material)
+        return Case("Ogden", f"|H| = {size:.2f}, patch", degree=degree, **inputs)
+    law = random_law(rng, log_uniform(rng, 1, 10) * E, 1.0)
+    materials = {i: random_ogden(rng, E * log_uniform(rng, 1, 100)) for i in (1, 2)}
+    reach = min(1.5 * opening_scale(law), 0.5)
+    inputs = pulled(rng, mesh, tags, materials, (Bond(law, (1, 2)),), reach)
+    return Case("Ogden", described(law), degree=degree, **inputs)
+
+
+def viscous(rng: Generator) -> Case:
+    """Overstress of 1e-3 to 1e3 times the softening in a step, then rest, where it is gone."""
+    kind, degree = choose(rng, TIED)
+    size = np.ones(dimension(kind))
+    mesh, tags = block_pair(kind, rng, size)
+    ratio = log_uniform(rng, 1e-3, 1e3)
+    if rng.random() < 0.5:
+        law = random_law(rng, E, 1.0, any_kind=False)
+        nu = rng.uniform(0.0, 0.4)
+        loads = bar_loads(law, (E, E), size, nu, int(rng.integers(2, 15)))
+        law = law.with_viscosity(ratio * law.softening_modulus * loads[0])
+        inputs = bar(mesh, tags, (E, E), nu, law, loads)
+    else:
+        law = random_law(rng, E, 1.0)
+        law = law.with_viscosity(ratio * law.softening_modulus / 5)
+        reach = 1.5 * opening_scale(law)
+        inputs = pulled(rng, mesh, tags, two_materials(rng), (Bond(law, (1, 2)),), reach)
+    # A step of no length lasts for ever.
+    inputs["loads"] = np.append(inputs["loads"], inputs["loads"][-1])
+    what = f"viscosity {ratio:.2g} H dt, {described(law)}"
+    return Case("viscous", what, degree=degree, **inputs)
+
+
 FAMILIES: tuple[Callable[[Generator], Case], ...] = (
     aspect_ratio,
     contrast,
@@ -684,6 +758,20 @@ FAMILIES: tuple[Callable[[Generator], Case], ...] = (
 )
 
 
+#: Families that came later, and the number of their first run: those before keep their numbers.
+LATER: tuple[Callable[[Generator], Case], ...] = (on_demand, ogden, viscous)
+FIRST_LATER = 540
+
+
+def numbers(each: int) -> list[int]:
+    """Numbers of the first runs of every family, at most 30 of those before :data:`LATER`."""
+    before = range(min(each * len(FAMILIES), FIRST_LATER))
+    return [*before, *range(FIRST_LATER, FIRST_LATER + each * len(LATER))]
+
+
 def draw(number: int) -> Case:
-    """Case of a number: its family is the number modulo that of the families."""
-    return FAMILIES[number % len(FAMILIES)](np.random.default_rng(number))
+    """Case of a number: families take turns."""
+    families, place = FAMILIES, number
+    if number >= FIRST_LATER:
+        families, place = LATER, number - FIRST_LATER
+    return families[place % len(families)](np.random.default_rng(number))

@@ -182,11 +182,14 @@ class Bond:
         between: Tags it separates; None where ``facets`` says where it is.
         facets: Predicate on the midpoints (3, n) of inner facets and the tags (n, 2) of their
             cells.
+        opens_at: Traction relative to the strength at which facets open on demand; None where all
+            are open from the start.
     """
 
     law: vmdg.Law
     between: tuple[int, int] | None = None
     facets: Callable[[Array, NDArray[np.int32]], NDArray[np.bool_]] | None = None
+    opens_at: float | None = None
 
 
 @dataclass(frozen=True)
@@ -249,11 +252,22 @@ class Case:
         geometry = self.symmetry or self.kinematics
         return f"{self.mesh.kind} {self.degree}, {geometry}, {self.what}"
 
-    def problem(self, stabilizations: tuple[Stabilizer, ...] | None = None) -> vmdg.Problem:
+    @property
+    def on_demand(self) -> bool:
+        """Whether there are facets that open on demand."""
+        return any(bond.opens_at is not None for bond in self.bonds)
+
+    def problem(
+        self,
+        stabilizations: tuple[Stabilizer | None, ...] | None = None,
+        opened: tuple[NDArray[np.int32] | None, ...] | None = None,
+    ) -> vmdg.Problem:
         """The problem at its start.
 
         Args:
             stabilizations: One for every interface in place of (21)-(23).
+            opened: Open facets of interfaces that open on demand, which are interfaces from the
+                start then; None for none.
         """
         mesh, d = self.mesh, self.mesh.d
         element = basix.ufl.element("Lagrange", mesh.kind, 1, shape=(d,))
@@ -267,15 +281,17 @@ class Case:
         midpoints = compute_midpoints(dolfinx_mesh, d - 1, inner).T
         frame = "corotating" if self.kinematics == "finite" else "reference"
         interfaces = []
-        for bond, own in zip(self.bonds, stabilizations or [None] * len(self.bonds), strict=True):
-            facets = None
-            if bond.facets is not None:
+        none = (None,) * len(self.bonds)
+        for bond, own, open_ in zip(
+            self.bonds, stabilizations or none, opened or none, strict=True
+        ):
+            options = {"law": bond.law, "frame": frame, "stabilization": own}
+            if bond.opens_at is not None and open_ is None:
+                options |= {"activate": "on-demand", "activate_at": bond.opens_at}
+            facets = open_ if bond.opens_at is not None else None
+            if bond.facets is not None and facets is None:
                 facets = inner[bond.facets(midpoints, tags[pairs[inner]])]
-            interfaces.append(
-                vmdg.Interface(
-                    facets, between=bond.between, law=bond.law, frame=frame, stabilization=own
-                )
-            )
+            interfaces.append(vmdg.Interface(facets, between=bond.between, **options))
         problem = vmdg.Problem(
             dolfinx_mesh,
             meshtags(dolfinx_mesh, d, numbers, tags),

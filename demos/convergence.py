@@ -25,13 +25,14 @@ def main(
     studies = coarse_studies() if coarse else full_studies()
     studies = [study for study in studies if cell in (None, study.cell)]
     rows = []
+    Path(out).mkdir(parents=True, exist_ok=True)
     for study in tqdm(studies, unit="study", disable=comm.rank > 0):
         rows.append(Row(study, [errors(study, n, comm) for n in study.levels]))
+        if comm.rank == 0:
+            write_csv(rows, Path(out) / "convergence.csv")
     if comm.rank == 0:
-        Path(out).mkdir(parents=True, exist_ok=True)
         text = f"{summary(rows)}\n\n{table(rows)}\n"
         (Path(out) / "convergence.md").write_text(text)
-        write_csv(rows, Path(out) / "convergence.csv")
         plot(rows).savefig(Path(out) / "convergence.png", dpi=130)
         print(text)
         print(f"tables and picture are in {out}")

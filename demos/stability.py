@@ -14,17 +14,18 @@ from pathlib import Path
 from mpi4py import MPI
 
 from _stability import BAD, Outcome, plot, stress, table, write_csv
+from _stability_cases import numbers
 from tqdm import tqdm
 
 
-def main(runs: int = 540, only: int | None = None, out: str = "results/stability") -> list[Outcome]:
-    """Runs 0 to ``runs`` - 1, or one of them; table, list and picture go to the folder ``out``.
+def main(each: int = 30, only: int | None = None, out: str = "results/stability") -> list[Outcome]:
+    """``each`` runs of every family, or one run; table, list and picture go to the folder ``out``.
 
     Ranks take turns: every run is one of a single rank.
     """
     comm = MPI.COMM_WORLD
-    numbers = range(runs) if only is None else [only]
-    bar = tqdm(numbers[comm.rank :: comm.size], unit="run", disable=comm.rank > 0)
+    chosen = numbers(each) if only is None else [only]
+    bar = tqdm(chosen[comm.rank :: comm.size], unit="run", disable=comm.rank > 0)
     mine = []
     for number in bar:
         mine.append(outcome := stress(number))
@@ -44,7 +45,7 @@ def main(runs: int = 540, only: int | None = None, out: str = "results/stability
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=540, help="number of runs (default 540)")
+    parser.add_argument("--each", type=int, default=30, help="runs of every family (30 at most)")
     parser.add_argument("--only", type=int, help="this run only, for example one that failed")
     parser.add_argument("--out", default="results/stability", help="folder for the results")
     main(**vars(parser.parse_args()))

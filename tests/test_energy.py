@@ -17,10 +17,10 @@ LAW = vmdg.Debonding(strength=P_C, critical_gap=ZETA_C)
 COLUMNS = ("bulk", "interface", "damage", "friction", "viscosity", "external", "imbalance")
 
 
-def pull(comm, thickness=1.0, steps=20):
+def pull(comm, thickness=1.0, steps=20, law=LAW, end=0.3):
     """7.1.1 in the plane with sides on rollers, pulled to separation."""
     scene = blocks(comm, "quadrilateral", (2, 2), height=1.0)
-    interface = vmdg.Interface(between=(1, 2), law=LAW)
+    interface = vmdg.Interface(between=(1, 2), law=law)
     problem = vmdg.Problem(
         scene.mesh, scene.cell_tags, dict(enumerate(SAME, 1)), [interface], thickness=thickness
     )
@@ -29,7 +29,7 @@ def pull(comm, thickness=1.0, steps=20):
     for tag in (4, 5):
         problem.dirichlet(scene.facet_tags.find(tag), 0.0, "y")
     options = vmdg.SolveOptions(relative_tolerance=1e-12, energy=True)
-    return vmdg.solve(problem, 0.3 * np.arange(1, steps + 1) / steps, options).history, problem
+    return vmdg.solve(problem, end * np.arange(1, steps + 1) / steps, options).history, problem
 
 
 @pytest.mark.parametrize("thickness", [1.0, 2.5])
@@ -48,6 +48,20 @@ def test_separation(comm, thickness):
     assert [final[name] for name in COLUMNS] == [getattr(energy, name) for name in COLUMNS]
     assert (np.diff(history["damage"]) >= 0).all()
     assert (history["bulk"] > -1e-12).all()
+
+
+def test_overstress_that_relaxes_is_dissipated(comm):
+    """At rest a viscous bond goes on opening without work from outside: what is stored less goes
+    into damage and viscosity, to the curvature of the bodies' energy."""
+    law = vmdg.Debonding(strength=P_C, critical_gap=ZETA_C, viscosity=20 * P_C / ZETA_C)
+    history, problem = pull(comm, steps=5, law=law, end=0.1)
+    before = history.rows[-1]
+    options = vmdg.SolveOptions(relative_tolerance=1e-12, energy=True)
+    after = vmdg.solve(problem, [0.1], options).history.rows[-1]
+    released = before["bulk"] + before["interface"] - after["bulk"] - after["interface"]
+    assert after["external"] == before["external"]
+    assert after["viscosity"] > before["viscosity"]
+    assert abs(after["imbalance"] - before["imbalance"]) < 0.01 * released
 
 
 def test_external_work_of_prescribed_displacements(comm):

@@ -170,3 +170,19 @@ def test_stale_preconditioner_is_renewed():
     assert (solver.counts.setups, solver.counts.fallbacks) == (2, 0)
     matrix.mult(x, b)
     assert b.array == pytest.approx(np.ones(100), abs=1e-9)
+
+
+def test_direct_solver_after_a_failure():
+    """MUMPS does no more after a factorization that failed: it is made anew."""
+    matrix = tridiagonal(4.0)
+    solver = LinearSolver(matrix, LU, LU)
+    outer = PETSc.KSP().create(MPI.COMM_SELF)
+    x, b = matrix.createVecs()
+    b.set(1.0)
+    tridiagonal(np.nan).copy(matrix)
+    solver.solve(outer, b, x)
+    assert outer.getConvergedReason() < 0
+    tridiagonal(4.0).copy(matrix)
+    solver.solve(outer, b, x)
+    matrix.mult(x, b)
+    assert b.array == pytest.approx(np.ones(100), abs=1e-12)

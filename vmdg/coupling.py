@@ -514,15 +514,24 @@ class Coupling:
         if self.law.friction > 0:
             works[1] = np.maximum(works[1] + self._friction_between(update), 0.0)
         if self._acting_law is not self.law:
-            # In a jump the overstress does most of the work: count it as the integral of T.dzeta
-            # by the trapezoidal rule, exact for linear bodies, less what the bond can give back and
-            # what bond and friction take.
-            mean = (self._converged_traction + update.traction) / 2
-            total = np.einsum("pi,pi->p", mean, update.gap - self.gap)
-            total -= self.law.stored_energy(update.gap, update.softening)
-            total += self.law.stored_energy(self.gap, self.softening)
-            works[2] = total - works[0] - works[1]
+            # In a jump the overstress does most of the work.
+            works[2] = self._overstress_between(update, works)
+        elif self.law.viscosity > 0:
+            # The law charges the overstress of the end, too little where it relaxes.
+            works[2] = np.maximum(works[2], self._overstress_between(update, works))
         return works @ self.quadrature.weights
+
+    def _overstress_between(self, update: Update, works: NDArray) -> NDArray[np.float64]:
+        """Work of the overstress by the mean traction of both ends of the step (nq,) [N/mm].
+
+        The integral of T.dzeta by the trapezoidal rule, exact for linear bodies, less what the bond
+        can give back and what bond and friction take.
+        """
+        mean = (self._converged_traction + update.traction) / 2
+        total = np.einsum("pi,pi->p", mean, update.gap - self.gap)
+        total -= self.law.stored_energy(update.gap, update.softening)
+        total += self.law.stored_energy(self.gap, self.softening)
+        return total - works[0] - works[1]
 
     def _friction_between(self, update: Update) -> NDArray[np.float64]:
         """Friction work that the law does not see, since it knows the end of the step only (nq,).

@@ -108,8 +108,16 @@ def _claims_in_order(comm: MPI.Comm, options: dict) -> Iterator[None]:
         yield
 
 
+#: When the folders that were searched for claims had last changed [ns].
+_searched: dict[Path, int] = {}
+
+
 def _remove_claims(folder: Path) -> None:
-    """Remove C files whose kernel never became ready."""
+    """Remove C files whose kernel never became ready, where files have come since the last look."""
+    changed = folder.stat().st_mtime_ns
+    if _searched.get(folder) == changed:
+        return
+    _searched[folder] = changed
     for source in folder.glob("*.c"):
         if not source.with_suffix(".c.cached").exists():
             source.unlink(missing_ok=True)

@@ -58,15 +58,25 @@ LINE_SEARCH = {
     "snes_linesearch_order": 1,
     "snes_linesearch_max_it": 8,
 }
+#: The second attempt in a jump looks for the least energy along a correction, where its work falls
+#: to zero. A bond whose overstress exceeds its softening makes the energy of a step convex: this
+#: leads to its minimum, while the residual norm has a minimum of its own at many a kink.
+LEAST_ENERGY = {
+    "snes_linesearch_type": "cp",
+    "snes_linesearch_order": 1,
+    "snes_linesearch_max_it": 8,
+    "snes_linesearch_rtol": 0.1,
+    "snes_linesearch_atol": 0.0,  # or it calls a small F.Y convergence
+}
 #: The line search is stuck at a kink if two corrections leave more than this share of the residual.
 STALL = 0.98
 
 #: Residual relative to the largest reaction or load so far that is never small enough.
 LOOSE = 1e-6
 
-#: The second attempt takes full steps, with a residual up to so many times the force scale, and
-#: must end where at most this share of the energy it exchanged is unaccounted for: larger releases
-#: are jumps, whose dissipation is to be counted.
+#: Else the second attempt takes full steps, with a residual up to so many times the force scale.
+#: Either must end where at most this share of the energy it exchanged is unaccounted for: larger
+#: releases are jumps, whose dissipation is to be counted.
 FULL_STEPS = {"snes_linesearch_type": "basic"}
 EXCURSION, DISTANT = 5.0, 0.1
 
@@ -159,6 +169,7 @@ class Newton:
         self._bulk = KeptBulk(problem, self._matrix) if kept else None
         self._snes = self._make_snes({**LINE_SEARCH, **search}, max_iterations)
         self._full_snes = self._make_snes({**search, **FULL_STEPS}, max_iterations)
+        self._energy_snes = self._make_snes({**search, **LEAST_ENERGY}, max_iterations)
         self._predictor = Predictor(problem, self._matrix, self._assemble, self._snes.getKSP())
 
     def _make_snes(self, options: Options, max_iterations: int) -> PETSc.SNES:
@@ -199,7 +210,7 @@ class Newton:
             predictor: One of :data:`vmdg.predictor.PREDICTORS`.
             along: Path parameter at the start and the end of a step in a jump; None for the load
                 factor.
-            once: Without the second attempt.
+            once: Without the second attempt, which a step in a jump always has.
             rough: The state is only on the way to an equilibrium, and need not be exact.
         """
         problem = self._problem
@@ -208,7 +219,13 @@ class Newton:
         self._path.start(start, problem.start_of_step[1])
         self._slack = ROUGH if rough else 1.0
         scales = self._scale, self._borne
-        report = self._search(self._path.ahead(end), predictor, once)
+        ahead = self._path.ahead(end)
+        second = None
+        if along is not None:
+            second = self._energy_snes
+        elif problem.can_fail and not once:
+            second = self._full_snes
+        report = self._search(ahead, predictor, second)
         if not report.converged:
             # The forces of a state that is given up say nothing about the run.
             self._scale, self._borne = scales
@@ -218,19 +235,20 @@ class Newton:
         """The next step does not continue the path of the last ones."""
         self._path = Path(self._problem.comm)
 
-    def _search(self, ahead: list[NDArray], predictor: str, once: bool) -> StepReport:
-        """The line search, then full steps where an interface can fail."""
+    def _search(
+        self, ahead: list[NDArray], predictor: str, second: PETSc.SNES | None
+    ) -> StepReport:
+        """The line search; at a kink between branches of a law it can jam where another passes."""
         problem = self._problem
         start, scale = problem.u.x.array.copy(), self._scale
         report = self._attempt(self._snes, ahead, predictor)
-        if report.converged or once or not problem.can_fail:
+        if report.converged or second is None:
             return report
-        # At a kink between branches of a law the line search can jam where full steps pass.
         problem.u.x.array[:] = start
         self._scale = scale
         problem.assemble_residual(self._dt, hold=True)
         problem.watch_energy()
-        report = self._attempt(self._full_snes, [], ELASTIC)
+        report = self._attempt(second, [], ELASTIC)
         if report.converged and problem.unaccounted_energy() > DISTANT:
             return StepReport(False, report.norms, "DISTANT_EQUILIBRIUM")
         return report
@@ -286,7 +304,7 @@ class Newton:
         if not np.isfinite(residual):
             return PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN
         borne = max(self._borne, self._reaction())
-        small = min(self._tolerance * self._scale, LOOSE * borne)
+        small = min(self._tolerance * max(self._scale, borne), LOOSE * borne)
         goal = max(self._slack * small, self._floor)
         if residual <= goal:
             return PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE
@@ -295,7 +313,7 @@ class Newton:
                 return PETSc.SNES.ConvergedReason.DIVERGED_DTOL
             if np.isclose(residual, self._norms[-5:-1], rtol=1e-3, atol=0).any():
                 return PETSc.SNES.ConvergedReason.DIVERGED_LOCAL_MIN
-        elif iteration >= 4 and residual > STALL * self._norms[-3]:
+        elif snes == self._snes and iteration >= 4 and residual > STALL * self._norms[-3]:
             return PETSc.SNES.ConvergedReason.DIVERGED_LOCAL_MIN
         snes.getKSP().setTolerances(rtol=linear_tolerance(self._norms, goal))
         return PETSc.SNES.ConvergedReason.ITERATING
@@ -306,5 +324,7 @@ class Newton:
         self._predictor.destroy()
         if self._bulk is not None:
             self._bulk.destroy()
-        for item in (self._snes, self._full_snes, self._matrix, self._x, self._f):
+        for snes in (self._snes, self._full_snes, self._energy_snes):
+            snes.destroy()
+        for item in (self._matrix, self._x, self._f):
             item.destroy()

@@ -326,8 +326,9 @@ class Stepper:
                 continue
             elapsed += 1 / factor
             # A state that has hardly left the equilibrium would be taken for the next one.
+            arrived = report.iterations == 0 and not rough
             rough = rough and report.iterations > 0
-            if steps >= rest and self.problem.largest_overstress() < options.jump_rest:
+            if (arrived or steps >= rest) and self.problem.largest_overstress() < options.jump_rest:
                 report = self.step(t, along=(elapsed, elapsed), once=True)
                 if report.converged:
                     self._newton.forget_path()
