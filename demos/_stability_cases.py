@@ -257,6 +257,22 @@ def two_materials(rng: Generator, contrast: float = 1.0, nu: float | None = None
     return dict(enumerate(bodies, 1))
 
 
+def tied_or_failing(rng: Generator, mesh: Cells, tags: Array) -> tuple[dict, str]:
+    """A patch test of a tie, a bar or a random path until a bond breaks, and which bond."""
+    nu = rng.uniform(0.0, 0.4)
+    scene = rng.choice(3)
+    if scene == 0:
+        return patch(rng, mesh, rng.uniform(0.01, 0.3), vmdg.Bonded(), nu, tags=tags), ""
+    law = random_law(rng, E, 1.0, any_kind=False)
+    if scene == 1:
+        loads = bar_loads(law, (E, E), mesh.size, nu, int(rng.integers(2, 15)))
+        inputs = bar(mesh, tags, (E, E), nu, law, loads)
+    else:
+        reach = 1.5 * opening_scale(law)
+        inputs = pulled(rng, mesh, tags, two_materials(rng), (Bond(law, (1, 2)),), reach)
+    return inputs, f", {described(law)}"
+
+
 # Families
 
 
@@ -266,21 +282,8 @@ def aspect_ratio(rng: Generator) -> Case:
     kind, degree = choose(rng, TIED)
     size = np.array([1.0, 1.0 / ratio, 1.0 / ratio])[: dimension(kind)]
     mesh, tags = block_pair(kind, rng, size)
-    nu = rng.uniform(0.0, 0.4)
-    scene = rng.choice(3)
-    what = f"aspect {ratio:.2g}"
-    if scene == 0:
-        inputs = patch(rng, mesh, rng.uniform(0.01, 0.3), vmdg.Bonded(), nu, tags=tags)
-    else:
-        law = random_law(rng, E, 1.0, any_kind=False)
-        what += f", {described(law)}"
-        if scene == 1:
-            loads = bar_loads(law, (E, E), size, nu, int(rng.integers(2, 15)))
-            inputs = bar(mesh, tags, (E, E), nu, law, loads)
-        else:
-            reach = 1.5 * opening_scale(law)
-            inputs = pulled(rng, mesh, tags, two_materials(rng), (Bond(law, (1, 2)),), reach)
-    return Case("aspect ratio", what, degree=degree, **inputs)
+    inputs, what = tied_or_failing(rng, mesh, tags)
+    return Case("aspect ratio", f"aspect {ratio:.2g}{what}", degree=degree, **inputs)
 
 
 def contrast(rng: Generator) -> Case:
@@ -328,21 +331,8 @@ def distortion(rng: Generator) -> Case:
     kind, degree = choose(rng, TIED)
     mesh, tags = block_pair(kind, rng, np.ones(dimension(kind)), (2, 3, 2))
     mesh = distorted(mesh, rng, left, np.array([split_plane(mesh, tags)]))
-    what = f"least Jacobian {left:.1e}"
-    scene = rng.choice(3)
-    nu = rng.uniform(0.0, 0.4)
-    if scene == 0:
-        inputs = patch(rng, mesh, rng.uniform(0.01, 0.3), vmdg.Bonded(), nu, tags=tags)
-    else:
-        law = random_law(rng, E, 1.0, any_kind=False)
-        what += f", {described(law)}"
-        if scene == 1:
-            loads = bar_loads(law, (E, E), mesh.size, nu, int(rng.integers(2, 15)))
-            inputs = bar(mesh, tags, (E, E), nu, law, loads)
-        else:
-            reach = 1.5 * opening_scale(law)
-            inputs = pulled(rng, mesh, tags, two_materials(rng), (Bond(law, (1, 2)),), reach)
-    return Case("distorted cells", what, degree=degree, **inputs)
+    inputs, what = tied_or_failing(rng, mesh, tags)
+    return Case("distorted cells", f"least Jacobian {left:.1e}{what}", degree=degree, **inputs)
 
 
 def inverted(rng: Generator) -> Case:

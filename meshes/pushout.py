@@ -17,6 +17,7 @@ from .pushout_section import (
     MATRIX_TOP,
     OUTER,
     SUPPORT,
+    check_sizes,
 )
 
 #: Facet tags of the planes x = 0 and y = 0, besides those of the section.
@@ -66,11 +67,7 @@ def pushout(
         ValueError: radii that do not grow outwards, or counts that make no mesh.
     """
     radii = (fibre_radius, hole_radius, matrix_radius)
-    if not 0 < fibre_radius < hole_radius < matrix_radius or not height > 0:
-        raise ValueError(
-            f"pushout: radii {radii} must grow from fibre over hole to matrix, and height = "
-            f"{height} be positive"
-        )
+    check_sizes("pushout", radii, height)
     counts = (around, layers, fibre_rings, hole_rings, matrix_rings, refine)
     if around % 2 or min(counts) < 1 or not grading > 0:
         raise ValueError(

@@ -59,21 +59,27 @@ def pushout_section(
         raise ValueError(
             f"pushout_section: layers = {layers} and cells {counts} must be at least 1"
         )
-    if not (radial_ratio > 0 and grading > 0 and height > 0):
+    if not (radial_ratio > 0 and grading > 0):
         raise ValueError(
-            f"pushout_section: radial_ratio = {radial_ratio}, grading = {grading} and "
-            f"height = {height} must be positive"
+            f"pushout_section: radial_ratio = {radial_ratio} and grading = {grading} must be "
+            "positive"
         )
-    if not 0 < fibre_radius < hole_radius < matrix_radius:
-        raise ValueError(
-            "pushout_section: the radii of fibre, hole and matrix must grow from 0, but are "
-            f"{fibre_radius}, {hole_radius}, {matrix_radius}"
-        )
+    check_sizes("pushout_section", (fibre_radius, hole_radius, matrix_radius), height)
     with model("pushout_section") as gmsh_model:
         if comm.rank == 0:
             radii = (0.0, fibre_radius, hole_radius, matrix_radius)
             _build(gmsh_model, radii, height, counts, layers, radial_ratio, grading)
         return distribute(gmsh_model, comm, 2)
+
+
+def check_sizes(scene: str, radii: tuple[float, float, float], height: float) -> None:
+    """Raise a ValueError if r_f, r_s, r_m do not grow from 0 or H is not positive [mm]."""
+    fibre, hole, matrix = radii
+    if not (0 < fibre < hole < matrix and height > 0):
+        raise ValueError(
+            f"{scene}: the radii of fibre, hole and matrix must grow from 0, but are {fibre}, "
+            f"{hole}, {matrix}, and height = {height} must be positive"
+        )
 
 
 def _build(gmsh_model, radii, height, counts, layers, radial_ratio, grading) -> None:

@@ -181,23 +181,21 @@ class Coupling:
         """Whether :mod:`vmdg.coercivity` decides how far tau_s is raised."""
         return self.interface.safety == AUTO and self.interface.stabilization is None
 
-    def derive_stabilization(self) -> None:
-        """Evaluate tau_s and delta at the current displacement, tau_s not raised yet."""
+    def derive_stabilization(self, known: Frozen | None = None) -> None:
+        """Evaluate tau_s and delta at the current displacement, tau_s not raised yet.
+
+        Args:
+            known: What an earlier evaluation at this displacement has left in :attr:`frozen`.
+        """
+        if known is not None:
+            self.stabilization, self._weights = known
+            return
         self.stabilization = self._stabilizer()
         self._weights = self.stabilization.delta
         if self.turns:
             # A frozen tensor would lag behind a body that turns: take numbers, as r is one.
             share = np.trace(self._weights, axis1=2, axis2=3) / self._d
             self._weights = share[:, :, None, None] * np.eye(self._d)
-
-    @property
-    def derived(self) -> Frozen:
-        """What :meth:`derive_stabilization` found."""
-        return self.stabilization, self._weights
-
-    @derived.setter
-    def derived(self, derived: Frozen) -> None:
-        self.stabilization, self._weights = derived
 
     def falls_short(self, frozen: Frozen, factor: NDArray[np.float64]) -> bool:
         """Whether a frozen tau_s is less than coercivity asks for where it was derived last.
@@ -449,7 +447,10 @@ class Coupling:
 
     @property
     def frozen(self) -> Frozen:
-        """The stabilization of the last step and its flux weights, as the forms have them."""
+        """The stabilization of the last step and its flux weights, as the forms have them.
+
+        After :meth:`derive_stabilization` what it found, which the forms have not been given yet.
+        """
         return self.stabilization, self._weights
 
     @frozen.setter

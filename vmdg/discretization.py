@@ -243,10 +243,10 @@ class Discretization:
         if global_any(self.mesh.comm, moved):
             for coupling in self.working:
                 coupling.derive_stabilization()
-            derived = [coupling.derived for coupling in self.working]
+            derived = [coupling.frozen for coupling in self.working]
             return _Derived(place, derived, self._safety_factors())
         for coupling, values in zip(self.working, kept.values, strict=True):
-            coupling.derived = values
+            coupling.derive_stabilization(values)
         return kept
 
     def _safety_factors(self) -> list[NDArray[np.float64]]:

@@ -315,6 +315,8 @@ class Problem:
         Raises:
             ValueError: unknown tag, or a value of the wrong shape or of another mesh.
         """
+        if np.ndim(tag) != 0:
+            raise ValueError(f"body_force: tag = {tag} must be one tag; call it once for each")
         chosen = np.ones(len(self._tags), dtype=bool) if tag is None else self._tags == tag
         cells = np.flatnonzero(chosen).astype(np.int32)
         if global_sum(self.comm, len(cells)) == 0:
