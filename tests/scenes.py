@@ -24,8 +24,10 @@ from dolfinx.mesh import (
 from numpy.typing import NDArray
 
 import vmdg
+from vmdg.kernels import compile_form
 from vmdg.meshes import blocks
 from vmdg.meshes.gmsh_model import TaggedMesh
+from vmdg.parallel import global_sum
 from vmdg.topology import facet_cells
 
 DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
@@ -61,6 +63,11 @@ def deform(mesh: Mesh, A: NDArray) -> None:
     """Map the mesh by x -> A.x."""
     d = mesh.geometry.dim
     mesh.geometry.x[:, :d] = mesh.geometry.x[:, :d] @ A[:d, :d].T
+
+
+def integral(comm: MPI.Comm, form: ufl.Form) -> float:
+    """Value of a functional on all ranks."""
+    return float(global_sum(comm, fem.assemble_scalar(compile_form(form, [], comm))))
 
 
 def two_blocks(comm: MPI.Comm, cell: str, n: int = 1, distortion: float = 0.0) -> TaggedMesh:

@@ -14,6 +14,7 @@ from dolfinx import fem
 
 import vmdg
 from vmdg import compat
+from vmdg.kernels import compile_expression
 from vmdg.meshes import blocks
 
 MATERIALS = [vmdg.NeoHookean(E=E, nu=0.3) for E in (1e4, 10.0)]
@@ -63,7 +64,8 @@ def evaluate(mesh, expression) -> tuple[np.ndarray, np.ndarray]:
     d = mesh.geometry.dim
     space = fem.functionspace(mesh, ("DG", 2, (d,)))
     function = fem.Function(space)
-    function.interpolate(fem.Expression(expression, compat.interpolation_points(space)))
+    points = compat.interpolation_points(space)
+    function.interpolate(compile_expression(expression, points, mesh.comm))
     return space.tabulate_dof_coordinates().T, function.x.array.reshape(-1, d).T
 
 

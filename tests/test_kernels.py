@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 
+import dolfinx.jit
 import pytest
 import ufl
 from dolfinx import fem
@@ -80,3 +81,20 @@ def test_kill_while_compiling(comm, options):
     process.wait()
     assert list(cache.glob("*.c")) and not list(cache.glob("*.c.cached"))
     assert area(comm, options) == pytest.approx(1.0)
+
+
+def test_claims_elsewhere_are_left_alone(comm, out, monkeypatch):
+    """Who compiles with DOLFINx itself holds no lock: vmdg's kernels have their own folder."""
+    defaults = dolfinx.jit.get_options
+    monkeypatch.setattr(
+        dolfinx.jit,
+        "get_options",
+        lambda options=None: {**defaults(), "cache_dir": out, **(options or {})},
+    )
+    stranger = out / "libffcx_forms_of_a_stranger.c"
+    if comm.rank == 0:
+        stranger.write_text("")
+    comm.barrier()
+    assert area(comm, JIT_OPTIONS) == pytest.approx(1.0)
+    assert stranger.exists()
+    assert len(list((out / "vmdg").glob("*.c.cached"))) == 1

@@ -61,12 +61,15 @@ def compile_form(
 
     ``comm`` is the mesh's, ``options`` are those of DOLFINx's just-in-time compiler.
     """
-    with _claims_in_order(comm, options):
-        return compat.form(form, submeshes, options)
+    with _claims_in_order(comm, options) as ordered:
+        return compat.form(form, submeshes, ordered)
 
 
 def compile_expression(
-    expression: Expr, points: NDArray[np.float64], comm: MPI.Comm
+    expression: Expr,
+    points: NDArray[np.float64],
+    comm: MPI.Comm,
+    options: dict = JIT_OPTIONS,
 ) -> fem.Expression:
     """Compile an expression at reference ``points``, or load it from the cache; collective.
 
@@ -74,30 +77,32 @@ def compile_expression(
     would never find one again: give them numbers of their own.
     """
     numbered = map_expr_dag(_NumberLabels(), expression)
-    with _claims_in_order(comm, JIT_OPTIONS):
-        return fem.Expression(numbered, points, comm=comm, jit_options=JIT_OPTIONS)
+    with _claims_in_order(comm, options) as ordered:
+        return fem.Expression(numbered, points, comm=comm, jit_options=ordered)
 
 
 @contextmanager
-def _claims_in_order(comm: MPI.Comm, options: dict) -> Iterator[None]:
-    """Compile where no kernel is claimed by a process that died.
+def _claims_in_order(comm: MPI.Comm, options: dict) -> Iterator[dict]:
+    """Options with a folder where no kernel is claimed by a process that died.
 
     FFCx claims a kernel by its C file and marks it when it is ready. A process that was killed in
     between leaves its claim, and all later ones would wait for the mark until their time is out.
     So whoever compiles holds a shared lock, which ends with the process; who gets the same lock
-    exclusively knows that nobody is compiling, and that claims without a mark are void. Only the
-    first rank of ``comm`` claims kernels.
+    exclusively knows that nobody is compiling, and that claims without a mark are void. Those who
+    compile without the lock have their kernels elsewhere: these are in a folder of their own in
+    DOLFINx's, unless ``options`` name one. Only the first rank of ``comm`` claims kernels.
     """
-    folder = dolfinx.jit.get_options(options)["cache_dir"]
+    folder = options.get("cache_dir") or Path(dolfinx.jit.get_options()["cache_dir"]) / "vmdg"
+    options = {**options, "cache_dir": folder}
     if comm.rank > 0:
-        yield
+        yield options
         return
     with suppress(OSError):  # without a folder to write to the compiler will say what it lacks
         folder.mkdir(parents=True, exist_ok=True)
     try:
         lock = (folder / "vmdg.lock").open("a")
     except OSError:
-        yield
+        yield options
         return
     with lock:
         with suppress(OSError):  # held by others, or a file system without locks
@@ -105,7 +110,7 @@ def _claims_in_order(comm: MPI.Comm, options: dict) -> Iterator[None]:
             _remove_claims(folder)
         with suppress(OSError):
             fcntl.flock(lock, fcntl.LOCK_SH)
-        yield
+        yield options
 
 
 #: When the folders that were searched for claims had last changed [ns].
