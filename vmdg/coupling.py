@@ -100,7 +100,8 @@ class Coupling:
         self._delta_s = fem.Function(facet_space((d, d))) if interface.traction_jump else None
         self.turns = self.law.inelastic and interface.frame == "corotating"
         self._moment = fem.Function(self.quadrature.space((d, d))) if self.turns else None
-        self._flux = self._evaluators((2 * d + d * d if self.turns else 2 * d,), self._flux_of)
+        size = 2 * d + d * d if self.turns else 2 * d
+        self._flux = self._evaluators((size,), self._flux_of, "flux")
         self._tangent: StagedTangent | None = None
 
         count = len(self.quadrature.weights)
@@ -128,9 +129,12 @@ class Coupling:
         self._dt = 1.0
 
     def _evaluators(
-        self, shape: tuple[int, ...], expression: Callable[[Body, Expr, Expr, int], Expr]
+        self,
+        shape: tuple[int, ...],
+        expression: Callable[[Body, Expr, Expr, int], Expr],
+        name: str,
     ) -> SideEvaluators:
-        return side_evaluators(self.quadrature, self._u, self._bodies, shape, expression)
+        return side_evaluators(self.quadrature, self._u, self._bodies, shape, expression, name)
 
     def _flux_of(self, body: Body, F: Expr, N: Expr, a: int) -> Expr:
         """P.N, u and, where the frame turns, GRAD u of one side."""

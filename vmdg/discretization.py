@@ -164,16 +164,17 @@ class Discretization:
         ]
         return sum(terms, start=ufl.Form([]))
 
-    def _compile_interfaces(self, integrand: Callable[[Coupling, Group], Expr]) -> list[fem.Form]:
+    def _compile_interfaces(
+        self, integrand: Callable[[Coupling, Group], Expr], name: str
+    ) -> list[fem.Form]:
         """One form for every working interface; interfaces of one kind share their kernel."""
-        return [
-            self.compile_form(self._interfaces(integrand, [coupling])) for coupling in self.working
-        ]
+        forms = [self._interfaces(integrand, [coupling]) for coupling in self.working]
+        return [self.compile_form(form, name) for form in forms]
 
-    def compile_form(self, form: ufl.Form) -> fem.Form:
+    def compile_form(self, form: ufl.Form, name: str = "form") -> fem.Form:
         submeshes = [submesh for coupling in self.working for submesh in coupling.submeshes]
         options = VECTORIZED if self.mesh.topology.dim == 3 else JIT_OPTIONS
-        return compile_form(form, submeshes, self.mesh.comm, options)
+        return compile_form(form, submeshes, self.mesh.comm, options, name)
 
     def residual_ufl(self, eta: Expr | None = None) -> ufl.Form:
         """The stabilized residual (27) without dead loads.
@@ -219,8 +220,8 @@ class Discretization:
         if self._residual_forms is None:
             eta = ufl.TestFunction(self.space)
             self._residual_forms = _Forms(
-                self.compile_form(self._bulk_residual(eta)),
-                self._compile_interfaces(self._residual_of(eta)),
+                self.compile_form(self._bulk_residual(eta), "bodies' residual"),
+                self._compile_interfaces(self._residual_of(eta), "interface's residual"),
             )
 
     def compile_tangent(self) -> None:
@@ -230,8 +231,8 @@ class Discretization:
         if self._tangent_forms is None:
             eta, du = ufl.TestFunction(self.space), ufl.TrialFunction(self.space)
             self._tangent_forms = _Forms(
-                self.compile_form(self._bulk_tangent(eta, du)),
-                self._compile_interfaces(self._tangent_of(eta, du)),
+                self.compile_form(self._bulk_tangent(eta, du), "bodies' tangent"),
+                self._compile_interfaces(self._tangent_of(eta, du), "interface's tangent"),
             )
 
     # Assembly
@@ -396,7 +397,7 @@ class Discretization:
             bulk = self.bulk(lambda body, F: body.energy(F))
             interfaces = self._interfaces(lambda coupling, group: coupling.energy_term(group))
             self._energy_forms = [
-                self.compile_form(form) for form in (bulk, interfaces) if not form.empty()
+                self.compile_form(form, "energy") for form in (bulk, interfaces) if not form.empty()
             ]
         stored = np.zeros(2)
         for i, form in enumerate(self._energy_forms):
@@ -420,7 +421,7 @@ class Discretization:
                 J = body.volume_ratio(F) if body.mean_dilatation else ufl.det(F)
                 return ufl.conditional(ufl.le(J, 0), 1.0, 0.0)
 
-            self._inverted_form = self.compile_form(self.bulk(turned))
+            self._inverted_form = self.compile_form(self.bulk(turned), "inverted cells")
         return fem.assemble_scalar(self._inverted_form) > 0
 
     def take_over(self, other: Discretization) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import fcntl
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
+from time import perf_counter
 
 from mpi4py import MPI
 
@@ -51,22 +53,61 @@ VECTORIZED = {
 }
 
 
+@dataclass(frozen=True)
+class Kernel:
+    """A compiled form or expression.
+
+    Attributes:
+        name: What it is for.
+        seconds: To compile it, or to find it in the cache [s].
+        lines: Of C; 0 where it was in the cache.
+    """
+
+    name: str
+    seconds: float
+    lines: int
+
+
+#: Every form and expression that this process has asked for, in order.
+requested: list[Kernel] = []
+
+
+def _record(name: str, start: float, code: object) -> None:
+    requested.append(Kernel(name, perf_counter() - start, _lines(code)))
+
+
+def _lines(code: object) -> int:
+    """Of the source that FFCx gives for what it has compiled: nested strings, or None."""
+    if isinstance(code, str):
+        return code.count("\n")
+    return 0 if code is None else sum(map(_lines, code))
+
+
 def compile_form(
     form: ufl.Form,
     submeshes: list[compat.FacetSubmesh],
     comm: MPI.Comm,
     options: dict = JIT_OPTIONS,
+    name: str = "form",
 ) -> fem.Form:
     """Compile a form that may live on facet submeshes too, or load it; collective.
 
-    ``comm`` is the mesh's, ``options`` are those of DOLFINx's just-in-time compiler.
+    Args:
+        form: What to integrate.
+        submeshes: Where arguments or coefficients live besides the mesh.
+        comm: The mesh's.
+        options: Of DOLFINx's just-in-time compiler.
+        name: For :data:`requested`.
     """
+    start = perf_counter()
     with _claims_in_order(comm, options):
-        return compat.form(form, submeshes, options)
+        compiled = compat.form(form, submeshes, options)
+    _record(name, start, compiled.code)
+    return compiled
 
 
 def compile_expression(
-    expression: Expr, points: NDArray[np.float64], comm: MPI.Comm
+    expression: Expr, points: NDArray[np.float64], comm: MPI.Comm, name: str = "expression"
 ) -> fem.Expression:
     """Compile an expression at reference ``points``, or load it from the cache; collective.
 
@@ -74,8 +115,11 @@ def compile_expression(
     would never find one again: give them numbers of their own.
     """
     numbered = map_expr_dag(_NumberLabels(), expression)
+    start = perf_counter()
     with _claims_in_order(comm, JIT_OPTIONS):
-        return fem.Expression(numbered, points, comm=comm, jit_options=JIT_OPTIONS)
+        compiled = fem.Expression(numbered, points, comm=comm, jit_options=JIT_OPTIONS)
+    _record(name, start, compiled.code)
+    return compiled
 
 
 @contextmanager

@@ -42,7 +42,7 @@ class StagedTangent:
         self._shape, self._entries = (d, n, n), geometry.entries(d)
         self._geometry = geometry
         self._evaluate_moduli = evaluators(
-            self._shape, lambda body, F, N, a: kinematics.traction_moduli(body, F, N)
+            self._shape, lambda body, F, N, a: kinematics.traction_moduli(body, F, N), "H"
         )
         space = quadrature.space(self._shape)
         self._moduli = [fem.Function(space) for _ in range(2)]
@@ -58,7 +58,7 @@ class StagedTangent:
             self._directions = [fem.Function(vectors) for _ in range(2)]
             count = len(self._entries)
             shape = (count * (count + 1) // 2,)
-            self._evaluate_third = evaluators(shape, self._third_derivative)
+            self._evaluate_third = evaluators(shape, self._third_derivative, "K")
             space = quadrature.space(shape)
             self._third = [fem.Function(space) for _ in range(2)]
 
