@@ -23,7 +23,10 @@ from vmdg.topology import tags_of_cells
 
 #: Cells, and the layer below the interface.
 MESHES = {"2D": ("quadrilateral", (96, 96), 48), "3D": ("hexahedron", (22, 22, 25), 12)}
-STRENGTH, CRITICAL_GAP, FRICTION = 10.0, 0.1, 0.3  # MPa, mm, -
+#: Softening that the body can follow, or the tangent would be indefinite.
+STRENGTH, CRITICAL_GAP, FRICTION = 10.0, 1.0, 0.3  # MPa, mm, -
+#: Opening and slip of the interface at work, and how far its other half is pressed in [mm].
+OPENING, PRESSED = 0.03, 0.005
 BODY = {"E": 1000.0, "nu": 0.3}  # MPa
 AT_WORK = (vmdg.Mode.TENSION, vmdg.Mode.FRICTION)
 #: Of iterative linear solves.
@@ -70,9 +73,8 @@ def _field(d: int, jump: float) -> Callable[[np.ndarray], np.ndarray]:
 
     def u(x: np.ndarray) -> np.ndarray:
         values = np.zeros((d, x.shape[1]))
-        values[0] = 0.01 * x[0] + jump * 0.3 * CRITICAL_GAP
-        values[-1] = 0.003 * x[0] * x[-1]
-        values[-1] += jump * np.where(x[0] < 0.5, 0.3 * CRITICAL_GAP, -0.05 * CRITICAL_GAP)
+        values[0] = 0.01 * x[0] + jump * OPENING
+        values[-1] = 0.003 * x[0] * x[-1] + jump * np.where(x[0] < 0.5, OPENING, -PRESSED)
         return values
 
     return u
