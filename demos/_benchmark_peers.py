@@ -96,19 +96,21 @@ def build(
 
 
 def loads(scene: Scene, steps: int) -> NDArray[np.float64]:
-    """Load factors that look closely at the top of the curve.
+    """Load factors that look closely at the top of the curve, and at the end of the bond.
 
     No force is larger than the strength times the bonded area, which an undamaged body would bear
     at some displacement D. One step to D/100 gives the slope; most of the others lie evenly between
-    D/2 and 5 D/4, where the force is largest, the rest is spent to the end.
+    D/2 and 5 D/4, where the force is largest, the others up to one and a half critical gaps. The
+    last one goes to the end.
 
     Args:
         scene: P1 or P2.
         steps: How many.
     """
     D = STRENGTH * scene.area / scene.slope
-    near, rest = np.linspace(D / 2, 1.25 * D, steps * 5 // 8), steps - 1 - steps * 5 // 8
-    return np.concatenate([[D / 100], near, np.linspace(near[-1], scene.end, rest + 1)[1:]])
+    near = np.linspace(D / 2, 1.25 * D, steps * 5 // 8)
+    after = np.linspace(near[-1], 1.5 * CRITICAL_GAP, steps - 1 - len(near))[1:]
+    return np.concatenate([[D / 100], near, after, [scene.end]])
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ LEVELS = {
     (3, 1): (4, 7, 12),
     (3, 2): (2, 4, 6),
 }
-COARSE = {(2, 1): (4, 8), (2, 2): (2, 4), (3, 1): (2, 4), (3, 2): (1, 2)}
+COARSE = {(2, 1): (8,), (2, 2): (4,), (3, 1): (4,), (3, 2): (2,)}
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,8 @@ def plot(points: Sequence[Point]) -> Figure:
         column[1].set(xlabel="processor time [s]")
         for ax in column:
             ax.grid(lw=0.3)
+            ax.xaxis.set_minor_formatter("")
     for ax in axes[:, 0]:
         ax.set_ylabel("error of u in L2")
-    axes[0, 0].legend(fontsize=6)
+    axes[0, 0].legend(fontsize=6, loc="lower left")
     return figure

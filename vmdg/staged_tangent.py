@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -128,4 +129,5 @@ class StagedTangent:
 
 def _contract(tensor: NDArray, moduli: NDArray) -> NDArray:
     """Row-wise tensor.H, (nq, d, d) and (nq, d, n, n)."""
-    return np.einsum("pab,pbij->paij", tensor, moduli, optimize=True)
+    points, d, *shape = moduli.shape  # a rank may have no points: no -1
+    return (tensor @ moduli.reshape(points, d, math.prod(shape))).reshape(moduli.shape)
