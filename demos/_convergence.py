@@ -151,13 +151,31 @@ class Errors:
     seconds: float
 
 
-def errors(study: Study, n: int, comm: MPI.Comm = MPI.COMM_WORLD) -> Errors:
-    """Solve with n cells along each mm and compare.
+@dataclass(frozen=True)
+class Tied:
+    """A study on one mesh, at the interpolated exact solution.
 
-    Newton starts from the interpolated exact solution, so that it finds this one of the solutions
-    of the nonlinear problem and tau_s belongs to its state.
+    Attributes:
+        problem: The problem.
+        tagged: Its mesh.
+        exact: The solution.
+        forces: Body force of every tag (d,) [N/mm3].
+        sides: Facets where the displacement is prescribed.
     """
-    start = perf_counter()
+
+    problem: vmdg.Problem
+    tagged: TaggedMesh
+    exact: Exact
+    forces: dict[int, Expr]
+    sides: NDArray[np.int32]
+
+
+def tied(study: Study, n: int, comm: MPI.Comm = MPI.COMM_WORLD) -> Tied:
+    """The problem with n cells along each mm.
+
+    Newton is to start from the interpolated exact solution, so that it finds this one of the
+    solutions of the nonlinear problem and tau_s belongs to its state.
+    """
     tagged = study.mesh(n, comm)
     mesh, materials = tagged.mesh, study.materials
     exact = SOLUTIONS[study.solution](mesh, materials, study.level(mesh))
@@ -166,32 +184,55 @@ def errors(study: Study, n: int, comm: MPI.Comm = MPI.COMM_WORLD) -> Errors:
         mesh, tagged.cell_tags, {1: materials[0], 2: materials[1]}, [interface], study.degree
     )
     tags = tags_of_cells(mesh, tagged.cell_tags)
-    points = compat.interpolation_points(problem.space)
     top = tagged.facet_tags.find(TOP)
     top_tags = tags[facet_cells(mesh)[top, 0]]
+    forces = {}
     for tag, (material, u) in enumerate(zip(materials, exact.u, strict=True), start=1):
-        problem.body_force(body_force(material, u), tag)
+        forces[tag] = body_force(material, u)
+        problem.body_force(forces[tag], tag)
         if study.loaded:
             traction = ufl.dot(stress(material, u), ufl.FacetNormal(mesh))
             problem.traction(top[top_tags == tag], traction)
-        cells = np.flatnonzero(tags == tag).astype(np.int32)
-        problem.u.interpolate(compile_expression(u, points, comm), cells)
-    problem.u.x.scatter_forward()
+    interpolate(problem.u, tagged, exact)
     prescribed_sides = (1, 2, 4, 6, 7) if study.loaded else (1, 2, 4, TOP, 6, 7)
     sides = np.concatenate([tagged.facet_tags.find(i) for i in prescribed_sides])
     dofs = fem.locate_dofs_topological(problem.space, mesh.topology.dim - 1, sides)
     prescribed = problem.u.x.array.reshape(-1, mesh.geometry.dim)[dofs].T.copy()
     problem.dirichlet(sides, lambda x, t: prescribed)
+    return Tied(problem, tagged, exact, forces, sides)
+
+
+def interpolate(u: fem.Function, tagged: TaggedMesh, exact: Exact) -> None:
+    """Give ``u`` the exact displacement at its nodes."""
+    points = compat.interpolation_points(u.function_space)
+    tags = tags_of_cells(tagged.mesh, tagged.cell_tags)
+    for tag, part in enumerate(exact.u, start=1):
+        cells = np.flatnonzero(tags == tag).astype(np.int32)
+        u.interpolate(compile_expression(part, points, tagged.mesh.comm), cells)
+    u.x.scatter_forward()
+
+
+def errors(study: Study, n: int, comm: MPI.Comm = MPI.COMM_WORLD) -> Errors:
+    """Solve with n cells along each mm and compare."""
+    start = perf_counter()
+    model = tied(study, n, comm)
+    problem = model.problem
     vmdg.solve(problem, [1.0], vmdg.SolveOptions(relative_tolerance=1e-11))
-    size = problem.space.dofmap.index_map.size_global * mesh.geometry.dim
+    size = problem.space.dofmap.index_map.size_global * problem.mesh.geometry.dim
     elapsed = perf_counter() - start
-    return Errors(1 / n, *_norms(problem, tagged, exact), size, elapsed)
+    return Errors(
+        1 / n,
+        *field_errors(problem.u, model.tagged, model.exact),
+        _traction_error(problem, model.exact),
+        size,
+        elapsed,
+    )
 
 
-def _norms(problem: vmdg.Problem, tagged: TaggedMesh, exact: Exact) -> tuple[float, float, float]:
-    """Relative errors of u, GRAD u and T."""
-    mesh, u_h = problem.mesh, problem.u
-    degree = 2 * problem.space.ufl_element().degree + 3
+def field_errors(u_h: fem.Function, tagged: TaggedMesh, exact: Exact) -> tuple[float, float]:
+    """Relative errors of u and GRAD u in L2 of the bodies."""
+    mesh = tagged.mesh
+    degree = 2 * u_h.function_space.ufl_element().degree + 3
     dx = ufl.dx(
         domain=mesh, subdomain_data=tagged.cell_tags, metadata={"quadrature_degree": degree}
     )
@@ -206,7 +247,12 @@ def _norms(problem: vmdg.Problem, tagged: TaggedMesh, exact: Exact) -> tuple[flo
         error, size = global_sum(mesh.comm, squares)
         return float(np.sqrt(error / size))
 
-    state = problem.state[0]
+    return norm(lambda v: v), norm(ufl.grad)
+
+
+def _traction_error(problem: vmdg.Problem, exact: Exact) -> float:
+    """Relative error of T in L2 of the interface."""
+    mesh, state = problem.mesh, problem.state[0]
     quadrature = problem.couplings[0].quadrature
     everywhere = np.ones(len(quadrature.area), dtype=bool)
     parts = [(0, everywhere, exact.traction)]
@@ -214,7 +260,7 @@ def _norms(problem: vmdg.Problem, tagged: TaggedMesh, exact: Exact) -> tuple[flo
     gaps = ((state.traction - traction) ** 2).sum(axis=1)
     squares = [state.weights @ gaps, state.weights @ (traction**2).sum(axis=1)]
     error, size = global_sum(mesh.comm, squares)
-    return norm(lambda v: v), norm(ufl.grad), float(np.sqrt(error / size))
+    return float(np.sqrt(error / size))
 
 
 @dataclass(frozen=True)

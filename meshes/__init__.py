@@ -4,6 +4,7 @@ from .beams import beams
 from .discs import core_and_ring
 from .fibres import fibre_matrix, random_fibres
 from .gmsh_model import TaggedMesh
+from .inclusions import inclusions
 from .plate import tearing
 from .pushout import pushout
 from .pushout_section import pushout_section
@@ -15,6 +16,7 @@ __all__ = [
     "blocks",
     "core_and_ring",
     "fibre_matrix",
+    "inclusions",
     "pushout",
     "pushout_section",
     "random_fibres",

@@ -251,7 +251,7 @@ class CellProblems:
             F = ufl.variable(geometry.deformation(u))
             return {
                 number: compile_expression(
-                    expression(bodies.families[number].body, F), points, mesh.comm
+                    expression(bodies.families[number].body, F), points, mesh.comm, "coercivity"
                 )
                 for number in families
             }

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import dolfinx
 import numpy as np
@@ -59,6 +60,33 @@ def form(integrand: ufl.Form, submeshes: list[FacetSubmesh], jit_options: dict) 
         for submesh in submeshes:
             entity_maps |= submesh.entity_map
     return fem.form(integrand, jit_options=jit_options, entity_maps=entity_maps)
+
+
+def create_matrix(
+    space: fem.FunctionSpace, cells: NDArray[np.int32], facets: NDArray[np.int32]
+) -> PETSc.Mat:
+    """A matrix that joins all dofs of every cell, and those of the two cells of every facet.
+
+    The pattern needs a form, but no kernel: nothing has to be compiled.
+
+    Args:
+        space: Of rows and columns.
+        cells: Local cells.
+        facets: Rows (cell, facet in it, cell, facet in it), flattened.
+    """
+    integrals = {
+        kind: [(0, 0, entities, np.zeros(0, dtype=np.int8))]
+        for kind, entities in (
+            (fem.IntegralType.cell, cells),
+            (fem.IntegralType.interior_facet, facets),
+        )
+    }
+    V, mesh = space._cpp_object, space.mesh
+    maps: Any = [] if _NEW else {}
+    pattern_form = cpp.fem.Form_float64([V, V], integrals, [], [], False, maps, mesh._cpp_object)
+    pattern = cpp.fem.create_sparsity_pattern(pattern_form)
+    pattern.finalize()
+    return cpp.la.petsc.create_matrix(mesh.comm, pattern)
 
 
 def evaluate(

@@ -56,8 +56,9 @@ class Condensation:
             return
         forms, q = self._forms, self._test
         ratio = forms.bulk(lambda body, F: q * body.volume_ratio(F))
-        self._vectors = forms.compile_form(ratio), forms.compile_form(forms.residual_ufl(q))
-        volume = forms.compile_form(forms.bulk(lambda body, F: q))
+        integrands = ratio, forms.residual_ufl(q)
+        self._vectors = tuple(forms.compile_form(form, "dilatation") for form in integrands)
+        volume = forms.compile_form(forms.bulk(lambda body, F: q), "dilatation")
         fem.assemble_vector(self._volume.x.array, volume)
         self._volume.x.scatter_forward()
 
@@ -107,7 +108,7 @@ class _Products:
             forms.tangent_ufl(q, du),
             forms.tangent_ufl(q, p),
         )
-        self._forms = [forms.compile_form(block) for block in blocks]
+        self._forms = [forms.compile_form(block, "dilatation") for block in blocks]
         self._matrices = [fem_petsc.create_matrix(form) for form in self._forms]
         self._inverse_volume = self._matrices[0].createVecLeft()
         self._inverse_volume.array[:] = 1 / volume.x.array[: self._inverse_volume.getLocalSize()]

@@ -100,7 +100,8 @@ class Coupling:
         self._delta_s = fem.Function(facet_space((d, d))) if interface.traction_jump else None
         self.turns = self.law.inelastic and interface.frame == "corotating"
         self._moment = fem.Function(self.quadrature.space((d, d))) if self.turns else None
-        self._flux = self._evaluators((2 * d + d * d if self.turns else 2 * d,), self._flux_of)
+        size = 2 * d + d * d if self.turns else 2 * d
+        self._flux = self._evaluators((size,), self._flux_of, "flux")
         self._tangent: StagedTangent | None = None
 
         count = len(self.quadrature.weights)
@@ -128,9 +129,12 @@ class Coupling:
         self._dt = 1.0
 
     def _evaluators(
-        self, shape: tuple[int, ...], expression: Callable[[Body, Expr, Expr, int], Expr]
+        self,
+        shape: tuple[int, ...],
+        expression: Callable[[Body, Expr, Expr, int], Expr],
+        name: str,
     ) -> SideEvaluators:
-        return side_evaluators(self.quadrature, self._u, self._bodies, shape, expression)
+        return side_evaluators(self.quadrature, self._u, self._bodies, shape, expression, name)
 
     def _flux_of(self, body: Body, F: Expr, N: Expr, a: int) -> Expr:
         """P.N, u and, where the frame turns, GRAD u of one side."""
@@ -363,10 +367,12 @@ class Coupling:
         W = frame.spin(F, N, R)
         turn, turn_q = frame.cross_matrix(now.frame_gap), frame.cross_matrix(q)
         # dF is the mean of both sides: half of each side's gradient.
-        spin = np.einsum("pmn,pnk,pkab->pmab", R, turn - C @ turn_q, W / 2, optimize=True)
+        d, half = self._d, W.reshape(*W.shape[:2], self._d**2) / 2
+        halves = half.transpose(0, 2, 1)
+        spin = (R @ (turn - C @ turn_q) @ half).reshape(-1, d, d, d)
         D = turn.transpose(0, 2, 1) - turn_q.transpose(0, 2, 1) @ C
-        by_traction = np.einsum("pkab,pkl,pml->pabm", W / 2, D, R, optimize=True)
-        by_gradient = -np.einsum("pkab,pkl,plcd->pabcd", W, D @ turn_q, W, optimize=True) / 4
+        by_traction = (halves @ (D @ R.transpose(0, 2, 1))).reshape(-1, d, d, d)
+        by_gradient = -(halves @ (D @ turn_q @ half)).reshape(-1, d, d, d, d)
         couple = _couple(now.frame_gap, now.frame_traction)
         loaded = np.flatnonzero(np.abs(couple).max(axis=1) > 0)
         change = frame.spin_gradient(F[loaded], N[loaded], R[loaded])

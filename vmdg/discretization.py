@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from petsc4py import PETSc
 
@@ -17,6 +18,7 @@ from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
+from . import compat
 from .bodies import Bodies
 from .coercivity import Coercivity
 from .condensation import Condensation
@@ -45,6 +47,21 @@ class _Derived:
     place: NDArray[np.float64]
     values: list[Frozen]
     factors: list[NDArray[np.float64]]
+
+
+class _Forms(NamedTuple):
+    """Compiled parts of a residual or tangent.
+
+    A cell integral is given the coefficients of its whole form: with those of the interfaces, all
+    of their points, it would read 600 to 1200 numbers a hexahedron of which it needs 26.
+
+    Attributes:
+        bulk: The bodies.
+        interfaces: Every working interface.
+    """
+
+    bulk: fem.Form
+    interfaces: list[fem.Form]
 
 
 class Discretization:
@@ -89,10 +106,10 @@ class Discretization:
             Coupling(interface, f, self.u, bodies, degree, geometry) if size else None
             for interface, f, size in zip(interfaces, facets, sizes, strict=True)
         ]
-        self._measures = self._make_measures()
-        self._residual_form: fem.Form | None = None
-        self._tangent_form: fem.Form | None = None
-        self._interface_forms: list[fem.Form] | None = None
+        self._dx = self._make_dx()
+        self._residual_forms: _Forms | None = None
+        self._tangent_forms: _Forms | None = None
+        self._other_forces = np.zeros_like(self.forces.x.array)
         self._energy_forms: list[fem.Form] | None = None
         self._inverted_form: fem.Form | None = None
         self._coercivity: Coercivity | None = None
@@ -108,53 +125,56 @@ class Discretization:
 
     # Forms
 
-    def _make_measures(self) -> tuple[ufl.Measure, ufl.Measure]:
-        cell = self.mesh.topology.cell_name()
-        cells = [(i, family.cells) for i, family in enumerate(self.bodies.families)]
-        rows = [
-            (i, coupling.facets.rows(group.select))
-            for i, (coupling, group) in enumerate(self._groups())
-        ]
-        dx = ufl.Measure(
+    def _make_dx(self) -> ufl.Measure:
+        degree = bulk_degree(self.mesh.topology.cell_name(), self.degree, self.geometry)
+        return ufl.Measure(
             "dx",
             domain=self.mesh,
-            subdomain_data=cells,
-            metadata={"quadrature_degree": bulk_degree(cell, self.degree, self.geometry)},
+            subdomain_data=[(i, family.cells) for i, family in enumerate(self.bodies.families)],
+            metadata={"quadrature_degree": degree},
         )
+
+    def bulk(self, integrand: Callable[[Body, Expr], Expr]) -> ufl.Form:
+        """Sum over the families of ``integrand(body, F)``."""
+        F = ufl.variable(self.geometry.deformation(self.u))
+        terms = [
+            self.geometry.weight * integrand(family.body, F) * self._dx(i)
+            for i, family in enumerate(self.bodies.families)
+        ]
+        return sum(terms, start=ufl.Form([]))
+
+    def _interfaces(
+        self,
+        integrand: Callable[[Coupling, Group], Expr],
+        couplings: Sequence[Coupling] | None = None,
+    ) -> ufl.Form:
+        """Sum over the working interfaces, or some of them, of ``integrand(coupling, group)``."""
+        chosen = self.working if couplings is None else couplings
+        groups = [(coupling, group) for coupling in chosen for group in coupling.groups]
+        rows = [(i, coupling.facets.rows(g.select)) for i, (coupling, g) in enumerate(groups)]
         dS = ufl.Measure(
             "dS",
             domain=self.mesh,
             subdomain_data=rows,
             metadata={"quadrature_degree": facet_degree(self.degree)},
         )
-        return dx, dS
-
-    def _groups(self) -> list[tuple[Coupling, Group]]:
-        return [(coupling, group) for coupling in self.working for group in coupling.groups]
-
-    def bulk(self, integrand: Callable[[Body, Expr], Expr]) -> ufl.Form:
-        """Sum over the families of ``integrand(body, F)``."""
-        dx, _ = self._measures
-        F = ufl.variable(self.geometry.deformation(self.u))
-        terms = [
-            self.geometry.weight * integrand(family.body, F) * dx(i)
-            for i, family in enumerate(self.bodies.families)
-        ]
-        return sum(terms, start=ufl.Form([]))
-
-    def _interfaces(self, integrand: Callable[[Coupling, Group], Expr]) -> ufl.Form:
-        """Sum over the interfaces of ``integrand(coupling, group)``."""
-        _, dS = self._measures
         terms = [
             self.geometry.weight * integrand(coupling, group) * dS(i)
-            for i, (coupling, group) in enumerate(self._groups())
+            for i, (coupling, group) in enumerate(groups)
         ]
         return sum(terms, start=ufl.Form([]))
 
-    def compile_form(self, form: ufl.Form) -> fem.Form:
+    def _compile_interfaces(
+        self, integrand: Callable[[Coupling, Group], Expr], name: str
+    ) -> list[fem.Form]:
+        """One form for every working interface; interfaces of one kind share their kernel."""
+        forms = [self._interfaces(integrand, [coupling]) for coupling in self.working]
+        return [self.compile_form(form, name) for form in forms]
+
+    def compile_form(self, form: ufl.Form, name: str = "form") -> fem.Form:
         submeshes = [submesh for coupling in self.working for submesh in coupling.submeshes]
         options = VECTORIZED if self.mesh.topology.dim == 3 else JIT_OPTIONS
-        return compile_form(form, submeshes, self.mesh.comm, options)
+        return compile_form(form, submeshes, self.mesh.comm, options, name)
 
     def residual_ufl(self, eta: Expr | None = None) -> ufl.Form:
         """The stabilized residual (27) without dead loads.
@@ -163,11 +183,17 @@ class Discretization:
             eta: Test function; that of the displacement, or with mean dilatation of the dilatation.
         """
         eta = ufl.TestFunction(self.space) if eta is None else eta
+        return self._bulk_residual(eta) + self._interfaces(self._residual_of(eta))
+
+    def _bulk_residual(self, eta: Expr) -> ufl.Form:
         virtual = self.geometry.gradient(eta)
-        bulk = self.bulk(
+        return self.bulk(
             lambda body, F: ufl.inner(virtual, kinematics.bulk_stress(body, self.geometry, F))
         )
-        return bulk + self._interfaces(lambda coupling, group: coupling.residual_term(eta, group))
+
+    @staticmethod
+    def _residual_of(eta: Expr) -> Callable[[Coupling, Group], Expr]:
+        return lambda coupling, group: coupling.residual_term(eta, group)
 
     def tangent_ufl(self, eta: Expr | None = None, du: Expr | None = None) -> ufl.Form:
         """The tangent (85), the interfaces in staged coefficients.
@@ -178,30 +204,36 @@ class Discretization:
         """
         eta = ufl.TestFunction(self.space) if eta is None else eta
         du = ufl.TrialFunction(self.space) if du is None else du
-        bulk = self.bulk(lambda body, F: kinematics.stiffness(body, self.geometry, F, eta, du))
-        return bulk + self._interfaces(lambda coupling, group: coupling.tangent_term(eta, du))
+        return self._bulk_tangent(eta, du) + self._interfaces(self._tangent_of(eta, du))
+
+    def _bulk_tangent(self, eta: Expr, du: Expr) -> ufl.Form:
+        return self.bulk(lambda body, F: kinematics.stiffness(body, self.geometry, F, eta, du))
+
+    @staticmethod
+    def _tangent_of(eta: Expr, du: Expr) -> Callable[[Coupling, Group], Expr]:
+        return lambda coupling, group: coupling.tangent_term(eta, du)
 
     def compile_residual(self) -> None:
         """Compile the residual, or load it from the cache; collective."""
         if self.condensation is not None:
             self.condensation.compile_residual()
-        if self._residual_form is None:
-            self._residual_form = self.compile_form(self.residual_ufl())
+        if self._residual_forms is None:
+            eta = ufl.TestFunction(self.space)
+            self._residual_forms = _Forms(
+                self.compile_form(self._bulk_residual(eta), "bodies' residual"),
+                self._compile_interfaces(self._residual_of(eta), "interface's residual"),
+            )
 
     def compile_tangent(self) -> None:
         """Compile the tangent, or load it from the cache; collective."""
         if self.condensation is not None:
             self.condensation.compile_tangent()
-        if self._tangent_form is None:
-            self._tangent_form = self.compile_form(self.tangent_ufl())
-
-    def compile_interfaces(self) -> None:
-        """Compile residual and tangent of the interfaces alone, or load them; collective."""
-        if self._interface_forms is None:
+        if self._tangent_forms is None:
             eta, du = ufl.TestFunction(self.space), ufl.TrialFunction(self.space)
-            residual = self._interfaces(lambda coupling, group: coupling.residual_term(eta, group))
-            tangent = self._interfaces(lambda coupling, group: coupling.tangent_term(eta, du))
-            self._interface_forms = [self.compile_form(form) for form in (residual, tangent)]
+            self._tangent_forms = _Forms(
+                self.compile_form(self._bulk_tangent(eta, du), "bodies' tangent"),
+                self._compile_interfaces(self._tangent_of(eta, du), "interface's tangent"),
+            )
 
     # Assembly
 
@@ -302,19 +334,22 @@ class Discretization:
                 coupling.update_points(dt, hold)
         self._update_pressure()
         with Timer("vmdg: assemble residual"):
-            forces = self.forces.x
-            forces.array[:] = 0
-            fem.assemble_vector(forces.array, self._residual_form)
-            if loads is not None:
-                forces.array[:] -= loads
+            forces, forms = self.forces.x, self._residual_forms
+            forces.array[:] = 0 if loads is None else -loads
+            for form in forms.interfaces:
+                fem.assemble_vector(forces.array, form)
+            self._other_forces[:] = forces.array
+            fem.assemble_vector(forces.array, forms.bulk)
             forces.scatter_reverse(InsertMode.add)
             forces.scatter_forward()
         return forces.array[: self.owned]
 
     def create_matrix(self) -> PETSc.Mat:
         """An empty matrix with the pattern of the tangent."""
-        self.compile_tangent()
-        return fem_petsc.create_matrix(self._tangent_form)
+        cells = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
+        everything = [c.facets.rows(np.ones(len(c.facets.facets), bool)) for c in self.working]
+        facets = np.concatenate([np.zeros(0, dtype=np.int32), *everything])
+        return compat.create_matrix(self.space, np.arange(cells, dtype=np.int32), facets)
 
     def assemble_tangent(self, matrix: PETSc.Mat, damage: bool) -> None:
         """Tangent at the state of the last :meth:`assemble_residual`, prescribed rows included.
@@ -326,31 +361,32 @@ class Discretization:
         self._stage_tangent(damage)
         with Timer("vmdg: assemble tangent"):
             matrix.zeroEntries()
-            fem_petsc.assemble_matrix(matrix, self._tangent_form)
+            # All of the pattern is filled before the matrix is first assembled, or it is lost.
+            fem_petsc.assemble_matrix(matrix, self._tangent_forms.bulk)
+            for form in self._tangent_forms.interfaces:
+                fem_petsc.assemble_matrix(matrix, form)
             matrix.assemble()
             if self.condensation is not None:
                 self.condensation.add_to(matrix)
 
     def _stage_tangent(self, damage: bool) -> None:
+        self.compile_tangent()
         with Timer("vmdg: stage tangent"):
             for coupling in self.working:
                 coupling.stage_tangent(damage)
 
     def add_interface_tangent(self, matrix: PETSc.Mat, damage: bool) -> None:
         """Add the interfaces' part of :meth:`assemble_tangent` to a matrix."""
-        self.compile_interfaces()
         self._stage_tangent(damage)
         with Timer("vmdg: assemble interface tangent"):
-            fem_petsc.assemble_matrix(matrix, self._interface_forms[1])
+            for form in self._tangent_forms.interfaces:
+                fem_petsc.assemble_matrix(matrix, form)
             matrix.assemble()
 
-    def bulk_forces(self, loads: NDArray[np.float64] | None) -> NDArray[np.float64]:
-        """The bodies' part of the last :meth:`assemble_residual`, without loads, owned dofs [N]."""
-        self.compile_interfaces()
+    def bulk_forces(self) -> NDArray[np.float64]:
+        """The bodies' part of the last :meth:`assemble_residual`, owned dofs [N]."""
         others = fem.Function(self.space).x
-        fem.assemble_vector(others.array, self._interface_forms[0])
-        if loads is not None:
-            others.array[:] -= loads
+        others.array[:] = self._other_forces
         others.scatter_reverse(InsertMode.add)
         return self.forces.x.array[: self.owned] - others.array[: self.owned]
 
@@ -361,7 +397,7 @@ class Discretization:
             bulk = self.bulk(lambda body, F: body.energy(F))
             interfaces = self._interfaces(lambda coupling, group: coupling.energy_term(group))
             self._energy_forms = [
-                self.compile_form(form) for form in (bulk, interfaces) if not form.empty()
+                self.compile_form(form, "energy") for form in (bulk, interfaces) if not form.empty()
             ]
         stored = np.zeros(2)
         for i, form in enumerate(self._energy_forms):
@@ -385,7 +421,7 @@ class Discretization:
                 J = body.volume_ratio(F) if body.mean_dilatation else ufl.det(F)
                 return ufl.conditional(ufl.le(J, 0), 1.0, 0.0)
 
-            self._inverted_form = self.compile_form(self.bulk(turned))
+            self._inverted_form = self.compile_form(self.bulk(turned), "inverted cells")
         return fem.assemble_scalar(self._inverted_form) > 0
 
     def take_over(self, other: Discretization) -> None:

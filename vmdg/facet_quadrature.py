@@ -122,6 +122,7 @@ class FacetQuadrature:
         shape: tuple[int, ...],
         parts: Sequence[tuple[int, NDArray[np.bool_], Expr]],
         weights: NDArray[np.float64] | None = None,
+        name: str = "facet points",
     ) -> Evaluator:
         """Evaluate one-sided expressions of the given shape.
 
@@ -129,6 +130,7 @@ class FacetQuadrature:
             shape: Shape of the expressions.
             parts: (side 0 or 1, facets of the interface, expression on them).
             weights: What to divide by; the quadrature weights in the mesh.
+            name: What for.
         """
         space = self.space(shape)
         test = ufl.TestFunction(space)
@@ -143,7 +145,7 @@ class FacetQuadrature:
                 metadata={"quadrature_degree": self.degree, "quadrature_rule": "default"},
             )
             integrand = ufl.inner(test, expression) * ds
-            forms.append(compile_form(integrand, [self.submesh], self.mesh.comm))
+            forms.append(compile_form(integrand, [self.submesh], self.mesh.comm, name=name))
         return Evaluator(forms, space, self._weights if weights is None else weights)
 
 
@@ -162,6 +164,7 @@ def side_evaluators(
     bodies: Bodies,
     shape: tuple[int, ...],
     expression: Callable[[Body, Expr, Expr, int], Expr],
+    name: str,
 ) -> SideEvaluators:
     """Evaluators of ``expression(body, F, N, side)`` on both sides, N outward from each."""
     mesh, facets = quadrature.mesh, quadrature.facets
@@ -174,7 +177,7 @@ def side_evaluators(
             F = ufl.variable(quadrature.geometry.deformation(u))
             select = bodies.family[facets.cells[:, a]] == number
             parts.append((a, select, expression(bodies.families[number].body, F, N, a)))
-        return quadrature.evaluator(shape, parts)
+        return quadrature.evaluator(shape, parts, name=name)
 
     return one_side(0), one_side(1)
 

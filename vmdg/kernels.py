@@ -5,7 +5,9 @@ from __future__ import annotations
 import fcntl
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
+from time import perf_counter
 
 from mpi4py import MPI
 
@@ -51,18 +53,57 @@ VECTORIZED = {
 }
 
 
+@dataclass(frozen=True)
+class Kernel:
+    """A compiled form or expression.
+
+    Attributes:
+        name: What it is for.
+        seconds: To compile it, or to find it in the cache [s].
+        lines: Of C; 0 where it was in the cache.
+    """
+
+    name: str
+    seconds: float
+    lines: int
+
+
+#: Every form and expression that this process has asked for, in order.
+requested: list[Kernel] = []
+
+
+def _record(name: str, start: float, code: object) -> None:
+    requested.append(Kernel(name, perf_counter() - start, _lines(code)))
+
+
+def _lines(code: object) -> int:
+    """Of the source that FFCx gives for what it has compiled: nested strings, or None."""
+    if isinstance(code, str):
+        return code.count("\n")
+    return 0 if code is None else sum(map(_lines, code))
+
+
 def compile_form(
     form: ufl.Form,
     submeshes: list[compat.FacetSubmesh],
     comm: MPI.Comm,
     options: dict = JIT_OPTIONS,
+    name: str = "form",
 ) -> fem.Form:
     """Compile a form that may live on facet submeshes too, or load it; collective.
 
-    ``comm`` is the mesh's, ``options`` are those of DOLFINx's just-in-time compiler.
+    Args:
+        form: What to integrate.
+        submeshes: Where arguments or coefficients live besides the mesh.
+        comm: The mesh's.
+        options: Of DOLFINx's just-in-time compiler.
+        name: For :data:`requested`.
     """
+    start = perf_counter()
     with _claims_in_order(comm, options) as ordered:
-        return compat.form(form, submeshes, ordered)
+        compiled = compat.form(form, submeshes, ordered)
+    _record(name, start, compiled.code)
+    return compiled
 
 
 def compile_expression(
@@ -70,6 +111,7 @@ def compile_expression(
     points: NDArray[np.float64],
     comm: MPI.Comm,
     options: dict = JIT_OPTIONS,
+    name: str = "expression",
 ) -> fem.Expression:
     """Compile an expression at reference ``points``, or load it from the cache; collective.
 
@@ -77,8 +119,11 @@ def compile_expression(
     would never find one again: give them numbers of their own.
     """
     numbered = map_expr_dag(_NumberLabels(), expression)
+    start = perf_counter()
     with _claims_in_order(comm, options) as ordered:
-        return fem.Expression(numbered, points, comm=comm, jit_options=ordered)
+        compiled = fem.Expression(numbered, points, comm=comm, jit_options=ordered)
+    _record(name, start, compiled.code)
+    return compiled
 
 
 @contextmanager

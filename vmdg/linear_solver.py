@@ -15,6 +15,7 @@ from dolfinx.la import InsertMode
 from numpy.typing import NDArray
 
 from .forms.geometry import Axisymmetric
+from .memory import give_back
 from .parallel import global_sum
 from .problem import Problem
 
@@ -311,6 +312,7 @@ class LinearSolver:
             self._krylov.free()
         if self._direct is not None:
             self._direct.destroy()
+        give_back()
 
 
 def reset_failed(pc: PETSc.PC) -> None:

@@ -152,4 +152,4 @@ class DeadLoads:
                 self._weight * ufl.dot(load.density, eta) * measure(i)
                 for i, load in enumerate(loads)
             ]
-        return compile_form(sum(terms[1:], terms[0]), [], self._mesh.comm)
+        return compile_form(sum(terms[1:], terms[0]), [], self._mesh.comm, name="loads")

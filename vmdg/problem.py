@@ -403,8 +403,8 @@ class Problem:
         self.discretization.assemble_tangent(matrix, damage)
 
     def bulk_forces(self) -> NDArray[np.float64]:
-        """The bodies' part of the last :meth:`assemble_residual`, without loads, owned dofs [N]."""
-        return self.discretization.bulk_forces(self._load_vector)
+        """The bodies' part of the last :meth:`assemble_residual`, owned dofs [N]."""
+        return self.discretization.bulk_forces()
 
     def inverted(self) -> bool:
         """Whether cells are turned inside out, det F <= 0; collective."""

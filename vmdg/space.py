@@ -120,7 +120,9 @@ def _number(
 ) -> tuple[NDArray[np.int64], int]:
     """Global dof of every (cell, dof), and how many of them this rank owns.
 
-    A rank numbers the unsplit dofs it owns first, then the components whose name is in its cells.
+    A rank owns its unsplit dofs and the components whose name is in its cells. It numbers them in
+    the order of the continuous space, duplicates next to each other: that order keeps neighbours
+    together, which assembly, factorizations and smoothers all profit from.
     """
     mesh, dofs = space.mesh, space.dofmap.list
     cells = mesh.topology.index_map(mesh.topology.dim)
@@ -136,12 +138,15 @@ def _number(
     kept = ~split[:owned]
     size_local = int(kept.sum() + is_root.sum())
     first = int(mesh.comm.scan(size_local)) - size_local
+    place = np.argsort(np.concatenate([np.flatnonzero(kept), dofs[is_root]]), kind="stable")
+    number = np.empty(size_local, dtype=np.int64)
+    number[place] = first + np.arange(size_local)
     unsplit = la.vector(space.dofmap.index_map, dtype=np.int64)
-    unsplit.array[:owned][kept] = first + np.arange(kept.sum())
+    unsplit.array[:owned][kept] = number[: kept.sum()]
     unsplit.scatter_forward()
 
     numbers = np.full(names.shape, -1, dtype=np.int64)
-    numbers[is_root] = first + kept.sum() + np.arange(is_root.sum())
+    numbers[is_root] = number[kept.sum() :]
     _, group = np.unique(smallest[nodes], return_inverse=True)
     numbers = _agree(mesh, exchange, numbers, nodes, group, np.maximum)
     exchange.free()

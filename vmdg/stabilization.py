@@ -89,7 +89,7 @@ class BubbleIntegrals:
             integrand = bubble_stiffness(family.body, geometry, u, self._bubble)
             weight = geometry.circumference(ufl.SpatialCoordinate(mesh))
             form = weight * ufl.inner(test, integrand) * dx
-            self._forms.append(compile_form(form, [], mesh.comm))
+            self._forms.append(compile_form(form, [], mesh.comm, name="bubble stiffness"))
 
     def __call__(self) -> NDArray[np.float64]:
         """The integrals (number of pairs, d, d) [MPa mm; MPa in plane strain]."""

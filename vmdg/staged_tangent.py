@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -42,7 +43,7 @@ class StagedTangent:
         self._shape, self._entries = (d, n, n), geometry.entries(d)
         self._geometry = geometry
         self._evaluate_moduli = evaluators(
-            self._shape, lambda body, F, N, a: kinematics.traction_moduli(body, F, N)
+            self._shape, lambda body, F, N, a: kinematics.traction_moduli(body, F, N), "H"
         )
         space = quadrature.space(self._shape)
         self._moduli = [fem.Function(space) for _ in range(2)]
@@ -58,7 +59,7 @@ class StagedTangent:
             self._directions = [fem.Function(vectors) for _ in range(2)]
             count = len(self._entries)
             shape = (count * (count + 1) // 2,)
-            self._evaluate_third = evaluators(shape, self._third_derivative)
+            self._evaluate_third = evaluators(shape, self._third_derivative, "K")
             space = quadrature.space(shape)
             self._third = [fem.Function(space) for _ in range(2)]
 
@@ -128,4 +129,5 @@ class StagedTangent:
 
 def _contract(tensor: NDArray, moduli: NDArray) -> NDArray:
     """Row-wise tensor.H, (nq, d, d) and (nq, d, n, n)."""
-    return np.einsum("pab,pbij->paij", tensor, moduli, optimize=True)
+    points, d, *shape = moduli.shape  # a rank may have no points: no -1
+    return (tensor @ moduli.reshape(points, d, math.prod(shape))).reshape(moduli.shape)

@@ -1,0 +1,124 @@
+"""The public two-inclusion problem: scene, reference values, pictures.
+
+A rectangle of 1.0 x .5 mm with two stiff discs that its sides cut, plane strain, small strain; the
+right side is pulled by .04 mm in 40 steps. The law of the interface is that of a public cohesive
+zone tour for FEniCSx: T = K (1 - d) [u], K = G_c/delta_0^2, with d the largest 1 - exp(-delta /
+delta_0) so far, delta^2 = u_n^2 + 4 u_t^2 and delta_0 = G_c/(e strength). It is
+:class:`vmdg.IntrinsicExponential`, with contact instead of springs where the interface is pressed.
+
+The law is elastic before it is damaged: with it the body itself, not only its discretization, is a
+fifth softer than a bonded one. So the bonded slope is a property of the method without the law, and
+measured with a tie.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import process_time
+
+from mpi4py import MPI
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+import vmdg
+from vmdg.meshes import inclusions
+from vmdg.meshes.inclusions import INCLUSION, LEFT, MATRIX, RIGHT
+from vmdg.output import CauchyStress
+from vmdg.plot import cell_means, deformed_polygons, draw_cells
+
+MATERIALS = {
+    MATRIX: vmdg.NeoHookean(E=3090.0, nu=0.25),
+    INCLUSION: vmdg.NeoHookean(E=10000.0, nu=0.4),
+}
+STRENGTH, ENERGY, SHEAR_WEIGHT = 50.0, 0.5, 2.0  # MPa, N/mm, -
+END = 0.04  # mm
+
+#: Bonded slope [N/mm], of continuous elements of degree 2 with h = .005 mm; largest and last force
+#: [N] of the tour's law for h -> 0.
+SLOPE, PEAK, LAST = 2443.2, 24.34, 13.70
+
+LAWS = {
+    "tour": vmdg.IntrinsicExponential(STRENGTH, ENERGY, SHEAR_WEIGHT),
+    "rigid": vmdg.ExponentialDebonding(STRENGTH, ENERGY),
+    "linear": vmdg.Debonding(STRENGTH, 2 * ENERGY / STRENGTH),
+    "tie": vmdg.Bonded(),
+}
+
+
+def build(
+    law: vmdg.Law, degree: int, element_size: float
+) -> tuple[vmdg.Problem, NDArray[np.int32]]:
+    """The problem, its load factor the displacement of the right side [mm], and that side."""
+    mesh, cell_tags, facet_tags = inclusions(element_size=element_size, order=degree)
+    # The frame of the law stays at small strain.
+    interface = vmdg.Interface(between=(MATRIX, INCLUSION), law=law, frame="reference")
+    problem = vmdg.Problem(
+        mesh, cell_tags, MATERIALS, [interface], degree=degree, kinematics="small"
+    )
+    right = facet_tags.find(RIGHT)
+    problem.dirichlet(facet_tags.find(LEFT), 0.0)
+    problem.dirichlet(right, lambda t: (t, 0.0))
+    return problem, right
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run to the end.
+
+    Attributes:
+        problem: In its last state.
+        history: With "force" [N].
+        seconds: Processor time of the load steps [s].
+    """
+
+    problem: vmdg.Problem
+    history: vmdg.History
+    seconds: float
+
+    @property
+    def slope(self) -> float:
+        """Of the first step [N/mm]."""
+        return float(self.history["force"][0] / self.history["load"][0])
+
+    @property
+    def penetration(self) -> float:
+        """Deepest normal gap of the law below zero over the interface [mm]."""
+        state = self.problem.state[0]
+        normal_gap = np.einsum("pi,pi->p", state.gap, state.normal)
+        return float(max(-self.problem.comm.allreduce(normal_gap.min(), MPI.MIN), 0.0))
+
+
+def run(law: vmdg.Law, degree: int, element_size: float, steps: int, progress: bool = False) -> Run:
+    """Pull to the end, or a tie by the first step only, which shows its slope."""
+    problem, right = build(law, degree, element_size)
+    problem.compile()
+    loads = np.linspace(0, END, steps + 1)[1:] if law.inelastic else [END / steps]
+    options = vmdg.SolveOptions(relative_tolerance=1e-6, progress=progress)
+    start = process_time()
+    history = vmdg.solve(
+        problem, loads, options, lambda problem: {"force": problem.reaction(right)[0]}
+    ).history
+    return Run(problem, history, process_time() - start)
+
+
+def draw(run: Run, bonded: float) -> Figure:
+    """Force over displacement and stress in the deformed cells; collective."""
+    figure, axes = plt.subplots(1, 2, figsize=(10.5, 3.8), layout="constrained")
+    load = 1e3 * np.append(0, run.history["load"])
+    axes[0].plot(load, np.append(0, run.history["force"]), ".-", label="vmdg")
+    axes[0].plot([0, 1e3 * PEAK / bonded], [0, PEAK], "C1:", label="bonded")
+    axes[0].axhline(PEAK, color="k", ls="--", lw=0.8, label="largest and last force, h to 0")
+    axes[0].axhline(LAST, color="k", ls="--", lw=0.8)
+    axes[0].set(xlabel="displacement of the right side [µm]", ylabel="force [N]", ylim=(0, None))
+    axes[0].legend(fontsize=8)
+    axes[0].grid(lw=0.3)
+    polygons, cells = deformed_polygons(run.problem, magnify=4)
+    stress = cell_means(CauchyStress(run.problem).update(), (0, 0))[cells]
+    drawn = draw_cells(axes[1], run.problem, polygons, stress, (0, 100))
+    drawn.set_linewidth(0.2)
+    figure.colorbar(drawn, ax=axes[1], label="stress along x [MPa]", shrink=0.8)
+    axes[1].set(title="displacement x 4", xlabel="x [mm]", ylabel="y [mm]")
+    return figure

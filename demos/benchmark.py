@@ -1,0 +1,119 @@
+"""Seconds, counts and memory of vmdg beside plain finite elements and other cohesive codes.
+
+Parts, one or several by name: "precision" draws error against unknowns and processor time, "ratio"
+compares one Newton iteration, "peers" runs two scenes that other codes were given, "kernels" lists
+what is compiled, "memory" measures the push-out. Seconds are processor time of warm runs on one
+core, the least of some; whatever is compared takes turns in one process.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import _benchmark_cost as cost
+import _benchmark_peers as peers
+import _benchmark_precision as precision
+import _benchmark_ratio as ratio
+from _benchmark import DIMENSION, table
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+Outcome = tuple[Any, str, Figure | None]
+
+
+def precision_part(coarse: bool, repeats: int) -> Outcome:
+    """Errors, seconds and work of three methods on all cells, degrees and meshes."""
+    levels = precision.COARSE if coarse else precision.LEVELS
+    cases = [(c, k, n) for c, d in DIMENSION.items() for k in (1, 2) for n in levels[d, k]]
+    points = []
+    for case in tqdm(cases, unit="mesh"):
+        points += precision.measure(*case, repeats)
+    text = table(precision.HEAD, precision.rows(points))
+    return points, text, precision.plot(points)
+
+
+def ratio_part(coarse: bool, repeats: int) -> Outcome:
+    """Newton iterations, direct and with multigrid in 3D."""
+    refine = 0.2 if coarse else 1.0
+    cases = [(d, damage, direct) for d in ("2D", "3D") for direct in (True, False)
+             for damage in (False, True) if direct or d == "3D"]  # fmt: skip
+    rows = [ratio.measure(*case, repeats, refine) for case in tqdm(cases, unit="case")]
+    return rows, table(ratio.HEAD, map(ratio.row, rows)), None
+
+
+def peers_part(coarse: bool, repeats: int) -> Outcome:
+    """P1 and P2, and the shear of a sliding interface."""
+    if coarse:
+        cases = {"P1": (peers.P1, 10, False, "small")}
+    else:
+        cases = {
+            f"{scene.name}{', even steps' * even}, {kinematics}": (scene, 40, even, kinematics)
+            for scene in (peers.P1, peers.P2)
+            for even, kinematics in ((False, "small"), (True, "small"), (False, "finite"))
+        }
+    runs = {n: peers.run(*case, repeats) for n, case in tqdm(cases.items(), unit="scene")}
+    text = table(peers.HEAD, [peers.row(name, run) for name, run in runs.items()])
+    shear = peers.sliding_shear()
+    return (runs, shear), f"{text}\n\nsliding shear {shear[0]:.9g} N, mu N {shear[1]:.9g} N", None
+
+
+def kernels_part(coarse: bool, repeats: int) -> Outcome:
+    """Kernels of scenes that follow each other, from an empty cache."""
+    scenes = list(cost.SCENES)[: 3 if coarse else None]
+    found = cost.compiled(scenes)
+    return found, table(cost.HEAD_KERNELS, cost.kernel_rows(found)), None
+
+
+def memory_part(coarse: bool, repeats: int) -> Outcome:
+    """Peak resident size of the push-out with and without its interface."""
+    peaks = cost.peaks(3, 0.3) if coarse else cost.peaks()
+    rows = [(name, peak["unknowns"], peak["MiB"]) for name, peak in peaks.items()]
+    share = peaks["vmdg"]["MiB"] / peaks["plain"]["MiB"]
+    return peaks, table(("push-out", "unknowns", "MiB"), rows) + f"\n\nratio {share:.3f}", None
+
+
+PARTS: dict[str, Callable[[bool, int], Outcome]] = {
+    "precision": precision_part,
+    "ratio": ratio_part,
+    "peers": peers_part,
+    "kernels": kernels_part,
+    "memory": memory_part,
+}
+
+
+def main(
+    parts: list[str] | None = None,
+    coarse: bool = False,
+    repeats: int = 3,
+    out: str = "results/benchmark",
+) -> dict[str, Any]:
+    """Run parts (all); what each has found by name. Tables and pictures go to ``out``."""
+    found, folder = {}, Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    for part in parts or PARTS:
+        found[part], text, figure = PARTS[part](coarse, repeats)
+        print(f"\n{part}\n\n{text}\n")
+        (folder / f"{part}.md").write_text(text + "\n")
+        if figure is not None:
+            figure.savefig(folder / f"{part}.png", dpi=130)
+    if "precision" in found:
+        with open(folder / "precision.csv", "w", newline="") as file:
+            lines = precision.records(found["precision"])
+            writer = csv.DictWriter(file, list(lines[0]))
+            writer.writeheader()
+            writer.writerows(lines)
+    print(f"tables and pictures are in {out}")
+    return found
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("parts", nargs="*", help=f"some of {', '.join(PARTS)} (all)")
+    parser.add_argument("--coarse", action="store_true", help="small meshes")
+    parser.add_argument("--repeats", type=int, default=3, help="runs, for the least time (3)")
+    parser.add_argument("--out", default="results/benchmark", help="folder for the results")
+    main(**vars(parser.parse_args()))
