@@ -26,6 +26,7 @@ def test_errors_are_those_of_plain_elements(out):
     by_case = {(p.cell, p.degree, p.n, p.method): p for p in points}
     for (*case, method), point in by_case.items():
         plain = by_case[(*case, "plain")]
+        assert 1 <= point.solves <= 4
         if method == "vmdg":
             assert point.h1 == pytest.approx(plain.h1, rel=0.05), point
             assert point.l2 == pytest.approx(plain.l2, rel=0.05), point
@@ -65,7 +66,6 @@ def test_cracked_plate(out):
     assert run.imbalance < 5e-3
     assert run.history["damage"][-1] == pytest.approx(peers.P1.work)
     assert run.history["iterations"].mean() < 4
-    assert run.work.solves >= run.history["iterations"].sum()
 
 
 def test_sliding_shear():
