@@ -51,8 +51,7 @@ class Point:
         l2: Relative error of u in L2.
         h1: Of GRAD u.
         seconds: Processor time of the solution [s].
-        iterations: Newton corrections, the predictor of vmdg included.
-        solves: Linear systems.
+        solves: Linear systems; with vmdg the predictor is one of them.
     """
 
     cell: str
@@ -63,7 +62,6 @@ class Point:
     l2: float
     h1: float
     seconds: float
-    iterations: int
     solves: int
 
 
@@ -103,7 +101,7 @@ def measure(cell: str, degree: int, n: int, repeats: int) -> list[Point]:
         solves = work.solves if plain is None else plain.iterations
         size = u.function_space.dofmap.index_map.size_global * DIMENSION[cell]
         found = field_errors(u, model.tagged, model.exact)
-        points.append(Point(cell, degree, name, n, size, *found, least[name], solves, solves))
+        points.append(Point(cell, degree, name, n, size, *found, least[name], solves))
     return points
 
 
