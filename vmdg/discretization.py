@@ -106,6 +106,16 @@ class Discretization:
         """Interfaces with open facets."""
         return [coupling for coupling in self.couplings if coupling is not None]
 
+    @property
+    def constant_stabilization(self) -> bool:
+        """Whether tau_s and delta are the same at every displacement.
+
+        At small strain the moduli in the bubble integrals (22) are constant; a callable of the
+        user's may depend on the displacement all the same.
+        """
+        derived = all(coupling.interface.stabilization is None for coupling in self.working)
+        return self.bodies.families[0].body.small and derived
+
     # Forms
 
     def _make_measures(self) -> tuple[ufl.Measure, ufl.Measure]:
@@ -239,7 +249,9 @@ class Discretization:
         """Give the interfaces tau_s and delta of the current displacement, not raised yet."""
         place = np.concatenate([self.u.x.array, self.bodies.swelling])
         kept, self._derived = self._derived, None
-        moved = kept is None or not np.array_equal(kept.place, place)
+        moved = kept is None or not (
+            self.constant_stabilization or np.array_equal(kept.place, place)
+        )
         if global_any(self.mesh.comm, moved):
             for coupling in self.working:
                 coupling.derive_stabilization()
@@ -343,6 +355,32 @@ class Discretization:
         with Timer("vmdg: assemble interface tangent"):
             fem_petsc.assemble_matrix(matrix, self._interface_forms[1])
             matrix.assemble()
+
+    def traction_matrix(self, coupling: Coupling) -> PETSc.Mat:
+        """int q.Tt(du) dA over an interface: rows q at its points, columns du.
+
+        Tt(du) = {(A : GRAD du).N} + r (du_2 - du_1) of (84) with the staged moduli, which at small
+        strain are constant. The caller destroys the matrix.
+        """
+        coupling.stage_tangent(damage=False)
+        return self._point_matrix(coupling, coupling.traction_term)
+
+    def jump_matrix(self, coupling: Coupling) -> PETSc.Mat:
+        """int q.du_2 dA over an interface: the part of side 2 in its opening, as above."""
+        return self._point_matrix(coupling, lambda q, du: ufl.dot(q, du("-")))
+
+    def _point_matrix(
+        self, coupling: Coupling, integrand: Callable[[Expr, Expr], Expr]
+    ) -> PETSc.Mat:
+        _, dS = self._measures
+        q = ufl.TestFunction(coupling.quadrature.space((self.mesh.geometry.dim,)))("+")
+        term = self.geometry.weight * integrand(q, ufl.TrialFunction(self.space))
+        groups = [i for i, (other, _) in enumerate(self._groups()) if other is coupling]
+        form = self.compile_form(sum((term * dS(i) for i in groups), start=ufl.Form([])))
+        matrix = fem_petsc.create_matrix(form)
+        fem_petsc.assemble_matrix(matrix, form)
+        matrix.assemble()
+        return matrix
 
     def bulk_forces(self, loads: NDArray[np.float64] | None) -> NDArray[np.float64]:
         """The bodies' part of the last :meth:`assemble_residual`, without loads, owned dofs [N]."""

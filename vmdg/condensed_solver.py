@@ -1,0 +1,111 @@
+"""Linear systems of Newton's method on the gaps at interface points."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lu_factor, lu_solve
+from scipy.sparse import bsr_array
+from scipy.sparse.linalg import LinearOperator, gmres
+
+from .compliance import Compliance
+
+Array = NDArray[np.float64]
+
+#: Gap components with damage up to which the system is solved directly.
+DIRECT = 600
+
+#: Relative residual that the iterative solver aims at within so many iterations, and one that still
+#: makes a good Newton correction: single precision may come no closer.
+CLOSE, PATIENCE, ENOUGH = 1e-5, 50, 1e-2
+
+
+class CondensedSolver:
+    """Solves (I - C.W^-1.S).x = b, with C the compliances of the return maps at the points.
+
+    Where few points take part, directly in their rows. Else by GMRES. S is stiff for gaps that the
+    displacement of the nodes can follow, and small for all others (3,600 gap components of the
+    push-out in 3D belong to 1,014 jumps of nodes): the preconditioner takes it as
+    S ~ W.P.Gamma.P^T.W, with P the interpolation from the nodes to the points and Gamma the
+    projection (P^T.W.P)^-1.(P^T.S.P).(P^T.W.P)^-1, whence by the formula of Woodbury
+
+        (I - C.P.Gamma.P^T.W)^-1 = I + C.P.(I - Gamma.P^T.W.C.P)^-1.Gamma.P^T.W.
+
+    It takes 3 to 5 iterations in all states of the push-out; 20 to 70 without.
+
+    Args:
+        compliance: Gives S, W and P.
+    """
+
+    def __init__(self, compliance: Compliance):
+        self._compliance = compliance
+
+    def solve(self, compliance: Array, right: Array) -> Array:
+        """x from C (number of points, d, d) [mm3/N] and b (n,) [mm].
+
+        Raises:
+            np.linalg.LinAlgError: the matrix is singular.
+        """
+        points = np.flatnonzero(compliance.any(axis=(1, 2)))
+        d = compliance.shape[1]
+        if d * len(points) > DIRECT:
+            value = self._iterate(compliance, right)
+            if value is not None:
+                return value
+        return self._solve_directly(compliance[points], points, right)
+
+    def _solve_directly(self, C: Array, points: NDArray[np.intp], right: Array) -> Array:
+        d = C.shape[1]
+        rows = (points[:, None] * d + np.arange(d)).ravel()
+        value = right.copy()
+        value[rows] = 0
+        # What moves without damage acts on the points with damage.
+        pushed = self._compliance.response(value)[rows].reshape(-1, d)
+        stiffness = self._compliance.matrix[np.ix_(rows, rows)] / self._compliance.areas[rows, None]
+        product = C @ stiffness.reshape(len(points), d, len(rows))
+        matrix = np.eye(len(rows)) - product.reshape(len(rows), len(rows))
+        value[rows] = np.linalg.solve(matrix, right[rows] + (C @ pushed[..., None]).ravel())
+        return value
+
+    @cached_property
+    def _stiffness(self) -> NDArray[np.float32]:
+        """W^-1.S in single precision, enough for corrections and half the memory to go through."""
+        S, W = self._compliance.matrix, self._compliance.areas
+        return np.divide(S, W[:, None], dtype=np.float32, casting="same_kind")
+
+    @cached_property
+    def _coarse(self) -> Array:
+        """Gamma, (m, m) [MPa/mm per area]."""
+        P, W = self._compliance.nodal, self._compliance.areas
+        weighted = (P.T.tocsr() * W[None, :]).tocsr()
+        inverse = np.linalg.inv((weighted @ P).toarray())
+        return inverse @ (P.T @ (P.T @ self._compliance.matrix).T).T @ inverse
+
+    def _iterate(self, compliance: Array, right: Array) -> Array | None:
+        """By GMRES; None where it does not converge."""
+        P, W = self._compliance.nodal, self._compliance.areas
+        count, d, _ = compliance.shape
+        C = bsr_array((compliance, np.arange(count), np.arange(count + 1)), shape=2 * (count * d,))
+        CP = (C @ P).tocsr()
+        weighted = P.T.tocsr() * W[None, :]
+        factors = lu_factor(np.eye(P.shape[1]) - self._coarse @ (weighted @ CP).toarray())
+        size = (len(right), len(right))
+
+        def apply(x: Array) -> Array:
+            return x - C @ (self._stiffness @ x.astype(np.float32)).astype(float)
+
+        def precondition(x: Array) -> Array:
+            return x + CP @ lu_solve(factors, self._coarse @ (weighted @ x))
+
+        value, _ = gmres(
+            LinearOperator(size, apply, dtype=float),
+            right,
+            rtol=CLOSE,
+            restart=PATIENCE,
+            maxiter=1,
+            M=LinearOperator(size, precondition, dtype=float),
+        )
+        rest = np.linalg.norm(right - apply(value))
+        return value if rest <= ENOUGH * np.linalg.norm(right) else None
