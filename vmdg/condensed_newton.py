@@ -12,6 +12,7 @@ from .compliance import Compliance
 from .condensed_solver import CondensedSolver
 from .criterion import ROUGH, Criterion
 from .gap_equation import GapEquation, Gaps
+from .kept_responses import KeptResponses
 from .line_search import LineSearch, backtrack, full_step, least_energy
 from .newton import DISTANT, EXCURSION, STALL, StepReport, rounding
 from .path import Path
@@ -20,6 +21,9 @@ from .problem import Problem
 
 #: How often the displacement is corrected by what rounding has left of the bodies' balance.
 REFINEMENTS = 3
+
+#: Imbalance of the bodies that is left to the end of the step, relative to what may be left there.
+NEGLIGIBLE = 1e-2
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,7 @@ class CondensedNewton:
         self._path = Path(problem.comm)
         self.compliance = Compliance(problem)
         self._solver = CondensedSolver(self.compliance)
+        self._responses = KeptResponses(self.compliance.relax)
         self._criterion.floor = rounding(problem, self.compliance.stiffness)
         self._prescribed = problem.prescribed
         self._dt = 1.0
@@ -145,7 +150,9 @@ class CondensedNewton:
         lift[prescribed] = problem.prescribed_values(problem.t) - u[prescribed]
         with Timer("vmdg: bonded response"):
             out = residual + compliance.product(lift)
-            du = lift + compliance.relax(-out)
+            free = out.copy()
+            free[prescribed] = 0
+            du = lift - self._responses(free, NEGLIGIBLE * self._criterion.goal(0.0))
             bonded = compliance.tractions(du)
             balance = residual + compliance.product(du)
         return _Held(
@@ -153,7 +160,7 @@ class CondensedNewton:
             trial + bonded,
             bonded,
             float(np.linalg.norm(balance[prescribed])),
-            self._free_norm(out),
+            float(np.linalg.norm(free)),
             self._free_norm(residual),
             bool(np.any(lift)) or problem.t != problem.start_of_step[0],
         )
