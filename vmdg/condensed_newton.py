@@ -23,7 +23,7 @@ from .problem import Problem
 REFINEMENTS = 3
 
 #: Imbalance of the bodies that is left to the end of the step, relative to what may be left there.
-NEGLIGIBLE = 1e-2
+NEGLIGIBLE = 0.1
 
 
 @dataclass(frozen=True)
