@@ -30,8 +30,11 @@ NEGLIGIBLE = 0.1
 class _Held:
     """The equilibrium of a step with the gaps held as they were.
 
+    What the step before has left, B^T.rest, is balanced by gap increments of -rest: no solve.
+
     Attributes:
-        u: Displacement [mm].
+        u: Displacement without ``rest`` [mm].
+        rest: Gap increments (n,) that are to be taken off those of the step [mm].
         trial: Trial traction (n,) [MPa].
         bonded: Its change by the loads of the step (n,) [MPa].
         reaction: Norm of the reactions [N].
@@ -41,6 +44,7 @@ class _Held:
     """
 
     u: NDArray[np.float64]
+    rest: NDArray[np.float64]
     trial: NDArray[np.float64]
     bonded: NDArray[np.float64]
     reaction: float
@@ -84,6 +88,7 @@ class CondensedNewton:
         self._responses = KeptResponses(self.compliance.relax)
         self._criterion.floor = rounding(problem, self.compliance.stiffness)
         self._prescribed = problem.prescribed
+        self._rest = np.zeros(self.compliance.size)
         self._dt = 1.0
 
     @property
@@ -152,11 +157,13 @@ class CondensedNewton:
             out = residual + compliance.product(lift)
             free = out.copy()
             free[prescribed] = 0
-            du = lift - self._responses(free, NEGLIGIBLE * self._criterion.goal(0.0))
-            bonded = compliance.tractions(du)
+            loads = free - compliance.gap_forces(self._rest)
+            du = lift - self._responses(loads, NEGLIGIBLE * self._criterion.goal(0.0))
+            bonded = compliance.tractions(du) - compliance.response(self._rest)
             balance = residual + compliance.product(du)
         return _Held(
             u + du,
+            self._rest,
             trial + bonded,
             bonded,
             float(np.linalg.norm(balance[prescribed])),
@@ -187,6 +194,7 @@ class CondensedNewton:
             goal = self._criterion.goal(reaction)
             if norms[-1] <= goal:
                 self._criterion.see(borne=reaction)
+                self._rest = gaps.excess
                 return StepReport(True, norms, "CONVERGED_FNORM_RELATIVE")
             held = self._refined(held, gaps)
             equation = self._equation(held)
@@ -260,7 +268,7 @@ class CondensedNewton:
         """Give the problem this state; norms of its residual and of its reactions [N]."""
         problem = self._problem
         with Timer("vmdg: recover displacement"):
-            du = self.compliance.relax(self.compliance.gap_forces(gaps.value))
+            du = self.compliance.relax(self.compliance.gap_forces(gaps.value - held.rest))
         problem.u.x.array[:] = held.u + du
         problem.assemble_residual(self._dt)
         forces = problem.forces.x.array

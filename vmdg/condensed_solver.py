@@ -20,7 +20,7 @@ DIRECT = 600
 
 #: Relative residual that the iterative solver aims at within so many iterations, and one that still
 #: makes a good Newton correction: single precision may come no closer.
-CLOSE, PATIENCE, ENOUGH = 1e-5, 50, 1e-2
+CLOSE, PATIENCE, ENOUGH = 1e-4, 50, 1e-2
 
 
 class CondensedSolver:
