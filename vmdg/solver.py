@@ -19,7 +19,7 @@ from .history import History
 from .newton import Newton, StepReport
 from .predictor import PATH, PREDICTORS
 from .problem import Problem
-from .switches import Switch, condensation, switches
+from .switches import Switch, condensation, switchboard
 
 #: In a jump the overstress falls after a step with so few corrections, and grows by this factor
 #: after one that fails.
@@ -155,7 +155,7 @@ def solve(
         )
     loads = np.atleast_1d(np.asarray(loads, dtype=float))
     result = Result(
-        history=History() if history is None else history, switches=switches(problem, options)
+        history=History() if history is None else history, switches=switchboard(problem, options)
     )
     bar = tqdm(loads, unit="step", disable=not options.progress or problem.comm.rank > 0)
     stepper = Stepper(problem, options)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from .linear_solver import LARGE, automatic_options
+from .linear_solver import LARGE, Options, automatic_options
 from .problem import Problem
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ class Switch(NamedTuple):
     reason: str
 
 
-def switches(problem: Problem, options: SolveOptions | None = None) -> list[Switch]:
+def switchboard(problem: Problem, options: SolveOptions | None = None) -> list[Switch]:
     """The features a run of ``problem`` uses and those it spares, with reasons; collective.
 
     Args:
@@ -40,57 +40,51 @@ def switches(problem: Problem, options: SolveOptions | None = None) -> list[Swit
     Raises:
         ValueError: ``options.condensed`` is True and the problem does not allow it.
     """
-    working = problem.discretization.working
-    failing = problem.can_fail
-    small = problem.small_strain
+    parts = problem.discretization
+    working = parts.working
     tied = sum(not coupling.law.inelastic for coupling in working)
+    failing = problem.can_fail, "an interface can fail" if problem.can_fail else "tied only"
     rubbing = any(coupling.law.friction > 0 for coupling in working)
     turning = any(coupling.turns for coupling in working)
+    small, constant = problem.small_strain, parts.constant_stabilization
     condensed, why = condensation(problem, options)
-    solver = automatic_options(problem)[0]
-    kind = {"lu": "LU", "cholesky": "LDL^T", "gamg": "multigrid"}[solver["pc_type"]]
-    if solver["ksp_type"] != "preonly":
-        kind = f"{solver['ksp_type'].upper()} with {kind}"
-    if options is not None and options.petsc is not None:
-        kind = "by the options given"
+    own = options is not None and options.petsc is not None
+    linear = automatic_options(problem)[0]
     if condensed:
-        kind = "LDL^T of the bonded bodies, once"
-    tangent = "small strain: constant" if condensed else "follows the displacement"
-    if small and not condensed:
-        tangent = "small strain, but the interfaces change it"
+        bodies = False, "once: small strain"
+        solver = "LDL^T of the bonded bodies, once; dense at the interface"
+    else:
+        bodies = True, _how_often(problem, linear, own)
+        solver = "options.petsc" if own else _name(linear)
+    still = "small strain" if small else 'tied, or frame="reference"'
     return [
-        Switch(
-            "history and return map", failing, _by(failing, "an interface can fail", "tied only")
-        ),
-        Switch("damage tangent", failing, _by(failing, "an interface can fail", "tied only")),
+        Switch("history and return map", *failing),
+        Switch("damage tangent", *failing),
         Switch("tensor tau_s", tied > 0, f"{tied} of {len(working)} interfaces are ties"),
-        Switch("friction", rubbing, _by(rubbing, "a law has friction", "no law has friction")),
-        Switch(
-            "symmetric solver", problem.symmetric, _by(problem.symmetric, "no friction", "friction")
-        ),
-        Switch("turning frame", turning, _by(turning, "finite strain", _still(small))),
-        Switch("terms K of slip", not small, _by(small, "small strain: A is constant", "slip")),
-        Switch(
-            "tau_s once a step",
-            not problem.discretization.constant_stabilization,
-            _by(
-                problem.discretization.constant_stabilization,
-                "small strain: once a run",
-                "follows the moduli",
-            ),
-        ),
-        Switch("bodies assembled anew", not condensed, tangent),
-        Switch("condensed to the interface", condensed, why),
-        Switch("linear solver", True, kind),
+        Switch("friction", rubbing, "in a law" if rubbing else "in no law"),
+        Switch("unsymmetric tangent", not problem.symmetric, "by the laws of the interfaces"),
+        Switch("turning frame", turning, "finite strain" if turning else still),
+        Switch("terms K of (85)", not small, "the moduli are constant" if small else "slip"),
+        Switch("tau_s every step", not constant, "once: small strain" if constant else "moduli"),
+        Switch("bodies assembled", *bodies),
+        Switch("condensed to interface", condensed, why),
+        Switch("linear solver", True, solver),
     ]
 
 
-def _by(condition: bool, one: str, other: str) -> str:
-    return one if condition else other
+def _how_often(problem: Problem, linear: Options, own: bool) -> str:
+    """When :class:`vmdg.newton.Newton` assembles the bodies' tangent."""
+    keeps = linear["ksp_type"] != "preonly" and not own
+    if keeps and problem.can_fail and problem.discretization.condensation is None:
+        return "where the kept tangent no longer foresees their forces"
+    return "for every tangent"
 
 
-def _still(small: bool) -> str:
-    return "small strain" if small else 'tied, or frame="reference"'
+def _name(linear: Options) -> str:
+    kind = {"lu": "LU", "cholesky": "LDL^T", "gamg": "multigrid"}[linear["pc_type"]]
+    if linear["ksp_type"] == "preonly":
+        return kind
+    return f"{linear['ksp_type'].upper()} with {kind}"
 
 
 def condensation(problem: Problem, options: SolveOptions | None = None) -> tuple[bool, str]:
