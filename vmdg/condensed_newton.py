@@ -270,6 +270,8 @@ class CondensedNewton:
         with Timer("vmdg: recover displacement"):
             du = self.compliance.relax(self.compliance.gap_forces(gaps.value - held.rest))
         problem.u.x.array[:] = held.u + du
+        # Without rounding, or the next step would find them moved.
+        problem.u.x.array[self._prescribed] = problem.prescribed_values(problem.t)
         problem.assemble_residual(self._dt)
         forces = problem.forces.x.array
         return self._free_norm(forces), float(np.linalg.norm(forces[self._prescribed]))

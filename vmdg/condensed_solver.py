@@ -16,7 +16,7 @@ from .compliance import Compliance
 Array = NDArray[np.float64]
 
 #: Gap components with damage up to which the system is solved directly.
-DIRECT = 600
+DIRECT = 900
 
 #: Relative residual that the iterative solver aims at within so many iterations, and one that still
 #: makes a good Newton correction: single precision may come no closer.
