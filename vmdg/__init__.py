@@ -31,6 +31,7 @@ _HOME = {
     "SolveOptions": "solver",
     "StepFailure": "solver",
     "solve": "solver",
+    "switchboard": "switches",
     "FieldWriter": "output",
     "read_checkpoint": "checkpoint",
     "write_checkpoint": "checkpoint",

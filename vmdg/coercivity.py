@@ -251,7 +251,10 @@ class CellProblems:
             F = ufl.variable(geometry.deformation(u))
             return {
                 number: compile_expression(
-                    expression(bodies.families[number].body, F), points, mesh.comm, "coercivity"
+                    expression(bodies.families[number].body, F),
+                    points,
+                    mesh.comm,
+                    name="coercivity",
                 )
                 for number in families
             }

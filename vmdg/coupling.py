@@ -98,7 +98,8 @@ class Coupling:
         self._tau = fem.Function(facet_space(() if self.law.inelastic else (d, d)))
         self._zeta = fem.Function(self.quadrature.space((d,))) if self.law.inelastic else None
         self._delta_s = fem.Function(facet_space((d, d))) if interface.traction_jump else None
-        self.turns = self.law.inelastic and interface.frame == "corotating"
+        small = bodies.families[0].body.small
+        self.turns = self.law.inelastic and interface.frame == "corotating" and not small
         self._moment = fem.Function(self.quadrature.space((d, d))) if self.turns else None
         size = 2 * d + d * d if self.turns else 2 * d
         self._flux = self._evaluators((size,), self._flux_of, "flux")
@@ -172,6 +173,10 @@ class Coupling:
     def tangent_term(self, eta: Expr, du: Expr) -> Expr:
         """Interface integrand of (84)-(85) in the staged coefficients."""
         return self._staging.integrand(eta, du, self._tau("+"))
+
+    def traction_term(self, q: Expr, du: Expr) -> Expr:
+        """q.Tt(du) of (84) in the staged coefficients."""
+        return self._staging.traction_term(q, du, self._tau("+"))
 
     @property
     def submeshes(self):
@@ -318,11 +323,15 @@ class Coupling:
         trial = total - r[:, None] * self.gap
         if hold:
             return replace(self._now, opening=opening, gap=self.gap, traction=trial, update=None)
-        N = self.quadrature.normal
-        update = self._acting_law.return_map(trial, N, self.gap, self.softening, r, dt)
+        update = self.map_back(trial, dt)
         return PointValues(
             opening, self._now.jump, update.gap, update.traction, update.tangent, update=update
         )
+
+    def map_back(self, trial: NDArray, dt: float) -> Update:
+        """The return map of the step on trial tractions (nq, d) [MPa]; nothing is changed."""
+        r, N = self.stabilization.norm[self.quadrature.facet], self.quadrature.normal
+        return self._acting_law.return_map(trial, N, self.gap, self.softening, r, dt)
 
     def _map_in_frame(
         self, opening: NDArray, total: NDArray, r: NDArray, F: NDArray, dt: float, hold: bool
@@ -398,6 +407,16 @@ class Coupling:
             if self.turns:
                 compliance, turning = self._turning_tangent()
         self._staging.fill(delta, directions, delta_s, compliance, turning)
+
+    @property
+    def trial_traction(self) -> NDArray[np.float64]:
+        """T_tr of the last residual whose zeta was held, where no frame turns (nq, d) [MPa]."""
+        return self._now.traction
+
+    @property
+    def compliance(self) -> NDArray[np.float64]:
+        """d zeta/dT of the last return map (nq, d, d) [mm3/N]."""
+        return self._now.compliance
 
     def _slip(self) -> NDArray[np.float64]:
         """s = g - zeta (nq, d) [mm]."""

@@ -123,6 +123,16 @@ class Discretization:
         """Interfaces with open facets."""
         return [coupling for coupling in self.couplings if coupling is not None]
 
+    @property
+    def constant_stabilization(self) -> bool:
+        """Whether tau_s and delta are the same at every displacement.
+
+        At small strain the moduli in the bubble integrals (22) are constant; a callable of the
+        user's may depend on the displacement all the same.
+        """
+        derived = all(coupling.interface.stabilization is None for coupling in self.working)
+        return self.bodies.families[0].body.small and derived
+
     # Forms
 
     def _make_dx(self) -> ufl.Measure:
@@ -271,7 +281,9 @@ class Discretization:
         """Give the interfaces tau_s and delta of the current displacement, not raised yet."""
         place = np.concatenate([self.u.x.array, self.bodies.swelling])
         kept, self._derived = self._derived, None
-        moved = kept is None or not np.array_equal(kept.place, place)
+        moved = kept is None or not (
+            self.constant_stabilization or np.array_equal(kept.place, place)
+        )
         if global_any(self.mesh.comm, moved):
             for coupling in self.working:
                 coupling.derive_stabilization()
@@ -382,6 +394,31 @@ class Discretization:
             for form in self._tangent_forms.interfaces:
                 fem_petsc.assemble_matrix(matrix, form)
             matrix.assemble()
+
+    def traction_matrix(self, coupling: Coupling) -> PETSc.Mat:
+        """int q.Tt(du) dA over an interface: rows q at its points, columns du.
+
+        Tt(du) = {(A : GRAD du).N} + r (du_2 - du_1) of (84) with the staged moduli, which at small
+        strain are constant. The caller destroys the matrix.
+        """
+        coupling.stage_tangent(damage=False)
+        return self._point_matrix(coupling, coupling.traction_term)
+
+    def jump_matrix(self, coupling: Coupling) -> PETSc.Mat:
+        """int q.du_2 dA over an interface: the part of side 2 in its opening, as above."""
+        return self._point_matrix(coupling, lambda q, du: ufl.dot(q, du("-")))
+
+    def _point_matrix(
+        self, coupling: Coupling, integrand: Callable[[Expr, Expr], Expr]
+    ) -> PETSc.Mat:
+        q = ufl.TestFunction(coupling.quadrature.space((self.mesh.geometry.dim,)))("+")
+        du = ufl.TrialFunction(self.space)
+        form = self._interfaces(lambda coupling, group: integrand(q, du), [coupling])
+        form = self.compile_form(form, "tractions and jumps at the points")
+        matrix = fem_petsc.create_matrix(form)
+        fem_petsc.assemble_matrix(matrix, form)
+        matrix.assemble()
+        return matrix
 
     def bulk_forces(self) -> NDArray[np.float64]:
         """The bodies' part of the last :meth:`assemble_residual`, owned dofs [N]."""

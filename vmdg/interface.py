@@ -60,7 +60,7 @@ class Interface:
         norm: |tau_s| of (57): "frobenius" or "spectral".
         frame: "corotating" keeps zeta and N in a frame that turns with the interface;
             "reference" is the report's boxes to the letter, for small rotations, and saves the
-            frame's work.
+            frame's work. At small strain rotations are small by assumption and no frame turns.
         traction_jump: Add the term -[[(GRAD eta : A).N]].delta_s.[[P.N]] of (26); (27) drops it.
         activate: "all" opens every facet from the start; "on-demand" keeps a facet continuous, at
             no cost, until its traction nears the strength (cracks through a region).

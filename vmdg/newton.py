@@ -10,6 +10,7 @@ import numpy as np
 from dolfinx.common import Timer
 from numpy.typing import NDArray
 
+from .criterion import ROUGH, Criterion
 from .kept_bulk import KeptBulk
 from .linear_solver import (
     LinearSolver,
@@ -45,9 +46,6 @@ class StepReport:
         return max(len(self.norms) - 1, 0)
 
 
-#: Tolerance of states on the way to an equilibrium, relative to that of the equilibrium.
-ROUGH = 1e3
-
 #: Relative tolerances of iterative linear solves in the iteration: loosest and tightest.
 LOOSEST, TIGHTEST = 1e-2, 1e-4
 
@@ -70,9 +68,6 @@ LEAST_ENERGY = {
 }
 #: The line search is stuck at a kink if two corrections leave more than this share of the residual.
 STALL = 0.98
-
-#: Residual relative to the largest reaction or load so far that is never small enough.
-LOOSE = 1e-6
 
 #: Else the second attempt takes full steps, with a residual up to so many times the force scale.
 #: Either must end where at most this share of the energy it exchanged is unaccounted for: larger
@@ -114,15 +109,9 @@ def rounding(problem: Problem, tangent: PETSc.Mat) -> float:
 class Newton:
     """Newton's method on a problem, with one matrix and one solver for all steps.
 
-    The residual is small when its norm on the free dofs is below ``relative_tolerance`` times the
-    largest force the run has seen (reactions, loads, or the imbalance a step starts with). Such a
-    scale stays when the body has come apart and no force is left. The imbalance of a step that
-    carries a weak bond far beyond its strength may be larger than any force the bond can bear by
-    orders of magnitude, so that the residual must also be small against forces that were there.
-
     Args:
         problem: The problem.
-        relative_tolerance: Relative to the force scale.
+        relative_tolerance: Of the residual, see :class:`vmdg.criterion.Criterion`.
         max_iterations: Corrections before the step is given up.
         petsc: Options of the solver, without prefix.
         scale: Largest force seen before [N].
@@ -141,19 +130,15 @@ class Newton:
     ):
         self._problem = problem
         self.discretization = problem.discretization
-        self._tolerance = relative_tolerance
-        self._scale = scale
-        self._borne = 0.0
+        self._criterion = Criterion(relative_tolerance, scale)
         self._matrix = problem.create_matrix()
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self._x, self._f = self._matrix.createVecs()
         self._owned = self._x.getLocalSize()
         prescribed = problem.prescribed
         self._prescribed = prescribed[prescribed < self._owned]
-        self._floor = 0.0
         self._norms: list[float] = []
         self._dt = 1.0
-        self._slack = 1.0
         self._path = Path(problem.comm)
 
         options, fallback = automatic_options(problem)
@@ -193,7 +178,7 @@ class Newton:
     @property
     def scale(self) -> float:
         """Largest force seen so far [N]."""
-        return self._scale
+        return self._criterion.scale
 
     def step(
         self,
@@ -217,8 +202,9 @@ class Newton:
         self._dt = dt
         start, end = along or (problem.start_of_step[0], problem.t)
         self._path.start(start, problem.start_of_step[1])
-        self._slack = ROUGH if rough else 1.0
-        scales = self._scale, self._borne
+        criterion = self._criterion
+        criterion.slack = ROUGH if rough else 1.0
+        scales = criterion.scale, criterion.borne
         ahead = self._path.ahead(end)
         second = None
         if along is not None:
@@ -228,7 +214,7 @@ class Newton:
         report = self._search(ahead, predictor, second)
         if not report.converged:
             # The forces of a state that is given up say nothing about the run.
-            self._scale, self._borne = scales
+            criterion.scale, criterion.borne = scales
         return report
 
     def forget_path(self) -> None:
@@ -240,12 +226,12 @@ class Newton:
     ) -> StepReport:
         """The line search; at a kink between branches of a law it can jam where another passes."""
         problem = self._problem
-        start, scale = problem.u.x.array.copy(), self._scale
+        start, scale = problem.u.x.array.copy(), self._criterion.scale
         report = self._attempt(self._snes, ahead, predictor)
         if report.converged or second is None:
             return report
         problem.u.x.array[:] = start
-        self._scale = scale
+        self._criterion.scale = scale
         problem.assemble_residual(self._dt, hold=True)
         problem.watch_energy()
         report = self._attempt(second, [], ELASTIC)
@@ -257,21 +243,14 @@ class Newton:
         self._norms = []
         with Timer("vmdg: predictor"):
             imbalance, loads = self._predictor(predictor, ahead, self._dt)
-        self._scale = max(self._scale, imbalance, loads)
-        self._borne = max(self._borne, loads)
+        self._criterion.see(imbalance, loads)
         self._x.array[:] = self._problem.u.x.array[: self._owned]
         snes.solve(None, self._x)
         reason = snes.getConvergedReason()
-        if reason > 0:
-            self._see_forces()
-        return StepReport(reason > 0, self._norms, _REASONS.get(reason, str(reason)))
-
-    def _see_forces(self) -> None:
-        """Take the reactions of the last assembly into the scales."""
         reaction = self._reaction()
-        if np.isfinite(reaction):
-            self._borne = max(self._borne, reaction)
-            self._scale = max(self._scale, self._borne)
+        if reason > 0 and np.isfinite(reaction):
+            self._criterion.see(borne=reaction)
+        return StepReport(reason > 0, self._norms, _REASONS.get(reason, str(reason)))
 
     def _reaction(self) -> float:
         """Norm of the reactions of the last assembly [N]."""
@@ -287,8 +266,8 @@ class Newton:
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         self._assemble()
-        if self._floor == 0.0:
-            self._floor = rounding(self._problem, P)
+        if self._criterion.floor == 0.0:
+            self._criterion.floor = rounding(self._problem, P)
         P.zeroRowsColumnsLocal(self._prescribed, 1.0)
 
     def _assemble(self, damage: bool = True) -> None:
@@ -303,13 +282,11 @@ class Newton:
         self._norms.append(residual)
         if not np.isfinite(residual):
             return PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN
-        borne = max(self._borne, self._reaction())
-        small = min(self._tolerance * max(self._scale, borne), LOOSE * borne)
-        goal = max(self._slack * small, self._floor)
+        goal = self._criterion.goal(self._reaction())
         if residual <= goal:
             return PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE
         if snes == self._full_snes:
-            if residual > EXCURSION * self._scale:
+            if residual > EXCURSION * self._criterion.scale:
                 return PETSc.SNES.ConvergedReason.DIVERGED_DTOL
             if np.isclose(residual, self._norms[-5:-1], rtol=1e-3, atol=0).any():
                 return PETSc.SNES.ConvergedReason.DIVERGED_LOCAL_MIN

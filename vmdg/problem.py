@@ -214,6 +214,16 @@ class Problem:
         return any(coupling.law.inelastic for coupling in self.discretization.working)
 
     @property
+    def small_strain(self) -> bool:
+        """Whether kinematics are small and the bodies linear."""
+        return self._bodies.families[0].body.small
+
+    @property
+    def opens_on_demand(self) -> bool:
+        """Whether an interface has facets that open on demand."""
+        return bool(self._activation)
+
+    @property
     def symmetric(self) -> bool:
         """Whether the tangent is symmetric: the laws of all working interfaces say so."""
         return all(coupling.law.symmetric for coupling in self.discretization.working)

@@ -14,10 +14,12 @@ from tqdm import tqdm
 
 from .activation import NEAR, TOO_LATE
 from .checkpoint import write_checkpoint
+from .condensed_newton import CondensedNewton
 from .history import History
 from .newton import Newton, StepReport
 from .predictor import PATH, PREDICTORS
 from .problem import Problem
+from .switches import Switch, condensation, switchboard
 
 #: In a jump the overstress falls after a step with so few corrections, and grows by this factor
 #: after one that fails.
@@ -52,12 +54,15 @@ class SolveOptions:
         duration: Time for one unit of load factor [s]; matters to laws with viscosity only.
         petsc: Options for SNES, KSP and PC. Default: a backtracking line search and the linear
             solver of :func:`vmdg.linear_solver.automatic_options`.
+        condensed: Iterate on the gaps at the interface points alone, the linear bodies of a problem
+            of small strain condensed to them: None where that is possible and cheaper, False never,
+            True wherever it is possible, see :mod:`vmdg.switches`.
         energy_guard: Reject a step that ends in a distant equilibrium: one whose stored and
             dissipated energy exceed what was there and the work put in by more than this share of
             the work seen so far (for example 0.05). Off by default: a coarse step over a peak of
             the force misses some of the work by itself.
         energy: Add the energies of every step to the history.
-        progress: Show a progress bar (rank 0).
+        progress: Show a progress bar and the summary of the run (rank 0).
         checkpoint: Folder for a checkpoint of the run, see :func:`vmdg.read_checkpoint`.
         checkpoint_every: Steps between two checkpoints; the end of a run is always written.
     """
@@ -72,6 +77,7 @@ class SolveOptions:
     predictor: str = PATH
     duration: float = 1.0
     petsc: Mapping[str, str | int | float | bool | None] | None = None
+    condensed: bool | None = None
     energy_guard: float = math.inf
     energy: bool = False
     progress: bool = False
@@ -88,11 +94,25 @@ class Result:
             steps a jump took, energies if asked for, and what the monitor returned.
         residuals: Residual norms of every converged step.
         failures: Load factor and reason of every step that had to be cut.
+        switches: What the run has used and what it could do without, with reasons.
     """
 
     history: History = field(default_factory=History)
     residuals: list[list[float]] = field(default_factory=list)
     failures: list[tuple[float, str]] = field(default_factory=list)
+    switches: list[Switch] = field(default_factory=list)
+
+    def summary(self) -> str:
+        """Steps and corrections of the run, and a line for every switch."""
+        steps = len(self.residuals)
+        corrections = sum(max(len(norms) - 1, 0) for norms in self.residuals)
+        head = f"{steps} steps, {corrections} corrections, {len(self.failures)} attempts failed"
+        width = max((len(switch.name) for switch in self.switches), default=0)
+        lines = [
+            f"  {switch.name:{width}}  {'on' if switch.on else 'off':3}  {switch.reason}"
+            for switch in self.switches
+        ]
+        return "\n".join([head, *lines])
 
 
 class StepFailure(RuntimeError):
@@ -125,8 +145,8 @@ def solve(
 
     Raises:
         StepFailure: a step fails although it was cut ``max_cuts`` times.
-        ValueError: the softening of a law is too steep for the mesh (r <= H - eta), or an unknown
-            predictor.
+        ValueError: the softening of a law is too steep for the mesh (r <= H - eta), an unknown
+            predictor, or ``condensed=True`` where that is not possible.
     """
     options = options or SolveOptions()
     if options.predictor not in PREDICTORS:
@@ -134,7 +154,9 @@ def solve(
             f"SolveOptions: predictor = {options.predictor!r} must be one of {PREDICTORS}"
         )
     loads = np.atleast_1d(np.asarray(loads, dtype=float))
-    result = Result(history=History() if history is None else history)
+    result = Result(
+        history=History() if history is None else history, switches=switchboard(problem, options)
+    )
     bar = tqdm(loads, unit="step", disable=not options.progress or problem.comm.rank > 0)
     stepper = Stepper(problem, options)
     try:
@@ -151,6 +173,8 @@ def solve(
         bar.close()
     # Not where a step failed: one rank alone must not wait for the others here.
     stepper.close()
+    if options.progress and problem.comm.rank == 0:
+        print(result.summary())
     return result
 
 
@@ -215,15 +239,12 @@ class Stepper:
         self._guards = problem.watches_energy = math.isfinite(options.energy_guard)
         self._newton = self._make_newton(problem.force_scale)
 
-    def _make_newton(self, scale: float) -> Newton:
-        options = self.options
-        return Newton(
-            self.problem,
-            options.relative_tolerance,
-            options.max_iterations,
-            options.petsc,
-            scale,
-        )
+    def _make_newton(self, scale: float) -> Newton | CondensedNewton:
+        problem, options = self.problem, self.options
+        tolerance, iterations = options.relative_tolerance, options.max_iterations
+        if condensation(problem, options)[0]:
+            return CondensedNewton(problem, tolerance, iterations, scale)
+        return Newton(problem, tolerance, iterations, options.petsc, scale)
 
     def close(self) -> None:
         """Free what PETSc holds; collective."""

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
 from ufl.core.expr import Expr
@@ -90,6 +91,11 @@ class StagedTangent:
         if self._jump:
             result += tangent.jump_tangent(geometry, eta, du, tuple(f("+") for f in self._jump))
         return result
+
+    def traction_term(self, q: Expr, du: Expr, tau: Expr) -> Expr:
+        """q.Tt(du), the change of the trial traction (84) against a test function at the points."""
+        moduli = tuple(function("+") for function in self._moduli)
+        return ufl.dot(q, tangent.traction_variation(self._geometry, du, moduli, tau))
 
     def fill(
         self,

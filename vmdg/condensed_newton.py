@@ -1,0 +1,287 @@
+"""Steps of a small-strain problem by Newton's method on the gaps at the interface points alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from dolfinx.common import Timer
+from numpy.typing import NDArray
+
+from .compliance import Compliance
+from .condensed_solver import CondensedSolver
+from .criterion import ROUGH, Criterion
+from .gap_equation import GapEquation, Gaps
+from .kept_responses import KeptResponses
+from .line_search import LineSearch, backtrack, full_step, least_energy
+from .newton import DISTANT, EXCURSION, STALL, StepReport, rounding
+from .path import Path
+from .predictor import ASTRAY, ELASTIC, PATH, POOR
+from .problem import Problem
+
+#: How often the displacement is corrected by what rounding has left of the bodies' balance.
+REFINEMENTS = 3
+
+#: Imbalance of the bodies that is left to the end of the step, relative to what may be left there.
+NEGLIGIBLE = 0.1
+
+
+@dataclass(frozen=True)
+class _Held:
+    """The equilibrium of a step with the gaps held as they were.
+
+    What the step before has left, B^T.rest, is balanced by gap increments of -rest: no solve.
+
+    Attributes:
+        u: Displacement without ``rest`` [mm].
+        rest: Gap increments (n,) that are to be taken off those of the step [mm].
+        trial: Trial traction (n,) [MPa].
+        bonded: Its change by the loads of the step (n,) [MPa].
+        reaction: Norm of the reactions [N].
+        imbalance: Norm of what was out of balance with the prescribed displacements imposed [N].
+        loads: Without them.
+        moved: Whether the loads or prescribed displacements have changed.
+    """
+
+    u: NDArray[np.float64]
+    rest: NDArray[np.float64]
+    trial: NDArray[np.float64]
+    bonded: NDArray[np.float64]
+    reaction: float
+    imbalance: float
+    loads: float
+    moved: bool
+
+
+class CondensedNewton:
+    """Newton's method on the gap increments of a step, for bodies of constant stiffness.
+
+    Takes the place of :class:`vmdg.newton.Newton`, with the same predictors, searches and criteria,
+    and ends every step with a residual of the whole problem: what it hands over has converged
+    there. Bodies are neither assembled nor solved for in the iteration.
+
+    Args:
+        problem: Of small strain, on one rank, see :mod:`vmdg.switches`.
+        relative_tolerance: Of the residual, see :class:`vmdg.criterion.Criterion`.
+        max_iterations: Corrections before the step is given up.
+        scale: Largest force seen before [N].
+
+    Attributes:
+        discretization: What the compliance was made for.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        relative_tolerance: float,
+        max_iterations: int,
+        scale: float = 0.0,
+    ):
+        self._problem = problem
+        self.discretization = problem.discretization
+        self._couplings = [c for c in problem.discretization.working if c.law.inelastic]
+        self._criterion = Criterion(relative_tolerance, scale)
+        self._max_iterations = max_iterations
+        self._path = Path(problem.comm)
+        self.compliance = Compliance(problem)
+        self._solver = CondensedSolver(self.compliance)
+        self._responses = KeptResponses(self.compliance.relax)
+        self._criterion.floor = rounding(problem, self.compliance.stiffness)
+        self._prescribed = problem.prescribed
+        self._rest = np.zeros(self.compliance.size)
+        self._dt = 1.0
+
+    @property
+    def scale(self) -> float:
+        """Largest force seen so far [N]."""
+        return self._criterion.scale
+
+    def forget_path(self) -> None:
+        """The next step does not continue the path of the last ones."""
+        self._path = Path(self._problem.comm)
+
+    def step(
+        self,
+        dt: float,
+        predictor: str = PATH,
+        along: tuple[float, float] | None = None,
+        once: bool = False,
+        rough: bool = False,
+    ) -> StepReport:
+        """As :meth:`vmdg.newton.Newton.step`."""
+        problem, criterion = self._problem, self._criterion
+        self._dt = dt
+        start, end = along or (problem.start_of_step[0], problem.t)
+        gap = np.concatenate([coupling.gap.ravel() for coupling in self._couplings])
+        self._path.start(start, gap)
+        ahead = [place - gap for place in self._path.ahead(end)]
+        criterion.slack = ROUGH if rough else 1.0
+        second: LineSearch | None = None if once else full_step
+        if along is not None:
+            second = least_energy
+        scales = criterion.scale, criterion.borne
+        report = self._search(ahead, predictor, second)
+        if not report.converged:
+            # The forces of a state that is given up say nothing about the run.
+            criterion.scale, criterion.borne = scales
+        return report
+
+    def _search(
+        self, ahead: list[NDArray], predictor: str, second: LineSearch | None
+    ) -> StepReport:
+        """The line search; at a kink between branches of a law it can jam where another passes."""
+        problem, scale = self._problem, self._criterion.scale
+        start = problem.u.x.array.copy()
+        held = self._hold()
+        report = self._attempt(held, backtrack, ahead, predictor)
+        if report.converged or second is None:
+            return report
+        problem.u.x.array[:] = start
+        self._criterion.scale = scale
+        problem.assemble_residual(self._dt, hold=True)
+        problem.watch_energy()
+        report = self._attempt(held, second, [], ELASTIC)
+        if report.converged and problem.unaccounted_energy() > DISTANT:
+            return StepReport(False, report.norms, "DISTANT_EQUILIBRIUM")
+        return report
+
+    def _hold(self) -> _Held:
+        """Balance the loads of the step with the gaps held."""
+        problem, compliance = self._problem, self.compliance
+        u, prescribed = problem.u.x.array, self._prescribed
+        residual = problem.assemble_residual(self._dt, hold=True).copy()
+        trial = np.concatenate([c.trial_traction.ravel() for c in self._couplings])
+        lift = np.zeros(len(u))
+        lift[prescribed] = problem.prescribed_values(problem.t) - u[prescribed]
+        with Timer("vmdg: bonded response"):
+            out = residual + compliance.product(lift)
+            free = out.copy()
+            free[prescribed] = 0
+            loads = free - compliance.gap_forces(self._rest)
+            du = lift - self._responses(loads, NEGLIGIBLE * self._criterion.goal(0.0))
+            bonded = compliance.tractions(du) - compliance.response(self._rest)
+            balance = residual + compliance.product(du)
+        return _Held(
+            u + du,
+            self._rest,
+            trial + bonded,
+            bonded,
+            float(np.linalg.norm(balance[prescribed])),
+            float(np.linalg.norm(free)),
+            self._free_norm(residual),
+            bool(np.any(lift)) or problem.t != problem.start_of_step[0],
+        )
+
+    def _free_norm(self, forces: NDArray[np.float64]) -> float:
+        """Norm on the free dofs [N]."""
+        forces = forces.copy()
+        forces[self._prescribed] = 0
+        return float(np.linalg.norm(forces))
+
+    def _attempt(
+        self, held: _Held, search: LineSearch, ahead: list[NDArray], predictor: str
+    ) -> StepReport:
+        norms: list[float] = []
+        equation = self._equation(held)
+        with Timer("vmdg: predictor"):
+            gaps = self._predict(equation, held, ahead, predictor)
+        goal = self._criterion.goal(held.reaction)
+        for _ in range(REFINEMENTS):
+            gaps, failure = self._iterate(equation, gaps, search, goal, norms)
+            if failure:
+                return StepReport(False, norms, failure)
+            norms[-1], reaction = self._finish(held, gaps)
+            goal = self._criterion.goal(reaction)
+            if norms[-1] <= goal:
+                self._criterion.see(borne=reaction)
+                self._rest = gaps.excess
+                return StepReport(True, norms, "CONVERGED_FNORM_RELATIVE")
+            held = self._refined(held, gaps)
+            equation = self._equation(held)
+            gaps = equation.start(gaps.value)
+        return StepReport(False, norms, "CONDENSATION_LOST")
+
+    def _equation(self, held: _Held) -> GapEquation:
+        return GapEquation(self.compliance, self._solver, self._couplings, held.trial, self._dt)
+
+    def _predict(
+        self, equation: GapEquation, held: _Held, ahead: list[NDArray], predictor: str
+    ) -> Gaps:
+        """Where the iteration starts, as :class:`vmdg.predictor.Predictor` says."""
+        elastic = equation.start(np.zeros(self.compliance.size))
+        if predictor == PATH:
+            states = [] if held.moved else [elastic]
+            states += [equation.start(place) for place in ahead]
+            limit = ASTRAY * held.imbalance if held.moved else np.inf
+            # A comparison that also leaves out NaN.
+            states = [state for state in states if state.norm <= limit]
+            if states:
+                return min(states, key=lambda state: state.norm)
+        self._criterion.see(held.imbalance, held.loads)
+        if predictor == ELASTIC or elastic.norm == 0:
+            return elastic
+        compliance = np.concatenate([coupling.compliance for coupling in self._couplings])
+        bonded = held.bonded.reshape(len(compliance), -1)
+        grown = np.einsum("pij,pj->pi", compliance, bonded).ravel()
+        damaged = equation.start(equation.solve(compliance, grown).value)
+        good = damaged.norm <= POOR * held.imbalance or damaged.norm < elastic.norm
+        return damaged if good else elastic
+
+    def _iterate(
+        self,
+        equation: GapEquation,
+        gaps: Gaps,
+        search: LineSearch,
+        goal: float,
+        norms: list[float],
+    ) -> tuple[Gaps, str]:
+        """Newton's method to a residual norm; norms are appended, and why it failed is returned."""
+        start = len(norms)
+        for iteration in range(self._max_iterations + 1):
+            norms.append(gaps.norm)
+            if not np.isfinite(gaps.norm):
+                return gaps, "DIVERGED_FNORM_NAN"
+            if gaps.norm <= goal:
+                return gaps, ""
+            if failure := self._hopeless(search, norms[start:]):
+                return gaps, failure
+            if iteration < self._max_iterations:
+                try:
+                    direction = equation.correction(gaps)
+                except np.linalg.LinAlgError:
+                    return gaps, "DIVERGED_LINEAR_SOLVE"
+                gaps = search(equation, gaps, direction)
+        return gaps, "DIVERGED_MAX_IT"
+
+    def _hopeless(self, search: LineSearch, norms: list[float]) -> str:
+        """Why an iteration with these norms is given up, or nothing."""
+        if search is full_step:
+            if norms[-1] > EXCURSION * self._criterion.scale:
+                return "DIVERGED_DTOL"
+            if np.isclose(norms[-1], norms[-5:-1], rtol=1e-3, atol=0).any():
+                return "DIVERGED_LOCAL_MIN"
+        elif search is backtrack and len(norms) > 4 and norms[-1] > STALL * norms[-3]:
+            return "DIVERGED_LOCAL_MIN"
+        return ""
+
+    def _finish(self, held: _Held, gaps: Gaps) -> tuple[float, float]:
+        """Give the problem this state; norms of its residual and of its reactions [N]."""
+        problem = self._problem
+        with Timer("vmdg: recover displacement"):
+            du = self.compliance.relax(self.compliance.gap_forces(gaps.value - held.rest))
+        problem.u.x.array[:] = held.u + du
+        # Without rounding, or the next step would find them moved.
+        problem.u.x.array[self._prescribed] = problem.prescribed_values(problem.t)
+        problem.assemble_residual(self._dt)
+        forces = problem.forces.x.array
+        return self._free_norm(forces), float(np.linalg.norm(forces[self._prescribed]))
+
+    def _refined(self, held: _Held, gaps: Gaps) -> _Held:
+        """Without what the last residual has besides that of the gaps: rounding of the bodies."""
+        lost = self._problem.forces.x.array - self.compliance.gap_forces(gaps.excess)
+        du = self.compliance.relax(-lost)
+        return replace(held, u=held.u + du, trial=held.trial + self.compliance.tractions(du))
+
+    def destroy(self) -> None:
+        """Free the PETSc objects; collective."""
+        self.compliance.destroy()
