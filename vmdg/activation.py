@@ -57,6 +57,7 @@ class PotentialFacets:
             bodies,
             (d,),
             lambda body, F, N, a: kinematics.traction(body, F, N),
+            "traction",
         )
 
     def nearness(self) -> NDArray[np.float64]:

@@ -414,7 +414,7 @@ class Discretization:
         q = ufl.TestFunction(coupling.quadrature.space((self.mesh.geometry.dim,)))("+")
         du = ufl.TrialFunction(self.space)
         form = self._interfaces(lambda coupling, group: integrand(q, du), [coupling])
-        form = self.compile_form(form, "tractions and jumps at the points")
+        form = self.compile_form(form, "gap equation")
         matrix = fem_petsc.create_matrix(form)
         fem_petsc.assemble_matrix(matrix, form)
         matrix.assemble()
