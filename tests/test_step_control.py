@@ -8,6 +8,7 @@ from scenes_motion import rotation
 
 import vmdg
 from vmdg.meshes import blocks
+from vmdg.newton import Newton
 from vmdg.parallel import global_max
 from vmdg.solver import Stepper
 
@@ -113,3 +114,17 @@ def test_given_history_is_filled(comm):
     with pytest.raises(vmdg.StepFailure):
         vmdg.solve(problem, [0.0025, 1.0], options, history=history)
     assert list(history["load"]) == [0.001, 0.002, 0.0025]
+
+
+def test_absurd_trial_is_not_evaluated(comm):
+    """A displacement of more than a million times the body gives no number, and changes nothing."""
+    problem = squares(comm, vmdg.Debonding(strength=10.0, critical_gap=0.1), 0.0, 0.01)
+    newton = Newton(problem, 1e-9, 20, None)
+    problem.begin_step(1.0, 1.0)
+    x, f = problem.create_matrix().createVecs()
+    for size, known in ((1e-3, True), (1e7, False)):
+        x.set(size)
+        newton._snes.computeFunction(x, f)
+        assert np.isfinite(f.array).all() == known
+    assert np.abs(problem.u.x.array).max() == pytest.approx(1e-3)
+    newton.destroy()

@@ -75,6 +75,10 @@ STALL = 0.98
 FULL_STEPS = {"snes_linesearch_type": "basic"}
 EXCURSION, DISTANT = 5.0, 0.1
 
+#: Displacements in sizes of the body beyond which a trial state is given up as it is. The secant of
+#: a line search may lead anywhere, also to where products of numbers are no numbers any more.
+ABSURD = 1e6
+
 _REASONS = {
     value: name
     for name, value in vars(PETSc.SNES.ConvergedReason).items()
@@ -97,13 +101,18 @@ def linear_tolerance(norms: list[float], goal: float) -> float:
     return max(min(max(eta, TIGHTEST), LOOSEST), min(needed, 0.1))
 
 
-def rounding(problem: Problem, tangent: PETSc.Mat) -> float:
-    """Rounding of the internal forces, eps |K| times the size of the body [N]; collective."""
+def extent(problem: Problem) -> float:
+    """Diagonal of the box around the mesh [mm]; collective."""
     x = problem.mesh.geometry.x
     bounds = np.stack([x, -x]).max(axis=1, initial=-np.inf)  # a rank may have no cells
-    extent = [global_max(problem.comm, bound) for bound in bounds.ravel()]
-    size = np.linalg.norm(np.add(extent[:3], extent[3:]))
-    return float(np.finfo(float).eps * size * tangent.norm(PETSc.NormType.NORM_INFINITY))
+    sides = [global_max(problem.comm, bound) for bound in bounds.ravel()]
+    return float(np.linalg.norm(np.add(sides[:3], sides[3:])))
+
+
+def rounding(problem: Problem, tangent: PETSc.Mat) -> float:
+    """Rounding of the internal forces, eps |K| times the size of the body [N]; collective."""
+    norm = tangent.norm(PETSc.NormType.NORM_INFINITY)
+    return float(np.finfo(float).eps * extent(problem) * norm)
 
 
 class Newton:
@@ -135,6 +144,7 @@ class Newton:
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self._x, self._f = self._matrix.createVecs()
         self._owned = self._x.getLocalSize()
+        self._farthest = ABSURD * extent(problem)
         prescribed = problem.prescribed
         self._prescribed = prescribed[prescribed < self._owned]
         self._norms: list[float] = []
@@ -258,6 +268,9 @@ class Newton:
         return global_norm(self._problem.comm, forces)
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
+        if x.norm(PETSc.NormType.NORM_INFINITY) > self._farthest:
+            f.set(np.nan)
+            return
         u = self._problem.u.x
         u.array[: self._owned] = x.array_r
         u.scatter_forward()
