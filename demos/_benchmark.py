@@ -27,8 +27,14 @@ from vmdg.meshes import TaggedMesh
 
 DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 
-#: Timers of the assemblies that are counted.
-ASSEMBLIES = ("assemble residual", "stage tangent")
+#: Timers whose runs are counted, by what they count.
+TIMERS = {
+    "solves": "linear solve",
+    "factorizations": "factorize bonded bodies",
+    "condensed": "condensed solve",
+    "residuals": "assemble residual",
+    "tangents": "stage tangent",
+}
 
 #: Cell tags, and facet tags of the ends of the last direction.
 LOWER, UPPER = 1, 2
@@ -99,9 +105,10 @@ class Work:
     """What was done, in numbers.
 
     Attributes:
-        solves: Linear systems.
-        factorizations: Of whole matrices, direct or to be kept.
-        krylov: Iterations.
+        solves: Linear systems of the whole problem.
+        factorizations: Of their matrices, direct or to be kept.
+        krylov: Iterations with these.
+        condensed: Linear systems of the gaps alone.
         residuals: Assemblies.
         tangents: Assemblies.
     """
@@ -109,6 +116,7 @@ class Work:
     solves: int = 0
     factorizations: int = 0
     krylov: int = 0
+    condensed: int = 0
     residuals: int = 0
     tangents: int = 0
 
@@ -130,19 +138,17 @@ def working() -> Iterator[Work]:
         solvers.append(make(*arguments))
         return solvers[-1]
 
-    before = [_called(name) for name in ASSEMBLIES]
+    before = {what: _called(name) for what, name in TIMERS.items()}
     newton.LinearSolver = remember
     try:
         yield work
     finally:
         newton.LinearSolver = make
+    for what, name in TIMERS.items():
+        setattr(work, what, _called(name) - before[what])
     for solver in solvers:
-        work.solves += solver.counts.solves
         work.factorizations += solver.counts.factorizations + solver.counts.setups
         work.krylov += solver.counts.iterations
-    work.residuals, work.tangents = (
-        _called(name) - earlier for name, earlier in zip(ASSEMBLIES, before, strict=True)
-    )
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:

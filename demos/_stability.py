@@ -99,7 +99,9 @@ def stress(number: int, patience: float = PATIENCE) -> Outcome:
         except Hang:
             verdict, detail = "hang", traceback.format_exc(limit=-3)
         except Exception:
-            verdict, detail = "crash", traceback.format_exc()
+            # A library that was interrupted may report an error of its own.
+            late = perf_counter() - start >= patience
+            verdict, detail = "hang" if late else "crash", traceback.format_exc()
     steps = len(run.records) - 1 if run else 0
     cuts = len(run.failures) if run else 0
     seconds = perf_counter() - start

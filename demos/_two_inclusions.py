@@ -53,8 +53,7 @@ def build(
 ) -> tuple[vmdg.Problem, NDArray[np.int32]]:
     """The problem, its load factor the displacement of the right side [mm], and that side."""
     mesh, cell_tags, facet_tags = inclusions(element_size=element_size, order=degree)
-    # The frame of the law stays at small strain.
-    interface = vmdg.Interface(between=(MATRIX, INCLUSION), law=law, frame="reference")
+    interface = vmdg.Interface(between=(MATRIX, INCLUSION), law=law)
     problem = vmdg.Problem(
         mesh, cell_tags, MATERIALS, [interface], degree=degree, kinematics="small"
     )

@@ -6,6 +6,7 @@ from mpi4py import MPI
 
 import _benchmark_cost as cost
 import _benchmark_peers as peers
+import _benchmark_precision as precision
 import _two_inclusions as inclusions
 import benchmark
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 import two_inclusions
 import ufl
 from dolfinx import fem
+from scenes import integral
 
 import vmdg
 from vmdg import meshes
@@ -37,9 +39,7 @@ def test_errors_are_those_of_plain_elements(out):
 
 def test_springs_saturate():
     """Their error has a floor, T/K over the size of the solution, that no mesh reduces."""
-    from _benchmark_precision import measure
-
-    coarse, fine = (measure("quadrilateral", 2, n, 1) for n in (4, 16))
+    coarse, fine = (precision.measure("quadrilateral", 2, n, 1) for n in (4, 16))
     errors = {p.method: (p.l2, q.l2) for p, q in zip(coarse, fine, strict=True)}
     for method in ("plain", "vmdg"):
         assert errors[method][1] < errors[method][0] / 40
@@ -66,6 +66,9 @@ def test_cracked_plate(out):
     assert run.imbalance < 5e-3
     assert run.history["damage"][-1] == pytest.approx(peers.P1.work)
     assert run.history["iterations"].mean() < 4
+    assert run.work.factorizations == 1
+    assert run.work.condensed >= run.history["iterations"].sum()
+    assert run.work.solves >= len(run.history)
 
 
 def test_sliding_shear():
@@ -79,7 +82,7 @@ def test_mesh_of_inclusions(comm):
     mesh, cells, facets = meshes.inclusions(comm, element_size=0.05, interface_size=0.03)
     one = fem.Constant(mesh, 1.0)
     dx, ds = ufl.dx(mesh, subdomain_data=cells), ufl.ds(mesh, subdomain_data=facets)
-    area, left = (fem.assemble_scalar(fem.form(one * part)) for part in (dx(2), ds(1)))
+    area, left = (integral(comm, one * part) for part in (dx(2), ds(1)))
     assert area == pytest.approx(np.pi * 0.25**2, rel=3e-3)
     assert left == pytest.approx(0.5)
     with pytest.raises(ValueError, match="touch"):
@@ -100,7 +103,7 @@ def test_two_inclusions(out):
 
 
 def test_kernels_are_shared():
-    """Another law needs no kernel, another interface law class only those of the interface."""
+    """A law of another class needs no kernel beyond those of the first."""
     first = len(cost.kernels.requested)
     cost.two_blocks("quadrilateral", [cost.BOND, cost.RADIAL])
     asked = cost.kernels.requested[first:]

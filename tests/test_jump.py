@@ -132,6 +132,17 @@ def test_failed_jump_restores_the_stabilization(comm):
     stepper.close()
 
 
+def test_overstress_is_no_measure_of_residuals(comm):
+    """What the bond bears with an overstress only, here four times its strength, is forgotten."""
+    stepper = Stepper(bar(comm, linear(0.01)), vmdg.SolveOptions(max_jump_steps=3))
+    stepper.step(0.9 * onset())
+    borne = stepper._newton._criterion.borne
+    assert borne > 0
+    stepper.jump(4 * onset())
+    assert stepper._newton._criterion.borne == borne
+    stepper.close()
+
+
 def test_jump_starts_within_a_quarter_of_the_step(comm):
     """By default two cuts come before the jump."""
     history = vmdg.solve(bar(comm, linear(0.02)), LOADS, monitor=mean).history

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -318,6 +319,19 @@ def test_hang(monkeypatch):
     start = time.perf_counter()
     assert stress(0, patience=0.2).verdict == "hang"
     assert time.perf_counter() - start < 10
+
+
+@pytest.mark.parametrize(("seconds", "verdict"), [(0.0, "crash"), (60.0, "hang")])
+def test_error_of_an_interrupted_library(monkeypatch, seconds, verdict):
+    """An error after the time is over is how a library reports the interruption."""
+
+    def interrupted(case: Case) -> Run:
+        with suppress(_stability.Hang):
+            time.sleep(seconds)
+        raise RuntimeError("interrupted")
+
+    monkeypatch.setattr(_stability, "execute", interrupted)
+    assert stress(0, patience=0.2).verdict == verdict
 
 
 def test_crash(monkeypatch):

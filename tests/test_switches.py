@@ -7,7 +7,7 @@ import pytest
 from scenes import joined, two_blocks
 
 import vmdg
-from vmdg import switches
+from vmdg import linear_solver, switches
 from vmdg.condensed_newton import CondensedNewton
 from vmdg.newton import Newton
 from vmdg.solver import Stepper
@@ -95,6 +95,26 @@ def test_steps_aside(comm):
     why = condensation(problem)[1]
     assert "tied" in why or "demand" in why
     assert "petsc" in refusal(joined(scene, LAW, **small), petsc={"ksp_type": "preonly"})
+
+
+ITERATIVE = {"ksp_type": "gmres", "pc_type": "jacobi"}
+
+
+@pytest.mark.parametrize("petsc", [None, ITERATIVE, {"snes_linesearch_type": "basic"}])
+@pytest.mark.parametrize("limit", [0, 10_000])
+def test_summary_says_what_newton_does(comm, monkeypatch, petsc, limit):
+    """Kept bodies and the linear solver, for every source of the options of PETSc."""
+    monkeypatch.setattr(linear_solver, "MEDIUM", limit)
+    problem = joined(two_blocks(comm, "quadrilateral", 4), LAW)
+    board = vmdg.switchboard(problem, vmdg.SolveOptions(petsc=petsc))
+    reasons = {switch.name: switch.reason for switch in board}
+    newton = Newton(problem, 1e-9, 10, petsc)
+    assert newton.keeps_bulk == (petsc is ITERATIVE or limit == 0)
+    assert newton.keeps_bulk == ("stale" in reasons["bodies assembled"])
+    newton.destroy()
+    kept, direct = "GMRES with LDL^T", "LDL^T"
+    expected = "options.petsc" if petsc is ITERATIVE else kept if limit == 0 else direct
+    assert reasons["linear solver"] == expected
 
 
 def test_where_it_is_cheaper(comm, monkeypatch):

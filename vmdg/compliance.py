@@ -76,7 +76,8 @@ class Compliance:
         """K^-1.forces, the prescribed dofs held at zero whatever acts there (N,) [mm]."""
         self._b.array[:] = forces
         self._b.array[self.prescribed] = 0
-        self._solver.solve(self._b, self._x)
+        with Timer("vmdg: linear solve"):
+            self._solver.solve(self._b, self._x)
         return self._x.array.copy()
 
     def product(self, u: NDArray[np.float64]) -> NDArray[np.float64]:

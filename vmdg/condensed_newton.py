@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from .compliance import Compliance
 from .condensed_solver import CondensedSolver
-from .criterion import ROUGH, Criterion
 from .gap_equation import GapEquation, Gaps
+from .iteration import BACKTRACK, ENERGY, FULL, Iteration, StepReport
 from .kept_responses import KeptResponses
-from .line_search import LineSearch, backtrack, full_step, least_energy
-from .newton import DISTANT, EXCURSION, STALL, StepReport, rounding
-from .path import Path
+from .line_search import backtrack, full_step, least_energy
 from .predictor import ASTRAY, ELASTIC, PATH, POOR
 from .problem import Problem
+
+SEARCHES = {BACKTRACK: backtrack, FULL: full_step, ENERGY: least_energy}
 
 #: How often the displacement is corrected by what rounding has left of the bodies' balance.
 REFINEMENTS = 3
@@ -53,7 +53,7 @@ class _Held:
     moved: bool
 
 
-class CondensedNewton:
+class CondensedNewton(Iteration):
     """Newton's method on the gap increments of a step, for bodies of constant stiffness.
 
     Takes the place of :class:`vmdg.newton.Newton`, with the same predictors, searches and criteria,
@@ -63,11 +63,8 @@ class CondensedNewton:
     Args:
         problem: Of small strain, on one rank, see :mod:`vmdg.switches`.
         relative_tolerance: Of the residual, see :class:`vmdg.criterion.Criterion`.
-        max_iterations: Corrections before the step is given up.
+        max_iterations: Corrections before an attempt is given up.
         scale: Largest force seen before [N].
-
-    Attributes:
-        discretization: What the compliance was made for.
     """
 
     def __init__(
@@ -77,73 +74,20 @@ class CondensedNewton:
         max_iterations: int,
         scale: float = 0.0,
     ):
-        self._problem = problem
-        self.discretization = problem.discretization
+        super().__init__(problem, relative_tolerance, max_iterations, scale)
         self._couplings = [c for c in problem.discretization.working if c.law.inelastic]
-        self._criterion = Criterion(relative_tolerance, scale)
-        self._max_iterations = max_iterations
-        self._path = Path(problem.comm)
         self.compliance = Compliance(problem)
         self._solver = CondensedSolver(self.compliance)
         self._responses = KeptResponses(self.compliance.relax)
-        self._criterion.floor = rounding(problem, self.compliance.stiffness)
+        self._criterion.floor = self._rounding(self.compliance.stiffness)
         self._prescribed = problem.prescribed
         self._rest = np.zeros(self.compliance.size)
-        self._dt = 1.0
 
-    @property
-    def scale(self) -> float:
-        """Largest force seen so far [N]."""
-        return self._criterion.scale
-
-    def forget_path(self) -> None:
-        """The next step does not continue the path of the last ones."""
-        self._path = Path(self._problem.comm)
-
-    def step(
-        self,
-        dt: float,
-        predictor: str = PATH,
-        along: tuple[float, float] | None = None,
-        once: bool = False,
-        rough: bool = False,
-    ) -> StepReport:
-        """As :meth:`vmdg.newton.Newton.step`."""
-        problem, criterion = self._problem, self._criterion
-        self._dt = dt
-        start, end = along or (problem.start_of_step[0], problem.t)
+    def _begin(self, start: float, end: float) -> list[NDArray[np.float64]]:
         gap = np.concatenate([coupling.gap.ravel() for coupling in self._couplings])
         self._path.start(start, gap)
-        ahead = [place - gap for place in self._path.ahead(end)]
-        criterion.slack = ROUGH if rough else 1.0
-        second: LineSearch | None = None if once else full_step
-        if along is not None:
-            second = least_energy
-        scales = criterion.scale, criterion.borne
-        report = self._search(ahead, predictor, second)
-        if not report.converged:
-            # The forces of a state that is given up say nothing about the run.
-            criterion.scale, criterion.borne = scales
-        return report
-
-    def _search(
-        self, ahead: list[NDArray], predictor: str, second: LineSearch | None
-    ) -> StepReport:
-        """The line search; at a kink between branches of a law it can jam where another passes."""
-        problem, scale = self._problem, self._criterion.scale
-        start = problem.u.x.array.copy()
-        held = self._hold()
-        report = self._attempt(held, backtrack, ahead, predictor)
-        if report.converged or second is None:
-            return report
-        problem.u.x.array[:] = start
-        self._criterion.scale = scale
-        problem.assemble_residual(self._dt, hold=True)
-        problem.watch_energy()
-        report = self._attempt(held, second, [], ELASTIC)
-        if report.converged and problem.unaccounted_energy() > DISTANT:
-            return StepReport(False, report.norms, "DISTANT_EQUILIBRIUM")
-        return report
+        self._held = self._hold()
+        return [place - gap for place in self._path.ahead(end)]
 
     def _hold(self) -> _Held:
         """Balance the loads of the step with the gaps held."""
@@ -178,10 +122,8 @@ class CondensedNewton:
         forces[self._prescribed] = 0
         return float(np.linalg.norm(forces))
 
-    def _attempt(
-        self, held: _Held, search: LineSearch, ahead: list[NDArray], predictor: str
-    ) -> StepReport:
-        norms: list[float] = []
+    def _attempt(self, search: str, ahead: list[NDArray[np.float64]], predictor: str) -> StepReport:
+        held, norms = self._held, []
         equation = self._equation(held)
         with Timer("vmdg: predictor"):
             gaps = self._predict(equation, held, ahead, predictor)
@@ -231,7 +173,7 @@ class CondensedNewton:
         self,
         equation: GapEquation,
         gaps: Gaps,
-        search: LineSearch,
+        search: str,
         goal: float,
         norms: list[float],
     ) -> tuple[Gaps, str]:
@@ -250,19 +192,8 @@ class CondensedNewton:
                     direction = equation.correction(gaps)
                 except np.linalg.LinAlgError:
                     return gaps, "DIVERGED_LINEAR_SOLVE"
-                gaps = search(equation, gaps, direction)
+                gaps = SEARCHES[search](equation, gaps, direction)
         return gaps, "DIVERGED_MAX_IT"
-
-    def _hopeless(self, search: LineSearch, norms: list[float]) -> str:
-        """Why an iteration with these norms is given up, or nothing."""
-        if search is full_step:
-            if norms[-1] > EXCURSION * self._criterion.scale:
-                return "DIVERGED_DTOL"
-            if np.isclose(norms[-1], norms[-5:-1], rtol=1e-3, atol=0).any():
-                return "DIVERGED_LOCAL_MIN"
-        elif search is backtrack and len(norms) > 4 and norms[-1] > STALL * norms[-3]:
-            return "DIVERGED_LOCAL_MIN"
-        return ""
 
     def _finish(self, held: _Held, gaps: Gaps) -> tuple[float, float]:
         """Give the problem this state; norms of its residual and of its reactions [N]."""

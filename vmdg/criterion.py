@@ -24,7 +24,7 @@ class Criterion:
 
     Attributes:
         scale: Largest force seen so far [N].
-        borne: Largest reaction or load seen so far [N].
+        borne: Largest reaction or load seen so far, borne without the overstress of a jump [N].
         floor: Rounding of the internal forces, below which no residual can come [N].
         slack: Factor on the tolerance of the present step.
     """

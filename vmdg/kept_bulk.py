@@ -8,12 +8,23 @@ import numpy as np
 from dolfinx.common import Timer
 from numpy.typing import NDArray
 
+from .linear_solver import Options, is_iterative
 from .parallel import global_norm
 from .problem import Problem
 
 #: Error of the forces that a kept tangent foresees, relative to the forces of the correction, which
 #: is the factor by which the next correction can reduce the residual.
 STALE = 3e-3
+
+
+def keeps_bulk(problem: Problem, linear: Options) -> bool:
+    """Whether a run with this linear solver keeps the bodies' part of the tangent.
+
+    A direct solver factorizes every tangent, which costs more than assembling it; where nothing
+    fails a step has few tangents; the mean dilatation couples the bodies' part to the rest.
+    """
+    condensed = problem.discretization.condensation is not None
+    return is_iterative(linear) and problem.can_fail and not condensed
 
 
 class KeptBulk:

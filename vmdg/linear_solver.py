@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from petsc4py import PETSc
 
@@ -82,6 +83,32 @@ def automatic_options(problem: Problem) -> tuple[Options, Options]:
     if problem.mesh.topology.dim < 3 or size <= LARGE:
         return kept, direct
     return (GMRES_GAMG if problem.can_fail else CG_GAMG), direct
+
+
+class LinearOptions(NamedTuple):
+    """The linear solver of a problem.
+
+    Attributes:
+        solver: Options of KSP and PC.
+        fallback: Those of the direct solver where an iterative one does not converge.
+        automatic: Whether both were chosen by :func:`automatic_options`.
+    """
+
+    solver: Options
+    fallback: Options
+    automatic: bool
+
+
+def linear_options(problem: Problem, petsc: Options | None) -> LinearOptions:
+    """The user's linear solver, or the one that fits if ``petsc`` only has options of SNES."""
+    solver, fallback = automatic_options(problem)
+    own = {name: value for name, value in (petsc or {}).items() if not name.startswith("snes_")}
+    return LinearOptions(own or solver, fallback, not own)
+
+
+def is_iterative(options: Options) -> bool:
+    """Whether these options are of a Krylov solver; PETSc's default is one."""
+    return options.get("ksp_type") != "preonly"
 
 
 @dataclass
@@ -267,7 +294,6 @@ class LinearSolver:
     Attributes:
         counts: Work done so far.
         multigrid: Whether it asks for the rigid modes.
-        keeps: Whether it keeps a preconditioner from one tangent to the next.
     """
 
     def __init__(
@@ -280,7 +306,7 @@ class LinearSolver:
         self.counts = SolverCounts()
         self.multigrid = options.get("pc_type") == "gamg"
         self._matrix = matrix
-        self.keeps = iterative = options.get("ksp_type") != "preonly"
+        iterative = is_iterative(options)
         self._krylov = KeptKrylov(matrix, options, self.counts, zone) if iterative else None
         self._direct_options = fallback if iterative else options
         self._direct: PETSc.KSP | None = None

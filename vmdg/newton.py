@@ -1,8 +1,6 @@
-"""One load step: a predictor that carries the load, then PETSc SNES."""
+"""Newton's method on the whole problem: a predictor that carries the load, then PETSc SNES."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 from petsc4py import PETSc
 
@@ -10,41 +8,20 @@ import numpy as np
 from dolfinx.common import Timer
 from numpy.typing import NDArray
 
-from .criterion import ROUGH, Criterion
-from .kept_bulk import KeptBulk
+from .iteration import BACKTRACK, ENERGY, FULL, Iteration, StepReport
+from .kept_bulk import KeptBulk, keeps_bulk
 from .linear_solver import (
     LinearSolver,
     Options,
-    automatic_options,
     interface_zone,
+    is_iterative,
+    linear_options,
     set_options,
     set_rigid_modes,
 )
-from .parallel import global_max, global_norm
-from .path import Path
-from .predictor import ELASTIC, FIRST, PATH, Predictor
+from .parallel import global_norm
+from .predictor import FIRST, Predictor
 from .problem import Problem
-
-
-@dataclass(frozen=True)
-class StepReport:
-    """How the iteration of a step went.
-
-    Attributes:
-        converged: Whether the residual met the tolerance.
-        norms: Residual norms on the free dofs, before every correction and at the end [N].
-        reason: PETSc's word for how it ended.
-    """
-
-    converged: bool
-    norms: list[float]
-    reason: str
-
-    @property
-    def iterations(self) -> int:
-        """Newton corrections after the predictor."""
-        return max(len(self.norms) - 1, 0)
-
 
 #: Relative tolerances of iterative linear solves in the iteration: loosest and tightest.
 LOOSEST, TIGHTEST = 1e-2, 1e-4
@@ -66,14 +43,8 @@ LEAST_ENERGY = {
     "snes_linesearch_rtol": 0.1,
     "snes_linesearch_atol": 0.0,  # or it calls a small F.Y convergence
 }
-#: The line search is stuck at a kink if two corrections leave more than this share of the residual.
-STALL = 0.98
-
-#: Else the second attempt takes full steps, with a residual up to so many times the force scale.
-#: Either must end where at most this share of the energy it exchanged is unaccounted for: larger
-#: releases are jumps, whose dissipation is to be counted.
+#: Else the second attempt takes full steps.
 FULL_STEPS = {"snes_linesearch_type": "basic"}
-EXCURSION, DISTANT = 5.0, 0.1
 
 #: Displacements in sizes of the body beyond which a trial state is given up as it is. The secant of
 #: a line search may lead anywhere, also to where products of numbers are no numbers any more.
@@ -101,32 +72,15 @@ def linear_tolerance(norms: list[float], goal: float) -> float:
     return max(min(max(eta, TIGHTEST), LOOSEST), min(needed, 0.1))
 
 
-def extent(problem: Problem) -> float:
-    """Diagonal of the box around the mesh [mm]; collective."""
-    x = problem.mesh.geometry.x
-    bounds = np.stack([x, -x]).max(axis=1, initial=-np.inf)  # a rank may have no cells
-    sides = [global_max(problem.comm, bound) for bound in bounds.ravel()]
-    return float(np.linalg.norm(np.add(sides[:3], sides[3:])))
-
-
-def rounding(problem: Problem, tangent: PETSc.Mat) -> float:
-    """Rounding of the internal forces, eps |K| times the size of the body [N]; collective."""
-    norm = tangent.norm(PETSc.NormType.NORM_INFINITY)
-    return float(np.finfo(float).eps * extent(problem) * norm)
-
-
-class Newton:
+class Newton(Iteration):
     """Newton's method on a problem, with one matrix and one solver for all steps.
 
     Args:
         problem: The problem.
         relative_tolerance: Of the residual, see :class:`vmdg.criterion.Criterion`.
-        max_iterations: Corrections before the step is given up.
+        max_iterations: Corrections before an attempt is given up.
         petsc: Options of the solver, without prefix.
         scale: Largest force seen before [N].
-
-    Attributes:
-        discretization: What the matrix was made for.
     """
 
     def __init__(
@@ -137,37 +91,34 @@ class Newton:
         petsc: Options | None,
         scale: float = 0.0,
     ):
-        self._problem = problem
-        self.discretization = problem.discretization
-        self._criterion = Criterion(relative_tolerance, scale)
+        super().__init__(problem, relative_tolerance, max_iterations, scale)
         self._matrix = problem.create_matrix()
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self._x, self._f = self._matrix.createVecs()
         self._owned = self._x.getLocalSize()
-        self._farthest = ABSURD * extent(problem)
         prescribed = problem.prescribed
         self._prescribed = prescribed[prescribed < self._owned]
         self._norms: list[float] = []
-        self._dt = 1.0
-        self._path = Path(problem.comm)
+        self._searches = BACKTRACK
 
-        options, fallback = automatic_options(problem)
-        given = {} if petsc is None else petsc
-        linear = {name: value for name, value in given.items() if not name.startswith("snes_")}
-        keeps = not linear and options.get("ksp_type") != "preonly" and problem.can_fail
-        zone = interface_zone(problem) if keeps else None
-        self.linear = LinearSolver(self._matrix, linear or options, fallback, zone)
+        linear = linear_options(problem, petsc)
+        iterative = linear.automatic and is_iterative(linear.solver)
+        zone = interface_zone(problem) if iterative and problem.can_fail else None
+        self.linear = LinearSolver(self._matrix, linear.solver, linear.fallback, zone)
         if self.linear.multigrid:
             set_rigid_modes(problem, self._matrix)
-        search = {name: value for name, value in given.items() if name.startswith("snes_")}
-        kept = self.linear.keeps and problem.can_fail and not problem.discretization.condensation
+        kept = keeps_bulk(problem, linear.solver)
         self._bulk = KeptBulk(problem, self._matrix) if kept else None
-        self._snes = self._make_snes({**LINE_SEARCH, **search}, max_iterations)
-        self._full_snes = self._make_snes({**search, **FULL_STEPS}, max_iterations)
-        self._energy_snes = self._make_snes({**search, **LEAST_ENERGY}, max_iterations)
-        self._predictor = Predictor(problem, self._matrix, self._assemble, self._snes.getKSP())
+        own = {name: value for name, value in (petsc or {}).items() if name.startswith("snes_")}
+        self._snes = {
+            BACKTRACK: self._make_snes({**LINE_SEARCH, **own}),
+            FULL: self._make_snes({**own, **FULL_STEPS}),
+            ENERGY: self._make_snes({**own, **LEAST_ENERGY}),
+        }
+        ksp = self._snes[BACKTRACK].getKSP()
+        self._predictor = Predictor(problem, self._matrix, self._assemble, ksp)
 
-    def _make_snes(self, options: Options, max_iterations: int) -> PETSc.SNES:
+    def _make_snes(self, options: Options) -> PETSc.SNES:
         snes = PETSc.SNES().create(self._problem.comm)
         snes.setFunction(self._function, self._f)
         snes.setJacobian(self._jacobian, self._matrix)
@@ -175,7 +126,7 @@ class Newton:
         ksp.setType(PETSc.KSP.Type.PYTHON)
         ksp.setPythonContext(self.linear)
         ksp.getPC().setType(PETSc.PC.Type.NONE)
-        snes.setTolerances(max_it=max_iterations)
+        snes.setTolerances(max_it=self._max_iterations)
         snes.setConvergenceTest(self._test)
         set_options(snes, options)
         return snes
@@ -185,72 +136,13 @@ class Newton:
         """Whether the bodies' part of the tangent may be older than the interfaces'."""
         return self._bulk is not None
 
-    @property
-    def scale(self) -> float:
-        """Largest force seen so far [N]."""
-        return self._criterion.scale
+    def _begin(self, start: float, end: float) -> list[NDArray[np.float64]]:
+        self._path.start(start, self._problem.start_of_step[1])
+        return self._path.ahead(end)
 
-    def step(
-        self,
-        dt: float,
-        predictor: str = PATH,
-        along: tuple[float, float] | None = None,
-        once: bool = False,
-        rough: bool = False,
-    ) -> StepReport:
-        """Solve for the loads that ``Problem.begin_step`` has set.
-
-        Args:
-            dt: Time step of the return maps [s].
-            predictor: One of :data:`vmdg.predictor.PREDICTORS`.
-            along: Path parameter at the start and the end of a step in a jump; None for the load
-                factor.
-            once: Without the second attempt, which a step in a jump always has.
-            rough: The state is only on the way to an equilibrium, and need not be exact.
-        """
-        problem = self._problem
-        self._dt = dt
-        start, end = along or (problem.start_of_step[0], problem.t)
-        self._path.start(start, problem.start_of_step[1])
-        criterion = self._criterion
-        criterion.slack = ROUGH if rough else 1.0
-        scales = criterion.scale, criterion.borne
-        ahead = self._path.ahead(end)
-        second = None
-        if along is not None:
-            second = self._energy_snes
-        elif problem.can_fail and not once:
-            second = self._full_snes
-        report = self._search(ahead, predictor, second)
-        if not report.converged:
-            # The forces of a state that is given up say nothing about the run.
-            criterion.scale, criterion.borne = scales
-        return report
-
-    def forget_path(self) -> None:
-        """The next step does not continue the path of the last ones."""
-        self._path = Path(self._problem.comm)
-
-    def _search(
-        self, ahead: list[NDArray], predictor: str, second: PETSc.SNES | None
-    ) -> StepReport:
-        """The line search; at a kink between branches of a law it can jam where another passes."""
-        problem = self._problem
-        start, scale = problem.u.x.array.copy(), self._criterion.scale
-        report = self._attempt(self._snes, ahead, predictor)
-        if report.converged or second is None:
-            return report
-        problem.u.x.array[:] = start
-        self._criterion.scale = scale
-        problem.assemble_residual(self._dt, hold=True)
-        problem.watch_energy()
-        report = self._attempt(second, [], ELASTIC)
-        if report.converged and problem.unaccounted_energy() > DISTANT:
-            return StepReport(False, report.norms, "DISTANT_EQUILIBRIUM")
-        return report
-
-    def _attempt(self, snes: PETSc.SNES, ahead: list[NDArray], predictor: str) -> StepReport:
-        self._norms = []
+    def _attempt(self, search: str, ahead: list[NDArray[np.float64]], predictor: str) -> StepReport:
+        snes = self._snes[search]
+        self._norms, self._searches = [], search
         with Timer("vmdg: predictor"):
             imbalance, loads = self._predictor(predictor, ahead, self._dt)
         self._criterion.see(imbalance, loads)
@@ -268,7 +160,7 @@ class Newton:
         return global_norm(self._problem.comm, forces)
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
-        if x.norm(PETSc.NormType.NORM_INFINITY) > self._farthest:
+        if x.norm(PETSc.NormType.NORM_INFINITY) > ABSURD * self._size:
             f.set(np.nan)
             return
         u = self._problem.u.x
@@ -280,7 +172,7 @@ class Newton:
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         self._assemble()
         if self._criterion.floor == 0.0:
-            self._criterion.floor = rounding(self._problem, P)
+            self._criterion.floor = self._rounding(P)
         P.zeroRowsColumnsLocal(self._prescribed, 1.0)
 
     def _assemble(self, damage: bool = True) -> None:
@@ -298,13 +190,8 @@ class Newton:
         goal = self._criterion.goal(self._reaction())
         if residual <= goal:
             return PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE
-        if snes == self._full_snes:
-            if residual > EXCURSION * self._criterion.scale:
-                return PETSc.SNES.ConvergedReason.DIVERGED_DTOL
-            if np.isclose(residual, self._norms[-5:-1], rtol=1e-3, atol=0).any():
-                return PETSc.SNES.ConvergedReason.DIVERGED_LOCAL_MIN
-        elif snes == self._snes and iteration >= 4 and residual > STALL * self._norms[-3]:
-            return PETSc.SNES.ConvergedReason.DIVERGED_LOCAL_MIN
+        if failure := self._hopeless(self._searches, self._norms):
+            return getattr(PETSc.SNES.ConvergedReason, failure)
         snes.getKSP().setTolerances(rtol=linear_tolerance(self._norms, goal))
         return PETSc.SNES.ConvergedReason.ITERATING
 
@@ -314,7 +201,7 @@ class Newton:
         self._predictor.destroy()
         if self._bulk is not None:
             self._bulk.destroy()
-        for snes in (self._snes, self._full_snes, self._energy_snes):
+        for snes in self._snes.values():
             snes.destroy()
         for item in (self._matrix, self._x, self._f):
             item.destroy()

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from .linear_solver import LARGE, Options, automatic_options
+from .kept_bulk import keeps_bulk
+from .linear_solver import LARGE, Options, is_iterative, linear_options
 from .problem import Problem
 
 if TYPE_CHECKING:
@@ -48,14 +49,14 @@ def switchboard(problem: Problem, options: SolveOptions | None = None) -> list[S
     turning = any(coupling.turns for coupling in working)
     small, constant = problem.small_strain, parts.constant_stabilization
     condensed, why = condensation(problem, options)
-    own = options is not None and options.petsc is not None
-    linear = automatic_options(problem)[0]
+    linear = linear_options(problem, options.petsc if options is not None else None)
     if condensed:
         bodies = False, "once: small strain"
         solver = "LDL^T of the bonded bodies, once; dense at the interface"
     else:
-        bodies = True, _how_often(problem, linear, own)
-        solver = "options.petsc" if own else _name(linear)
+        kept = keeps_bulk(problem, linear.solver)
+        bodies = True, "where a kept tangent goes stale" if kept else "for every tangent"
+        solver = _name(linear.solver) if linear.automatic else "options.petsc"
     still = "small strain" if small else 'tied, or frame="reference"'
     return [
         Switch("history and return map", *failing),
@@ -72,19 +73,9 @@ def switchboard(problem: Problem, options: SolveOptions | None = None) -> list[S
     ]
 
 
-def _how_often(problem: Problem, linear: Options, own: bool) -> str:
-    """When :class:`vmdg.newton.Newton` assembles the bodies' tangent."""
-    keeps = linear["ksp_type"] != "preonly" and not own
-    if keeps and problem.can_fail and problem.discretization.condensation is None:
-        return "where the kept tangent no longer foresees their forces"
-    return "for every tangent"
-
-
 def _name(linear: Options) -> str:
     kind = {"lu": "LU", "cholesky": "LDL^T", "gamg": "multigrid"}[linear["pc_type"]]
-    if linear["ksp_type"] == "preonly":
-        return kind
-    return f"{linear['ksp_type'].upper()} with {kind}"
+    return f"{linear['ksp_type'].upper()} with {kind}" if is_iterative(linear) else kind
 
 
 def condensation(problem: Problem, options: SolveOptions | None = None) -> tuple[bool, str]:

@@ -1,0 +1,177 @@
+"""The iteration on a load step: attempts, line searches and when they are given up.
+
+What Newton's method on the whole problem and that on the gaps alone have in common.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+from petsc4py import PETSc
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .criterion import ROUGH, Criterion
+from .parallel import global_max
+from .path import Path
+from .predictor import ELASTIC, PATH
+from .problem import Problem
+
+#: Line searches: backtracking on the residual norm, full steps, and the least energy.
+BACKTRACK, FULL, ENERGY = "backtrack", "full", "energy"
+
+#: Backtracking is stuck at a kink if two corrections leave more than this share of the residual.
+STALL = 0.98
+
+#: Full steps may lead to a residual of so many times the force scale. A second attempt must end
+#: where at most this share of the energy it exchanged is unaccounted for: larger releases are
+#: jumps, whose dissipation is to be counted.
+EXCURSION, DISTANT = 5.0, 0.1
+
+
+@dataclass(frozen=True)
+class StepReport:
+    """How the iteration of a step went.
+
+    Attributes:
+        converged: Whether the residual met the tolerance.
+        norms: Residual norms on the free dofs, before every correction and at the end [N].
+        reason: PETSc's word for how it ended.
+    """
+
+    converged: bool
+    norms: list[float]
+    reason: str
+
+    @property
+    def iterations(self) -> int:
+        """Newton corrections after the predictor."""
+        return max(len(self.norms) - 1, 0)
+
+
+class Iteration(ABC):
+    """Newton's method on the load steps of a problem.
+
+    Args:
+        problem: The problem.
+        relative_tolerance: Of the residual, see :class:`vmdg.criterion.Criterion`.
+        max_iterations: Corrections before an attempt is given up.
+        scale: Largest force seen before [N].
+
+    Attributes:
+        discretization: What it was made for.
+    """
+
+    def __init__(
+        self, problem: Problem, relative_tolerance: float, max_iterations: int, scale: float
+    ):
+        self.discretization = problem.discretization
+        self._problem = problem
+        self._criterion = Criterion(relative_tolerance, scale)
+        self._max_iterations = max_iterations
+        self._path = Path(problem.comm)
+        self._dt = 1.0
+        self._size = extent(problem)
+
+    @property
+    def scale(self) -> float:
+        """Largest force seen so far [N]."""
+        return self._criterion.scale
+
+    def step(
+        self,
+        dt: float,
+        predictor: str = PATH,
+        along: tuple[float, float] | None = None,
+        once: bool = False,
+        rough: bool = False,
+    ) -> StepReport:
+        """Solve for the loads that ``Problem.begin_step`` has set; collective.
+
+        Args:
+            dt: Time step of the return maps [s].
+            predictor: One of :data:`vmdg.predictor.PREDICTORS`.
+            along: Path parameter at the start and the end of a step in a jump; None for the load
+                factor.
+            once: Without the second attempt, which a step in a jump always has.
+            rough: The state is only on the way to an equilibrium, and need not be exact.
+        """
+        criterion = self._criterion
+        self._dt = dt
+        criterion.slack = ROUGH if rough else 1.0
+        scales = criterion.scale, criterion.borne
+        start, end = along or (self._problem.start_of_step[0], self._problem.t)
+        ahead = self._begin(start, end)
+        second = None
+        if along is not None:
+            second = ENERGY
+        elif self._problem.can_fail and not once:
+            second = FULL
+        report = self._search(ahead, predictor, second)
+        if not report.converged:
+            # The forces of a state that is given up say nothing about the run.
+            criterion.scale, criterion.borne = scales
+        elif along is not None and start < end:
+            # Nor do those that only the overstress of a jump could bear.
+            criterion.borne = scales[1]
+        return report
+
+    def forget_path(self) -> None:
+        """The next step does not continue the path of the last ones."""
+        self._path = Path(self._problem.comm)
+
+    def _search(
+        self, ahead: list[NDArray[np.float64]], predictor: str, second: str | None
+    ) -> StepReport:
+        """The line search; at a kink between branches of a law it can jam where another passes."""
+        problem = self._problem
+        start, scale = problem.u.x.array.copy(), self._criterion.scale
+        report = self._attempt(BACKTRACK, ahead, predictor)
+        if report.converged or second is None:
+            return report
+        problem.u.x.array[:] = start
+        self._criterion.scale = scale
+        problem.assemble_residual(self._dt, hold=True)
+        problem.watch_energy()
+        report = self._attempt(second, [], ELASTIC)
+        if report.converged and problem.unaccounted_energy() > DISTANT:
+            return StepReport(False, report.norms, "DISTANT_EQUILIBRIUM")
+        return report
+
+    def _hopeless(self, search: str, norms: list[float]) -> str:
+        """PETSc's word for why an attempt with these norms is given up, or nothing."""
+        if search == FULL:
+            if norms[-1] > EXCURSION * self._criterion.scale:
+                return "DIVERGED_DTOL"
+            if np.isclose(norms[-1], norms[-5:-1], rtol=1e-3, atol=0).any():
+                return "DIVERGED_LOCAL_MIN"
+        elif search == BACKTRACK and len(norms) > 4 and norms[-1] > STALL * norms[-3]:
+            return "DIVERGED_LOCAL_MIN"
+        return ""
+
+    def _rounding(self, tangent: PETSc.Mat) -> float:
+        """Rounding of the internal forces, eps |K| times the size of the body [N]; collective."""
+        norm = tangent.norm(PETSc.NormType.NORM_INFINITY)
+        return float(np.finfo(float).eps * self._size * norm)
+
+    @abstractmethod
+    def _begin(self, start: float, end: float) -> list[NDArray[np.float64]]:
+        """What both attempts start from, at these path parameters: where the path may lead."""
+
+    @abstractmethod
+    def _attempt(self, search: str, ahead: list[NDArray[np.float64]], predictor: str) -> StepReport:
+        """Iterate with a line search."""
+
+    @abstractmethod
+    def destroy(self) -> None:
+        """Free the PETSc objects; collective."""
+
+
+def extent(problem: Problem) -> float:
+    """Diagonal of the box around the mesh [mm]; collective."""
+    x = problem.mesh.geometry.x
+    bounds = np.stack([x, -x]).max(axis=1, initial=-np.inf)  # a rank may have no cells
+    sides = [global_max(problem.comm, bound) for bound in bounds.ravel()]
+    return float(np.linalg.norm(np.add(sides[:3], sides[3:])))
