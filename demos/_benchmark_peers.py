@@ -65,7 +65,7 @@ P2 = Scene("P2", "hexahedron", (10, 10, 20), (1.0, 1.0, 2.0), 0.0, 0.06, 2067.54
 
 
 def build(
-    scene: Scene, law: vmdg.Law, kinematics: str = "small"
+    scene: Scene, law: vmdg.Law, kinematics: str = "small", **options
 ) -> tuple[vmdg.Problem, NDArray[np.int32]]:
     """The problem, its load factor the displacement of the top [mm], and the facets of the top.
 
@@ -73,6 +73,7 @@ def build(
         scene: P1 or P2.
         law: Of the bond.
         kinematics: "small" or "finite".
+        options: Of the interface.
     """
     below = scene.divisions[-1] // 2
     mesh, cell_tags, facet_tags = layers(scene.cell, scene.divisions, scene.sizes, below)
@@ -81,7 +82,7 @@ def build(
     between = np.flatnonzero((pairs >= 0).all(axis=1) & (tags[pairs].sum(axis=1) == LOWER + UPPER))
     between = between.astype(np.int32)
     cracked = compute_midpoints(mesh, d - 1, between)[:, 0] < scene.crack
-    interfaces = [vmdg.Interface(facets=between[~cracked], law=law)]
+    interfaces = [vmdg.Interface(facets=between[~cracked], law=law, **options)]
     if scene.crack > 0:
         interfaces.append(vmdg.Interface(facets=between[cracked], law=vmdg.Contact()))
     body = vmdg.NeoHookean(E=4000.0, nu=0.3)

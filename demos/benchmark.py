@@ -1,9 +1,10 @@
 """Seconds, counts and memory of vmdg beside plain finite elements and other cohesive codes.
 
 Parts, one or several by name: "precision" draws error against unknowns and processor time, "ratio"
-compares one Newton iteration, "peers" runs two scenes that other codes were given, "kernels" lists
-what is compiled, "memory" measures the push-out. Seconds are processor time of warm runs on one
-core, the least of some; whatever is compared takes turns in one process. On one rank.
+compares one Newton iteration, "peers" runs two scenes that other codes were given, "switches" runs
+one of them with and without what can be spared, "kernels" lists what is compiled, "memory" measures
+the push-out. Seconds are processor time of warm runs on one core, the least of some; whatever is
+compared takes turns in one process. On one rank.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import _benchmark_cost as cost
 import _benchmark_peers as peers
 import _benchmark_precision as precision
 import _benchmark_ratio as ratio
+import _benchmark_switches as switches
 from _benchmark import DIMENSION, table
 from matplotlib.figure import Figure
 from tqdm import tqdm
@@ -61,6 +63,14 @@ def peers_part(coarse: bool, repeats: int) -> Outcome:
     return (runs, shear), f"{text}\n\nsliding shear {shear[0]:.9g} N, mu N {shear[1]:.9g} N", None
 
 
+def switches_part(coarse: bool, repeats: int) -> Outcome:
+    """P1 with and without what the switchboard can turn off."""
+    plate = (switches.COARSE, 6) if coarse else (peers.P1, 40)
+    cases = tqdm(switches.CASES, unit="switch")
+    savings = [switches.measure(name, *plate, repeats) for name in cases]
+    return savings, table(switches.HEAD, switches.rows(savings)), None
+
+
 def kernels_part(coarse: bool, repeats: int) -> Outcome:
     """Kernels of scenes that follow each other, from an empty cache."""
     scenes = list(cost.SCENES)[: 3 if coarse else None]
@@ -80,6 +90,7 @@ PARTS: dict[str, Callable[[bool, int], Outcome]] = {
     "precision": precision_part,
     "ratio": ratio_part,
     "peers": peers_part,
+    "switches": switches_part,
     "kernels": kernels_part,
     "memory": memory_part,
 }

@@ -43,6 +43,13 @@ def test_tied_at_finite_strain(comm):
     assert found == expected
 
 
+def test_tied_at_small_strain(comm):
+    """One tangent serves all steps."""
+    found = on(joined(two_blocks(comm, "quadrilateral"), vmdg.Bonded(), kinematics="small"))
+    for name in ("bodies assembled", "condensed to interface", "tau_s every step"):
+        assert not found[name]
+
+
 def test_friction_at_finite_strain(comm):
     """Friction asks for history and an unsymmetric solver, the default frame turns."""
     scene = two_blocks(comm, "quadrilateral")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from petsc4py import PETSc
+
 import numpy as np
 from dolfinx.common import Timer
 from numpy.typing import NDArray
@@ -79,7 +81,8 @@ class CondensedNewton(Iteration):
         self.compliance = Compliance(problem)
         self._solver = CondensedSolver(self.compliance)
         self._responses = KeptResponses(self.compliance.relax)
-        self._criterion.floor = self._rounding(self.compliance.stiffness)
+        norm = self.compliance.stiffness.norm(PETSc.NormType.NORM_INFINITY)
+        self._criterion.floor = self._rounding(norm)
         self._prescribed = problem.prescribed
         self._rest = np.zeros(self.compliance.size)
 

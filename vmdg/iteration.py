@@ -8,8 +8,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-from petsc4py import PETSc
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -151,10 +149,9 @@ class Iteration(ABC):
             return "DIVERGED_LOCAL_MIN"
         return ""
 
-    def _rounding(self, tangent: PETSc.Mat) -> float:
-        """Rounding of the internal forces, eps |K| times the size of the body [N]; collective."""
-        norm = tangent.norm(PETSc.NormType.NORM_INFINITY)
-        return float(np.finfo(float).eps * self._size * norm)
+    def _rounding(self, norm: float) -> float:
+        """Rounding of the internal forces [N] for a tangent of this infinity norm: eps |K| size."""
+        return float(np.finfo(float).eps) * self._size * norm
 
     @abstractmethod
     def _begin(self, start: float, end: float) -> list[NDArray[np.float64]]:

@@ -174,9 +174,14 @@ class ZoneCorrection:
         self._rows = PETSc.IS().createGeneral(first + zone, comm=matrix.comm)
         self._residual = matrix.createVecLeft()
         self._part: PETSc.Mat | None = None
+        self._factorized = -1
 
     def set_up(self) -> None:
-        """Factorize the zone of the current tangent; collective."""
+        """Factorize the zone of the current tangent, where it has changed; collective."""
+        state = self._matrix.stateGet()
+        if state == self._factorized:
+            return
+        self._factorized = state
         if self._part is None:
             self._part = self._matrix.createSubMatrix(self._rows, self._rows)
             self._direct = make_ksp(self._part, LU)
@@ -310,6 +315,7 @@ class LinearSolver:
         self._krylov = KeptKrylov(matrix, options, self.counts, zone) if iterative else None
         self._direct_options = fallback if iterative else options
         self._direct: PETSc.KSP | None = None
+        self._factorized = -1
 
     def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve A x = b with the current values of the tangent; called by PETSc."""
@@ -324,7 +330,9 @@ class LinearSolver:
         ksp.setConvergedReason(solver.getConvergedReason())
 
     def _solve_directly(self, b: PETSc.Vec, x: PETSc.Vec) -> PETSc.KSP:
-        self.counts.factorizations += 1
+        state = self._matrix.stateGet()
+        self.counts.factorizations += state != self._factorized
+        self._factorized = state
         if self._direct is None:
             self._direct = make_ksp(self._matrix, self._direct_options)
         reset_failed(self._direct.getPC())

@@ -9,7 +9,7 @@ from dolfinx.common import Timer
 from numpy.typing import NDArray
 
 from .iteration import BACKTRACK, ENERGY, FULL, Iteration, StepReport
-from .kept_bulk import KeptBulk, keeps_bulk
+from .kept_bulk import keeps_bulk
 from .linear_solver import (
     LinearSolver,
     Options,
@@ -22,6 +22,7 @@ from .linear_solver import (
 from .parallel import global_norm
 from .predictor import FIRST, Predictor
 from .problem import Problem
+from .tangent import Tangent
 
 #: Relative tolerances of iterative linear solves in the iteration: loosest and tightest.
 LOOSEST, TIGHTEST = 1e-2, 1e-4
@@ -92,23 +93,21 @@ class Newton(Iteration):
         scale: float = 0.0,
     ):
         super().__init__(problem, relative_tolerance, max_iterations, scale)
-        self._matrix = problem.create_matrix()
-        self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        self._x, self._f = self._matrix.createVecs()
+        linear = linear_options(problem, petsc)
+        self._tangent = Tangent(problem, keeps_bulk(problem, linear.solver))
+        matrix = self._tangent.matrix
+        self._x, self._f = matrix.createVecs()
         self._owned = self._x.getLocalSize()
         prescribed = problem.prescribed
         self._prescribed = prescribed[prescribed < self._owned]
         self._norms: list[float] = []
         self._searches = BACKTRACK
 
-        linear = linear_options(problem, petsc)
         iterative = linear.automatic and is_iterative(linear.solver)
         zone = interface_zone(problem) if iterative and problem.can_fail else None
-        self.linear = LinearSolver(self._matrix, linear.solver, linear.fallback, zone)
+        self.linear = LinearSolver(matrix, linear.solver, linear.fallback, zone)
         if self.linear.multigrid:
-            set_rigid_modes(problem, self._matrix)
-        kept = keeps_bulk(problem, linear.solver)
-        self._bulk = KeptBulk(problem, self._matrix) if kept else None
+            set_rigid_modes(problem, matrix)
         own = {name: value for name, value in (petsc or {}).items() if name.startswith("snes_")}
         self._snes = {
             BACKTRACK: self._make_snes({**LINE_SEARCH, **own}),
@@ -116,12 +115,12 @@ class Newton(Iteration):
             ENERGY: self._make_snes({**own, **LEAST_ENERGY}),
         }
         ksp = self._snes[BACKTRACK].getKSP()
-        self._predictor = Predictor(problem, self._matrix, self._assemble, ksp)
+        self._predictor = Predictor(problem, self._tangent, ksp)
 
     def _make_snes(self, options: Options) -> PETSc.SNES:
         snes = PETSc.SNES().create(self._problem.comm)
         snes.setFunction(self._function, self._f)
-        snes.setJacobian(self._jacobian, self._matrix)
+        snes.setJacobian(self._jacobian, self._tangent.matrix)
         ksp = snes.getKSP()
         ksp.setType(PETSc.KSP.Type.PYTHON)
         ksp.setPythonContext(self.linear)
@@ -134,7 +133,7 @@ class Newton(Iteration):
     @property
     def keeps_bulk(self) -> bool:
         """Whether the bodies' part of the tangent may be older than the interfaces'."""
-        return self._bulk is not None
+        return self._tangent.bulk is not None
 
     def _begin(self, start: float, end: float) -> list[NDArray[np.float64]]:
         self._path.start(start, self._problem.start_of_step[1])
@@ -170,23 +169,15 @@ class Newton(Iteration):
         f.array[self._prescribed] = 0
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
-        self._assemble()
-        if self._criterion.floor == 0.0:
-            self._criterion.floor = self._rounding(P)
-        P.zeroRowsColumnsLocal(self._prescribed, 1.0)
-
-    def _assemble(self, damage: bool = True) -> None:
-        """Put the tangent at the state of the last residual into the matrix."""
-        if self._bulk is None:
-            self._problem.assemble_tangent(self._matrix, damage)
-        else:
-            self._bulk.assemble(damage)
+        self._tangent.assemble()
+        self._tangent.constrain()
 
     def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         residual = norms[2]
         self._norms.append(residual)
         if not np.isfinite(residual):
             return PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN
+        self._criterion.floor = self._rounding(self._tangent.norm)
         goal = self._criterion.goal(self._reaction())
         if residual <= goal:
             return PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE
@@ -199,9 +190,8 @@ class Newton(Iteration):
         """Free the PETSc objects; collective."""
         self.linear.free()
         self._predictor.destroy()
-        if self._bulk is not None:
-            self._bulk.destroy()
+        self._tangent.destroy()
         for snes in self._snes.values():
             snes.destroy()
-        for item in (self._matrix, self._x, self._f):
+        for item in (self._x, self._f):
             item.destroy()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 from petsc4py import PETSc
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from .parallel import global_max, global_norm
 from .problem import Problem
+from .tangent import Tangent
 
 #: Along the path of the last states, by the tangent with the damage of the last state, or by the
 #: tangent with zeta held.
@@ -43,23 +43,20 @@ class Predictor:
 
     Args:
         problem: The problem.
-        matrix: For the tangent.
-        assemble: Puts the tangent there, with damage or without.
+        tangent: Assembled where a predictor needs it.
         ksp: Solves with it.
     """
 
     def __init__(
         self,
         problem: Problem,
-        matrix: PETSc.Mat,
-        assemble: Callable[[bool], None],
+        tangent: Tangent,
         ksp: PETSc.KSP,
     ):
         self._problem = problem
-        self._matrix = matrix
-        self._assemble = assemble
+        self._tangent = tangent
         self._ksp = ksp
-        self._x, self._f = matrix.createVecs()
+        self._x, self._f = tangent.matrix.createVecs()
         self._owned = self._x.getLocalSize()
         prescribed = problem.prescribed
         self._prescribed = prescribed[prescribed < self._owned]
@@ -134,21 +131,21 @@ class Predictor:
 
     def _solve(self, damage: bool) -> Norms:
         """u += du with K du = -R, du prescribed where the displacement is."""
-        problem, matrix = self._problem, self._matrix
+        problem, tangent = self._problem, self._tangent
         loads = self._residual_norm(hold=True)
         residual = problem.forces.x.array[: self._owned]
-        self._assemble(damage)
+        tangent.assemble(damage)
         increment = np.zeros(self._owned)
         target = problem.prescribed_values(problem.t)[problem.prescribed < self._owned]
         increment[self._prescribed] = target - problem.u.x.array[: self._owned][self._prescribed]
         self._x.array[:] = increment
-        matrix.mult(self._x, self._f)
+        tangent.lift(self._x, self._f)
         self._f.array[:] = -residual - self._f.array_r
         self._f.array[self._prescribed] = 0
         imbalance = self._f.norm()
         self._f.array[self._prescribed] = increment[self._prescribed]
-        matrix.zeroRowsColumnsLocal(self._prescribed, 1.0)
-        self._ksp.setOperators(matrix)
+        tangent.constrain()
+        self._ksp.setOperators(tangent.matrix)
         self._ksp.setTolerances(rtol=FIRST)
         self._ksp.solve(self._f, self._x)
         problem.u.x.array[: self._owned] += self._x.array_r

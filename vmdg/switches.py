@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from .kept_bulk import keeps_bulk
-from .linear_solver import LARGE, Options, is_iterative, linear_options
+from .linear_solver import LARGE, LinearOptions, Options, is_iterative, linear_options
 from .problem import Problem
 
 if TYPE_CHECKING:
@@ -50,13 +50,9 @@ def switchboard(problem: Problem, options: SolveOptions | None = None) -> list[S
     small, constant = problem.small_strain, parts.constant_stabilization
     condensed, why = condensation(problem, options)
     linear = linear_options(problem, options.petsc if options is not None else None)
+    solver = _name(linear.solver) if linear.automatic else "options.petsc"
     if condensed:
-        bodies = False, "once: small strain"
         solver = "LDL^T of the bonded bodies, once; dense at the interface"
-    else:
-        kept = keeps_bulk(problem, linear.solver)
-        bodies = True, "where a kept tangent goes stale" if kept else "for every tangent"
-        solver = _name(linear.solver) if linear.automatic else "options.petsc"
     still = "small strain" if small else 'tied, or frame="reference"'
     return [
         Switch("history and return map", *failing),
@@ -67,10 +63,20 @@ def switchboard(problem: Problem, options: SolveOptions | None = None) -> list[S
         Switch("turning frame", turning, "finite strain" if turning else still),
         Switch("terms K of (85)", not small, "the moduli are constant" if small else "slip"),
         Switch("tau_s every step", not constant, "once: small strain" if constant else "moduli"),
-        Switch("bodies assembled", *bodies),
+        Switch("bodies assembled", *_bodies(problem, linear, condensed)),
         Switch("condensed to interface", condensed, why),
         Switch("linear solver", True, solver),
     ]
+
+
+def _bodies(problem: Problem, linear: LinearOptions, condensed: bool) -> tuple[bool, str]:
+    """Whether the bodies are assembled during the run, and for which tangents."""
+    constant = problem.discretization.constant_stabilization
+    if condensed or (constant and not problem.can_fail):
+        return False, "once: small strain"
+    if keeps_bulk(problem, linear.solver):
+        return True, "where a kept tangent goes stale"
+    return True, "for tangents with damage" if constant else "for every tangent"
 
 
 def _name(linear: Options) -> str:
