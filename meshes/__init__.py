@@ -1,8 +1,9 @@
-"""Meshes of the scenes, made by gmsh; every size is a parameter."""
+"""Meshes of the scenes, made by gmsh, every size a parameter; and meshes from files."""
 
 from .beams import beams
 from .discs import core_and_ring
 from .fibres import fibre_matrix, random_fibres
+from .files import read_mesh, write_mesh
 from .gmsh_model import TaggedMesh
 from .inclusions import inclusions
 from .plate import tearing
@@ -20,5 +21,7 @@ __all__ = [
     "pushout",
     "pushout_section",
     "random_fibres",
+    "read_mesh",
     "tearing",
+    "write_mesh",
 ]
