@@ -157,6 +157,7 @@ class Halting:
     def __init__(self, longest: float):
         self.problem = SimpleNamespace(t=0.0)
         self.options = vmdg.SolveOptions()
+        self.jumps: list[float] = []
         self._longest = longest
 
     def step(self, t: float, once: bool) -> StepReport:
@@ -168,12 +169,16 @@ class Halting:
 
     def jump(self, t: float) -> tuple[StepReport, int]:
         """Fails."""
+        self.jumps.append(self.problem.t)
         return StepReport(False, [0.0], "JUMP_FAILED"), 1
 
 
 def test_cuts_go_on_after_a_failed_jump():
     """Steps are halved until they converge, down to 1/2^max_cuts, though jumps fail on the way."""
-    result = Result()
-    _advance(Halting(1 / 16), 1.0, None, result)
+    result, stepper = Result(), Halting(1 / 16)
+    _advance(stepper, 1.0, None, result)
     assert result.history["load"][-1] == 1.0
     assert np.diff(result.history["load"], prepend=0.0).max() == pytest.approx(1 / 16)
+    # Once from every state: the load at the end is the same.
+    assert stepper.jumps
+    assert len(set(stepper.jumps)) == len(stepper.jumps)

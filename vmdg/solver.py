@@ -183,13 +183,16 @@ def _advance(stepper: Stepper, target: float, monitor: Monitor | None, result: R
     problem, options = stepper.problem, stepper.options
     start = problem.t
     done, size, cuts, failed = 0.0, 1.0, 0, False
+    jumped_from = math.nan
     while done < 1.0:
         end = min(done + size, 1.0)
         t = target if end == 1.0 else start + end * (target - start)
         # A smaller step is the cheaper second attempt, as long as there are some left.
         last = cuts >= min(options.jump_after, options.max_cuts)
         report, jumps = stepper.step(t, once=not last), 0
-        if not report.converged and last and options.jump:
+        # From the same state to the same load a jump fails again.
+        if not report.converged and last and options.jump and problem.t != jumped_from:
+            jumped_from = problem.t
             result.failures.append((t, report.reason))
             # Beyond the limit point by as much as the step allows: near it a jump starts slowly.
             report, jumps = stepper.jump(target)

@@ -1,0 +1,180 @@
+"""Two cubes with a bond between them on any number of ranks: seconds, memory and messages.
+
+The model behind the table, for p ranks, N nodes and d components: every rank computes on N/p nodes
+and holds copies (ghosts) of those that cells next to a cut bring with them. A cut of A nodes leaves
+A of them with the other rank, and the layer of ghost cells adds A on either side, so that
+
+    ghosts of all ranks = 3 * (nodes of all cuts),    message = 8 d * ghosts [bytes]
+
+is sent once in a Krylov iteration, twice in a residual (summed up, and sent back). Halving a box of
+n x n x m nodes (n <= m) cuts n^2 of them first, then halves of the box. Points of interfaces, their
+history and return maps belong to one rank each and send nothing.
+"""
+
+from __future__ import annotations
+
+import resource
+from dataclasses import dataclass
+from time import perf_counter
+
+from mpi4py import MPI
+
+import numpy as np
+from _benchmark import BOTTOM, LOWER, TOP, UPPER, layers
+from dolfinx.common import timing
+
+import vmdg
+from vmdg import newton
+from vmdg.parallel import global_max, global_sum
+
+#: Where the time goes: timers of vmdg.
+TIMERS = {
+    "solve": "linear solve",
+    "tangent": "assemble tangent",
+    "residual": "assemble residual",
+    "return map": "return map",
+    "stabilization": "stabilization",
+}
+BOND = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.3)  # MPa, mm
+BODY = {"E": 4000.0, "nu": 0.3}  # MPa
+
+
+@dataclass(frozen=True)
+class Row:
+    """One run.
+
+    Attributes:
+        ranks: Number of processes.
+        n: Cells along an edge of a cube.
+        unknowns: Of all ranks.
+        force: On the top [N].
+        newton: Corrections.
+        krylov: Iterations of linear solves.
+        seconds: Wall time of the steps [s].
+        parts: Of it by timer, of the slowest rank [s].
+        ghosts: Nodes that ranks hold for others, of all ranks.
+        model: What the model of this module says.
+        facets: Share of the facets of the interface on the rank that has most.
+        MiB: Largest memory of a rank.
+    """
+
+    ranks: int
+    n: int
+    unknowns: int
+    force: float
+    newton: int
+    krylov: int
+    seconds: float
+    parts: dict[str, float]
+    ghosts: int
+    model: int
+    facets: float
+    MiB: float
+
+    def line(self, first: Row) -> list[str | int | float]:
+        """Of the table below ``HEAD``, with the gain over the first row."""
+        work = self.unknowns / first.unknowns
+        return [
+            self.ranks,
+            self.unknowns,
+            self.newton,
+            self.krylov,
+            self.seconds,
+            f"{work * first.seconds / self.seconds:.2f}",
+            *self.parts.values(),
+            f"{self.ghosts} / {self.model}",
+            f"{self.facets:.0%}",
+            self.MiB,
+            f"{self.force:.10g}",
+        ]
+
+
+HEAD = (
+    "ranks",
+    "unknowns",
+    "Newton",
+    "Krylov",
+    "seconds",
+    "gain",
+    *TIMERS,
+    "ghosts / model",
+    "most facets",
+    "MiB",
+    "force [N]",
+)
+
+
+def modelled_ghosts(ranks: int, n: int) -> int:
+    """Ghost nodes of all ranks where n x n x 2n cells are halved again and again."""
+    sides, parts, cut = np.array([n, n, 2 * n], dtype=float), 1, 0.0
+    while parts < ranks:
+        longest = np.argmax(sides)
+        # The last halving may be of some parts only.
+        cut += min(parts, ranks - parts) * np.prod(np.delete(sides, longest) + 1)
+        sides[longest] /= 2
+        parts *= 2
+    return round(3 * cut)
+
+
+def build(n: int, comm: MPI.Comm) -> tuple[vmdg.Problem, np.ndarray]:
+    """The cubes, their load factor the share of the final displacement; facets of the top."""
+    mesh, cell_tags, facet_tags = layers("hexahedron", (n, n, 2 * n), (1.0, 1.0, 2.0), n, comm)
+    body = vmdg.NeoHookean(**BODY)
+    interface = vmdg.Interface(between=(LOWER, UPPER), law=BOND)
+    problem = vmdg.Problem(mesh, cell_tags, {LOWER: body, UPPER: body}, [interface])
+    top = facet_tags.find(TOP)
+    problem.dirichlet(facet_tags.find(BOTTOM), 0.0)
+    # Opened on one side, pressed and sheared on the other: all branches of the law.
+    problem.dirichlet(
+        top, lambda x, t: t * np.vstack([0.01 + 0 * x[0], 0 * x[0], 0.04 * (x[0] - 0.4)])
+    )
+    return problem, top
+
+
+def measure(n: int, comm: MPI.Comm = MPI.COMM_WORLD) -> Row:
+    """Two steps; collective."""
+    problem, top = build(n, comm)
+    problem.compile()
+    solvers, make = [], newton.LinearSolver
+
+    def remember(*arguments):
+        solvers.append(make(*arguments))
+        return solvers[-1]
+
+    newton.LinearSolver = remember
+    comm.barrier()
+    before, start = {name: _seconds(timer) for name, timer in TIMERS.items()}, perf_counter()
+    try:
+        options = vmdg.SolveOptions(relative_tolerance=1e-10)
+        result = vmdg.solve(problem, [0.5, 1.0], options)
+    finally:
+        newton.LinearSolver = make
+    comm.barrier()
+    seconds = perf_counter() - start
+    parts = {
+        name: global_max(comm, _seconds(timer) - before[name]) for name, timer in TIMERS.items()
+    }
+    nodes = problem.space.dofmap.index_map
+    facets = len(problem.interface_facets(0).facets)
+    return Row(
+        comm.size,
+        n,
+        3 * nodes.size_global,
+        float(problem.reaction(top)[-1]),
+        int(result.history["iterations"].sum()),
+        sum(solver.counts.iterations for solver in solvers),
+        seconds,
+        parts,
+        int(global_sum(comm, nodes.num_ghosts)),
+        modelled_ghosts(comm.size, n),
+        global_max(comm, facets) / n**2,
+        global_max(comm, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+    )
+
+
+def _seconds(timer: str) -> float:
+    try:
+        elapsed = timing(f"vmdg: {timer}")[1]
+    except RuntimeError:  # has not run yet
+        return 0.0
+    return elapsed if isinstance(elapsed, float) else elapsed.total_seconds()

@@ -1,0 +1,55 @@
+"""Strong and weak scaling on this machine or a cluster: seconds, messages and memory by ranks.
+
+Every run appends a line to a file in the folder of results and prints the table so far. The first
+line of a folder is what the others are compared with: run it on one rank.
+
+Strong: the same mesh on more ranks,       demos/run -n 1 scaling, demos/run -n 2 scaling, ...
+Weak: as many cells for every rank,        demos/run -n 1 scaling --weak, ...
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+from mpi4py import MPI
+
+from _benchmark import table
+from _scaling import HEAD, Row, measure
+
+
+def main(
+    cells: int = 18, weak: bool = False, out: str = "results/scaling", fresh: bool = False
+) -> list[Row]:
+    """Run, and the rows so far; collective.
+
+    Args:
+        cells: Along an edge of one of the two cubes, on one rank.
+        weak: Multiply the cells with the number of ranks.
+        out: Folder of the results.
+        fresh: Forget what it has.
+    """
+    comm = MPI.COMM_WORLD
+    row = measure(round(cells * comm.size ** (1 / 3)) if weak else cells, comm)
+    rows: list[Row] = []
+    if comm.rank == 0:
+        file = Path(out) / ("weak.jsonl" if weak else "strong.jsonl")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with open(file, "w" if fresh else "a") as lines:
+            lines.write(json.dumps(asdict(row)) + "\n")
+        rows = [Row(**json.loads(line)) for line in file.read_text().splitlines()]
+        text = table(HEAD, [row.line(rows[0]) for row in rows])
+        file.with_suffix(".md").write_text(text + "\n")
+        print(f"{text}\n\n{file}")
+    return comm.bcast(rows)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cells", type=int, default=18, help="along an edge of a cube (18)")
+    parser.add_argument("--weak", action="store_true", help="as many cells for every rank")
+    parser.add_argument("--out", default="results/scaling", help="folder of the results")
+    parser.add_argument("--fresh", action="store_true", help="forget the results of the folder")
+    main(**vars(parser.parse_args()))
