@@ -1,0 +1,55 @@
+"""Scenes do not depend on the number of ranks: the same unknowns, iterations and forces."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from mpi4py import MPI
+
+import pytest
+import ranks
+import scaling
+from _scaling import measure, modelled_ghosts
+
+ROOT = Path(__file__).resolve().parent.parent
+SCENES = ["load cycle", "fibres, on demand", "push-out"]
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own ranks")
+def test_any_number_of_ranks(tmp_path):
+    """Reversals, facets that open on demand, three dimensions, on 1 to 3 ranks.
+
+    Steps are solved to 1e-11; all scenes of the demos differ by less than 3e-12.
+    """
+    folders = (str(ROOT), str(ROOT / "demos"), os.environ.get("PYTHONPATH", ""))
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(folders)}
+    for count in range(1, 4):
+        script = [sys.executable, str(ROOT / "tests" / "ranks.py"), str(tmp_path), *SCENES]
+        command = ["mpirun", "-n", str(count), *script]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr[-2000:]
+    found = ranks.differences(tmp_path)
+    assert len(found) == 3 * len(SCENES)
+    assert max(largest for *_, largest in found) < 1e-9, found
+
+
+def test_scaling(comm, tmp_path_factory):
+    """A line a run; the cubes of all ranks are those of one, their ghosts those of the model."""
+    folder = comm.bcast(str(tmp_path_factory.mktemp("scaling")))
+    for fresh in (True, False):
+        rows = scaling.main(cells=4, out=folder, fresh=fresh)
+    row, alone = rows[-1], measure(4, MPI.COMM_SELF)
+    assert len(rows) == 2
+    assert (row.unknowns, row.newton) == (alone.unknowns, alone.newton)
+    assert row.force == pytest.approx(alone.force, rel=1e-8)
+    assert row.seconds > sum(row.parts.values()) / comm.size
+    # Cuts of graph partitioners are not plane.
+    assert row.model <= row.ghosts <= 1.6 * row.model
+
+
+def test_modelled_ghosts():
+    """Cubes of 4 cells: one cut of 25 nodes, then one of 25 and one of 5 by 5 a half."""
+    assert [modelled_ghosts(ranks, 4) for ranks in (1, 2, 4)] == [0, 75, 225]
