@@ -81,6 +81,7 @@ class Newton(Iteration):
         max_iterations: Corrections before an attempt is given up.
         petsc: Options of the solver, without prefix.
         scale: Largest force seen before [N].
+        borne: Largest reaction or load seen before [N].
     """
 
     def __init__(
@@ -90,8 +91,9 @@ class Newton(Iteration):
         max_iterations: int,
         petsc: Options | None,
         scale: float = 0.0,
+        borne: float = 0.0,
     ):
-        super().__init__(problem, relative_tolerance, max_iterations, scale)
+        super().__init__(problem, relative_tolerance, max_iterations, scale, borne)
         self._matrix = problem.create_matrix()
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self._x, self._f = self._matrix.createVecs()
