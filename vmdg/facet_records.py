@@ -12,7 +12,7 @@ the point at the same place. All components are global ones or, in a turning fra
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from dolfinx.mesh import Mesh
@@ -26,7 +26,11 @@ from .stabilization import Stabilization
 #: Points of a facet lie apart by a share of its size; the same point is met to rounding.
 SAME_POINT = 1e-6
 
-_PER_FACET = tuple(field.name for field in fields(Stabilization))
+
+def _facet_shapes(d: int) -> dict[str, tuple[int, ...]]:
+    """Arrays of one value a facet: those of Stabilization, and the flux weights."""
+    pairs = {"delta": (2, d, d), "weights": (2, d, d)}
+    return {"tau": (d, d), "delta_s": (d, d), "norm": (), "safety": ()} | pairs
 
 
 def facet_keys(mesh: Mesh, facets: InterfaceFacets) -> NDArray[np.int64]:
@@ -63,9 +67,10 @@ class FacetRecords:
 
     def __init__(self, coupling: Coupling):
         self._coupling = coupling
-        self._columns = [
-            _Column(name, values.shape[1:], "." in name)
-            for name, values in self._arrays().items()
+        d = coupling.quadrature.d
+        self._columns = [_Column(name, shape, False) for name, shape in _facet_shapes(d).items()]
+        self._columns += [
+            _Column(name, values.shape[1:], True) for name, values in self._of_points().items()
         ]
         self._points = coupling.quadrature.points_of_facet.shape[1]
         self._widths = [
@@ -73,13 +78,13 @@ class FacetRecords:
             for column in self._columns
         ]
 
-    def _arrays(self) -> dict[str, NDArray]:
-        """Everything by name; arrays of points have a dot in it."""
+    def _of_facets(self) -> dict[str, NDArray]:
+        stabilization, weights = self._coupling.frozen
+        return vars(stabilization) | {"weights": weights}
+
+    def _of_points(self) -> dict[str, NDArray]:
         coupling = self._coupling
-        stabilization, weights = coupling.frozen
-        arrays = {name: getattr(stabilization, name) for name in _PER_FACET}
-        arrays["weights"] = weights
-        arrays["point.place"] = coupling.quadrature.points
+        arrays = {"place": coupling.quadrature.points}
         history = coupling.history()
         if coupling.law.inelastic:
             arrays |= {f"history.{name}": getattr(history, name) for name in HISTORY_ARRAYS}
@@ -88,7 +93,8 @@ class FacetRecords:
 
     def rows(self) -> NDArray[np.float64]:
         """One row a facet of the coupling, in the order of ``facets.facets``."""
-        arrays, points = self._arrays(), self._coupling.quadrature.points_of_facet
+        arrays = self._of_facets() | self._of_points()
+        points = self._coupling.quadrature.points_of_facet
         parts = []
         for column, width in zip(self._columns, self._widths, strict=True):
             values = arrays[column.name]
@@ -109,24 +115,23 @@ class FacetRecords:
         for column, block in zip(self._columns, blocks, strict=True):
             shape = (count, self._points) if column.points else (count,)
             arrays[column.name] = block.reshape(*shape, *column.shape)
-        source = self._same_points(arrays["point.place"])
+        source = self._same_points(arrays["place"])
         for column in self._columns:
             if column.points:
                 values = np.empty((facets.size, *column.shape))
                 stored = arrays[column.name]
                 values[facets] = stored[np.arange(count)[:, None], source]
                 arrays[column.name] = values
-        frozen = (
-            Stabilization(**{name: arrays[name] for name in _PER_FACET}),
-            arrays["weights"],
-        )
+        frozen = {c.name: arrays[c.name] for c in self._columns if not c.points}
+        weights = frozen.pop("weights")
         present = self._coupling.history()
         history = {name: getattr(present, name) for name in HISTORY_ARRAYS}
         if self._coupling.law.inelastic:
             history = {name: arrays[f"history.{name}"] for name in HISTORY_ARRAYS}
             history["mode"] = history["mode"].astype(np.int8)
         now = {name: arrays.get(f"now.{name}") for name in VALUE_ARRAYS}
-        return PointHistory(**history, values=PointValues(**now)), frozen
+        history = PointHistory(**history, values=PointValues(**now))
+        return history, (Stabilization(**frozen), weights)
 
     def _same_points(self, places: NDArray[np.float64]) -> NDArray[np.intp]:
         """Stored point (nf, points of a facet) at the place of every point of the facets."""
