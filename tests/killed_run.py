@@ -1,11 +1,13 @@
 """A push-out that is meant to be killed: ``python3 killed_run.py FOLDER LOG``.
 
-It goes on from the checkpoint in FOLDER, if there is one, and adds a line to LOG after every step.
+It goes on from the checkpoint in FOLDER, if there is one, and adds a line to LOG after every step:
+its load factor and the time.
 """
 
 from __future__ import annotations
 
 import sys
+import time
 from pathlib import Path
 
 import _pushout as scene
@@ -38,7 +40,7 @@ def main(folder: Path, log: Path) -> vmdg.History:
     with open(log, "a") as lines:
 
         def monitor(problem: vmdg.Problem) -> dict[str, float]:
-            print(problem.t, file=lines, flush=True)
+            print(problem.t, time.time(), file=lines, flush=True)
             return push.measures(problem)
 
         loads = LOADS[LOADS > problem.t + 1e-12]
