@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser
 from pathlib import Path
+from typing import Any
 
 import vmdg
 from vmdg.checkpoint import discard_checkpoint
@@ -12,11 +13,16 @@ from vmdg.checkpoint import discard_checkpoint
 def add_options(parser: ArgumentParser) -> None:
     """``--checkpoint-every N`` and ``--resume``, for arguments of these names of ``main``."""
     parser.add_argument(
-        "--checkpoint-every", type=int, default=10, metavar="N", help="steps between two (10)"
+        "--checkpoint-every", type=int, default=10, metavar="N", help="steps (10); 0: none"
     )
     parser.add_argument(
         "--resume", action="store_true", help="go on from the last checkpoint, on any ranks"
     )
+
+
+def files(folder: Path, every: int) -> dict[str, Any]:
+    """Options of a run that writes a checkpoint every so many steps, none where that is 0."""
+    return {"checkpoint": folder, "checkpoint_every": every} if every else {}
 
 
 def resumed(problem: vmdg.Problem, resume: bool, *folders: Path) -> vmdg.History | None:

@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 import numpy as np
 from _fibre_matrix import Cell, curves, pulls
-from _restart import add_options, resumed
+from _restart import add_options, files, resumed
 
 import vmdg
 from vmdg.meshes import fibre_matrix, random_fibres
@@ -77,9 +77,11 @@ def main(
     separated = (0.525 if fibres == 1 else 0.65) * critical_gap
     end = end or (0.005 if interface_only else separated)
     # Fragments that hang on a last point invite distant equilibria: watch the energy.
-    files = {"checkpoint": Path(out) / "checkpoint", "checkpoint_every": checkpoint_every}
-    options = vmdg.SolveOptions(1e-8, energy_guard=0.05, energy=True, progress=True, **files)
-    history = resumed(problem, resume, files["checkpoint"])
+    checkpoint = Path(out) / "checkpoint"
+    options = vmdg.SolveOptions(
+        1e-8, energy_guard=0.05, energy=True, progress=True, **files(checkpoint, checkpoint_every)
+    )
+    history = resumed(problem, resume, checkpoint)
     if history:
         stages.skip(history)
     loads = pulls(step, end, growth)

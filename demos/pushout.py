@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 import numpy as np
 from _pushout import E_MATRIX, Levels, build, curves
-from _restart import add_options, resumed
+from _restart import add_options, files, resumed
 
 import vmdg
 
@@ -42,7 +42,8 @@ def main(
     checkpoint, cure = folder / "checkpoint", folder / "checkpoint_cure"
     if resumed(problem, resume, cure, checkpoint) is None:
         vmdg.solve(problem, np.linspace(0.25, 1, 4), vmdg.SolveOptions(relative_tolerance=1e-8))
-        vmdg.write_checkpoint(problem, cure)
+        if checkpoint_every:
+            vmdg.write_checkpoint(problem, cure)
     levels = Levels(model) if picture else None
     problem.dirichlet(model.top, lambda t: 1 - t, model.axis, relative=True)
     history = vmdg.read_checkpoint(problem, checkpoint)
@@ -56,8 +57,7 @@ def main(
         return measured
 
     loads = 1 + np.linspace(0, end, steps + 1)[1:]
-    files = {"checkpoint": checkpoint, "checkpoint_every": checkpoint_every}
-    options = vmdg.SolveOptions(relative_tolerance=1e-7, progress=True, **files)
+    options = vmdg.SolveOptions(1e-7, progress=True, **files(checkpoint, checkpoint_every))
     loads = loads[loads > problem.t + 1e-12]
     history = vmdg.solve(problem, loads, options, monitor, history).history
     figure = levels.draw() if picture else None

@@ -18,7 +18,7 @@ from mpi4py import MPI
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _restart import add_options, resumed
+from _restart import add_options, files, resumed
 from _tearing import Contours, Run, curves, error_profile, gap_profile, gathered
 from _tearing_cases import CASES, HEIGHT, MESHES, PRECRACK, STIFF, WIDTH, Case
 
@@ -28,7 +28,13 @@ from vmdg.output import FieldWriter
 
 
 def tear(
-    case: Case, law: vmdg.Debonding, mesh: str, steps: int, every: int, resume: bool, out: Path
+    case: Case,
+    law: vmdg.Debonding,
+    mesh: str,
+    steps: int,
+    out: Path,
+    every: int = 10,
+    resume: bool = False,
 ) -> tuple[Run, Contours]:
     """Tear the plates on one mesh; fields and checkpoints go to the folder ``out``."""
     divisions = [MESHES[mesh] * n for n in (24, 20, 10)]
@@ -63,9 +69,9 @@ def tear(
             "broken": length @ (Q >= law.strength) / length.sum(),
         }
 
-    files = {"checkpoint": out / f"checkpoint_{mesh}", "checkpoint_every": every}
-    options = vmdg.SolveOptions(1e-8, max_iterations=10, energy=True, progress=True, **files)
-    history = resumed(problem, resume, files["checkpoint"])
+    checkpoint = out / f"checkpoint_{mesh}"
+    options = vmdg.SolveOptions(1e-8, energy=True, progress=True, **files(checkpoint, every))
+    history = resumed(problem, resume, checkpoint)
     # A file of fields is written from its start: those of the first part of a run stay as they are.
     name = f"fields_{mesh}" if history is None else f"fields_{mesh}_from_{problem.t:.6g}"
     loads = case.strains(steps)
@@ -88,7 +94,7 @@ def main(
     law = vmdg.Debonding(strength=case.strength, critical_gap=0.2)
     runs = {}
     for name in MESHES if mesh == "all" else (mesh,):
-        runs[name], contours = tear(case, law, name, steps, checkpoint_every, resume, folder)
+        runs[name], contours = tear(case, law, name, steps, folder, checkpoint_every, resume)
     if MPI.COMM_WORLD.rank == 0:
         contours.figure.savefig(folder / f"tearing_{material}_contours.png", dpi=150)
         curves(runs, law, PRECRACK).savefig(folder / f"tearing_{material}.png", dpi=120)

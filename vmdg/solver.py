@@ -19,6 +19,7 @@ from .history import History
 from .newton import Newton, StepReport
 from .predictor import PATH, PREDICTORS
 from .problem import Problem
+from .state_file import adios
 from .switches import Switch, condensation, switchboard
 
 #: In a jump the overstress falls after a step with so few corrections, and grows by this factor
@@ -149,6 +150,7 @@ def solve(
         ValueError: the softening of a law is too steep for the mesh (r <= H - eta), an unknown
             predictor, ``condensed=True`` where that is not possible, or no steps between
             checkpoints.
+        ImportError: checkpoints are wanted and adios4dolfinx is missing.
         OSError: a checkpoint could not be written; the problem is in the state it should hold.
     """
     options = options or SolveOptions()
@@ -161,6 +163,8 @@ def solve(
             f"SolveOptions: checkpoint_every = {options.checkpoint_every} must be at least 1; "
             "without checkpoint= nothing is written"
         )
+    if options.checkpoint is not None:
+        adios()  # not after an hour
     loads = np.atleast_1d(np.asarray(loads, dtype=float))
     result = Result(
         history=History() if history is None else history, switches=switchboard(problem, options)

@@ -43,7 +43,7 @@ def adios() -> tuple[ModuleType, Any]:
         raise ImportError(
             f"checkpoints need adios4dolfinx and ADIOS2 with MPI ({error}); install "
             "python3-adios4dolfinx (Debian) or adios4dolfinx (conda-forge), in the version of your "
-            "DOLFINx, or run without a checkpoint"
+            "DOLFINx, or run without checkpoints (checkpoint=None, demos: --checkpoint-every 0)"
         ) from error
     return adios4dolfinx, getattr(adios2, "bindings", adios2)
 
