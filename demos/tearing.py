@@ -85,9 +85,9 @@ def main(
     material: str = "neo-hookean",
     mesh: str = "medium",
     steps: int = 25,
+    out: str = "results/tearing",
     checkpoint_every: int = 10,
     resume: bool = False,
-    out: str = "results/tearing",
 ) -> dict[str, Run]:
     """Run one mesh or "all"; pictures, histories and fields go to the folder ``out``."""
     case, folder = CASES[material], Path(out)
