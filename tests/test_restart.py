@@ -188,12 +188,46 @@ def test_any_number_of_ranks(comm, out, name):
         comm.barrier()
 
 
+OTHERS = {
+    "tie": {"law": vmdg.Bonded()},
+    "mean dilatation": {"cell": "quadrilateral", "volumetric": "mean"},
+    "viscous law": {"law": vmdg.Debonding(strength=60.0, critical_gap=0.2, viscosity=2.0)},
+    "swelling": {"eigenstrain": {2: lambda t: -0.02 * t}},
+}
+
+
+def left(x: np.ndarray) -> np.ndarray:
+    """Where the blocks are held."""
+    return np.isclose(x[0], 0)
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_what_else_a_state_has(comm, out, name):
+    """The next steps after a checkpoint are those of the run that goes on, on the same ranks."""
+    loads, histories = np.linspace(0.02, 0.12, 6), []
+    for read in (False, True):
+        problem = small(comm, **OTHERS[name])
+        problem.dirichlet(left, 0.0)
+        problem.dirichlet(lambda x: np.isclose(x[0], 2), lambda t: (t, 0.3 * t))
+        if read:
+            history = vmdg.read_checkpoint(problem, out)
+        else:
+            history = run((problem, left), loads[:3], checkpoint=out)
+        assert len(history) == 3
+        histories.append(run((problem, left), loads[3:], history, energy_guard=0.5))
+    there, here = histories
+    assert len(here) == len(there)
+    assert_same(here["force"], there["force"], 0.0 if comm.size == 1 else SAME, "force")
+    assert_same(here["imbalance"], there["imbalance"], 1e-6, "imbalance")
+
+
 # What is refused, and what a failure leaves
 
 
 def small(comm: MPI.Comm, divisions: int = 2, degree: int = 1, **options) -> vmdg.Problem:
     """Two blocks at rest."""
-    scene = two_blocks(comm, "triangle", n=divisions)
+    options = dict(options)
+    scene = two_blocks(comm, options.pop("cell", "triangle"), n=divisions)
     law = options.pop("law", BOND)
     interface = vmdg.Interface(between=(1, 2), law=law)
     bodies = options.pop("bodies", dict(enumerate(MATERIALS, start=1)))
@@ -253,9 +287,12 @@ def test_format(comm, out):
     assert vmdg.read_checkpoint(problem, out) is None
 
 
-@pytest.mark.parametrize("stage", ["write_fields", "write_tables", "_flush", "_make_visible"])
+@pytest.mark.parametrize("stage", ["write_fields", "write_tables", "_make_slot", "_sync"])
 def test_failure_leaves_the_former(comm, out, monkeypatch, stage):
-    """An error of one stage is raised by all ranks, and the former checkpoint is still there."""
+    """An error of one stage is raised by all ranks, and the former checkpoint is still there.
+
+    Only one rank makes folders and flushes files, and it alone meets the error.
+    """
     problem = small(comm)
     history = vmdg.History()
     history.append({"load": 1.0})

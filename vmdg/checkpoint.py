@@ -34,8 +34,7 @@ import dolfinx
 import numpy as np
 from dolfinx import fem
 
-import vmdg
-
+from . import __version__
 from .facet_records import FacetRecords, facet_keys
 from .history import History
 from .identity import differences, identity
@@ -83,7 +82,7 @@ def write_checkpoint(problem: Problem, folder: str | Path, history: History | No
     fields, tables = _fields(problem), _tables(problem)
     about = {
         "format": FORMAT,
-        "vmdg": vmdg.__version__,
+        "vmdg": __version__,
         "dolfinx": dolfinx.__version__,
         "ranks": comm.size,
         "problem": identity(problem),
@@ -110,13 +109,12 @@ def write_checkpoint(problem: Problem, folder: str | Path, history: History | No
     except Exception as error:  # ADIOS2 raises whatever its engines do
         message = _unwritable(folder, error)
     raise_together(comm, message, OSError)
-    try:
-        _flush(comm, slot)
-        if comm.rank == 0:
-            _make_visible(folder, slot)
-    except OSError as error:
-        message = _unwritable(folder, error)
-    raise_together(comm, message, OSError)
+    for finish in (_flush, _make_visible):
+        try:
+            finish(comm, folder, slot)
+        except OSError as error:
+            message = _unwritable(folder, error)
+        raise_together(comm, message, OSError)
 
 
 def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
@@ -152,7 +150,7 @@ def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
     if about["format"] != FORMAT:
         raise ValueError(
             f"the checkpoint in {folder} has format {about['format']}, written by vmdg "
-            f"{about['vmdg']}; vmdg {vmdg.__version__} reads format {FORMAT}: go on with the "
+            f"{about['vmdg']}; vmdg {__version__} reads format {FORMAT}: go on with the "
             "version that wrote it, or remove the folder and start anew"
         )
     if lines := differences(about["problem"], identity(problem)):
@@ -314,7 +312,7 @@ def _make_slot(folder: Path, size: float) -> Path:
     return slot
 
 
-def _flush(comm: MPI.Comm, slot: Path) -> None:
+def _flush(comm: MPI.Comm, folder: Path, slot: Path) -> None:
     """All files on the disk, for every node by one of its ranks; collective."""
     node = comm.Split_type(MPI.COMM_TYPE_SHARED)
     try:
@@ -324,10 +322,12 @@ def _flush(comm: MPI.Comm, slot: Path) -> None:
             _sync(slot)
     finally:
         node.Free()
-    comm.barrier()
 
 
-def _make_visible(folder: Path, slot: Path) -> None:
+def _make_visible(comm: MPI.Comm, folder: Path, slot: Path) -> None:
+    """Name the new folder, in one move."""
+    if comm.rank > 0:
+        return
     partial = folder / f"{_LATEST}.partial"
     partial.write_text(slot.name)
     _sync(partial)
