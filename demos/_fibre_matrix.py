@@ -48,6 +48,11 @@ class Cell:
         self.gaps: dict[int, tuple[NDArray, NDArray]] = {}
         self.figure, self._axes = plt.subplots(2, 2, figsize=(7, 6.6), layout="constrained")
 
+    def skip(self, history: vmdg.History) -> None:
+        """Leave out the stages that a run which is resumed has passed already."""
+        self._peak = np.abs(history["stress"]).max() * self._size
+        self.stage = int(history["stage"][-1])
+
     def update(self, force: float) -> int:
         """The stage of the current state; collective."""
         self._peak = max(self._peak, abs(force))
@@ -84,9 +89,9 @@ class Cell:
 
     def finish(self) -> plt.Figure:
         """Hide the panels of stages that did not come; the contours."""
-        for ax in self._axes.flat[self.stage :]:
-            ax.set_visible(False)
-        if self.stage:
+        for number, ax in enumerate(self._axes.flat, start=1):
+            ax.set_visible(number in self.gaps)
+        if self.gaps:
             label = r"$\sigma_{xx}$ [MPa]"
             self.figure.colorbar(self._drawn, ax=self._axes, label=label, shrink=0.7)
         return self.figure

@@ -15,6 +15,7 @@ from mpi4py import MPI
 
 import numpy as np
 from _fibre_matrix import Cell, curves, pulls
+from _restart import add_options, files, resumed
 
 import vmdg
 from vmdg.meshes import fibre_matrix, random_fibres
@@ -39,6 +40,8 @@ def main(
     activate: str = "all",
     interface_only: bool = False,
     deck: bool = False,
+    checkpoint_every: int = 10,
+    resume: bool = False,
     out: str = "results/fibre_matrix",
 ) -> vmdg.History:
     """Pull both sides to ``end`` [mm]; pictures and history go to the folder ``out``."""
@@ -74,10 +77,16 @@ def main(
     separated = (0.525 if fibres == 1 else 0.65) * critical_gap
     end = end or (0.005 if interface_only else separated)
     # Fragments that hang on a last point invite distant equilibria: watch the energy.
+    checkpoint = Path(out) / "checkpoint"
     options = vmdg.SolveOptions(
-        relative_tolerance=1e-8, energy_guard=0.05, energy=True, progress=True
+        1e-8, energy_guard=0.05, energy=True, progress=True, **files(checkpoint, checkpoint_every)
     )
-    history = vmdg.solve(problem, pulls(step, end, growth), options, monitor).history
+    history = resumed(problem, resume, checkpoint)
+    if history:
+        stages.skip(history)
+    loads = pulls(step, end, growth)
+    loads = loads[loads > problem.t * (1 + 1e-12)]
+    history = vmdg.solve(problem, loads, options, monitor, history).history
 
     if comm.rank == 0:
         Path(out).mkdir(parents=True, exist_ok=True)
@@ -113,4 +122,5 @@ if __name__ == "__main__":
     parser.add_argument("--interface-only", action="store_true", help="no cracks in the matrix")
     parser.add_argument("--deck", action="store_true", help="moduli of the public one-fibre deck")
     parser.add_argument("--out", default="results/fibre_matrix", help="folder for the results")
+    add_options(parser)
     main(**vars(parser.parse_args()))

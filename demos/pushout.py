@@ -15,6 +15,7 @@ from mpi4py import MPI
 
 import numpy as np
 from _pushout import E_MATRIX, Levels, build, curves
+from _restart import add_options, files, resumed
 
 import vmdg
 
@@ -30,6 +31,7 @@ def main(
     end: float = END,
     friction: float = FRICTION,
     fibre_modulus: float = FIBRE_MODULUS,
+    checkpoint_every: int = 10,
     resume: bool = False,
     picture: bool = True,
     out: str = "results/pushout",
@@ -37,14 +39,14 @@ def main(
     """Push the fibre by ``end`` [mm]; pictures, history and checkpoints go to ``out``."""
     model, folder = build(solid, layers, refine, friction, fibre_modulus), Path(out)
     problem, rank = model.problem, MPI.COMM_WORLD.rank
-    cure = folder / "checkpoint_cure"
-    if not resume or vmdg.read_checkpoint(problem, cure) is None:
+    checkpoint, cure = folder / "checkpoint", folder / "checkpoint_cure"
+    if resumed(problem, resume, cure, checkpoint) is None:
         vmdg.solve(problem, np.linspace(0.25, 1, 4), vmdg.SolveOptions(relative_tolerance=1e-8))
-        vmdg.write_checkpoint(problem, cure)
+        if checkpoint_every:
+            vmdg.write_checkpoint(problem, cure)
     levels = Levels(model) if picture else None
     problem.dirichlet(model.top, lambda t: 1 - t, model.axis, relative=True)
-    checkpoint = folder / "checkpoint"
-    history = vmdg.read_checkpoint(problem, checkpoint) if resume else None
+    history = vmdg.read_checkpoint(problem, checkpoint)
     if picture and history:
         levels.skip(history)
 
@@ -55,7 +57,7 @@ def main(
         return measured
 
     loads = 1 + np.linspace(0, end, steps + 1)[1:]
-    options = vmdg.SolveOptions(relative_tolerance=1e-7, progress=True, checkpoint=checkpoint)
+    options = vmdg.SolveOptions(1e-7, progress=True, **files(checkpoint, checkpoint_every))
     loads = loads[loads > problem.t + 1e-12]
     history = vmdg.solve(problem, loads, options, monitor, history).history
     figure = levels.draw() if picture else None
@@ -110,7 +112,7 @@ if __name__ == "__main__":
     parser.add_argument("--friction", type=float, default=FRICTION, help="coefficient (.475)")
     parser.add_argument("--fibre-modulus", type=float, default=FIBRE_MODULUS, help="[MPa] (2500)")
     parser.add_argument("--study", choices=STUDIES, help="several runs: Figures 30 and 31")
-    parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint")
+    add_options(parser)
     parser.add_argument("--out", default="results/pushout", help="folder for the results")
     arguments = vars(parser.parse_args())
     chosen = arguments.pop("study")

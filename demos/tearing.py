@@ -18,6 +18,7 @@ from mpi4py import MPI
 
 import matplotlib.pyplot as plt
 import numpy as np
+from _restart import add_options, files, resumed
 from _tearing import Contours, Run, curves, error_profile, gap_profile, gathered
 from _tearing_cases import CASES, HEIGHT, MESHES, PRECRACK, STIFF, WIDTH, Case
 
@@ -26,8 +27,16 @@ from vmdg.meshes import tearing
 from vmdg.output import FieldWriter
 
 
-def tear(case: Case, law: vmdg.Debonding, mesh: str, steps: int, out: Path) -> tuple[Run, Contours]:
-    """Tear the plates on one mesh; fields go to the folder ``out``."""
+def tear(
+    case: Case,
+    law: vmdg.Debonding,
+    mesh: str,
+    steps: int,
+    out: Path,
+    every: int = 10,
+    resume: bool = False,
+) -> tuple[Run, Contours]:
+    """Tear the plates on one mesh; fields and checkpoints go to the folder ``out``."""
     divisions = [MESHES[mesh] * n for n in (24, 20, 10)]
     sizes = WIDTH, HEIGHT, HEIGHT / 2, divisions, PRECRACK
     tagged = tearing(MPI.COMM_WORLD, "quadrilateral", *sizes)
@@ -60,9 +69,14 @@ def tear(case: Case, law: vmdg.Debonding, mesh: str, steps: int, out: Path) -> t
             "broken": length @ (Q >= law.strength) / length.sum(),
         }
 
-    options = vmdg.SolveOptions(1e-8, max_iterations=10, energy=True, progress=True)
-    with FieldWriter(problem, out / f"fields_{mesh}") as fields:
-        result = vmdg.solve(problem, case.strains(steps), options, monitor)
+    checkpoint = out / f"checkpoint_{mesh}"
+    options = vmdg.SolveOptions(1e-8, energy=True, progress=True, **files(checkpoint, every))
+    history = resumed(problem, resume, checkpoint)
+    # A file of fields is written from its start: those of the first part of a run stay as they are.
+    name = f"fields_{mesh}" if history is None else f"fields_{mesh}_from_{problem.t:.6g}"
+    loads = case.strains(steps)
+    with FieldWriter(problem, out / name) as fields:
+        result = vmdg.solve(problem, loads[loads > problem.t + 1e-12], options, monitor, history)
     run.history, run.failures = result.history, result.failures
     return run, contours
 
@@ -72,13 +86,15 @@ def main(
     mesh: str = "medium",
     steps: int = 25,
     out: str = "results/tearing",
+    checkpoint_every: int = 10,
+    resume: bool = False,
 ) -> dict[str, Run]:
     """Run one mesh or "all"; pictures, histories and fields go to the folder ``out``."""
     case, folder = CASES[material], Path(out)
     law = vmdg.Debonding(strength=case.strength, critical_gap=0.2)
     runs = {}
     for name in MESHES if mesh == "all" else (mesh,):
-        runs[name], contours = tear(case, law, name, steps, folder)
+        runs[name], contours = tear(case, law, name, steps, folder, checkpoint_every, resume)
     if MPI.COMM_WORLD.rank == 0:
         contours.figure.savefig(folder / f"tearing_{material}_contours.png", dpi=150)
         curves(runs, law, PRECRACK).savefig(folder / f"tearing_{material}.png", dpi=120)
@@ -86,7 +102,7 @@ def main(
             h = run.history
             h.to_csv(folder / f"history_{material}_{name}.csv")
             print(f"{name}: {run.summary()}")
-            if len(runs) > 1:
+            if len(runs) > 1 and not resume:  # profiles are not part of a checkpoint
                 difference = run.gap_difference(list(runs.values())[-1], 0.10)
                 print(f"  opening at 10 % strain against the finest mesh: {difference:.2%} off")
         print(f"pictures, histories and ParaView fields are in {out}")
@@ -100,4 +116,5 @@ if __name__ == "__main__":
     parser.add_argument("--mesh", choices=[*MESHES, "all"], default="medium")
     parser.add_argument("--steps", type=int, default=25, help="steps to 5 %% (default 25)")
     parser.add_argument("--out", default="results/tearing", help="folder")
+    add_options(parser)
     main(**vars(parser.parse_args()))

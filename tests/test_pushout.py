@@ -152,7 +152,7 @@ def test_checkpoint_of_another_problem(comm, out):
     """A checkpoint of another mesh is refused; where there is none, None says so."""
     vmdg.write_checkpoint(demo.build(False, 6, 0.5, 0.475, 2500.0).problem, out / "one")
     other = demo.build(False, 8, 0.5, 0.475, 2500.0).problem
-    with pytest.raises(ValueError, match="another mesh"):
+    with pytest.raises(ValueError, match="number of cells"):
         vmdg.read_checkpoint(other, out / "one")
     assert vmdg.read_checkpoint(other, out / "none") is None
 

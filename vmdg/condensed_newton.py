@@ -67,6 +67,7 @@ class CondensedNewton(Iteration):
         relative_tolerance: Of the residual, see :class:`vmdg.criterion.Criterion`.
         max_iterations: Corrections before an attempt is given up.
         scale: Largest force seen before [N].
+        borne: Largest reaction or load seen before [N].
     """
 
     def __init__(
@@ -75,15 +76,26 @@ class CondensedNewton(Iteration):
         relative_tolerance: float,
         max_iterations: int,
         scale: float = 0.0,
+        borne: float = 0.0,
     ):
-        super().__init__(problem, relative_tolerance, max_iterations, scale)
+        super().__init__(problem, relative_tolerance, max_iterations, scale, borne)
         self._couplings = [c for c in problem.discretization.working if c.law.inelastic]
         self.compliance = Compliance(problem)
         self._solver = CondensedSolver(self.compliance)
-        self._responses = KeptResponses(self.compliance.relax)
         norm = self.compliance.stiffness.norm(PETSc.NormType.NORM_INFINITY)
         self._criterion.floor = self._rounding(norm)
         self._prescribed = problem.prescribed
+        self._forget()
+
+    def restart(self) -> None:
+        """Go on as one that is made for the state of the problem now: the dense matrices stay."""
+        criterion, problem = self._criterion, self._problem
+        criterion.scale, criterion.borne = problem.force_scale, problem.borne_force
+        self.forget_path()
+        self._forget()
+
+    def _forget(self) -> None:
+        self._responses = KeptResponses(self.compliance.relax)
         self._rest = np.zeros(self.compliance.size)
 
     def _begin(self, start: float, end: float) -> list[NDArray[np.float64]]:

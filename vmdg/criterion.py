@@ -21,6 +21,7 @@ class Criterion:
     Args:
         tolerance: Relative to the force scale.
         scale: Largest force seen before [N].
+        borne: Largest reaction or load seen before [N].
 
     Attributes:
         scale: Largest force seen so far [N].
@@ -29,10 +30,10 @@ class Criterion:
         slack: Factor on the tolerance of the present step.
     """
 
-    def __init__(self, tolerance: float, scale: float):
+    def __init__(self, tolerance: float, scale: float, borne: float = 0.0):
         self._tolerance = tolerance
         self.scale = scale
-        self.borne = 0.0
+        self.borne = borne
         self.floor = 0.0
         self.slack = 1.0
 

@@ -57,17 +57,23 @@ class Iteration(ABC):
         relative_tolerance: Of the residual, see :class:`vmdg.criterion.Criterion`.
         max_iterations: Corrections before an attempt is given up.
         scale: Largest force seen before [N].
+        borne: Largest reaction or load seen before [N].
 
     Attributes:
         discretization: What it was made for.
     """
 
     def __init__(
-        self, problem: Problem, relative_tolerance: float, max_iterations: int, scale: float
+        self,
+        problem: Problem,
+        relative_tolerance: float,
+        max_iterations: int,
+        scale: float,
+        borne: float = 0.0,
     ):
         self.discretization = problem.discretization
         self._problem = problem
-        self._criterion = Criterion(relative_tolerance, scale)
+        self._criterion = Criterion(relative_tolerance, scale, borne)
         self._max_iterations = max_iterations
         self._path = Path(problem.comm)
         self._dt = 1.0
@@ -77,6 +83,11 @@ class Iteration(ABC):
     def scale(self) -> float:
         """Largest force seen so far [N]."""
         return self._criterion.scale
+
+    @property
+    def borne(self) -> float:
+        """Largest reaction or load seen so far, without those of jumps [N]."""
+        return self._criterion.borne
 
     def step(
         self,

@@ -82,6 +82,7 @@ class Newton(Iteration):
         max_iterations: Corrections before an attempt is given up.
         petsc: Options of the solver, without prefix.
         scale: Largest force seen before [N].
+        borne: Largest reaction or load seen before [N].
     """
 
     def __init__(
@@ -91,8 +92,9 @@ class Newton(Iteration):
         max_iterations: int,
         petsc: Options | None,
         scale: float = 0.0,
+        borne: float = 0.0,
     ):
-        super().__init__(problem, relative_tolerance, max_iterations, scale)
+        super().__init__(problem, relative_tolerance, max_iterations, scale, borne)
         linear = linear_options(problem, petsc)
         self._tangent = Tangent(problem, keeps_bulk(problem, linear.solver))
         matrix = self._tangent.matrix

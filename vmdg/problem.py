@@ -144,6 +144,7 @@ class Problem:
         self.mesh = mesh
         self.comm = mesh.comm
         self.interfaces = list(interfaces)
+        self.materials = dict(materials)
         self._tags = tags = tags_of_cells(mesh, cell_tags)
         self._bodies = Bodies(
             mesh, tags, materials, kinematics == "small", eigenstrain, volumetric == "mean"
@@ -161,9 +162,12 @@ class Problem:
         self._load_vector: NDArray[np.float64] | None = None
         self._dissipated = np.zeros(3)
         self._external = 0.0
-        self._largest_work = 0.0
+        #: Largest work put in during the run so far [N mm], to which created energy is compared.
+        self.largest_work = 0.0
         #: Largest force of the run so far [N], to which residuals are compared.
         self.force_scale = 0.0
+        #: Largest reaction or load of the run so far, without those of jumps [N].
+        self.borne_force = 0.0
         #: Whether steps keep what :meth:`created_energy` needs.
         self.watches_energy = False
         self._start: _Start | None = None
@@ -559,8 +563,8 @@ class Problem:
         """
         change, external, _ = self._exchange()
         total = float(global_sum(self.comm, self._external)) + external
-        self._largest_work = max(self._largest_work, abs(total))
-        return change / max(self._largest_work, np.finfo(float).tiny)
+        self.largest_work = max(self.largest_work, abs(total))
+        return change / max(self.largest_work, np.finfo(float).tiny)
 
     def unaccounted_energy(self) -> float:
         """Size of the same energy, created or lost, relative to what the step exchanged.

@@ -19,6 +19,7 @@ from .history import History
 from .newton import Newton, StepReport
 from .predictor import PATH, PREDICTORS
 from .problem import Problem
+from .state_file import adios
 from .switches import Switch, condensation, switchboard
 
 #: In a jump the overstress falls after a step with so few corrections, and grows by this factor
@@ -64,7 +65,8 @@ class SolveOptions:
         energy: Add the energies of every step to the history.
         progress: Show a progress bar and the summary of the run (rank 0).
         checkpoint: Folder for a checkpoint of the run, see :func:`vmdg.read_checkpoint`.
-        checkpoint_every: Steps between two checkpoints; the end of a run is always written.
+        checkpoint_every: Steps between two checkpoints: one is written at the first of the given
+            load factors that is reached after so many, and at the end of the run.
     """
 
     relative_tolerance: float = 1e-9
@@ -146,19 +148,30 @@ def solve(
     Raises:
         StepFailure: a step fails although it was cut ``max_cuts`` times.
         ValueError: the softening of a law is too steep for the mesh (r <= H - eta), an unknown
-            predictor, or ``condensed=True`` where that is not possible.
+            predictor, ``condensed=True`` where that is not possible, or no steps between
+            checkpoints.
+        ImportError: checkpoints are wanted and adios4dolfinx is missing.
+        OSError: a checkpoint could not be written; the problem is in the state it should hold.
     """
     options = options or SolveOptions()
     if options.predictor not in PREDICTORS:
         raise ValueError(
             f"SolveOptions: predictor = {options.predictor!r} must be one of {PREDICTORS}"
         )
+    if options.checkpoint_every < 1:
+        raise ValueError(
+            f"SolveOptions: checkpoint_every = {options.checkpoint_every} must be at least 1; "
+            "without checkpoint= nothing is written"
+        )
+    if options.checkpoint is not None:
+        adios()  # not after an hour
     loads = np.atleast_1d(np.asarray(loads, dtype=float))
     result = Result(
         history=History() if history is None else history, switches=switchboard(problem, options)
     )
     bar = tqdm(loads, unit="step", disable=not options.progress or problem.comm.rank > 0)
     stepper = Stepper(problem, options)
+    written = len(result.history)
     try:
         for target in bar:
             _advance(stepper, float(target), monitor, result)
@@ -167,8 +180,10 @@ def solve(
                 iterations=result.history.rows[-1]["iterations"],
                 refresh=False,
             )
-        if options.checkpoint is not None and len(result.history) % options.checkpoint_every:
-            write_checkpoint(problem, options.checkpoint, result.history)
+            if len(result.history) - written >= options.checkpoint_every:
+                written = _write_checkpoint(stepper, result)
+        if len(result.history) > written:
+            _write_checkpoint(stepper, result)
     finally:
         bar.close()
     # Not where a step failed: one rank alone must not wait for the others here.
@@ -176,6 +191,15 @@ def solve(
     if options.progress and problem.comm.rank == 0:
         print(result.summary())
     return result
+
+
+def _write_checkpoint(stepper: Stepper, result: Result) -> int:
+    """Write a checkpoint if one is wanted; the number of rows that are safe now."""
+    folder = stepper.options.checkpoint
+    if folder is not None:
+        write_checkpoint(stepper.problem, folder, result.history)
+        stepper.restart()
+    return len(result.history)
 
 
 def _advance(stepper: Stepper, target: float, monitor: Monitor | None, result: Result) -> None:
@@ -224,8 +248,6 @@ def _advance(stepper: Stepper, target: float, monitor: Monitor | None, result: R
             row |= asdict(energy) | {"imbalance": energy.imbalance}
         result.history.append(row | dict((monitor(problem) if monitor else None) or {}))
         result.residuals.append(report.norms)
-        if options.checkpoint is not None and len(result.history) % options.checkpoint_every == 0:
-            write_checkpoint(problem, options.checkpoint, result.history)
         done = end
         if not failed:
             size, cuts = 2 * size, max(cuts - 1, 0)
@@ -240,14 +262,26 @@ class Stepper:
         self.options = options
         self._viscous = any(interface.law.viscosity > 0 for interface in problem.interfaces)
         self._guards = problem.watches_energy = math.isfinite(options.energy_guard)
-        self._newton = self._make_newton(problem.force_scale)
+        self._newton = self._make_newton(problem.force_scale, problem.borne_force)
 
-    def _make_newton(self, scale: float) -> Newton | CondensedNewton:
+    def _make_newton(self, scale: float, borne: float) -> Newton | CondensedNewton:
         problem, options = self.problem, self.options
         tolerance, iterations = options.relative_tolerance, options.max_iterations
         if condensation(problem, options)[0]:
-            return CondensedNewton(problem, tolerance, iterations, scale)
-        return Newton(problem, tolerance, iterations, options.petsc, scale)
+            return CondensedNewton(problem, tolerance, iterations, scale, borne)
+        return Newton(problem, tolerance, iterations, options.petsc, scale, borne)
+
+    def restart(self) -> None:
+        """Go on as a run that is resumed from a checkpoint of this state; collective.
+
+        Factors, kept tangents and the path of the last states speed a run up and change its
+        iterations within the tolerance. A resumed run has none of them.
+        """
+        if isinstance(self._newton, CondensedNewton):
+            self._newton.restart()
+        else:
+            self._newton.destroy()
+            self._newton = self._make_newton(self.problem.force_scale, self.problem.borne_force)
 
     def close(self) -> None:
         """Free what PETSc holds; collective."""
@@ -298,6 +332,7 @@ class Stepper:
                 continue
             self.problem.commit()
             self.problem.force_scale = self._newton.scale
+            self.problem.borne_force = self._newton.borne
             if nearness > NEAR:
                 self.problem.open_facets()
             return report
@@ -313,7 +348,7 @@ class Stepper:
         problem, options = self.problem, self.options
         if self._newton.discretization is not problem.discretization:
             self._newton.destroy()
-            self._newton = self._make_newton(self._newton.scale)
+            self._newton = self._make_newton(self._newton.scale, self._newton.borne)
         # A step of no length is at rest: rate effects vanish for infinite time.
         dt = abs(t - problem.t) * options.duration or (1.0 if overstress else np.inf)
         try:
