@@ -21,18 +21,23 @@ from _scaling import HEAD, Row, measure
 
 
 def main(
-    cells: int = 18, weak: bool = False, out: str = "results/scaling", fresh: bool = False
+    cells: int = 18,
+    load: float = 1.0,
+    weak: bool = False,
+    out: str = "results/scaling",
+    fresh: bool = False,
 ) -> list[Row]:
     """Run, and the rows so far; collective.
 
     Args:
         cells: Along an edge of one of the two cubes, on one rank.
+        load: Share of the load, which takes all of the bond through its law.
         weak: Multiply the cells with the number of ranks.
         out: Folder of the results.
         fresh: Forget what it has.
     """
     comm = MPI.COMM_WORLD
-    row = measure(round(cells * comm.size ** (1 / 3)) if weak else cells, comm)
+    row = measure(round(cells * comm.size ** (1 / 3)) if weak else cells, comm, load)
     rows: list[Row] = []
     if comm.rank == 0:
         file = Path(out) / ("weak.jsonl" if weak else "strong.jsonl")
@@ -49,6 +54,7 @@ def main(
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cells", type=int, default=18, help="along an edge of a cube (18)")
+    parser.add_argument("--load", type=float, default=1.0, help="share of the load (1)")
     parser.add_argument("--weak", action="store_true", help="as many cells for every rank")
     parser.add_argument("--out", default="results/scaling", help="folder of the results")
     parser.add_argument("--fresh", action="store_true", help="forget the results of the folder")

@@ -46,10 +46,10 @@ def test_scaling(comm, tmp_path_factory):
     assert (row.unknowns, row.newton) == (alone.unknowns, alone.newton)
     assert row.force == pytest.approx(alone.force, rel=1e-8)
     assert row.seconds > sum(row.parts.values()) / comm.size
-    # Cuts of graph partitioners are not plane.
-    assert row.model <= row.ghosts <= 1.6 * row.model
+    # Exact where the graph partitioner cuts along planes, as it does for 2 and 4 ranks.
+    assert 0.8 * row.model <= row.ghosts <= 1.6 * row.model
 
 
 def test_modelled_ghosts():
-    """Cubes of 4 cells: one cut of 25 nodes, then one of 25 and one of 5 by 5 a half."""
-    assert [modelled_ghosts(ranks, 4) for ranks in (1, 2, 4)] == [0, 75, 225]
+    """Cubes of 4 cells: a cut at the interface of 25 double nodes, then one of 25 in every cube."""
+    assert [modelled_ghosts(ranks, 4) for ranks in (1, 2, 4)] == [0, 100, 250]
