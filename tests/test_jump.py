@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.optimize import brentq
 import vmdg
 from vmdg.meshes import blocks
 from vmdg.newton import StepReport
-from vmdg.solver import Result, Stepper, _advance
+from vmdg.solver import SLOWER, Result, Stepper, _advance
 
 E, NU, STRENGTH = 5000.0, 0.25, 100.0
 LOADS = 0.002 * np.arange(1, 31)
@@ -140,6 +141,36 @@ def test_overstress_is_no_measure_of_residuals(comm):
     assert borne > 0
     stepper.jump(4 * onset())
     assert stepper._newton._criterion.borne == borne
+    stepper.close()
+
+
+def test_second_attempts_in_a_jump(comm, monkeypatch):
+    """Only where a step has failed with less overstress too, or where the state has come to rest.
+
+    The fourth and fifth steps with overstress, the second time with more, are made to fail.
+    """
+    stepper = Stepper(bar(comm, linear(0.02)), vmdg.SolveOptions(jump_rest=1.0))
+    assert stepper.step(0.99 * onset()).converged
+    take, calls = stepper.step, []
+
+    def step(t, overstress=0.0, along=None, once=False, rough=False):
+        fails = overstress > 0 and sum(call.overstress > 0 for call in calls) in (3, 4)
+        report = StepReport(False, [], "") if fails else take(t, overstress, along, once, rough)
+        arrived = report.converged and report.iterations == 0 and not rough
+        calls.append(
+            SimpleNamespace(overstress=overstress, once=once, report=report, arrived=arrived)
+        )
+        return report
+
+    monkeypatch.setattr(stepper, "step", step)
+    assert stepper.jump(1.05 * onset())[0].converged
+    assert calls[0].once
+    assert calls[-1].overstress == 0
+    for before, now in pairwise(calls):
+        failed = before.overstress > 0 and not before.report.converged
+        assert now.once != (failed if now.overstress > 0 else before.arrived)
+    factors = [call.overstress for call in calls if call.overstress > 0]
+    assert factors[3:6] == [factors[3], SLOWER * factors[3], SLOWER**2 * factors[3]]
     stepper.close()
 
 

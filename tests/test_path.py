@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 from mpi4py import MPI
 
 import numpy as np
@@ -98,3 +100,23 @@ def test_unknown_predictor(comm):
     problem = pressed(comm, "quadrilateral", FRICTION)
     with pytest.raises(ValueError, match="'tangents' must be one of"):
         vmdg.solve(problem, [1.0], vmdg.SolveOptions(predictor="tangents"))
+
+
+@pytest.mark.parametrize("predictor", PREDICTORS)
+def test_no_state_is_evaluated_twice_in_a_row(comm, monkeypatch, predictor):
+    """The iteration goes on with the residual that the predictor has left."""
+    problem = pressed(comm, "quadrilateral", FRICTION)
+    assemble, places = vmdg.Problem.assemble_residual, []
+
+    def counted(self, dt=1.0, hold=False):
+        places.append((self.t, dt, hold, self.u.x.array.copy()))
+        return assemble(self, dt, hold)
+
+    monkeypatch.setattr(vmdg.Problem, "assemble_residual", counted)
+    vmdg.solve(problem, np.linspace(0.1, 1.0, 10), vmdg.SolveOptions(predictor=predictor))
+    repeated = [
+        before[:3] == now[:3] and np.array_equal(before[3], now[3])
+        for before, now in pairwise(places)
+    ]
+    assert len(places) > 20
+    assert not all(comm.allgather(any(repeated)))

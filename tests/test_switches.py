@@ -119,7 +119,7 @@ def test_summary_says_what_newton_does(comm, monkeypatch, petsc, limit):
     assert newton.keeps_bulk == (petsc is ITERATIVE or limit == 0)
     assert newton.keeps_bulk == ("stale" in reasons["bodies assembled"])
     newton.destroy()
-    kept, direct = "GMRES with LDL^T", "LDL^T"
+    kept, direct = "FGMRES with LDL^T", "LDL^T"
     expected = "options.petsc" if petsc is ITERATIVE else kept if limit == 0 else direct
     assert reasons["linear solver"] == expected
 

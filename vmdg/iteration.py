@@ -104,7 +104,7 @@ class Iteration(ABC):
             predictor: One of :data:`vmdg.predictor.PREDICTORS`.
             along: Path parameter at the start and the end of a step in a jump; None for the load
                 factor.
-            once: Without the second attempt, which a step in a jump always has.
+            once: Without the second attempt.
             rough: The state is only on the way to an equilibrium, and need not be exact.
         """
         criterion = self._criterion
@@ -114,10 +114,8 @@ class Iteration(ABC):
         start, end = along or (self._problem.start_of_step[0], self._problem.t)
         ahead = self._begin(start, end)
         second = None
-        if along is not None:
-            second = ENERGY
-        elif self._problem.can_fail and not once:
-            second = FULL
+        if self._problem.can_fail and not once:
+            second = FULL if along is None else ENERGY
         report = self._search(ahead, predictor, second)
         if not report.converged:
             # The forces of a state that is given up say nothing about the run.

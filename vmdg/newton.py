@@ -19,7 +19,7 @@ from .linear_solver import (
     set_options,
     set_rigid_modes,
 )
-from .parallel import global_norm
+from .parallel import global_any, global_norm
 from .predictor import FIRST, Predictor
 from .problem import Problem
 from .tangent import Tangent
@@ -167,8 +167,16 @@ class Newton(Iteration):
         u = self._problem.u.x
         u.array[: self._owned] = x.array_r
         u.scatter_forward()
-        f.array[:] = self._problem.assemble_residual(self._dt)
+        if not self._is_known(u.array):
+            self._problem.assemble_residual(self._dt)
+        f.array[:] = self._problem.forces.x.array[: self._owned]
         f.array[self._prescribed] = 0
+
+    def _is_known(self, u: NDArray[np.float64]) -> bool:
+        """Whether the predictor has left its residual at this displacement; collective."""
+        place, self._predictor.place = self._predictor.place, None
+        moved = place is None or not np.array_equal(place, u)
+        return not global_any(self._problem.comm, moved)
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         self._tangent.assemble()

@@ -45,6 +45,10 @@ class Predictor:
         problem: The problem.
         tangent: Assembled where a predictor needs it.
         ksp: Solves with it.
+
+    Attributes:
+        place: Displacement of the last residual, ghosts included, where that was the last thing
+            the predictor did and zeta was not held; else None.
     """
 
     def __init__(
@@ -61,6 +65,7 @@ class Predictor:
         prescribed = problem.prescribed
         self._prescribed = prescribed[prescribed < self._owned]
         self._dt = 1.0
+        self.place: NDArray[np.float64] | None = None
 
     def __call__(self, predictor: str, ahead: list[NDArray[np.float64]], dt: float) -> Norms:
         """Change the displacement of the problem; collective.
@@ -126,6 +131,7 @@ class Predictor:
     def _residual_norm(self, hold: bool = False) -> float:
         """Norm of the residual on the free dofs at the current displacement [N]."""
         residual = self._problem.assemble_residual(self._dt, hold).copy()
+        self.place = None if hold else self._problem.u.x.array.copy()
         residual[self._prescribed] = 0
         return global_norm(self._problem.comm, residual)
 

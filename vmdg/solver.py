@@ -374,13 +374,15 @@ class Stepper:
         before = self.problem.snapshot()
         # The time that passes, relative to the viscosity: the path goes on in it.
         factor, elapsed, steps, rest = 4.0, 0.0, 0, 1
-        report, rough = StepReport(False, [], ""), True
+        report, rough, again = StepReport(False, [], ""), True, False
         self._newton.forget_path()
         while steps < options.max_jump_steps and 1 / STIFFEST < factor < STIFFEST:
             place = (elapsed, elapsed + 1 / factor)
-            report = self.step(t, factor, place, once=True, rough=rough)
+            # More overstress is the cheaper second attempt, as long as it helps.
+            report = self.step(t, factor, place, once=not again, rough=rough)
             steps += 1
-            if not report.converged:
+            again = not report.converged
+            if again:
                 factor *= SLOWER
                 continue
             elapsed += 1 / factor
@@ -388,7 +390,8 @@ class Stepper:
             arrived = report.iterations == 0 and not rough
             rough = rough and report.iterations > 0
             if (arrived or steps >= rest) and self.problem.largest_overstress() < options.jump_rest:
-                report = self.step(t, along=(elapsed, elapsed), once=True)
+                # While the state moves, more steps are the cheaper second attempt here too.
+                report = self.step(t, along=(elapsed, elapsed), once=not arrived)
                 if report.converged:
                     self._newton.forget_path()
                     return report, steps
