@@ -16,17 +16,19 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+import numpy as np
+
+import vmdg
+from vmdg.parallel import global_norm
+
+sys.path.append(str(Path(__file__).resolve().parent.parent / "demos"))
 import fibre_matrix
 import load_cycle
-import numpy as np
 import patch_shear
 import patch_tension
 import pushout
 import tearing
 import two_inclusions
-
-import vmdg
-from vmdg.parallel import global_norm
 
 SCENES = {
     "patch, tension": lambda out: patch_tension.main(steps=10, out=out),
