@@ -10,10 +10,10 @@ import vmdg
 from vmdg.checkpoint import discard_checkpoint
 
 
-def add_options(parser: ArgumentParser) -> None:
+def add_options(parser: ArgumentParser, every: int = 10) -> None:
     """``--checkpoint-every N`` and ``--resume``, for arguments of these names of ``main``."""
     parser.add_argument(
-        "--checkpoint-every", type=int, default=10, metavar="N", help="steps (10); 0: none"
+        "--checkpoint-every", type=int, default=every, metavar="N", help=f"steps ({every}); 0: none"
     )
     parser.add_argument(
         "--resume", action="store_true", help="go on from the last checkpoint, on any ranks"

@@ -31,7 +31,7 @@ def main(
     end: float = END,
     friction: float = FRICTION,
     fibre_modulus: float = FIBRE_MODULUS,
-    checkpoint_every: int = 10,
+    checkpoint_every: int = 25,
     resume: bool = False,
     picture: bool = True,
     out: str = "results/pushout",
@@ -112,7 +112,7 @@ if __name__ == "__main__":
     parser.add_argument("--friction", type=float, default=FRICTION, help="coefficient (.475)")
     parser.add_argument("--fibre-modulus", type=float, default=FIBRE_MODULUS, help="[MPa] (2500)")
     parser.add_argument("--study", choices=STUDIES, help="several runs: Figures 30 and 31")
-    add_options(parser)
+    add_options(parser, every=25)
     parser.add_argument("--out", default="results/pushout", help="folder for the results")
     arguments = vars(parser.parse_args())
     chosen = arguments.pop("study")

@@ -9,9 +9,11 @@ from typing import Any, NamedTuple
 from mpi4py import MPI
 
 import gmsh
+import numpy as np
 from dolfinx.mesh import Mesh, MeshTags
 
 from vmdg import compat
+from vmdg.partition import between_bodies, weighted
 
 
 class TaggedMesh(NamedTuple):
@@ -34,6 +36,23 @@ def model(name: str) -> Iterator[Any]:
         gmsh.finalize()
 
 
-def distribute(gmsh_model: Any, comm: MPI.Comm, gdim: int) -> TaggedMesh:
-    """Distribute the model of rank 0 over ``comm``, ghosts by shared facets; collective."""
-    return TaggedMesh(*compat.gmsh_model_to_mesh(gmsh_model, comm, 0, gdim))
+def distribute(gmsh_model: Any, comm: MPI.Comm, gdim: int, interface_weight: int = 1) -> TaggedMesh:
+    """Distribute the model of rank 0 over ``comm``, ghosts by shared facets; collective.
+
+    Args:
+        gmsh_model: With a physical group for every body.
+        comm: Communicator.
+        gdim: Dimension.
+        interface_weight: Number of cells as which those next to another body count, so that the
+            ranks share the work of the interfaces too.
+
+    Raises:
+        ValueError: a weight below 1.
+    """
+    graph_partitioner = None
+    if interface_weight != 1:
+        tags = np.zeros(0, dtype=np.int32)
+        if comm.rank == 0:
+            tags = compat.gmsh_cell_tags(gmsh_model, gdim)
+        graph_partitioner = weighted(between_bodies(tags, interface_weight))
+    return TaggedMesh(*compat.gmsh_model_to_mesh(gmsh_model, comm, 0, gdim, graph_partitioner))

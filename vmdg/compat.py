@@ -127,10 +127,11 @@ def interpolation_points(space: fem.FunctionSpace) -> NDArray[np.float64]:
     return points() if callable(points) else points
 
 
-def _facet_ghost_partitioner() -> Any:
-    if not _NEW:
-        return create_cell_partitioner(GhostMode.shared_facet)
-    return create_cell_partitioner(GhostMode.shared_facet, 2)
+def _facet_ghost_partitioner(graph_partitioner: Any = None) -> Any:
+    given = (GhostMode.shared_facet,)
+    if graph_partitioner is not None:
+        given = (graph_partitioner, GhostMode.shared_facet)
+    return create_cell_partitioner(*given, 2) if _NEW else create_cell_partitioner(*given)
 
 
 def function_space_with_dofmap(space: fem.FunctionSpace, dofmap: Any) -> fem.FunctionSpace:
@@ -143,16 +144,29 @@ def function_space_with_dofmap(space: fem.FunctionSpace, dofmap: Any) -> fem.Fun
     return fem.FunctionSpace(mesh, space.ufl_element(), cpp_space)
 
 
-def gmsh_model_to_mesh(
-    model: Any, comm: MPI.Comm, rank: int, gdim: int
-) -> tuple[Mesh, MeshTags, MeshTags]:
-    """Distribute a gmsh model: mesh with facet ghosts, tags of cells and facets from its groups."""
-    partitioner = _facet_ghost_partitioner()
+def _gmshio() -> Any:
     if _NEW:
         from dolfinx.io import gmsh as gmshio
+    else:
+        from dolfinx.io import gmshio
+    return gmshio
 
-        data = gmshio.model_to_mesh(model, comm, rank, gdim=gdim, partitioner=partitioner)
-        return data.mesh, data.cell_tags, data.facet_tags
-    from dolfinx.io import gmshio
 
-    return gmshio.model_to_mesh(model, comm, rank, gdim=gdim, partitioner=partitioner)
+def gmsh_cell_tags(model: Any, gdim: int) -> NDArray[np.int32]:
+    """Tags of the cells of a gmsh model in the order in which they are distributed."""
+    gmshio = _gmshio()
+    topologies = gmshio.extract_topology_and_markers(model)
+    topologies = topologies[0] if isinstance(topologies, tuple) else topologies
+    for element, values in topologies.items():
+        if model.mesh.getElementProperties(element)[1] == gdim:
+            return np.asarray(values["cell_data"], dtype=np.int32)
+    raise ValueError(f"the gmsh model has no cells of dimension {gdim} in a physical group")
+
+
+def gmsh_model_to_mesh(
+    model: Any, comm: MPI.Comm, rank: int, gdim: int, graph_partitioner: Any = None
+) -> tuple[Mesh, MeshTags, MeshTags]:
+    """Distribute a gmsh model: mesh with facet ghosts, tags of cells and facets from its groups."""
+    partitioner = _facet_ghost_partitioner(graph_partitioner)
+    data = _gmshio().model_to_mesh(model, comm, rank, gdim=gdim, partitioner=partitioner)
+    return (data.mesh, data.cell_tags, data.facet_tags) if _NEW else data

@@ -1,0 +1,80 @@
+"""Partitions of a mesh in which some cells count more than others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+from dolfinx.cpp.graph import AdjacencyList_int32, AdjacencyList_int64
+from dolfinx.graph import partitioner
+from numpy.typing import NDArray
+
+#: Communicator, number of parts, graph of the cells, whether ghosts are wanted; parts of the cells.
+GraphPartitioner = Callable[[MPI.Comm, int, Any, bool], Any]
+
+Weigh = Callable[[NDArray[np.int64], NDArray[np.int32]], NDArray[np.int32]]
+
+
+def weighted(weigh: Weigh) -> GraphPartitioner:
+    """A graph partitioner for which a cell counts as several.
+
+    The partitioners of DOLFINx take no weights. So a cell of weight w is given w - 1 leaves, nodes
+    of the graph with this neighbour only: parts of equal numbers of nodes have equal weights, and
+    who cuts few edges keeps leaves and cell together. For ``create_cell_partitioner`` of DOLFINx.
+
+    Args:
+        weigh: From the neighbours of the cells this rank has, and where those of each begin, the
+            whole weights of the cells, at least 1.
+    """
+
+    def partition(comm: MPI.Comm, parts: int, graph: Any, ghosting: bool) -> Any:
+        cells = len(graph.offsets) - 1
+        leaves = weigh(graph.array, graph.offsets) - 1
+        found = partitioner()(comm, parts, _with_leaves(comm, graph, leaves), ghosting)
+        offsets = found.offsets[: cells + 1]
+        return AdjacencyList_int32(found.array[: offsets[-1]], offsets)
+
+    return partition
+
+
+def _with_leaves(comm: MPI.Comm, graph: Any, leaves: NDArray[np.int32]) -> AdjacencyList_int64:
+    """The graph with this number of leaves at every node; those of a rank follow its nodes."""
+    nodes, new = len(leaves), int(leaves.sum())
+    counts = np.array(comm.allgather((nodes, new)))
+    before = np.concatenate([np.zeros((1, 2), dtype=np.int64), np.cumsum(counts, axis=0)])
+    first = before[comm.rank].sum()
+    neighbours = np.asarray(graph.array)
+    owner = np.searchsorted(before[:, 0], neighbours, side="right") - 1
+    parents = np.repeat(np.arange(nodes), leaves)
+    names = np.arange(new) + nodes
+    begins = np.concatenate([np.repeat(np.arange(nodes), np.diff(graph.offsets)), parents, names])
+    ends = np.concatenate([neighbours + before[owner, 1], first + names, first + parents])
+    order = np.argsort(begins, kind="stable")
+    offsets = np.concatenate([[0], np.cumsum(np.bincount(begins, minlength=nodes + new))])
+    return AdjacencyList_int64(ends[order].astype(np.int64), offsets.astype(np.int32))
+
+
+def between_bodies(tags: NDArray[np.int32], weight: int) -> Weigh:
+    """Weigh cells next to a cell of another body as so many, all others as one.
+
+    Args:
+        tags: Bodies of all cells, in the order in which one rank hands them to ``create_mesh``.
+        weight: Of cells at interfaces.
+
+    Raises:
+        ValueError: a weight below 1.
+    """
+    if weight < 1:
+        raise ValueError(f"between_bodies: weight = {weight} must be at least 1")
+
+    def weigh(neighbours: NDArray[np.int64], offsets: NDArray[np.int32]) -> NDArray[np.int32]:
+        count = np.diff(offsets)
+        cells = np.repeat(np.arange(len(count)), count)
+        weights = np.ones(len(count), dtype=np.int32)
+        weights[cells[tags[cells] != tags[neighbours]]] = weight
+        return weights
+
+    return weigh
