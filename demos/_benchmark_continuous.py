@@ -21,7 +21,7 @@ import vmdg
 from vmdg.forms.geometry import CARTESIAN
 from vmdg.forms.kinematics import Body
 from vmdg.kernels import JIT_OPTIONS, VECTORIZED, compile_form
-from vmdg.linear_solver import Options, make_ksp
+from vmdg.linear_solver import Options, destroy, make_ksp
 from vmdg.meshes import TaggedMesh
 from vmdg.quadrature import bulk_degree, facet_degree, load_degree
 from vmdg.space import broken_space
@@ -161,7 +161,8 @@ class Plain:
             ksp.solve(b, x)
             self.u.x.array[:] += x.array_r
             self.iterations += 1
-        for item in (ksp, x, b):
+        destroy(ksp)
+        for item in (x, b):
             item.destroy()
 
 

@@ -172,6 +172,26 @@ def test_stale_preconditioner_is_renewed():
     assert b.array == pytest.approx(np.ones(100), abs=1e-9)
 
 
+def test_options_of_what_is_made_later():
+    """Factors and smoothers of multigrid take their options too, and all are gone at the end."""
+    matrix = tridiagonal(4.0)
+    direct = linear_solver.make_ksp(matrix, {**LU, "mat_mumps_icntl_14": 77})
+    levels = {"mg_levels_ksp_type": "richardson", "mg_levels_pc_type": "sor"}
+    coarsened = {"pc_gamg_coarse_eq_limit": 10, **levels}
+    multigrid = linear_solver.make_ksp(matrix, {"pc_type": "gamg", **coarsened})
+    for solver in (direct, multigrid):
+        solver.setUp()
+    assert direct.getPC().getFactorMatrix().getMumpsIcntl(14) == 77
+    assert multigrid.getPC().getMGLevels() > 1
+    smoother = multigrid.getPC().getMGSmoother(1)
+    assert (smoother.getType(), smoother.getPC().getType()) == ("richardson", "sor")
+    prefixes = [solver.getOptionsPrefix() for solver in (direct, multigrid)]
+    assert prefixes[0] != prefixes[1]
+    for solver in (direct, multigrid):
+        linear_solver.destroy(solver)
+    assert not any(name.startswith(tuple(prefixes)) for name in PETSc.Options().getAll())
+
+
 def test_direct_solver_after_a_failure():
     """MUMPS does no more after a factorization that failed: it is made anew."""
     matrix = tridiagonal(4.0)

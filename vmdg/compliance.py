@@ -11,7 +11,7 @@ from dolfinx.common import Timer
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
 
-from .linear_solver import LDLT, make_ksp
+from .linear_solver import LDLT, destroy, make_ksp
 from .problem import Problem
 
 #: Columns that are solved for together, and of these the ones that MUMPS takes at a time: a column
@@ -129,7 +129,8 @@ class Compliance:
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
-        for item in (self._x, self._b, self._solver, self._held, self.stiffness):
+        destroy(self._solver)
+        for item in (self._x, self._b, self._held, self.stiffness):
             item.destroy()
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import count
 from typing import NamedTuple
 
 from petsc4py import PETSc
@@ -21,6 +22,9 @@ from .parallel import global_sum
 from .problem import Problem
 
 Options = Mapping[str, str | int | float | bool | None]
+
+#: Of the objects that options have configured.
+_numbers = count()
 
 #: Unsymmetric and symmetric direct solvers.
 LU = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
@@ -205,7 +209,8 @@ class ZoneCorrection:
         """Free the PETSc objects; collective."""
         items = [self._rows, self._residual]
         if self._part is not None:
-            items += [self._part, self._direct, self._x, self._b]
+            destroy(self._direct)
+            items += [self._part, self._x, self._b]
         for item in items:
             item.destroy()
 
@@ -279,7 +284,7 @@ class KeptKrylov:
 
     def free(self) -> None:
         """Free the PETSc objects; collective."""
-        self.ksp.destroy()
+        destroy(self.ksp)
         if self._correction is not None:
             self._kept.destroy()
             self._correction.free()
@@ -346,7 +351,7 @@ class LinearSolver:
         if self._krylov is not None:
             self._krylov.free()
         if self._direct is not None:
-            self._direct.destroy()
+            destroy(self._direct)
         give_back()
 
 
@@ -365,14 +370,25 @@ def make_ksp(matrix: PETSc.Mat, options: Options) -> PETSc.KSP:
 
 
 def set_options(item: PETSc.KSP | PETSc.SNES, options: Options) -> None:
-    """Configure a PETSc object by options named without prefix, and leave none in the database."""
-    prefix, database = "vmdg_", PETSc.Options()
+    """Configure a PETSc object by options named without prefix.
+
+    They stay in PETSc's database under a prefix of the object: what is made when it is first used,
+    factors or the smoothers of multigrid, reads them then. :func:`destroy` takes them away.
+    """
+    prefix = f"vmdg_{next(_numbers)}_"
+    database = PETSc.Options(prefix)
     for name, value in options.items():
-        database[prefix + name] = value
+        database[name] = value
     item.setOptionsPrefix(prefix)
     item.setFromOptions()
-    for name in options:
-        database.delValue(prefix + name)
+
+
+def destroy(item: PETSc.KSP | PETSc.SNES) -> None:
+    """Destroy an object that :func:`set_options` has configured, and its options; collective."""
+    database = PETSc.Options(item.getOptionsPrefix())
+    for name in database.getAll():
+        database.delValue(name)
+    item.destroy()
 
 
 def set_rigid_modes(problem: Problem, matrix: PETSc.Mat) -> None:

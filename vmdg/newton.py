@@ -13,6 +13,7 @@ from .kept_bulk import keeps_bulk
 from .linear_solver import (
     LinearSolver,
     Options,
+    destroy,
     interface_zone,
     is_iterative,
     linear_options,
@@ -202,6 +203,6 @@ class Newton(Iteration):
         self._predictor.destroy()
         self._tangent.destroy()
         for snes in self._snes.values():
-            snes.destroy()
+            destroy(snes)
         for item in (self._x, self._f):
             item.destroy()
