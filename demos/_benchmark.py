@@ -121,12 +121,13 @@ class Work:
     tangents: int = 0
 
 
-def _called(name: str) -> int:
-    """How often a timer of vmdg has run."""
+def timer(name: str) -> tuple[int, float]:
+    """How often a timer of vmdg has run, and how long [s]."""
     try:
-        return timing(f"vmdg: {name}")[0]
+        runs, elapsed = timing(f"vmdg: {name}")[:2]
     except RuntimeError:  # never
-        return 0
+        return 0, 0.0
+    return runs, elapsed if isinstance(elapsed, float) else elapsed.total_seconds()
 
 
 @contextmanager
@@ -138,14 +139,14 @@ def working() -> Iterator[Work]:
         solvers.append(make(*arguments))
         return solvers[-1]
 
-    before = {what: _called(name) for what, name in TIMERS.items()}
+    before = {what: timer(name)[0] for what, name in TIMERS.items()}
     newton.LinearSolver = remember
     try:
         yield work
     finally:
         newton.LinearSolver = make
     for what, name in TIMERS.items():
-        setattr(work, what, _called(name) - before[what])
+        setattr(work, what, timer(name)[0] - before[what])
     for solver in solvers:
         work.factorizations += solver.counts.factorizations + solver.counts.setups
         work.krylov += solver.counts.iterations

@@ -15,17 +15,18 @@ interfaces, their history and return maps belong to one rank each and send nothi
 from __future__ import annotations
 
 import resource
+from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
 from mpi4py import MPI
 
+import matplotlib.pyplot as plt
 import numpy as np
-from _benchmark import BOTTOM, LOWER, TOP, UPPER, layers
-from dolfinx.common import timing
+from _benchmark import BOTTOM, LOWER, TOP, UPPER, layers, timer, working
+from matplotlib.figure import Figure
 
 import vmdg
-from vmdg import newton
 from vmdg.parallel import global_max, global_sum
 
 #: Where the time goes: timers of vmdg.
@@ -137,25 +138,14 @@ def measure(n: int, comm: MPI.Comm = MPI.COMM_WORLD, load: float = 1.0) -> Row:
     """Two steps to a share of the load; collective."""
     problem, top = build(n, comm)
     problem.compile()
-    solvers, make = [], newton.LinearSolver
-
-    def remember(*arguments):
-        solvers.append(make(*arguments))
-        return solvers[-1]
-
-    newton.LinearSolver = remember
     comm.barrier()
-    before, start = {name: _seconds(timer) for name, timer in TIMERS.items()}, perf_counter()
-    try:
+    before, start = {name: timer(what)[1] for name, what in TIMERS.items()}, perf_counter()
+    with working() as work:
         options = vmdg.SolveOptions(relative_tolerance=1e-10)
         result = vmdg.solve(problem, [load / 2, load], options)
-    finally:
-        newton.LinearSolver = make
     comm.barrier()
     seconds = perf_counter() - start
-    parts = {
-        name: global_max(comm, _seconds(timer) - before[name]) for name, timer in TIMERS.items()
-    }
+    parts = {name: global_max(comm, timer(what)[1] - before[name]) for name, what in TIMERS.items()}
     nodes = problem.space.dofmap.index_map
     facets = len(problem.interface_facets(0).facets)
     return Row(
@@ -164,7 +154,7 @@ def measure(n: int, comm: MPI.Comm = MPI.COMM_WORLD, load: float = 1.0) -> Row:
         3 * nodes.size_global,
         float(problem.reaction(top)[-1]),
         int(result.history["iterations"].sum()),
-        sum(solver.counts.iterations for solver in solvers),
+        work.krylov,
         seconds,
         parts,
         int(global_sum(comm, nodes.num_ghosts)),
@@ -174,9 +164,19 @@ def measure(n: int, comm: MPI.Comm = MPI.COMM_WORLD, load: float = 1.0) -> Row:
     )
 
 
-def _seconds(timer: str) -> float:
-    try:
-        elapsed = timing(f"vmdg: {timer}")[1]
-    except RuntimeError:  # has not run yet
-        return 0.0
-    return elapsed if isinstance(elapsed, float) else elapsed.total_seconds()
+def plot(rows: Sequence[Row]) -> Figure:
+    """Wall time of every run by timers, and what one rank would take over the number of ranks."""
+    figure, ax = plt.subplots(figsize=(7, 4), layout="constrained")
+    places, bottom = np.arange(len(rows)), np.zeros(len(rows))
+    for name in TIMERS:
+        height = np.array([row.parts[name] for row in rows])
+        ax.bar(places, height, bottom=bottom, label=name)
+        bottom += height
+    first = rows[0]
+    ideal = [first.seconds * row.unknowns / first.unknowns / row.ranks for row in rows]
+    ax.plot(places, [row.seconds for row in rows], "ko", label="wall time")
+    ax.plot(places, ideal, "k_", ms=24, label="ideal")
+    ax.set_xticks(places, [f"{row.ranks}\n{row.unknowns:,}" for row in rows])
+    ax.set(ylabel="seconds", xlabel="ranks and unknowns")
+    ax.legend(loc="upper left", bbox_to_anchor=(1, 1))
+    return figure

@@ -1,7 +1,7 @@
 """Strong and weak scaling on this machine or a cluster: seconds, messages and memory by ranks.
 
-Every run appends a line to a file in the folder of results and prints the table so far. The first
-line of a folder is what the others are compared with: run it on one rank.
+Every run appends a line to a file in the folder of results, prints the table so far and draws it.
+The first line of a folder is what the others are compared with: run it on one rank.
 
 Strong: the same mesh on more ranks,       demos/run -n 1 scaling, demos/run -n 2 scaling, ...
 Weak: as many cells for every rank,        demos/run -n 1 scaling --weak, ...
@@ -17,7 +17,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from _benchmark import table
-from _scaling import HEAD, Row, measure
+from _scaling import HEAD, Row, measure, plot
 
 
 def main(
@@ -47,7 +47,8 @@ def main(
         rows = [Row(**json.loads(line)) for line in file.read_text().splitlines()]
         text = table(HEAD, [row.line(rows[0]) for row in rows])
         file.with_suffix(".md").write_text(text + "\n")
-        print(f"{text}\n\n{file}")
+        plot(rows).savefig(file.with_suffix(".png"), dpi=130)
+        print(f"{text}\n\ntable and picture are in {out}")
     return comm.bcast(rows)
 
 

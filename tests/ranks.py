@@ -79,9 +79,8 @@ def main(names: list[str], folder: str) -> None:
 
         def look(problem):
             # Facets that open renumber the dofs.
-            owned = problem.discretization.owned
-            prescribed = problem.prescribed[problem.prescribed < owned]
-            forces.append(global_norm(problem.comm, problem.forces.x.array[prescribed]))
+            reactions = problem.forces.x.array[problem.owned_prescribed]
+            forces.append(global_norm(problem.comm, reactions))
             return monitor(problem) if monitor else None
 
         result = solve(problem, loads, options, look, history)

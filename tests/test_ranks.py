@@ -41,6 +41,7 @@ def test_scaling(comm, tmp_path_factory):
     folder = comm.bcast(str(tmp_path_factory.mktemp("scaling")))
     for fresh in (True, False):
         rows = scaling.main(cells=4, out=folder, fresh=fresh)
+    assert comm.bcast((Path(folder) / "strong.png").stat().st_size) > 10_000
     row, alone = rows[-1], measure(4, MPI.COMM_SELF)
     assert len(rows) == 2
     assert (row.unknowns, row.newton) == (alone.unknowns, alone.newton)

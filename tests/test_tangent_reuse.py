@@ -86,8 +86,7 @@ def test_lift_of_a_held_tangent(comm):
     tangent = Tangent(problem, keeps_bulk=False)
     u, expected = tangent.matrix.createVecs()
     owned = problem.discretization.owned
-    prescribed = problem.prescribed[problem.prescribed < owned]
-    u.array[prescribed] = problem.prescribed_values(0.01)[problem.prescribed < owned]
+    u.array[problem.owned_prescribed] = problem.prescribed_values(0.01)[problem.prescribed < owned]
     tangent.assemble()
     tangent.matrix.mult(u, expected)
     for _ in range(2):

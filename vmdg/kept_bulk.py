@@ -53,10 +53,8 @@ class KeptBulk:
         self._u: NDArray[np.float64] | None = None
         self._forces: NDArray[np.float64] | None = None
         self._du, self._product = matrix.createVecs()
-        owned = problem.discretization.owned
-        prescribed = problem.prescribed
-        self._prescribed = prescribed[prescribed < owned]
-        self._owned = owned
+        self._prescribed = problem.owned_prescribed
+        self._owned = problem.discretization.owned
 
     def assemble(self, damage: bool = True) -> None:
         """Tangent at the state of the last residual, prescribed rows included; collective.

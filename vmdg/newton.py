@@ -101,8 +101,7 @@ class Newton(Iteration):
         matrix = self._tangent.matrix
         self._x, self._f = matrix.createVecs()
         self._owned = self._x.getLocalSize()
-        prescribed = problem.prescribed
-        self._prescribed = prescribed[prescribed < self._owned]
+        self._prescribed = problem.owned_prescribed
         self._norms: list[float] = []
         self._searches = BACKTRACK
 
@@ -176,8 +175,9 @@ class Newton(Iteration):
     def _is_known(self, u: NDArray[np.float64]) -> bool:
         """Whether the predictor has left its residual at this displacement; collective."""
         place, self._predictor.place = self._predictor.place, None
-        moved = place is None or not np.array_equal(place, u)
-        return not global_any(self._problem.comm, moved)
+        if place is None:  # on all ranks, which need not ask each other
+            return False
+        return not global_any(self._problem.comm, not np.array_equal(place, u))
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         self._tangent.assemble()

@@ -62,8 +62,7 @@ class Predictor:
         self._ksp = ksp
         self._x, self._f = tangent.matrix.createVecs()
         self._owned = self._x.getLocalSize()
-        prescribed = problem.prescribed
-        self._prescribed = prescribed[prescribed < self._owned]
+        self._prescribed = problem.owned_prescribed
         self._dt = 1.0
         self.place: NDArray[np.float64] | None = None
 

@@ -351,6 +351,11 @@ class Problem:
         """Prescribed local dofs (component-wise numbers), ghosts included."""
         return self._dirichlet.dofs
 
+    @property
+    def owned_prescribed(self) -> NDArray[np.int32]:
+        """Those of :attr:`prescribed` that this rank owns."""
+        return self.prescribed[self.prescribed < self._owned]
+
     def prescribed_values(self, t: float) -> NDArray[np.float64]:
         """Prescribed displacement of :attr:`prescribed` at load factor ``t`` [mm]."""
         return self._dirichlet.values(t)
@@ -601,7 +606,7 @@ class Problem:
         owned = slice(self._owned)
         du = (self.u.x.array - start.u)[owned]
         reactions = np.zeros(self._owned)
-        prescribed = self.prescribed[self.prescribed < self._owned]
+        prescribed = self.owned_prescribed
         reactions[prescribed] = (self.forces.x.array + start.forces)[prescribed]
         loads = np.zeros(self._owned)
         if self._load_vector is not None:

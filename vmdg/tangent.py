@@ -34,8 +34,7 @@ class Tangent:
         self.assemblies = 0
         self.bulk = KeptBulk(problem, self.matrix) if keeps_bulk else None
         self._problem = problem
-        owned = problem.discretization.owned
-        self._prescribed = problem.prescribed[problem.prescribed < owned]
+        self._prescribed = problem.owned_prescribed
         self._constant = problem.discretization.constant_stabilization
         self._held = self._constrained = False
         self._columns: PETSc.Mat | None = None
