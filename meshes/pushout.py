@@ -37,7 +37,7 @@ def pushout(
     matrix_rings: int = 31,
     grading: float = 1.0,
     refine: int = 1,
-    interface_weight: int = 1,
+    interface_weight: int | None = None,
 ) -> TaggedMesh:
     """A quarter of fibre and matrix, hexahedra in layers along z; the fibre is loaded at z = H.
 
@@ -58,8 +58,9 @@ def pushout(
         matrix_rings: Cells along the radius in the matrix over the support.
         grading: Height of the layers in the middle over that at both ends.
         refine: Multiplies all counts: 2 gives 8 times the cells.
-        interface_weight: Number of cells as which those at the interface count, where several
-            ranks share the mesh.
+        interface_weight: None cuts the mesh across the axis where several ranks share it: each has
+            its share of bodies and interface. A number leaves the cuts to a graph partitioner for
+            which cells at the interface count as so many.
 
     Returns:
         Mesh; cell tags 1 (fibre) and 2 (matrix); facet tags 1 fibre top, 2 fibre bottom, 3 matrix
@@ -85,6 +86,8 @@ def pushout(
             faces = _section(gmsh_model.geo, radii, refine * around // 2, rings, growth)
             _sweep(gmsh_model, faces, height, layer_tops(refine * layers, grading))
             gmsh_model.mesh.generate(3)
+        if interface_weight is None:
+            return distribute(gmsh_model, comm, 3, slabs_along=2)
         return distribute(gmsh_model, comm, 3, interface_weight)
 
 

@@ -1,4 +1,4 @@
-"""Partitions of a mesh in which some cells count more than others."""
+"""Partitions of a mesh that give every rank its share of bodies and interfaces."""
 
 from __future__ import annotations
 
@@ -78,3 +78,31 @@ def between_bodies(tags: NDArray[np.int32], weight: int) -> Weigh:
         return weights
 
     return weigh
+
+
+def slabs(coordinate: NDArray[np.float64]) -> GraphPartitioner:
+    """A graph partitioner that cuts across one direction only, into parts of equal numbers.
+
+    Where a body and its interfaces extend along this direction, every part has its share of both;
+    between more parts than the body is long the cuts are larger than those of a graph partitioner.
+
+    Args:
+        coordinate: Of all cells along the direction [mm], in the order in which one rank hands them
+            to ``create_mesh``; empty on the other ranks.
+    """
+
+    def partition(comm: MPI.Comm, parts: int, graph: Any, ghosting: bool) -> Any:
+        cells = len(coordinate)
+        part = np.empty(cells, dtype=np.int32)
+        part[np.argsort(coordinate, kind="stable")] = np.arange(cells) * parts // max(cells, 1)
+        # A cell goes to its own part, then as a ghost to those of its neighbours.
+        own = np.column_stack([np.arange(cells), part])
+        cell = np.repeat(np.arange(cells), np.diff(graph.offsets))
+        near = np.unique(np.column_stack([cell, part[np.asarray(graph.array)]]), axis=0)
+        near = near[near[:, 1] != part[near[:, 0]]] if ghosting else near[:0]
+        rows = np.concatenate([own, near])
+        rows = rows[np.argsort(rows[:, 0], kind="stable")]
+        offsets = np.concatenate([[0], np.cumsum(np.bincount(rows[:, 0], minlength=cells))])
+        return AdjacencyList_int32(rows[:, 1].astype(np.int32), offsets.astype(np.int32))
+
+    return partition
