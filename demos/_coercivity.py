@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from mpi4py import MPI
 
 import basix.ufl
+import matplotlib.pyplot as plt
 import numpy as np
 from dolfinx.mesh import create_mesh, meshtags
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
@@ -291,3 +294,17 @@ def count(safety: float | str, configurations: Configurations) -> Count:
     factor = problem.stabilization[0].safety
     negative = int((lowest < -ROUNDING).sum())
     return Count(negative, lowest.min(), float(np.median(factor)), factor.max())
+
+
+def draw(shares: Mapping[str, Sequence[float]], safeties: Sequence[float | str]) -> Figure:
+    """Share of the configurations that are not coercive, by class and safety."""
+    figure, ax = plt.subplots(figsize=(8, 6.5), layout="constrained")
+    places, height = np.arange(len(shares)), 0.8 / len(safeties)
+    for i, safety in enumerate(safeties):
+        values = 100 * np.array([row[i] for row in shares.values()])
+        ax.barh(places + (i + 0.5) * height - 0.4, values, height, label=f"safety {safety}")
+    ax.set(yticks=places, yticklabels=list(shares), xlabel="not coercive [%]", xlim=0)
+    ax.invert_yaxis()
+    ax.grid(axis="x", lw=0.3)
+    ax.legend()
+    return figure
