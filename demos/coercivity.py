@@ -63,8 +63,8 @@ def main(
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "coercivity.txt").write_text("\n".join(lines) + "\n")
     if plot:
-        shares = {str(case): [c.negative / case.count for c in table[str(case)]] for case in cases}
-        draw(shares, SAFETIES).savefig(folder / "coercivity.png", dpi=130)
+        sizes = [case.count for case in cases]
+        draw(table, sizes, SAFETIES).savefig(folder / "coercivity.png", dpi=130)
     return table
 
 

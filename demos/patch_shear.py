@@ -77,7 +77,7 @@ def main(
         for row, a, b in zip(history.rows, *TABLE_2.values(), strict=False):
             values = f"{a:.4e} {row['A']:.4e} {b:.4e} {row['B']:.4e}"
             print(f"  d = {row['load']:5.2f} mm              {values}")
-        print(f"picture, history and ParaView fields are in {out}")
+        print(f"results are in {out}")
     return history
 
 

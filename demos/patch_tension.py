@@ -93,7 +93,7 @@ def main(
         print("Table 1, residual norm [N]     report         vmdg")
         for i, (report, norm) in enumerate(zip(TABLE_1, table(), strict=False), start=1):
             print(f"  iteration {i}              {report:.7e}  {norm:.7e}")
-        print(f"picture, history and ParaView fields are in {out}")
+        print(f"results are in {out}")
     return history
 
 

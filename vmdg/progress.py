@@ -22,7 +22,7 @@ TERMINAL, FILE = 0.1, 30.0
 #: Columns that are forces by their names, and how many of them the bar shows.
 FORCES, MOST = ("force", "reaction"), 3
 
-BAR = "{desc}{percentage:3.0f}%|{bar:12}| {n:.4g}/{total:.0f} [{elapsed}<{remaining}]{postfix}"
+BAR = "{desc}{percentage:3.0f}%|{bar:8}| {n:.4g}/{total:.0f} [{elapsed}<{remaining}]{postfix}"
 
 
 class Progress:
@@ -38,7 +38,7 @@ class Progress:
         self._problem = problem
         self._options = options
         self._speaks = problem.comm.rank == 0
-        self._state = self._note = ""
+        self._state = ""
         self._done = 0.0
         self._largest_work = 0.0
         self._bar = tqdm(
@@ -56,10 +56,10 @@ class Progress:
             return
         if self._options.verbose:
             self.say(described(self._problem.t, t, report, overstress))
-        note = f"jump, overstress {overstress:.3g} H" if overstress else ""
-        if not report.converged:
-            note = f"{note or f'step to {t:.4g}'}: {report.reason}"
-        self._show(self._done, note)
+        if report.converged and not overstress:
+            return  # a row follows
+        note = f"jump, overstress {overstress:.3g} H" if overstress else f"step to {t:.4g}"
+        self._show(self._done, note if report.converged else f"{note}: {report.reason}")
 
     def advanced(self, done: float, size: float, report: StepReport, history: History) -> None:
         """A row has been added; collective.
@@ -77,11 +77,12 @@ class Progress:
         if not self._speaks:
             return
         krylov = f" + {report.krylov} Krylov" if report.krylov else ""
-        parts = [f"load {row['load']:.4g}", f"step {size:.2g}", f"{report.iterations} it{krylov}"]
+        parts = [f"load {row['load']:.4g}"]
         for name in columns:
             parts.append(f"{name} {_text(row[name])}{_unit(history, name)}")
         if debonded is not None:
             parts.append(f"debonded {debonded:.1%}")
+        parts += [f"step {size:.2g}", f"{report.iterations} it{krylov}"]
         if self._options.energy:
             self._largest_work = max(self._largest_work, abs(row["external"]))
             share = row["imbalance"] / max(self._largest_work, np.finfo(float).tiny)
@@ -90,8 +91,8 @@ class Progress:
         self._show(done, "")
 
     def _show(self, done: float, note: str) -> None:
-        self._note = note
-        texts = [text for text in (self._state, self._note) if text]
+        # What is going on comes first: narrow terminals cut the end.
+        texts = [text for text in (note, self._state) if text]
         self._bar.set_postfix_str(" | ".join(texts), refresh=False)
         self._bar.update(done - self._done)
         self._done = done
