@@ -46,6 +46,7 @@ def main(
     out: str = "results/fibre_matrix",
     plot: bool = True,
     verbose: bool = False,
+    seed: int = 0,
 ) -> vmdg.History:
     """Pull both sides; the history of the run.
 
@@ -56,7 +57,7 @@ def main(
         step: First steps of the pull of a side [mm].
         growth: Ratio of a step to the one before, beyond .003 mm [-].
         end: Pull of a side at the end [mm]; without it until the cell is in parts.
-        fibres: Number of fibres; more than one are put at random places, the same in every run.
+        fibres: Number of fibres; more than one are put at random places.
         fraction: Share of the area that many fibres have [-].
         offset: Distance of a single fibre from the middle [mm].
         activate: Whether facets of the matrix may fail from the start or open on demand.
@@ -67,10 +68,11 @@ def main(
         out: Folder for pictures, history and checkpoints.
         plot: Draw the pictures.
         verbose: Print the residuals of every step.
+        seed: Of the random places: the same seed gives the same places.
     """
     centres, radius = np.array([[SIZE / 2 - offset, SIZE / 2]]), 0.25
     if fibres > 1:
-        centres, radius = random_fibres(fibres, fraction, SIZE)
+        centres, radius = random_fibres(fibres, fraction, SIZE, seed=seed)
     comm = MPI.COMM_WORLD
     mesh, cells, sides = fibre_matrix(comm, cell, SIZE, radius, centres, element_size)
     bond = vmdg.Debonding(strength=10.0, critical_gap=critical_gap)

@@ -85,7 +85,7 @@ def test_doctor(comm, capsys):
         return
     assert list(states(said)) == NAMES
     assert set(states(said).values()) == {"ok"}
-    assert re.search(r"kernels .* \d+ compiled, \d+ found in ", said)
+    assert re.search(r"kernels .* \d+ compiled \(once\), \d+ found in ", said)
     assert re.search(r"debonding .* 4 steps, \d+ corrections, error \de-\d+", said)
     assert said.endswith("vmdg works here.\n")
     assert "cure" not in said
@@ -192,3 +192,14 @@ def test_as_a_command():
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("vmdg ")
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts a process")
+def test_by_demos_run(tmp_path):
+    """``demos/run -m vmdg`` in the environment of the demos, with the exit code of the command."""
+    environment = os.environ | {"VMDG_PYTHON": sys.executable, "XDG_CACHE_HOME": str(tmp_path)}
+    for arguments, code in ((["--help"], 0), (["nonsense"], 2)):
+        command = ["bash", str(ROOT / "demos" / "run"), "-m", "vmdg", *arguments]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == code, done.stderr
+        assert "doctor" in done.stdout + done.stderr
