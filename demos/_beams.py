@@ -144,7 +144,12 @@ def _problem(
 
 
 def dcb(
-    element_size: float = 0.0625, steps: int = 120, end: float = 6.0, rows: int = 3, degree: int = 1
+    element_size: float = 0.0625,
+    steps: int = 120,
+    end: float = 6.0,
+    rows: int = 3,
+    degree: int = 1,
+    verbose: bool = False,
 ) -> Run:
     """Double cantilever beam: L 100, a_0 30 mm, opened to ``end`` [mm], data of Alfano-Crisfield.
 
@@ -174,13 +179,14 @@ def dcb(
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         return {
-            "force": problem.reaction(facets.find(2))[1],
-            "force_exact": load(problem.t),
-            "crack": a_0 + problem.energy().damage / (m.G_c * m.b),
-            "crack_exact": arm(problem.t) - m.chi * m.h,
+            "force [N]": problem.reaction(facets.find(2))[1],
+            "force_exact [N]": load(problem.t),
+            "crack [mm]": a_0 + problem.energy().damage / (m.G_c * m.b),
+            "crack_exact [mm]": arm(problem.t) - m.chi * m.h,
         }
 
-    options = vmdg.SolveOptions(relative_tolerance=1e-7, max_iterations=20, progress=True)
+    shown = {"progress": True, "verbose": verbose}
+    options = vmdg.SolveOptions(relative_tolerance=1e-7, max_iterations=20, **shown)
     history = vmdg.solve(problem, np.linspace(end / steps, end, steps), options, monitor).history
     first, last = history.rows[0], history.rows[-1]
     mesh = describe(problem, degree)
@@ -200,6 +206,7 @@ def enf(
     end: float = 1.49,
     rows: int = 2,
     degree: int = 2,
+    verbose: bool = False,
 ) -> Run:
     """End-notched flexure: 2 L = 100, a_0 = 40 mm, stable since a_0 > .7 L.
 
@@ -259,15 +266,16 @@ def enf(
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         energy, exact = problem.energy(), arm(problem.t)
         return {
-            "force": -problem.reaction(facets.find(TOP))[1],
-            "force_exact": problem.t / compliance(exact),
-            "crack": a_0 + energy.damage / (m.G_c * m.b),
-            "crack_exact": exact - tip,
+            "force [N]": -problem.reaction(facets.find(TOP))[1],
+            "force_exact [N]": problem.t / compliance(exact),
+            "crack [mm]": a_0 + energy.damage / (m.G_c * m.b),
+            "crack_exact [mm]": exact - tip,
             "friction": energy.friction,
         }
 
     # The first step finds where the lips touch, whatever its size.
-    options = vmdg.SolveOptions(relative_tolerance=1e-7, max_iterations=20, progress=True)
+    shown = {"progress": True, "verbose": verbose}
+    options = vmdg.SolveOptions(relative_tolerance=1e-7, max_iterations=20, **shown)
     history = vmdg.solve(problem, np.linspace(end / steps, end, steps), options, monitor).history
     first, last = history.rows[0], history.rows[-1]
     a = a_0 + tip

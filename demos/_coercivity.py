@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from mpi4py import MPI
 
 import basix.ufl
+import matplotlib.pyplot as plt
 import numpy as np
 from dolfinx.mesh import create_mesh, meshtags
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
@@ -291,3 +294,29 @@ def count(safety: float | str, configurations: Configurations) -> Count:
     factor = problem.stabilization[0].safety
     negative = int((lowest < -ROUNDING).sum())
     return Count(negative, lowest.min(), float(np.median(factor)), factor.max())
+
+
+def draw(
+    table: Mapping[str, Sequence[Count]], sizes: Sequence[int], safeties: Sequence[float | str]
+) -> Figure:
+    """Share of the configurations that are not coercive.
+
+    Args:
+        table: Counts by class, one for each safety.
+        sizes: Number of configurations of the classes.
+        safeties: Their names.
+    """
+    figure, ax = plt.subplots(figsize=(8, 6.5), layout="constrained")
+    places, height = np.arange(len(table)), 0.8 / len(safeties)
+    for i, safety in enumerate(safeties):
+        negative = np.array([counts[i].negative for counts in table.values()])
+        name = f'"{safety}"' if isinstance(safety, str) else f"{safety:g}"
+        label = f"safety {name}: {negative.sum()} of {sum(sizes)}"
+        ax.barh(places + (i + 0.5) * height - 0.4, 100 * negative / sizes, height, label=label)
+    ax.set(yticks=places, yticklabels=list(table), xlabel="not coercive [%]", xlim=(0, 102))
+    ax.margins(y=0.01)
+    ax.invert_yaxis()
+    ax.grid(axis="x", lw=0.3)
+    ax.set_axisbelow(True)
+    figure.legend(loc="outside upper center", ncols=len(safeties), fontsize=9)
+    return figure

@@ -383,7 +383,7 @@ def write_csv(rows: Sequence[Row], path: Path) -> None:
                 writer.writerow([*(getattr(row.study, n) for n in names), *astuple(level)])
 
 
-def plot(rows: Sequence[Row]) -> Figure:
+def draw(rows: Sequence[Row]) -> Figure:
     """Errors against h for the hardest studies: curved, distorted, largest contrast."""
     figure, axes = plt.subplots(1, 3, figsize=(11, 4.2), layout="constrained", sharex=True)
     titles = ("u, L2", "GRAD u, L2", "interface traction, L2")

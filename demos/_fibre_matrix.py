@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import matplotlib.pyplot as plt
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 import vmdg
 from vmdg.output import CauchyStress
@@ -37,16 +37,27 @@ class Cell:
         near: [mm].
         centre: Of the fibre whose gap is kept [mm].
         radius: Of the fibres [mm].
+        draws: Whether there are pictures.
     """
 
-    def __init__(self, problem: vmdg.Problem, size: float, near: float, centre, radius: float):
+    def __init__(
+        self,
+        problem: vmdg.Problem,
+        size: float,
+        near: float,
+        centre: ArrayLike,
+        radius: float,
+        draws: bool = True,
+    ):
         self._problem, self._size, self._near = problem, size, near
         self._centre, self._radius = np.asarray(centre), radius
-        self._stress = CauchyStress(problem)
         self._peak = 0.0
         self.stage = 0
         self.gaps: dict[int, tuple[NDArray, NDArray]] = {}
-        self.figure, self._axes = plt.subplots(2, 2, figsize=(7, 6.6), layout="constrained")
+        self._draws = draws
+        if draws:
+            self._stress = CauchyStress(problem)
+            self.figure, self._axes = plt.subplots(2, 2, figsize=(7, 6.6), layout="constrained")
 
     def skip(self, history: vmdg.History) -> None:
         """Leave out the stages that a run which is resumed has passed already."""
@@ -65,7 +76,8 @@ class Cell:
         events = [*(reached > 0), abs(force) < SEPARATED * self._peak]
         while self.stage < 4 and events[self.stage]:
             self.stage += 1
-            self._keep()
+            if self._draws:
+                self._keep()
         return self.stage
 
     def _keep(self) -> None:

@@ -99,7 +99,11 @@ class PartialSlip:
 
 
 def partial_slip(
-    element_size: float = 0.05, end: float = 1.27, steps: int = 10, degree: int = 2
+    element_size: float = 0.05,
+    end: float = 1.27,
+    steps: int = 10,
+    degree: int = 2,
+    verbose: bool = False,
 ) -> list[Check]:
     """Slip spreads to ``end`` [mm] in a body of 2 x 4 mm with the exact displacement on its sides.
 
@@ -123,7 +127,7 @@ def partial_slip(
 
     problem.dirichlet(np.concatenate([facets.find(tag) for tag in (1, 2, 4, 5)]), sides)
     loads = np.r_[0.5, 1 + end * np.linspace(0, 1, steps + 1)[1:]]
-    vmdg.solve(problem, loads, vmdg.SolveOptions(relative_tolerance=1e-10))
+    vmdg.solve(problem, loads, vmdg.SolveOptions(relative_tolerance=1e-10, verbose=verbose))
     state, mesh = problem.state[0], describe(problem, degree)
     X = state.points[:, 1] - 2
     # Side 1 is Y > 0, with N = -e_Y, and the gap is side 2 less side 1.

@@ -53,17 +53,17 @@ class Model:
     seen: NDArray[np.int32] | None
 
     def measures(self, problem: vmdg.Problem) -> dict[str, float]:
-        """Punch [mm], force [N], debonded and damaged length [mm]; collective."""
+        """Punch, force, debonded and damaged length, by names with units; collective."""
         state = problem.state[0]
         gone = state.softening >= STRENGTH * (1 - 1e-9)
         areas = [state.weights[gone].sum(), state.weights[state.softening > 0].sum()]
         lengths = self.share * problem.comm.allreduce(np.array(areas)) / (2 * np.pi * RADIUS)
         force = -self.share * problem.reaction(self.top)["xyz".index(self.axis)]
         return {
-            "punch": problem.t - 1,
-            "force": force,
-            "debonded": lengths[0],
-            "damaged": lengths[1],
+            "punch [mm]": problem.t - 1,
+            "force [N]": force,
+            "debonded [mm]": lengths[0],
+            "damaged [mm]": lengths[1],
         }
 
 

@@ -1,23 +1,12 @@
-"""Checkpoints of the long demos: their options on the command line, and where a run starts."""
+"""Checkpoints of the long demos: their options of the solver, and where a run starts."""
 
 from __future__ import annotations
 
-from argparse import ArgumentParser
 from pathlib import Path
 from typing import Any
 
 import vmdg
 from vmdg.checkpoint import discard_checkpoint
-
-
-def add_options(parser: ArgumentParser, every: int = 10) -> None:
-    """``--checkpoint-every N`` and ``--resume``, for arguments of these names of ``main``."""
-    parser.add_argument(
-        "--checkpoint-every", type=int, default=every, metavar="N", help=f"steps ({every}); 0: none"
-    )
-    parser.add_argument(
-        "--resume", action="store_true", help="go on from the last checkpoint, on any ranks"
-    )
 
 
 def files(folder: Path, every: int) -> dict[str, Any]:

@@ -134,14 +134,16 @@ def build(n: int, comm: MPI.Comm) -> tuple[vmdg.Problem, np.ndarray]:
     return problem, top
 
 
-def measure(n: int, comm: MPI.Comm = MPI.COMM_WORLD, load: float = 1.0) -> Row:
+def measure(
+    n: int, comm: MPI.Comm = MPI.COMM_WORLD, load: float = 1.0, verbose: bool = False
+) -> Row:
     """Two steps to a share of the load; collective."""
     problem, top = build(n, comm)
     problem.compile()
     comm.barrier()
     before, start = {name: timer(what)[1] for name, what in TIMERS.items()}, perf_counter()
     with working() as work:
-        options = vmdg.SolveOptions(relative_tolerance=1e-10)
+        options = vmdg.SolveOptions(relative_tolerance=1e-10, verbose=verbose)
         result = vmdg.solve(problem, [load / 2, load], options)
     comm.barrier()
     seconds = perf_counter() - start
@@ -164,7 +166,7 @@ def measure(n: int, comm: MPI.Comm = MPI.COMM_WORLD, load: float = 1.0) -> Row:
     )
 
 
-def plot(rows: Sequence[Row]) -> Figure:
+def draw(rows: Sequence[Row]) -> Figure:
     """Wall time of every run by timers, and what one rank would take over the number of ranks."""
     figure, ax = plt.subplots(figsize=(7, 4), layout="constrained")
     places, bottom = np.arange(len(rows)), np.zeros(len(rows))

@@ -23,7 +23,9 @@ from vmdg.point_values import InterfaceState
 E_FIBRE = 2500.0  # MPa
 
 
-def _slide(height: float, layers: int, friction: float, punch: float) -> tuple[vmdg.Problem, float]:
+def _slide(
+    height: float, layers: int, friction: float, punch: float, verbose: bool
+) -> tuple[vmdg.Problem, float]:
     """Shrink the matrix of section 7.4 onto a fibre, then push: the end and its force [N].
 
     The bond is weak and breaks on the way; without one (``vmdg.Contact``) the end is the same to
@@ -49,7 +51,7 @@ def _slide(height: float, layers: int, friction: float, punch: float) -> tuple[v
     problem.dirichlet(facets.find(SUPPORT), 0.0, "y")
     problem.dirichlet(top, lambda t: min(1 - t, 0.0), "y")
     loads = np.r_[np.linspace(0.25, 1, 4), 1 + np.linspace(0, punch, 11)[1:]]
-    vmdg.solve(problem, loads, vmdg.SolveOptions(relative_tolerance=1e-8))
+    vmdg.solve(problem, loads, vmdg.SolveOptions(relative_tolerance=1e-8, verbose=verbose))
     return problem, -problem.reaction(top)[1]
 
 
@@ -61,7 +63,9 @@ def _growth(problem: vmdg.Problem, state: InterfaceState, height: float) -> floa
     return float(np.polyfit(z, np.log(shear), 1)[0])
 
 
-def push_out(layers: int = 80, height: float = 20.0, friction: float = 0.1) -> list[Check]:
+def push_out(
+    layers: int = 80, height: float = 20.0, friction: float = 0.1, verbose: bool = False
+) -> list[Check]:
     """A fibre of 21 radii, and that of section 7.4 with 5.6, once they slide.
 
     The estimate takes the fibre for a bar in plane rings: the pressure p = p0 + k sigma grows with
@@ -71,7 +75,7 @@ def push_out(layers: int = 80, height: float = 20.0, friction: float = 0.1) -> l
     differs and a share of the order of a/H of the force is in doubt. It also neglects that the
     matrix carries the force back: its stress is that of the fibre times a^2/(b^2 - a^2) = .05.
     """
-    slender, force = _slide(height, layers, friction, punch=0.15)
+    slender, force = _slide(height, layers, friction, 0.15, verbose)
     mesh = describe(slender, 1)
     case = f"push-out, H = {height / RADIUS:.1f} a"
     _, k = ring_pressure(E_FIBRE)
@@ -80,7 +84,7 @@ def push_out(layers: int = 80, height: float = 20.0, friction: float = 0.1) -> l
         compare(case, "friction force [N]", force, shear_lag(height, friction, E_FIBRE, 0.0), mesh),
         compare(case, "lambda, middle half [1/mm]", growth, 2 * friction * k / RADIUS, mesh),
     ]
-    short, force = _slide(HEIGHT, round(layers * 0.4), 0.475, punch=0.1)
+    short, force = _slide(HEIGHT, round(layers * 0.4), 0.475, 0.1, verbose)
     estimate = shear_lag(HEIGHT, 0.475, E_FIBRE, 0.0)
     case, mesh = f"push-out, H = {HEIGHT / RADIUS:.1f} a", describe(short, 1)
     return [*checks, compare(case, "friction force [N]", force, estimate, mesh)]

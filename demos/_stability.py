@@ -241,7 +241,7 @@ def write_csv(outcomes: Sequence[Outcome], path: Path) -> None:
             writer.writerow([round(v, 2) if isinstance(v, float) else v for v in astuple(outcome)])
 
 
-def plot(outcomes: Sequence[Outcome]) -> Figure:
+def chart(outcomes: Sequence[Outcome]) -> Figure:
     """Outcomes by family as stacked bars."""
     names = families(outcomes)
     figure, ax = plt.subplots(figsize=(9, 0.34 * len(names) + 1.6), layout="constrained")

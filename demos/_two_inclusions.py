@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from time import process_time
+from typing import Any
 
 from mpi4py import MPI
 
@@ -90,15 +91,23 @@ class Run:
         return float(max(-self.problem.comm.allreduce(normal_gap.min(), MPI.MIN), 0.0))
 
 
-def run(law: vmdg.Law, degree: int, element_size: float, steps: int, progress: bool = False) -> Run:
-    """Pull to the end, or a tie by the first step only, which shows its slope."""
+def pull(law: vmdg.Law, degree: int, element_size: float, steps: int, **options: Any) -> Run:
+    """Pull to the end, or a tie by the first step only, which shows its slope.
+
+    Args:
+        law: Of the interface.
+        degree: Of displacement and sides.
+        element_size: [mm].
+        steps: Load steps.
+        options: Further ones of :class:`vmdg.SolveOptions`.
+    """
     problem, right = build(law, degree, element_size)
     problem.compile()
     loads = np.linspace(0, END, steps + 1)[1:] if law.inelastic else [END / steps]
-    options = vmdg.SolveOptions(relative_tolerance=1e-6, progress=progress)
+    options = vmdg.SolveOptions(relative_tolerance=1e-6, **options)
     start = process_time()
     history = vmdg.solve(
-        problem, loads, options, lambda problem: {"force": problem.reaction(right)[0]}
+        problem, loads, options, lambda problem: {"force [N]": problem.reaction(right)[0]}
     ).history
     return Run(problem, history, process_time() - start)
 

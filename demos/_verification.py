@@ -75,7 +75,7 @@ def describe(problem: vmdg.Problem, degree: int) -> str:
     return f"{count} {mesh.topology.cell_name()}s, k = {degree}"
 
 
-def bimaterial_bar(n: int = 1, contrast: float = 100.0) -> list[Check]:
+def bimaterial_bar(n: int = 1, contrast: float = 100.0, verbose: bool = False) -> list[Check]:
     """Two bars of 1 mm in uniaxial strain pulled until their bond has softened to nothing.
 
     With F = diag(s, 1, 1), (86) gives P(s) = mu (s - 1/s) + lambda (s - 1). The state at the end
@@ -104,7 +104,8 @@ def bimaterial_bar(n: int = 1, contrast: float = 100.0) -> list[Check]:
     for tag, axis in ((1, "x"), (4, "y"), (5, "y"), (6, "z"), (7, "z")):
         problem.dirichlet(facets.find(tag), 0.0, axis)
     problem.dirichlet(facets.find(2), lambda t: t, "x")
-    vmdg.solve(problem, np.linspace(0.02, delta, 15), vmdg.SolveOptions(relative_tolerance=1e-12))
+    options = vmdg.SolveOptions(relative_tolerance=1e-12, verbose=verbose)
+    vmdg.solve(problem, np.linspace(0.02, delta, 15), options)
     mean, size = problem.mean(0), describe(problem, 1)
     gap = law.critical_gap * (1 - exact / law.strength)
     return [
@@ -146,7 +147,9 @@ def compare_field(
     return Check(case, quantity, float(peak), float(size), float(error / size), mesh)
 
 
-def shrink_fit(element_size: float = 0.1, degree: int = 2, theta: float = 1e-3) -> list[Check]:
+def shrink_fit(
+    element_size: float = 0.1, degree: int = 2, theta: float = 1e-3, verbose: bool = False
+) -> list[Check]:
     """Lame: a core of radius a = 1 that swells by theta in a ring of outer radius b, plane strain.
 
     Free swelling in the plane is (1 + nu_f) theta, hence the pressure between them
@@ -160,7 +163,7 @@ def shrink_fit(element_size: float = 0.1, degree: int = 2, theta: float = 1e-3) 
     pressure = (1 + nu[0]) * theta / (core + ring)
     materials = [vmdg.NeoHookean(E=e, nu=n) for e, n in zip(E, nu, strict=True)]
     problem, _ = _quadrant(materials, element_size, b, degree, eigenstrain={1: lambda t: t * theta})
-    vmdg.solve(problem, [1.0])
+    vmdg.solve(problem, [1.0], vmdg.SolveOptions(verbose=verbose))
     state, size = problem.state[0], describe(problem, degree)
     _, radial, shear = _polar(state.points, state.traction)
     total, area = global_sum(problem.comm, [state.weights @ radial, state.weights.sum()])
@@ -172,7 +175,9 @@ def shrink_fit(element_size: float = 0.1, degree: int = 2, theta: float = 1e-3) 
     ]
 
 
-def goodier(element_size: float = 0.1, degree: int = 2, S: float = 1.0) -> list[Check]:
+def goodier(
+    element_size: float = 0.1, degree: int = 2, S: float = 1.0, verbose: bool = False
+) -> list[Check]:
     """Goodier: a round core in an infinite matrix under remote tension S along x, plane strain.
 
     With k = 3 - 4 nu of the matrix, beta = -2 (G - 1)/(1 + G k), gamma = 1 - A, delta = -beta/2,
@@ -200,7 +205,7 @@ def goodier(element_size: float = 0.1, degree: int = 2, S: float = 1.0) -> list[
 
     problem, facets = _quadrant([core, matrix], element_size, 3.0, degree)
     problem.traction(facets.find(4), stress)
-    vmdg.solve(problem, [1.0])
+    vmdg.solve(problem, [1.0], vmdg.SolveOptions(verbose=verbose))
     state, size = problem.state[0], describe(problem, degree)
     angle, radial, shear = _polar(state.points, state.traction)
     exact = S / 2 * (A + B * np.cos(2 * angle)), -S / 2 * B * np.sin(2 * angle)

@@ -9,7 +9,6 @@ compared takes turns in one process. On one rank.
 
 from __future__ import annotations
 
-import argparse
 import csv
 from collections.abc import Callable
 from pathlib import Path
@@ -21,10 +20,13 @@ import _benchmark_precision as precision
 import _benchmark_ratio as ratio
 import _benchmark_switches as switches
 from _benchmark import DIMENSION, table
+from _options import run
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-Outcome = tuple[Any, str, Figure | None]
+from vmdg.timers import timings, timings_since
+
+Outcome = tuple[Any, str, Callable[[], Figure] | None]
 
 
 def precision_part(coarse: bool, repeats: int) -> Outcome:
@@ -35,7 +37,7 @@ def precision_part(coarse: bool, repeats: int) -> Outcome:
     for case in tqdm(cases, unit="mesh"):
         points += precision.measure(*case, repeats)
     text = table(precision.HEAD, precision.rows(points))
-    return points, text, precision.plot(points)
+    return points, text, lambda: precision.plot(points)
 
 
 def ratio_part(coarse: bool, repeats: int) -> Outcome:
@@ -101,30 +103,44 @@ def main(
     coarse: bool = False,
     repeats: int = 3,
     out: str = "results/benchmark",
+    plot: bool = True,
+    verbose: bool = False,
 ) -> dict[str, Any]:
-    """Run parts (all); what each has found by name. Tables and pictures go to ``out``."""
+    """Run parts; what each has found by name.
+
+    Args:
+        parts: Some of precision, ratio, peers, switches, kernels and memory; all without any.
+        coarse: Small meshes.
+        repeats: Runs, of which the fastest counts.
+        out: Folder for tables and pictures.
+        plot: Draw the pictures.
+        verbose: Print what the timers of vmdg have measured in every part.
+
+    Raises:
+        ValueError: a part that does not exist.
+    """
+    if unknown := set(parts or ()) - set(PARTS):
+        raise ValueError(f"no part is called {', '.join(unknown)}; they are {', '.join(PARTS)}")
     found, folder = {}, Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     for part in parts or PARTS:
-        found[part], text, figure = PARTS[part](coarse, repeats)
+        before = timings()
+        found[part], text, draw = PARTS[part](coarse, repeats)
+        if verbose:
+            print(table(("timer", "runs", "s"), timings_since(before)))
         print(f"\n{part}\n\n{text}\n")
         (folder / f"{part}.md").write_text(text + "\n")
-        if figure is not None:
-            figure.savefig(folder / f"{part}.png", dpi=130)
+        if plot and draw is not None:
+            draw().savefig(folder / f"{part}.png", dpi=130)
     if "precision" in found:
         with open(folder / "precision.csv", "w", newline="") as file:
             lines = precision.records(found["precision"])
             writer = csv.DictWriter(file, list(lines[0]))
             writer.writeheader()
             writer.writerows(lines)
-    print(f"tables and pictures are in {out}")
+    print(f"results are in {out}")
     return found
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("parts", nargs="*", help=f"some of {', '.join(PARTS)} (all)")
-    parser.add_argument("--coarse", action="store_true", help="small meshes")
-    parser.add_argument("--repeats", type=int, default=3, help="runs, for the least time (3)")
-    parser.add_argument("--out", default="results/benchmark", help="folder for the results")
-    main(**vars(parser.parse_args()))
+    run(main)

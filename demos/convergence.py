@@ -8,40 +8,54 @@ The solutions are derived in ``_manufactured.py``. On one core all studies take 
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
+from typing import Annotated
 
 from mpi4py import MPI
 
-from _convergence import Row, coarse_studies, errors, full_studies, plot, summary, table, write_csv
+from _benchmark import DIMENSION
+from _convergence import Row, coarse_studies, draw, errors, full_studies, summary, table, write_csv
+from _options import run
 from tqdm import tqdm
 
 
 def main(
-    coarse: bool = False, cell: str | None = None, out: str = "results/convergence"
+    coarse: bool = False,
+    cell: Annotated[str | None, DIMENSION] = None,
+    out: str = "results/convergence",
+    plot: bool = True,
+    verbose: bool = False,
 ) -> list[Row]:
-    """Run the studies; tables, CSV and picture go to the folder ``out``."""
+    """Run the studies; a row each.
+
+    Args:
+        coarse: Few studies on coarse meshes.
+        cell: Only the studies with cells of this type.
+        out: Folder for tables, CSV and picture.
+        plot: Draw the picture.
+        verbose: Print every study when it is done.
+    """
     comm = MPI.COMM_WORLD
     studies = coarse_studies() if coarse else full_studies()
     studies = [study for study in studies if cell in (None, study.cell)]
     rows = []
     Path(out).mkdir(parents=True, exist_ok=True)
-    for study in tqdm(studies, unit="study", disable=comm.rank > 0):
+    bar = tqdm(studies, unit="study", disable=comm.rank > 0)
+    for study in bar:
         rows.append(Row(study, [errors(study, n, comm) for n in study.levels]))
         if comm.rank == 0:
             write_csv(rows, Path(out) / "convergence.csv")
+            if verbose:
+                bar.write(table(rows[-1:]))
     if comm.rank == 0:
         text = f"{summary(rows)}\n\n{table(rows)}\n"
         (Path(out) / "convergence.md").write_text(text)
-        plot(rows).savefig(Path(out) / "convergence.png", dpi=130)
+        if plot:
+            draw(rows).savefig(Path(out) / "convergence.png", dpi=130)
         print(text)
-        print(f"tables and picture are in {out}")
+        print(f"results are in {out}")
     return rows
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--coarse", action="store_true", help="few studies on coarse meshes")
-    parser.add_argument("--cell", help="triangle, quadrilateral, tetrahedron or hexahedron only")
-    parser.add_argument("--out", default="results/convergence", help="folder for the results")
-    main(**vars(parser.parse_args()))
+    run(main)

@@ -8,14 +8,15 @@ be an unstable equilibrium: the single fibre stands ``offset`` beside the middle
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
+from typing import Annotated
 
 from mpi4py import MPI
 
 import numpy as np
 from _fibre_matrix import Cell, curves, pulls
-from _restart import add_options, files, resumed
+from _options import run
+from _restart import files, resumed
 
 import vmdg
 from vmdg.meshes import fibre_matrix, random_fibres
@@ -28,7 +29,7 @@ DECK = {FIBRE: vmdg.NeoHookean(E=40e3, nu=0.33), MATRIX: vmdg.NeoHookean(E=4e3, 
 
 
 def main(
-    cell: str = "quadrilateral",
+    cell: Annotated[str, ("quadrilateral", "triangle")] = "quadrilateral",
     element_size: float = 0.1,
     critical_gap: float = 0.2,
     step: float = 1e-4,
@@ -37,17 +38,41 @@ def main(
     fibres: int = 1,
     fraction: float = 0.35,
     offset: float = 0.01,
-    activate: str = "all",
+    activate: Annotated[str, ("all", "on-demand")] = "all",
     interface_only: bool = False,
     deck: bool = False,
     checkpoint_every: int = 10,
     resume: bool = False,
     out: str = "results/fibre_matrix",
+    plot: bool = True,
+    verbose: bool = False,
+    seed: int = 0,
 ) -> vmdg.History:
-    """Pull both sides to ``end`` [mm]; pictures and history go to the folder ``out``."""
+    """Pull both sides; the history of the run.
+
+    Args:
+        cell: Type of the cells.
+        element_size: Of the cells [mm].
+        critical_gap: Residual gap zeta_c at which a bond is gone [mm].
+        step: First steps of the pull of a side [mm].
+        growth: Ratio of a step to the one before, beyond .003 mm [-].
+        end: Pull of a side at the end [mm]; without it until the cell is in parts.
+        fibres: Number of fibres; more than one are put at random places.
+        fraction: Share of the area that many fibres have [-].
+        offset: Distance of a single fibre from the middle [mm].
+        activate: Whether facets of the matrix may fail from the start or open on demand.
+        interface_only: Without cracks in the matrix.
+        deck: Take the moduli of the public one-fibre deck.
+        checkpoint_every: Steps between two checkpoints; 0 for none.
+        resume: Go on from the last checkpoint, on any number of ranks.
+        out: Folder for pictures, history and checkpoints.
+        plot: Draw the pictures.
+        verbose: Print the residuals of every step.
+        seed: Of the random places: the same seed gives the same places.
+    """
     centres, radius = np.array([[SIZE / 2 - offset, SIZE / 2]]), 0.25
     if fibres > 1:
-        centres, radius = random_fibres(fibres, fraction, SIZE)
+        centres, radius = random_fibres(fibres, fraction, SIZE, seed=seed)
     comm = MPI.COMM_WORLD
     mesh, cells, sides = fibre_matrix(comm, cell, SIZE, radius, centres, element_size)
     bond = vmdg.Debonding(strength=10.0, critical_gap=critical_gap)
@@ -65,21 +90,29 @@ def main(
 
     problem.dirichlet_points(held, 0.0, "y")
 
-    stages = Cell(problem, SIZE, element_size / 2, centres[0], radius)
+    stages = Cell(problem, SIZE, element_size / 2, centres[0], radius, plot)
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         force = problem.reaction(sides.find(RIGHT))[0]
         stage = stages.update(force)
         nodes = problem.space.dofmap.index_map.size_global
         strain, stress = 2 * problem.t / SIZE, force / SIZE
-        return {"strain": strain, "stress": stress, "stage": stage, "nodes": nodes}
+        row = {"strain [-]": strain, "stress [MPa]": stress}
+        return row | {"stage [-]": stage, "nodes [-]": nodes}
 
     separated = (0.525 if fibres == 1 else 0.65) * critical_gap
     end = end or (0.005 if interface_only else separated)
     # Fragments that hang on a last point invite distant equilibria: watch the energy.
     checkpoint = Path(out) / "checkpoint"
     options = vmdg.SolveOptions(
-        1e-8, energy_guard=0.05, energy=True, progress=True, **files(checkpoint, checkpoint_every)
+        1e-8,
+        energy_guard=0.05,
+        energy=True,
+        progress=True,
+        show=("stress", "stage"),
+        verbose=verbose,
+        csv=Path(out) / "history.csv",
+        **files(checkpoint, checkpoint_every),
     )
     history = resumed(problem, resume, checkpoint)
     if history:
@@ -89,10 +122,9 @@ def main(
     history = vmdg.solve(problem, loads, options, monitor, history).history
 
     if comm.rank == 0:
-        Path(out).mkdir(parents=True, exist_ok=True)
-        stages.finish().savefig(Path(out) / "fibre_matrix_stages.png", dpi=105)
-        curves(history, stages).savefig(Path(out) / "fibre_matrix.png", dpi=130)
-        history.to_csv(Path(out) / "history.csv")
+        if plot:
+            stages.finish().savefig(Path(out) / "fibre_matrix_stages.png", dpi=105)
+            curves(history, stages).savefig(Path(out) / "fibre_matrix.png", dpi=130)
         iterations, viscous = history["iterations"], history["jump_steps"].sum()
         print(
             f"{len(history)} steps, iterations: median {np.median(iterations):g}, most "
@@ -103,24 +135,9 @@ def main(
             f"{history['imbalance'][-1] / history['external'][-1]:.2e} of the work"
         )
         print(f"{history['nodes'][0]} nodes at first, {history['nodes'][-1]} at the end")
-        print(f"pictures and history are in {out}")
+        print(f"results are in {out}")
     return history
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cell", default="quadrilateral", help="or triangle")
-    parser.add_argument("--element-size", type=float, default=0.1, help="[mm] (default .1)")
-    parser.add_argument("--critical-gap", type=float, default=0.2, help="zeta_c [mm] (default .2)")
-    parser.add_argument("--step", type=float, default=1e-4, help="first steps [mm] (default 1e-4)")
-    parser.add_argument("--growth", type=float, default=1.1, help="of the steps beyond .003 mm")
-    parser.add_argument("--end", type=float, help="pull of a side [mm] (default: separation)")
-    parser.add_argument("--fibres", type=int, default=1, help="more than one: at random places")
-    parser.add_argument("--fraction", type=float, default=0.35, help="of fibres, if many")
-    parser.add_argument("--offset", type=float, default=0.01, help="of one fibre [mm]")
-    parser.add_argument("--activate", default="all", help="all or on-demand: matrix facets")
-    parser.add_argument("--interface-only", action="store_true", help="no cracks in the matrix")
-    parser.add_argument("--deck", action="store_true", help="moduli of the public one-fibre deck")
-    parser.add_argument("--out", default="results/fibre_matrix", help="folder for the results")
-    add_options(parser)
-    main(**vars(parser.parse_args()))
+    run(main)

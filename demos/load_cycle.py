@@ -7,13 +7,13 @@ law softens, unloads without healing, closes at zero traction, holds by friction
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 from mpi4py import MPI
 
 import matplotlib.pyplot as plt
 import numpy as np
+from _options import run
 
 import vmdg
 from vmdg.meshes import blocks
@@ -28,8 +28,37 @@ def end_of_path(t: float) -> tuple[float, float]:
     return tuple(np.interp(t, np.arange(len(PATH)), column) for column in PATH.T)
 
 
-def main(steps: int = 200, out: str = "results/load_cycle") -> vmdg.History:
-    """Follow the path in ``steps`` steps; picture and history go to the folder ``out``."""
+def draw(history: vmdg.History) -> plt.Figure:
+    """Tractions over openings, and where the energy has gone."""
+    figure, (normal, shear, energy) = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
+    for i, leg in enumerate(LEGS):
+        now = (history["load"] >= i - 1e-9) & (history["load"] <= i + 1 + 1e-9)
+        normal.plot(history["opening"][now], history["normal"][now], label=leg)
+        shear.plot(history["slide"][now], history["shear"][now], label=leg)
+    normal.set(xlabel="opening $g_N$ [mm]", ylabel="normal traction $T_N$ [MPa]")
+    shear.set(xlabel="sliding $g_T$ [mm]", ylabel="shear traction $T_T$ [MPa]")
+    shear.legend()
+    spent = np.zeros(len(history))
+    for name in ("damage", "friction", "bulk"):
+        energy.fill_between(history["load"], spent, spent + history[name], label=name)
+        spent = spent + history[name]
+    energy.plot(history["load"], history["external"], "k--", label="external work")
+    energy.set(xlabel="load factor (one a leg)", ylabel="energy [N mm per mm]")
+    energy.legend()
+    return figure
+
+
+def main(
+    steps: int = 200, out: str = "results/load_cycle", plot: bool = True, verbose: bool = False
+) -> vmdg.History:
+    """Follow the path; the history of the run.
+
+    Args:
+        steps: Load steps.
+        out: Folder for picture and history.
+        plot: Draw the picture.
+        verbose: Print the residuals of every step.
+    """
     mesh, cells, facets = blocks(MPI.COMM_WORLD, "quadrilateral")
     material = vmdg.NeoHookean(E=5000.0, nu=0.25)
     interface = vmdg.Interface(between=(1, 2), law=LAW)
@@ -40,46 +69,26 @@ def main(steps: int = 200, out: str = "results/load_cycle") -> vmdg.History:
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         mean = problem.mean(0)
         return {
-            "opening": mean.opening[0],
-            "slide": mean.opening[1],
-            "normal": mean.traction[0],
-            "shear": mean.traction[1],
-            "softening": mean.softening,
+            "opening [mm]": mean.opening[0],
+            "slide [mm]": mean.opening[1],
+            "normal [MPa]": mean.traction[0],
+            "shear [MPa]": mean.traction[1],
+            "softening [MPa]": mean.softening,
         }
 
     loads = np.linspace(0, len(LEGS), steps + 1)[1:]
-    options = vmdg.SolveOptions(relative_tolerance=1e-11, energy=True, progress=True)
+    shown = {"progress": True, "show": ("normal", "shear"), "verbose": verbose}
+    options = vmdg.SolveOptions(1e-11, energy=True, csv=Path(out) / "history.csv", **shown)
     history = vmdg.solve(problem, loads, options, monitor).history
 
     if problem.comm.rank == 0:
-        Path(out).mkdir(parents=True, exist_ok=True)
-        history.to_csv(Path(out) / "history.csv")
-        figure, (normal, shear, energy) = plt.subplots(
-            1, 3, figsize=(12, 3.6), layout="constrained"
-        )
-        for i, leg in enumerate(LEGS):
-            now = (history["load"] >= i - 1e-9) & (history["load"] <= i + 1 + 1e-9)
-            normal.plot(history["opening"][now], history["normal"][now], label=leg)
-            shear.plot(history["slide"][now], history["shear"][now], label=leg)
-        normal.set(xlabel="opening $g_N$ [mm]", ylabel="normal traction $T_N$ [MPa]")
-        shear.set(xlabel="sliding $g_T$ [mm]", ylabel="shear traction $T_T$ [MPa]")
-        shear.legend()
-        spent = np.zeros(len(history))
-        for name in ("damage", "friction", "bulk"):
-            energy.fill_between(history["load"], spent, spent + history[name], label=name)
-            spent = spent + history[name]
-        energy.plot(history["load"], history["external"], "k--", label="external work")
-        energy.set(xlabel="load factor (one a leg)", ylabel="energy [N mm per mm]")
-        energy.legend()
-        figure.savefig(Path(out) / "load_cycle.png", dpi=130)
+        if plot:
+            draw(history).savefig(Path(out) / "load_cycle.png", dpi=130)
         share = np.abs(history["imbalance"]).max() / np.abs(history["external"]).max()
         print(f"{len(history)} steps; the energies balance to {share:.1e} of the external work")
-        print(f"picture and history are in {out}")
+        print(f"results are in {out}")
     return history
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=200, help="load steps (default 200)")
-    parser.add_argument("--out", default="results/load_cycle", help="folder for the results")
-    main(**vars(parser.parse_args()))
+    run(main)

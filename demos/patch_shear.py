@@ -7,10 +7,10 @@ prints |tau_s| of the lower (A) and the upper (B) facet for five states.
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import numpy as np
+from _options import run
 from _patch import MATERIAL, Snapshots, build
 from _report_stabilization import report_stabilization
 
@@ -37,40 +37,49 @@ def facet_norms(problem: vmdg.Problem) -> dict[str, float]:
     return dict(zip("AB", (float(norm) for _, norm in ordered), strict=True))
 
 
-def main(out: str = "results/patch_shear") -> vmdg.History:
-    """Press to d = -.10 mm; the picture, the history and the fields go to the folder ``out``."""
+def main(
+    out: str = "results/patch_shear", plot: bool = True, verbose: bool = False
+) -> vmdg.History:
+    """Press the right end by .10 mm; the history of the run.
+
+    Args:
+        out: Folder for picture, history and ParaView fields.
+        plot: Draw the picture.
+        verbose: Print the residuals of every step.
+    """
     stabilization = report_stabilization(MATERIAL)
     problem, tagged = build(LAW, (2, 2, 1), (1.0, 1.5), stabilization=stabilization)
     problem.dirichlet(lambda x: np.isclose(x[1], 1) & (x[0] < 1.5 + 1e-6), 0.0, "y")
     problem.dirichlet(tagged.facet_tags.find(6), 0.0, "z")
-    pictures = Snapshots(problem, tagged, SHOWN, (-100, 0))
+    pictures = Snapshots(problem, tagged, SHOWN, (-100, 0)) if plot else None
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         fields.write(-problem.t)
-        pictures.take(problem)
+        if pictures:
+            pictures.take(problem)
         mean = problem.mean(0)
         force = problem.reaction(tagged.facet_tags.find(2))[0]
         slip = float(np.linalg.norm(mean.gap))
-        return facet_norms(problem) | {"force": force, "slip": slip, "softening": mean.softening}
+        norms = {f"{name} [MPa/mm]": norm for name, norm in facet_norms(problem).items()}
+        return norms | {"force [N]": force, "slip [mm]": slip, "softening [MPa]": mean.softening}
 
-    options = vmdg.SolveOptions(progress=True)
+    table_file = Path(out) / "history.csv"
+    options = vmdg.SolveOptions(progress=True, verbose=verbose, csv=table_file)
     with FieldWriter(problem, Path(out) / "fields") as fields:
         history = vmdg.solve(problem, LOADS, options, monitor).history
 
-    if problem.comm.rank == 0:
+    if problem.comm.rank == 0 and pictures:
         pictures.curve.plot(-history["load"], -history["force"], "o-")
         pictures.curve.set(xlabel="end displacement -d [mm]", ylabel="force on the right end [N]")
         pictures.figure.savefig(Path(out) / "patch_shear.png", dpi=150)
-        history.to_csv(Path(out) / "history.csv")
+    if problem.comm.rank == 0:
         print("Table 2, |tau_s| [MPa/mm]   A report   A vmdg     B report   B vmdg")
         for row, a, b in zip(history.rows, *TABLE_2.values(), strict=False):
             values = f"{a:.4e} {row['A']:.4e} {b:.4e} {row['B']:.4e}"
             print(f"  d = {row['load']:5.2f} mm              {values}")
-        print(f"picture, history and ParaView fields are in {out}")
+        print(f"results are in {out}")
     return history
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", default="results/patch_shear", help="folder for the results")
-    main(**vars(parser.parse_args()))
+    run(main)

@@ -7,13 +7,13 @@ are free. The whole curve has a closed form, drawn beside the computed points.
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from time import perf_counter
 
 from mpi4py import MPI
 
 import numpy as np
+from _options import run
 from _patch import MATERIAL, Snapshots, build
 from _patch_references import residual_norms, softening_bar
 from _report_stabilization import report_stabilization
@@ -37,53 +37,65 @@ def table() -> list[float]:
     return residual_norms(problem, 0.12)
 
 
-def main(steps: int = 20, end: float = 0.4, out: str = "results/patch_tension") -> vmdg.History:
-    """Pull to ``end`` [mm]; the picture, the history and the fields go to the folder ``out``."""
+def main(
+    steps: int = 20,
+    end: float = 0.4,
+    out: str = "results/patch_tension",
+    plot: bool = True,
+    verbose: bool = False,
+) -> vmdg.History:
+    """Pull the blocks apart; the history of the run.
+
+    Args:
+        steps: Load steps.
+        end: Displacement of the right end at the end [mm].
+        out: Folder for picture, history and ParaView fields.
+        plot: Draw the picture.
+        verbose: Print the residuals of every step.
+    """
     start = perf_counter()
     problem, tagged = build(LAW)
     problem.dirichlet(tagged.facet_tags.find(5), 0.0, "y")
     problem.dirichlet(tagged.facet_tags.find(6), 0.0, "z")
     problem.compile()
     compiled = perf_counter()
-    pictures = Snapshots(problem, tagged, SHOWN, (0, 100))
+    pictures = Snapshots(problem, tagged, SHOWN, (0, 100)) if plot else None
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         fields.write(problem.t)
-        pictures.take(problem)
+        if pictures:
+            pictures.take(problem)
         mean = problem.mean(0)
         zeta, traction = softening_bar(problem.t, MATERIAL, LAW)
         return {
-            "zeta": mean.gap[0],
-            "traction": mean.traction[0],
-            "force": problem.reaction(tagged.facet_tags.find(2))[0],
-            "zeta_exact": zeta,
-            "traction_exact": traction,
+            "zeta [mm]": mean.gap[0],
+            "traction [MPa]": mean.traction[0],
+            "force [N]": problem.reaction(tagged.facet_tags.find(2))[0],
+            "zeta_exact [mm]": zeta,
+            "traction_exact [MPa]": traction,
         }
 
-    options = vmdg.SolveOptions(relative_tolerance=1e-11, progress=True)
+    table_file = Path(out) / "history.csv"
+    options = vmdg.SolveOptions(1e-11, progress=True, verbose=verbose, csv=table_file)
     loads = end / steps * np.arange(1, steps + 1)
     with FieldWriter(problem, Path(out) / "fields") as fields:
         history = vmdg.solve(problem, loads, options, monitor).history
 
-    if problem.comm.rank == 0:
+    if problem.comm.rank == 0 and pictures:
         curve = pictures.curve
         curve.plot(history["zeta_exact"], history["traction_exact"], label="closed form")
         curve.plot(history["zeta"], history["traction"], "o", mfc="none", label="vmdg")
         curve.set(xlabel=r"residual gap $\zeta_n$ [mm]", ylabel=r"traction $T_n$ [MPa]")
         curve.legend()
         pictures.figure.savefig(Path(out) / "patch_tension.png", dpi=150)
-        history.to_csv(Path(out) / "history.csv")
+    if problem.comm.rank == 0:
         print(f"mesh and kernels {compiled - start:.2f} s, steps {perf_counter() - compiled:.2f} s")
         print("Table 1, residual norm [N]     report         vmdg")
         for i, (report, norm) in enumerate(zip(TABLE_1, table(), strict=False), start=1):
             print(f"  iteration {i}              {report:.7e}  {norm:.7e}")
-        print(f"picture, history and ParaView fields are in {out}")
+        print(f"results are in {out}")
     return history
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=20, help="load steps (default 20)")
-    parser.add_argument("--end", type=float, default=0.4, help="end displacement [mm] (default .4)")
-    parser.add_argument("--out", default="results/patch_tension", help="folder for the results")
-    main(**vars(parser.parse_args()))
+    run(main)

@@ -8,14 +8,15 @@ shear-lag estimate. Drawn and computed in 3D (a quarter) or as an axisymmetric s
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
+from typing import Annotated
 
 from mpi4py import MPI
 
 import numpy as np
+from _options import run
 from _pushout import E_MATRIX, Levels, build, curves
-from _restart import add_options, files, resumed
+from _restart import files, resumed
 
 import vmdg
 
@@ -33,43 +34,66 @@ def main(
     fibre_modulus: float = FIBRE_MODULUS,
     checkpoint_every: int = 25,
     resume: bool = False,
-    picture: bool = True,
+    plot: bool = True,
     out: str = "results/pushout",
-) -> vmdg.History:
-    """Push the fibre by ``end`` [mm]; pictures, history and checkpoints go to ``out``."""
+    verbose: bool = False,
+    study: Annotated[str | None, STUDIES] = None,
+) -> vmdg.History | dict[str, vmdg.History]:
+    """Cure the matrix and push the fibre; the history of the push, of a study one by label.
+
+    Args:
+        solid: Take a quarter in 3D, not the axisymmetric section.
+        layers: Cells along the fibre.
+        refine: Factor on all numbers of cells [-].
+        steps: Load steps of the punch.
+        end: Travel of the punch [mm].
+        friction: Coefficient of friction [-].
+        fibre_modulus: Young's modulus of the fibre [MPa].
+        checkpoint_every: Steps between two checkpoints; 0 for none.
+        resume: Go on from the last checkpoint, on any number of ranks.
+        plot: Draw the pictures.
+        out: Folder for pictures, history and checkpoints.
+        verbose: Print the residuals of every step.
+        study: Run several values of the friction or of the modulus: Figures 30 and 31.
+    """
+    if study:
+        given = {"solid": solid, "layers": layers, "refine": refine, "steps": steps, "end": end}
+        given |= {"friction": friction, "fibre_modulus": fibre_modulus, "verbose": verbose}
+        return studied(study, out, plot, checkpoint_every, resume, **given)
     model, folder = build(solid, layers, refine, friction, fibre_modulus), Path(out)
     problem, rank = model.problem, MPI.COMM_WORLD.rank
     checkpoint, cure = folder / "checkpoint", folder / "checkpoint_cure"
     if resumed(problem, resume, cure, checkpoint) is None:
-        vmdg.solve(problem, np.linspace(0.25, 1, 4), vmdg.SolveOptions(relative_tolerance=1e-8))
+        options = vmdg.SolveOptions(relative_tolerance=1e-8, verbose=verbose)
+        vmdg.solve(problem, np.linspace(0.25, 1, 4), options)
         if checkpoint_every:
             vmdg.write_checkpoint(problem, cure)
-    levels = Levels(model) if picture else None
+    levels = Levels(model) if plot else None
     problem.dirichlet(model.top, lambda t: 1 - t, model.axis, relative=True)
     history = vmdg.read_checkpoint(problem, checkpoint)
-    if picture and history:
+    if levels and history:
         levels.skip(history)
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         measured = model.measures(problem)
-        if picture:
-            levels.update(measured["force"], measured["damaged"])
+        if levels:
+            levels.update(measured["force [N]"], measured["damaged [mm]"])
         return measured
 
     loads = 1 + np.linspace(0, end, steps + 1)[1:]
-    options = vmdg.SolveOptions(1e-7, progress=True, **files(checkpoint, checkpoint_every))
+    shown = {"progress": True, "verbose": verbose, "csv": folder / "history.csv"}
+    options = vmdg.SolveOptions(1e-7, **shown, **files(checkpoint, checkpoint_every))
     loads = loads[loads > problem.t + 1e-12]
     history = vmdg.solve(problem, loads, options, monitor, history).history
-    figure = levels.draw() if picture else None
+    figure = levels.draw() if levels else None
     if rank == 0:
         report(history)
-        history.to_csv(folder / "history.csv")
-        if picture:
+        if figure:
             figure.savefig(folder / "pushout_levels.png", dpi=110)
             name = "3D" if solid else "axisymmetric"
             drawn = curves({name: history}, friction, fibre_modulus)
             drawn.savefig(folder / "pushout.png", dpi=130)
-            print(f"pictures and history are in {folder}")
+        print(f"results are in {folder}")
     return history
 
 
@@ -85,7 +109,9 @@ def report(history: vmdg.History) -> None:
     )
 
 
-def study(name: str, out: str, **options: float | bool) -> dict[str, vmdg.History]:
+def studied(
+    name: str, out: str, plot: bool, every: int, resume: bool, **options: float | bool
+) -> dict[str, vmdg.History]:
     """Figure 30 (E_f / E_m) or 31 (friction): one run a value, one picture."""
     runs = {}
     for value in STUDIES[name]:
@@ -93,27 +119,13 @@ def study(name: str, out: str, **options: float | bool) -> dict[str, vmdg.Histor
         label = f"mu = {value}" if name == "friction" else f"E_f / E_m = {value}"
         print(label)
         folder = f"{out}/{name}_{value}"
-        runs[label] = main(**{**options, **given, "out": folder, "picture": False})
-    if MPI.COMM_WORLD.rank == 0:
+        files = {"checkpoint_every": every, "resume": resume, "out": folder}
+        runs[label] = main(**options | given | files, plot=False)
+    if MPI.COMM_WORLD.rank == 0 and plot:
         figure = curves(runs, FRICTION, FIBRE_MODULUS)
         figure.savefig(Path(out) / f"pushout_{name}.png", dpi=130)
     return runs
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--solid", action="store_true", help="a quarter in 3D, not the section")
-    parser.add_argument("--layers", type=int, default=25, help="cells along the fibre (25)")
-    parser.add_argument(
-        "--refine", type=float, default=1, help="multiplies all counts of cells (1)"
-    )
-    parser.add_argument("--steps", type=int, default=100, help="load steps of the punch (100)")
-    parser.add_argument("--end", type=float, default=END, help="travel of the punch [mm] (.174)")
-    parser.add_argument("--friction", type=float, default=FRICTION, help="coefficient (.475)")
-    parser.add_argument("--fibre-modulus", type=float, default=FIBRE_MODULUS, help="[MPa] (2500)")
-    parser.add_argument("--study", choices=STUDIES, help="several runs: Figures 30 and 31")
-    add_options(parser, every=25)
-    parser.add_argument("--out", default="results/pushout", help="folder for the results")
-    arguments = vars(parser.parse_args())
-    chosen = arguments.pop("study")
-    study(chosen, **arguments) if chosen else main(**arguments)
+    run(main)

@@ -9,7 +9,6 @@ Weak: as many cells for every rank,        demos/run -n 1 scaling --weak, ...
 
 from __future__ import annotations
 
-import argparse
 import json
 from dataclasses import asdict
 from pathlib import Path
@@ -17,7 +16,8 @@ from pathlib import Path
 from mpi4py import MPI
 
 from _benchmark import table
-from _scaling import HEAD, Row, measure, plot
+from _options import run
+from _scaling import HEAD, Row, draw, measure
 
 
 def main(
@@ -26,18 +26,22 @@ def main(
     weak: bool = False,
     out: str = "results/scaling",
     fresh: bool = False,
+    plot: bool = True,
+    verbose: bool = False,
 ) -> list[Row]:
     """Run, and the rows so far; collective.
 
     Args:
-        cells: Along an edge of one of the two cubes, on one rank.
-        load: Share of the load, which takes all of the bond through its law.
+        cells: Cells along an edge of one of the two cubes, on one rank.
+        load: Share of the load, which takes all of the bond through its law [-].
         weak: Multiply the cells with the number of ranks.
         out: Folder of the results.
         fresh: Forget what it has.
+        plot: Draw the picture.
+        verbose: Print the residuals of every step.
     """
     comm = MPI.COMM_WORLD
-    row = measure(round(cells * comm.size ** (1 / 3)) if weak else cells, comm, load)
+    row = measure(round(cells * comm.size ** (1 / 3)) if weak else cells, comm, load, verbose)
     rows: list[Row] = []
     if comm.rank == 0:
         file = Path(out) / ("weak.jsonl" if weak else "strong.jsonl")
@@ -47,16 +51,11 @@ def main(
         rows = [Row(**json.loads(line)) for line in file.read_text().splitlines()]
         text = table(HEAD, [row.line(rows[0]) for row in rows])
         file.with_suffix(".md").write_text(text + "\n")
-        plot(rows).savefig(file.with_suffix(".png"), dpi=130)
-        print(f"{text}\n\ntable and picture are in {out}")
+        if plot:
+            draw(rows).savefig(file.with_suffix(".png"), dpi=130)
+        print(f"{text}\n\nresults are in {out}")
     return comm.bcast(rows)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cells", type=int, default=18, help="along an edge of a cube (18)")
-    parser.add_argument("--load", type=float, default=1.0, help="share of the load (1)")
-    parser.add_argument("--weak", action="store_true", help="as many cells for every rank")
-    parser.add_argument("--out", default="results/scaling", help="folder of the results")
-    parser.add_argument("--fresh", action="store_true", help="forget the results of the folder")
-    main(**vars(parser.parse_args()))
+    run(main)

@@ -7,21 +7,32 @@ converged step intact. The families are in ``_stability_cases.py``.
 
 from __future__ import annotations
 
-import argparse
 from itertools import chain
 from pathlib import Path
 
 from mpi4py import MPI
 
-from _stability import BAD, Outcome, plot, stress, table, write_csv
+from _options import run
+from _stability import BAD, Outcome, chart, stress, table, write_csv
 from _stability_cases import numbers
 from tqdm import tqdm
 
 
-def main(each: int = 30, only: int | None = None, out: str = "results/stability") -> list[Outcome]:
-    """``each`` runs of every family, or one run; table, list and picture go to the folder ``out``.
+def main(
+    each: int = 30,
+    only: int | None = None,
+    out: str = "results/stability",
+    plot: bool = True,
+    verbose: bool = False,
+) -> list[Outcome]:
+    """Run some of every family, or one run. Ranks take turns: every run is one of a single rank.
 
-    Ranks take turns: every run is one of a single rank.
+    Args:
+        each: Runs of every family, 30 at most.
+        only: Number of the only run, for example of one that failed.
+        out: Folder for table, list of runs and picture.
+        plot: Draw the picture.
+        verbose: Print the verdict on every run.
     """
     comm = MPI.COMM_WORLD
     chosen = numbers(each) if only is None else [only]
@@ -29,7 +40,7 @@ def main(each: int = 30, only: int | None = None, out: str = "results/stability"
     mine = []
     for number in bar:
         mine.append(outcome := stress(number))
-        if outcome.verdict in BAD or only is not None:
+        if verbose or outcome.verdict in BAD or only is not None:
             lines = (f"run {number}, {outcome.family}: {outcome.verdict}", outcome.case)
             bar.write("\n".join((*lines, outcome.detail)))
     outcomes = sorted(chain(*comm.allgather(mine)), key=lambda outcome: outcome.number)
@@ -37,15 +48,12 @@ def main(each: int = 30, only: int | None = None, out: str = "results/stability"
         Path(out).mkdir(parents=True, exist_ok=True)
         (Path(out) / "stability.md").write_text(table(outcomes) + "\n")
         write_csv(outcomes, Path(out) / "stability.csv")
-        plot(outcomes).savefig(Path(out) / "stability.png", dpi=130)
+        if plot:
+            chart(outcomes).savefig(Path(out) / "stability.png", dpi=130)
         print(table(outcomes))
-        print(f"table, list of the runs and picture are in {out}")
+        print(f"results are in {out}")
     return outcomes
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--each", type=int, default=30, help="runs of every family (30 at most)")
-    parser.add_argument("--only", type=int, help="this run only, for example one that failed")
-    parser.add_argument("--out", default="results/stability", help="folder for the results")
-    main(**vars(parser.parse_args()))
+    run(main)

@@ -11,16 +11,17 @@ one parts at its strain) nor the length of the pre-crack. Its bulk modulus for t
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
+from typing import Annotated
 
 from mpi4py import MPI
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _restart import add_options, files, resumed
+from _options import run as run_demo
+from _restart import files, resumed
 from _tearing import Contours, Run, curves, error_profile, gap_profile, gathered
-from _tearing_cases import CASES, HEIGHT, MESHES, PRECRACK, STIFF, WIDTH, Case
+from _tearing_cases import CASES, HEIGHT, MESHES, PRECRACK, STIFF, WIDTH
 
 import vmdg
 from vmdg.meshes import tearing
@@ -28,18 +29,20 @@ from vmdg.output import FieldWriter
 
 
 def tear(
-    case: Case,
+    material: str,
     law: vmdg.Debonding,
     mesh: str,
     steps: int,
     out: Path,
     every: int = 10,
     resume: bool = False,
-) -> tuple[Run, Contours]:
+    plot: bool = True,
+    verbose: bool = False,
+) -> tuple[Run, Contours | None]:
     """Tear the plates on one mesh; fields and checkpoints go to the folder ``out``."""
+    case, sizes = CASES[material], (WIDTH, HEIGHT, HEIGHT / 2)
     divisions = [MESHES[mesh] * n for n in (24, 20, 10)]
-    sizes = WIDTH, HEIGHT, HEIGHT / 2, divisions, PRECRACK
-    tagged = tearing(MPI.COMM_WORLD, "quadrilateral", *sizes)
+    tagged = tearing(MPI.COMM_WORLD, "quadrilateral", *sizes, divisions, PRECRACK)
     interface = vmdg.Interface(between=(1, 2), law=law)
     materials = {1: case.soft, 2: STIFF}
     problem = vmdg.Problem(
@@ -48,10 +51,12 @@ def tear(
     bottom, top = (tagged.facet_tags.find(tag) for tag in (1, 2))
     problem.dirichlet(bottom, lambda strain: (0.0, -HEIGHT * strain))
     problem.dirichlet(top, 0.0)
-    run, contours = Run(), Contours(problem, case.contours, case.limits)
+    run = Run()
+    contours = Contours(problem, case.contours, case.limits) if plot else None
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
-        contours.take(problem)
+        if contours:
+            contours.take(problem)
         for strain in case.profiles:
             if np.isclose(problem.t, strain):
                 fields.write(problem.t)
@@ -62,15 +67,16 @@ def tear(
         columns = *size, state.softening, state.weights
         _, opening, traction, Q, length = gathered(problem, state.points[:, 0], *columns).T
         return {
-            "force": problem.reaction(top)[1],
-            "tip_opening": opening[0],
-            "tip_traction": traction[0],
-            "damaged": length @ (Q > 0) / length.sum(),
-            "broken": length @ (Q >= law.strength) / length.sum(),
+            "force [N]": problem.reaction(top)[1],
+            "tip_opening [mm]": opening[0],
+            "tip_traction [MPa]": traction[0],
+            "damaged [-]": length @ (Q > 0) / length.sum(),
+            "broken [-]": length @ (Q >= law.strength) / length.sum(),
         }
 
     checkpoint = out / f"checkpoint_{mesh}"
-    options = vmdg.SolveOptions(1e-8, energy=True, progress=True, **files(checkpoint, every))
+    shown = {"progress": True, "verbose": verbose, "csv": out / f"history_{material}_{mesh}.csv"}
+    options = vmdg.SolveOptions(1e-8, energy=True, **shown, **files(checkpoint, every))
     history = resumed(problem, resume, checkpoint)
     # A file of fields is written from its start: those of the first part of a run stay as they are.
     name = f"fields_{mesh}" if history is None else f"fields_{mesh}_from_{problem.t:.6g}"
@@ -82,39 +88,46 @@ def tear(
 
 
 def main(
-    material: str = "neo-hookean",
-    mesh: str = "medium",
+    material: Annotated[str, CASES] = "neo-hookean",
+    mesh: Annotated[str, (*MESHES, "all")] = "medium",
     steps: int = 25,
     out: str = "results/tearing",
     checkpoint_every: int = 10,
     resume: bool = False,
+    plot: bool = True,
+    verbose: bool = False,
 ) -> dict[str, Run]:
-    """Run one mesh or "all"; pictures, histories and fields go to the folder ``out``."""
-    case, folder = CASES[material], Path(out)
-    law = vmdg.Debonding(strength=case.strength, critical_gap=0.2)
+    """Tear the plates; the runs by mesh.
+
+    Args:
+        material: Of the soft plate.
+        mesh: How fine, or all meshes.
+        steps: Load steps to a strain of 5 %.
+        out: Folder for pictures, histories, fields and checkpoints.
+        checkpoint_every: Steps between two checkpoints; 0 for none.
+        resume: Go on from the last checkpoint, on any number of ranks.
+        plot: Draw the pictures.
+        verbose: Print the residuals of every step.
+    """
+    folder = Path(out)
+    law = vmdg.Debonding(strength=CASES[material].strength, critical_gap=0.2)
     runs = {}
     for name in MESHES if mesh == "all" else (mesh,):
-        runs[name], contours = tear(case, law, name, steps, folder, checkpoint_every, resume)
+        restart = checkpoint_every, resume
+        runs[name], contours = tear(material, law, name, steps, folder, *restart, plot, verbose)
     if MPI.COMM_WORLD.rank == 0:
-        contours.figure.savefig(folder / f"tearing_{material}_contours.png", dpi=150)
-        curves(runs, law, PRECRACK).savefig(folder / f"tearing_{material}.png", dpi=120)
+        if contours:
+            contours.figure.savefig(folder / f"tearing_{material}_contours.png", dpi=150)
+            curves(runs, law, PRECRACK).savefig(folder / f"tearing_{material}.png", dpi=120)
         for name, run in runs.items():
-            h = run.history
-            h.to_csv(folder / f"history_{material}_{name}.csv")
             print(f"{name}: {run.summary()}")
             if len(runs) > 1 and not resume:  # profiles are not part of a checkpoint
                 difference = run.gap_difference(list(runs.values())[-1], 0.10)
                 print(f"  opening at 10 % strain against the finest mesh: {difference:.2%} off")
-        print(f"pictures, histories and ParaView fields are in {out}")
+        print(f"results are in {out}")
     plt.close("all")
     return runs
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--material", choices=CASES, default="neo-hookean")
-    parser.add_argument("--mesh", choices=[*MESHES, "all"], default="medium")
-    parser.add_argument("--steps", type=int, default=25, help="steps to 5 %% (default 25)")
-    parser.add_argument("--out", default="results/tearing", help="folder")
-    add_options(parser)
-    main(**vars(parser.parse_args()))
+    run_demo(main)

@@ -7,29 +7,42 @@ curved sides need a sixth of the tour's cells for this.
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
+from typing import Annotated
 
 from mpi4py import MPI
 
 from _benchmark import table
-from _two_inclusions import LAST, LAWS, PEAK, SLOPE, Run, draw, run
+from _options import run
+from _two_inclusions import LAST, LAWS, PEAK, SLOPE, Run, draw, pull
 
 
 def main(
-    law: str = "tour",
+    law: Annotated[str, LAWS] = "tour",
     degree: int = 2,
     element_size: float = 0.05,
     steps: int = 40,
     repeats: int = 1,
     out: str = "results/two_inclusions",
+    plot: bool = True,
+    verbose: bool = False,
 ) -> tuple[Run, float]:
-    """Run with one law of ``LAWS``; returns the run and the bonded slope [N/mm].
+    """Pull with one law; the run and the bonded slope [N/mm].
 
-    The seconds are the least of ``repeats`` runs. Picture and history go to the folder ``out``.
+    Args:
+        law: Of the interface.
+        degree: Of displacement and curved sides.
+        element_size: Of the triangles [mm].
+        steps: Load steps.
+        repeats: Runs, of which the fastest counts.
+        out: Folder for picture and history.
+        plot: Draw the picture.
+        verbose: Print the residuals of every step.
     """
-    bonded = run(LAWS["tie"], degree, element_size, steps).slope
-    runs = [run(LAWS[law], degree, element_size, steps, progress=True) for _ in range(repeats)]
+    folder = Path(out)
+    bonded = pull(LAWS["tie"], degree, element_size, steps).slope
+    shown = {"progress": True, "verbose": verbose, "csv": folder / "history.csv"}
+    runs = [pull(LAWS[law], degree, element_size, steps, **shown) for _ in range(repeats)]
     best = min(runs, key=lambda run: run.seconds)
     force = best.history["force"]
     rows = [
@@ -42,23 +55,14 @@ def main(
         ("unknowns", 2 * best.problem.space.dofmap.index_map.size_global, "", ""),
         ("Newton corrections", int(best.history["iterations"].sum()), "", ""),
     ]
-    figure = draw(best, bonded)
+    figure = draw(best, bonded) if plot else None
     if MPI.COMM_WORLD.rank == 0:
-        folder = Path(out)
-        folder.mkdir(parents=True, exist_ok=True)
-        figure.savefig(folder / "two_inclusions.png", dpi=130)
-        best.history.to_csv(folder / "history.csv")
+        if figure:
+            figure.savefig(folder / "two_inclusions.png", dpi=130)
         print(table(("", "vmdg", "h -> 0", "error"), rows))
-        print(f"picture and history are in {folder}")
+        print(f"results are in {folder}")
     return best, bonded
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--law", choices=LAWS, default="tour", help="of the interface (tour)")
-    parser.add_argument("--degree", type=int, default=2, help="of displacement and sides (2)")
-    parser.add_argument("--element-size", type=float, default=0.05, help="[mm] (.05)")
-    parser.add_argument("--steps", type=int, default=40, help="load steps (40)")
-    parser.add_argument("--repeats", type=int, default=1, help="runs, for the least time (1)")
-    parser.add_argument("--out", default="results/two_inclusions", help="folder for the results")
-    main(**vars(parser.parse_args()))
+    run(main)

@@ -7,13 +7,13 @@ load and crack length of the beams over opening and deflection. The formulas sta
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 from mpi4py import MPI
 
 import matplotlib.pyplot as plt
 from _beams import dcb, enf
+from _options import run
 from _partial_slip import partial_slip
 from _shear_lag import push_out
 from _verification import Check, bimaterial_bar, goodier, shrink_fit, table, timed
@@ -41,35 +41,48 @@ def draw(runs: dict[str, vmdg.History]) -> plt.Figure:
     return figure
 
 
-def main(coarse: bool = False, out: str = "results/verification") -> list[Check]:
-    """Run all scenes; table and picture go to the folder ``out``. Coarse has no beams."""
+def main(
+    coarse: bool = False,
+    out: str = "results/verification",
+    plot: bool = True,
+    verbose: bool = False,
+) -> list[Check]:
+    """Run all scenes; what was compared.
+
+    Args:
+        coarse: Coarse meshes, and no beams.
+        out: Folder for table and picture.
+        plot: Draw the picture.
+        verbose: Print the residuals of every step.
+    """
     checks: list[Check] = []
     size = 0.1 if coarse else 0.025
     scenes = [
-        bimaterial_bar,
-        lambda: shrink_fit(size),
-        lambda: goodier(size),
-        lambda: partial_slip(0.2 if coarse else 0.05),
-        lambda: push_out(40 if coarse else 80),
+        lambda: bimaterial_bar(verbose=verbose),
+        lambda: shrink_fit(size, verbose=verbose),
+        lambda: goodier(size, verbose=verbose),
+        lambda: partial_slip(0.2 if coarse else 0.05, verbose=verbose),
+        lambda: push_out(40 if coarse else 80, verbose=verbose),
     ]
     for scene in scenes:
         with timed(checks):
             checks += scene()
+    fine = {"element_size": 0.125, "steps": 54, "end": 1.62, "rows": 3, "verbose": verbose}
     beams = {
-        "DCB": dcb,
-        "ENF, mu = 0": lambda: enf(0.0, 0.125, steps=54, end=1.62, rows=3),
-        "ENF, mu = .3": lambda: enf(0.3, 0.125, steps=54, end=1.62, rows=3),
+        "DCB": lambda: dcb(verbose=verbose),
+        "ENF, mu = 0": lambda: enf(0.0, **fine),
+        "ENF, mu = .3": lambda: enf(0.3, **fine),
     }
     runs = {}
     for name, scene in ({} if coarse else beams).items():
         with timed(checks):
-            run = scene()
-            checks += run.checks
-            runs[name] = run.history
+            beam = scene()
+            checks += beam.checks
+            runs[name] = beam.history
     if MPI.COMM_WORLD.rank == 0:
         Path(out).mkdir(parents=True, exist_ok=True)
         (Path(out) / "verification.md").write_text(table(checks) + "\n")
-        if runs:
+        if runs and plot:
             draw(runs).savefig(Path(out) / "verification.png", dpi=130)
         print(table(checks))
         print(f"results are in {out}")
@@ -77,7 +90,4 @@ def main(coarse: bool = False, out: str = "results/verification") -> list[Check]
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--coarse", action="store_true", help="coarse meshes, without the beams")
-    parser.add_argument("--out", default="results/verification", help="folder for the results")
-    main(**vars(parser.parse_args()))
+    run(main)

@@ -39,8 +39,8 @@ SCENES = {
         "triangle", 0.4, end=1e-3, fibres=4, activate="on-demand", out=out
     ),
     "tearing": lambda out: tearing.main(mesh="coarse", out=out),
-    "push-out, section": lambda out: pushout.main(refine=0.5, steps=10, picture=False, out=out),
-    "push-out": lambda out: pushout.main(True, 5, 0.4, steps=6, end=0.03, picture=False, out=out),
+    "push-out, section": lambda out: pushout.main(refine=0.5, steps=10, plot=False, out=out),
+    "push-out": lambda out: pushout.main(True, 5, 0.4, steps=6, end=0.03, plot=False, out=out),
     "inclusions": lambda out: two_inclusions.main(element_size=0.1, out=out),
 }
 

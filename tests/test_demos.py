@@ -67,11 +67,11 @@ def test_load_cycle(comm, out):
     assert np.abs(history["imbalance"]).max() < 1e-3 * np.abs(history["external"]).max()
 
 
-def test_coercivity(comm):
+def test_coercivity(comm, out):
     """Some of the random configurations: "auto" is coercive, 1 is not."""
     import coercivity
 
-    table = coercivity.main(share=0.1)
+    table = coercivity.main(share=0.1, out=str(out))
     if comm.rank == 0:
         auto, one = (sum(counts[i].negative for counts in table.values()) for i in range(2))
         assert auto == 0

@@ -139,7 +139,7 @@ def test_solid_against_section(comm):
 
 def test_resume(comm, out):
     """A run that ends half way and goes on from its checkpoint gives the curve of one run."""
-    settings = {"refine": 0.4, "picture": False}
+    settings = {"refine": 0.4, "plot": False}
     whole = demo.main(steps=12, end=0.036, out=str(out / "whole"), **settings)
     demo.main(steps=7, end=0.021, out=str(out / "parts"), **settings)
     parts = demo.main(steps=12, end=0.036, resume=True, out=str(out / "parts"), **settings)

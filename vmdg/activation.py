@@ -42,6 +42,8 @@ class PotentialFacets:
         self.interface = interface
         self.facets = facets
         self._quadrature = FacetQuadrature(mesh, facets, facet_degree(degree), geometry)
+        #: Of all facets on this rank [mm2; mm in plane strain].
+        self.area = float(self._quadrature.area.sum())
         self._delta: NDArray[np.float64] | None = None
         self._tractions: SideEvaluators | None = None
 
@@ -111,6 +113,13 @@ class Activation:
         """Evaluate closed facets with this displacement from now on."""
         for potential in self._potential.values():
             potential.follow(u, self._bodies)
+
+    def area(self, i: int) -> float | None:
+        """Of all facets of interface ``i`` on this rank [mm2; mm in plane strain].
+
+        None where they do not open on demand but are open from the start.
+        """
+        return self._potential[i].area if i in self._potential else None
 
     def nearness(self) -> dict[int, NDArray[np.float64]]:
         """How near the owned facets of every potential interface are to being opened.

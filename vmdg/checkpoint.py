@@ -89,6 +89,7 @@ def write_checkpoint(problem: Problem, folder: str | Path, history: History | No
         "state": _scalars(problem),
         "facets": {name: int(global_sum(comm, len(keys))) for name, (keys, _) in tables.items()},
         "history": [] if history is None else history.rows,
+        "units": {} if history is None else history.units,
     }
     here = sum(f.x.array.nbytes for f in fields.values())
     here += sum(rows.nbytes for _, rows in tables.values())
@@ -163,6 +164,7 @@ def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
         setattr(problem, name, about["state"][name])
     history = History()
     history.rows = about["history"]
+    history.units = about.get("units", {})  # which older files do not say
     return history
 
 

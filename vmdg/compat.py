@@ -127,6 +127,15 @@ def interpolation_points(space: fem.FunctionSpace) -> NDArray[np.float64]:
     return points() if callable(points) else points
 
 
+def timing(name: str) -> tuple[int, float]:
+    """How often a timer has run on this rank, and for how long [s]; zeros where it never has."""
+    try:
+        runs, elapsed, *_ = dolfinx.common.timing(name)
+    except RuntimeError:
+        return 0, 0.0
+    return runs, elapsed if isinstance(elapsed, float) else elapsed.total_seconds()
+
+
 def _facet_ghost_partitioner(graph_partitioner: Any = None) -> Any:
     given = (GhostMode.shared_facet,)
     if graph_partitioner is not None:

@@ -7,12 +7,12 @@ from functools import cached_property
 from petsc4py import PETSc
 
 import numpy as np
-from dolfinx.common import Timer
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
 
 from .linear_solver import LDLT, destroy, make_ksp
 from .problem import Problem
+from .timers import timer
 
 #: Columns that are solved for together, and of these the ones that MUMPS takes at a time: a column
 #: then costs a fifteenth of a single solve, 4 instead of 61 ms at 42,000 dofs in 3D.
@@ -47,7 +47,7 @@ class Compliance:
     """
 
     def __init__(self, problem: Problem):
-        with Timer("vmdg: factorize bonded bodies"):
+        with timer("factorize bonded bodies"):
             self.prescribed = problem.prescribed
             self.stiffness = problem.create_matrix()
             problem.assemble_tangent(self.stiffness, damage=False)
@@ -76,7 +76,7 @@ class Compliance:
         """K^-1.forces, the prescribed dofs held at zero whatever acts there (N,) [mm]."""
         self._b.array[:] = forces
         self._b.array[self.prescribed] = 0
-        with Timer("vmdg: linear solve"):
+        with timer("linear solve"):
             self._solver.solve(self._b, self._x)
         return self._x.array.copy()
 
@@ -110,7 +110,7 @@ class Compliance:
         S = np.empty((self.size, self.size))
         factors = self._solver.getPC().getFactorMatrix()
         factors.setMumpsIcntl(27, MUMPS_BLOCK)
-        with Timer("vmdg: compliance of points"):
+        with timer("compliance of points"):
             for start in range(0, self.size, BLOCK):
                 rows = csr_array(self._gap_forces[start : start + BLOCK])
                 starts, indices = (x.astype(PETSc.IntType) for x in (rows.indptr, rows.indices))

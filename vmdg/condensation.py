@@ -23,9 +23,10 @@ from petsc4py import PETSc
 
 import ufl
 from dolfinx import fem
-from dolfinx.common import Timer
 from dolfinx.fem import petsc as fem_petsc
 from dolfinx.la import InsertMode
+
+from .timers import timer
 
 if TYPE_CHECKING:
     from .discretization import Discretization
@@ -88,7 +89,7 @@ class Condensation:
     def add_to(self, matrix: PETSc.Mat) -> None:
         """Add the terms with D to d2Pi/du2 + p d2J/du2; collective."""
         self.compile_tangent()
-        with Timer("vmdg: condense dilatation"):
+        with timer("condense dilatation"):
             self._matrices.add_to(matrix)
 
 

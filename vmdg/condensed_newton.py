@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 from petsc4py import PETSc
 
 import numpy as np
-from dolfinx.common import Timer
 from numpy.typing import NDArray
 
 from .compliance import Compliance
-from .condensed_solver import CondensedSolver
+from .condensed_solver import CLOSE, CondensedSolver
 from .gap_equation import GapEquation, Gaps
-from .iteration import BACKTRACK, ENERGY, FULL, Iteration, StepReport
+from .iteration import BACKTRACK, ENERGY, FULL, Iteration, StepReport, Trace
 from .kept_responses import KeptResponses
 from .line_search import backtrack, full_step, least_energy
 from .predictor import ASTRAY, ELASTIC, PATH, POOR
 from .problem import Problem
+from .timers import timer
 
 SEARCHES = {BACKTRACK: backtrack, FULL: full_step, ENERGY: least_energy}
 
@@ -98,6 +98,11 @@ class CondensedNewton(Iteration):
         self._responses = KeptResponses(self.compliance.relax)
         self._rest = np.zeros(self.compliance.size)
 
+    @property
+    def krylov(self) -> int:
+        """Krylov iterations on systems of the gaps so far; 0 where they are solved directly."""
+        return self._solver.iterations
+
     def _begin(self, start: float, end: float) -> list[NDArray[np.float64]]:
         gap = np.concatenate([coupling.gap.ravel() for coupling in self._couplings])
         self._path.start(start, gap)
@@ -112,7 +117,7 @@ class CondensedNewton(Iteration):
         trial = np.concatenate([c.trial_traction.ravel() for c in self._couplings])
         lift = np.zeros(len(u))
         lift[prescribed] = problem.prescribed_values(problem.t) - u[prescribed]
-        with Timer("vmdg: bonded response"):
+        with timer("bonded response"):
             out = residual + compliance.product(lift)
             free = out.copy()
             free[prescribed] = 0
@@ -138,25 +143,25 @@ class CondensedNewton(Iteration):
         return float(np.linalg.norm(forces))
 
     def _attempt(self, search: str, ahead: list[NDArray[np.float64]], predictor: str) -> StepReport:
-        held, norms = self._held, []
+        held, trace = self._held, Trace(self.krylov)
         equation = self._equation(held)
-        with Timer("vmdg: predictor"):
+        with timer("predictor"):
             gaps = self._predict(equation, held, ahead, predictor)
         goal = self._criterion.goal(held.reaction)
         for _ in range(REFINEMENTS):
-            gaps, failure = self._iterate(equation, gaps, search, goal, norms)
+            gaps, failure = self._iterate(equation, gaps, search, goal, trace)
             if failure:
-                return StepReport(False, norms, failure)
-            norms[-1], reaction = self._finish(held, gaps)
+                return trace.report(False, failure, goal)
+            trace.norms[-1], reaction = self._finish(held, gaps)
             goal = self._criterion.goal(reaction)
-            if norms[-1] <= goal:
+            if trace.norms[-1] <= goal:
                 self._criterion.see(borne=reaction)
                 self._rest = gaps.excess
-                return StepReport(True, norms, "CONVERGED_FNORM_RELATIVE")
+                return trace.report(True, "CONVERGED_FNORM_RELATIVE", goal)
             held = self._refined(held, gaps)
             equation = self._equation(held)
             gaps = equation.start(gaps.value)
-        return StepReport(False, norms, "CONDENSATION_LOST")
+        return trace.report(False, "CONDENSATION_LOST", goal)
 
     def _equation(self, held: _Held) -> GapEquation:
         return GapEquation(self.compliance, self._solver, self._couplings, held.trial, self._dt)
@@ -190,17 +195,18 @@ class CondensedNewton(Iteration):
         gaps: Gaps,
         search: str,
         goal: float,
-        norms: list[float],
+        trace: Trace,
     ) -> tuple[Gaps, str]:
-        """Newton's method to a residual norm; norms are appended, and why it failed is returned."""
-        start = len(norms)
+        """Newton's method to a residual norm; norms are taken down, why it failed is returned."""
+        start, seen = len(trace.norms), equation.evaluations
         for iteration in range(self._max_iterations + 1):
-            norms.append(gaps.norm)
+            trace.note(gaps.norm, equation.evaluations - seen, self.krylov, CLOSE)
+            seen = equation.evaluations
             if not np.isfinite(gaps.norm):
                 return gaps, "DIVERGED_FNORM_NAN"
             if gaps.norm <= goal:
                 return gaps, ""
-            if failure := self._hopeless(search, norms[start:]):
+            if failure := self._hopeless(search, trace.norms[start:]):
                 return gaps, failure
             if iteration < self._max_iterations:
                 try:
@@ -213,7 +219,7 @@ class CondensedNewton(Iteration):
     def _finish(self, held: _Held, gaps: Gaps) -> tuple[float, float]:
         """Give the problem this state; norms of its residual and of its reactions [N]."""
         problem = self._problem
-        with Timer("vmdg: recover displacement"):
+        with timer("recover displacement"):
             du = self.compliance.relax(self.compliance.gap_forces(gaps.value - held.rest))
         problem.u.x.array[:] = held.u + du
         # Without rounding, or the next step would find them moved.

@@ -39,10 +39,14 @@ class CondensedSolver:
 
     Args:
         compliance: Gives S, W and P.
+
+    Attributes:
+        iterations: Krylov iterations so far.
     """
 
     def __init__(self, compliance: Compliance):
         self._compliance = compliance
+        self.iterations = 0
 
     def solve(self, compliance: Array, right: Array) -> Array:
         """x from C (number of points, d, d) [mm3/N] and b (n,) [mm].
@@ -100,9 +104,14 @@ class CondensedSolver:
             restart=PATIENCE,
             maxiter=1,
             M=LinearOperator(size, self._preconditioner(C), dtype=float),
+            callback=self._count,
+            callback_type="pr_norm",
         )
         rest = np.linalg.norm(right - apply(value))
         return value if rest <= ENOUGH * np.linalg.norm(right) else None
+
+    def _count(self, norm: float) -> None:
+        self.iterations += 1
 
     def _preconditioner(self, C: csr_array) -> Callable[[Array], Array]:
         P, W = self._compliance.nodal, self._compliance.areas

@@ -11,7 +11,6 @@ from petsc4py import PETSc
 import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.common import Timer
 from dolfinx.fem import petsc as fem_petsc
 from dolfinx.la import InsertMode
 from dolfinx.mesh import Mesh
@@ -32,6 +31,7 @@ from .kernels import JIT_OPTIONS, VECTORIZED, compile_form
 from .parallel import global_any, global_sum
 from .quadrature import bulk_degree, facet_degree
 from .space import broken_space
+from .timers import timer
 
 
 @dataclass(frozen=True)
@@ -251,7 +251,7 @@ class Discretization:
         """Evaluate tau_s and delta of every interface at the current displacement."""
         self.update_dilatation()
         self._update_pressure()
-        with Timer("vmdg: stabilization"):
+        with timer("stabilization"):
             derived = self._derive_stabilization()
             for coupling, factor in zip(self.working, derived.factors, strict=True):
                 coupling.freeze_stabilization(factor, dt)
@@ -264,7 +264,7 @@ class Discretization:
         """
         if self.bodies.families[0].body.small:
             return False
-        with Timer("vmdg: stabilization"):
+        with timer("stabilization"):
             held = [coupling.frozen for coupling in self.working]
             derived = self._derive_stabilization()
             short = [
@@ -311,7 +311,7 @@ class Discretization:
                 self._coercivity = Coercivity(
                     self.u, self.bodies, self.geometry, self.degree, facets
                 )
-            with Timer("vmdg: coercivity"):
+            with timer("coercivity"):
                 penalties, deltas = zip(*(c.bonded_penalty for c in derived), strict=True)
                 factors |= zip(derived, self._coercivity(penalties, deltas), strict=True)
         return [factors[coupling] for coupling in self.working]
@@ -341,11 +341,11 @@ class Discretization:
         """
         self.compile_residual()
         self.update_dilatation()
-        with Timer("vmdg: return map"):
+        with timer("return map"):
             for coupling in self.working:
                 coupling.update_points(dt, hold)
         self._update_pressure()
-        with Timer("vmdg: assemble residual"):
+        with timer("assemble residual"):
             forces, forms = self.forces.x, self._residual_forms
             forces.array[:] = 0 if loads is None else -loads
             for form in forms.interfaces:
@@ -371,7 +371,7 @@ class Discretization:
             damage: False holds zeta: the damage part of (84) is left out.
         """
         self._stage_tangent(damage)
-        with Timer("vmdg: assemble tangent"):
+        with timer("assemble tangent"):
             matrix.zeroEntries()
             # All of the pattern is filled before the matrix is first assembled, or it is lost.
             fem_petsc.assemble_matrix(matrix, self._tangent_forms.bulk)
@@ -383,14 +383,14 @@ class Discretization:
 
     def _stage_tangent(self, damage: bool) -> None:
         self.compile_tangent()
-        with Timer("vmdg: stage tangent"):
+        with timer("stage tangent"):
             for coupling in self.working:
                 coupling.stage_tangent(damage)
 
     def add_interface_tangent(self, matrix: PETSc.Mat, damage: bool) -> None:
         """Add the interfaces' part of :meth:`assemble_tangent` to a matrix."""
         self._stage_tangent(damage)
-        with Timer("vmdg: assemble interface tangent"):
+        with timer("assemble interface tangent"):
             for form in self._tangent_forms.interfaces:
                 fem_petsc.assemble_matrix(matrix, form)
             matrix.assemble()

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from dolfinx.common import Timer
 from numpy.typing import NDArray
 
 from .compliance import Compliance
 from .condensed_solver import CondensedSolver
 from .coupling import Coupling
+from .timers import timer
 
 Array = NDArray[np.float64]
 
@@ -63,6 +63,9 @@ class GapEquation:
         couplings: Interfaces that can fail, in the order of the points.
         trial: T_0 (n,) [MPa].
         dt: Time step of the return maps [s].
+
+    Attributes:
+        evaluations: How often the return maps were asked.
     """
 
     def __init__(
@@ -78,6 +81,7 @@ class GapEquation:
         self._couplings = couplings
         self._trial = trial
         self._dt = dt
+        self.evaluations = 0
         counts = [len(coupling.quadrature.weights) for coupling in couplings]
         self._ends = np.cumsum(counts)[:-1]
 
@@ -87,7 +91,8 @@ class GapEquation:
 
     def evaluate(self, value: Array, response: Array) -> Gaps:
         """Return maps on the trial traction that ``response`` leads to."""
-        with Timer("vmdg: return map"):
+        self.evaluations += 1
+        with timer("return map"):
             trial = (self._trial + response).reshape(-1, self._couplings[0].quadrature.d)
             updates = [
                 coupling.map_back(part, self._dt)
@@ -126,6 +131,6 @@ class GapEquation:
         Raises:
             np.linalg.LinAlgError: the matrix is singular.
         """
-        with Timer("vmdg: condensed solve"):
+        with timer("condensed solve"):
             value = self._solver.solve(compliance, right)
         return Direction(value, self._compliance.response(value))

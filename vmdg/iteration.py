@@ -5,8 +5,10 @@ What Newton's method on the whole problem and that on the gaps alone have in com
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +31,20 @@ STALL = 0.98
 EXCURSION, DISTANT = 5.0, 0.1
 
 
+class Solve(NamedTuple):
+    """How a residual norm was reached from the one before, or from the start of the step.
+
+    Attributes:
+        trials: Residuals the line search has looked at: 1 for a full step, 0 in the predictor.
+        krylov: Krylov iterations of its linear systems, 0 where they were solved directly.
+        tolerance: Relative tolerance of these iterations.
+    """
+
+    trials: int
+    krylov: int
+    tolerance: float
+
+
 @dataclass(frozen=True)
 class StepReport:
     """How the iteration of a step went.
@@ -37,16 +53,56 @@ class StepReport:
         converged: Whether the residual met the tolerance.
         norms: Residual norms on the free dofs, before every correction and at the end [N].
         reason: PETSc's word for how it ended.
+        solves: How each of the norms was reached.
+        goal: Residual norm at which the step has converged [N].
+        krylov: Krylov iterations of all linear systems of the step, the predictor's and those of
+            former attempts included; 0 where they were solved directly.
+        former: The attempt before this one, with another line search.
     """
 
     converged: bool
     norms: list[float]
     reason: str
+    solves: list[Solve] = field(default_factory=list)
+    goal: float = math.nan
+    krylov: int = 0
+    former: StepReport | None = None
 
     @property
     def iterations(self) -> int:
         """Newton corrections after the predictor."""
         return max(len(self.norms) - 1, 0)
+
+    def failed(self, reason: str) -> StepReport:
+        """The same step, given up for another reason."""
+        return replace(self, converged=False, reason=reason)
+
+
+class Trace:
+    """Takes down the residual norms of an attempt and what each of them has cost.
+
+    Args:
+        krylov: Krylov iterations before the attempt.
+
+    Attributes:
+        norms: See :class:`StepReport`.
+        solves: See :class:`StepReport`.
+    """
+
+    def __init__(self, krylov: int):
+        self.norms: list[float] = []
+        self.solves: list[Solve] = []
+        self._krylov = krylov
+
+    def note(self, norm: float, trials: int, krylov: int, tolerance: float) -> None:
+        """Add a norm [N]; ``krylov`` is the count so far, the others as in :class:`Solve`."""
+        self.norms.append(norm)
+        self.solves.append(Solve(trials, krylov - self._krylov, tolerance))
+        self._krylov = krylov
+
+    def report(self, converged: bool, reason: str, goal: float) -> StepReport:
+        """What it comes to."""
+        return StepReport(converged, self.norms, reason, self.solves, goal)
 
 
 class Iteration(ABC):
@@ -116,7 +172,9 @@ class Iteration(ABC):
         second = None
         if self._problem.can_fail and not once:
             second = FULL if along is None else ENERGY
+        before = self.krylov
         report = self._search(ahead, predictor, second)
+        report = replace(report, krylov=self.krylov - before)
         if not report.converged:
             # The forces of a state that is given up say nothing about the run.
             criterion.scale, criterion.borne = scales
@@ -135,16 +193,16 @@ class Iteration(ABC):
         """The line search; at a kink between branches of a law it can jam where another passes."""
         problem = self._problem
         start, scale = problem.u.x.array.copy(), self._criterion.scale
-        report = self._attempt(BACKTRACK, ahead, predictor)
-        if report.converged or second is None:
-            return report
+        first = self._attempt(BACKTRACK, ahead, predictor)
+        if first.converged or second is None:
+            return first
         problem.u.x.array[:] = start
         self._criterion.scale = scale
         problem.assemble_residual(self._dt, hold=True)
         problem.watch_energy()
-        report = self._attempt(second, [], ELASTIC)
+        report = replace(self._attempt(second, [], ELASTIC), former=first)
         if report.converged and problem.unaccounted_energy() > DISTANT:
-            return StepReport(False, report.norms, "DISTANT_EQUILIBRIUM")
+            return report.failed("DISTANT_EQUILIBRIUM")
         return report
 
     def _hopeless(self, search: str, norms: list[float]) -> str:
@@ -161,6 +219,11 @@ class Iteration(ABC):
     def _rounding(self, norm: float) -> float:
         """Rounding of the internal forces [N] for a tangent of this infinity norm: eps |K| size."""
         return float(np.finfo(float).eps) * self._size * norm
+
+    @property
+    @abstractmethod
+    def krylov(self) -> int:
+        """Krylov iterations of all steps so far; 0 where systems are solved directly."""
 
     @abstractmethod
     def _begin(self, start: float, end: float) -> list[NDArray[np.float64]]:

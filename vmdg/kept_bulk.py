@@ -5,12 +5,12 @@ from __future__ import annotations
 from petsc4py import PETSc
 
 import numpy as np
-from dolfinx.common import Timer
 from numpy.typing import NDArray
 
 from .linear_solver import Options, is_iterative
 from .parallel import global_norm
 from .problem import Problem
+from .timers import timer
 
 #: Error of the forces that a kept tangent foresees, relative to the forces of the correction, which
 #: is the factor by which the next correction can reduce the residual.
@@ -73,7 +73,7 @@ class KeptBulk:
 
     def _stale(self, u: NDArray[np.float64], forces: NDArray[np.float64]) -> bool:
         """Whether the forces have changed otherwise than the kept tangent foresees."""
-        with Timer("vmdg: judge bulk tangent"):
+        with timer("judge bulk tangent"):
             du = u - self._u
             du[self._prescribed] = 0
             return self._size(forces - self._forces - self._times(self._bulk, u - self._u)) > (

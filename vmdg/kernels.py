@@ -22,6 +22,7 @@ from ufl.corealg.multifunction import MultiFunction
 from ufl.variable import Label
 
 from . import compat
+from .timers import timer
 
 # gcc's variable tracking under Python's own -g dominates the compile time of large kernels, and
 # the default register allocator is slow on the straight-line code of the interface.
@@ -100,7 +101,7 @@ def compile_form(
         name: For :data:`requested`.
     """
     start = perf_counter()
-    with _claims_in_order(comm, options) as ordered:
+    with timer("kernels"), _claims_in_order(comm, options) as ordered:
         compiled = compat.form(form, submeshes, ordered)
     _record(name, start, compiled.code)
     return compiled
@@ -120,10 +121,15 @@ def compile_expression(
     """
     numbered = map_expr_dag(_NumberLabels(), expression)
     start = perf_counter()
-    with _claims_in_order(comm, options) as ordered:
+    with timer("kernels"), _claims_in_order(comm, options) as ordered:
         compiled = fem.Expression(numbered, points, comm=comm, jit_options=ordered)
     _record(name, start, compiled.code)
     return compiled
+
+
+def cache_folder(options: dict = JIT_OPTIONS) -> Path:
+    """Where compiled kernels are kept for all later runs."""
+    return options.get("cache_dir") or Path(dolfinx.jit.get_options()["cache_dir"]) / "vmdg"
 
 
 @contextmanager
@@ -137,7 +143,7 @@ def _claims_in_order(comm: MPI.Comm, options: dict) -> Iterator[dict]:
     compile without the lock have their kernels elsewhere: these are in a folder of their own in
     DOLFINx's, unless ``options`` name one. Only the first rank of ``comm`` claims kernels.
     """
-    folder = options.get("cache_dir") or Path(dolfinx.jit.get_options()["cache_dir"]) / "vmdg"
+    folder = cache_folder(options)
     options = {**options, "cache_dir": folder}
     if comm.rank > 0:
         yield options

@@ -12,7 +12,6 @@ from petsc4py import PETSc
 
 import numpy as np
 from dolfinx import fem
-from dolfinx.common import Timer
 from dolfinx.la import InsertMode
 from numpy.typing import NDArray
 
@@ -20,6 +19,7 @@ from .forms.geometry import Axisymmetric
 from .memory import give_back
 from .parallel import global_sum
 from .problem import Problem
+from .timers import timer
 
 Options = Mapping[str, str | int | float | bool | None]
 
@@ -327,7 +327,7 @@ class LinearSolver:
         """Solve A x = b with the current values of the tangent; called by PETSc."""
         self.counts.solves += 1
         iterative = self._krylov is not None
-        with Timer("vmdg: linear solve"):
+        with timer("linear solve"):
             if iterative and self._krylov.solve(b, x, ksp.getTolerances()[0]):
                 solver = self._krylov.ksp
             else:

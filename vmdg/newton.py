@@ -5,10 +5,9 @@ from __future__ import annotations
 from petsc4py import PETSc
 
 import numpy as np
-from dolfinx.common import Timer
 from numpy.typing import NDArray
 
-from .iteration import BACKTRACK, ENERGY, FULL, Iteration, StepReport
+from .iteration import BACKTRACK, ENERGY, FULL, Iteration, StepReport, Trace
 from .kept_bulk import keeps_bulk
 from .linear_solver import (
     LinearSolver,
@@ -24,6 +23,7 @@ from .parallel import global_any, global_norm
 from .predictor import FIRST, Predictor
 from .problem import Problem
 from .tangent import Tangent
+from .timers import timer
 
 #: Relative tolerances of iterative linear solves in the iteration: loosest and tightest.
 LOOSEST, TIGHTEST = 1e-2, 1e-4
@@ -102,7 +102,6 @@ class Newton(Iteration):
         self._x, self._f = matrix.createVecs()
         self._owned = self._x.getLocalSize()
         self._prescribed = problem.owned_prescribed
-        self._norms: list[float] = []
         self._searches = BACKTRACK
 
         iterative = linear.automatic and is_iterative(linear.solver)
@@ -118,6 +117,11 @@ class Newton(Iteration):
         }
         ksp = self._snes[BACKTRACK].getKSP()
         self._predictor = Predictor(problem, self._tangent, ksp)
+        self._begin_trace()
+
+    def _begin_trace(self) -> None:
+        self._trace = Trace(self.krylov)
+        self._trials, self._tolerance, self._goal = 0, FIRST, np.nan
 
     def _make_snes(self, options: Options) -> PETSc.SNES:
         snes = PETSc.SNES().create(self._problem.comm)
@@ -137,14 +141,20 @@ class Newton(Iteration):
         """Whether the bodies' part of the tangent may be older than the interfaces'."""
         return self._tangent.bulk is not None
 
+    @property
+    def krylov(self) -> int:
+        """Krylov iterations of all steps so far; 0 where systems are solved directly."""
+        return self.linear.counts.iterations
+
     def _begin(self, start: float, end: float) -> list[NDArray[np.float64]]:
         self._path.start(start, self._problem.start_of_step[1])
         return self._path.ahead(end)
 
     def _attempt(self, search: str, ahead: list[NDArray[np.float64]], predictor: str) -> StepReport:
         snes = self._snes[search]
-        self._norms, self._searches = [], search
-        with Timer("vmdg: predictor"):
+        self._searches = search
+        self._begin_trace()
+        with timer("predictor"):
             imbalance, loads = self._predictor(predictor, ahead, self._dt)
         self._criterion.see(imbalance, loads)
         self._x.array[:] = self._problem.u.x.array[: self._owned]
@@ -153,7 +163,7 @@ class Newton(Iteration):
         reaction = self._reaction()
         if reason > 0 and np.isfinite(reaction):
             self._criterion.see(borne=reaction)
-        return StepReport(reason > 0, self._norms, _REASONS.get(reason, str(reason)))
+        return self._trace.report(reason > 0, _REASONS.get(reason, str(reason)), self._goal)
 
     def _reaction(self) -> float:
         """Norm of the reactions of the last assembly [N]."""
@@ -161,6 +171,7 @@ class Newton(Iteration):
         return global_norm(self._problem.comm, forces)
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
+        self._trials += 1
         if x.norm(PETSc.NormType.NORM_INFINITY) > ABSURD * self._size:
             f.set(np.nan)
             return
@@ -185,16 +196,19 @@ class Newton(Iteration):
 
     def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         residual = norms[2]
-        self._norms.append(residual)
+        trials = self._trials if iteration else 0
+        self._trace.note(residual, trials, self.krylov, self._tolerance)
+        self._trials = 0
         if not np.isfinite(residual):
             return PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN
         self._criterion.floor = self._rounding(self._tangent.norm)
-        goal = self._criterion.goal(self._reaction())
+        self._goal = goal = self._criterion.goal(self._reaction())
         if residual <= goal:
             return PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE
-        if failure := self._hopeless(self._searches, self._norms):
+        if failure := self._hopeless(self._searches, self._trace.norms):
             return getattr(PETSc.SNES.ConvergedReason, failure)
-        snes.getKSP().setTolerances(rtol=linear_tolerance(self._norms, goal))
+        self._tolerance = linear_tolerance(self._trace.norms, goal)
+        snes.getKSP().setTolerances(rtol=self._tolerance)
         return PETSc.SNES.ConvergedReason.ITERATING
 
     def destroy(self) -> None:

@@ -33,6 +33,9 @@ from .topology import facet_cells, tags_of_cells
 KINEMATICS = ("finite", "small")
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 
+#: Share of the strength that a broken bond has lost.
+GONE = 0.99
+
 
 @dataclass(frozen=True)
 class Energy:
@@ -650,6 +653,27 @@ class Problem:
             for value in (state.opening, state.gap, state.traction, state.softening)
         ]
         return InterfaceMean(*values, area)
+
+    def debonded(self) -> float:
+        """Share of the area of the interfaces whose bond is gone, the same on every rank.
+
+        Of all interfaces with a bond that can fail, facets that may open on demand included. The
+        bond counts as gone at Q >= .99 P_c: an exponential law never quite reaches P_c.
+        """
+        areas = np.zeros(2)
+        for i, (interface, coupling) in enumerate(
+            zip(self.interfaces, self.couplings, strict=True)
+        ):
+            law = interface.law
+            if not law.inelastic or law.strength <= 0:
+                continue
+            if coupling is not None:
+                weights = coupling.quadrature.weights
+                areas[0] += weights[coupling.softening >= GONE * law.strength].sum()
+            potential = self._activation.area(i)
+            areas[1] += weights.sum() if potential is None else potential
+        gone, area = global_sum(self.comm, areas)
+        return float(gone / area) if area > 0 else 0.0
 
     def reaction(self, facets: Where) -> NDArray[np.float64]:
         """Total force that holds the nodes of boundary facets (d,) [N], the same on every rank.

@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from tqdm import tqdm
 
 from .activation import NEAR, TOO_LATE
 from .checkpoint import write_checkpoint
 from .condensed_newton import CondensedNewton
 from .history import History
+from .history_file import HistoryFile
 from .newton import Newton, StepReport
 from .predictor import PATH, PREDICTORS
 from .problem import Problem
+from .progress import Progress
 from .state_file import adios
 from .switches import Switch, condensation, switchboard
+from .timers import Timing, timer, timings, timings_since
 
 #: In a jump the overstress falls after a step with so few corrections, and grows by this factor
 #: after one that fails.
@@ -63,7 +65,16 @@ class SolveOptions:
             the work seen so far (for example 0.05). Off by default: a coarse step over a peak of
             the force misses some of the work by itself.
         energy: Add the energies of every step to the history.
-        progress: Show a progress bar and the summary of the run (rank 0).
+        progress: Show a progress bar and the summary of the run (rank 0): load factor, size,
+            iterations of the step, forces, share of the interfaces that is debonded, and with
+            ``energy`` the imbalance relative to the largest work put in.
+        show: Names of the columns of the history that the bar shows as forces; None for the first
+            three called force or reaction, alone or with more words ("force_x").
+        verbose: Print the residual norms of every step, with the ratio to the norm before, the
+            residuals the line search has tried, Krylov iterations and their tolerance, why steps
+            fail, and the summary (rank 0).
+        csv: File for the history, written while the run goes on: a row that is complete is on the
+            disk. Rows of an earlier run that ``history`` does not have are dropped.
         checkpoint: Folder for a checkpoint of the run, see :func:`vmdg.read_checkpoint`.
         checkpoint_every: Steps between two checkpoints: one is written at the first of the given
             load factors that is reached after so many, and at the end of the run.
@@ -83,6 +94,9 @@ class SolveOptions:
     energy_guard: float = math.inf
     energy: bool = False
     progress: bool = False
+    show: Sequence[str] | str | None = None
+    verbose: bool = False
+    csv: str | Path | None = None
     checkpoint: str | Path | None = None
     checkpoint_every: int = 10
 
@@ -93,19 +107,23 @@ class Result:
 
     Attributes:
         history: One row a converged step: step, load, iterations, residual, cuts, the number of
-            steps a jump took, energies if asked for, and what the monitor returned.
+            steps a jump took, Krylov iterations (0 where systems are solved directly), energies if
+            asked for, and what the monitor returned.
         residuals: Residual norms of every converged step.
         failures: Load factor and reason of every step that had to be cut.
         switches: What the run has used and what it could do without, with reasons.
+        timings: What the timers of vmdg have measured on this rank during the run, longest first:
+            the run itself, then its parts, of which some contain others.
     """
 
     history: History = field(default_factory=History)
     residuals: list[list[float]] = field(default_factory=list)
     failures: list[tuple[float, str]] = field(default_factory=list)
     switches: list[Switch] = field(default_factory=list)
+    timings: list[Timing] = field(default_factory=list)
 
     def summary(self) -> str:
-        """Steps and corrections of the run, and a line for every switch."""
+        """Steps and corrections of the run, a line for every switch, and one for every timer."""
         steps = len(self.residuals)
         corrections = sum(max(len(norms) - 1, 0) for norms in self.residuals)
         head = f"{steps} steps, {corrections} corrections, {len(self.failures)} attempts failed"
@@ -114,7 +132,18 @@ class Result:
             f"  {switch.name:{width}}  {'on' if switch.on else 'off':3}  {switch.reason}"
             for switch in self.switches
         ]
-        return "\n".join([head, *lines])
+        return "\n".join([head, *lines, *self._timing_lines()])
+
+    def _timing_lines(self) -> list[str]:
+        if not self.timings:
+            return []
+        whole = self.timings[0].seconds
+        width = max(len(timing.name) for timing in self.timings)
+        head = f"  {'timer':{width}}  {'runs':>7}  {'seconds':>9}  share (parts may overlap)"
+        return [head] + [
+            f"  {name:{width}}  {runs:7d}  {seconds:9.2f}  {seconds / whole if whole else 0:5.0%}"
+            for name, runs, seconds in self.timings
+        ]
 
 
 class StepFailure(RuntimeError):
@@ -142,16 +171,19 @@ def solve(
         problem: Changed in place; ends in the state of the last load factor.
         loads: Load factors to reach, one after the other.
         options: See :class:`SolveOptions`.
-        monitor: Called after every converged step; what it returns joins the history row.
+        monitor: Called after every converged step; what it returns joins the history row, by names
+            that may say their unit: "force [N]" is column "force".
         history: Table of an earlier run to continue.
 
     Raises:
         StepFailure: a step fails although it was cut ``max_cuts`` times.
         ValueError: the softening of a law is too steep for the mesh (r <= H - eta), an unknown
-            predictor, ``condensed=True`` where that is not possible, or no steps between
-            checkpoints.
+            predictor, ``condensed=True`` where that is not possible, no steps between checkpoints,
+            or columns of the history that have the same name, change their unit, or are to be
+            shown and do not exist.
         ImportError: checkpoints are wanted and adios4dolfinx is missing.
-        OSError: a checkpoint could not be written; the problem is in the state it should hold.
+        OSError: a checkpoint or the table could not be written; the problem is in the state that
+            it should hold.
     """
     options = options or SolveOptions()
     if options.predictor not in PREDICTORS:
@@ -169,26 +201,28 @@ def solve(
     result = Result(
         history=History() if history is None else history, switches=switchboard(problem, options)
     )
-    bar = tqdm(loads, unit="step", disable=not options.progress or problem.comm.rank > 0)
-    stepper = Stepper(problem, options)
-    written = len(result.history)
+    before, written = timings(), len(result.history)
     try:
-        for target in bar:
-            _advance(stepper, float(target), monitor, result)
-            bar.set_postfix(
-                load=f"{target:.4g}",
-                iterations=result.history.rows[-1]["iterations"],
-                refresh=False,
-            )
-            if len(result.history) - written >= options.checkpoint_every:
-                written = _write_checkpoint(stepper, result)
-        if len(result.history) > written:
-            _write_checkpoint(stepper, result)
+        with (
+            timer("solve"),
+            HistoryFile(problem.comm, options.csv, result.history) as file,
+            Progress(problem, len(loads), options) as progress,
+        ):
+            stepper = Stepper(problem, options, progress)
+            for number, target in enumerate(loads):
+                for part in _advance(stepper, float(target), result):
+                    _take_down(part, problem, options, monitor, result)
+                    file.update()
+                    progress.advanced(number + part.done, part.size, part.report, result.history)
+                if len(result.history) - written >= options.checkpoint_every:
+                    written = _write_checkpoint(stepper, result)
+            if len(result.history) > written:
+                _write_checkpoint(stepper, result)
+            # Not where a step failed: one rank alone must not wait for the others here.
+            stepper.close()
     finally:
-        bar.close()
-    # Not where a step failed: one rank alone must not wait for the others here.
-    stepper.close()
-    if options.progress and problem.comm.rank == 0:
+        result.timings.extend(timings_since(before))
+    if (options.progress or options.verbose) and problem.comm.rank == 0:
         print(result.summary())
     return result
 
@@ -202,8 +236,49 @@ def _write_checkpoint(stepper: Stepper, result: Result) -> int:
     return len(result.history)
 
 
-def _advance(stepper: Stepper, target: float, monitor: Monitor | None, result: Result) -> None:
-    """Reach ``target``, in several steps where one does not converge."""
+class _Part(NamedTuple):
+    """A converged step on the way to a given load factor.
+
+    Attributes:
+        t: Load factor.
+        done: Share of the way that is done.
+        size: Change of the load factor in the step.
+        report: How it went.
+        cuts: How often the way had been halved.
+        jumps: Steps with overstress of a jump.
+    """
+
+    t: float
+    done: float
+    size: float
+    report: StepReport
+    cuts: int
+    jumps: int
+
+
+def _take_down(
+    part: _Part, problem: Problem, options: SolveOptions, monitor: Monitor | None, result: Result
+) -> None:
+    """Add the row of a converged step."""
+    row = {
+        "step [-]": len(result.history) + 1,
+        "load [-]": part.t,
+        "iterations [-]": part.report.iterations,
+        "residual [N]": part.report.norms[-1],
+        "cuts [-]": part.cuts,
+        "jump_steps [-]": part.jumps,
+        "krylov [-]": part.report.krylov,
+    }
+    if options.energy:
+        energy = problem.energy()
+        energies = asdict(energy) | {"imbalance": energy.imbalance}
+        row |= {f"{name} [N mm]": value for name, value in energies.items()}
+    result.history.append(row | dict((monitor(problem) if monitor else None) or {}))
+    result.residuals.append(part.report.norms)
+
+
+def _advance(stepper: Stepper, target: float, result: Result) -> Iterator[_Part]:
+    """Reach ``target``, in several steps where one does not converge; failures are taken down."""
     problem, options = stepper.problem, stepper.options
     start = problem.t
     done, size, cuts, failed = 0.0, 1.0, 0, False
@@ -235,19 +310,7 @@ def _advance(stepper: Stepper, target: float, monitor: Monitor | None, result: R
                     result,
                 )
             continue
-        row = {
-            "step": len(result.history) + 1,
-            "load": t,
-            "iterations": report.iterations,
-            "residual": report.norms[-1],
-            "cuts": cuts,
-            "jump_steps": jumps,
-        }
-        if options.energy:
-            energy = problem.energy()
-            row |= asdict(energy) | {"imbalance": energy.imbalance}
-        result.history.append(row | dict((monitor(problem) if monitor else None) or {}))
-        result.residuals.append(report.norms)
+        yield _Part(t, end, (end - done) * (target - start), report, cuts, jumps)
         done = end
         if not failed:
             size, cuts = 2 * size, max(cuts - 1, 0)
@@ -255,11 +318,18 @@ def _advance(stepper: Stepper, target: float, monitor: Monitor | None, result: R
 
 
 class Stepper:
-    """Single steps of a problem, with the Newton solver that fits its open facets."""
+    """Single steps of a problem, with the Newton solver that fits its open facets.
 
-    def __init__(self, problem: Problem, options: SolveOptions):
+    Args:
+        problem: The problem.
+        options: See :class:`SolveOptions`.
+        progress: What is told how steps went; None for one by ``options``.
+    """
+
+    def __init__(self, problem: Problem, options: SolveOptions, progress: Progress | None = None):
         self.problem = problem
         self.options = options
+        self._progress = progress or Progress(problem, 0, options)
         self._viscous = any(interface.law.viscosity > 0 for interface in problem.interfaces)
         self._guards = problem.watches_energy = math.isfinite(options.energy_guard)
         self._newton = self._make_newton(problem.force_scale, problem.borne_force)
@@ -307,6 +377,18 @@ class Stepper:
             once: Without the second attempt of the iteration.
             rough: The state is only on the way to an equilibrium, and need not be exact.
         """
+        report = self._step(t, overstress, along, once, rough)
+        self._progress.attempted(t, report, overstress)
+        return report
+
+    def _step(
+        self,
+        t: float,
+        overstress: float,
+        along: tuple[float, float] | None,
+        once: bool,
+        rough: bool,
+    ) -> StepReport:
         while True:
             report = self._try(t, overstress, along, once, rough)
             if not report.converged:
@@ -314,21 +396,22 @@ class Stepper:
                 return report
             if self.problem.inverted():
                 self.problem.cancel_step()
-                return StepReport(False, report.norms, "CELLS_INVERTED")
+                return report.failed("CELLS_INVERTED")
             if self.problem.outgrown():
                 self.problem.cancel_step()
-                return StepReport(False, report.norms, "STABILIZATION_OUTGROWN")
+                return report.failed("STABILIZATION_OUTGROWN")
             if (
                 self._guards
                 and not overstress
                 and self.problem.created_energy() > self.options.energy_guard
             ):
                 self.problem.cancel_step()
-                return StepReport(False, report.norms, "ENERGY_CREATED")
+                return report.failed("ENERGY_CREATED")
             nearness = self.problem.nearness()
             if nearness > TOO_LATE:
                 self.problem.cancel_step()
                 self.problem.open_facets()
+                self._progress.say(f"step to load {t:.8g} again: facets open within it")
                 continue
             self.problem.commit()
             self.problem.force_scale = self._newton.scale
@@ -401,4 +484,4 @@ class Stepper:
                 factor /= 2
         self.problem.return_to(before)
         self._newton.forget_path()
-        return StepReport(False, report.norms, f"JUMP_FAILED after {steps} steps"), steps
+        return report.failed(f"JUMP_FAILED after {steps} steps"), steps

@@ -1,0 +1,205 @@
+"""``python -m vmdg``: what is installed, and what the doctor says of good and broken states."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from mpi4py import MPI
+
+import dolfinx
+import pytest
+
+import vmdg
+from vmdg import doctor, info
+from vmdg.__main__ import main
+from vmdg.doctor import CHECKS, Bench, Missing, examine, half_broken
+
+ROOT = Path(__file__).resolve().parent.parent
+NAMES = [check.name for check in CHECKS]
+
+
+def states(said: str) -> dict[str, str]:
+    """What the doctor says of every check."""
+    found = re.findall(r"^(\S[\w ]*?) +(ok|FAILED|missing) ", said, re.MULTILINE)
+    return dict(found)
+
+
+def test_help(capsys):
+    """The commands, without any of the libraries."""
+    for arguments in (["--help"], ["doctor", "--help"]):
+        with pytest.raises(SystemExit) as error:
+            main(arguments)
+        assert error.value.code == 0
+    said = capsys.readouterr().out
+    for word in ("info", "doctor", "mpirun"):
+        assert word in said
+    with pytest.raises(SystemExit) as error:
+        main([])
+    assert error.value.code == 2
+
+
+def test_info(comm, capsys):
+    """A line for every package, PETSc's numbers and solvers, the cache, ranks and threads."""
+    assert main(["info"]) == 0
+    said = capsys.readouterr().out
+    if comm.rank > 0:
+        assert said == ""
+        return
+    lines = dict(re.split(r"  +", line, maxsplit=1) for line in said.splitlines())
+    assert {package.name for package in info.PACKAGES} < set(lines)
+    assert lines["vmdg"].startswith(vmdg.__version__)
+    assert lines["dolfinx"] == dolfinx.__version__
+    assert lines["ranks"] == str(comm.size)
+    assert lines["PETSc's numbers"].startswith("float64, int")
+    assert "GAMG" in lines["solvers"]
+    assert re.fullmatch(r".*\(\d+ compiled\)", lines["kernels"])
+
+
+def test_info_of_what_is_missing(comm, capsys, monkeypatch):
+    """What it disables and how to get it; a missing requirement is an exit code of 1."""
+    monkeypatch.setitem(sys.modules, "adios4dolfinx", None)
+    assert main(["info"]) == 0
+    said = capsys.readouterr().out
+    if comm.rank == 0:
+        assert re.search(r"adios4dolfinx +missing: checkpoints .*python3-adios4dolfinx", said)
+    monkeypatch.setitem(sys.modules, "tqdm", None)
+    assert main(["info"]) == 1
+
+
+def test_info_of_threads():
+    """What the variable says, and that it is not set."""
+    assert info.threads({"OMP_NUM_THREADS": "3"}).startswith("OMP_NUM_THREADS=3, ")
+    assert "unset" in info.threads({})
+
+
+def test_doctor(comm, capsys):
+    """All checks of this installation are good, on any number of ranks; nothing is left behind."""
+    assert main(["doctor"]) == 0
+    said = capsys.readouterr().out
+    if comm.rank > 0:
+        assert said == ""
+        return
+    assert list(states(said)) == NAMES
+    assert set(states(said).values()) == {"ok"}
+    assert re.search(r"kernels .* \d+ compiled \(once\), \d+ found in ", said)
+    assert re.search(r"debonding .* 4 steps, \d+ corrections, error \de-\d+", said)
+    assert said.endswith("vmdg works here.\n")
+    assert "cure" not in said
+
+
+def test_closed_form():
+    """The stress of the stretch, by the other way round."""
+    traction, gap, end = half_broken()
+    stretch = 1 + (end - gap) / 2
+    assert doctor.SHEAR_MODULUS * (stretch - 1 / stretch) == pytest.approx(traction, rel=1e-12)
+    assert traction == pytest.approx(doctor.STRENGTH * (1 - gap / doctor.CRITICAL_GAP))
+
+
+def test_wrong_numbers_are_found(comm, capsys, monkeypatch):
+    """A debonding that misses its closed form fails, with both numbers; later checks still run."""
+    monkeypatch.setattr(doctor, "half_broken", lambda: (25.0, 0.05, 0.07))
+    assert main(["doctor"]) == 1
+    said = capsys.readouterr().out
+    if comm.rank == 0:
+        assert states(said)["debonding"] == "FAILED"
+        assert states(said)["meshes"] == "ok"
+        assert re.search(r"traction \S+ MPa and gap \S+ mm, exact are 25 and 0.05", said)
+        assert "does not work here" in said
+
+
+def test_petsc_without_mumps(comm, capsys, monkeypatch):
+    """The cure is named, and what cannot work then is not tried."""
+    monkeypatch.setattr(doctor, "petsc_solvers", lambda: {"MUMPS": False, "GAMG": True})
+    assert main(["doctor"]) == 1
+    said = capsys.readouterr().out
+    if comm.rank == 0:
+        assert list(states(said)) == NAMES[:3]
+        assert "PETSc has no MUMPS" in said
+        assert "--download-mumps" in said
+
+
+def test_optional_parts(comm, capsys, monkeypatch):
+    """Without checkpoints, fields and gmsh the rest is fine: exit code 0, with the cures."""
+    monkeypatch.setitem(sys.modules, "adios4dolfinx", None)
+    monkeypatch.setitem(sys.modules, "gmsh", None)
+    monkeypatch.setattr(dolfinx, "has_adios2", False)
+    assert main(["doctor"]) == 0
+    said = capsys.readouterr().out
+    if comm.rank == 0:
+        missing = [name for name, state in states(said).items() if state == "missing"]
+        assert missing == ["fields", "checkpoints", "meshes"]
+        assert said.count("cure: ") == 3
+
+
+@pytest.mark.parametrize(
+    ("version", "message"),
+    [("0.8.0", "DOLFINx 0.8.0 is not 0.9 to 0.11"), (None, "dolfinx cannot be imported")],
+)
+def test_another_dolfinx(comm, monkeypatch, version, message):
+    """Too old, or broken."""
+    real = doctor.find
+
+    def find(name: str) -> tuple[str | None, str]:
+        return (version, "broken") if name == "dolfinx" else real(name)
+
+    monkeypatch.setattr(doctor, "find", find)
+    with pytest.raises(RuntimeError, match=message):
+        doctor.packages(Bench(comm, Path()))
+
+
+def test_mpirun_of_another_mpi():
+    """Processes that do not see each other are told so."""
+    alone = Bench(MPI.COMM_SELF, Path())
+    with pytest.raises(RuntimeError, match="started 4 processes that do not see each other"):
+        doctor.ranks(alone, {"PMI_SIZE": "4"})
+    assert doctor.ranks(alone, {}).startswith("1 of 1 ranks")
+
+
+def test_failure_on_one_rank(comm, capsys):
+    """All ranks know, and rank 0 prints it."""
+
+    def fails(bench: Bench) -> str:
+        if bench.comm.rank == bench.comm.size - 1:
+            raise OSError("no such disk")
+        return "fine"
+
+    def lacks(bench: Bench) -> str:
+        raise Missing("not installed")
+
+    bench = Bench(comm, Path())
+    assert not examine(bench, doctor.Check("disks", fails, "buy one"))
+    assert examine(bench, doctor.Check("tapes", lacks, "buy two"))
+    said = capsys.readouterr().out
+    if comm.rank == 0:
+        assert states(said) == {"disks": "FAILED", "tapes": "missing"}
+        assert "OSError: no such disk" in said
+        assert said.index("cure: buy one") < said.index("cure: buy two")
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts a process")
+def test_as_a_command():
+    """``python -m vmdg`` from anywhere, its exit code that of the command."""
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    }
+    command = [sys.executable, "-m", "vmdg", "info"]
+    done = subprocess.run(
+        command, env=environment, cwd="/", capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("vmdg ")
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts a process")
+def test_by_demos_run(tmp_path):
+    """``demos/run -m vmdg`` in the environment of the demos, with the exit code of the command."""
+    environment = os.environ | {"VMDG_PYTHON": sys.executable, "XDG_CACHE_HOME": str(tmp_path)}
+    for arguments, code in ((["--help"], 0), (["nonsense"], 2)):
+        command = ["bash", str(ROOT / "demos" / "run"), "-m", "vmdg", *arguments]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == code, done.stderr
+        assert "doctor" in done.stdout + done.stderr

@@ -1,0 +1,30 @@
+"""``python -m vmdg``: what is installed, and whether it works."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from importlib import import_module
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run a command; its exit code.
+
+    Args:
+        arguments: Of the command line; None for those of the process.
+    """
+    parser = argparse.ArgumentParser(
+        prog="python -m vmdg",
+        description="Interface failure at finite strain on DOLFINx; under mpirun on its ranks.",
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    commands.add_parser("info", help="versions, solvers found, cache of kernels, ranks, threads")
+    commands.add_parser(
+        "doctor", help="debond two blocks and write files: does the installation work?"
+    )
+    chosen = parser.parse_args(arguments)
+    return import_module(f"vmdg.{chosen.command}").main()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
