@@ -67,7 +67,14 @@ class Model:
         }
 
 
-def build(solid: bool, layers: int, refine: float, friction: float, fibre_modulus: float) -> Model:
+def build(
+    solid: bool,
+    layers: int,
+    refine: float,
+    friction: float,
+    fibre_modulus: float,
+    kinematics: str = "finite",
+) -> Model:
     """The model at the start of the cure; ``refine`` multiplies all counts of cells."""
 
     def count(cells: int) -> int:
@@ -95,6 +102,7 @@ def build(solid: bool, layers: int, refine: float, friction: float, fibre_modulu
         },
         [vmdg.Interface(between=(FIBRE, MATRIX), law=bond)],
         eigenstrain={MATRIX: lambda t: -SHRINKAGE * min(t, 1.0)},
+        kinematics=kinematics,
         symmetry=None if solid else "axisymmetric",
     )
     axis = "z" if solid else "y"

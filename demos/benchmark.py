@@ -2,9 +2,9 @@
 
 Parts, one or several by name: "precision" draws error against unknowns and processor time, "ratio"
 compares one Newton iteration, "peers" runs two scenes that other codes were given, "switches" runs
-one of them with and without what can be spared, "kernels" lists what is compiled, "memory" measures
-the push-out. Seconds are processor time of warm runs on one core, the least of some; whatever is
-compared takes turns in one process. On one rank.
+one of them with and without what can be spared, "condensed" iterates on the gaps of the interface,
+"kernels" lists what is compiled, "memory" measures the push-out. Seconds are processor time of warm
+runs on one core, the least of some; whatever is compared takes turns in one process. On one rank.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import _benchmark_condensed as condensed
 import _benchmark_cost as cost
 import _benchmark_peers as peers
 import _benchmark_precision as precision
@@ -73,6 +74,13 @@ def switches_part(coarse: bool, repeats: int) -> Outcome:
     return savings, table(switches.HEAD, switches.rows(savings)), None
 
 
+def condensed_part(coarse: bool, repeats: int) -> Outcome:
+    """Small-strain steps on the gaps of the interface against steps of the whole problem."""
+    scenes = tqdm((condensed.COARSE if coarse else condensed.SCENES).items(), unit="scene")
+    gains = [condensed.measure(name, make, repeats) for name, make in scenes]
+    return gains, table(condensed.HEAD, condensed.rows(gains)), None
+
+
 def kernels_part(coarse: bool, repeats: int) -> Outcome:
     """Kernels of scenes that follow each other, from an empty cache."""
     scenes = list(cost.SCENES)[: 3 if coarse else None]
@@ -93,6 +101,7 @@ PARTS: dict[str, Callable[[bool, int], Outcome]] = {
     "ratio": ratio_part,
     "peers": peers_part,
     "switches": switches_part,
+    "condensed": condensed_part,
     "kernels": kernels_part,
     "memory": memory_part,
 }
@@ -109,7 +118,8 @@ def main(
     """Run parts; what each has found by name.
 
     Args:
-        parts: Some of precision, ratio, peers, switches, kernels and memory; all without any.
+        parts: Some of precision, ratio, peers, switches, condensed, kernels and memory;
+            all without any.
         coarse: Small meshes.
         repeats: Runs, of which the fastest counts.
         out: Folder for tables and pictures.

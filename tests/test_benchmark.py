@@ -83,6 +83,15 @@ def test_what_is_spared_changes_nothing(out):
         assert saving.difference < ALLOWED.get(saving.name, 1e-6), saving
 
 
+def test_condensed_steps_change_nothing(out):
+    """Forces of both ways are equal within a hundred times the tolerance of 1e-9."""
+    gains = benchmark.main(["condensed"], coarse=True, repeats=1, out=str(out))["condensed"]
+    assert len(gains) == 2
+    for gain in gains:
+        assert gain.difference[1] < 1e-7, gain
+        assert 0 < gain.gaps < gain.unknowns
+
+
 def test_sliding_shear():
     shear, limit = peers.sliding_shear(0.3)
     assert limit > 1

@@ -42,6 +42,18 @@ def test_help(capsys):
     assert error.value.code == 2
 
 
+@pytest.mark.parametrize(
+    "library, name",
+    [("libopenblas-r0.so", "openblas"), ("libblas.so.3", "reference"), ("libm.so.6", "unknown")],
+)
+def test_blas_by_its_libraries(tmp_path, library, name):
+    """The lines of /proc/self/maps end with the file that is mapped."""
+    maps = tmp_path / "maps"
+    maps.write_text(f"7f00-7f01 r-xp 00000000 00:00 1 /usr/lib/{library}\n7f02-7f03 rw-p 0 0 0\n")
+    assert info.blas(maps) == name
+    assert info.blas(tmp_path / "none") == "unknown"
+
+
 def test_info(comm, capsys):
     """A line for every package, PETSc's numbers and solvers, the cache, ranks and threads."""
     assert main(["info"]) == 0

@@ -17,7 +17,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, NamedTuple
 
 from . import __version__
-from .info import PACKAGES, find, petsc_solvers
+from .info import PACKAGES, blas, find, petsc_solvers
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -105,7 +105,8 @@ def numbers(bench: Bench) -> str:
     has = petsc_solvers()
     if not has["MUMPS"]:
         raise RuntimeError("PETSc has no MUMPS")
-    return f"real, {', '.join(name for name in has if has[name])}"
+    slow = "; its BLAS is slow, install libopenblas0-pthread" if blas() == "reference" else ""
+    return f"real, {', '.join(name for name in has if has[name])}{slow}"
 
 
 def kernels(bench: Bench) -> str:

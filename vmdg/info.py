@@ -85,6 +85,21 @@ def petsc_solvers() -> dict[str, bool]:
     return has | {"GAMG": True}  # a part of PETSc
 
 
+def blas(maps: Path = Path("/proc/self/maps")) -> str:
+    """The BLAS that PETSc has loaded, by the names of the libraries of this process.
+
+    Direct solves in 3D take six times as long with the reference BLAS as with OpenBLAS.
+    """
+    if not maps.is_file():
+        return "unknown"
+    files = {line.split()[-1] for line in maps.read_text().splitlines() if "/" in line}
+    loaded = {Path(file).resolve().as_posix() for file in files}
+    for name in ("openblas", "mkl", "blis", "Accelerate", "atlas"):
+        if any(name in file for file in loaded):
+            return name
+    return "reference" if any("libblas" in file for file in loaded) else "unknown"
+
+
 def kernels() -> tuple[Path, int]:
     """Folder of the compiled kernels, and how many it has."""
     from .kernels import cache_folder
@@ -128,6 +143,7 @@ def report() -> list[tuple[str, str]]:
         kinds = [np.dtype(kind).name for kind in (PETSc.ScalarType, PETSc.IntType)]
         lines.append(("PETSc", ".".join(map(str, PETSc.Sys.getVersion()))))
         lines.append(("PETSc's numbers", ", ".join(kinds)))
+        lines.append(("BLAS", blas()))
         has = petsc_solvers()
         lines.append(("solvers", ", ".join(name for name in has if has[name])))
         if missing := ", ".join(name for name in has if not has[name]):

@@ -1,0 +1,157 @@
+"""Small-strain steps condensed to the interface against steps of the whole problem.
+
+Two scenes at small strain: a fibre that debonds in a cell (section 7.2 without cracks in the
+matrix) and the fibre push-out (section 7.4), as a section and in 3D. Both ways take the same steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from time import process_time
+
+from mpi4py import MPI
+
+import _pushout
+import numpy as np
+from _fibre_matrix import pulls
+from fibre_matrix import FIBRE, LEFT, MATRIX, REPORT, RIGHT
+from numpy.typing import NDArray
+
+import vmdg
+from vmdg.meshes import fibre_matrix
+
+TOLERANCE = 1e-9
+#: Punch of section 7.4 [mm].
+PUNCH = 0.174
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A problem at small strain.
+
+    Attributes:
+        problem: Not solved yet.
+        loads: Load factors to reach.
+        force: What is compared [N].
+        cure: Load factors before them.
+        punch: Prescribes what moves after the cure.
+    """
+
+    problem: vmdg.Problem
+    loads: NDArray[np.float64]
+    force: Callable[[vmdg.Problem], float]
+    cure: NDArray[np.float64] | None = None
+    punch: Callable[[], None] | None = None
+
+
+def cell(element_size: float) -> Scene:
+    """A fibre that debonds from its matrix, pulled at both sides."""
+    mesh, cells, sides = fibre_matrix(MPI.COMM_WORLD, element_size=element_size)
+    bond = vmdg.Debonding(strength=10.0, critical_gap=0.2)
+    interface = vmdg.Interface(between=(FIBRE, MATRIX), law=bond)
+    problem = vmdg.Problem(mesh, cells, REPORT, [interface], kinematics="small")
+    problem.dirichlet(sides.find(LEFT), lambda pull: -pull, "x")
+    problem.dirichlet(sides.find(RIGHT), lambda pull: pull, "x")
+    problem.dirichlet_points(lambda x: np.isclose(x[1], 0) & np.isclose(x[0], 0), 0.0, "y")
+    right = sides.find(RIGHT)
+    return Scene(problem, pulls(1e-4, 0.005, 1.1), lambda problem: problem.reaction(right)[0])
+
+
+def push_out(solid: bool, refine: float, steps: int) -> Scene:
+    """The cure and the punch of a fibre."""
+    model = _pushout.build(solid, 25, refine, 0.475, 2500.0, "small")
+    problem, axis = model.problem, "xyz".index(model.axis)
+    return Scene(
+        problem,
+        1 + PUNCH * np.arange(1, steps + 1) / steps,
+        lambda problem: problem.reaction(model.top)[axis],
+        np.linspace(0.25, 1, 4),
+        lambda: problem.dirichlet(model.top, lambda t: 1 - t, model.axis, relative=True),
+    )
+
+
+SCENES: dict[str, Callable[[], Scene]] = {
+    "fibre in a cell, h = .1": partial(cell, 0.1),
+    "fibre in a cell, h = .03": partial(cell, 0.03),
+    "fibre in a cell, h = .01": partial(cell, 0.01),
+    "push-out, section": partial(push_out, False, 1.0, 100),
+    "push-out, 3D": partial(push_out, True, 1.0, 100),
+}
+COARSE: dict[str, Callable[[], Scene]] = {
+    "fibre in a cell, h = .1": SCENES["fibre in a cell, h = .1"],
+    "push-out, section": partial(push_out, False, 0.5, 10),
+}
+
+
+@dataclass(frozen=True)
+class Gain:
+    """A scene both ways.
+
+    Attributes:
+        name: Of the scene.
+        unknowns: Of the displacement.
+        gaps: Components of the gaps at the points of the interface.
+        steps: Load factors reached.
+        seconds: Processor time of the steps, general and condensed [s].
+        difference: Of the forces, relative to the largest: the median and the most of all steps.
+    """
+
+    name: str
+    unknowns: int
+    gaps: int
+    steps: int
+    seconds: tuple[float, float]
+    difference: tuple[float, float]
+
+
+def run(scene: Scene, condensed: bool) -> tuple[float, NDArray[np.float64]]:
+    """Processor time of the steps [s] and the forces [N]."""
+    problem, options = scene.problem, vmdg.SolveOptions(TOLERANCE, condensed=condensed)
+    problem.compile()
+    start = process_time()
+    if scene.punch is not None:
+        vmdg.solve(problem, scene.cure, options)
+        scene.punch()
+    history = vmdg.solve(problem, scene.loads, options, lambda p: {"force": scene.force(p)}).history
+    rows = np.isin(history["load"], scene.loads)  # steps that were cut have rows of their own
+    return process_time() - start, history["force"][rows]
+
+
+def measure(name: str, make: Callable[[], Scene], repeats: int = 1) -> Gain:
+    """Run both ways in turns, some times for the least processor time."""
+    times = []
+    for _ in range(repeats):
+        scenes = [make() for _ in range(2)]
+        (*seconds,), forces = zip(*map(run, scenes, (False, True)), strict=True)
+        times.append(seconds)
+    problem = scenes[0].problem
+    apart = np.abs(forces[0] - forces[1]) / np.abs(forces[1]).max()
+    return Gain(
+        name,
+        problem.space.dofmap.index_map.size_global * problem.space.dofmap.index_map_bs,
+        problem.state[0].gap.size,
+        len(scenes[0].loads),
+        tuple(np.min(times, axis=0)),
+        (float(np.median(apart)), float(apart.max())),
+    )
+
+
+HEAD = ("scene", "unknowns", "gaps", "steps", "general [s]", "condensed [s]", "ratio", "difference")
+
+
+def rows(gains: list[Gain]) -> Iterator[list[str | float]]:
+    """Of the table below ``HEAD``."""
+    for gain in gains:
+        general, condensed = gain.seconds
+        yield [
+            gain.name,
+            gain.unknowns,
+            gain.gaps,
+            gain.steps,
+            general,
+            condensed,
+            general / condensed,
+            f"{gain.difference[0]:.1e}, most {gain.difference[1]:.1e}",
+        ]
