@@ -19,6 +19,7 @@ from .history import History
 from .newton import Newton, StepReport
 from .predictor import PATH, PREDICTORS
 from .problem import Problem
+from .sanity import check_model, checked_loads, checked_row
 from .state_file import adios
 from .switches import Switch, condensation, switchboard
 
@@ -147,13 +148,16 @@ def solve(
 
     Raises:
         StepFailure: a step fails although it was cut ``max_cuts`` times.
-        ValueError: the softening of a law is too steep for the mesh (r <= H - eta), an unknown
-            predictor, ``condensed=True`` where that is not possible, or no steps between
-            checkpoints.
+        ValueError: no load factors, a body that nothing holds, the softening of a law is too
+            steep for the mesh (r <= H - eta), an unknown predictor, ``condensed=True`` where that
+            is not possible, or no steps between checkpoints.
+        TypeError: ``options`` or what the monitor returns is of the wrong kind.
         ImportError: checkpoints are wanted and adios4dolfinx is missing.
         OSError: a checkpoint could not be written; the problem is in the state it should hold.
     """
     options = options or SolveOptions()
+    if not isinstance(options, SolveOptions):
+        raise TypeError(f"solve: options = {options!r} must be SolveOptions(...)")
     if options.predictor not in PREDICTORS:
         raise ValueError(
             f"SolveOptions: predictor = {options.predictor!r} must be one of {PREDICTORS}"
@@ -165,7 +169,8 @@ def solve(
         )
     if options.checkpoint is not None:
         adios()  # not after an hour
-    loads = np.atleast_1d(np.asarray(loads, dtype=float))
+    loads = checked_loads(loads)
+    check_model(problem, loads)
     result = Result(
         history=History() if history is None else history, switches=switchboard(problem, options)
     )
@@ -246,7 +251,7 @@ def _advance(stepper: Stepper, target: float, monitor: Monitor | None, result: R
         if options.energy:
             energy = problem.energy()
             row |= asdict(energy) | {"imbalance": energy.imbalance}
-        result.history.append(row | dict((monitor(problem) if monitor else None) or {}))
+        result.history.append(row | checked_row(monitor(problem) if monitor else None))
         result.residuals.append(report.norms)
         done = end
         if not failed:

@@ -1,0 +1,189 @@
+"""Looks at a problem before it is solved: mistakes that a run would answer with riddles."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .coupling import Coupling
+from .parallel import global_any, global_max, raise_together
+from .problem import Problem
+from .supports import LoosePart, loose_parts
+from .topology import facet_cells
+
+#: Strength relative to r h, the stiffness of the cells at an interface: a unit wrong by a factor of
+#: 1000 or more leaves this range, 1e-5 to 1 is usual.
+WEAKEST, STRONGEST = 1e-8, 30.0
+
+#: Critical gap relative to the size of the mesh.
+WIDEST = 10.0
+
+#: Coefficient of friction, usually below 1; degrees and percent are above.
+ROUGHEST = 5.0
+
+
+class ModelWarning(UserWarning):
+    """A problem that can be solved, but is hardly what was meant; the message names the cure."""
+
+
+def check_model(problem: Problem, loads: NDArray[np.float64]) -> None:
+    """Look for supports that are missing, contradict each other, and numbers out of proportion.
+
+    Args:
+        problem: The problem, about to be solved.
+        loads: Load factors to reach.
+
+    Raises:
+        ValueError: nothing holds a part of the problem, whatever its interfaces do.
+    """
+    _check_supports(problem)
+    for t in (loads[0], loads[-1]):
+        _warn(problem.comm, problem.contradiction(float(t)))
+    for coupling in problem.discretization.working:
+        if coupling.law.inelastic:
+            _check_proportions(problem, coupling)
+
+
+def checked_loads(loads: ArrayLike) -> NDArray[np.float64]:
+    """Load factors as an array (n,).
+
+    Raises:
+        ValueError: there is none, or one is not a finite number.
+    """
+    result = np.atleast_1d(np.asarray(loads, dtype=float))
+    if result.ndim != 1 or not result.size or not np.isfinite(result).all():
+        raise ValueError(
+            f"solve: loads = {loads!r} must be one or more finite load factors, for example "
+            "numpy.linspace(0.1, 1.0, 10)"
+        )
+    return result
+
+
+def checked_row(row: Any) -> dict[str, Any]:
+    """What a monitor returned, as a part of the history's row.
+
+    Raises:
+        TypeError: it is no dict.
+    """
+    if row is None:
+        return {}
+    if not isinstance(row, Mapping):
+        raise TypeError(
+            f"solve: the monitor returned {row!r}; it must return a dict of columns, for example "
+            '{"force": problem.reaction(facets)[0]}, or None'
+        )
+    return dict(row)
+
+
+def _warn(comm: MPI.Comm, message: str | None) -> None:
+    """Warn on rank 0 if any rank has a message; the lowest rank's is shown."""
+    messages = [text for text in comm.allgather(message) if text is not None]
+    if messages and comm.rank == 0:
+        warnings.warn(messages[0], ModelWarning, stacklevel=4)
+
+
+# Supports
+
+
+def _check_supports(problem: Problem) -> None:
+    nothing = np.zeros(len(facet_cells(problem.mesh)), dtype=bool)
+    message = None
+    for part in loose_parts(problem, nothing):
+        message = (
+            f"nothing holds the body of {_named(part)} against {part.motions}: the equations have "
+            "no single solution. Prescribe displacements by problem.dirichlet(facets, 0.0), or of "
+            "a symmetric body those of its planes of symmetry, dirichlet(facets, 0.0, 'x')"
+        )
+    raise_together(problem.comm, message)
+    touching = _marked(problem, lambda law: law.strength == 0)
+    if global_any(problem.comm, bool(touching.any())):
+        for part in loose_parts(problem, touching):
+            _warn(
+                problem.comm,
+                f"only contact holds the body of {_named(part)} against {part.motions}, and "
+                "contact that is not pressed holds nothing: prescribe displacements, or press the "
+                "body by them",
+            )
+    breaking = _marked(problem, lambda law: True)
+    loaded = np.zeros(len(problem.tags), dtype=bool)
+    loaded[problem.loaded_cells] = True
+    if not global_any(problem.comm, bool(loaded.any() and breaking.any())):
+        return
+    for part in loose_parts(problem, breaking):
+        if global_any(problem.comm, bool(loaded[part.cells].any())):
+            _warn(
+                problem.comm,
+                f"the body of {_named(part)} bears a load, and against {part.motions} only bonds "
+                "hold it: once they break there is no equilibrium, and no step will converge. "
+                "Prescribe a displacement instead of the load to go on",
+            )
+
+
+def _named(part: LoosePart) -> str:
+    return f"tag{'s' if len(part.tags) > 1 else ''} {', '.join(map(str, part.tags))}"
+
+
+def _marked(problem: Problem, chosen: Any) -> NDArray[np.bool_]:
+    """Open facets of interfaces between bodies whose law can fail and is ``chosen``."""
+    marks = np.zeros(len(facet_cells(problem.mesh)), dtype=bool)
+    for coupling in problem.discretization.working:
+        law = coupling.law
+        if law.inelastic and coupling.interface.within is None and chosen(law):
+            marks[coupling.facets.everywhere] = True
+    return marks
+
+
+# Proportions
+
+
+def _check_proportions(problem: Problem, coupling: Coupling) -> None:
+    law, comm = coupling.law, problem.comm
+    _warn(comm, _too_rough(coupling) if law.friction > ROUGHEST else None)
+    if not (law.strength > 0 and law.softening_modulus > 0):
+        return
+    stiffness = coupling.stabilization.norm / coupling.stabilization.safety
+    stiffness = stiffness * coupling.quadrature.extent
+    stiffest = global_max(comm, float(stiffness.max(initial=-np.inf)))
+    softest = -global_max(comm, float(-stiffness.min(initial=np.inf)))
+    x = problem.mesh.geometry.x
+    size = max(
+        global_max(comm, float(x[:, k].max(initial=-np.inf)))
+        + global_max(comm, float(-x[:, k].min(initial=np.inf)))
+        for k in range(problem.mesh.geometry.dim)
+    )
+    gap = law.strength / law.softening_modulus
+    strong, wide = law.strength > STRONGEST * stiffest, gap > WIDEST * size
+    message = None
+    # Both together make a bond that is never to break.
+    if strong and not wide:
+        message = (
+            f"{coupling.interface}: the strength {law.strength:.3g} is more than the elastic "
+            f"moduli beside it, of the order of {stiffest:.3g}: the bond will hardly break. Give "
+            "both in the same unit (MPa with mm and N); for a bond that never breaks use Bonded()"
+        )
+    elif law.strength < WEAKEST * softest:
+        message = (
+            f"{coupling.interface}: the strength {law.strength:.3g} is less than {WEAKEST:g} of "
+            f"the elastic moduli beside it, of the order of {softest:.3g}: the bond breaks at "
+            "once. Give both in the same unit (MPa with mm and N)"
+        )
+    elif wide and not strong:
+        message = (
+            f"{coupling.interface}: the critical gap is about {gap:.3g}, the mesh {size:.3g} wide: "
+            "the bond will hardly soften. Give both in the same unit (mm with N and MPa)"
+        )
+    _warn(comm, message)
+
+
+def _too_rough(coupling: Coupling) -> str:
+    return (
+        f"{coupling.interface}: friction = {coupling.law.friction:g} is Coulomb's coefficient mu, "
+        "the tangent of the angle of friction, usually below 1; it is neither in degrees nor in "
+        "percent"
+    )
