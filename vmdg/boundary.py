@@ -140,7 +140,7 @@ class _Condition:
 
 
 class DirichletConditions:
-    """Prescribed components of the displacement.
+    """Prescribed components of the displacement, (2) with any value.
 
     Args:
         space: Space of the displacement.
@@ -184,7 +184,13 @@ class DirichletConditions:
         replaces = base is not None
         base = base if replaces else np.zeros((len(dofs), self._d))
         condition = _Condition(dofs, index, value, points, base, replaces, what)
-        initial = value_at(value, 0.0, points)
+        try:
+            initial = value_at(value, 0.0, points)
+        except (TypeError, ValueError) as error:
+            raise ValueError(
+                f"{what}: the value {value!r} is no number, array or function that gives one: "
+                f"{error}"
+            ) from None
         shape, message = initial.shape, None
         if not np.isfinite(initial).all():
             message = (

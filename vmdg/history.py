@@ -35,7 +35,11 @@ class History:
         return np.array([row.get(column, np.nan) for row in self.rows])
 
     def to_csv(self, path: str | Path) -> None:
-        """Write the table with a header line."""
+        """Write the table with a header line.
+
+        Args:
+            path: The file.
+        """
         with open(path, "w", newline="") as file:
             writer = csv.DictWriter(file, self.columns)
             writer.writeheader()

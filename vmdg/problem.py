@@ -306,9 +306,15 @@ class Problem:
     def dirichlet_points(
         self, where: Locator, value: Value, component: int | str | None = None
     ) -> None:
-        """Prescribe the displacement of the nodes selected by a predicate on coordinates (3, n).
+        """Prescribe the displacement of single nodes.
 
-        Arguments and errors as for :meth:`dirichlet`.
+        Args:
+            where: Predicate on the coordinates (3, n) of the nodes.
+            value: As for :meth:`dirichlet` [mm].
+            component: As for :meth:`dirichlet`.
+
+        Raises:
+            ValueError: no node is selected, unknown component or a value of the wrong shape.
         """
         self._prescribe("dirichlet_points", where, value, component)
         self._prescriptions.append(("dirichlet_points", where, value, component))
@@ -540,7 +546,11 @@ class Problem:
             coupling.cancel_step()
 
     def discretization_of(self, marks: Sequence[NDArray[np.bool_]]) -> Discretization:
-        """The discretization with these open facets: the present one where it has them."""
+        """The discretization with these open facets: the present one where it has them.
+
+        Args:
+            marks: For every interface, a mark on all local facets of the mesh.
+        """
         same = all(map(np.array_equal, marks, self._activation.open))
         if not global_any(self.comm, not same):
             return self.discretization
@@ -561,7 +571,11 @@ class Problem:
         )
 
     def return_to(self, snapshot: Snapshot) -> None:
-        """Go back to a converged state, to its set of open facets too."""
+        """Go back to a converged state, to its set of open facets too.
+
+        Args:
+            snapshot: From :meth:`snapshot`.
+        """
         if snapshot.discretization is not self.discretization:
             self._activation.open = list(snapshot.open)
             self._set_discretization(snapshot.discretization)
@@ -741,7 +755,7 @@ class Problem:
         return np.sqrt(integral / quadrature.area)
 
     def energy(self) -> Energy:
-        """Energies at the current state; collective."""
+        """Energies at the current state, with what is dissipated as in (34); collective."""
         stored = self.discretization.stored_energy()
         values = [*stored, *self._dissipated, self._external]
         return Energy(*(float(value) for value in global_sum(self.comm, values)))

@@ -121,6 +121,10 @@ class Result:
 class StepFailure(RuntimeError):
     """A step failed at the smallest size; the problem is in its last converged state.
 
+    Args:
+        message: What failed.
+        result: What was computed before.
+
     Attributes:
         result: What was computed before.
     """
@@ -170,10 +174,10 @@ def solve(
     if options.checkpoint is not None:
         adios()  # not after an hour
     loads = checked_loads(loads)
-    check_model(problem, loads)
     result = Result(
         history=History() if history is None else history, switches=switchboard(problem, options)
     )
+    check_model(problem, loads)
     bar = tqdm(loads, unit="step", disable=not options.progress or problem.comm.rank > 0)
     stepper = Stepper(problem, options)
     written = len(result.history)
