@@ -181,6 +181,15 @@ def test_options_in_the_text(page):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_demos_of_tables(page):
+    """Tables of demos name demos that are there."""
+    for table in re.findall(r"^\| demo .*\n(?:\|.*\n)+", page.read_text(), re.MULTILINE):
+        names = re.findall(r"^\| `(\w+)`", table, re.MULTILINE)
+        assert names
+        assert all((ROOT / "demos" / f"{name}.py").is_file() for name in names)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links(page):
     """Pictures and files that are linked are there."""
     for target in re.findall(r"\]\(([^)#:\s]+)\)", page.read_text()):

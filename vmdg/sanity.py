@@ -15,11 +15,10 @@ from .coupling import Coupling
 from .parallel import global_any, global_max, raise_together
 from .problem import Problem
 from .supports import LoosePart, loose_parts
-from .topology import facet_cells
 
-#: Strength relative to r h, the stiffness of the cells at an interface, which is 1e-5 to 0.1 as a
-#: rule; a modulus in Pa beside a strength in MPa is below.
-WEAKEST = 1e-8
+#: Strength relative to r h, the stiffness of the cells at an interface: the least that is believed
+#: (a modulus in Pa beside a strength in MPa is below), and the largest that is usual.
+WEAKEST, USUAL = 1e-8, 0.1
 
 #: Critical gap relative to the size of the mesh.
 WIDEST = 10.0
@@ -92,30 +91,30 @@ def _warn(comm: MPI.Comm, message: str | None) -> None:
 
 
 def _check_supports(problem: Problem) -> None:
-    nothing = np.zeros(len(facet_cells(problem.mesh)), dtype=bool)
-    message = None
-    for part in loose_parts(problem, nothing):
+    working, message = problem.discretization.working, None
+    for part in loose_parts(problem, working):
         message = (
             f"nothing holds the body of {_named(part)} against {part.motions}: the equations have "
             "no single solution. Prescribe displacements by problem.dirichlet(facets, 0.0), or of "
             "a symmetric body those of its planes of symmetry, dirichlet(facets, 0.0, 'x')"
         )
     raise_together(problem.comm, message)
-    touching = _marked(problem, lambda law: law.strength == 0)
-    if global_any(problem.comm, bool(touching.any())):
-        for part in loose_parts(problem, touching):
+    bonded = [c for c in working if not (c.law.inelastic and c.law.strength == 0)]
+    if len(bonded) < len(working):
+        for part in loose_parts(problem, bonded):
             _warn(
                 problem.comm,
                 f"only contact holds the body of {_named(part)} against {part.motions}, and "
                 "contact that is not pressed holds nothing: prescribe displacements, or press the "
                 "body by them",
             )
-    breaking = _marked(problem, lambda law: True)
+    # Cracks within a body leave it in one piece, as far as is known before.
+    lasting = [c for c in working if not c.law.inelastic or c.interface.within is not None]
     loaded = np.zeros(len(problem.tags), dtype=bool)
     loaded[problem.loaded_cells] = True
-    if not global_any(problem.comm, bool(loaded.any() and breaking.any())):
+    if len(lasting) == len(working) or not global_any(problem.comm, bool(loaded.any())):
         return
-    for part in loose_parts(problem, breaking):
+    for part in loose_parts(problem, lasting):
         if global_any(problem.comm, bool(loaded[part.cells].any())):
             _warn(
                 problem.comm,
@@ -127,16 +126,6 @@ def _check_supports(problem: Problem) -> None:
 
 def _named(part: LoosePart) -> str:
     return f"tag{'s' if len(part.tags) > 1 else ''} {', '.join(map(str, part.tags))}"
-
-
-def _marked(problem: Problem, chosen: Any) -> NDArray[np.bool_]:
-    """Open facets of interfaces between bodies whose law can fail and is ``chosen``."""
-    marks = np.zeros(len(facet_cells(problem.mesh)), dtype=bool)
-    for coupling in problem.discretization.working:
-        law = coupling.law
-        if law.inelastic and coupling.interface.within is None and chosen(law):
-            marks[coupling.facets.everywhere] = True
-    return marks
 
 
 # Proportions
@@ -164,8 +153,8 @@ def _check_proportions(problem: Problem, coupling: Coupling) -> None:
             f"the elastic moduli beside it, of the order of {softest:.3g}: the bond breaks at "
             "once. Give both in the same unit (MPa with mm and N)"
         )
-    # With a strength beyond the moduli it makes a bond that is meant never to break.
-    elif gap > WIDEST * size and law.strength < softest:
+    # With a strength near the moduli it makes a bond that is meant never to break.
+    elif gap > WIDEST * size and law.strength < USUAL * softest:
         message = (
             f"{coupling.interface}: the critical gap is about {gap:.3g}, the mesh {size:.3g} wide: "
             "the bond will hardly soften. Give both in the same unit (mm with N and MPa)"

@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import combinations
 
+import basix
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from .coupling import Coupling
 from .forms.geometry import Axisymmetric
 from .parallel import GhostExchange, global_any, global_max
 from .problem import Problem
-from .topology import facet_cells
 
 #: Eigenvalue, relative to the largest one, below which a rigid motion counts as free: what a node
 #: at 1e-5 of the size of a part still resists.
 _FREE = 1e-11
 
 _AXES = "xyz"
+
+#: Lower half of a number of 64 bits.
+_LOW = 0xFFFFFFFF
 
 
 @dataclass(frozen=True)
@@ -37,37 +42,47 @@ class LoosePart:
     cells: NDArray[np.int32]
 
 
-def loose_parts(problem: Problem, cut: NDArray[np.bool_]) -> list[LoosePart]:
-    """Parts that keep a rigid motion once an interface is cut; collective.
+def loose_parts(problem: Problem, couplings: Iterable[Coupling]) -> list[LoosePart]:
+    """Parts that keep a rigid motion if only some interfaces hold; collective.
+
+    Cells hold together where they share a node, and across the facets of these interfaces.
 
     Args:
         problem: With all its prescribed displacements.
-        cut: Facets through which nothing is held, marked on all local facets of the mesh.
+        couplings: The interfaces that hold.
     """
     mesh, comm = problem.mesh, problem.comm
-    label = _parts(problem, cut)
+    label = _parts(problem, couplings)
     owned = mesh.topology.index_map(mesh.topology.dim).size_local
-    here = np.unique(np.column_stack([label[:owned], problem.tags[:owned]]), axis=0)
-    everywhere = np.unique(np.concatenate(comm.allgather(here)), axis=0)
-    parts = np.unique(everywhere[:, 0])
+    # Part and tag in one number, which is faster to sort.
+    code = np.unique((label[:owned] << 32) | (problem.tags[:owned].astype(np.int64) & _LOW))
+    code = np.unique(np.concatenate(comm.allgather(code)))
+    part_of, tag_of = code >> 32, (code & _LOW).astype(np.uint32).view(np.int32)
+    parts = np.unique(part_of)
     gram = comm.allreduce(_gram(problem, label, parts))
     result = []
     for part, matrix in zip(parts, gram, strict=True):
         if motions := _free_motions(matrix, problem):
-            tags = everywhere[everywhere[:, 0] == part, 1].tolist()
+            tags = tag_of[part_of == part].tolist()
             result.append(LoosePart(tags, motions, np.flatnonzero(label == part).astype(np.int32)))
     return result
 
 
-def _parts(problem: Problem, cut: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _parts(problem: Problem, couplings: Iterable[Coupling]) -> NDArray[np.int64]:
     """A name of its part for every local cell: its smallest global cell."""
-    mesh = problem.mesh
+    mesh, dofmap = problem.mesh, problem.space.dofmap
     cells = mesh.topology.index_map(mesh.topology.dim)
     count = cells.size_local + cells.num_ghosts
-    pairs = facet_cells(mesh)
-    first, second = pairs[(pairs >= 0).all(axis=1) & ~cut].T
-    graph = coo_array((np.ones(len(first), dtype=np.int8), (first, second)), shape=(count, count))
+    corners = range(len(basix.topology(mesh.basix_cell())[0]))
+    vertices = [dofmap.dof_layout.entity_dofs(0, corner)[0] for corner in corners]
+    nodes = count + dofmap.list[:, vertices].astype(np.int64)
+    joined = [coupling.facets.cells for coupling in couplings]
+    first = np.concatenate([np.repeat(np.arange(count), len(vertices)), *(c[:, 0] for c in joined)])
+    second = np.concatenate([nodes.ravel(), *(c[:, 1] for c in joined)])
+    size = int(second.max(initial=count)) + 1
+    graph = coo_array((np.ones(len(first), dtype=np.int8), (first, second)), shape=(size, size))
     number, component = connected_components(graph, directed=False)
+    component = component[:count]
     label = cells.local_to_global(np.arange(count, dtype=np.int32))
     exchange = GhostExchange(mesh.comm, cells)
     while True:
