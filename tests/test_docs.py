@@ -6,6 +6,7 @@ import ast
 import inspect
 import re
 import runpy
+import subprocess
 import textwrap
 from collections.abc import Iterator
 from dataclasses import is_dataclass
@@ -225,6 +226,14 @@ def test_errors_are_documented():
                 silent.append(f"{where}: {name}")
     assert counted > 20
     assert not silent
+
+
+def test_reference_is_one_command():
+    """``docs/build`` explains itself, and all its modules say what they are."""
+    command = ["bash", str(ROOT / "docs" / "build"), "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("usage: docs/build [FOLDER]")
+    assert all(import_module(module).__doc__ for module in MODULES)
 
 
 def test_public_names_are_few_and_known():
