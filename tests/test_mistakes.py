@@ -420,6 +420,14 @@ REFUSED = {
 }
 
 
+def test_nothing_left_to_do(comm):
+    """A run that is resumed after its end has no load factors left: no mistake."""
+    tagged = scene(comm)
+    problem = held(tagged, bonded(tagged), "left", "right")
+    history = vmdg.solve(problem, [1.0]).history
+    assert len(vmdg.solve(problem, [], history=history).history) == 1
+
+
 @pytest.mark.parametrize("mistake", REFUSED)
 def test_refused(comm, mistake):
     """Refused on every rank, by a message that says what to do."""

@@ -49,14 +49,19 @@ def check_model(problem: Problem, loads: NDArray[np.float64]) -> None:
             _check_proportions(problem, coupling)
 
 
-def checked_loads(loads: ArrayLike) -> NDArray[np.float64]:
+def checked_loads(loads: ArrayLike, resumed: bool = False) -> NDArray[np.float64]:
     """Load factors as an array (n,).
+
+    Args:
+        loads: What the user gave.
+        resumed: An earlier run goes on, of which nothing may be left to do.
 
     Raises:
         ValueError: there is none, or one is not a finite number.
     """
     result = np.atleast_1d(np.asarray(loads, dtype=float))
-    if result.ndim != 1 or not result.size or not np.isfinite(result).all():
+    empty = not result.size and not resumed
+    if result.ndim != 1 or empty or not np.isfinite(result).all():
         raise ValueError(
             f"solve: loads = {loads!r} must be one or more finite load factors, for example "
             "numpy.linspace(0.1, 1.0, 10)"

@@ -152,9 +152,9 @@ def solve(
 
     Raises:
         StepFailure: a step fails although it was cut ``max_cuts`` times.
-        ValueError: no load factors, a body that nothing holds, the softening of a law is too
-            steep for the mesh (r <= H - eta), an unknown predictor, ``condensed=True`` where that
-            is not possible, or no steps between checkpoints.
+        ValueError: no load factors (and no history), a body that nothing holds, the softening of a
+            law is too steep for the mesh (r <= H - eta), an unknown predictor, ``condensed=True``
+            where that is not possible, or no steps between checkpoints.
         TypeError: ``options`` or what the monitor returns is of the wrong kind.
         ImportError: checkpoints are wanted and adios4dolfinx is missing.
         OSError: a checkpoint could not be written; the problem is in the state it should hold.
@@ -173,11 +173,12 @@ def solve(
         )
     if options.checkpoint is not None:
         adios()  # not after an hour
-    loads = checked_loads(loads)
+    loads = checked_loads(loads, resumed=history is not None)
     result = Result(
         history=History() if history is None else history, switches=switchboard(problem, options)
     )
-    check_model(problem, loads)
+    if loads.size:
+        check_model(problem, loads)
     bar = tqdm(loads, unit="step", disable=not options.progress or problem.comm.rank > 0)
     stepper = Stepper(problem, options)
     written = len(result.history)
