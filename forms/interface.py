@@ -55,7 +55,7 @@ def mean_traction(tractions: tuple[Expr, Expr], delta: Expr) -> Expr:
 
 
 def traction_jump(tractions: tuple[Expr, Expr]) -> Expr:
-    """[[P.N]] = P_1.N_1 + P_2.N_2 = P_1.N - P_2.N of (26), (d,) [MPa]."""
+    """[[P.N]] = P_1.N_1 + P_2.N_2 = P_1.N - P_2.N of (26), zero by (51), (d,) [MPa]."""
     return tractions[0] - tractions[1]
 
 

@@ -29,7 +29,12 @@ class Material:
         return type(self)
 
     def energy(self, F: Expr, parameters: Mapping[str, Expr]) -> Expr:
-        """W per reference volume [MPa] of the 3 x 3 deformation gradient ``F``."""
+        """W per reference volume [MPa].
+
+        Args:
+            F: Deformation gradient, 3 x 3; F_33 = 1 in plane strain.
+            parameters: Values by name, cell-wise constants.
+        """
         raise NotImplementedError
 
     def invariant_energy(
@@ -53,7 +58,12 @@ class Material:
         return None
 
     def linear_energy(self, strain: Expr, parameters: Mapping[str, Expr]) -> Expr:
-        """Quadratic energy [MPa] of the 3 x 3 infinitesimal ``strain``."""
+        """Quadratic energy [MPa] of small strain.
+
+        Args:
+            strain: Symmetric, 3 x 3.
+            parameters: Values by name, cell-wise constants.
+        """
         raise NotImplementedError(
             f"{type(self).__name__} has no small-strain energy: use kinematics='finite', "
             "or define linear_energy(strain, parameters)"

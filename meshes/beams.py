@@ -7,12 +7,24 @@ from itertools import pairwise
 
 from mpi4py import MPI
 
-from .gmsh_model import TaggedMesh, distribute, model
+from .gmsh_model import TaggedMesh, distribute, model, name_groups
 
 CELLS = ("triangle", "quadrilateral")
 
 #: Facet tags.
 LOWER_LEFT, UPPER_LEFT, RIGHT, BOTTOM, TOP, INTERFACE, SLIT, CONTACT = 1, 2, 3, 4, 5, 6, 7, 8
+
+_BODIES = {"lower arm": 1, "upper arm": 2}
+_SIDES = {
+    "lower left": LOWER_LEFT,
+    "upper left": UPPER_LEFT,
+    "right": RIGHT,
+    "bottom": BOTTOM,
+    "top": TOP,
+    "interface": INTERFACE,
+    "slit": SLIT,
+    "contact": CONTACT,
+}
 
 
 def beams(
@@ -109,4 +121,6 @@ def _build(gmsh_model, cell, stations, divisions, height, rows, precrack, contac
     for tag, side in enumerate(sides, start=LOWER_LEFT):
         if side:
             gmsh_model.addPhysicalGroup(1, side, tag)
+    name_groups(gmsh_model, 2, _BODIES)
+    name_groups(gmsh_model, 1, _SIDES)
     gmsh_model.mesh.generate(2)

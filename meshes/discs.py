@@ -6,10 +6,13 @@ from mpi4py import MPI
 
 import gmsh
 
-from .gmsh_model import TaggedMesh, distribute, model
+from .gmsh_model import TaggedMesh, distribute, model, name_groups
 
 #: Facet tags: the two planes of symmetry, the interface, the outer side.
 X_AXIS, Y_AXIS, INTERFACE, OUTER = 1, 2, 3, 4
+
+_BODIES = {"core": 1, "ring": 2}
+_SIDES = {"x axis": X_AXIS, "y axis": Y_AXIS, "interface": INTERFACE, "outer": OUTER}
 
 
 def core_and_ring(
@@ -61,5 +64,7 @@ def _build(gmsh_model, radius, outer, size, outer_size) -> None:
         gmsh_model.addPhysicalGroup(2, [face], tag)
     for tag, side in enumerate((bottom, left, arcs[:1], arcs[1:]), start=X_AXIS):
         gmsh_model.addPhysicalGroup(1, side, tag)
+    name_groups(gmsh_model, 2, _BODIES)
+    name_groups(gmsh_model, 1, _SIDES)
     gmsh.option.setNumber("Mesh.Algorithm", 6)
     gmsh_model.mesh.generate(2)

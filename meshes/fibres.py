@@ -11,7 +11,7 @@ import gmsh
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .gmsh_model import TaggedMesh, distribute, model
+from .gmsh_model import TaggedMesh, distribute, model, name_groups
 
 CELLS = ("triangle", "quadrilateral")
 
@@ -20,6 +20,9 @@ FIBRE, MATRIX = 1, 2
 
 #: Facet tags, as for the blocks.
 LEFT, RIGHT, INTERFACE, BOTTOM, TOP = 1, 2, 3, 4, 5
+
+_BODIES = {"fibre": FIBRE, "matrix": MATRIX}
+_SIDES = {"left": LEFT, "right": RIGHT, "interface": INTERFACE, "bottom": BOTTOM, "top": TOP}
 
 
 def fibre_matrix(
@@ -147,6 +150,8 @@ def _geometry(gmsh_model, size, radius, centres) -> Sequence[int]:
         gmsh_model.addPhysicalGroup(2, surfaces, tag)
     for tag, curves in {**sides, INTERFACE: interface}.items():
         gmsh_model.addPhysicalGroup(1, curves, tag)
+    name_groups(gmsh_model, 2, _BODIES)
+    name_groups(gmsh_model, 1, _SIDES)
     return interface
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 from mpi4py import MPI
@@ -10,6 +11,7 @@ import gmsh
 from dolfinx.io import XDMFFile
 from dolfinx.mesh import GhostMode
 
+from vmdg.named_tags import NamedTags, names_of
 from vmdg.parallel import raise_together
 
 from .gmsh_model import TaggedMesh, distribute, model
@@ -27,8 +29,8 @@ def read_mesh(
     """Read and distribute a mesh; collective.
 
     Args:
-        path: A file of gmsh (.msh, tags by physical groups), or of XDMF (.xdmf, with its .h5) as
-            :func:`write_mesh` and ``dolfinx.io.XDMFFile`` write it.
+        path: A file of gmsh (.msh, tags and names by physical groups), or of XDMF (.xdmf, with
+            its .h5) as :func:`write_mesh` and ``dolfinx.io.XDMFFile`` write it.
         comm: Communicator.
         cell_tags: Name of the cell tags in an XDMF file.
         facet_tags: Name of the facet tags in an XDMF file.
@@ -71,13 +73,19 @@ def _read_xdmf(path: Path, comm: MPI.Comm, cell_tags: str, facet_tags: str) -> T
         tags = []
         for name in (cell_tags, facet_tags):
             try:
-                tags.append(file.read_meshtags(mesh, name=name))
+                found = file.read_meshtags(mesh, name=name)
             except RuntimeError:
                 raise ValueError(
                     f"read_mesh: {path} has no tags {name!r}; their names are those of "
                     "MeshTags.name when the file was written"
                 ) from None
+            tags.append(NamedTags(found, json.loads(file.read_information(_names(name)) or "{}")))
     return TaggedMesh(mesh, *tags)
+
+
+def _names(name: str) -> str:
+    """Where an XDMF file keeps the names of the groups of its tags ``name``."""
+    return f"names of {name}"
 
 
 def write_mesh(tagged: TaggedMesh, path: str | Path) -> None:
@@ -99,3 +107,4 @@ def write_mesh(tagged: TaggedMesh, path: str | Path) -> None:
         for tags, name in ((cells, CELL_TAGS), (facets, FACET_TAGS)):
             tags.name = name
             file.write_meshtags(tags, mesh.geometry)
+            file.write_information(_names(name), json.dumps(names_of(tags)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
@@ -10,23 +10,35 @@ from mpi4py import MPI
 
 import gmsh
 import numpy as np
-from dolfinx.mesh import Mesh, MeshTags
+from dolfinx.mesh import Mesh
 
 from vmdg import compat
+from vmdg.named_tags import NamedTags
+from vmdg.parallel import raise_together
 from vmdg.partition import between_bodies, slabs, weighted
 
 
 class TaggedMesh(NamedTuple):
-    """A mesh with the tags of its physical groups."""
+    """A mesh with the tags of its physical groups, which are found by name too.
+
+    Attributes:
+        mesh: The mesh, with facet ghosts.
+        cell_tags: Tags of the cells: ``cell_tags.find("fibre")``.
+        facet_tags: Tags of facets: ``facet_tags.find("left")``.
+    """
 
     mesh: Mesh
-    cell_tags: MeshTags
-    facet_tags: MeshTags
+    cell_tags: NamedTags
+    facet_tags: NamedTags
 
 
 @contextmanager
 def model(name: str) -> Iterator[Any]:
-    """A fresh, silent gmsh model; gmsh is closed at the end."""
+    """A fresh, silent gmsh model; gmsh is closed at the end.
+
+    Args:
+        name: Of the model.
+    """
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
@@ -34,6 +46,20 @@ def model(name: str) -> Iterator[Any]:
         yield gmsh.model
     finally:
         gmsh.finalize()
+
+
+def name_groups(gmsh_model: Any, dim: int, names: Mapping[str, int]) -> None:
+    """Name physical groups of a dimension, those of them that the model has.
+
+    Args:
+        gmsh_model: The model.
+        dim: Dimension of the groups.
+        names: Tag by name.
+    """
+    there = {tag for _, tag in gmsh_model.getPhysicalGroups(dim)}
+    for name, tag in names.items():
+        if tag in there:
+            gmsh_model.setPhysicalName(dim, tag, name)
 
 
 def distribute(
@@ -46,7 +72,7 @@ def distribute(
     """Distribute the model of rank 0 over ``comm``, ghosts by shared facets; collective.
 
     Args:
-        gmsh_model: With a physical group for every body.
+        gmsh_model: Meshed, with a physical group for every body. Names of groups are kept.
         comm: Communicator.
         gdim: Dimension.
         interface_weight: Number of cells as which those next to another body count, so that the
@@ -54,8 +80,13 @@ def distribute(
         slabs_along: Cut across this axis only (0, 1, 2), see :func:`vmdg.partition.slabs`.
 
     Raises:
-        ValueError: a weight below 1.
+        ValueError: a weight below 1, cells without a group, or cells or facets in two groups.
     """
+    message, names = None, None
+    if comm.rank == 0:
+        message = _wrong_groups(gmsh_model, gdim)
+        names = [_names(gmsh_model, dim) for dim in (gdim, gdim - 1)]
+    raise_together(comm, message)
     graph_partitioner = None
     if interface_weight != 1 or slabs_along is not None:
         tags, midpoints = np.zeros(0, dtype=np.int32), np.zeros((0, 3))
@@ -65,4 +96,31 @@ def distribute(
             graph_partitioner = weighted(between_bodies(tags, interface_weight))
         else:
             graph_partitioner = slabs(midpoints[:, slabs_along])
-    return TaggedMesh(*compat.gmsh_model_to_mesh(gmsh_model, comm, 0, gdim, graph_partitioner))
+    mesh, *tags = compat.gmsh_model_to_mesh(gmsh_model, comm, 0, gdim, graph_partitioner)
+    return TaggedMesh(mesh, *map(NamedTags, tags, comm.bcast(names)))
+
+
+def _names(gmsh_model: Any, dim: int) -> dict[str, int]:
+    """Tag by name of the physical groups that have a name."""
+    groups = [tag for _, tag in gmsh_model.getPhysicalGroups(dim)]
+    named = ((gmsh_model.getPhysicalName(dim, tag), tag) for tag in groups)
+    return {name: tag for name, tag in named if name}
+
+
+def _wrong_groups(gmsh_model: Any, gdim: int) -> str | None:
+    """What is wrong with the physical groups, or None."""
+    for dim in (gdim, gdim - 1):
+        for _, entity in gmsh_model.getEntities(dim):
+            groups = gmsh_model.getPhysicalGroupsForEntity(dim, entity)
+            place = f"{('point', 'curve', 'surface', 'volume')[dim]} {entity}"
+            if len(groups) > 1:
+                return (
+                    f"{place} of the gmsh model is in the physical groups "
+                    f"{list(map(int, groups))}; a cell or facet has one tag: put it in one group"
+                )
+            if dim == gdim and not len(groups) and len(gmsh_model.mesh.getElements(dim, entity)[0]):
+                return (
+                    f"{place} of the gmsh model is meshed and in no physical group, so its cells "
+                    "would be lost; make a group for every body (addPhysicalGroup)"
+                )
+    return None

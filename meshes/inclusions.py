@@ -8,11 +8,14 @@ from mpi4py import MPI
 
 import gmsh
 
-from .gmsh_model import TaggedMesh, distribute, model
+from .gmsh_model import TaggedMesh, distribute, model, name_groups
 
 #: Cell and facet tags.
 MATRIX, INCLUSION = 1, 2
 LEFT, RIGHT, INTERFACE, OTHERS = 1, 2, 3, 4
+
+_BODIES = {"matrix": MATRIX, "inclusion": INCLUSION}
+_SIDES = {"left": LEFT, "right": RIGHT, "interface": INTERFACE, "others": OTHERS}
 
 
 def inclusions(
@@ -84,6 +87,8 @@ def _build(gmsh_model, width, height, radius, centres, size, at_interface) -> No
         sides[LEFT if at_left else RIGHT if at_right else OTHERS].append(line)
     for tag, group in ({INTERFACE: sorted(interface)} | sides).items():
         gmsh_model.addPhysicalGroup(1, group, tag)
+    name_groups(gmsh_model, 2, _BODIES)
+    name_groups(gmsh_model, 1, _SIDES)
     field = gmsh_model.mesh.field
     distance, growth = field.add("Distance"), field.add("MathEval")
     field.setNumbers(distance, "CurvesList", sorted(interface))

@@ -6,12 +6,23 @@ from collections.abc import Sequence
 
 from mpi4py import MPI
 
-from .gmsh_model import TaggedMesh, distribute, model
+from .gmsh_model import TaggedMesh, distribute, model, name_groups
 
 CELLS = ("triangle", "quadrilateral")
 
 #: Facet tags.
 BOTTOM, TOP, INTERFACE, LOWER_LIP, UPPER_LIP, LEFT, RIGHT = 1, 2, 3, 4, 5, 6, 7
+
+_BODIES = {"bottom plate": 1, "top plate": 2}
+_SIDES = {
+    "bottom": BOTTOM,
+    "top": TOP,
+    "interface": INTERFACE,
+    "lower lip": LOWER_LIP,
+    "upper lip": UPPER_LIP,
+    "left": LEFT,
+    "right": RIGHT,
+}
 
 
 def tearing(
@@ -100,4 +111,6 @@ def _build(gmsh_model, cell, xs, heights, counts) -> None:
         gmsh_model.addPhysicalGroup(2, faces, tag)
     for tag, side in enumerate(sides, start=BOTTOM):
         gmsh_model.addPhysicalGroup(1, side, tag)
+    name_groups(gmsh_model, 2, _BODIES)
+    name_groups(gmsh_model, 1, _SIDES)
     gmsh_model.mesh.generate(2)

@@ -6,8 +6,9 @@ import math
 
 from mpi4py import MPI
 
-from .gmsh_model import TaggedMesh, distribute, model
+from .gmsh_model import TaggedMesh, distribute, model, name_groups
 from .pushout_section import (
+    BODIES,
     FIBRE,
     FIBRE_BOTTOM,
     FIBRE_TOP,
@@ -16,6 +17,7 @@ from .pushout_section import (
     MATRIX,
     MATRIX_TOP,
     OUTER,
+    SIDES,
     SUPPORT,
     check_sizes,
 )
@@ -180,3 +182,5 @@ def _sweep(gmsh_model, faces, height, tops) -> None:
     }
     for tag, surfaces in groups.items():
         gmsh_model.addPhysicalGroup(2, surfaces, tag)
+    name_groups(gmsh_model, 3, BODIES)
+    name_groups(gmsh_model, 2, SIDES | {"symmetry x": SYMMETRY_X, "symmetry y": SYMMETRY_Y})

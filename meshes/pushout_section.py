@@ -4,13 +4,24 @@ from __future__ import annotations
 
 from mpi4py import MPI
 
-from .gmsh_model import TaggedMesh, distribute, model
+from .gmsh_model import TaggedMesh, distribute, model, name_groups
 
 #: Cell tags; the fibre has the lower one, so N of the interface points into the matrix.
 FIBRE, MATRIX = 1, 2
 
 #: Facet tags. The bottom of the matrix is SUPPORT beyond the hole and HOLE above it.
 FIBRE_TOP, FIBRE_BOTTOM, MATRIX_TOP, SUPPORT, HOLE, INTERFACE, OUTER, AXIS = 1, 2, 3, 4, 5, 6, 7, 8
+
+BODIES = {"fibre": FIBRE, "matrix": MATRIX}
+SIDES = {
+    "fibre top": FIBRE_TOP,
+    "fibre bottom": FIBRE_BOTTOM,
+    "matrix top": MATRIX_TOP,
+    "support": SUPPORT,
+    "hole": HOLE,
+    "interface": INTERFACE,
+    "outer": OUTER,
+}
 
 
 def pushout_section(
@@ -116,6 +127,8 @@ def _build(gmsh_model, radii, height, counts, layers, radial_ratio, grading) -> 
     }
     for tag, curves in sides.items():
         gmsh_model.addPhysicalGroup(1, curves, tag)
+    name_groups(gmsh_model, 2, BODIES)
+    name_groups(gmsh_model, 1, SIDES | {"axis": AXIS})
     gmsh_model.mesh.generate(2)
 
 

@@ -6,12 +6,23 @@ from collections.abc import Sequence
 
 from mpi4py import MPI
 
-from .gmsh_model import TaggedMesh, distribute, model
+from .gmsh_model import TaggedMesh, distribute, model, name_groups
 
 CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 
 #: Facet tags.
 LEFT, RIGHT, INTERFACE, BOTTOM, TOP, BACK, FRONT = 1, 2, 3, 4, 5, 6, 7
+
+_BODIES = {"left": 1, "right": 2}
+_SIDES = {
+    "left": LEFT,
+    "right": RIGHT,
+    "interface": INTERFACE,
+    "bottom": BOTTOM,
+    "top": TOP,
+    "back": BACK,
+    "front": FRONT,
+}
 
 
 def blocks(
@@ -100,4 +111,6 @@ def _build(gmsh_model, cell, divisions, length, height, depth, interface) -> Non
         gmsh_model.addPhysicalGroup(dim, [body], tag)
     for tag, side in enumerate(sides, start=LEFT):
         gmsh_model.addPhysicalGroup(dim - 1, side, tag)
+    name_groups(gmsh_model, dim, _BODIES)
+    name_groups(gmsh_model, dim - 1, _SIDES)
     gmsh_model.mesh.generate(dim)

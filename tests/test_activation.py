@@ -65,7 +65,7 @@ def test_state_is_carried_over_exactly(comm):
     total = comm.allreduce(old.softening @ old.weights)
     assert total > 0
     # Half of the way to the limit is enough here: open more than a step would.
-    problem._activation._potential[0].interface.activate_at = 0.2
+    vars(problem._activation._potential[0].interface)["activate_at"] = 0.2
     assert problem.nearness() > 1
     assert problem.open_facets()
     after = problem.u.x.array.reshape(-1, 2)[problem.space.dofmap.list]

@@ -277,7 +277,7 @@ def test_refused_scene(scene, name):
 REFUSED_ARGUMENTS = {
     "nothing selected": (
         lambda: interface(),
-        r"exactly one of facets=, between=\(tag, tag\), within=tag; given: none",
+        r"exactly one of facets=, between=\(tag, tag\), within=tag, level_set=phi; given: none",
     ),
     "selected twice": (
         lambda: interface(between=(1, 2), within=1),

@@ -1,14 +1,12 @@
-"""The package as a user meets it: its names, what it imports, and the example of the README."""
+"""The package as a user meets it: its names and what it imports."""
 
 from __future__ import annotations
 
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import vmdg
@@ -38,14 +36,3 @@ def test_laws_need_numpy_only():
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
     )
     assert done.stdout.strip() == "2.0"
-
-
-def test_example_of_the_readme(capsys):
-    """It runs as printed: the force rises, the bond breaks, nothing is left."""
-    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
-    scope: dict = {}
-    exec(code, scope)
-    force = scope["result"].history["force"]
-    assert len(force) == 20
-    assert 80 < force.max() < 100
-    assert np.abs(force[-1]) < 1e-5

@@ -28,6 +28,9 @@ from _stability_scenes import Bond, Case
 
 import vmdg
 
+# The scenes are meant to be out of all proportion.
+pytestmark = pytest.mark.filterwarnings("ignore::vmdg.sanity.ModelWarning")
+
 #: Three runs a family.
 RUNS = numbers(3)
 LAW = vmdg.Debonding(strength=10.0, critical_gap=0.2, friction=0.3)

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 from dolfinx import fem
-from dolfinx.mesh import locate_entities_boundary
+from dolfinx.mesh import compute_midpoints, locate_entities_boundary
 from numpy.typing import ArrayLike, NDArray
 
-from .parallel import global_sum
+from .parallel import global_sum, raise_together
+from .topology import facet_cells
 
 Locator = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 Where = ArrayLike | Locator
@@ -20,20 +21,67 @@ Value = float | ArrayLike | Callable[..., Any]
 
 _AXES = ("x", "y", "z")
 
+#: Prescribed values agree to rounding.
+SAME = 1e-12
+
 
 def find_boundary_facets(mesh, where: Where, what: str) -> NDArray[np.int32]:
     """Facets given by index or by a predicate on the coordinates (3, n) of the boundary.
 
     Raises:
-        ValueError: nothing is selected on any rank.
+        TypeError: a tag or a mask in place of facets.
+        ValueError: nothing is selected on any rank, or a facet does not exist.
     """
     if callable(where):
         facets = locate_entities_boundary(mesh, mesh.topology.dim - 1, where)
     else:
-        facets = np.asarray(where, dtype=np.int32)
+        facets = _checked_indices(mesh, where, what)
     if global_sum(mesh.comm, len(facets)) == 0:
         raise ValueError(f"{what}: no facet is selected on any rank")
     return facets
+
+
+def _checked_indices(mesh, where: ArrayLike, what: str) -> NDArray[np.int32]:
+    facets = np.asarray(where)
+    if facets.ndim != 1 or (facets.size and facets.dtype.kind not in "iu"):
+        raise TypeError(
+            f"{what}: facets = {where!r} must be an array of local facets, as "
+            "facet_tags.find(group) gives them, or a predicate on coordinates"
+        )
+    number = len(facet_cells(mesh))
+    outside = facets[(facets < 0) | (facets >= number)]
+    message = None
+    if len(outside):
+        message = (
+            f"{what}: facet {outside[0]} does not exist on this rank, which has {number}; facets "
+            "are local, as facet_tags.find gives them, and belong to the mesh of the problem"
+        )
+    raise_together(mesh.comm, message)
+    return facets.astype(np.int32)
+
+
+def refuse_facets(
+    mesh, facets: NDArray[np.int32], refused: NDArray[np.bool_], what: str, reason: str
+) -> None:
+    """Raise on all ranks if one of the owned ``facets`` is marked; collective.
+
+    Args:
+        mesh: The mesh.
+        facets: Local facets.
+        refused: Marks of all local facets.
+        what: Name of the load for the message.
+        reason: What is wrong and the cure, said after the place of the facet.
+
+    Raises:
+        ValueError: one is marked.
+    """
+    fdim = mesh.topology.dim - 1
+    owned = facets[facets < mesh.topology.index_map(fdim).size_local]
+    bad, message = owned[refused[owned]], None
+    if len(bad):
+        place = compute_midpoints(mesh, fdim, bad[:1])[0].round(6).tolist()
+        message = f"{what}: facet {bad[0]} at {place} {reason}"
+    raise_together(mesh.comm, message)
 
 
 def component_index(component: int | str | None, d: int, what: str) -> int | None:
@@ -74,10 +122,25 @@ class _Condition:
     value: Value
     points: NDArray[np.float64]
     base: NDArray[np.float64]
+    replaces: bool
+    what: str
+
+    def at(self, t: float, d: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """Prescribed dofs (n, components), component-wise numbers, and their values at ``t``."""
+        value = value_at(self.value, t, self.points)
+        if self.component is None:
+            if value.ndim == 1:
+                value = value[:, None]
+            value = np.broadcast_to(value, (d, len(self.dofs)))
+            components = np.arange(d)
+        else:
+            value = np.broadcast_to(value, (1, len(self.dofs)))
+            components = np.array([self.component])
+        return self.dofs[:, None] * d + components, value.T + self.base[:, components]
 
 
 class DirichletConditions:
-    """Prescribed components of the displacement.
+    """Prescribed components of the displacement, (2) with any value.
 
     Args:
         space: Space of the displacement.
@@ -118,9 +181,23 @@ class DirichletConditions:
             raise ValueError(f"{what}: no degree of freedom is selected on any rank")
         index = component_index(component, self._d, what)
         points = self._space.tabulate_dof_coordinates()[dofs].T
-        base = np.zeros((len(dofs), self._d)) if base is None else base
-        condition = _Condition(dofs, index, value, points, base)
-        shape = np.shape(value_at(value, 0.0, points))
+        replaces = base is not None
+        base = base if replaces else np.zeros((len(dofs), self._d))
+        condition = _Condition(dofs, index, value, points, base, replaces, what)
+        try:
+            initial = value_at(value, 0.0, points)
+        except (TypeError, ValueError) as error:
+            raise ValueError(
+                f"{what}: the value {value!r} is no number, array or function that gives one: "
+                f"{error}"
+            ) from None
+        shape, message = initial.shape, None
+        if not np.isfinite(initial).all():
+            message = (
+                f"{what}: the value at load factor 0 is {initial.ravel()[:3]}; it must be finite "
+                "(a function must return the displacement)"
+            )
+        raise_together(self._space.mesh.comm, message)
         count = len(dofs)
         allowed = [(), (count,)] if index is not None else [(self._d,), (self._d, count)]
         if shape not in allowed and not (index is None and shape == ()):
@@ -140,16 +217,31 @@ class DirichletConditions:
         """
         result = np.zeros(len(self.dofs))
         for condition in self._conditions:
-            value = value_at(condition.value, t, condition.points)
-            if condition.component is None:
-                if value.ndim == 1:
-                    value = value[:, None]
-                value = np.broadcast_to(value, (self._d, len(condition.dofs)))
-                components = np.arange(self._d)
-            else:
-                value = np.broadcast_to(value, (1, len(condition.dofs)))
-                components = np.array([condition.component])
-            flat = condition.dofs[:, None] * self._d + components
-            result[np.searchsorted(self.dofs, flat)] = value.T + condition.base[:, components]
+            dofs, values = condition.at(t, self._d)
+            result[np.searchsorted(self.dofs, dofs)] = values
         result[np.searchsorted(self.dofs, self._held)] = 0
         return result
+
+    def contradiction(self, t: float) -> str | None:
+        """Two conditions that give a dof different values at load factor ``t``, in words.
+
+        A condition relative to the present displacement takes the place of those before it.
+        """
+        given = np.full(len(self.dofs), np.nan)
+        given[np.searchsorted(self.dofs, self._held)] = 0
+        for condition in self._conditions:
+            dofs, values = condition.at(t, self._d)
+            place = np.searchsorted(self.dofs, dofs)
+            scale = np.abs(values).max(initial=0.0)
+            differ = np.abs(given[place] - values) > SAME * np.maximum(np.abs(given[place]), scale)
+            if differ.any() and not condition.replaces:
+                i, k = np.argwhere(differ)[0]
+                axis = _AXES[dofs[i, k] % self._d]
+                return (
+                    f"{condition.what}: the displacement along {axis} of the node at "
+                    f"{condition.points[:, i].round(6).tolist()} is prescribed as "
+                    f"{given[place[i, k]]:.6g} and as {values[i, k]:.6g} at load factor {t:g}, "
+                    "of which the last one holds; leave the node out of one of them"
+                )
+            given[place] = values
+        return None

@@ -13,7 +13,14 @@ import numpy as np
 import ufl
 from dolfinx import cpp, fem
 from dolfinx.common import IndexMap
-from dolfinx.mesh import GhostMode, Mesh, MeshTags, create_cell_partitioner, create_submesh
+from dolfinx.mesh import (
+    GhostMode,
+    Mesh,
+    MeshTags,
+    create_cell_partitioner,
+    create_submesh,
+    meshtags,
+)
 from numpy.typing import NDArray
 
 _NEW = tuple(int(part) for part in dolfinx.__version__.split(".")[:2]) >= (0, 10)
@@ -179,4 +186,10 @@ def gmsh_model_to_mesh(
     """Distribute a gmsh model: mesh with facet ghosts, tags of cells and facets from its groups."""
     partitioner = _facet_ghost_partitioner(graph_partitioner)
     data = _gmshio().model_to_mesh(model, comm, rank, gdim=gdim, partitioner=partitioner)
-    return (data.mesh, data.cell_tags, data.facet_tags) if _NEW else data
+    if not _NEW:
+        return data
+    facet_tags = data.facet_tags
+    if facet_tags is None:  # no group of facets
+        nothing = np.zeros(0, dtype=np.int32)
+        facet_tags = meshtags(data.mesh, data.mesh.topology.dim - 1, nothing, nothing)
+    return data.mesh, data.cell_tags, facet_tags

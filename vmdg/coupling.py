@@ -33,6 +33,9 @@ from .quadrature import facet_degree
 from .stabilization import Stabilization, Stabilizer
 from .staged_tangent import StagedTangent
 
+#: H / r from which on a wrong unit is as likely as a coarse mesh.
+FAR = 3.0
+
 #: r / H of a well-conditioned return map, and the factor up to which "auto" raises r for it.
 AMPLE, REPORT_SAFETY = 2.0, 4.0
 
@@ -278,10 +281,15 @@ class Coupling:
                 f"{size:.3g} to below {size * r[f] / H:.3g} mm, raise the critical gap, or give "
                 "the law a viscosity"
             )
+            if H > FAR * r[f]:
+                message += (
+                    "; do the units of strength, moduli, critical gap and mesh go together (MPa "
+                    "with mm)?"
+                )
         raise_together(self._u.function_space.mesh.comm, message)
 
     def update_points(self, dt: float, hold: bool = False) -> None:
-        """Return map (Boxes 2 and 3) at the current displacement; sets zeta of the residual.
+        """T of (31) by the return map (Boxes 2 and 3); sets zeta of the residual.
 
         Args:
             dt: Time step [s].
@@ -319,7 +327,7 @@ class Coupling:
     def _map(
         self, opening: NDArray, total: NDArray, r: NDArray, dt: float, hold: bool
     ) -> PointValues:
-        """The return map on T_tr = {P.N} + r g - r zeta_n; ``total`` is {P.N} + r g."""
+        """The return map on T_tr = {P.N} + r g - r zeta_n of (66); ``total`` is {P.N} + r g."""
         trial = total - r[:, None] * self.gap
         if hold:
             return replace(self._now, opening=opening, gap=self.gap, traction=trial, update=None)
@@ -529,7 +537,7 @@ class Coupling:
         return float(eta * update.multiplier.max() / self.law.strength)
 
     def works(self) -> NDArray[np.float64]:
-        """What this rank's points dissipate in the step by damage, friction and viscosity.
+        """What this rank's points dissipate in the step, (39), by damage, friction and viscosity.
 
         [N mm; N in plane strain], (3,).
         """

@@ -329,7 +329,7 @@ class Discretization:
     def assemble_residual(
         self, dt: float, hold: bool, loads: NDArray[np.float64] | None
     ) -> NDArray[np.float64]:
-        """Return maps, then internal minus external forces at the current displacement.
+        """Return maps, then internal minus external forces at the current displacement: (46).
 
         Args:
             dt: Time step of the return maps [s].

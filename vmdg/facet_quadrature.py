@@ -102,7 +102,7 @@ class FacetQuadrature:
         self.extent = measure ** (1 / (self.d - 1))
 
     def space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
-        """Values of the given shape at every point."""
+        """Values of the given shape at every point, (44)-(45)."""
         element = basix.ufl.quadrature_element(self._cell, value_shape=shape, degree=self.degree)
         return fem.functionspace(self.submesh.mesh, element)
 

@@ -86,6 +86,9 @@ class History:
         """Write the table with a header line, "force [N]" where a unit is known.
 
         Arrays are written as lists; what a row does not have is left empty.
+
+        Args:
+            path: The file.
         """
         with open(path, "w", newline="") as file:
             writer = csv.writer(file)
@@ -97,6 +100,9 @@ class History:
         """Read a table that :meth:`to_csv` or a run has written.
 
         Numbers, lists and words keep their kind; a word that reads like a number becomes one.
+
+        Args:
+            path: The file.
         """
         history = cls()
         with open(path, newline="") as file:

@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from dolfinx.mesh import GhostMode, Mesh, compute_midpoints
+from dolfinx.mesh import GhostMode, Mesh, compute_midpoints, locate_entities
 from numpy.typing import ArrayLike, NDArray
 
 from .laws import Law
+from .named_tags import Group, group_tag
 from .parallel import global_sum, raise_together
-from .topology import UNTAGGED, facet_cells, local_facets, mark_everywhere
+from .topology import (
+    UNTAGGED,
+    LevelSet,
+    cells_inside,
+    facet_cells,
+    local_facets,
+    mark_everywhere,
+)
 
 NORMS = ("frobenius", "spectral")
 FRAMES = ("corotating", "reference")
 ACTIVATIONS = ("all", "on-demand")
 AUTO = "auto"
 
+Locator = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 Stabilizer = Callable[[NDArray, NDArray, "StabilizationContext"], tuple[NDArray, NDArray]]
 
 
@@ -46,13 +55,18 @@ class StabilizationContext:
 class Interface:
     """A set of interior facets across which the displacement may jump, with its law.
 
-    Give exactly one of ``facets``, ``between`` and ``within``.
+    Give exactly one of ``facets``, ``between``, ``within`` and ``level_set``. A group of cells is
+    given by its tag, or by its name where the problem has :class:`vmdg.NamedTags`. What an
+    interface is cannot be changed afterwards.
 
     Args:
-        facets: Local facet indices, for example ``facet_tags.find(7)``; on several ranks each
-            rank gives those it knows.
-        between: The facets that separate cells of these two tags.
-        within: All facets that separate two cells of this tag (cracks through a region).
+        facets: Local facet indices, for example ``facet_tags.find("crack")``, where on several
+            ranks each rank gives those it knows; or a predicate on coordinates (3, n), true at
+            all vertices of a facet inside the mesh.
+        between: The facets that separate cells of these two groups.
+        within: All facets that separate two cells of this group (cracks through a region).
+        level_set: The facets between cells where phi(x), x (3, n) [mm], is negative at the
+            midpoint and all others. Of two cells of one tag side 1 is the negative one.
         law: ``vmdg.Bonded()`` (tie), ``vmdg.Debonding(...)`` or another :class:`vmdg.laws.Law`.
         safety: Factor on tau_s. "auto" raises the derived tau_s facet by facet, only where the
             bonded form would not be coercive (:mod:`vmdg.coercivity`) or r too near to H; the
@@ -77,10 +91,11 @@ class Interface:
 
     def __init__(
         self,
-        facets: ArrayLike | None = None,
+        facets: ArrayLike | Locator | None = None,
         *,
-        between: tuple[int, int] | None = None,
-        within: int | None = None,
+        between: tuple[Group, Group] | None = None,
+        within: Group | None = None,
+        level_set: LevelSet | None = None,
         law: Law,
         safety: float | str = AUTO,
         norm: str = "frobenius",
@@ -90,18 +105,25 @@ class Interface:
         activate_at: float = 0.4,
         stabilization: Stabilizer | None = None,
     ):
-        given = [
-            name
-            for name, value in (("facets", facets), ("between", between), ("within", within))
-            if value is not None
-        ]
+        places = {"facets": facets, "between": between, "within": within, "level_set": level_set}
+        given = [name for name, value in places.items() if value is not None]
         if len(given) != 1:
             raise ValueError(
-                "Interface needs exactly one of facets=, between=(tag, tag), within=tag; "
-                f"given: {', '.join(given) or 'none'}"
+                "Interface needs exactly one of facets=, between=(tag, tag), within=tag, "
+                f"level_set=phi; given: {', '.join(given) or 'none'}"
+            )
+        if isinstance(law, type) and issubclass(law, Law):
+            raise TypeError(
+                f"Interface: law = {law.__name__} is a class; give an instance with its "
+                f"parameters, {law.__name__}(...)"
             )
         if not isinstance(law, Law):
             raise TypeError(f"Interface: law = {law!r} is no interface law; try vmdg.Bonded()")
+        if level_set is not None and not callable(level_set):
+            raise TypeError(
+                f"Interface: level_set = {level_set!r} must be a function of points x (3, n), for "
+                "example lambda x: np.hypot(x[0], x[1]) - 0.25"
+            )
         if safety != AUTO and (isinstance(safety, str) or not (np.isfinite(safety) and safety > 0)):
             raise ValueError(f'Interface: safety = {safety!r} must be positive, or "{AUTO}"')
         if norm not in NORMS:
@@ -114,14 +136,18 @@ class Interface:
             raise ValueError(f"Interface: activate_at = {activate_at} must lie in (0, 1]")
         if activate == "on-demand" and not law.inelastic:
             raise ValueError("Interface: a tie never fails, so it cannot open on demand")
-        if between is not None and (len(between) != 2 or between[0] == between[1]):
+        if isinstance(between, str) or (
+            between is not None and (len(between) != 2 or between[0] == between[1])
+        ):
             raise ValueError(
-                f"Interface: between = {between} must be two different tags; for the facets "
+                f"Interface: between = {between!r} must be two different tags; for the facets "
                 "inside one tag use within=tag"
             )
-        self.facets = None if facets is None else np.asarray(facets, dtype=np.int32)
+        indices = facets is not None and not callable(facets)
+        self.facets = np.asarray(facets, dtype=np.int32) if indices else facets
         self.between = between
         self.within = within
+        self.level_set = level_set
         self.law = law
         self.safety = safety if safety == AUTO else float(safety)
         self.norm = norm
@@ -130,12 +156,25 @@ class Interface:
         self.activate = activate
         self.activate_at = float(activate_at)
         self.stabilization = stabilization
+        self._complete = True
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if hasattr(self, "_complete"):
+            raise AttributeError(
+                f"Interface: {name} cannot be changed, a problem would not notice; make a new "
+                "Interface and a new Problem"
+            )
+        super().__setattr__(name, value)
 
     def __repr__(self) -> str:
         if self.between is not None:
             where = f"between={self.between}"
         elif self.within is not None:
-            where = f"within={self.within}"
+            where = f"within={self.within!r}"
+        elif self.level_set is not None:
+            where = "level_set=<function>"
+        elif callable(self.facets):
+            where = "facets=<function>"
         else:
             where = f"facets=<{len(self.facets)}>"
         return f"Interface({where}, law={self.law!r})"
@@ -200,16 +239,23 @@ def check_ghosts(mesh: Mesh) -> None:
         )
 
 
-def find_facets(mesh: Mesh, cell_tags: NDArray[np.int32], interface: Interface) -> InterfaceFacets:
+def find_facets(
+    mesh: Mesh,
+    cell_tags: NDArray[np.int32],
+    interface: Interface,
+    names: Mapping[str, int] | None = None,
+) -> InterfaceFacets:
     """Select the facets of an interface and decide their sides.
 
-    Side 1 has the lower tag; for equal tags it is the cell whose midpoint comes first along the
-    first coordinate in which the two midpoints differ, which no partition of the mesh can change.
+    Side 1 has the lower tag; for equal tags it is the cell inside the level set, or else the cell
+    whose midpoint comes first along the first coordinate in which the two midpoints differ, which
+    no partition of the mesh can change.
 
     Args:
         mesh: Mesh with facet ghosts.
         cell_tags: Tag of every local cell, ghosts included.
         interface: The user's description.
+        names: Tag by name of the groups of cells.
 
     Raises:
         ValueError: a facet is not interior, a tag is unknown, or nothing is selected.
@@ -220,28 +266,52 @@ def find_facets(mesh: Mesh, cell_tags: NDArray[np.int32], interface: Interface) 
     interior = (pairs >= 0).all(axis=1)
     known = set(np.unique(np.concatenate(comm.allgather(np.unique(cell_tags)))).tolist())
     known.discard(UNTAGGED)
-    wanted = interface.between or ((interface.within,) if interface.within is not None else ())
+    groups = interface.between or ((interface.within,) if interface.within is not None else ())
+    wanted = [group_tag(group, names or {}, f"{interface}") for group in groups]
     for tag in wanted:
         if tag not in known:
             raise ValueError(f"{interface}: no cell has tag {tag}; tags are {sorted(known)}")
     tags = np.where(interior[:, None], cell_tags[pairs], UNTAGGED)
-    if interface.facets is not None:
+    inside = None
+    if callable(interface.facets):
+        fdim = mesh.topology.dim - 1
+        mesh.topology.create_connectivity(fdim, 0)
+        chosen = interior.copy()
+        chosen &= mark_everywhere(mesh, fdim, locate_entities(mesh, fdim, interface.facets))
+    elif interface.facets is not None:
         chosen = _given_facets(mesh, interface, interior)
+    elif interface.level_set is not None:
+        inside = cells_inside(mesh, interface.level_set)
+        chosen = interior & (inside[pairs[:, 0]] != inside[pairs[:, 1]])
     elif interface.between is not None:
-        chosen = (np.sort(tags, axis=1) == np.sort(np.array(interface.between))).all(axis=1)
+        chosen = (np.sort(tags, axis=1) == np.sort(np.array(wanted))).all(axis=1)
     else:
-        chosen = interior & (tags == interface.within).all(axis=1)
+        chosen = interior & (tags == wanted[0]).all(axis=1)
     everywhere = np.flatnonzero(chosen).astype(np.int32)
     facets = everywhere[everywhere < mesh.topology.index_map(fdim).size_local]
     if global_sum(comm, len(facets)) == 0:
-        raise ValueError(
-            f"{interface} has no facet: the tags do not touch, or their bodies are meshed "
-            "separately (make the mesh conforming, for example by gmsh.model.occ.fragment)"
-        )
+        raise ValueError(f"{interface} has no facet: {_why_empty(interface)}")
     cells = pairs[facets]
-    cells = np.where(_reversed(mesh, cell_tags, cells)[:, None], cells[:, ::-1], cells)
+    cells = np.where(_reversed(mesh, cell_tags, cells, inside)[:, None], cells[:, ::-1], cells)
     local = np.column_stack([local_facets(mesh, cells[:, a], facets) for a in range(2)])
     return InterfaceFacets(facets, cells, local, cell_tags[cells], everywhere)
+
+
+def _why_empty(interface: Interface) -> str:
+    if interface.level_set is not None:
+        return (
+            "the level set has one sign at the midpoints of all cells; check its units, or refine "
+            "the mesh"
+        )
+    if callable(interface.facets):
+        return (
+            "the predicate is true at all vertices of no facet inside the mesh; compare "
+            "coordinates by np.isclose, and the mesh must have facets there"
+        )
+    return (
+        "the tags do not touch, or their bodies are meshed separately (make the mesh conforming, "
+        "for example by gmsh.model.occ.fragment)"
+    )
 
 
 def _given_facets(
@@ -272,10 +342,15 @@ def _midpoints(mesh: Mesh, dim: int, entities: NDArray[np.int32]) -> NDArray[np.
 
 
 def _reversed(
-    mesh: Mesh, cell_tags: NDArray[np.int32], cells: NDArray[np.int32]
+    mesh: Mesh,
+    cell_tags: NDArray[np.int32],
+    cells: NDArray[np.int32],
+    inside: NDArray[np.bool_] | None,
 ) -> NDArray[np.bool_]:
-    """Rows whose first cell is side 2."""
+    """Rows whose first cell is side 2; ``inside`` marks the cells of a level set."""
     first, second = cell_tags[cells].T
+    if inside is not None:
+        return (first > second) | ((first == second) & ~inside[cells[:, 0]])
     apart = _midpoints(mesh, mesh.topology.dim, cells[:, 1]) - _midpoints(
         mesh, mesh.topology.dim, cells[:, 0]
     )

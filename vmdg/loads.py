@@ -49,7 +49,7 @@ class _Load:
 
 
 class DeadLoads:
-    """Tractions per reference area and body forces per reference volume.
+    """Tractions per reference area and body forces per reference volume, (29) for both.
 
     Args:
         space: Space of the displacement.

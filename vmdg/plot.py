@@ -52,13 +52,27 @@ def deformed_corners(
 def deformed_polygons(
     problem: Problem, facets: NDArray[np.int32] | None = None, magnify: float = 1.0
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """:func:`deformed_corners` seen along z, (n, corners, 2) [mm]."""
+    """:func:`deformed_corners` seen along z.
+
+    Args:
+        problem: The problem.
+        facets: In 3D, the boundary facets.
+        magnify: Factor on the displacement.
+
+    Returns:
+        Corners (n, corners, 2) [mm] and the cell each polygon belongs to (n,).
+    """
     corners, cells = deformed_corners(problem, facets, magnify)
     return corners[..., :2], cells
 
 
 def cell_means(function: fem.Function, component: tuple[int, ...] = ()) -> NDArray[np.float64]:
-    """Mean over the dofs of every local cell of one component of a discontinuous function."""
+    """Mean over the dofs of every local cell of one component of a discontinuous function.
+
+    Args:
+        function: The function.
+        component: Indices of the component, none for a scalar.
+    """
     space = function.function_space
     shape = space.ufl_element().reference_value_shape
     values = function.x.array.reshape(-1, *shape)[(slice(None), *component)]

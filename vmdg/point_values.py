@@ -93,7 +93,10 @@ class PointValues:
 
 @dataclass(frozen=True)
 class PointHistory:
-    """Converged history of an interface on this rank; zeta and T in the frame of the law."""
+    """Converged history of an interface on this rank, zeta and Q of (37).
+
+    zeta and T are in the frame of the law.
+    """
 
     gap: NDArray[np.float64]
     softening: NDArray[np.float64]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 from petsc4py import PETSc
 
@@ -17,13 +18,21 @@ from ufl.core.expr import Expr
 
 from .activation import Activation
 from .bodies import Bodies, Family, LoadFactor
-from .boundary import DirichletConditions, Locator, Value, Where, find_boundary_facets
+from .boundary import (
+    DirichletConditions,
+    Locator,
+    Value,
+    Where,
+    find_boundary_facets,
+    refuse_facets,
+)
 from .cell_shapes import check_cells
 from .coupling import Coupling, Frozen
 from .discretization import Discretization
 from .forms.materials import Material
 from .interface import Interface, InterfaceFacets, check_ghosts, find_facets
 from .loads import DeadLoads
+from .named_tags import Group, by_tag, group_tag, names_of
 from .parallel import global_any, global_max, global_sum, raise_together
 from .point_values import InterfaceState, PointHistory
 from .stabilization import Stabilization
@@ -99,7 +108,8 @@ class Problem:
         mesh: Triangles, quadrilaterals, tetrahedra or hexahedra; in 2D plane strain unless
             ``symmetry`` says otherwise. On more than one rank it needs facet ghosts
             (``GhostMode.shared_facet``).
-        cell_tags: A tag for every cell.
+        cell_tags: A tag for every cell. With :class:`vmdg.NamedTags` (meshes from gmsh have them)
+            a group may be given by its name wherever a tag is asked for.
         materials: Material of every tag.
         interfaces: Where and how the displacement may jump.
         degree: Degree of the displacement.
@@ -124,35 +134,42 @@ class Problem:
 
     Raises:
         ValueError: input that cannot work; the message names it and the remedy.
-        RuntimeError: a distributed mesh without facet ghosts.
+        TypeError: an argument of another kind, such as a class in place of its instance.
+        RuntimeError: a distributed mesh without facet ghosts, or PETSc with complex numbers.
     """
 
     def __init__(
         self,
         mesh: Mesh,
         cell_tags: MeshTags,
-        materials: Mapping[int, Material],
+        materials: Mapping[Group, Material],
         interfaces: Sequence[Interface],
         degree: int = 1,
         kinematics: str = "finite",
         thickness: float = 1.0,
-        eigenstrain: Mapping[int, LoadFactor] | None = None,
+        eigenstrain: Mapping[Group, LoadFactor] | None = None,
         symmetry: str | None = None,
         volumetric: str = "pointwise",
     ):
+        interfaces = _checked_interfaces(interfaces)
+        _check_mesh(mesh, cell_tags)
+        _check_numbers(mesh)
         _check_arguments(mesh, degree, kinematics)
         self.geometry = make_geometry(mesh, symmetry, thickness, volumetric, degree)
         check_ghosts(mesh)
         check_cells(mesh)
         self.mesh = mesh
         self.comm = mesh.comm
-        self.interfaces = list(interfaces)
-        self.materials = dict(materials)
+        self._names = names = names_of(cell_tags)
+        materials = by_tag(_checked_materials(materials), names, "materials")
+        eigenstrain = by_tag(eigenstrain or {}, names, "eigenstrain")
+        self.interfaces = interfaces
+        self.materials = MappingProxyType(materials)
         self._tags = tags = tags_of_cells(mesh, cell_tags)
         self._bodies = Bodies(
             mesh, tags, materials, kinematics == "small", eigenstrain, volumetric == "mean"
         )
-        self._facets = [find_facets(mesh, tags, interface) for interface in self.interfaces]
+        self._facets = [find_facets(mesh, tags, interface, names) for interface in interfaces]
         _check_overlap(mesh, self.interfaces, self._facets)
         self._degree = degree
         self._activation = Activation(
@@ -264,11 +281,21 @@ class Problem:
                 grips a body as it is.
 
         Raises:
-            ValueError: nothing selected, unknown component or a value of the wrong shape; relative
-                where facets open on demand, whose new nodes would not know their start.
+            TypeError: a tag in place of its facets.
+            ValueError: nothing selected, facets of an interface, unknown component or a value of
+                the wrong shape; relative where facets open on demand, whose new nodes would not
+                know their start.
         """
         if not callable(facets):
-            facets = np.asarray(facets, dtype=np.int32)
+            facets = find_boundary_facets(self.mesh, facets, "dirichlet")
+            marks = np.zeros(len(facet_cells(self.mesh)), dtype=bool)
+            for selected in self._facets:
+                marks[selected.everywhere] = True
+            reason = (
+                "lies on an interface, whose two sides would be held together; prescribe boundary "
+                "facets, or leave these out of the interface"
+            )
+            refuse_facets(self.mesh, facets, marks, "dirichlet", reason)
         if relative:
             if self._activation:
                 raise ValueError(
@@ -282,9 +309,15 @@ class Problem:
     def dirichlet_points(
         self, where: Locator, value: Value, component: int | str | None = None
     ) -> None:
-        """Prescribe the displacement of the nodes selected by a predicate on coordinates (3, n).
+        """Prescribe the displacement of single nodes.
 
-        Arguments and errors as for :meth:`dirichlet`.
+        Args:
+            where: Predicate on the coordinates (3, n) of the nodes.
+            value: As for :meth:`dirichlet` [mm].
+            component: As for :meth:`dirichlet`.
+
+        Raises:
+            ValueError: no node is selected, unknown component or a value of the wrong shape.
         """
         self._prescribe("dirichlet_points", where, value, component)
         self._prescriptions.append(("dirichlet_points", where, value, component))
@@ -318,11 +351,20 @@ class Problem:
                 :attr:`load_factor`, for example [MPa].
 
         Raises:
-            ValueError: nothing selected, or a value of the wrong shape or of another mesh.
+            TypeError: a tag in place of its facets.
+            ValueError: nothing selected, facets inside the mesh, or a value of the wrong shape or
+                of another mesh.
         """
-        self._add_load("traction", find_boundary_facets(self.mesh, facets, "traction"), value)
+        facets = find_boundary_facets(self.mesh, facets, "traction")
+        reason = (
+            "lies inside the mesh and would load one side of it; give boundary facets, or let an "
+            "interface transmit the traction"
+        )
+        inside = (facet_cells(self.mesh) >= 0).all(axis=1)
+        refuse_facets(self.mesh, facets, inside, "traction", reason)
+        self._add_load("traction", facets, value)
 
-    def body_force(self, value: Value | Expr, tag: int | None = None) -> None:
+    def body_force(self, value: Value | Expr, tag: Group | None = None) -> None:
         """Dead body force per reference volume.
 
         Args:
@@ -334,10 +376,12 @@ class Problem:
         """
         if np.ndim(tag) != 0:
             raise ValueError(f"body_force: tag = {tag} must be one tag; call it once for each")
+        tag = group_tag(tag, self._names, "body_force")
         chosen = np.ones(len(self._tags), dtype=bool) if tag is None else self._tags == tag
         cells = np.flatnonzero(chosen).astype(np.int32)
         if global_sum(self.comm, len(cells)) == 0:
-            raise ValueError(f"body_force: no cell has tag {tag}")
+            known = sorted(self.materials)
+            raise ValueError(f"body_force: no cell has tag {tag}; tags are {known}")
         self._add_load("body_force", cells, value)
 
     def _add_load(self, what: str, entities: NDArray[np.int32], value: Value | Expr) -> None:
@@ -348,6 +392,27 @@ class Problem:
         add = self._loads.add_traction if what == "traction" else self._loads.add_body_force
         add(entities, value)
         self._load_vector = None
+
+    @property
+    def tags(self) -> NDArray[np.int32]:
+        """Tag of every local cell, ghosts included."""
+        return self._tags
+
+    @property
+    def loaded_cells(self) -> NDArray[np.int32]:
+        """Local cells on which dead loads act."""
+        cells = [np.zeros(0, dtype=np.int32)]
+        for what, entities, _ in self._dead_loads:
+            cells.append(facet_cells(self.mesh)[entities, 0] if what == "traction" else entities)
+        return np.unique(np.concatenate(cells))
+
+    def contradiction(self, t: float) -> str | None:
+        """Prescribed displacements that differ at a node of this rank, in words; None if none do.
+
+        Args:
+            t: Load factor.
+        """
+        return self._dirichlet.contradiction(t)
 
     @property
     def prescribed(self) -> NDArray[np.int32]:
@@ -484,7 +549,11 @@ class Problem:
             coupling.cancel_step()
 
     def discretization_of(self, marks: Sequence[NDArray[np.bool_]]) -> Discretization:
-        """The discretization with these open facets: the present one where it has them."""
+        """The discretization with these open facets: the present one where it has them.
+
+        Args:
+            marks: For every interface, a mark on all local facets of the mesh.
+        """
         same = all(map(np.array_equal, marks, self._activation.open))
         if not global_any(self.comm, not same):
             return self.discretization
@@ -505,7 +574,11 @@ class Problem:
         )
 
     def return_to(self, snapshot: Snapshot) -> None:
-        """Go back to a converged state, to its set of open facets too."""
+        """Go back to a converged state, to its set of open facets too.
+
+        Args:
+            snapshot: From :meth:`snapshot`.
+        """
         if snapshot.discretization is not self.discretization:
             self._activation.open = list(snapshot.open)
             self._set_discretization(snapshot.discretization)
@@ -706,7 +779,7 @@ class Problem:
         return np.sqrt(integral / quadrature.area)
 
     def energy(self) -> Energy:
-        """Energies at the current state; collective."""
+        """Energies at the current state, with what is dissipated as in (34); collective."""
         stored = self.discretization.stored_energy()
         values = [*stored, *self._dissipated, self._external]
         return Energy(*(float(value) for value in global_sum(self.comm, values)))
@@ -740,6 +813,75 @@ class _Start:
     forces: NDArray[np.float64]
     loads: NDArray[np.float64] | None
     stored: float
+
+
+def _checked_interfaces(interfaces: Sequence[Interface]) -> tuple[Interface, ...]:
+    if isinstance(interfaces, Interface):
+        raise TypeError(
+            "Problem: interfaces must be a list, [Interface(...)], also for one of them"
+        )
+    for interface in interfaces:
+        if not isinstance(interface, Interface):
+            raise TypeError(
+                f"Problem: interfaces has {interface!r}, which is no vmdg.Interface; write "
+                "Interface(between=(1, 2), law=...)"
+            )
+    return tuple(interfaces)
+
+
+def _checked_materials(materials: Mapping[Group, Material]) -> Mapping[Group, Material]:
+    if not isinstance(materials, Mapping):
+        raise TypeError(
+            f"Problem: materials = {materials!r} must be a dict of materials by cell tag, for "
+            "example {1: vmdg.NeoHookean(E=5000.0, nu=0.25)}"
+        )
+    for tag, material in materials.items():
+        if isinstance(material, type):
+            raise TypeError(
+                f"Problem: the material of {tag!r} is the class {material.__name__}; give an "
+                f"instance with its parameters, {material.__name__}(...)"
+            )
+        if not isinstance(material, Material):
+            raise TypeError(
+                f"Problem: the material of {tag!r} is {material!r}; it must be a vmdg.Material, "
+                "for example vmdg.NeoHookean(E=5000.0, nu=0.25)"
+            )
+    return materials
+
+
+def _check_mesh(mesh: Mesh, cell_tags: MeshTags) -> None:
+    if not isinstance(mesh, Mesh):
+        raise TypeError(
+            f"Problem: mesh is a {type(mesh).__name__}, not a dolfinx.mesh.Mesh; unpack what "
+            "vmdg.meshes returns: mesh, cell_tags, facet_tags = ..."
+        )
+    if not isinstance(cell_tags, MeshTags):
+        raise TypeError(
+            f"Problem: cell_tags is a {type(cell_tags).__name__}, not dolfinx.mesh.MeshTags; make "
+            "them by dolfinx.mesh.meshtags or vmdg.split_cells"
+        )
+    if cell_tags.dim != mesh.topology.dim:
+        raise ValueError(
+            f"Problem: cell_tags has tags of entities of dimension {cell_tags.dim}, the cells have "
+            f"{mesh.topology.dim}; were the tags of facets given?"
+        )
+    if cell_tags.topology is not mesh.topology._cpp_object:
+        raise ValueError(
+            "Problem: cell_tags belong to another mesh; give mesh and tags that were made together"
+        )
+
+
+def _check_numbers(mesh: Mesh) -> None:
+    if np.issubdtype(PETSc.ScalarType, np.complexfloating):
+        raise RuntimeError(
+            "Problem: this PETSc computes with complex numbers, vmdg with real ones; choose the "
+            "real build (in DOLFINx containers: source dolfinx-real-mode)"
+        )
+    if mesh.geometry.x.dtype != np.float64:
+        raise ValueError(
+            f"Problem: the coordinates of the mesh are {mesh.geometry.x.dtype}; create it with "
+            "dtype=numpy.float64"
+        )
 
 
 def _check_arguments(mesh: Mesh, degree: int, kinematics: str) -> None:

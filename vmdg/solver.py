@@ -20,6 +20,7 @@ from .newton import Newton, StepReport
 from .predictor import PATH, PREDICTORS
 from .problem import Problem
 from .progress import Progress
+from .sanity import check_model, checked_loads, checked_row
 from .state_file import adios
 from .switches import Switch, condensation, switchboard
 from .timers import Timing, timer, timings, timings_since
@@ -149,6 +150,10 @@ class Result:
 class StepFailure(RuntimeError):
     """A step failed at the smallest size; the problem is in its last converged state.
 
+    Args:
+        message: What failed.
+        result: What was computed before.
+
     Attributes:
         result: What was computed before.
     """
@@ -177,15 +182,18 @@ def solve(
 
     Raises:
         StepFailure: a step fails although it was cut ``max_cuts`` times.
-        ValueError: the softening of a law is too steep for the mesh (r <= H - eta), an unknown
-            predictor, ``condensed=True`` where that is not possible, no steps between checkpoints,
-            or columns of the history that have the same name, change their unit, or are to be
-            shown and do not exist.
+        ValueError: no load factors (and no history), a body that nothing holds, the softening of a
+            law is too steep for the mesh (r <= H - eta), an unknown predictor, ``condensed=True``
+            where that is not possible, no steps between checkpoints, or columns of the history that
+            have the same name, change their unit, or are to be shown and do not exist.
+        TypeError: ``options`` or what the monitor returns is of the wrong kind.
         ImportError: checkpoints are wanted and adios4dolfinx is missing.
         OSError: a checkpoint or the table could not be written; the problem is in the state that
             it should hold.
     """
     options = options or SolveOptions()
+    if not isinstance(options, SolveOptions):
+        raise TypeError(f"solve: options = {options!r} must be SolveOptions(...)")
     if options.predictor not in PREDICTORS:
         raise ValueError(
             f"SolveOptions: predictor = {options.predictor!r} must be one of {PREDICTORS}"
@@ -197,10 +205,12 @@ def solve(
         )
     if options.checkpoint is not None:
         adios()  # not after an hour
-    loads = np.atleast_1d(np.asarray(loads, dtype=float))
+    loads = checked_loads(loads, resumed=history is not None)
     result = Result(
         history=History() if history is None else history, switches=switchboard(problem, options)
     )
+    if loads.size:
+        check_model(problem, loads)
     before, written = timings(), len(result.history)
     try:
         with (
@@ -273,7 +283,7 @@ def _take_down(
         energy = problem.energy()
         energies = asdict(energy) | {"imbalance": energy.imbalance}
         row |= {f"{name} [N mm]": value for name, value in energies.items()}
-    result.history.append(row | dict((monitor(problem) if monitor else None) or {}))
+    result.history.append(row | checked_row(monitor(problem) if monitor else None))
     result.residuals.append(part.report.norms)
 
 

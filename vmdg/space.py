@@ -16,7 +16,7 @@ from .topology import facet_cells, local_facets
 
 
 def broken_space(mesh: Mesh, degree: int, cut: NDArray[np.int32]) -> fem.FunctionSpace:
-    """Vector Lagrange space that may jump across the facets ``cut``.
+    """Vector Lagrange space that may jump across the facets ``cut``: (8)-(9), and (43).
 
     Every pair (cell, dof) at a dof of a cut facet is a node of a graph. The interior facets that
     are kept join the nodes which their two cells share, and each connected component becomes one

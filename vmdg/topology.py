@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from dolfinx import la
-from dolfinx.mesh import Mesh, MeshTags
+from dolfinx.mesh import Mesh, MeshTags, compute_midpoints
 from numpy.typing import NDArray
+
+from .parallel import raise_together
+
+#: phi(x) at points x (3, n), n values.
+LevelSet = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 UNTAGGED = np.iinfo(np.int32).min
 
@@ -54,3 +61,27 @@ def mark_everywhere(mesh: Mesh, dim: int, entities: NDArray[np.int32]) -> NDArra
     marks.scatter_reverse(la.InsertMode.add)
     marks.scatter_forward()
     return marks.array > 0
+
+
+def cells_inside(mesh: Mesh, level_set: LevelSet) -> NDArray[np.bool_]:
+    """Local cells, ghosts included, at whose midpoint a level set is negative; collective.
+
+    Raises:
+        ValueError: the level set does not give one finite number a point.
+    """
+    cells = mesh.topology.index_map(mesh.topology.dim)
+    owned = np.arange(cells.size_local, dtype=np.int32)
+    midpoints = compute_midpoints(mesh, mesh.topology.dim, owned).T
+    values = np.asarray(level_set(midpoints), dtype=float)
+    message = None
+    if values.shape != owned.shape or not np.isfinite(values).all():
+        message = (
+            f"the level set gives values of shape {values.shape} at points (3, {len(owned)}); it "
+            "must give one finite number a point, for example lambda x: np.hypot(x[0], x[1]) - R"
+        )
+    raise_together(mesh.comm, message)
+    # Owners decide: a rounded midpoint on the zero contour must not differ between ranks.
+    inside = la.vector(cells, dtype=np.int32)
+    inside.array[: cells.size_local] = values < 0
+    inside.scatter_forward()
+    return inside.array > 0

@@ -34,25 +34,42 @@ class Mode(IntEnum):
 class Update:
     """Result of a return map at n points in d dimensions.
 
-    The three works are what the step dissipated at the point, per unit reference area: the
+    The three works are what the step dissipated at the point, (32), per unit reference area: the
     resistance integrated along the gap path of the step, zeta_n to zeta_{n+1}, at the direction and
     pressure of its end. Their sum, plus the change of `Law.stored_energy`, is the integral of T .
     dzeta over that path.
+
+    Attributes:
+        traction: T_{n+1} (n, d), MPa.
+        gap: zeta_{n+1} (n, d), mm.
+        softening: Q_{n+1} (n,), MPa; never decreases, the bond is gone at Q = law.strength.
+        multiplier: dgamma (n,), mm: length of the gap increment due to yielding.
+        tangent: d zeta_{n+1} / d T_tr (n, d, d), mm/MPa.
+        mode: `Mode` (n,).
+        damage_work: spent on the bond (n,), N/mm.
+        friction_work: spent on friction beyond the bond (n,), N/mm.
+        viscous_work: spent on the overstress (n,), N/mm.
     """
 
-    traction: Array  #: T_{n+1} (n, d), MPa
-    gap: Array  #: zeta_{n+1} (n, d), mm
-    softening: Array  #: Q_{n+1} (n,), MPa; never decreases, the bond is gone at Q = law.strength
-    multiplier: Array  #: dgamma (n,), mm: length of the gap increment due to yielding
-    tangent: Array  #: d zeta_{n+1} / d T_tr (n, d, d), mm/MPa
-    mode: NDArray[np.int8]  #: `Mode` (n,)
-    damage_work: Array  #: spent on the bond (n,), N/mm
-    friction_work: Array  #: spent on friction beyond the bond (n,), N/mm
-    viscous_work: Array  #: spent on the overstress (n,), N/mm
+    traction: Array
+    gap: Array
+    softening: Array
+    multiplier: Array
+    tangent: Array
+    mode: NDArray[np.int8]
+    damage_work: Array
+    friction_work: Array
+    viscous_work: Array
 
     @classmethod
     def elastic(cls, trial: Array, gap: Array, softening: Array) -> Update:
-        """Step in which nothing yields: T = T_tr, zeta and Q as they were (copies)."""
+        """Step in which nothing yields: T = T_tr, zeta and Q as they were (copies).
+
+        Args:
+            trial: T_tr (n, d), MPa.
+            gap: zeta_n (n, d), mm.
+            softening: Q_n (n,), MPa.
+        """
         n, d = trial.shape
         return cls(
             traction=trial.copy(),
@@ -115,7 +132,14 @@ class Law(ABC):
         """
 
     def overstress(self, dt: float) -> float:
-        """eta = viscosity/dt, MPa/mm: overstress per gap increment of the step."""
+        """eta = viscosity/dt, MPa/mm: overstress per gap increment of the step.
+
+        Args:
+            dt: time step, s.
+
+        Raises:
+            ValueError: dt <= 0 with viscosity > 0.
+        """
         if self.viscosity == 0.0:
             return 0.0
         if not dt > 0.0:
@@ -132,18 +156,35 @@ class Law(ABC):
         return np.sqrt(np.maximum(normal, 0.0) ** 2 + shear**2) / self.strength
 
     def with_viscosity(self, viscosity: float) -> Law:
-        """The same law with another viscosity, MPa s/mm; the law itself where it takes none."""
+        """The same law with another viscosity; the law itself where it takes none.
+
+        Args:
+            viscosity: MPa s/mm.
+        """
         if is_dataclass(self) and any(field.name == "viscosity" for field in fields(self)):
             return replace(self, viscosity=viscosity)
         return self
 
     def admissible(self, penalty: ArrayLike, dt: float = 1.0) -> NDArray[np.bool_]:
-        """Where r > H - eta, so that the step has one solution only; shaped like `penalty`."""
+        """Where r > H - eta, so that the step has one solution only.
+
+        Args:
+            penalty: r, MPa/mm.
+            dt: time step, s.
+
+        Returns:
+            Marks shaped like `penalty`.
+        """
         penalty = np.asarray(penalty, dtype=float)
         return (penalty > self.softening_modulus - self.overstress(dt)) & (penalty > 0.0)
 
     def stored_energy(self, gap: Array, softening: Array) -> Array:
-        """Recoverable energy (n,), N/mm, in the gap; zero unless part of the gap is elastic."""
+        """Recoverable energy (n,), N/mm, in the gap; zero unless part of the gap is elastic.
+
+        Args:
+            gap: zeta (n, d), mm.
+            softening: Q (n,), MPa.
+        """
         return np.zeros(len(softening))
 
     def _checked(

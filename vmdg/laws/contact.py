@@ -81,10 +81,11 @@ def slide(
 ) -> Slide:
     """Shear return (75)-(83): |T_T| = |T_tr,T| - r dgamma meets max(R + eta dgamma, mu |T_N|).
 
-    Yields only if f_d = |T_tr,T| - R_n and f_mu = |T_tr,T| - mu |T_N| are both positive; of the two
-    roots (80) and (79) the smaller is taken, which is the root for the larger resistance. The bond
-    wears along x in friction too. Rate dependence belongs to the bond: friction is rate
-    independent, so that sliding under pressure settles at mu |T_N| whatever the viscosity.
+    Yields along T_tr,T (73), only if f_d = |T_tr,T| - R_n (72) and f_mu = |T_tr,T| - mu |T_N| (74)
+    are both positive; of the two roots (80) and (79) the smaller is taken, which is the root for
+    the larger resistance. The bond wears along x in friction too. Rate dependence belongs to the
+    bond: friction is rate independent, so that sliding under pressure settles at mu |T_N| whatever
+    the viscosity.
 
     The work is the integral of max(R(x) + eta dgamma, mu |T_N|) over x from 0 to dgamma. The bond
     takes the integral of R; of the rest, viscosity takes eta dgamma as long as the bond holds (x <

@@ -50,7 +50,7 @@ class Debonding(RadialLaw):
 
     @property
     def softening_modulus(self) -> float:
-        """H = P_c/zeta_c, MPa/mm."""
+        """H = P_c/zeta_c of (58), MPa/mm."""
         return self.strength / self.critical_gap
 
     def slip(self, load: Array, resistance: Array, stiffness: Array) -> Array:

@@ -30,7 +30,7 @@ class Points(NamedTuple):
 
 
 class ExtrinsicLaw(Law):
-    """Elastic domain T_eq(T) <= R = strength - Q, with T_eq the equivalent traction of the law.
+    """Elastic domain (33): T_eq(T) <= R = strength - Q, T_eq the equivalent traction of the law.
 
     T_tr.N >= 0: `_open`, the law's own return. T_tr.N < 0: the residual gap closes, then the shear
     law `in_shear` slides with friction (module `contact`). Both agree at T_tr.N = 0, so T is
@@ -44,7 +44,12 @@ class ExtrinsicLaw(Law):
 
     @abstractmethod
     def equivalent(self, normal: Array, shear: Array) -> Array:
-        """T_eq (n,), MPa, of a normal traction >= 0 and |T_T|; it is T_N in pure tension."""
+        """T_eq (n,), MPa; it is T_N in pure tension.
+
+        Args:
+            normal: T_N >= 0 (n,), MPa.
+            shear: |T_T| (n,), MPa.
+        """
 
     def nearness(self, normal: Array, shear: Array) -> Array:
         """T_eq/P_c."""
@@ -65,7 +70,10 @@ class ExtrinsicLaw(Law):
         penalty: ArrayLike,
         dt: float = 1.0,
     ) -> Update:
-        """Boxes 2 and 3, completed; arguments and errors as in `Law.return_map`."""
+        """Boxes 2 and 3, completed; arguments and errors as in `Law.return_map`.
+
+        A point yields where (67) is positive, so that (55) holds at the end.
+        """
         trial, normal, gap, softening, penalty = self._checked(
             trial, normal, gap, softening, penalty, dt
         )
@@ -94,11 +102,11 @@ class ExtrinsicLaw(Law):
         return update
 
     def _softened(self, at: Points, left: Array, lost: Array) -> Array:
-        """Q_{n+1} = Q_n + lost, MPa; exactly the strength where nothing is left."""
+        """Q_{n+1} = Q_n + lost, (54), MPa; exactly the strength where nothing is left."""
         return np.where(left > 0.0, np.minimum(at.softening + lost, self.strength), self.strength)
 
     def _pressed(self, update: Update, at: Points, eta: float) -> None:
-        """Closing, then bond or friction in shear: points with T_tr.N < 0."""
+        """Closing, then bond or friction in shear, (81): points with T_tr.N < 0."""
         bond = self.in_shear
         ratio = 1.0 if bond is self else bond.strength / self.strength
         closure = close(at.trial_n, dot(at.gap, at.normal), at.penalty)
@@ -148,7 +156,7 @@ class ExtrinsicLaw(Law):
 
 
 class RadialLaw(ExtrinsicLaw):
-    """Law with one softening curve R(x) for all directions: |T| <= R, flow along T.
+    """Law with one softening curve R(x) for all directions: |T| <= R, flow along T (53).
 
     A new law of this kind supplies the four methods of `SofteningCurve` and `softening_modulus`.
     """
@@ -159,27 +167,51 @@ class RadialLaw(ExtrinsicLaw):
         return self
 
     def equivalent(self, normal: Array, shear: Array) -> Array:
-        """T_eq = |T|."""
+        """T_eq = |T|, so that the yield function is (56)."""
         return np.sqrt(normal * normal + shear * shear)
 
     @abstractmethod
     def slip(self, load: Array, resistance: Array, stiffness: Array) -> Array:
-        """Root x (m,), mm, of load - stiffness x = R(x)."""
+        """Root x (m,), mm, of load - stiffness x = R(x), (64) for any curve.
+
+        Args:
+            load: |T_tr| (m,), MPa, not less than R_n.
+            resistance: R_n (m,), MPa.
+            stiffness: r + eta (m,), MPa/mm, more than H.
+        """
 
     @abstractmethod
     def soften(self, resistance: Array, slip: Array) -> tuple[Array, Array]:
-        """R(x), MPa, and its slope, MPa/mm."""
+        """R(x), MPa, and its slope, MPa/mm.
+
+        Args:
+            resistance: R_n (m,), MPa.
+            slip: x (m,), mm, since R was R_n.
+        """
 
     @abstractmethod
     def slip_to(self, resistance: Array, target: Array) -> Array:
-        """Slip, mm, at which R has fallen to target."""
+        """Slip, mm, at which R has fallen to a target.
+
+        Args:
+            resistance: R_n (m,), MPa.
+            target: R (m,), MPa.
+        """
 
     @abstractmethod
     def bond_energy(self, resistance: Array) -> Array:
-        """Energy left in the bond, N/mm."""
+        """Energy left in the bond, N/mm: the integral of R(x) from here to separation.
+
+        Args:
+            resistance: R_n (m,), MPa.
+        """
 
     def _open(self, update: Update, at: Points, eta: float) -> None:
-        """Box 2, (66)-(71): dgamma is the root of |T_tr| - (r + eta) dgamma = R(dgamma)."""
+        """Box 2, (66)-(71): dgamma is the root of |T_tr| - (r + eta) dgamma = R(dgamma).
+
+        The tangent is (90) for any slope of R: there slope = 1/(r - H) and per_load = slope (1 -
+        R_n/|T_tr|).
+        """
         load = self.equivalent(at.trial_n, at.shear)
         dgamma = self.slip(load, at.resistance, at.penalty + eta)
         left, softening_slope = self.soften(at.resistance, dgamma)
@@ -192,7 +224,6 @@ class RadialLaw(ExtrinsicLaw):
         update.gap[rows] = at.gap + dgamma[:, None] * n
         update.softening[rows] = self._softened(at, left, at.resistance - left)
         update.multiplier[rows] = dgamma
-        # (90) is this with slope = 1/(r - H) and per_load = slope (1 - R_n/|T_tr|)
         tangent = outer((slope - per_load)[:, None] * n, n)
         add_to_diagonal(tangent, per_load)
         update.tangent[rows] = tangent

@@ -107,7 +107,11 @@ class MixedModeDebonding(ExtrinsicLaw):
         return self.friction == 0.0 and self.normal_energy == self.shear_energy
 
     def energy_at(self, mixity: ArrayLike) -> Array:
-        """Energy to separation, N/mm, at a fixed th = atan((|T_T|/P_s)/(T_N/P_n)), radians."""
+        """Energy to separation, N/mm.
+
+        Args:
+            mixity: th = atan((|T_T|/P_s)/(T_N/P_n)), held fixed, radians.
+        """
         mixity = np.asarray(mixity, dtype=float)
         return self.normal_energy * np.cos(mixity) ** 2 + self.shear_energy * np.sin(mixity) ** 2
 

@@ -1,0 +1,104 @@
+"""Groups of cells and facets by name, as meshers have them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from typing import TypeVar
+
+import numpy as np
+from dolfinx.mesh import MeshTags
+from numpy.typing import NDArray
+
+#: A group by its tag or by its name.
+Group = int | str
+
+Value = TypeVar("Value")
+
+
+class NamedTags(MeshTags):
+    """Tags of cells or facets whose groups have names: ``facet_tags.find("left")``.
+
+    It is used as any ``dolfinx.mesh.MeshTags``. Where a problem has named tags of its cells, every
+    cell tag may be given by its name: materials, ``Interface(between=("fibre", "matrix"))``, body
+    forces and eigenstrains.
+
+    Args:
+        tags: The tags.
+        names: Tag by name.
+
+    Attributes:
+        names: Tag by name.
+    """
+
+    def __init__(self, tags: MeshTags, names: Mapping[str, int]):
+        super().__init__(tags._cpp_object)
+        self.names = {name: int(tag) for name, tag in names.items()}
+
+    def find(self, value: Group) -> NDArray[np.int32]:
+        """Local entities of a group.
+
+        Args:
+            value: Its tag or its name.
+
+        Raises:
+            ValueError: there is no group of this name; the message lists those there are.
+        """
+        return super().find(group_tag(value, self.names, "find"))
+
+
+def names_of(tags: MeshTags) -> dict[str, int]:
+    """Tag by name; empty where the groups have no names."""
+    return getattr(tags, "names", {})
+
+
+def group_tag(group: Group, names: Mapping[str, int], what: str) -> int:
+    """The tag of a group.
+
+    Args:
+        group: Its tag or its name.
+        names: Tag by name.
+        what: Who asks, for messages.
+
+    Raises:
+        ValueError: there is no group of this name.
+    """
+    if not isinstance(group, str):
+        return group
+    if group in names:
+        return names[group]
+    if not names:
+        raise ValueError(
+            f"{what}: the groups of this mesh have no names, so there is none called {group!r}; "
+            "give the number of its tag, or name the physical groups in gmsh (setPhysicalName)"
+        )
+    known = ", ".join(f"{name!r} ({tag})" for name, tag in names.items())
+    raise ValueError(
+        f"{what}: no group is called {group!r}; the mesh has {known}{_near(group, names)}"
+    )
+
+
+def by_tag(values: Mapping[Group, Value], names: Mapping[str, int], what: str) -> dict[int, Value]:
+    """Values by tag, given by tag or by name.
+
+    Args:
+        values: By group.
+        names: Tag by name.
+        what: Who asks, for messages.
+
+    Raises:
+        ValueError: there is no group of a name, or one has two values.
+    """
+    result: dict[int, Value] = {}
+    for group, value in values.items():
+        tag = group_tag(group, names, what)
+        if tag in result:
+            raise ValueError(f"{what}: {group!r} is tag {tag}, which has a value already")
+        result[tag] = value
+    return result
+
+
+def _near(group: str, names: Iterable[str]) -> str:
+    lower = {name.lower(): name for name in names}
+    close = get_close_matches(group.lower(), lower, n=3)
+    return f". Did you mean {' or '.join(repr(lower[name]) for name in close)}?" if close else ""
