@@ -1,10 +1,14 @@
-"""Meshes of the scenes, made by gmsh, every size a parameter; and meshes from files."""
+"""Meshes of the scenes, made by gmsh, every size a parameter; and meshes from files.
+
+A geometry of your own is made with the gmsh API in ``with model(name) as gmsh_model`` on rank 0 and
+becomes such a mesh by :func:`distribute`.
+"""
 
 from .beams import beams
 from .discs import core_and_ring
 from .fibres import fibre_matrix, random_fibres
 from .files import read_mesh, write_mesh
-from .gmsh_model import TaggedMesh
+from .gmsh_model import TaggedMesh, distribute, model
 from .inclusions import inclusions
 from .plate import tearing
 from .pushout import pushout
@@ -16,8 +20,10 @@ __all__ = [
     "beams",
     "blocks",
     "core_and_ring",
+    "distribute",
     "fibre_matrix",
     "inclusions",
+    "model",
     "pushout",
     "pushout_section",
     "random_fibres",
