@@ -18,6 +18,7 @@ from _fibre_matrix import Cell, curves, pulls
 from _restart import add_options, files, resumed
 
 import vmdg
+from vmdg import plot
 from vmdg.meshes import fibre_matrix, random_fibres
 
 FIBRE, MATRIX = 1, 2
@@ -42,6 +43,7 @@ def main(
     deck: bool = False,
     checkpoint_every: int = 10,
     resume: bool = False,
+    animate: bool = False,
     out: str = "results/fibre_matrix",
 ) -> vmdg.History:
     """Pull both sides to ``end`` [mm]; pictures and history go to the folder ``out``."""
@@ -65,12 +67,15 @@ def main(
 
     problem.dirichlet_points(held, 0.0, "y")
 
+    snapshots: list[vmdg.Snapshot] = []
     stages = Cell(problem, SIZE, element_size / 2, centres[0], radius)
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         force = problem.reaction(sides.find(RIGHT))[0]
         stage = stages.update(force)
         nodes = problem.space.dofmap.index_map.size_global
+        if animate:
+            snapshots.append(problem.snapshot())
         strain, stress = 2 * problem.t / SIZE, force / SIZE
         return {"strain": strain, "stress": stress, "stage": stage, "nodes": nodes}
 
@@ -88,6 +93,9 @@ def main(
     loads = loads[loads > problem.t * (1 + 1e-12)]
     history = vmdg.solve(problem, loads, options, monitor, history).history
 
+    if animate:
+        film = Path(out) / "fibre_matrix.gif"
+        plot.animate(film, problem, snapshots, history, "strain", "stress", "xx", 10, (0, 30))
     if comm.rank == 0:
         Path(out).mkdir(parents=True, exist_ok=True)
         stages.finish().savefig(Path(out) / "fibre_matrix_stages.png", dpi=105)
@@ -122,5 +130,6 @@ if __name__ == "__main__":
     parser.add_argument("--interface-only", action="store_true", help="no cracks in the matrix")
     parser.add_argument("--deck", action="store_true", help="moduli of the public one-fibre deck")
     parser.add_argument("--out", default="results/fibre_matrix", help="folder for the results")
+    parser.add_argument("--animate", action="store_true", help="a film of the run, too")
     add_options(parser)
     main(**vars(parser.parse_args()))

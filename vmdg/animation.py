@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import nullcontext
+from io import BytesIO
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.animation import FFMpegWriter, PillowWriter
+from matplotlib import colormaps
+from matplotlib.animation import AbstractMovieWriter, FFMpegWriter
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
+from PIL import Image
 
 from .drawing import Limits, curve, deformed_ends, stress, stress_means
 from .history import History
@@ -31,8 +35,8 @@ def animate(
     magnify: float | Sequence[float] = 1.0,
     limits: Limits | None = None,
     fps: float = 12,
-    size: tuple[float, float] = (8.0, 3.8),
-    dpi: int = 90,
+    size: tuple[float, float] = (8.0, 3.6),
+    dpi: int = 105,
 ) -> None:
     """Write an animation of stress on the deformed shape and of a curve; collective.
 
@@ -40,7 +44,7 @@ def animate(
     problem is in its last one afterwards.
 
     Args:
-        path: Ends in .gif, or in .mp4 where ffmpeg is installed.
+        path: Its folder is made if missing. Ends in .gif, or in .mp4 where ffmpeg is installed.
         problem: The problem.
         snapshots: The states to show, one a row of the history, of its last rows.
         history: The table of the run.
@@ -64,13 +68,15 @@ def animate(
     factors = np.broadcast_to(magnify, len(snapshots))
     field = CauchyStress(problem)
     found, low, high = _ranges(problem, snapshots, factors, component, field)
-    options = {"component": component, "limits": limits or found, "field": field}
+    options = {"component": component, "limits": limits or found, "field": field, "edges": 0}
     figure = plt.figure(figsize=size)
     solid = problem.mesh.geometry.dim == 3
-    grid = figure.add_gridspec(1, 2, width_ratios=(1.2, 1))
+    grid = figure.add_gridspec(1, 2, width_ratios=(1.5, 1))
     shape = figure.add_subplot(grid[0], projection="3d" if solid else None)
     line, point = _draw_curve(figure.add_subplot(grid[1]), history, x, y)
-    writer = (FFMpegWriter if path.suffix == ".mp4" else PillowWriter)(fps)
+    if rank == 0:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    writer = (FFMpegWriter if path.suffix == ".mp4" else GifWriter)(fps)
     with writer.saving(figure, str(path), dpi) if rank == 0 else nullcontext():
         for row, snapshot, factor in zip(rows, snapshots, factors, strict=True):
             problem.return_to(snapshot)
@@ -81,7 +87,7 @@ def animate(
                 shape.set(zlim=(low[2], high[2]), aspect="equal")
             scale = "true scale" if factor == 1 else f"displacement x {factor:.3g}"
             shape.set_title(scale, size=10)
-            line.set_data(history[x][: row + 1], history[y][: row + 1])
+            line.set_data(np.r_[0, history[x][: row + 1]], np.r_[0, history[y][: row + 1]])
             point.set_data(history[x][[row]], history[y][[row]])
             if row == rows[0]:
                 figure.set_layout_engine("constrained")
@@ -91,6 +97,34 @@ def animate(
                 if rank == 0:
                     writer.grab_frame()
     plt.close(figure)
+
+
+class GifWriter(AbstractMovieWriter):
+    """Pictures of one palette: colours do not flicker, and what stands still takes no space."""
+
+    def setup(self, fig: Figure, outfile: str | Path, dpi: float | None = None) -> None:
+        """Start a film of a figure."""
+        super().setup(fig, outfile, dpi)
+        self._pictures: list[Image.Image] = []
+        stresses = colormaps["viridis"](np.linspace(0, 1, 212))[:, :3]
+        greys = np.repeat(np.linspace(0, 1, 36)[:, None], 3, axis=1)
+        reds = np.linspace([1, 1, 1], [0.84, 0.15, 0.16], 8)
+        colours = 255 * np.concatenate([stresses, greys, reds])
+        self._palette = Image.new("P", (1, 1))
+        self._palette.putpalette(colours.round().astype(np.uint8).tobytes())
+
+    def grab_frame(self, **savefig_kwargs: object) -> None:
+        """Add the figure as it is."""
+        buffer = BytesIO()
+        self.fig.savefig(buffer, format="rgba", dpi=self.dpi, **savefig_kwargs)
+        picture = Image.frombytes("RGBA", self.frame_size, buffer.getvalue()).convert("RGB")
+        self._pictures.append(picture.quantize(palette=self._palette, dither=Image.Dither.NONE))
+
+    def finish(self) -> None:
+        """Write the file."""
+        first, *rest = self._pictures
+        duration = round(1000 / self.fps)
+        first.save(self.outfile, save_all=True, append_images=rest, duration=duration, loop=0)
 
 
 def _check(problem: Problem, path: Path, snapshots: Sequence[Snapshot], history: History) -> None:
@@ -109,7 +143,7 @@ def _check(problem: Problem, path: Path, snapshots: Sequence[Snapshot], history:
 
 def _draw_curve(ax: Axes, history: History, x: str, y: str) -> tuple[Line2D, Line2D]:
     """The whole curve in grey; a line and a point that will follow it."""
-    curve(history, x, y, ax, color="0.85")
+    curve(history, x, y, ax, origin=True, color="0.85")
     (line,) = ax.plot([], [], color="black")
     (point,) = ax.plot([], [], "o", color="C3", clip_on=False, zorder=3)
     return line, point

@@ -102,7 +102,7 @@ def stress(
     sigma = (field or CauchyStress(problem)).update()
     solid = problem.mesh.geometry.dim == 3
     if ax is None:
-        figure = plt.figure(layout="constrained")
+        figure = plt.figure(layout="none" if solid else "constrained")
         ax = figure.add_subplot(projection="3d" if solid else None)
     if solid:
         if facets is None:
@@ -120,10 +120,14 @@ def stress(
         lines.set(array=None, facecolor="none", linewidth=edges)
     if colorbar:
         ax.figure.colorbar(drawn, ax=ax, label=label, shrink=0.8)
-    ax.set(xlabel="x [mm]", ylabel="y [mm]")
-    if isinstance(problem.geometry, Axisymmetric):
-        ax.set(xlabel="r [mm]", ylabel="z [mm]")
+    first, second, _ = axis_names(problem)
+    ax.set(xlabel=f"{first} [mm]", ylabel=f"{second} [mm]")
     return ax
+
+
+def axis_names(problem: Problem) -> str:
+    """x, y and z; r, z and t (for theta) in axisymmetry."""
+    return "rzt" if isinstance(problem.geometry, Axisymmetric) else "xyz"
 
 
 def stress_means(
@@ -138,7 +142,7 @@ def stress_means(
 
 def _component(problem: Problem, name: str) -> tuple[Component, str]:
     """What takes the component from tensors (n, 3, 3), and its label."""
-    letters = "rzt" if isinstance(problem.geometry, Axisymmetric) else "xyz"
+    letters = axis_names(problem)
     if name == "mises":
         return _mises, r"$\sigma_{\mathrm{Mises}}$ [MPa]"
     if name == "principal":

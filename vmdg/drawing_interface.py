@@ -8,15 +8,15 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
+from matplotlib.ticker import MultipleLocator
 from numpy.typing import ArrayLike, NDArray
 
 from .corners import corners_of_local, positions_and_displacements
+from .drawing import axis_names
 from .interface_values import LABELS, facet_means, facet_scalar
 from .laws import Mode
 from .problem import Problem
 from .profile import profile
-
-ALONG_LABELS = {"arc": "arc length [mm]", "angle": "angle [°]"}
 
 MODES = {
     Mode.ELASTIC: ("bonded or stuck", "#dddddd"),
@@ -60,10 +60,16 @@ def interface_profile(
         style = {"ls": "", "marker": ".", **style}
     for rows in profile(problem, i, quantity, along, centre):
         ax.plot(*rows.T, **style)
-    ax.set(xlabel=ALONG_LABELS.get(along, f"{along} [mm]"), ylabel=LABELS[quantity])
+    ax.set(xlabel=_along_label(problem, along), ylabel=LABELS[quantity])
+    ax.margins(x=0)
     if along == "angle":
-        ax.set(xlim=(0, 360), xticks=range(0, 361, 90))
+        ax.xaxis.set_major_locator(MultipleLocator(45))
     return ax
+
+
+def _along_label(problem: Problem, along: str) -> str:
+    labels = {"arc": "arc length [mm]", "angle": "angle [°]"}
+    return labels.get(along) or f"{axis_names(problem)['xyz'.index(along)]} [mm]"
 
 
 def mode_map(
@@ -99,7 +105,7 @@ def mode_map(
     ax = plt.subplots(layout="constrained")[1] if ax is None else ax
     corners, normals, values = _open_facets(problem, i, quantity)
     if problem.mesh.geometry.dim == 2:
-        polygons, names = _strip(corners, axis)
+        polygons, names = _strip(corners, axis), ("interface", _along_label(problem, axis))
         ax.set_xticks([])
     elif axis is None:
         polygons, names = _projected(corners, normals)
@@ -141,14 +147,11 @@ def _open_facets(problem: Problem, i: int, quantity: str) -> tuple[NDArray, NDAr
     return tuple(np.concatenate(parts) for parts in zip(*gathered, strict=True))
 
 
-def _strip(corners: NDArray, axis: str) -> tuple[NDArray, tuple[str, str]]:
+def _strip(corners: NDArray, axis: str) -> NDArray:
     """Lines as rectangles of width 1 over a coordinate."""
     low, high = corners[:, :, "xyz".index(axis)].T
     across = np.tile([0.0, 1.0, 1.0, 0.0], (len(corners), 1))
-    return np.stack([across, np.column_stack([low, low, high, high])], axis=2), (
-        "interface",
-        f"{axis} [mm]",
-    )
+    return np.stack([across, np.column_stack([low, low, high, high])], axis=2)
 
 
 def _projected(corners: NDArray, normals: NDArray) -> tuple[NDArray, tuple[str, str]]:
