@@ -68,7 +68,7 @@ def main(
     problem.dirichlet_points(held, 0.0, "y")
 
     snapshots: list[vmdg.Snapshot] = []
-    stages = Cell(problem, SIZE, element_size / 2, centres[0], radius)
+    stages = Cell(problem, SIZE, element_size / 2)
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         force = problem.reaction(sides.find(RIGHT))[0]

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from PIL import Image
 
 import vmdg
-from vmdg import plot
+from vmdg import compat, plot
 from vmdg.corners import nodal_means
 from vmdg.drawing import stress_means
 from vmdg.drawing_interface import _unrolled
@@ -203,7 +206,7 @@ def test_nodal_means(comm):
     with_opening(problem, lambda x: np.stack([np.where(x[0] < 1 - 1e-9, 0.0, x[0]), 0 * x[1]]))
     mesh = problem.mesh
     owned = mesh.topology.index_map(2).size_local
-    x = mesh.geometry.x[np.asarray(mesh.geometry.dofmap)[:owned]]
+    x = mesh.geometry.x[compat.geometry_dofmap(mesh)[:owned]]
     middle = np.broadcast_to(x.mean(axis=1, keepdims=True), x.shape)
     field = np.where(middle[..., 0] < 1, 0.0, 1.0) + 0 * x[..., 0]
     assert nodal_means(problem, field) == pytest.approx(field)
@@ -260,3 +263,41 @@ def test_animation(comm, out):
         plot.animate(out / "film.avi", problem, snapshots, history, "load", "force")
     with pytest.raises(ValueError, match="0 snapshots do not fit a history of 3 rows"):
         plot.animate(out / "film.gif", problem, [], history, "load", "force")
+
+
+# PyVista
+
+
+@pytest.fixture
+def renderer():
+    """PyVista, if it is installed and can draw here, which a process of its own finds out."""
+    pytest.importorskip("pyvista")
+    trial = (
+        "import pyvista as p; q = p.Plotter(off_screen=True); q.add_mesh(p.Cube()); q.screenshot()"
+    )
+    if subprocess.run([sys.executable, "-c", trial], capture_output=True).returncode:
+        pytest.skip("PyVista cannot draw without a display here")
+
+
+def test_solid_picture(comm, out, renderer):
+    """A picture of several colours is written."""
+    from vmdg import plot_3d
+
+    problem, _ = bonded(comm, "hexahedron")
+    with_opening(problem, lambda x: np.stack([0.02 * x[0] * x[1], 0 * x[0], 0 * x[0]]))
+    plot_3d.picture(out / "a" / "solid.png", problem, "xx", magnify=3, size=(300, 200))
+    if comm.rank == 0:
+        with Image.open(out / "a" / "solid.png") as picture:
+            assert picture.size == (300, 200)
+            assert len(set(picture.convert("RGB").getdata())) > 50
+    with pytest.raises(ValueError, match=r"the problem is plane; use vmdg.plot.stress"):
+        plot_3d.picture(out / "solid.png", bonded(comm)[0])
+
+
+def test_without_pyvista(comm, monkeypatch):
+    """The message names the cure."""
+    from vmdg import plot_3d
+
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    with pytest.raises(ImportError, match="pip install pyvista"):
+        plot_3d.picture("solid.png", bonded(comm, "hexahedron", n=1)[0])

@@ -98,20 +98,18 @@ def stress(
     Raises:
         ValueError: no such component.
     """
-    take, label = _component(problem, component)
+    take, label = component_of(problem, component)
     sigma = (field or CauchyStress(problem)).update()
     solid = problem.mesh.geometry.dim == 3
     if ax is None:
         figure = plt.figure(layout="none" if solid else "constrained")
         ax = figure.add_subplot(projection="3d" if solid else None)
     if solid:
-        if facets is None:
-            problem.mesh.topology.create_connectivity(2, 3)
-            facets = exterior_facet_indices(problem.mesh.topology)
+        facets = boundary_facets(problem) if facets is None else facets
         corners, cells = deformed_corners(problem, facets, magnify)
         drawn = draw_cells(ax, problem, corners, take(cell_means(sigma))[cells], limits)
         drawn.set_linewidth(edges)
-        ax.auto_scale_xyz(*_on_first_rank(problem, corners.reshape(-1, 3))[0].T)
+        ax.auto_scale_xyz(*on_first_rank(problem, corners.reshape(-1, 3))[0].T)
         ax.set(aspect="equal", zlabel="z [mm]")
     else:
         polygons, cells = deformed_polygons(problem, magnify=magnify)
@@ -134,13 +132,13 @@ def stress_means(
     problem: Problem, component: str, field: CauchyStress | None = None
 ) -> NDArray[np.float64]:
     """Cell means of a component of :func:`stress`, of all ranks, on every rank (n,) [MPa]."""
-    take, _ = _component(problem, component)
+    take, _ = component_of(problem, component)
     owned = problem.mesh.topology.index_map(problem.mesh.topology.dim).size_local
     own = take(cell_means((field or CauchyStress(problem)).update())[:owned])
     return np.concatenate(problem.comm.allgather(own))
 
 
-def _component(problem: Problem, name: str) -> tuple[Component, str]:
+def component_of(problem: Problem, name: str) -> tuple[Component, str]:
     """What takes the component from tensors (n, 3, 3), and its label."""
     letters = axis_names(problem)
     if name == "mises":
@@ -173,7 +171,7 @@ def _draw_smooth(
     ax: Axes, problem: Problem, polygons: NDArray, values: NDArray, limits: Limits | None
 ) -> TriMesh:
     """Draw polygons (n, c, 2) with values at their corners (n, c); collective."""
-    polygons, values = _on_first_rank(problem, polygons, values)
+    polygons, values = on_first_rank(problem, polygons, values)
     count, c = values.shape
     triangles = np.array([[0, i, i + 1] for i in range(1, c - 1)])
     triangles = (c * np.arange(count)[:, None, None] + triangles).reshape(-1, 3)
@@ -209,6 +207,13 @@ def deformed_corners(
     positions, u = positions_and_displacements(problem, cells, corners)
     positions[..., :d] += magnify * u
     return positions, cells
+
+
+def boundary_facets(problem: Problem) -> NDArray[np.int32]:
+    """Local facets on the boundary."""
+    topology = problem.mesh.topology
+    topology.create_connectivity(topology.dim - 1, topology.dim)
+    return exterior_facet_indices(topology)
 
 
 def deformed_ends(problem: Problem, magnify: float = 1.0) -> NDArray[np.float64]:
@@ -248,7 +253,7 @@ def draw_cells(
         values: Value of every polygon (n,).
         limits: Values at both ends of the colours; None for the range that occurs.
     """
-    polygons, values = _on_first_rank(problem, polygons, values)
+    polygons, values = on_first_rank(problem, polygons, values)
     style = {"array": values, "edgecolors": "black", "linewidths": 0.6}
     if polygons.shape[-1] == 3:
         collection = ax.add_collection3d(Poly3DCollection(polygons, **style))
@@ -260,9 +265,9 @@ def draw_cells(
     return collection
 
 
-def _on_first_rank(problem: Problem, *arrays: NDArray) -> list[NDArray]:
-    """Rows of all ranks on rank 0; the others keep theirs, so that they can draw too."""
+def on_first_rank(problem: Problem, *arrays: NDArray) -> list[NDArray]:
+    """Rows of all ranks on rank 0; one row of zeros on the others, so that they can draw too."""
     gathered = problem.comm.gather(arrays)
     if gathered is None:
-        return list(arrays)
+        return [np.zeros((1, *array.shape[1:])) for array in arrays]
     return [np.concatenate(parts) for parts in zip(*gathered, strict=True)]

@@ -125,7 +125,6 @@ def mode_map(
             handles=[Patch(color=colour, label=name) for name, colour in present],
             bbox_to_anchor=(0.5, 1.0),
             loc="lower center",
-            ncols=3,
             fontsize=8,
             frameon=False,
         )
