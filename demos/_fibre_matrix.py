@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import matplotlib.pyplot as plt
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 import vmdg
 from vmdg.output import CauchyStress
-from vmdg.plot import cell_means, deformed_polygons, draw_cells
+from vmdg.plot import cell_means, deformed_polygons, draw_cells, profile
 
 STAGES = ("debonding starts", "cracks kink into the matrix", "cracks reach an edge", "separation")
 MAGNIFY = (20, 20, 20, 1)
@@ -26,7 +26,7 @@ def pulls(step: float, end: float, growth: float, constant: float = 0.003) -> ND
 
 
 class Cell:
-    """The stage a cell is in, with a picture and the gap of the first fibre as each one starts.
+    """The stage a cell is in, with a picture and the gap of one fibre as each one starts.
 
     1 an interface point is damaged, 2 a matrix point is, 3 a damaged matrix point lies within
     ``near`` of the top or bottom, 4 the force is below 1% of its peak.
@@ -35,22 +35,11 @@ class Cell:
         problem: The cell; interface 0 is around the fibres, 1 (if any) in the matrix.
         size: Side of the cell [mm].
         near: [mm].
-        centre: Of the fibre whose gap is kept [mm].
-        radius: Of the fibres [mm].
         draws: Whether there are pictures.
     """
 
-    def __init__(
-        self,
-        problem: vmdg.Problem,
-        size: float,
-        near: float,
-        centre: ArrayLike,
-        radius: float,
-        draws: bool = True,
-    ):
+    def __init__(self, problem: vmdg.Problem, size: float, near: float, draws: bool = True):
         self._problem, self._size, self._near = problem, size, near
-        self._centre, self._radius = np.asarray(centre), radius
         self._peak = 0.0
         self.stage = 0
         self.gaps: dict[int, tuple[NDArray, NDArray]] = {}
@@ -81,7 +70,7 @@ class Cell:
         return self.stage
 
     def _keep(self) -> None:
-        number, problem, state = self.stage, self._problem, self._problem.state[0]
+        number, problem = self.stage, self._problem
         ax, magnify = self._axes.flat[number - 1], MAGNIFY[number - 1]
         polygons, cells = deformed_polygons(problem, magnify=magnify)
         values = cell_means(self._stress.update(), (0, 0))[cells]
@@ -90,14 +79,7 @@ class Cell:
         scale = f"displacement x {magnify}" if magnify > 1 else "true scale"
         ax.set_title(f"{number} {STAGES[number - 1]}\n{problem.t * 1e3:.3g} µm, {scale}", size=9)
         ax.set(xlabel="x [mm]", ylabel="y [mm]")
-        away = state.points[:, :2] - self._centre
-        own = np.linalg.norm(away, axis=1) < 1.02 * self._radius
-        theta = np.degrees(np.arctan2(away[own, 1], away[own, 0])) % 360
-        gap = np.einsum("pi,pi->p", state.opening, state.normal)[own]
-        gathered = problem.comm.allgather(np.array([theta, gap]))
-        theta, gap = np.concatenate(gathered, axis=1)
-        order = np.argsort(theta)
-        self.gaps[number] = theta[order], gap[order]
+        self.gaps[number] = tuple(profile(problem, 0, "opening", "angle")[0].T)
 
     def finish(self) -> plt.Figure:
         """Hide the panels of stages that did not come; the contours."""

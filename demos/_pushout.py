@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -24,14 +22,12 @@ from vmdg.meshes.pushout import (
     SYMMETRY_Y,
 )
 from vmdg.output import CauchyStress
-from vmdg.plot import cell_means, deformed_corners, draw_cells
+from vmdg.plot import cell_means, deformed_corners, draw_cells, mode_map
 
 RADIUS, OUTER_RADIUS, HEIGHT = 0.95, 4.3, 5.36  # mm
 E_MATRIX, NU_MATRIX, NU_FIBRE = 4000.0, 0.33, 0.35  # MPa
 STRENGTH, CRITICAL_GAP, SHRINKAGE = 22.0, 0.011, 0.0022  # MPa, mm
 MAGNIFY = 5  # of the displacement in pictures
-MODES = {0: "bonded", 1: "tension damage", 2: "compression damage", 3: "friction", 4: "open"}
-COLOURS = ("#dddddd", "#d62728", "#ff9f1c", "#1f77b4", "#9467bd")
 
 
 @dataclass
@@ -204,7 +200,9 @@ class Levels:
                 axes[row].append((ax, drawn))
             title = f"{name}\n{problem.t - 1:.4f} mm, {force:.1f} N"
             axes[0][-1][0].set_title(f"{title}\ndisplacement x {MAGNIFY}", size=9)
-            self._modes(figure.add_subplot(3, len(kept), 2 * len(kept) + column), column == 1)
+            # Figure 27: the active branch on the unrolled interface.
+            ax = figure.add_subplot(3, len(kept), 2 * len(kept) + column)
+            mode_map(problem, 0, axis=self._model.axis, ax=ax)
         for drawn, (label, *_) in zip(axes, self.ROWS, strict=True):
             figure.colorbar(drawn[0][1], ax=[ax for ax, _ in drawn], label=label, shrink=0.8)
         return figure
@@ -220,27 +218,6 @@ class Levels:
             radial = x[:, :2] / np.linalg.norm(x[:, :2], axis=1, keepdims=True)
             shear = np.einsum("ci,ci->c", radial, sigma[:, :2, 2])
         return shear, np.linalg.eigvalsh(sigma)[:, -1]
-
-    def _modes(self, ax: Axes, labelled: bool) -> None:
-        """Figure 27: the active branch on the unrolled interface."""
-        problem = self._model.problem
-        points, mode = problem.state[0].points, problem.state[0].mode
-        across, height = np.full(len(points), 0.5), points[:, 1]
-        if self._model.seen is not None:
-            across, height = np.degrees(np.arctan2(points[:, 1], points[:, 0])), points[:, 2]
-        rows = np.concatenate(problem.comm.allgather(np.column_stack([across, height, mode])))
-        # Closing and open points are both without traction.
-        rows[:, 2] = np.minimum(rows[:, 2], 4)
-        norm = BoundaryNorm(np.arange(6) - 0.5, 5)
-        ax.scatter(*rows[:, :2].T, c=rows[:, 2], cmap=ListedColormap(COLOURS), norm=norm, s=14)
-        ax.set(xlabel="angle [°]", ylim=(0, HEIGHT), facecolor="white")
-        if self._model.seen is None:
-            ax.set(xlim=(0, 1), xticks=[], xlabel="interface")
-        if labelled:
-            ax.set_ylabel("z [mm]")
-            for number, name in MODES.items():
-                ax.scatter([], [], color=COLOURS[number], label=name)
-            ax.legend(loc="lower left", fontsize=7)
 
 
 def curves(runs: dict[str, vmdg.History], friction: float, fibre_modulus: float) -> Figure:

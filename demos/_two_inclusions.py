@@ -27,8 +27,7 @@ from numpy.typing import NDArray
 import vmdg
 from vmdg.meshes import inclusions
 from vmdg.meshes.inclusions import INCLUSION, LEFT, MATRIX, RIGHT
-from vmdg.output import CauchyStress
-from vmdg.plot import cell_means, deformed_polygons, draw_cells
+from vmdg.plot import stress
 
 MATERIALS = {
     MATRIX: vmdg.NeoHookean(E=3090.0, nu=0.25),
@@ -123,10 +122,6 @@ def draw(run: Run, bonded: float) -> Figure:
     axes[0].set(xlabel="displacement of the right side [µm]", ylabel="force [N]", ylim=(0, None))
     axes[0].legend(fontsize=8)
     axes[0].grid(lw=0.3)
-    polygons, cells = deformed_polygons(run.problem, magnify=4)
-    stress = cell_means(CauchyStress(run.problem).update(), (0, 0))[cells]
-    drawn = draw_cells(axes[1], run.problem, polygons, stress, (0, 100))
-    drawn.set_linewidth(0.2)
-    figure.colorbar(drawn, ax=axes[1], label="stress along x [MPa]", shrink=0.8)
-    axes[1].set(title="displacement x 4", xlabel="x [mm]", ylabel="y [mm]")
+    stress(run.problem, "xx", magnify=4, ax=axes[1], limits=(0, 100))
+    axes[1].set_title("displacement x 4")
     return figure

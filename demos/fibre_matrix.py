@@ -20,6 +20,7 @@ from _restart import files, resumed
 
 import vmdg
 from vmdg.meshes import fibre_matrix, random_fibres
+from vmdg.plot import animate as write_film
 
 FIBRE, MATRIX = 1, 2
 LEFT, RIGHT = 1, 2
@@ -43,6 +44,7 @@ def main(
     deck: bool = False,
     checkpoint_every: int = 10,
     resume: bool = False,
+    animate: bool = False,
     out: str = "results/fibre_matrix",
     plot: bool = True,
     verbose: bool = False,
@@ -65,6 +67,7 @@ def main(
         deck: Take the moduli of the public one-fibre deck.
         checkpoint_every: Steps between two checkpoints; 0 for none.
         resume: Go on from the last checkpoint, on any number of ranks.
+        animate: Make a film of the run, too.
         out: Folder for pictures, history and checkpoints.
         plot: Draw the pictures.
         verbose: Print the residuals of every step.
@@ -90,12 +93,15 @@ def main(
 
     problem.dirichlet_points(held, 0.0, "y")
 
-    stages = Cell(problem, SIZE, element_size / 2, centres[0], radius, plot)
+    snapshots: list[vmdg.Snapshot] = []
+    stages = Cell(problem, SIZE, element_size / 2, plot)
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         force = problem.reaction(sides.find(RIGHT))[0]
         stage = stages.update(force)
         nodes = problem.space.dofmap.index_map.size_global
+        if animate:
+            snapshots.append(problem.snapshot())
         strain, stress = 2 * problem.t / SIZE, force / SIZE
         row = {"strain [-]": strain, "stress [MPa]": stress}
         return row | {"stage [-]": stage, "nodes [-]": nodes}
@@ -121,6 +127,9 @@ def main(
     loads = loads[loads > problem.t * (1 + 1e-12)]
     history = vmdg.solve(problem, loads, options, monitor, history).history
 
+    if animate:
+        film = Path(out) / "fibre_matrix.gif"
+        write_film(film, problem, snapshots, history, "strain", "stress", "xx", 10, (0, 30))
     if comm.rank == 0:
         if plot:
             stages.finish().savefig(Path(out) / "fibre_matrix_stages.png", dpi=105)

@@ -31,6 +31,7 @@ _HOME = {
     "Hyperelastic": "forms.materials",
     "Ogden": "forms.ogden",
     "Problem": "problem",
+    "Snapshot": "problem",
     "SolveOptions": "solver",
     "StepFailure": "solver",
     "solve": "solver",

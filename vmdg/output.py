@@ -2,35 +2,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.io import VTXWriter
+from numpy.typing import NDArray
+from ufl.core.expr import Expr
 
 from . import compat
+from .corners import corners_of_local, positions_and_displacements
 from .forms import kinematics
 from .forms.dilatation import without_dilatation
-from .forms.geometry import Axisymmetric
+from .interface_values import VECTORS, facet_means, facet_scalar
 from .kernels import compile_expression
 from .problem import Problem
 
+#: Fields of the bodies, and of the interfaces.
+DISPLACEMENT, STRESS = "displacement", "stress"
+INTERFACE_FIELDS = (DISPLACEMENT, *VECTORS, "slip", "damage", "mode", "fine_scale")
+FIELDS = tuple(dict.fromkeys((DISPLACEMENT, STRESS, *INTERFACE_FIELDS)))
+
 
 class CauchyStress:
-    """Cauchy stress sigma = P.F^T / J of the bodies, (d, d) [MPa], discontinuous of degree k.
+    """Cauchy stress sigma = P.F^T / J of the bodies, (3, 3) [MPa], discontinuous of degree k.
 
-    In axisymmetry it is (3, 3) in the order r, z, theta: the hoop stress is component (2, 2).
+    In axisymmetry the order is r, z, theta; in plane strain sigma_zz = (dW/dF_33) / J stands at the
+    end.
+
+    Attributes:
+        function: The stress, as of the last :meth:`update`.
     """
 
     def __init__(self, problem: Problem):
-        n = 3 if isinstance(problem.geometry, Axisymmetric) else problem.mesh.geometry.dim
         degree = problem.space.ufl_element().degree
-        space = fem.functionspace(problem.mesh, ("DG", degree, (n, n)))
-        self.function = fem.Function(space, name="stress")
-        points = compat.interpolation_points(space)
+        space = fem.functionspace(problem.mesh, ("DG", degree, (3, 3)))
+        self.function = fem.Function(space, name=STRESS)
         self._problem = problem
-        self._points = points
+        self._points = compat.interpolation_points(space)
         self._u: fem.Function | None = None
 
     def _make_expressions(self) -> None:
@@ -38,9 +49,7 @@ class CauchyStress:
         self._expressions = []
         for family in self._problem.families:
             F = ufl.variable(self._problem.geometry.nodal_deformation(self._u))
-            P = kinematics.first_piola(family.body, F)
-            own = without_dilatation(F) if family.body.mean_dilatation else F
-            stress = P * own.T / ufl.det(own)
+            stress = _cauchy(family.body, F)
             expression = compile_expression(stress, self._points, self._problem.comm)
             self._expressions.append((expression, family.cells))
 
@@ -53,6 +62,17 @@ class CauchyStress:
             self.function.interpolate(expression, cells)
         self.function.x.scatter_forward()
         return self.function
+
+
+def _cauchy(body: kinematics.Body, F: Expr) -> Expr:
+    P = kinematics.first_piola(body, F)
+    own = without_dilatation(F) if body.mean_dilatation else F
+    stress = P * own.T / ufl.det(own)
+    if own.ufl_shape[0] == 3:
+        return stress
+    solid = ufl.variable(kinematics.plane_strain_embedding(body.effective(F), 1))
+    out_of_plane = kinematics.first_piola(body.pointwise, solid)[2, 2] / ufl.det(own)
+    return kinematics.plane_strain_embedding(stress, out_of_plane)
 
 
 class Displacement:
@@ -73,68 +93,114 @@ class Displacement:
 
 
 class InterfaceFields:
-    """Facet means of an interface's state as fields on a mesh of all its facets.
+    """An interface's state as fields on a mesh of all its facets, one value a facet.
 
-    Facets that have not been opened show zeros.
+    Scalars are those of :func:`vmdg.interface_values.facet_scalar`, vectors facet means. Facets
+    that have not been opened show zeros. The displacement is that of side 1, at the corners, so
+    that the interface can be warped with the bodies.
+
+    Args:
+        problem: The problem.
+        i: Number of the interface.
+        names: Of :data:`INTERFACE_FIELDS`.
+
+    Attributes:
+        functions: The fields, by name.
+        cell_of_facet: Cell of their mesh for every facet of the interface (nf,).
     """
 
-    def __init__(self, problem: Problem, i: int):
+    def __init__(self, problem: Problem, i: int, names: Sequence[str]):
         self._problem, self._i = problem, i
-        facets = problem.interface_facets(i).facets
-        submesh = compat.facet_submesh(problem.mesh, facets)
-        mesh = submesh.mesh
-        self._facets = facets
-        self._cell_of_facet = np.argsort(submesh.facets[: len(facets)])
-        vector = fem.functionspace(mesh, ("DG", 1, (problem.mesh.geometry.dim,)))
-        scalar = fem.functionspace(mesh, ("DG", 1))
-        self.vectors = {
-            name: fem.Function(vector, name=name) for name in ("traction", "opening", "gap")
+        self._facets = problem.interface_facets(i)
+        submesh = compat.facet_submesh(problem.mesh, self._facets.facets)
+        self._mesh = submesh.mesh
+        self.cell_of_facet = np.argsort(submesh.facets[: len(self._facets.facets)])
+        vector = fem.functionspace(self._mesh, ("DG", 1, (problem.mesh.geometry.dim,)))
+        scalar = fem.functionspace(self._mesh, ("DG", 1))
+        self.functions = {
+            name: fem.Function(vector if name in (DISPLACEMENT, *VECTORS) else scalar, name=name)
+            for name in names
         }
-        self.scalars = {name: fem.Function(scalar, name=name) for name in ("softening", "mode")}
 
     def update(self) -> None:
         """Take the values of the current state."""
         coupling = self._problem.couplings[self._i]
-        if coupling is None:
-            return
-        state, q = coupling.state(), coupling.quadrature
-        open_cells = self._cell_of_facet[np.searchsorted(self._facets, coupling.facets.facets)]
-        for name, function in (self.vectors | self.scalars).items():
-            values = np.asarray(getattr(state, name), dtype=float)
-            values = values.reshape(len(state.weights), function.function_space.dofmap.index_map_bs)
-            mean = np.zeros((len(q.area), values.shape[1]))
-            np.add.at(mean, q.facet, values * state.weights[:, None])
-            mean /= q.area[:, None]
-            dofs = function.function_space.dofmap.list[open_cells]
-            function.x.array.reshape(-1, values.shape[1])[dofs] = mean[:, None, :]
-            function.x.scatter_forward()
+        for name, function in self.functions.items():
+            if name == DISPLACEMENT:
+                self._set(function, self.cell_of_facet, self._displacement())
+            elif coupling is not None:
+                position = np.searchsorted(self._facets.facets, coupling.facets.facets)
+                values = self._facet_values(name)
+                self._set(function, self.cell_of_facet[position], values[:, None])
+
+    def _facet_values(self, name: str) -> NDArray[np.float64]:
+        """Of the open facets, (nf,) or (nf, d)."""
+        if name not in VECTORS:
+            return facet_scalar(self._problem, self._i, name)
+        q = self._problem.couplings[self._i].quadrature
+        values = getattr(self._problem.state[self._i], name)
+        return facet_means(values, q.weights, q.facet, len(q.area))
+
+    def _displacement(self) -> NDArray[np.float64]:
+        """Of side 1 at the corners of all facets, in the order of their cells (nf, corners, d)."""
+        mesh = self._problem.mesh
+        cells, local = self._facets.cells[:, 0], self._facets.local[:, 0]
+        corners = corners_of_local(mesh, local)
+        X, u = positions_and_displacements(self._problem, cells, corners)
+        nodes = compat.geometry_dofmap(self._mesh)[self.cell_of_facet][:, : corners.shape[1]]
+        apart = np.linalg.norm(self._mesh.geometry.x[nodes][:, :, None] - X[:, None], axis=-1)
+        return np.take_along_axis(u, apart.argmin(axis=2)[:, :, None], axis=1)
+
+    @staticmethod
+    def _set(function: fem.Function, cells: NDArray[np.intp], values: NDArray) -> None:
+        """Write values (n, corners or 1, ...) at the corners of cells."""
+        bs = function.function_space.dofmap.index_map_bs
+        dofs = function.function_space.dofmap.list[cells]
+        function.x.array.reshape(-1, bs)[dofs] = values.reshape(*values.shape[:2], bs)
+        function.x.scatter_forward()
 
 
 class FieldWriter:
-    """Writes displacement, Cauchy stress and interface fields as VTX (.bp) time series.
+    """Writes fields of the bodies and of the interfaces as VTX (.bp) time series for ParaView.
 
-    Open the folders in ParaView; warp by the displacement. Use as a context manager.
+    Open bodies.bp and the interface_<i>.bp together and warp both by the displacement. Use as a
+    context manager. Nothing is evaluated for fields that are not asked for.
 
     Args:
         problem: The problem.
-        folder: Made if missing; holds displacement.bp, stress.bp and interface_<i>_*.bp.
+        folder: Made if missing; holds bodies.bp and interface_<i>.bp.
+        fields: Names of what to write, None for all. Of the bodies: "displacement" [mm] and
+            "stress" [MPa]; of the interfaces: "traction" [MPa], "opening" and "gap" [mm], which are
+            vectors, "slip" [mm], "damage" [-], "mode" and "fine_scale" [mm], see
+            :func:`vmdg.interface_values.scalar`. The interfaces have the displacement too, where it
+            is chosen.
+
+    Raises:
+        ValueError: an unknown name.
     """
 
-    def __init__(self, problem: Problem, folder: str | Path):
+    def __init__(self, problem: Problem, folder: str | Path, fields: Sequence[str] | None = None):
+        names = FIELDS if fields is None else tuple(dict.fromkeys(fields))
+        for name in names:
+            if name not in FIELDS:
+                raise ValueError(f"FieldWriter: there is no field {name!r}; choose from {FIELDS}")
         folder = Path(folder)
         if problem.comm.rank == 0:
             folder.mkdir(parents=True, exist_ok=True)
         problem.comm.barrier()
-        self._displacement = Displacement(problem)
-        self._stress = CauchyStress(problem)
-        self._interfaces = [InterfaceFields(problem, i) for i in range(len(problem.interfaces))]
-        outputs = [
-            ("displacement", [self._displacement.function]),
-            ("stress", [self._stress.function]),
-        ]
-        for i, fields in enumerate(self._interfaces):
-            outputs.append((f"interface_{i}_vectors", list(fields.vectors.values())))
-            outputs.append((f"interface_{i}_scalars", list(fields.scalars.values())))
+        bodies: list[Displacement | CauchyStress] = []
+        if DISPLACEMENT in names:
+            bodies.append(Displacement(problem))
+        if STRESS in names:
+            bodies.append(CauchyStress(problem))
+        self._fields: list[Displacement | CauchyStress | InterfaceFields] = [*bodies]
+        outputs = [("bodies", [field.function for field in bodies])] if bodies else []
+        chosen = [name for name in names if name in INTERFACE_FIELDS]
+        if set(chosen) - {DISPLACEMENT}:
+            for i in range(len(problem.interfaces)):
+                interface = InterfaceFields(problem, i, chosen)
+                self._fields.append(interface)
+                outputs.append((f"interface_{i}", list(interface.functions.values())))
         self._writers = [
             VTXWriter(functions[0].function_space.mesh.comm, folder / f"{name}.bp", functions)
             for name, functions in outputs
@@ -142,10 +208,8 @@ class FieldWriter:
 
     def write(self, t: float) -> None:
         """Write the current state as time ``t``; collective."""
-        self._displacement.update()
-        self._stress.update()
-        for fields in self._interfaces:
-            fields.update()
+        for field in self._fields:
+            field.update()
         for writer in self._writers:
             writer.write(t)
 

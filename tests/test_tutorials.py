@@ -1,0 +1,114 @@
+"""The tutorials do what they teach."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+
+def test_tutorial(comm, out):
+    """Coarse: the ply is stiffer than epoxy, then its fibres come off; everything is written."""
+    import tutorial
+
+    history = tutorial.main(element_size=0.003, steps=8, strain=0.018, out=str(out))
+    comm.barrier()
+    stress, strain = history["stress [MPa]"], history["strain [%]"]
+    epoxy = 3.5e3 / (1 - 0.35**2) / 100  # plane strain, per %
+    assert epoxy < stress[0] / strain[0] < 3 * epoxy
+    assert stress[-1] / strain[-1] < epoxy
+    assert history["debonded [-]"][0] == 0 and 0 < history["debonded [-]"][-1] < 1
+    openings = 1e-3 * tutorial.RADIUS
+    assert (history["fine scales [mm]"] < openings).all()
+    names = {path.relative_to(out).as_posix() for path in out.glob("**/*")}
+    assert names >= {"tutorial.png", "history.csv", "fields/bodies.bp", "fields/interface_0.bp"}
+
+
+@pytest.fixture(scope="module")
+def bridged():
+    """The law of the tutorial."""
+    from tutorial_law import BridgedDebonding
+
+    return BridgedDebonding(strength=30.0, bridging=3.0, knee=0.02, critical_gap=0.3, friction=0.4)
+
+
+def test_tangent_of_the_law(bridged):
+    """Equal to finite differences, which err by round-off over the step, 1e-16/1e-6 and more."""
+    from tutorial_law import tangent_error
+
+    assert tangent_error(bridged) < 1e-7
+
+
+@pytest.mark.parametrize("steps", [3, 20, 301])
+def test_dissipation_of_the_law(bridged, steps):
+    """The area under the curve, whatever the steps: .75 N/mm."""
+    from tutorial_law import dissipation
+
+    assert bridged.energy == pytest.approx(0.75)
+    assert dissipation(bridged, steps) == pytest.approx(0.75, rel=1e-12)
+
+
+def test_curve_of_the_law(bridged):
+    """soften and slip_to are inverse to each other, and bond_energy is the integral."""
+    x = np.linspace(0, 0.3, 3001)
+    intact = np.full_like(x, 30.0)
+    R, _ = bridged.soften(intact, x)
+    assert R[[0, 200, 3000]] == pytest.approx([30.0, 3.0, 0.0], abs=1e-12)
+    assert bridged.slip_to(intact, R) == pytest.approx(x, abs=1e-12)
+    rest = np.trapezoid(R, x) - np.concatenate([[0], np.cumsum((R[1:] + R[:-1]) / 2 * np.diff(x))])
+    assert bridged.bond_energy(R) == pytest.approx(rest, abs=1e-12)
+    with pytest.raises(ValueError, match="must fall, steeply first"):
+        type(bridged)(strength=30.0, bridging=29.0, knee=0.2, critical_gap=0.3)
+
+
+def test_peeling_with_bridges(bridged):
+    """The first point follows the curve of the law; what is spent on the bond is under it."""
+    from tutorial_law import peel
+
+    problem, history = peel(bridged, 12, 0.8)
+    gap, traction = history["gap"], history["traction"]
+    assert gap[-1] > bridged.knee
+    curve, _ = bridged.soften(np.full_like(gap, 30.0), gap)
+    damaged = gap > 0
+    assert traction[damaged] == pytest.approx(curve[damaged], rel=0.01)
+    state, spent = problem.state[0], problem.energy().damage
+    left = bridged.bond_energy(bridged.strength - state.softening)
+    expected = problem.comm.allreduce(float(state.weights @ (bridged.energy - left)))
+    assert spent == pytest.approx(expected, rel=1e-9)
+
+
+def test_material_of_the_tutorial():
+    """Traction and energy are those of the closed form."""
+    from tutorial_material import check
+
+    assert max(check(theta=30.0)) < 1e-12
+    assert max(check(theta=75.0)) < 1e-12
+
+
+def test_peeling_of_the_artery():
+    """The force is that of long strips: G_c = 2 (lambda f - h W(lambda)), f in each arm.
+
+    Uniaxial stress in plane strain: W is least over the stretch of the thickness. The strips are
+    short and thick: 3 %.
+    """
+    from tutorial_material import PARAMETERS, peel
+
+    c, lmbda, k1, k2 = PARAMETERS.values()
+    cos2, sin2 = 0.25, 0.75  # 60 degrees
+
+    def stress(x: float, y: float) -> tuple[float, float, float]:
+        J, E = x * y, cos2 * x**2 + sin2 - 1
+        P_x = c * (x - 1 / x) + lmbda * (J - 1) * y + 4 * k1 * E * np.exp(k2 * E**2) * cos2 * x
+        P_y = c * (y - 1 / y) + lmbda * (J - 1) * x
+        W = c / 2 * (x**2 + y**2 - 2) - c * np.log(J) + lmbda / 2 * (J - 1) ** 2
+        return P_x, P_y, W + k1 / k2 * (np.exp(k2 * E**2) - 1)
+
+    def released(x: float) -> float:
+        y = brentq(lambda y: stress(x, y)[1], 0.3, 1.0)
+        P_x, _, W = stress(x, y)
+        return 2 * 0.5 * (x * P_x - W)
+
+    x = brentq(lambda x: released(x) - 0.1 * 1.2 / 2, 1.0, 2.0)
+    y = brentq(lambda y: stress(x, y)[1], 0.3, 1.0)
+    _, history = peel(60.0, 24, 12.0)
+    assert history["force [N]"][-5:].mean() == pytest.approx(0.5 * stress(x, y)[0], rel=0.03)
