@@ -7,7 +7,6 @@ bottom, copy it and change it. Units are N, mm and MPa throughout: forces per mm
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 from mpi4py import MPI
@@ -15,16 +14,16 @@ from mpi4py import MPI
 import gmsh
 import matplotlib.pyplot as plt
 import numpy as np
+from _options import run
 
 import vmdg
-from vmdg import plot
 from vmdg.meshes import TaggedMesh, distribute, model
+from vmdg.plot import curve, interface_profile, stress
 
-# 1. Geometry. Bodies and sides get physical groups, by whose numbers the rest of the script finds
+# 1. Geometry. Bodies and sides get physical groups, by whose names the rest of the script finds
 # them. The fibres are cut out of the matrix with `fragment`, so that both share the nodes between
 # them; vmdg duplicates these nodes by itself.
 
-FIBRES, MATRIX, LEFT, RIGHT = 1, 2, 1, 2
 SIZE, RADIUS, SPACING, TURN = 0.064, 0.0068, 0.0185, np.radians(10)  # mm
 
 
@@ -41,13 +40,13 @@ def ply(element_size: float) -> TaggedMesh:
             occ.synchronize()
             fibres = [tag for part in parts[1:] for _, tag in part]
             matrix = [tag for _, tag in parts[0] if tag not in fibres]
-            gmsh_model.addPhysicalGroup(2, fibres, FIBRES)
-            gmsh_model.addPhysicalGroup(2, matrix, MATRIX)
-            for tag, x in ((LEFT, -SIZE / 2), (RIGHT, SIZE / 2)):
+            gmsh_model.addPhysicalGroup(2, fibres, name="fibres")
+            gmsh_model.addPhysicalGroup(2, matrix, name="matrix")
+            for name, x in (("left", -SIZE / 2), ("right", SIZE / 2)):
                 side = gmsh_model.getEntitiesInBoundingBox(
                     *(x - 1e-6, -SIZE, -1e-6), *(x + 1e-6, SIZE, 1e-6), dim=1
                 )
-                gmsh_model.addPhysicalGroup(1, [line for _, line in side], tag)
+                gmsh_model.addPhysicalGroup(1, [line for _, line in side], name=name)
             gmsh.option.setNumber("Mesh.MeshSizeMax", element_size)
             gmsh_model.mesh.generate(2)
         return distribute(gmsh_model, MPI.COMM_WORLD, gdim=2)
@@ -58,64 +57,71 @@ def main(
     steps: int = 30,
     strain: float = 0.025,
     out: str = "results/tutorial",
+    plot: bool = True,
+    verbose: bool = False,
 ) -> vmdg.History:
-    """Pull the ply to ``strain``; pictures, table and ParaView files go to the folder ``out``."""
+    """Pull the ply; the history of the run.
+
+    Args:
+        element_size: Of the cells [mm].
+        steps: Load steps.
+        strain: Mean strain at the end [-].
+        out: Folder for picture, table and ParaView files.
+        plot: Draw the picture.
+        verbose: Print the residuals of every step.
+    """
     mesh, cells, sides = ply(element_size)
 
     # 2. Interface and law. The bond between fibres and matrix carries 50 MPa and is gone after
     # .3 µm, which spends 50 * 3e-4 / 2 = .0075 N/mm (7.5 J/m2). Before 50 MPa it is rigid: no
     # stiffness has to be chosen. Debonded fibres are in contact with the matrix, and rub.
     bond = vmdg.Debonding(strength=50.0, critical_gap=3e-4, friction=0.3)
-    interface = vmdg.Interface(between=(FIBRES, MATRIX), law=bond)
+    interface = vmdg.Interface(between=("fibres", "matrix"), law=bond)
 
     # 3. The problem: a material for every group of cells, and loads. Values that depend on the
     # load factor t are functions of it; here t is the mean strain.
     glass, epoxy = vmdg.NeoHookean(E=74e3, nu=0.2), vmdg.NeoHookean(E=3.5e3, nu=0.35)
-    problem = vmdg.Problem(mesh, cells, {FIBRES: glass, MATRIX: epoxy}, [interface])
-    left, right = sides.find(LEFT), sides.find(RIGHT)
+    problem = vmdg.Problem(mesh, cells, {"fibres": glass, "matrix": epoxy}, [interface])
+    left, right = sides.find("left"), sides.find("right")
     problem.dirichlet(left, 0.0, "x")
     problem.dirichlet(right, lambda t: t * SIZE, "x")
     corner = np.array([[-SIZE / 2], [-SIZE / 2], [0]])
     problem.dirichlet_points(lambda x: np.isclose(x, corner).all(axis=0), 0.0, "y")
 
     # 4. Solve. The monitor is called after every converged step: what it returns becomes columns of
-    # the history, and it is the place to write fields. Open bodies.bp and interface_0.bp in
-    # ParaView and warp both by "displacement".
+    # the history, their units in brackets, and it is the place to write fields. Open bodies.bp and
+    # interface_0.bp in ParaView and warp both by "displacement".
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         fields.write(problem.t)
-        state = problem.state[0]
-        gone = state.weights @ (state.softening >= bond.strength)
-        gone, area = problem.comm.allreduce(np.array([gone, state.weights.sum()]))
         return {
             "strain [%]": 100 * problem.t,
             "stress [MPa]": problem.reaction(right)[0] / SIZE,
-            "debonded [-]": gone / area,
+            "debonded [-]": problem.debonded(),
             "fine scales [mm]": problem.fine_scale_error(0),
         }
 
     loads = np.linspace(0, strain, steps + 1)[1:]
-    options = vmdg.SolveOptions(relative_tolerance=1e-8, progress=True)
+    options = vmdg.SolveOptions(
+        relative_tolerance=1e-8, progress=True, verbose=verbose, csv=Path(out) / "history.csv"
+    )
     with vmdg.FieldWriter(problem, Path(out) / "fields") as fields:
         history = vmdg.solve(problem, loads, options, monitor).history
 
     # 5. Pictures. The functions of `vmdg.plot` take and return matplotlib axes.
-    figure = plt.figure(figsize=(11, 5.6), layout="constrained")
-    axes = figure.subplot_mosaic([["stress", "curve"], ["stress", "profile"]], width_ratios=(5, 4))
-    plot.stress(problem, "xx", magnify=3, ax=axes["stress"], limits=(0, 110))
-    axes["stress"].set_title("displacement x 3")
-    plot.curve(history, "strain [%]", "stress [MPa]", axes["curve"], origin=True)
-    plot.interface_profile(problem, 0, "opening", along="angle", ax=axes["profile"], lw=1)
+    if plot:
+        figure = plt.figure(figsize=(11, 5.6), layout="constrained")
+        places = [["stress", "curve"], ["stress", "profile"]]
+        axes = figure.subplot_mosaic(places, width_ratios=(5, 4))
+        stress(problem, "xx", magnify=3, ax=axes["stress"], limits=(0, 110))
+        axes["stress"].set_title("displacement x 3")
+        curve(history, "strain", "stress", axes["curve"], origin=True)
+        interface_profile(problem, 0, "opening", along="angle", ax=axes["profile"], lw=1)
+        if problem.comm.rank == 0:
+            figure.savefig(Path(out) / "tutorial.png", dpi=130)
     if problem.comm.rank == 0:
-        figure.savefig(Path(out) / "tutorial.png", dpi=130)
-        history.to_csv(Path(out) / "history.csv")
-        print(f"largest stress {history['stress [MPa]'].max():.1f} MPa; pictures are in {out}")
+        print(f"largest stress {history['stress'].max():.1f} MPa; results are in {out}")
     return history
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--element-size", type=float, default=0.001, help="[mm] (default .001)")
-    parser.add_argument("--steps", type=int, default=30, help="load steps (default 30)")
-    parser.add_argument("--strain", type=float, default=0.025, help="at the end [-] (default .025)")
-    parser.add_argument("--out", default="results/tutorial", help="folder for the results")
-    main(**vars(parser.parse_args()))
+    run(main)

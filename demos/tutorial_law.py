@@ -7,19 +7,22 @@ and then peels a double cantilever beam, whose resistance rises while the bridge
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
+from mpi4py import MPI
+
 import matplotlib.pyplot as plt
 import numpy as np
+from _options import run
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import vmdg
-from vmdg import plot
 from vmdg.laws import RadialLaw
 from vmdg.meshes import beams
 from vmdg.meshes.beams import INTERFACE, LOWER_LEFT, RIGHT, UPPER_LEFT
+from vmdg.plot import curve, profile, stress
 
 # 1. The law. `RadialLaw` is for laws with one softening curve R(x) for all directions: x is the
 # length of the inelastic gap, R the traction the bond still carries. It brings the return map, its
@@ -149,7 +152,9 @@ def dissipation(law: vmdg.Law, steps: int) -> float:
 # the same energy.
 
 
-def peel(law: vmdg.Law, steps: int, opening: float) -> tuple[vmdg.Problem, vmdg.History]:
+def peel(
+    law: vmdg.Law, steps: int, opening: float, verbose: bool = False
+) -> tuple[vmdg.Problem, vmdg.History]:
     """Pull the ends of both arms apart, by ``opening`` [mm] in all."""
     mesh, cells, facets = beams(stations=(0, 10, 40), divisions=(10, 60), precrack=10, rows=2)
     interface = vmdg.Interface(facets.find(INTERFACE), law=law)
@@ -161,54 +166,67 @@ def peel(law: vmdg.Law, steps: int, opening: float) -> tuple[vmdg.Problem, vmdg.
     problem.dirichlet(facets.find(LOWER_LEFT), lambda t: -t / 2, "y")
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
-        gap, traction = (
-            plot.profile(problem, 0, name, "x")[0][0, 1] for name in ("gap", "traction")
-        )
-        force = problem.reaction(upper)[1]
-        return {"opening [mm]": problem.t, "force [N]": force, "gap": gap, "traction": traction}
+        gap, traction = (profile(problem, 0, name, "x")[0][0, 1] for name in ("gap", "traction"))
+        row = {"opening [mm]": problem.t, "force [N]": problem.reaction(upper)[1]}
+        return row | {"gap [mm]": gap, "traction [MPa]": traction}
 
     loads = np.linspace(0, opening, steps + 1)[1:]
-    options = vmdg.SolveOptions(relative_tolerance=1e-8, energy=True, progress=True)
+    options = vmdg.SolveOptions(1e-8, energy=True, progress=True, verbose=verbose)
     return problem, vmdg.solve(problem, loads, options, monitor).history
 
 
 def main(
-    steps: int = 40, opening: float = 3.0, out: str = "results/tutorial_law"
+    steps: int = 40,
+    opening: float = 3.0,
+    out: str = "results/tutorial_law",
+    plot: bool = True,
+    verbose: bool = False,
 ) -> dict[str, vmdg.History]:
-    """Check the law, then peel with it and without bridges; the picture goes to ``out``."""
+    """Check the law, then peel with it and without bridges; the history of both.
+
+    Args:
+        steps: Load steps.
+        opening: Of the ends of the arms, at the end [mm].
+        out: Folder for table and picture.
+        plot: Draw the picture.
+        verbose: Print the residuals of every step.
+    """
     bridged = BridgedDebonding(strength=30.0, bridging=3.0, knee=0.02, critical_gap=0.3)
     same = vmdg.Debonding(strength=30.0, critical_gap=2 * bridged.energy / 30.0)
     laws = {"with bridges": bridged, "one line, same energy": same}
     print(f"tangent off by {tangent_error(bridged):.1e}")
     print(f"dissipation {dissipation(bridged, 50):.6f}, closed form {bridged.energy:.6f} N/mm")
-    figure = plt.figure(figsize=(9, 6), layout="constrained")
-    axes = figure.subplot_mosaic([["law", "force"], ["shape", "shape"]], height_ratios=(3, 2))
-    histories = {}
-    for name, law in laws.items():
-        problem, history = peel(law, steps, opening)
-        histories[name] = history
-        plot.curve(history, "opening [mm]", "force [N]", axes["force"], origin=True, label=name)
-        if law is bridged:
-            plot.stress(problem, "xx", ax=axes["shape"])
-            axes["shape"].set_ylim(-4, 4)
-    x = np.linspace(0, 1.1 * bridged.critical_gap, 200)
-    curve, _ = bridged.soften(np.full_like(x, bridged.strength), x)
-    axes["law"].plot(x, curve, color="0.7", lw=4, label="law")
-    tip = histories["with bridges"]
-    axes["law"].plot(tip["gap"], tip["traction"], ".", label="first point of the interface")
-    axes["law"].set(xlabel="gap [mm]", ylabel="traction [MPa]", xlim=(-0.01, x[-1]))
-    axes["law"].legend()
-    axes["force"].legend()
-    if problem.comm.rank == 0:
+    runs = {name: peel(law, steps, opening, verbose) for name, law in laws.items()}
+    histories = {name: history for name, (_, history) in runs.items()}
+    figure = picture(bridged, runs["with bridges"][0], histories) if plot else None
+    if MPI.COMM_WORLD.rank == 0:
         Path(out).mkdir(parents=True, exist_ok=True)
-        figure.savefig(Path(out) / "tutorial_law.png", dpi=120)
-        print(f"the picture is in {out}")
+        histories["with bridges"].to_csv(Path(out) / "history.csv")
+        if figure:
+            figure.savefig(Path(out) / "tutorial_law.png", dpi=120)
+        print(f"results are in {out}")
     return histories
 
 
+def picture(
+    law: BridgedDebonding, problem: vmdg.Problem, histories: dict[str, vmdg.History]
+) -> Figure:
+    """The law with what a point has seen of it, the forces, and the beam at the end; collective."""
+    figure = plt.figure(figsize=(9, 6), layout="constrained")
+    axes = figure.subplot_mosaic([["law", "force"], ["shape", "shape"]], height_ratios=(3, 2))
+    x = np.linspace(0, 1.1 * law.critical_gap, 200)
+    axes["law"].plot(x, law.soften(np.full_like(x, law.strength), x)[0], "0.7", lw=4, label="law")
+    tip = histories["with bridges"]
+    axes["law"].plot(tip["gap"], tip["traction"], ".", label="first point of the interface")
+    axes["law"].set(xlabel="gap [mm]", ylabel="traction [MPa]", xlim=(-0.01, x[-1]))
+    for name, history in histories.items():
+        curve(history, "opening", "force", axes["force"], origin=True, label=name)
+    stress(problem, "xx", ax=axes["shape"])
+    axes["shape"].set_ylim(-4, 4)
+    for name in ("law", "force"):
+        axes[name].legend()
+    return figure
+
+
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=40, help="load steps (default 40)")
-    parser.add_argument("--opening", type=float, default=3.0, help="at the end [mm] (default 3)")
-    parser.add_argument("--out", default="results/tutorial_law", help="folder for the results")
-    main(**vars(parser.parse_args()))
+    run(main)

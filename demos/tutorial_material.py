@@ -7,7 +7,6 @@ together, are peeled at very large strains and rotations, as surgeons know it fr
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -16,12 +15,13 @@ from mpi4py import MPI
 import matplotlib.pyplot as plt
 import numpy as np
 import ufl
+from _options import run
 from ufl.core.expr import Expr
 
 import vmdg
-from vmdg import plot
 from vmdg.meshes import beams, blocks
 from vmdg.meshes.beams import INTERFACE, LOWER_LEFT, RIGHT, UPPER_LEFT
+from vmdg.plot import curve, stress
 
 # 1. The energy, after Holzapfel, Gasser and Ogden (2000): a soft matrix, and two families of fibres
 # in the plane of the layers, at angles +theta and -theta to x, which stiffen exponentially. F is
@@ -86,7 +86,9 @@ def check(theta: float = 30.0) -> tuple[float, float]:
 # closer to the direction of the strip, and along its axis. The bond spends .06 N/mm.
 
 
-def peel(theta: float, steps: int, opening: float) -> tuple[vmdg.Problem, vmdg.History]:
+def peel(
+    theta: float, steps: int, opening: float, verbose: bool = False
+) -> tuple[vmdg.Problem, vmdg.History]:
     """Grip the ends of two layers of .5 mm and pull them ``opening`` [mm] apart."""
     mesh, cells, facets = beams(
         stations=(0, 3, 10), divisions=(15, 50), height=0.5, rows=3, precrack=3
@@ -103,35 +105,46 @@ def peel(theta: float, steps: int, opening: float) -> tuple[vmdg.Problem, vmdg.H
         return {"opening [mm]": problem.t, "force [N]": problem.reaction(upper)[1]}
 
     loads = np.linspace(0, opening, steps + 1)[1:]
-    options = vmdg.SolveOptions(relative_tolerance=1e-8, progress=True)
+    options = vmdg.SolveOptions(relative_tolerance=1e-8, progress=True, verbose=verbose)
     return problem, vmdg.solve(problem, loads, options, monitor).history
 
 
 def main(
-    steps: int = 60, opening: float = 12.0, out: str = "results/tutorial_material"
+    steps: int = 60,
+    opening: float = 12.0,
+    out: str = "results/tutorial_material",
+    plot: bool = True,
+    verbose: bool = False,
 ) -> dict[str, vmdg.History]:
-    """Check the material, then peel strips of two directions; the picture goes to ``out``."""
+    """Check the material, then peel strips of two directions; the history of both.
+
+    Args:
+        steps: Load steps.
+        opening: Of the grips, at the end [mm].
+        out: Folder for table and picture.
+        plot: Draw the picture.
+        verbose: Print the residuals of every step.
+    """
     print("relative errors of traction and energy: {:.1e}, {:.1e}".format(*check()))
     figure, axes = plt.subplots(
         1, 3, figsize=(9.5, 4.2), width_ratios=(2, 2.4, 4), layout="constrained"
     )
     histories = {}
     for ax, (name, theta) in zip(axes, {"circumferential": 30, "axial": 60}.items(), strict=False):
-        problem, histories[name] = peel(theta, steps, opening)
-        plot.stress(problem, "principal", ax=ax, limits=(0, 0.2), colorbar=ax is axes[1])
-        ax.set(title=f"{name}\nfibres at {theta}°", xlim=(3.5, 10.2))
-        plot.curve(histories[name], "opening [mm]", "force [N]", axes[2], origin=True, label=name)
-    axes[2].legend()
+        problem, histories[name] = peel(theta, steps, opening, verbose)
+        if plot:
+            stress(problem, "principal", ax=ax, limits=(0, 0.2), colorbar=ax is axes[1])
+            ax.set(title=f"{name}\nfibres at {theta}°", xlim=(3.5, 10.2))
+            curve(histories[name], "opening", "force", axes[2], origin=True, label=name)
+            axes[2].legend()
     if MPI.COMM_WORLD.rank == 0:
         Path(out).mkdir(parents=True, exist_ok=True)
-        figure.savefig(Path(out) / "tutorial_material.png", dpi=120)
-        print(f"the picture is in {out}")
+        histories["axial"].to_csv(Path(out) / "history.csv")
+        if plot:
+            figure.savefig(Path(out) / "tutorial_material.png", dpi=120)
+        print(f"results are in {out}")
     return histories
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=60, help="load steps (default 60)")
-    parser.add_argument("--opening", type=float, default=12.0, help="at the end [mm] (default 12)")
-    parser.add_argument("--out", default="results/tutorial_material", help="folder for the results")
-    main(**vars(parser.parse_args()))
+    run(main)

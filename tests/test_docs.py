@@ -167,7 +167,7 @@ def test_arguments_are_documented():
             continue
         names, text = parameters(item), documentation(item)
         alone = len(names) == 1 and not inspect.isclass(item)
-        entry = r"\b{}\b" if alone else r"^ *(?:\w+, )*{}(?:, \w+)*: "
+        entry = r"\b{}\b" if alone else r"^ *(?:\w+, )*\*{{0,2}}{}(?:, \w+)*: "
         for name in names:
             if not re.search(entry.format(re.escape(name)), text, re.MULTILINE):
                 undocumented.append(f"{where}: {name}")

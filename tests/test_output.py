@@ -166,6 +166,7 @@ def test_fine_scale_error(comm):
     problem, facets = bonded(comm, "quadrilateral")
     problem.dirichlet(facets.find(1), 0.0, "x")
     problem.dirichlet(facets.find(2), lambda t: t, "x")
+    problem.dirichlet(facets.find("bottom"), 0.0, "y")
     vmdg.solve(problem, [0.01], vmdg.SolveOptions(relative_tolerance=1e-12))
     assert problem.fine_scale_error(0) < 1e-12
     errors = []

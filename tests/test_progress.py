@@ -44,6 +44,13 @@ def test_quiet_by_default(comm, capfd):
     assert said.out == said.err == ""
 
 
+@pytest.fixture(autouse=True)
+def wide(monkeypatch):
+    """A terminal that cuts nothing."""
+    monkeypatch.setenv("COLUMNS", "400")
+    monkeypatch.setenv("LINES", "50")
+
+
 def test_bar(comm, capsys, monkeypatch):
     """Load, force with its unit, debonded area, step, iterations and imbalance, on rank 0 only."""
     monkeypatch.setattr(progress, "FILE", 0.0)

@@ -35,7 +35,7 @@ def animate(
     magnify: float | Sequence[float] = 1.0,
     limits: Limits | None = None,
     fps: float = 12,
-    size: tuple[float, float] = (8.0, 3.6),
+    figsize: tuple[float, float] = (8.0, 3.6),
     dpi: int = 105,
 ) -> None:
     """Write an animation of stress on the deformed shape and of a curve; collective.
@@ -55,7 +55,7 @@ def animate(
         limits: Stresses at both ends of the colours [MPa]; None for those of all
             snapshots but the most extreme.
         fps: Pictures a second.
-        size: Of the picture [inch].
+        figsize: Of the picture [inch].
         dpi: Points an inch.
 
     Raises:
@@ -69,7 +69,7 @@ def animate(
     field = CauchyStress(problem)
     found, low, high = _ranges(problem, snapshots, factors, component, field)
     options = {"component": component, "limits": limits or found, "field": field, "edges": 0}
-    figure = plt.figure(figsize=size)
+    figure = plt.figure(figsize=figsize)
     solid = problem.mesh.geometry.dim == 3
     grid = figure.add_gridspec(1, 2, width_ratios=(1.5, 1))
     shape = figure.add_subplot(grid[0], projection="3d" if solid else None)

@@ -49,7 +49,7 @@ def curve(
         **style: For ``Axes.plot``, for example ``label="fine mesh"``.
 
     Returns:
-        The axes, named by the columns where they have no labels yet.
+        The axes, named by the columns with their units where they have no labels yet.
 
     Raises:
         KeyError: the history has no such column.
@@ -57,7 +57,8 @@ def curve(
     ax = plt.subplots(layout="constrained")[1] if ax is None else ax
     start = [0.0] if origin else []
     ax.plot([*start, *history[x]], [*start, *history[y]], **style)
-    ax.set(xlabel=ax.get_xlabel() or x, ylabel=ax.get_ylabel() or y)
+    named = dict(zip(history.columns, history.header, strict=True))
+    ax.set(xlabel=ax.get_xlabel() or named.get(x, x), ylabel=ax.get_ylabel() or named.get(y, y))
     return ax
 
 
@@ -228,13 +229,27 @@ def deformed_ends(problem: Problem, magnify: float = 1.0) -> NDArray[np.float64]
 def deformed_polygons(
     problem: Problem, facets: NDArray[np.int32] | None = None, magnify: float = 1.0
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """:func:`deformed_corners` seen along z, (n, corners, 2) [mm]."""
+    """:func:`deformed_corners` seen along z.
+
+    Args:
+        problem: The problem.
+        facets: In 3D, the boundary facets.
+        magnify: Factor on the displacement.
+
+    Returns:
+        Corners (n, corners, 2) [mm] and the cell each polygon belongs to (n,).
+    """
     corners, cells = deformed_corners(problem, facets, magnify)
     return corners[..., :2], cells
 
 
 def cell_means(function: fem.Function, component: tuple[int, ...] = ()) -> NDArray[np.float64]:
-    """Mean over the dofs of every local cell of one component of a discontinuous function."""
+    """Mean over the dofs of every local cell of one component of a discontinuous function.
+
+    Args:
+        function: The function.
+        component: Indices of the component, none for a scalar.
+    """
     space = function.function_space
     shape = space.ufl_element().reference_value_shape
     values = function.x.array.reshape(-1, *shape)[(slice(None), *component)]

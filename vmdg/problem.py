@@ -804,8 +804,17 @@ class Problem:
 class Snapshot:
     """A converged state: everything a run continues from.
 
-    ``frozen`` are the stabilizations under which it is in equilibrium; empty where they are to be
-    evaluated anew.
+    Attributes:
+        t: Load factor.
+        discretization: Forms of the facets that were open then.
+        u: Displacement [mm], ghosts included.
+        forces: Nodal forces of bodies and interfaces [N].
+        histories: Gaps and softening of every interface's points.
+        open: By interface, which of its facets were open.
+        dissipated: Works spent so far on damage, friction and viscosity [N mm].
+        external: Work of loads and prescribed displacements so far [N mm].
+        frozen: Stabilizations under which the state is in equilibrium; empty where they are to be
+            evaluated anew.
     """
 
     t: float
