@@ -18,6 +18,7 @@ from _stability_scenes import Array, Case
 from numpy.typing import NDArray
 
 import vmdg
+import vmdg.states
 from vmdg.coercivity import MARGIN, CellGeometry
 from vmdg.laws.extrinsic import RadialLaw
 
@@ -57,7 +58,7 @@ class Record:
     softening: list[Array]
     gap: list[Array]
     traction: list[Array]
-    energy: vmdg.problem.Energy
+    energy: vmdg.states.Energy
 
     @classmethod
     def of(cls, problem: vmdg.Problem) -> Record:

@@ -31,7 +31,7 @@ _HOME = {
     "Hyperelastic": "forms.materials",
     "Ogden": "forms.ogden",
     "Problem": "problem",
-    "Snapshot": "problem",
+    "Snapshot": "states",
     "SolveOptions": "solver",
     "StepFailure": "solver",
     "solve": "solver",

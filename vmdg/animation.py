@@ -21,7 +21,8 @@ from .drawing import Limits, curve, deformed_ends, stress, stress_means
 from .history import History
 from .output import CauchyStress
 from .parallel import raise_together
-from .problem import Problem, Snapshot
+from .problem import Problem
+from .states import Snapshot
 
 
 def animate(

@@ -40,8 +40,9 @@ from .history import History
 from .identity import differences, identity
 from .lookup import look_up
 from .parallel import global_any, global_sum, raise_together
-from .problem import Problem, Snapshot
+from .problem import Problem
 from .state_file import adios, read_field, read_tables, write_fields, write_tables
+from .states import Snapshot
 from .topology import mark_everywhere
 
 #: Changed whenever older files can no longer be read as they are.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import MappingProxyType
 
 from petsc4py import PETSc
@@ -17,6 +17,14 @@ from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
 from .activation import Activation
+from .arguments import (
+    check_arguments,
+    check_mesh,
+    check_numbers,
+    check_overlap,
+    checked_interfaces,
+    checked_materials,
+)
 from .bodies import Bodies, Family, LoadFactor
 from .boundary import (
     DirichletConditions,
@@ -27,78 +35,21 @@ from .boundary import (
     refuse_facets,
 )
 from .cell_shapes import check_cells
-from .coupling import Coupling, Frozen
+from .coupling import Coupling
 from .discretization import Discretization
 from .forms.materials import Material
 from .interface import Interface, InterfaceFacets, check_ghosts, find_facets
 from .loads import DeadLoads
 from .named_tags import Group, by_tag, group_tag, names_of
-from .parallel import global_any, global_max, global_sum, raise_together
-from .point_values import InterfaceState, PointHistory
+from .parallel import global_any, global_max, global_sum
+from .point_values import InterfaceState
 from .stabilization import Stabilization
+from .states import Energy, InterfaceMean, Snapshot, Start
 from .symmetry import axis_dofs, make_geometry
 from .topology import facet_cells, tags_of_cells
 
-KINEMATICS = ("finite", "small")
-CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
-
 #: Share of the strength that a broken bond has lost.
 GONE = 0.99
-
-
-@dataclass(frozen=True)
-class Energy:
-    """Energies of the whole body [N mm], the same on every rank.
-
-    Attributes:
-        bulk: Strain energy of the bodies.
-        interface: Stored by the interfaces: (30), and what an intrinsic law can give back.
-        damage: Spent on bonds since the start.
-        friction: Spent on sliding since the start.
-        viscosity: Spent on the overstress since the start.
-        external: Work of prescribed displacements and loads since the start.
-    """
-
-    bulk: float
-    interface: float
-    damage: float
-    friction: float
-    viscosity: float
-    external: float
-
-    @property
-    def stored(self) -> float:
-        """Bulk and interface together."""
-        return self.bulk + self.interface
-
-    @property
-    def dissipated(self) -> float:
-        """Damage, friction and viscosity together."""
-        return self.damage + self.friction + self.viscosity
-
-    @property
-    def imbalance(self) -> float:
-        """external - stored - dissipated."""
-        return self.external - self.stored - self.dissipated
-
-
-@dataclass(frozen=True)
-class InterfaceMean:
-    """Area averages over an interface.
-
-    Attributes:
-        opening: g (d,) [mm].
-        gap: zeta (d,) [mm].
-        traction: T (d,) [MPa].
-        softening: Q [MPa].
-        area: Reference area [mm2; mm in plane strain].
-    """
-
-    opening: NDArray[np.float64]
-    gap: NDArray[np.float64]
-    traction: NDArray[np.float64]
-    softening: NDArray[np.float64]
-    area: float
 
 
 class Problem:
@@ -151,17 +102,17 @@ class Problem:
         symmetry: str | None = None,
         volumetric: str = "pointwise",
     ):
-        interfaces = _checked_interfaces(interfaces)
-        _check_mesh(mesh, cell_tags)
-        _check_numbers(mesh)
-        _check_arguments(mesh, degree, kinematics)
+        interfaces = checked_interfaces(interfaces)
+        check_mesh(mesh, cell_tags)
+        check_numbers(mesh)
+        check_arguments(mesh, degree, kinematics)
         self.geometry = make_geometry(mesh, symmetry, thickness, volumetric, degree)
         check_ghosts(mesh)
         check_cells(mesh)
         self.mesh = mesh
         self.comm = mesh.comm
         self._names = names = names_of(cell_tags)
-        materials = by_tag(_checked_materials(materials), names, "materials")
+        materials = by_tag(checked_materials(materials), names, "materials")
         eigenstrain = by_tag(eigenstrain or {}, names, "eigenstrain")
         self.interfaces = interfaces
         self.materials = MappingProxyType(materials)
@@ -170,7 +121,7 @@ class Problem:
             mesh, tags, materials, kinematics == "small", eigenstrain, volumetric == "mean"
         )
         self._facets = [find_facets(mesh, tags, interface, names) for interface in interfaces]
-        _check_overlap(mesh, self.interfaces, self._facets)
+        check_overlap(mesh, self.interfaces, self._facets)
         self._degree = degree
         self._activation = Activation(
             mesh, self.interfaces, self._facets, self._bodies, degree, self.geometry
@@ -190,7 +141,7 @@ class Problem:
         self.borne_force = 0.0
         #: Whether steps keep what :meth:`created_energy` needs.
         self.watches_energy = False
-        self._start: _Start | None = None
+        self._start: Start | None = None
         self._set_discretization(self._discretize(self._activation.open))
         self.apply_loads(0.0)
         self.update_stabilization(None)
@@ -517,7 +468,7 @@ class Problem:
         """
         if self._load_vector is None:
             self.apply_loads(self.t)
-        self._start = _Start(
+        self._start = Start(
             self.t,
             self.u.x.array.copy(),
             self.forces.x.array.copy(),
@@ -677,7 +628,7 @@ class Problem:
         for coupling in self.discretization.working:
             coupling.commit()
 
-    def _external_work(self, start: _Start) -> float:
+    def _external_work(self, start: Start) -> float:
         """Trapezoidal work of prescribed displacements and dead loads in the step, this rank's."""
         owned = slice(self._owned)
         du = (self.u.x.array - start.u)[owned]
@@ -798,142 +749,3 @@ class Problem:
         stored = self.discretization.stored_energy()
         values = [*stored, *self._dissipated, self._external]
         return Energy(*(float(value) for value in global_sum(self.comm, values)))
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """A converged state: everything a run continues from.
-
-    Attributes:
-        t: Load factor.
-        discretization: Forms of the facets that were open then.
-        u: Displacement [mm], ghosts included.
-        forces: Nodal forces of bodies and interfaces [N].
-        histories: Gaps and softening of every interface's points.
-        open: By interface, which of its facets were open.
-        dissipated: Works spent so far on damage, friction and viscosity [N mm].
-        external: Work of loads and prescribed displacements so far [N mm].
-        frozen: Stabilizations under which the state is in equilibrium; empty where they are to be
-            evaluated anew.
-    """
-
-    t: float
-    discretization: Discretization
-    u: NDArray[np.float64]
-    forces: NDArray[np.float64]
-    histories: list[PointHistory]
-    open: list[NDArray[np.bool_]]
-    dissipated: NDArray[np.float64]
-    external: float
-    frozen: Sequence[Frozen] = ()
-
-
-@dataclass(frozen=True)
-class _Start:
-    """State at the start of a step."""
-
-    t: float
-    u: NDArray[np.float64]
-    forces: NDArray[np.float64]
-    loads: NDArray[np.float64] | None
-    stored: float
-
-
-def _checked_interfaces(interfaces: Sequence[Interface]) -> tuple[Interface, ...]:
-    if isinstance(interfaces, Interface):
-        raise TypeError(
-            "Problem: interfaces must be a list, [Interface(...)], also for one of them"
-        )
-    for interface in interfaces:
-        if not isinstance(interface, Interface):
-            raise TypeError(
-                f"Problem: interfaces has {interface!r}, which is no vmdg.Interface; write "
-                "Interface(between=(1, 2), law=...)"
-            )
-    return tuple(interfaces)
-
-
-def _checked_materials(materials: Mapping[Group, Material]) -> Mapping[Group, Material]:
-    if not isinstance(materials, Mapping):
-        raise TypeError(
-            f"Problem: materials = {materials!r} must be a dict of materials by cell tag, for "
-            "example {1: vmdg.NeoHookean(E=5000.0, nu=0.25)}"
-        )
-    for tag, material in materials.items():
-        if isinstance(material, type):
-            raise TypeError(
-                f"Problem: the material of {tag!r} is the class {material.__name__}; give an "
-                f"instance with its parameters, {material.__name__}(...)"
-            )
-        if not isinstance(material, Material):
-            raise TypeError(
-                f"Problem: the material of {tag!r} is {material!r}; it must be a vmdg.Material, "
-                "for example vmdg.NeoHookean(E=5000.0, nu=0.25)"
-            )
-    return materials
-
-
-def _check_mesh(mesh: Mesh, cell_tags: MeshTags) -> None:
-    if not isinstance(mesh, Mesh):
-        raise TypeError(
-            f"Problem: mesh is a {type(mesh).__name__}, not a dolfinx.mesh.Mesh; unpack what "
-            "vmdg.meshes returns: mesh, cell_tags, facet_tags = ..."
-        )
-    if not isinstance(cell_tags, MeshTags):
-        raise TypeError(
-            f"Problem: cell_tags is a {type(cell_tags).__name__}, not dolfinx.mesh.MeshTags; make "
-            "them by dolfinx.mesh.meshtags or vmdg.split_cells"
-        )
-    if cell_tags.dim != mesh.topology.dim:
-        raise ValueError(
-            f"Problem: cell_tags has tags of entities of dimension {cell_tags.dim}, the cells have "
-            f"{mesh.topology.dim}; were the tags of facets given?"
-        )
-    if cell_tags.topology is not mesh.topology._cpp_object:
-        raise ValueError(
-            "Problem: cell_tags belong to another mesh; give mesh and tags that were made together"
-        )
-
-
-def _check_numbers(mesh: Mesh) -> None:
-    if np.issubdtype(PETSc.ScalarType, np.complexfloating):
-        raise RuntimeError(
-            "Problem: this PETSc computes with complex numbers, vmdg with real ones; choose the "
-            "real build (in DOLFINx containers: source dolfinx-real-mode)"
-        )
-    if mesh.geometry.x.dtype != np.float64:
-        raise ValueError(
-            f"Problem: the coordinates of the mesh are {mesh.geometry.x.dtype}; create it with "
-            "dtype=numpy.float64"
-        )
-
-
-def _check_arguments(mesh: Mesh, degree: int, kinematics: str) -> None:
-    cell = mesh.topology.cell_name()
-    if cell not in CELLS:
-        raise ValueError(f"Problem: cells of type {cell} are not supported; use one of {CELLS}")
-    if mesh.geometry.dim != mesh.topology.dim:
-        raise ValueError(
-            f"Problem: the mesh has {mesh.geometry.dim} coordinates for cells of dimension "
-            f"{mesh.topology.dim}; pass gdim={mesh.topology.dim} when reading it"
-        )
-    if degree < 1:
-        raise ValueError(f"Problem: degree = {degree} must be at least 1")
-    if kinematics not in KINEMATICS:
-        raise ValueError(f"Problem: kinematics = {kinematics!r} must be one of {KINEMATICS}")
-
-
-def _check_overlap(
-    mesh: Mesh, interfaces: Sequence[Interface], facets: Sequence[InterfaceFacets]
-) -> None:
-    taken = np.full(len(facet_cells(mesh)), -1)
-    message = None
-    for number, (interface, selected) in enumerate(zip(interfaces, facets, strict=True)):
-        twice = selected.everywhere[taken[selected.everywhere] >= 0]
-        if len(twice) and message is None:
-            message = (
-                f"facet {twice[0]} belongs to both {interfaces[taken[twice[0]]]} and {interface}; "
-                "give every facet one interface"
-            )
-        taken[selected.everywhere] = number
-    raise_together(mesh.comm, message)
