@@ -65,6 +65,7 @@ def parse(script: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "argv", [script[by_name], *arguments])
     try:
         if by_name:
+            monkeypatch.delitem(sys.modules, f"{script[1]}.__main__", raising=False)
             runpy.run_module(script[1], run_name="__main__")
         else:
             monkeypatch.syspath_prepend(str(ROOT / "demos"))
