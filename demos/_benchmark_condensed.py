@@ -11,12 +11,9 @@ from dataclasses import dataclass
 from functools import partial
 from time import process_time
 
-from mpi4py import MPI
-
 import _pushout
 import numpy as np
-from _fibre_matrix import pulls
-from fibre_matrix import FIBRE, LEFT, MATRIX, REPORT, RIGHT
+from _fibre_matrix import REPORT, build, pulls
 from numpy.typing import NDArray
 
 import vmdg
@@ -48,14 +45,9 @@ class Scene:
 
 def cell(element_size: float) -> Scene:
     """A fibre that debonds from its matrix, pulled at both sides."""
-    mesh, cells, sides = fibre_matrix(MPI.COMM_WORLD, element_size=element_size)
-    bond = vmdg.Debonding(strength=10.0, critical_gap=0.2)
-    interface = vmdg.Interface(between=(FIBRE, MATRIX), law=bond)
-    problem = vmdg.Problem(mesh, cells, REPORT, [interface], kinematics="small")
-    problem.dirichlet(sides.find(LEFT), lambda pull: -pull, "x")
-    problem.dirichlet(sides.find(RIGHT), lambda pull: pull, "x")
-    problem.dirichlet_points(lambda x: np.isclose(x[1], 0) & np.isclose(x[0], 0), 0.0, "y")
-    right = sides.find(RIGHT)
+    tagged = fibre_matrix(element_size=element_size)
+    problem = build(tagged, REPORT, 0.2, kinematics="small")
+    right = tagged.facet_tags.find("right")
     return Scene(problem, pulls(1e-4, 0.005, 1.1), lambda problem: problem.reaction(right)[0])
 
 

@@ -1,4 +1,4 @@
-"""Loads, stages and pictures of the fibre-matrix cell."""
+"""Model, loads, stages and pictures of the fibre-matrix cell."""
 
 from __future__ import annotations
 
@@ -7,12 +7,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 import vmdg
+from vmdg.meshes import TaggedMesh
 from vmdg.output import CauchyStress
 from vmdg.plot import cell_means, deformed_polygons, draw_cells, profile
+
+SIZE, RADIUS = 1.0, 0.25  # mm
+REPORT = {"fibre": vmdg.NeoHookean(E=40e3, nu=0.4), "matrix": vmdg.NeoHookean(E=10e3, nu=0.33)}
+DECK = {"fibre": vmdg.NeoHookean(E=40e3, nu=0.33), "matrix": vmdg.NeoHookean(E=4e3, nu=0.4)}
 
 STAGES = ("debonding starts", "cracks kink into the matrix", "cracks reach an edge", "separation")
 MAGNIFY = (20, 20, 20, 1)
 SEPARATED = 0.01  # of the peak force
+
+
+def build(
+    tagged: TaggedMesh,
+    materials: dict[str, vmdg.Material],
+    critical_gap: float,
+    cracks: str | None = None,
+    kinematics: str = "finite",
+) -> vmdg.Problem:
+    """A cell whose sides are pulled apart, each by the load factor [mm].
+
+    Args:
+        tagged: Of :func:`vmdg.meshes.fibre_matrix`.
+        materials: Of "fibre" and "matrix".
+        critical_gap: Of the bonds [mm].
+        cracks: How facets of the matrix are activated; None without cracks in the matrix.
+        kinematics: "finite" or "small".
+    """
+    mesh, cells, sides = tagged
+    bond = vmdg.Debonding(strength=10.0, critical_gap=critical_gap)
+    interfaces = [vmdg.Interface(between=("fibre", "matrix"), law=bond)]
+    if cracks:
+        crack = vmdg.Debonding(strength=30.0, critical_gap=critical_gap)
+        interfaces.append(vmdg.Interface(within="matrix", law=crack, activate=cracks))
+    problem = vmdg.Problem(mesh, cells, materials, interfaces, kinematics=kinematics)
+    problem.dirichlet(sides.find("left"), lambda pull: -pull, "x")
+    problem.dirichlet(sides.find("right"), lambda pull: pull, "x")
+    middle = np.array([[0.0, SIZE / 2], [SIZE, SIZE / 2]])
+
+    def held(x: NDArray) -> NDArray:
+        return np.any([np.isclose(x[:2].T, point).all(axis=1) for point in middle], axis=0)
+
+    problem.dirichlet_points(held, 0.0, "y")
+    return problem
 
 
 def pulls(step: float, end: float, growth: float, constant: float = 0.003) -> NDArray[np.float64]:
@@ -114,3 +153,17 @@ def curves(history: vmdg.History, cell: Cell) -> plt.Figure:
     axes[2].set(xticks=range(0, 361, 90), ylim=(min(axes[2].get_ylim()[0], -0.05), 1.75))
     axes[2].legend(loc="upper center", fontsize=8)
     return figure
+
+
+def report(history: vmdg.History) -> None:
+    """Print what the run took and what came out."""
+    iterations, viscous = history["iterations"], history["jump_steps"].sum()
+    print(
+        f"{len(history)} steps, iterations: median {np.median(iterations):g}, most "
+        f"{iterations.max()}; steps cut: {(history['cuts'] > 0).sum()}, viscous: {viscous}"
+    )
+    print(
+        f"peak {history['stress'].max():.4g} MPa, stage {history['stage'][-1]}, energy imbalance "
+        f"{history['imbalance'][-1] / history['external'][-1]:.2e} of the work"
+    )
+    print(f"{history['nodes'][0]} nodes at first, {history['nodes'][-1]} at the end")

@@ -14,19 +14,13 @@ from typing import Annotated
 from mpi4py import MPI
 
 import numpy as np
-from _fibre_matrix import Cell, curves, pulls
+from _fibre_matrix import DECK, RADIUS, REPORT, SIZE, Cell, build, curves, pulls, report
 from _options import run
 from _restart import files, resumed
 
 import vmdg
 from vmdg.meshes import fibre_matrix, random_fibres
 from vmdg.plot import animate as write_film
-
-FIBRE, MATRIX = 1, 2
-LEFT, RIGHT = 1, 2
-SIZE = 1.0  # mm
-REPORT = {FIBRE: vmdg.NeoHookean(E=40e3, nu=0.4), MATRIX: vmdg.NeoHookean(E=10e3, nu=0.33)}
-DECK = {FIBRE: vmdg.NeoHookean(E=40e3, nu=0.33), MATRIX: vmdg.NeoHookean(E=4e3, nu=0.4)}
 
 
 def main(
@@ -73,31 +67,19 @@ def main(
         verbose: Print the residuals of every step.
         seed: Of the random places: the same seed gives the same places.
     """
-    centres, radius = np.array([[SIZE / 2 - offset, SIZE / 2]]), 0.25
+    centres, radius = np.array([[SIZE / 2 - offset, SIZE / 2]]), RADIUS
     if fibres > 1:
         centres, radius = random_fibres(fibres, fraction, SIZE, seed=seed)
-    comm = MPI.COMM_WORLD
-    mesh, cells, sides = fibre_matrix(comm, cell, SIZE, radius, centres, element_size)
-    bond = vmdg.Debonding(strength=10.0, critical_gap=critical_gap)
-    interfaces = [vmdg.Interface(between=(FIBRE, MATRIX), law=bond)]
-    if not interface_only:
-        crack = vmdg.Debonding(strength=30.0, critical_gap=critical_gap)
-        interfaces.append(vmdg.Interface(within=MATRIX, law=crack, activate=activate))
-    problem = vmdg.Problem(mesh, cells, DECK if deck else REPORT, interfaces)
-    problem.dirichlet(sides.find(LEFT), lambda pull: -pull, "x")
-    problem.dirichlet(sides.find(RIGHT), lambda pull: pull, "x")
-    middle = np.array([[0.0, SIZE / 2], [SIZE, SIZE / 2]])
-
-    def held(x: np.ndarray) -> np.ndarray:
-        return np.any([np.isclose(x[:2].T, point).all(axis=1) for point in middle], axis=0)
-
-    problem.dirichlet_points(held, 0.0, "y")
+    tagged = fibre_matrix(MPI.COMM_WORLD, cell, SIZE, radius, centres, element_size)
+    cracks = None if interface_only else activate
+    problem = build(tagged, DECK if deck else REPORT, critical_gap, cracks)
+    right = tagged.facet_tags.find("right")
 
     snapshots: list[vmdg.Snapshot] = []
     stages = Cell(problem, SIZE, element_size / 2, plot)
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
-        force = problem.reaction(sides.find(RIGHT))[0]
+        force = problem.reaction(right)[0]
         stage = stages.update(force)
         nodes = problem.space.dofmap.index_map.size_global
         if animate:
@@ -130,20 +112,11 @@ def main(
     if animate:
         film = Path(out) / "fibre_matrix.gif"
         write_film(film, problem, snapshots, history, "strain", "stress", "xx", 10, (0, 30))
-    if comm.rank == 0:
+    if problem.comm.rank == 0:
         if plot:
             stages.finish().savefig(Path(out) / "fibre_matrix_stages.png", dpi=105)
             curves(history, stages).savefig(Path(out) / "fibre_matrix.png", dpi=130)
-        iterations, viscous = history["iterations"], history["jump_steps"].sum()
-        print(
-            f"{len(history)} steps, iterations: median {np.median(iterations):g}, most "
-            f"{iterations.max()}; steps cut: {(history['cuts'] > 0).sum()}, viscous: {viscous}"
-        )
-        print(
-            f"peak {history['stress'].max():.4g} MPa, stage {stages.stage}, energy imbalance "
-            f"{history['imbalance'][-1] / history['external'][-1]:.2e} of the work"
-        )
-        print(f"{history['nodes'][0]} nodes at first, {history['nodes'][-1]} at the end")
+        report(history)
         print(f"results are in {out}")
     return history
 
