@@ -244,3 +244,15 @@ def curves(runs: dict[str, vmdg.History], friction: float, fibre_modulus: float)
     else:
         axes[0].legend()
     return figure
+
+
+def report(history: vmdg.History) -> None:
+    """Print the numbers of section 7.4."""
+    punch, force = history["punch"], history["force"]
+    peak, start = np.argmax(force), np.argmax(history["damaged"] > 0)
+    print(f"slope {force[0] / punch[0]:.0f} N/mm, first damage {force[start]:.1f} N")
+    print(f"peak {force[peak]:.1f} N at {punch[peak]:.4f} mm, end {force[-1]:.1f} N")
+    iterations, jumps = history["iterations"], history["jump_steps"]
+    print(
+        f"{len(history)} steps, {iterations.mean():.2f} iterations a step, {jumps.sum()} in jumps"
+    )

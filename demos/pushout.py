@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 import numpy as np
 from _options import run
-from _pushout import E_MATRIX, Levels, build, curves
+from _pushout import E_MATRIX, Levels, build, curves, report
 from _restart import files, resumed
 
 import vmdg
@@ -95,18 +95,6 @@ def main(
             drawn.savefig(folder / "pushout.png", dpi=130)
         print(f"results are in {folder}")
     return history
-
-
-def report(history: vmdg.History) -> None:
-    """Print the numbers of section 7.4."""
-    punch, force = history["punch"], history["force"]
-    peak, start = np.argmax(force), np.argmax(history["damaged"] > 0)
-    print(f"slope {force[0] / punch[0]:.0f} N/mm, first damage {force[start]:.1f} N")
-    print(f"peak {force[peak]:.1f} N at {punch[peak]:.4f} mm, end {force[-1]:.1f} N")
-    iterations, jumps = history["iterations"], history["jump_steps"]
-    print(
-        f"{len(history)} steps, {iterations.mean():.2f} iterations a step, {jumps.sum()} in jumps"
-    )
 
 
 def studied(
