@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vmdg
-from vmdg.interface_values import VECTORS, scalar
+from vmdg.interface_values import VECTORS, facet_modes, scalar
 from vmdg.meshes import blocks
 from vmdg.output import INTERFACE_FIELDS, CauchyStress, FieldWriter, InterfaceFields
 from vmdg.parallel import global_max, global_sum
@@ -182,3 +182,12 @@ def test_fine_scale_error(comm):
         problem.assemble_residual()
         errors.append(problem.fine_scale_error(0))
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.2)
+
+
+def test_mode_of_a_facet():
+    """The mode of the larger part; of halves that differ by rounding the later one."""
+    mode = np.array([0, 3, 3, 0, 2, 0, 0, 2, 4, 4], dtype=float)
+    weights = np.array([0.3, 0.1, 0.1, 0.5, 0.5 - 1e-16, 0.5, 0.2, 0.2 + 1e-17, 1.0, 1.0])
+    facet = np.array([0, 0, 0, 1, 1, 2, 3, 3, 4, 4])
+    assert facet_modes(mode, weights, facet, 5).tolist() == [0, 2, 0, 2, 4]
+    assert facet_modes(mode[:0], weights[:0], facet[:0], 2).tolist() == [0, 0]
