@@ -35,7 +35,10 @@ def check_cells(mesh: Mesh) -> None:
     Raises:
         ValueError: names a cell, where it is and what is wrong.
     """
-    raise_together(mesh.comm, _bad_cell(mesh) or _folded_cell(mesh))
+    # Collective: before ranks with a bad cell and ranks without part.
+    pairs = facet_cells(mesh)
+    mesh.topology.create_connectivity(mesh.topology.dim, mesh.topology.dim - 1)
+    raise_together(mesh.comm, _bad_cell(mesh) or _folded_cell(mesh, pairs))
 
 
 def _bad_cell(mesh: Mesh) -> str | None:
@@ -72,9 +75,8 @@ def _bad_cell(mesh: Mesh) -> str | None:
     return None
 
 
-def _folded_cell(mesh: Mesh) -> str | None:
+def _folded_cell(mesh: Mesh, pairs: NDArray[np.int32]) -> str | None:
     """What is wrong with the first two cells of this rank that lie on one side of their facet."""
-    pairs = facet_cells(mesh)
     inner = np.flatnonzero((pairs >= 0).all(axis=1)).astype(np.int32)
     topology = basix.topology(basix.CellType[mesh.topology.cell_name()])
     corners = np.array(topology[mesh.topology.dim - 1])
