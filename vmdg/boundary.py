@@ -13,9 +13,8 @@ from dolfinx.mesh import compute_midpoints, locate_entities_boundary
 from numpy.typing import ArrayLike, NDArray
 
 from .parallel import global_sum, raise_together
-from .topology import facet_cells
+from .topology import Locator, facet_cells
 
-Locator = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 Where = ArrayLike | Locator
 Value = float | ArrayLike | Callable[..., Any]
 

@@ -16,6 +16,7 @@ from .parallel import global_sum, raise_together
 from .topology import (
     UNTAGGED,
     LevelSet,
+    Locator,
     cells_inside,
     facet_cells,
     local_facets,
@@ -27,7 +28,6 @@ FRAMES = ("corotating", "reference")
 ACTIVATIONS = ("all", "on-demand")
 AUTO = "auto"
 
-Locator = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 Stabilizer = Callable[[NDArray, NDArray, "StabilizationContext"], tuple[NDArray, NDArray]]
 
 

@@ -15,10 +15,10 @@ from dolfinx import fem
 from dolfinx.la import InsertMode
 from numpy.typing import NDArray
 
-from .forms.geometry import Axisymmetric
 from .memory import give_back
 from .parallel import global_sum
 from .problem import Problem
+from .rigid_motions import rigid_motions
 from .timers import timer
 
 Options = Mapping[str, str | int | float | bool | None]
@@ -400,18 +400,8 @@ def set_rigid_modes(problem: Problem, matrix: PETSc.Mat) -> None:
     space = problem.space
     d, owned = space.dofmap.index_map_bs, space.dofmap.index_map.size_local
     x = space.tabulate_dof_coordinates()[:owned]
-    translations = np.eye(d)
-    modes = [np.tile(direction, (owned, 1)) for direction in translations]
-    if isinstance(problem.geometry, Axisymmetric):
-        modes = modes[1:]
-    else:
-        for i in range(d):
-            for j in range(i + 1, d):
-                mode = np.zeros((owned, d))
-                mode[:, i], mode[:, j] = -x[:, j], x[:, i]
-                modes.append(mode)
     basis: list[PETSc.Vec] = []
-    for mode in modes:
+    for mode in rigid_motions(x[:, :d], problem.geometry):
         vector = matrix.createVecRight()
         vector.array[:] = mode.ravel()
         for other in (*basis, *basis):  # twice: rounding of far-off origins

@@ -28,7 +28,6 @@ from .arguments import (
 from .bodies import Bodies, Family, LoadFactor
 from .boundary import (
     DirichletConditions,
-    Locator,
     Value,
     Where,
     find_boundary_facets,
@@ -46,7 +45,7 @@ from .point_values import InterfaceState
 from .stabilization import Stabilization
 from .states import Energy, InterfaceMean, Snapshot, Start
 from .symmetry import axis_dofs, make_geometry
-from .topology import facet_cells, tags_of_cells
+from .topology import Locator, facet_cells, tags_of_cells
 
 #: Share of the strength that a broken bond has lost.
 GONE = 0.99

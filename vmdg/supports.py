@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import combinations
 
 import basix
 import numpy as np
@@ -16,6 +15,7 @@ from .coupling import Coupling
 from .forms.geometry import Axisymmetric
 from .parallel import GhostExchange, global_any, global_max
 from .problem import Problem
+from .rigid_motions import rigid_motions
 
 #: Eigenvalue, relative to the largest one, below which a rigid motion counts as free: what a node
 #: at 1e-5 of the size of a part still resists.
@@ -109,26 +109,12 @@ def _gram(
     node, component = prescribed // d, prescribed % d
     x = problem.mesh.geometry.x
     size = max(global_max(problem.comm, float(np.abs(x).max(initial=0.0))), np.finfo(float).tiny)
-    modes = _rigid_motions(problem, space.tabulate_dof_coordinates()[node] / size, component)
+    points = space.tabulate_dof_coordinates()[node, :d] / size
+    # One component of every motion at each prescribed dof (n, modes).
+    modes = rigid_motions(points, problem.geometry)[:, np.arange(len(node)), component].T
     gram = np.zeros((len(parts), modes.shape[1], modes.shape[1]))
     np.add.at(gram, part_of_node[node], modes[:, :, None] * modes[:, None, :])
     return gram
-
-
-def _rigid_motions(
-    problem: Problem, x: NDArray[np.float64], component: NDArray[np.int32]
-) -> NDArray[np.float64]:
-    """One component of all rigid motions at points (n, modes): translations, then rotations."""
-    d = problem.mesh.geometry.dim
-    translations = np.eye(d)[component]
-    if isinstance(problem.geometry, Axisymmetric):
-        return translations[:, 1:]
-    turns = []
-    for i, j in combinations(range(d), 2):
-        turn = np.zeros((d, d))
-        turn[i, j], turn[j, i] = -1.0, 1.0
-        turns.append(np.einsum("pk,pk->p", turn[component], x[:, :d]))
-    return np.column_stack([translations, *turns])
 
 
 def _free_motions(gram: NDArray[np.float64], problem: Problem) -> str:

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from .parallel import raise_together
 
+#: Whether points x (3, n) are meant, n values.
+Locator = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+
 #: phi(x) at points x (3, n), n values.
 LevelSet = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
