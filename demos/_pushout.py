@@ -246,13 +246,18 @@ def curves(runs: dict[str, vmdg.History], friction: float, fibre_modulus: float)
     return figure
 
 
-def report(history: vmdg.History) -> None:
-    """Print the numbers of section 7.4."""
-    punch, force = history["punch"], history["force"]
-    peak, start = np.argmax(force), np.argmax(history["damaged"] > 0)
-    print(f"slope {force[0] / punch[0]:.0f} N/mm, first damage {force[start]:.1f} N")
-    print(f"peak {force[peak]:.1f} N at {punch[peak]:.4f} mm, end {force[-1]:.1f} N")
-    iterations, jumps = history["iterations"], history["jump_steps"]
-    print(
-        f"{len(history)} steps, {iterations.mean():.2f} iterations a step, {jumps.sum()} in jumps"
-    )
+def describe(runs: dict[str, vmdg.History]) -> str:
+    """Table of the numbers of section 7.4, a row a run.
+
+    Forces [N] at the first damage, where the bond is first gone, the largest and the last; debonded
+    length [mm] at the largest.
+    """
+    head = ["", "slope [N/mm]", "damage", "bond gone", "largest", "debonded", "end"]
+    lines = ["".join(f"{text:>14}" for text in head)]
+    for label, history in runs.items():
+        punch, force, gone = (history[name] for name in ("punch", "force", "debonded"))
+        starts = [force[np.argmax(history[name] > 0)] for name in ("damaged", "debonded")]
+        peak = np.argmax(force)
+        numbers = [force[0] / punch[0], *starts, force[peak], gone[peak], force[-1]]
+        lines.append(f"{label:>14}" + "".join(f"{number:14.5g}" for number in numbers))
+    return "\n".join(lines)

@@ -15,13 +15,19 @@ from mpi4py import MPI
 
 import numpy as np
 from _options import run
-from _pushout import E_MATRIX, Levels, build, curves, report
+from _pushout import E_MATRIX, Levels, build, curves, describe
 from _restart import files, resumed
 
 import vmdg
 
 FIBRE_MODULUS, FRICTION, END = 2500.0, 0.475, 0.174  # MPa, -, mm
-STUDIES = {"modulus": (0.625, 2.5, 6.0), "friction": (0.3, 0.475, 0.6)}
+# Figures 30 and 31, and what the numbers owe to the mesh and to the steps: argument, label, values.
+STUDIES = {
+    "modulus": ("fibre_modulus", "E_f / E_m = {:g}", (0.625, 2.5, 6.0)),
+    "friction": ("friction", "mu = {:g}", (0.3, 0.475, 0.6)),
+    "mesh": ("refine", "cells x {:g}", (0.5, 1.0, 2.0, 4.0)),
+    "steps": ("steps", "{:d} steps", (50, 100, 200, 400)),
+}
 
 
 def main(
@@ -54,7 +60,7 @@ def main(
         plot: Draw the pictures.
         out: Folder for pictures, history and checkpoints.
         verbose: Print the residuals of every step.
-        study: Run several values of the friction or of the modulus: Figures 30 and 31.
+        study: Run several moduli or frictions (Figures 30 and 31), meshes or numbers of steps.
     """
     if study:
         given = {"solid": solid, "layers": layers, "refine": refine, "steps": steps, "end": end}
@@ -87,7 +93,7 @@ def main(
     history = vmdg.solve(problem, loads, options, monitor, history).history
     figure = levels.draw() if levels else None
     if rank == 0:
-        report(history)
+        print(describe({"": history}))
         if figure:
             figure.savefig(folder / "pushout_levels.png", dpi=110)
             name = "3D" if solid else "axisymmetric"
@@ -100,16 +106,18 @@ def main(
 def studied(
     name: str, out: str, plot: bool, every: int, resume: bool, **options: float | bool
 ) -> dict[str, vmdg.History]:
-    """Figure 30 (E_f / E_m) or 31 (friction): one run a value, one picture."""
-    runs = {}
-    for value in STUDIES[name]:
-        given = {"friction": value} if name == "friction" else {"fibre_modulus": value * E_MATRIX}
-        label = f"mu = {value}" if name == "friction" else f"E_f / E_m = {value}"
-        print(label)
-        folder = f"{out}/{name}_{value}"
-        files = {"checkpoint_every": every, "resume": resume, "out": folder}
-        runs[label] = main(**options | given | files, plot=False)
-    if MPI.COMM_WORLD.rank == 0 and plot:
+    """One run a value, one table and one picture."""
+    argument, label, values = STUDIES[name]
+    first, runs = MPI.COMM_WORLD.rank == 0, {}
+    for value in values:
+        if first:
+            print(label.format(value))
+        given = {argument: value * E_MATRIX if name == "modulus" else value}
+        given |= {"checkpoint_every": every, "resume": resume, "out": f"{out}/{name}_{value}"}
+        runs[label.format(value)] = main(**options | given, plot=False)
+    if first:
+        print(describe(runs))
+    if first and plot:
         figure = curves(runs, FRICTION, FIBRE_MODULUS)
         figure.savefig(Path(out) / f"pushout_{name}.png", dpi=130)
     return runs

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import _pushout
 import numpy as np
 import pytest
 from scenes_motion import rotation
 
 import vmdg
-from vmdg.iteration import BACKTRACK
+from vmdg.iteration import BACKTRACK, HALVINGS
 from vmdg.meshes import blocks
 from vmdg.newton import Newton
 from vmdg.parallel import global_max
@@ -129,3 +130,28 @@ def test_absurd_trial_is_not_evaluated(comm):
         assert np.isfinite(f.array).all() == known
     assert np.abs(problem.u.x.array).max() == pytest.approx(1e-3)
     newton.destroy()
+
+
+def test_exhausted_search_ends_the_attempt(comm):
+    """The section of the push-out meets a kink: no halving helps, full steps pass.
+
+    Backtracking gives up where it has found nothing smaller, not after more corrections.
+    """
+    model = _pushout.build(False, 12, 0.5, 0.475, 2500.0)
+    problem = model.problem
+    vmdg.solve(problem, np.linspace(0.25, 1, 4))
+    problem.dirichlet(model.top, lambda t: 1 - t, model.axis, relative=True)
+    stepper = Stepper(problem, vmdg.SolveOptions(1e-8))
+    seconds = []
+    for load in 1 + 0.0087 * np.arange(1, 12):
+        report = stepper.step(load)
+        assert report.converged
+        seconds += [report] * (report.former is not None)
+    stepper.close()
+    assert seconds
+    for report in seconds:
+        first = report.former
+        assert first.reason == "DIVERGED_LOCAL_MIN"
+        assert first.solves[-1].trials == HALVINGS + 1
+        assert first.norms[-1] >= first.norms[-2]
+        assert all(solve.trials <= HALVINGS for solve in first.solves[:-1])

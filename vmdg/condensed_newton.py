@@ -200,13 +200,13 @@ class CondensedNewton(Iteration):
         """Newton's method to a residual norm; norms are taken down, why it failed is returned."""
         start, seen = len(trace.norms), equation.evaluations
         for iteration in range(self._max_iterations + 1):
-            trace.note(gaps.norm, equation.evaluations - seen, self.krylov, CLOSE)
-            seen = equation.evaluations
+            trials, seen = equation.evaluations - seen, equation.evaluations
+            trace.note(gaps.norm, trials, self.krylov, CLOSE)
             if not np.isfinite(gaps.norm):
                 return gaps, "DIVERGED_FNORM_NAN"
             if gaps.norm <= goal:
                 return gaps, ""
-            if failure := self._hopeless(search, trace.norms[start:]):
+            if failure := self._hopeless(search, trace.norms[start:], trials):
                 return gaps, failure
             if iteration < self._max_iterations:
                 try:

@@ -22,8 +22,9 @@ from .problem import Problem
 #: Line searches: backtracking on the residual norm, full steps, and the least energy.
 BACKTRACK, FULL, ENERGY = "backtrack", "full", "energy"
 
-#: Backtracking is stuck at a kink if two corrections leave more than this share of the residual.
-STALL = 0.98
+#: Backtracking halves a correction so often at most. It is stuck at a kink if none of these lengths
+#: has a smaller residual, or if two corrections leave more than this share of the residual.
+HALVINGS, STALL = 8, 0.98
 
 #: Full steps may lead to a residual of so many times the force scale. A second attempt must end
 #: where at most this share of the energy it exchanged is unaccounted for: larger releases are
@@ -205,15 +206,23 @@ class Iteration(ABC):
             return report.failed("DISTANT_EQUILIBRIUM")
         return report
 
-    def _hopeless(self, search: str, norms: list[float]) -> str:
-        """PETSc's word for why an attempt with these norms is given up, or nothing."""
+    def _hopeless(self, search: str, norms: list[float], trials: int) -> str:
+        """PETSc's word for why an attempt is given up, or nothing.
+
+        Args:
+            search: The line search.
+            norms: Residual norms of the attempt.
+            trials: Residuals that the last search has looked at.
+        """
         if search == FULL:
             if norms[-1] > EXCURSION * self._criterion.scale:
                 return "DIVERGED_DTOL"
             if np.isclose(norms[-1], norms[-5:-1], rtol=1e-3, atol=0).any():
                 return "DIVERGED_LOCAL_MIN"
-        elif search == BACKTRACK and len(norms) > 4 and norms[-1] > STALL * norms[-3]:
-            return "DIVERGED_LOCAL_MIN"
+        elif search == BACKTRACK:
+            exhausted = trials > HALVINGS and norms[-1] >= norms[-2]
+            if exhausted or (len(norms) > 4 and norms[-1] > STALL * norms[-3]):
+                return "DIVERGED_LOCAL_MIN"
         return ""
 
     def _rounding(self, norm: float) -> float:

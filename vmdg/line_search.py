@@ -11,21 +11,22 @@ from collections.abc import Callable
 import numpy as np
 
 from .gap_equation import Direction, GapEquation, Gaps
+from .iteration import HALVINGS
 
 LineSearch = Callable[[GapEquation, Gaps, Direction], Gaps]
 
-#: Trials, and the share of the reduction of |R|^2/2 by the linear model that must be met.
-TRIALS, SUFFICIENT = 8, 1e-4
+#: Share of the reduction of |R|^2/2 by the linear model that backtracking must meet.
+SUFFICIENT = 1e-4
 
-#: Share of the work at the start to which the search for the least energy reduces it, and the
-#: shortest and longest step of that search.
-REST, SHORTEST, LONGEST = 0.1, 1e-12, 1e8
+#: Trials of the search for the least energy, share of the work at the start to which it reduces it,
+#: and the shortest and longest step of that search.
+TRIALS, REST, SHORTEST, LONGEST = 8, 0.1, 1e-12, 1e8
 
 
 def backtrack(equation: GapEquation, start: Gaps, direction: Direction) -> Gaps:
     """Halve the step until |R|^2 falls by Armijo's rule; the last trial is taken anyway."""
     length = 1.0
-    for _ in range(TRIALS + 1):
+    for _ in range(HALVINGS + 1):
         state = equation.along(start, direction, length)
         # Also with NaN the step is halved.
         if state.norm**2 <= start.norm**2 * (1 - 2 * SUFFICIENT * length):

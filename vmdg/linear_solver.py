@@ -177,7 +177,6 @@ class ZoneCorrection:
         self._zone = zone
         first = matrix.getOwnershipRange()[0]
         self._rows = PETSc.IS().createGeneral(first + zone, comm=matrix.comm)
-        self._residual = matrix.createVecLeft()
         self._part: PETSc.Mat | None = None
         self._factorized = -1
 
@@ -189,10 +188,12 @@ class ZoneCorrection:
         self._factorized = state
         if self._part is None:
             self._part = self._matrix.createSubMatrix(self._rows, self._rows)
+            self._strip = self._matrix.createSubMatrix(self._rows)
             self._direct = make_ksp(self._part, LU)
             self._x, self._b = self._part.createVecs()
         else:
             self._matrix.createSubMatrix(self._rows, self._rows, self._part)
+            self._matrix.createSubMatrix(self._rows, None, self._strip)
             reset_failed(self._direct.getPC())
             self._direct.setOperators(self._part)
         self._direct.setUp()
@@ -200,17 +201,17 @@ class ZoneCorrection:
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """z from r; called by PETSc."""
         self._kept.apply(r, z)
-        self._matrix.mult(z, self._residual)
-        self._b.array[:] = (r.array_r - self._residual.array_r)[self._zone]
+        self._strip.mult(z, self._b)
+        self._b.array[:] = r.array_r[self._zone] - self._b.array_r
         self._direct.solve(self._b, self._x)
         z.array[self._zone] += self._x.array_r
 
     def free(self) -> None:
         """Free the PETSc objects; collective."""
-        items = [self._rows, self._residual]
+        items = [self._rows]
         if self._part is not None:
             destroy(self._direct)
-            items += [self._part, self._x, self._b]
+            items += [self._part, self._strip, self._x, self._b]
         for item in items:
             item.destroy()
 

@@ -7,7 +7,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from .iteration import BACKTRACK, ENERGY, FULL, Iteration, StepReport, Trace
+from .iteration import BACKTRACK, ENERGY, FULL, HALVINGS, Iteration, StepReport, Trace
 from .kept_bulk import keeps_bulk
 from .linear_solver import (
     LinearSolver,
@@ -33,7 +33,7 @@ LOOSEST, TIGHTEST = 1e-2, 1e-4
 LINE_SEARCH = {
     "snes_linesearch_type": "bt",
     "snes_linesearch_order": 1,
-    "snes_linesearch_max_it": 8,
+    "snes_linesearch_max_it": HALVINGS,
 }
 #: The second attempt in a jump looks for the least energy along a correction, where its work falls
 #: to zero. A bond whose overstress exceeds its softening makes the energy of a step convex: this
@@ -205,7 +205,7 @@ class Newton(Iteration):
         self._goal = goal = self._criterion.goal(self._reaction())
         if residual <= goal:
             return PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE
-        if failure := self._hopeless(self._searches, self._trace.norms):
+        if failure := self._hopeless(self._searches, self._trace.norms, trials):
             return getattr(PETSc.SNES.ConvergedReason, failure)
         self._tolerance = linear_tolerance(self._trace.norms, goal)
         snes.getKSP().setTolerances(rtol=self._tolerance)
