@@ -90,35 +90,61 @@ def test_compliance_matrix(comm, cell):
 
 
 @ONE_RANK
-def test_iterative_solver(comm, monkeypatch):
-    """GMRES with the nodal preconditioner finds the solution of the dense system, in few steps.
+@pytest.mark.parametrize("damaged", [0.0, 2 / 3, 1.0])
+@TWO_CELLS
+def test_solver(comm, monkeypatch, cell, damaged):
+    """Directly, iteratively in few steps and in double precision: the solution of the dense system.
 
-    Single precision and a residual of 1e-5 leave 1e-4 of the solution.
+    What is refined once has a residual of 1e-8 at most.
     """
-    problem = sheared(comm, "hexahedron", 4)
+    problem = sheared(comm, cell, 4)
+    d = problem.mesh.geometry.dim
     compliance = Compliance(problem)
     n, W = compliance.size, compliance.areas
     r = problem.stabilization[0].norm.min()
     rng = np.random.default_rng(3)
-    normals = rng.normal(size=(n // 3, 3))
+    normals = rng.normal(size=(n // d, d))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    # Damaged in random directions, two thirds of the points.
     C = (
-        (rng.random(n // 3) < 2 / 3)[:, None, None]
-        * (np.eye(3) - 0.5 * normals[:, :, None] * normals[:, None, :])
+        (rng.random(n // d) < damaged)[:, None, None]
+        * (np.eye(d) - 0.5 * normals[:, :, None] * normals[:, None, :])
         / (1.02 * r)
     )
     right = rng.uniform(-1, 1, n)
-    dense = np.eye(n) - np.einsum(
-        "pij,pjm->pim", C, (compliance.matrix / W[:, None]).reshape(-1, 3, n)
-    ).reshape(n, n)
+    stiffness = (compliance.matrix / W[:, None]).reshape(-1, d, n)
+    dense = np.eye(n) - np.einsum("pij,pjm->pim", C, stiffness).reshape(n, n)
     expected = np.linalg.solve(dense, right)
+
+    def assert_solves(solver, rel):
+        value, response = solver.solve(C, right)
+        assert np.linalg.norm(value - expected) <= rel * np.linalg.norm(expected)
+        assert response == pytest.approx(compliance.response(value), rel=1e-9, abs=1e-9)
+
     solver = CondensedSolver(compliance)
-    assert solver.solve(C, right) == pytest.approx(expected, rel=1e-8, abs=1e-10)
-    monkeypatch.setattr(condensed_solver, "DIRECT", 0)
+    assert_solves(solver, 1e-9)
+    assert solver.iterations == 0
+    monkeypatch.setattr(condensed_solver, "DIRECT", -1)
     monkeypatch.setattr(condensed_solver, "PATIENCE", 12)
-    error = solver.solve(C, right) - expected
-    assert np.linalg.norm(error) < 1e-4 * np.linalg.norm(expected)
+    assert_solves(solver, 1e-6)
+    assert (solver.iterations > 0) == (damaged > 0)
+    monkeypatch.setattr(condensed_solver, "ENOUGH", 0.0)
+    assert_solves(solver, 1e-12)
+    compliance.destroy()
+
+
+@ONE_RANK
+def test_almost_singular_system(comm):
+    """Where single precision has no digits left the solution is still that of the dense system."""
+    problem = sheared(comm, "quadrilateral", 2)
+    compliance = Compliance(problem)
+    stiffness = compliance.matrix / compliance.areas[:, None]
+    largest = np.linalg.eigvals(stiffness).real.max()
+    C = np.tile(np.eye(2) * (1 + 1e-9) / largest, (compliance.size // 2, 1, 1))
+    right = np.random.default_rng(5).uniform(-1, 1, compliance.size)
+    expected = np.linalg.solve(np.eye(len(right)) - C[0, 0, 0] * stiffness, right)
+    value, _ = CondensedSolver(compliance).solve(C, right)
+    assert np.linalg.norm(expected) > 1e6 * np.linalg.norm(right)
+    assert np.linalg.norm(value - expected) < 1e-4 * np.linalg.norm(expected)
     compliance.destroy()
 
 

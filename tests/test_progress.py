@@ -181,15 +181,15 @@ def test_krylov_iterations_of_condensed_steps(comm, monkeypatch, limit):
     if comm.size > 1:
         pytest.skip("condensed on one rank only")
     monkeypatch.setattr("vmdg.condensed_solver.DIRECT", limit)
-    iterate, counted = CondensedSolver._iterate, []
+    original, counted = CondensedSolver.solve, []
 
     def watched(solver, *arguments):
         before = solver.iterations
-        value = iterate(solver, *arguments)
+        value = original(solver, *arguments)
         counted.append(solver.iterations - before)
         return value
 
-    monkeypatch.setattr(CondensedSolver, "_iterate", watched)
+    monkeypatch.setattr(CondensedSolver, "solve", watched)
     problem = pulled(comm, kinematics="small")
     result = solve(problem, [0.01, 0.05, 0.1], condensed=True)
     assert result.history["krylov"].sum() == sum(counted)

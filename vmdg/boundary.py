@@ -13,7 +13,7 @@ from dolfinx.mesh import compute_midpoints, locate_entities_boundary
 from numpy.typing import ArrayLike, NDArray
 
 from .parallel import global_sum, raise_together
-from .topology import Locator, facet_cells
+from .topology import Locator
 
 Where = ArrayLike | Locator
 Value = float | ArrayLike | Callable[..., Any]
@@ -47,7 +47,8 @@ def _checked_indices(mesh, where: ArrayLike, what: str) -> NDArray[np.int32]:
             f"{what}: facets = {where!r} must be an array of local facets, as "
             "facet_tags.find(group) gives them, or a predicate on coordinates"
         )
-    number = len(facet_cells(mesh))
+    imap = mesh.topology.index_map(mesh.topology.dim - 1)
+    number = imap.size_local + imap.num_ghosts
     outside = facets[(facets < 0) | (facets >= number)]
     message = None
     if len(outside):
@@ -108,10 +109,13 @@ def takes_points(value: Value) -> bool:
 
 
 def value_at(value: Value, t: float, points: NDArray[np.float64] | None = None) -> NDArray:
-    """Value at load factor t: a number, an array, f(t), or f(x, t) with points x (3, n)."""
+    """Value at load factor t: a number, an array, f(t), or f(x, t) where points x (3, n) are given.
+
+    Those who ask at every step ask once whether it :func:`takes_points`.
+    """
     if not callable(value):
         return np.asarray(value, dtype=float)
-    return np.asarray(value(points, t) if takes_points(value) else value(t), dtype=float)
+    return np.asarray(value(t) if points is None else value(points, t), dtype=float)
 
 
 @dataclass(frozen=True)
@@ -123,10 +127,11 @@ class _Condition:
     base: NDArray[np.float64]
     replaces: bool
     what: str
+    takes_points: bool
 
     def at(self, t: float, d: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
         """Prescribed dofs (n, components), component-wise numbers, and their values at ``t``."""
-        value = value_at(self.value, t, self.points)
+        value = value_at(self.value, t, self.points if self.takes_points else None)
         if self.component is None:
             if value.ndim == 1:
                 value = value[:, None]
@@ -182,9 +187,9 @@ class DirichletConditions:
         points = self._space.tabulate_dof_coordinates()[dofs].T
         replaces = base is not None
         base = base if replaces else np.zeros((len(dofs), self._d))
-        condition = _Condition(dofs, index, value, points, base, replaces, what)
         try:
-            initial = value_at(value, 0.0, points)
+            local = takes_points(value)
+            initial = value_at(value, 0.0, points if local else None)
         except (TypeError, ValueError) as error:
             raise ValueError(
                 f"{what}: the value {value!r} is no number, array or function that gives one: "
@@ -204,6 +209,7 @@ class DirichletConditions:
                 f"{what}: a value of shape {shape} does not fit "
                 + ("one component" if index is not None else f"{self._d} components")
             )
+        condition = _Condition(dofs, index, value, points, base, replaces, what, local)
         self._conditions.append(condition)
         components = np.arange(self._d) if index is None else np.array([index])
         flat = (dofs[:, None] * self._d + components).ravel()

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .compliance import Compliance
-from .condensed_solver import CLOSE, CondensedSolver
+from .condensed_solver import EXACT, CondensedSolver
 from .gap_equation import GapEquation, Gaps
 from .iteration import BACKTRACK, ENERGY, FULL, Iteration, StepReport, Trace
 from .kept_responses import KeptResponses
@@ -36,6 +36,7 @@ class _Held:
 
     Attributes:
         u: Displacement without ``rest`` [mm].
+        target: Prescribed displacement [mm].
         rest: Gap increments (n,) that are to be taken off those of the step [mm].
         trial: Trial traction (n,) [MPa].
         bonded: Its change by the loads of the step (n,) [MPa].
@@ -46,6 +47,7 @@ class _Held:
     """
 
     u: NDArray[np.float64]
+    target: NDArray[np.float64]
     rest: NDArray[np.float64]
     trial: NDArray[np.float64]
     bonded: NDArray[np.float64]
@@ -113,27 +115,28 @@ class CondensedNewton(Iteration):
         """Balance the loads of the step with the gaps held."""
         problem, compliance = self._problem, self.compliance
         u, prescribed = problem.u.x.array, self._prescribed
-        residual = problem.assemble_residual(self._dt, hold=True).copy()
+        residual = problem.assemble_residual(self._dt, hold=True)
         trial = np.concatenate([c.trial_traction.ravel() for c in self._couplings])
-        lift = np.zeros(len(u))
-        lift[prescribed] = problem.prescribed_values(problem.t) - u[prescribed]
+        target = problem.prescribed_values(problem.t)
+        shift = target - u[prescribed]
         with timer("bonded response"):
-            out = residual + compliance.product(lift)
-            free = out.copy()
+            free = residual + compliance.lift(shift)
             free[prescribed] = 0
             loads = free - compliance.gap_forces(self._rest)
-            du = lift - self._responses(loads, NEGLIGIBLE * self._criterion.goal(0.0))
+            du = -self._responses(loads, NEGLIGIBLE * self._criterion.goal(0.0))
+            du[prescribed] = shift
             bonded = compliance.tractions(du) - compliance.response(self._rest)
-            balance = residual + compliance.product(du)
+            reactions = residual[prescribed] + compliance.reactions(du)
         return _Held(
             u + du,
+            target,
             self._rest,
             trial + bonded,
             bonded,
-            float(np.linalg.norm(balance[prescribed])),
+            float(np.linalg.norm(reactions)),
             float(np.linalg.norm(free)),
             self._free_norm(residual),
-            bool(np.any(lift)) or problem.t != problem.start_of_step[0],
+            bool(np.any(shift)) or problem.t != problem.start_of_step[0],
         )
 
     def _free_norm(self, forces: NDArray[np.float64]) -> float:
@@ -170,16 +173,17 @@ class CondensedNewton(Iteration):
         self, equation: GapEquation, held: _Held, ahead: list[NDArray], predictor: str
     ) -> Gaps:
         """Where the iteration starts, as :class:`vmdg.predictor.Predictor` says."""
-        elastic = equation.start(np.zeros(self.compliance.size))
+        still = np.zeros(self.compliance.size)
         if predictor == PATH:
-            states = [] if held.moved else [elastic]
-            states += [equation.start(place) for place in ahead]
+            places = ahead if held.moved else [still, *ahead]
+            states = [equation.start(place) for place in places]
             limit = ASTRAY * held.imbalance if held.moved else np.inf
             # A comparison that also leaves out NaN.
             states = [state for state in states if state.norm <= limit]
             if states:
                 return min(states, key=lambda state: state.norm)
         self._criterion.see(held.imbalance, held.loads)
+        elastic = equation.start(still)
         if predictor == ELASTIC or elastic.norm == 0:
             return elastic
         compliance = np.concatenate([coupling.compliance for coupling in self._couplings])
@@ -201,7 +205,7 @@ class CondensedNewton(Iteration):
         start, seen = len(trace.norms), equation.evaluations
         for iteration in range(self._max_iterations + 1):
             trials, seen = equation.evaluations - seen, equation.evaluations
-            trace.note(gaps.norm, trials, self.krylov, CLOSE)
+            trace.note(gaps.norm, trials, self.krylov, EXACT)
             if not np.isfinite(gaps.norm):
                 return gaps, "DIVERGED_FNORM_NAN"
             if gaps.norm <= goal:
@@ -223,7 +227,7 @@ class CondensedNewton(Iteration):
             du = self.compliance.relax(self.compliance.gap_forces(gaps.value - held.rest))
         problem.u.x.array[:] = held.u + du
         # Without rounding, or the next step would find them moved.
-        problem.u.x.array[self._prescribed] = problem.prescribed_values(problem.t)
+        problem.u.x.array[self._prescribed] = held.target
         problem.assemble_residual(self._dt)
         forces = problem.forces.x.array
         return self._free_norm(forces), float(np.linalg.norm(forces[self._prescribed]))

@@ -109,7 +109,8 @@ class Discretization:
         self._dx = self._make_dx()
         self._residual_forms: _Forms | None = None
         self._tangent_forms: _Forms | None = None
-        self._other_forces = np.zeros_like(self.forces.x.array)
+        self._bulk_forces = np.zeros_like(self.forces.x.array)
+        self._bulk_place: NDArray[np.float64] | None = None
         self._energy_forms: list[fem.Form] | None = None
         self._inverted_form: fem.Form | None = None
         self._coercivity: Coercivity | None = None
@@ -253,6 +254,8 @@ class Discretization:
         self._update_pressure()
         with timer("stabilization"):
             derived = self._derive_stabilization()
+            if self.constant_stabilization:
+                self._derived = derived
             for coupling, factor in zip(self.working, derived.factors, strict=True):
                 coupling.freeze_stabilization(factor, dt)
 
@@ -279,7 +282,7 @@ class Discretization:
 
     def _derive_stabilization(self) -> _Derived:
         """Give the interfaces tau_s and delta of the current displacement, not raised yet."""
-        place = np.concatenate([self.u.x.array, self.bodies.swelling])
+        place = self._place()
         kept, self._derived = self._derived, None
         moved = kept is None or not (
             self.constant_stabilization or np.array_equal(kept.place, place)
@@ -350,11 +353,30 @@ class Discretization:
             forces.array[:] = 0 if loads is None else -loads
             for form in forms.interfaces:
                 fem.assemble_vector(forces.array, form)
-            self._other_forces[:] = forces.array
-            fem.assemble_vector(forces.array, forms.bulk)
+            self._update_bulk_forces()
+            forces.array[:] += self._bulk_forces
             forces.scatter_reverse(InsertMode.add)
             forces.scatter_forward()
         return forces.array[: self.owned]
+
+    def _update_bulk_forces(self) -> None:
+        """The bodies' part, ghosts still to be added to their owners.
+
+        A step starts where the last one has ended, and the interfaces may be asked again with zeta
+        held: where neither displacement nor swelling has changed it is known. Not so with mean
+        dilatation, whose pressure depends on the interfaces.
+        """
+        place = self._place()
+        known = self._bulk_place is not None and np.array_equal(self._bulk_place, place)
+        if known and self.condensation is None:
+            return
+        self._bulk_place = place
+        self._bulk_forces[:] = 0
+        fem.assemble_vector(self._bulk_forces, self._residual_forms.bulk)
+
+    def _place(self) -> NDArray[np.float64]:
+        """Displacement and swelling, on which what the bodies do depends."""
+        return np.concatenate([self.u.x.array, self.bodies.swelling])
 
     def create_matrix(self) -> PETSc.Mat:
         """An empty matrix with the pattern of the tangent."""
@@ -422,10 +444,10 @@ class Discretization:
 
     def bulk_forces(self) -> NDArray[np.float64]:
         """The bodies' part of the last :meth:`assemble_residual`, owned dofs [N]."""
-        others = fem.Function(self.space).x
-        others.array[:] = self._other_forces
-        others.scatter_reverse(InsertMode.add)
-        return self.forces.x.array[: self.owned] - others.array[: self.owned]
+        forces = fem.Function(self.space).x
+        forces.array[:] = self._bulk_forces
+        forces.scatter_reverse(InsertMode.add)
+        return forces.array[: self.owned].copy()
 
     def stored_energy(self) -> NDArray[np.float64]:
         """Strain energy of the bodies and energy of the interfaces (30), this rank's [N mm]."""

@@ -132,5 +132,4 @@ class GapEquation:
             np.linalg.LinAlgError: the matrix is singular.
         """
         with timer("condensed solve"):
-            value = self._solver.solve(compliance, right)
-        return Direction(value, self._compliance.response(value))
+            return Direction(*self._solver.solve(compliance, right))
