@@ -240,4 +240,5 @@ class CondensedNewton(Iteration):
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
+        self._solver.destroy()
         self.compliance.destroy()

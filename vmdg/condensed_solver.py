@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cached_property
 
+from petsc4py import PETSc
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import sgetrf, sgetrs
 from scipy.sparse import csr_array
 
 from .compliance import Compliance
+from .linear_solver import GMRES, destroy, make_ksp
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -57,6 +60,7 @@ class CondensedSolver:
 
     def __init__(self, compliance: Compliance):
         self._compliance = compliance
+        self._krylov: _Krylov | None = None
         self.iterations = 0
 
     def solve(self, compliance: Array, right: Array) -> tuple[Array, Array]:
@@ -80,6 +84,11 @@ class CondensedSolver:
             value = self._solve_double(compliance[points], rows, right)
             return value, self._compliance.response(value)
         return found
+
+    def destroy(self) -> None:
+        """Free the PETSc objects."""
+        if self._krylov is not None:
+            self._krylov.free()
 
     def _solve_single(
         self, compliance: Array, points: NDArray[np.intp], rows: NDArray[np.intp], right: Array
@@ -152,31 +161,18 @@ class CondensedSolver:
         return ((vectors / values) @ vectors.T).astype(np.float32)
 
     def _iterate(self, compliance: Array, right: Array) -> tuple[Array, Array] | None:
-        """By generalized conjugate residuals; None where they do not converge.
-
-        They are GMRES with the preconditioner on the right (Eisenstat, Elman and Schultz 1983) and
-        know residual and response without another product.
-        """
+        """By GMRES; None where it does not converge."""
         precondition = self._preconditioner(_block_diagonal(compliance))
-        size = np.linalg.norm(right)
-        # Value, response and residual, and the directions in which they go.
-        state = np.stack([np.zeros(len(right)), np.zeros(len(right)), -right])
-        known: list[Array] = []
-        while np.linalg.norm(state[2]) > EXACT * size and len(known) < PATIENCE:
-            self.iterations += 1
-            step = precondition(-state[2])
-            caused = self._compliance.response(step)
-            direction = np.stack([step, caused, step - _times(compliance, caused)])
-            for former in known:
-                direction -= (former[2] @ direction[2]) * former
-            length = np.linalg.norm(direction[2])
-            if not 0 < length < np.inf:
-                break
-            direction /= length
-            known.append(direction)
-            state -= (direction[2] @ state[2]) * direction
-        value, response, rest = state
-        return (value, response) if np.linalg.norm(rest) <= ENOUGH * size else None
+        if self._krylov is None:
+            self._krylov = _Krylov(len(right))
+        response = self._compliance.response
+        value, iterations = self._krylov.solve(
+            lambda x: x - _times(compliance, response(x)), precondition, right
+        )
+        self.iterations += iterations
+        caused = response(value)
+        rest = np.linalg.norm(right - value + _times(compliance, caused))
+        return (value, caused) if rest <= ENOUGH * np.linalg.norm(right) else None
 
     def _preconditioner(self, C: csr_array) -> Solve:
         """Raises np.linalg.LinAlgError where its matrix is singular."""
@@ -186,6 +182,44 @@ class CondensedSolver:
         inner[nodal.row, nodal.col] -= nodal.data
         solve = _factorized(inner)
         return lambda x: x + CP @ solve(self._weighted @ x)
+
+
+class _Krylov:
+    """PETSc's FGMRES, which needs no product besides those of its iterations.
+
+    Args:
+        size: Number of unknowns.
+    """
+
+    def __init__(self, size: int):
+        matrix = PETSc.Mat().createPython((size, size), self, comm=PETSc.COMM_SELF)
+        matrix.setUp()
+        self._ksp = make_ksp(matrix, {**GMRES, "ksp_type": "fgmres", "pc_type": "python"})
+        self._ksp.getPC().setPythonContext(self)
+        self._x, self._b = matrix.createVecs()
+        self._matrix = matrix
+
+    def solve(self, product: Solve, precondition: Solve, right: Array) -> tuple[Array, int]:
+        """x and the number of iterations."""
+        self._product, self._precondition = product, precondition
+        self._b.array[:] = right
+        self._ksp.setTolerances(rtol=EXACT, max_it=PATIENCE)
+        self._ksp.solve(self._b, self._x)
+        return self._x.array.copy(), self._ksp.getIterationNumber()
+
+    def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """y = A x; called by PETSc."""
+        y.array[:] = self._product(x.array_r)
+
+    def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """y from x by the preconditioner; called by PETSc."""
+        y.array[:] = self._precondition(x.array_r)
+
+    def free(self) -> None:
+        """Free the PETSc objects."""
+        destroy(self._ksp)
+        for item in (self._x, self._b, self._matrix):
+            item.destroy()
 
 
 def _times(blocks: Array, vector: Array) -> Array:

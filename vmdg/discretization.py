@@ -110,7 +110,8 @@ class Discretization:
         self._residual_forms: _Forms | None = None
         self._tangent_forms: _Forms | None = None
         self._bulk_forces = np.zeros_like(self.forces.x.array)
-        self._bulk_place: NDArray[np.float64] | None = None
+        self._bulk_inputs: tuple[fem.Function | fem.Constant, ...] = ()
+        self._bulk_state: NDArray[np.float64] | None = None
         self._energy_forms: list[fem.Form] | None = None
         self._inverted_form: fem.Form | None = None
         self._coercivity: Coercivity | None = None
@@ -230,8 +231,10 @@ class Discretization:
             self.condensation.compile_residual()
         if self._residual_forms is None:
             eta = ufl.TestFunction(self.space)
+            bulk = self._bulk_residual(eta)
+            self._bulk_inputs = *bulk.coefficients(), *bulk.constants()
             self._residual_forms = _Forms(
-                self.compile_form(self._bulk_residual(eta), "bodies' residual"),
+                self.compile_form(bulk, "bodies' residual"),
                 self._compile_interfaces(self._residual_of(eta), "interface's residual"),
             )
 
@@ -282,7 +285,7 @@ class Discretization:
 
     def _derive_stabilization(self) -> _Derived:
         """Give the interfaces tau_s and delta of the current displacement, not raised yet."""
-        place = self._place()
+        place = np.concatenate([self.u.x.array, self.bodies.swelling])
         kept, self._derived = self._derived, None
         moved = kept is None or not (
             self.constant_stabilization or np.array_equal(kept.place, place)
@@ -363,20 +366,18 @@ class Discretization:
         """The bodies' part, ghosts still to be added to their owners.
 
         A step starts where the last one has ended, and the interfaces may be asked again with zeta
-        held: where neither displacement nor swelling has changed it is known. Not so with mean
-        dilatation, whose pressure depends on the interfaces.
+        held: they are known where no coefficient or constant of their form has changed.
         """
-        place = self._place()
-        known = self._bulk_place is not None and np.array_equal(self._bulk_place, place)
-        if known and self.condensation is None:
+        values = [
+            item.x.array if isinstance(item, fem.Function) else np.ravel(item.value)
+            for item in self._bulk_inputs
+        ]
+        state = np.concatenate(values)
+        if self._bulk_state is not None and np.array_equal(self._bulk_state, state):
             return
-        self._bulk_place = place
+        self._bulk_state = state
         self._bulk_forces[:] = 0
         fem.assemble_vector(self._bulk_forces, self._residual_forms.bulk)
-
-    def _place(self) -> NDArray[np.float64]:
-        """Displacement and swelling, on which what the bodies do depends."""
-        return np.concatenate([self.u.x.array, self.bodies.swelling])
 
     def create_matrix(self) -> PETSc.Mat:
         """An empty matrix with the pattern of the tangent."""
