@@ -72,6 +72,7 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "fibre in a cell, h = .03": partial(cell, 0.03),
     "fibre in a cell, h = .01": partial(cell, 0.01),
     "push-out, section": partial(push_out, False, 1.0, 100),
+    "push-out, 3D, half of all counts": partial(push_out, True, 0.5, 100),
     "push-out, 3D": partial(push_out, True, 1.0, 100),
 }
 COARSE: dict[str, Callable[[], Scene]] = {
