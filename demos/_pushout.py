@@ -246,18 +246,24 @@ def curves(runs: dict[str, vmdg.History], friction: float, fibre_modulus: float)
     return figure
 
 
+def _force_at_first(history: vmdg.History, name: str) -> float:
+    """Force [N] in the first step at which a column is above zero, NaN if in none."""
+    reached = history[name] > 0
+    return history["force"][np.argmax(reached)] if reached.any() else np.nan
+
+
 def describe(runs: dict[str, vmdg.History]) -> str:
     """Table of the numbers of section 7.4, a row a run.
 
     Forces [N] at the first damage, where the bond is first gone, the largest and the last; debonded
     length [mm] at the largest.
     """
-    head = ["", "slope [N/mm]", "damage", "bond gone", "largest", "debonded", "end"]
-    lines = ["".join(f"{text:>14}" for text in head)]
+    head = ["slope [N/mm]", "damage", "bond gone", "largest", "debonded", "end"]
+    lines = [" " * 20 + "".join(f"{text:>14}" for text in head)]
     for label, history in runs.items():
         punch, force, gone = (history[name] for name in ("punch", "force", "debonded"))
-        starts = [force[np.argmax(history[name] > 0)] for name in ("damaged", "debonded")]
+        starts = [_force_at_first(history, name) for name in ("damaged", "debonded")]
         peak = np.argmax(force)
         numbers = [force[0] / punch[0], *starts, force[peak], gone[peak], force[-1]]
-        lines.append(f"{label:>14}" + "".join(f"{number:14.5g}" for number in numbers))
+        lines.append(f"{label:20}" + "".join(f"{number:14.5g}" for number in numbers))
     return "\n".join(lines)

@@ -148,6 +148,30 @@ def test_resume(comm, out):
         assert parts[name] == pytest.approx(whole[name], rel=1e-8, abs=1e-8)
 
 
+def test_studies(comm, out, monkeypatch, capsys):
+    """One run a value, with its argument changed; a row of the table and a picture for all."""
+    small = {"modulus": (0.625, 2.5), "mesh": (0.3, 0.4), "steps": (2, 4)}
+    for study, values in small.items():
+        argument, label, _ = demo.STUDIES[study]
+        monkeypatch.setitem(demo.STUDIES, study, (argument, label, values))
+        settings = {"refine": 0.3, "steps": 2, "end": 0.004, "checkpoint_every": 0}
+        runs = demo.main(study=study, out=str(out), **settings)
+        assert list(runs) == [label.format(value) for value in values]
+        first, second = runs.values()
+        if study == "steps":
+            assert (len(first), len(second)) == values
+        else:
+            assert second["force"][0] != pytest.approx(first["force"][0], rel=1e-3)
+        shown = capsys.readouterr().out
+        comm.barrier()
+        assert (out / f"pushout_{study}.png").stat().st_size > 10_000
+        if comm.rank == 0:
+            table = shown[shown.rindex("slope [N/mm]") :].splitlines()[1:]
+            assert [row[:20].strip() for row in table] == list(runs)
+            # Nowhere is the bond gone so early.
+            assert [row.split()[-4] for row in table] == ["nan", "nan"]
+
+
 def test_checkpoint_of_another_problem(comm, out):
     """A checkpoint of another mesh is refused; where there is none, None says so."""
     vmdg.write_checkpoint(demo.build(False, 6, 0.5, 0.475, 2500.0).problem, out / "one")

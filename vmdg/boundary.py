@@ -47,7 +47,9 @@ def _checked_indices(mesh, where: ArrayLike, what: str) -> NDArray[np.int32]:
             f"{what}: facets = {where!r} must be an array of local facets, as "
             "facet_tags.find(group) gives them, or a predicate on coordinates"
         )
-    imap = mesh.topology.index_map(mesh.topology.dim - 1)
+    fdim = mesh.topology.dim - 1
+    mesh.topology.create_entities(fdim)
+    imap = mesh.topology.index_map(fdim)
     number = imap.size_local + imap.num_ghosts
     outside = facets[(facets < 0) | (facets >= number)]
     message = None
