@@ -133,6 +133,49 @@ def test_solver(comm, monkeypatch, cell, damaged):
 
 
 @ONE_RANK
+@TWO_CELLS
+def test_kept_factors(comm, monkeypatch, cell):
+    """They serve while few points change branch or all change a little, and give the same."""
+    problem = sheared(comm, cell, 4)
+    compliance, d = Compliance(problem), problem.mesh.geometry.dim
+    n, factorize, made = compliance.size, condensed_solver._factorized, []
+
+    def counted(matrix):
+        made.append(len(matrix))
+        return factorize(matrix)
+
+    monkeypatch.setattr(condensed_solver, "_factorized", counted)
+    rng = np.random.default_rng(6)
+    first = np.tile(np.eye(d) / (1.1 * problem.stabilization[0].norm.min()), (n // d, 1, 1))
+    first[: n // d // 2] = 0
+    little = first * rng.uniform(0.95, 1.05, (n // d, 1, 1))
+    few = first.copy()
+    few[[0, -1]] = first[-1], 0 * first[-1]
+    many = first[::-1].copy()
+    solver = CondensedSolver(compliance)
+    stiffness = compliance.matrix / compliance.areas[:, None]
+
+    def made_for(C):
+        """Number of factorizations, where the solution has been compared with that of LAPACK."""
+        right, before = rng.uniform(-1, 1, n), len(made)
+        value, response = solver.solve(C, right)
+        rows = (C @ stiffness.reshape(-1, d, n)).reshape(n, n)
+        expected = np.linalg.solve(np.eye(n) - rows, right)
+        assert np.linalg.norm(value - expected) <= 1e-9 * np.linalg.norm(expected)
+        assert response == pytest.approx(compliance.response(value), rel=1e-9, abs=1e-9)
+        return len(made) - before
+
+    assert [made_for(C) for C in (first, first, little, few, many, many)] == [1, 0, 0, 0, 1, 0]
+    solver.forget()
+    assert made_for(many) == 1
+    # Where GMRES fails new factors are made.
+    monkeypatch.setattr(condensed_solver, "PATIENCE", 1)
+    assert made_for(0.9 * many) == 1
+    solver.destroy()
+    compliance.destroy()
+
+
+@ONE_RANK
 def test_almost_singular_system(comm):
     """Where single precision has no digits left the solution is still that of the dense system."""
     problem = sheared(comm, "quadrilateral", 2)

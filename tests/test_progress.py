@@ -175,12 +175,13 @@ def test_krylov_iterations(comm):
     assert (iterative.history["krylov"] > iterative.history["iterations"]).all()
 
 
-@pytest.mark.parametrize("limit", [0, 10_000])
-def test_krylov_iterations_of_condensed_steps(comm, monkeypatch, limit):
-    """Systems of the gaps count where GMRES solves them, not where they are solved directly."""
+@pytest.mark.parametrize(("limit", "few"), [(0, 0), (10_000, 100), (10_000, -1)])
+def test_krylov_iterations_of_condensed_steps(comm, monkeypatch, limit, few):
+    """Systems of the gaps count where GMRES solves them, not where new factors do it."""
     if comm.size > 1:
         pytest.skip("condensed on one rank only")
     monkeypatch.setattr("vmdg.condensed_solver.DIRECT", limit)
+    monkeypatch.setattr("vmdg.condensed_solver.FEW", few)
     original, counted = CondensedSolver.solve, []
 
     def watched(solver, *arguments):
@@ -193,7 +194,7 @@ def test_krylov_iterations_of_condensed_steps(comm, monkeypatch, limit):
     problem = pulled(comm, kinematics="small")
     result = solve(problem, [0.01, 0.05, 0.1], condensed=True)
     assert result.history["krylov"].sum() == sum(counted)
-    assert (sum(counted) > 0) == (limit == 0)
+    assert (sum(counted) > 0) == (few >= 0)
 
 
 def test_debonded(comm):

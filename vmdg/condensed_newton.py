@@ -99,6 +99,7 @@ class CondensedNewton(Iteration):
     def _forget(self) -> None:
         self._responses = KeptResponses(self.compliance.relax)
         self._rest = np.zeros(self.compliance.size)
+        self._solver.forget()
 
     @property
     def krylov(self) -> int:
