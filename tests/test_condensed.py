@@ -166,6 +166,7 @@ def test_kept_factors(comm, monkeypatch, cell):
         return len(made) - before
 
     assert [made_for(C) for C in (first, first, little, few, many, many)] == [1, 0, 0, 0, 1, 0]
+    assert solver.tolerance == condensed_solver.CLOSE
     solver.forget()
     assert made_for(many) == 1
     # Where GMRES fails new factors are made.

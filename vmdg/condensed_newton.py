@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .compliance import Compliance
-from .condensed_solver import EXACT, CondensedSolver
+from .condensed_solver import CondensedSolver
 from .gap_equation import GapEquation, Gaps
 from .iteration import BACKTRACK, ENERGY, FULL, Iteration, StepReport, Trace
 from .kept_responses import KeptResponses
@@ -206,7 +206,7 @@ class CondensedNewton(Iteration):
         start, seen = len(trace.norms), equation.evaluations
         for iteration in range(self._max_iterations + 1):
             trials, seen = equation.evaluations - seen, equation.evaluations
-            trace.note(gaps.norm, trials, self.krylov, EXACT)
+            trace.note(gaps.norm, trials, self.krylov, self._solver.tolerance)
             if not np.isfinite(gaps.norm):
                 return gaps, "DIVERGED_FNORM_NAN"
             if gaps.norm <= goal:

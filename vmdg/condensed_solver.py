@@ -65,6 +65,7 @@ class CondensedSolver:
 
     Attributes:
         iterations: Krylov iterations so far.
+        tolerance: Relative residual that the last of them aimed at.
     """
 
     def __init__(self, compliance: Compliance):
@@ -72,6 +73,7 @@ class CondensedSolver:
         self._krylov: _Krylov | None = None
         self._kept: _Kept | None = None
         self.iterations = 0
+        self.tolerance = EXACT
 
     def forget(self) -> None:
         """Go on as one that has solved nothing: S and what follows from it stay."""
@@ -89,12 +91,11 @@ class CondensedSolver:
         rows = (points[:, None] * compliance.shape[1] + np.arange(compliance.shape[1])).ravel()
         try:
             if len(rows) > DIRECT:
-                nodal = self._nodal_preconditioner(_block_diagonal(compliance))
-                found = self._iterate(compliance, right, nodal, EXACT, ENOUGH)
+                found = self._solve_nodal(compliance, right)
             else:
-                found = self._solve_kept(compliance, right)
-                if found is None:
-                    found = self._solve_single(compliance, points, rows, right)
+                found = self._solve_kept(compliance, right) or self._solve_single(
+                    compliance, points, rows, right
+                )
         except np.linalg.LinAlgError:
             found = None
         if found is None:
@@ -106,6 +107,11 @@ class CondensedSolver:
         """Free the PETSc objects."""
         if self._krylov is not None:
             self._krylov.free()
+
+    def _solve_nodal(self, compliance: Array, right: Array) -> tuple[Array, Array] | None:
+        """By GMRES with the preconditioner of the nodes; None where it does not converge."""
+        nodal = self._nodal_preconditioner(_block_diagonal(compliance))
+        return self._iterate(compliance, right, nodal, EXACT, ENOUGH)
 
     def _solve_kept(self, compliance: Array, right: Array) -> tuple[Array, Array] | None:
         """By GMRES with the last factors; None where they are of no use any more."""
@@ -193,6 +199,7 @@ class CondensedSolver:
         self, compliance: Array, right: Array, precondition: Solve, aim: float, enough: float
     ) -> tuple[Array, Array] | None:
         """By GMRES to the relative residual ``aim``; None where it is not even ``enough``."""
+        self.tolerance = aim
         if self._krylov is None:
             self._krylov = _Krylov(len(right))
         response = self._compliance.response
