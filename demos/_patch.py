@@ -11,7 +11,7 @@ import numpy as np
 
 import vmdg
 from vmdg.meshes import TaggedMesh, blocks
-from vmdg.output import CauchyStress
+from vmdg.output.fields import CauchyStress
 from vmdg.plot import cell_means, deformed_polygons, draw_cells
 
 MATERIAL = vmdg.NeoHookean(E=5000.0, nu=0.25)

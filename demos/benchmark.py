@@ -14,18 +14,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import _benchmark_condensed as condensed
-import _benchmark_cost as cost
-import _benchmark_peers as peers
-import _benchmark_precision as precision
-import _benchmark_ratio as ratio
-import _benchmark_switches as switches
-from _benchmark import DIMENSION, table
-from _options import run
+from helpers.options import run
 from matplotlib.figure import Figure
+from studies.benchmark import condensed, cost, peers, precision, ratio, switches
+from studies.benchmark.common import DIMENSION, table
 from tqdm import tqdm
 
-from vmdg.timers import timings, timings_since
+from vmdg.base.timers import timings, timings_since
 
 Outcome = tuple[Any, str, Callable[[], Figure] | None]
 

@@ -13,8 +13,8 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from _coercivity import CASES, Count, count, draw
-from _options import run
+from helpers.options import run
+from studies.coercivity.cells import CASES, Count, count, draw
 
 SAFETIES = ("auto", 1.0, 2.0, 4.0)
 

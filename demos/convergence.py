@@ -3,7 +3,8 @@
 Every study refines one kind of mesh (triangles, quadrilaterals, tetrahedra, hexahedra, regular or
 distorted, straight, inclined or curved interface) for one exact solution and one contrast of the
 moduli, and reports errors and rates of the displacement, its gradient and the interface traction.
-The solutions are derived in ``_manufactured.py``. On one core all studies take about half an hour.
+The solutions are derived in ``studies/convergence/manufactured.py``. On one core all studies take
+about half an hour.
 """
 
 from __future__ import annotations
@@ -13,9 +14,18 @@ from typing import Annotated
 
 from mpi4py import MPI
 
-from _benchmark import DIMENSION
-from _convergence import Row, coarse_studies, draw, errors, full_studies, summary, table, write_csv
-from _options import run
+from helpers.options import run
+from studies.benchmark.common import DIMENSION
+from studies.convergence.rates import (
+    Row,
+    coarse_studies,
+    draw,
+    errors,
+    full_studies,
+    summary,
+    table,
+    write_csv,
+)
 from tqdm import tqdm
 
 

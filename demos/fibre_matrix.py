@@ -14,9 +14,9 @@ from typing import Annotated
 from mpi4py import MPI
 
 import numpy as np
-from _fibre_matrix import DECK, RADIUS, REPORT, SIZE, Cell, build, curves, pulls, report
-from _options import run
-from _restart import files, resumed
+from helpers.fibre_matrix import DECK, RADIUS, REPORT, SIZE, Cell, build, curves, pulls, report
+from helpers.options import run
+from helpers.restart import files, resumed
 
 import vmdg
 from vmdg.meshes import fibre_matrix, random_fibres

@@ -10,12 +10,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from _options import run
 from _patch import MATERIAL, Snapshots, build
 from _report_stabilization import report_stabilization
+from helpers.options import run
 
 import vmdg
-from vmdg.output import FieldWriter
+from vmdg.output.fields import FieldWriter
 
 LAW = vmdg.Debonding(strength=50.0, critical_gap=0.2)
 LOADS = (0.0, -0.02, -0.04, -0.06, -0.10)

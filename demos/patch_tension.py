@@ -13,13 +13,13 @@ from time import perf_counter
 from mpi4py import MPI
 
 import numpy as np
-from _options import run
 from _patch import MATERIAL, Snapshots, build
 from _patch_references import residual_norms, softening_bar
 from _report_stabilization import report_stabilization
+from helpers.options import run
 
 import vmdg
-from vmdg.output import FieldWriter
+from vmdg.output.fields import FieldWriter
 
 LAW = vmdg.Debonding(strength=100.0, critical_gap=0.2)
 TABLE_1 = (2.8833671e1, 2.9488081e-1, 2.5465645e-5, 7.6179649e-13)

@@ -14,9 +14,9 @@ from typing import Annotated
 from mpi4py import MPI
 
 import numpy as np
-from _options import run
-from _pushout import E_MATRIX, Levels, build, curves, describe
-from _restart import files, resumed
+from helpers.options import run
+from helpers.pushout import E_MATRIX, Levels, build, curves, describe
+from helpers.restart import files, resumed
 
 import vmdg
 

@@ -15,9 +15,9 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from _benchmark import table
-from _options import run
-from _scaling import HEAD, Row, draw, measure
+from helpers.options import run
+from studies.benchmark.common import table
+from studies.scaling.measure import HEAD, Row, draw, measure
 
 
 def main(

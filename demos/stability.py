@@ -1,8 +1,8 @@
 """Random stress runs: cells, materials, laws, steps and motions far from ordinary, all checked.
 
 Every run has a number that fixes all that is drawn. It must end in a state that passes every check
-of ``_stability_checks.py``, or in a clear error: at the door, or with the state of the last
-converged step intact. The families are in ``_stability_cases.py``.
+of ``studies/stability/checks.py``, or in a clear error: at the door, or with the state of the last
+converged step intact. The families are in ``studies/stability/cases.py``.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from _options import run
-from _stability import BAD, Outcome, chart, stress, table, write_csv
-from _stability_cases import numbers
+from helpers.options import run
+from studies.stability.cases import numbers
+from studies.stability.runner import BAD, Outcome, chart, stress, table, write_csv
 from tqdm import tqdm
 
 

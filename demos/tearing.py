@@ -18,14 +18,14 @@ from mpi4py import MPI
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _options import run as run_demo
-from _restart import files, resumed
-from _tearing import Contours, Run, curves, error_profile, gap_profile, gathered
-from _tearing_cases import CASES, HEIGHT, MESHES, PRECRACK, STIFF, WIDTH
+from helpers.options import run as run_demo
+from helpers.restart import files, resumed
+from helpers.tearing import Contours, Run, curves, error_profile, gap_profile, gathered
+from helpers.tearing_cases import CASES, HEIGHT, MESHES, PRECRACK, STIFF, WIDTH
 
 import vmdg
 from vmdg.meshes import tearing
-from vmdg.output import FieldWriter
+from vmdg.output.fields import FieldWriter
 
 
 def tear(

@@ -12,7 +12,7 @@ from mpi4py import MPI
 import gmsh
 import matplotlib.pyplot as plt
 import numpy as np
-from _options import run
+from helpers.options import run
 
 import vmdg
 from vmdg import plot

@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _options import run
+from helpers.options import run
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 

@@ -15,7 +15,7 @@ from mpi4py import MPI
 import matplotlib.pyplot as plt
 import numpy as np
 import ufl
-from _options import run
+from helpers.options import run
 from ufl.core.expr import Expr
 
 import vmdg

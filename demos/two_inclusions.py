@@ -12,9 +12,9 @@ from typing import Annotated
 
 from mpi4py import MPI
 
-from _benchmark import table
-from _options import run
-from _two_inclusions import LAST, LAWS, PEAK, SLOPE, Run, draw, pull
+from helpers.options import run
+from helpers.two_inclusions import LAST, LAWS, PEAK, SLOPE, Run, draw, pull
+from studies.benchmark.common import table
 
 
 def main(

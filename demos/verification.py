@@ -2,7 +2,7 @@
 
 Prints one table, computed against exact, with the mesh and the seconds each scene took, and draws
 load and crack length of the beams over opening and deflection. The formulas stand in
-``_verification.py``, ``_partial_slip.py``, ``_shear_lag.py`` and ``_beams.py``.
+``studies/verification``.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from pathlib import Path
 from mpi4py import MPI
 
 import matplotlib.pyplot as plt
-from _beams import dcb, enf
-from _options import run
-from _partial_slip import partial_slip
-from _shear_lag import push_out
-from _verification import Check, bimaterial_bar, goodier, shrink_fit, table, timed
+from helpers.options import run
+from studies.verification.checks import Check, bimaterial_bar, goodier, shrink_fit, table, timed
+from studies.verification.delamination import dcb, enf
+from studies.verification.partial_slip import partial_slip
+from studies.verification.shear_lag import push_out
 
 import vmdg
 

@@ -9,7 +9,7 @@ cell (Nagtegaal, Parks & Rice 1974; Hughes 1980; Simo, Taylor & Pister 1985; de 
 
 n = 2 in plane strain, where F_33 stays 1, and 3 otherwise. W(F_bar) is a function w(F, theta), and
 the form is the derivative of its integral with theta eliminated: symmetric, with an energy. With p
-the mean of dw/dtheta over the cell (and what interfaces add, see :mod:`vmdg.condensation`)
+the mean of dw/dtheta over the cell (and what interfaces add, see :mod:`vmdg.assembly.dilatation`)
 
     dPi = int (dw/dF + p dJ/dF) : GRAD eta dV,
 

@@ -12,7 +12,7 @@ import ufl
 from ufl.core.expr import Expr
 
 from .geometry import Geometry
-from .interface import SIDES, opening, penalty, section_gradients
+from .residual import SIDES, opening, penalty, section_gradients
 
 
 def flux_variation(geometry: Geometry, w: Expr, moduli: tuple[Expr, Expr]) -> Expr:

@@ -11,8 +11,8 @@ import gmsh
 from dolfinx.io import XDMFFile
 from dolfinx.mesh import GhostMode
 
-from vmdg.named_tags import NamedTags, names_of
-from vmdg.parallel import raise_together
+from vmdg.base.parallel import raise_together
+from vmdg.domain.tags import NamedTags, names_of
 
 from .gmsh_model import TaggedMesh, distribute, model
 

@@ -13,9 +13,9 @@ import numpy as np
 from dolfinx.mesh import Mesh
 
 from vmdg import compat
-from vmdg.named_tags import NamedTags
-from vmdg.parallel import raise_together
-from vmdg.partition import between_bodies, slabs, weighted
+from vmdg.base.parallel import raise_together
+from vmdg.domain.tags import NamedTags
+from vmdg.meshes.partition import between_bodies, slabs, weighted
 
 
 class TaggedMesh(NamedTuple):
@@ -77,7 +77,7 @@ def distribute(
         gdim: Dimension.
         interface_weight: Number of cells as which those next to another body count, so that the
             ranks share the work of the interfaces too.
-        slabs_along: Cut across this axis only (0, 1, 2), see :func:`vmdg.partition.slabs`.
+        slabs_along: Cut across this axis only (0, 1, 2), see :func:`vmdg.meshes.partition.slabs`.
 
     Raises:
         ValueError: a weight below 1, cells without a group, or cells or facets in two groups.

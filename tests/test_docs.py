@@ -38,7 +38,7 @@ def numbers(text: str) -> list[str]:
 
 def rows() -> list[list[str]]:
     """Rows of the table: equations, file, function, remark."""
-    lines = (ROOT / "docs" / "equations.md").read_text().splitlines()
+    lines = (ROOT / "forms" / "README.md").read_text().splitlines()
     table = [line.strip("|").split("|") for line in lines if line.startswith("| (")]
     table += [line.strip("|").split("|") for line in lines if line.startswith("| Box")]
     return [[cell.strip().strip("`") for cell in row] for row in table]
@@ -81,7 +81,7 @@ def test_equation_is_where_the_table_says(row):
 # Docstrings of public names
 
 #: Modules of the reference: names by ``__all__``, or all that are defined there.
-MODULES = runpy.run_path(str(ROOT / "docs" / "_build.py"))["MODULES"]
+MODULES = runpy.run_path(str(ROOT / ".ci" / "reference.py"))["MODULES"]
 
 
 def public() -> Iterator[tuple[str, object]]:
@@ -229,10 +229,10 @@ def test_errors_are_documented():
 
 
 def test_reference_is_one_command():
-    """``docs/build`` explains itself, and all its modules say what they are."""
-    command = ["bash", str(ROOT / "docs" / "build"), "--help"]
+    """``.ci/reference`` explains itself, and all its modules say what they are."""
+    command = ["bash", str(ROOT / ".ci" / "reference"), "--help"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout.startswith("usage: docs/build [FOLDER]")
+    assert done.stdout.startswith("usage: .ci/reference [FOLDER]")
     assert all(import_module(module).__doc__ for module in MODULES)
 
 

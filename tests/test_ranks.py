@@ -12,7 +12,7 @@ from mpi4py import MPI
 import pytest
 import ranks
 import scaling
-from _scaling import measure, modelled_ghosts
+from studies.scaling.measure import measure, modelled_ghosts
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENES = ["load cycle", "fibres, on demand", "push-out"]
@@ -27,7 +27,12 @@ def test_any_number_of_ranks(tmp_path):
     folders = (str(ROOT), os.environ.get("PYTHONPATH", ""))
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(folders)}
     for count in range(1, 4):
-        script = [sys.executable, str(ROOT / "tests" / "ranks.py"), str(tmp_path), *SCENES]
+        script = [
+            sys.executable,
+            str(ROOT / "tests" / "support" / "ranks.py"),
+            str(tmp_path),
+            *SCENES,
+        ]
         command = ["mpirun", "-n", str(count), *script]
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr[-2000:]

@@ -1,4 +1,4 @@
-"""What README.md and docs/*.md tell a reader to type works: commands, options, examples, links."""
+"""What the pages tell a reader to type works: commands, options, examples, links."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted(ROOT.glob("[!.]*/*.md"))]
 
 #: Commands of others, which are not ours to try.
 OTHERS = ("git", "cd", "export", "conda", "source")
 
 FENCED = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
-OURS = r"(?:demos/run|tests/run|docs/build|python3? -m vmdg)\b"
+OURS = r"(?:demos/run|tests/run|.ci/reference|python3? -m vmdg)\b"
 
 
 class Parsed(Exception):
@@ -97,7 +97,7 @@ def run_demo(parts: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     places = [ROOT / "demos" / f"{name}.py", ROOT / f"{name}.py"]
     there = [path for path in places if path.is_file()]
     assert there, f"there is no demo and no script {parts[0]}"
-    takes_options = re.search(r"argparse|_options", there[0].read_text())
+    takes_options = re.search(r"argparse|helpers.options", there[0].read_text())
     if takes_options:
         parse([str(there[0]), *parts[1:]], monkeypatch)
     else:
@@ -159,9 +159,9 @@ def test_command(page, command, monkeypatch):
         "demos/run --dolfinx newest patch_tension",
         "srun python demos/scaling.py --cels 4",
         "tests/run tests/test_nothing.py",
-        "tests/run tests/test_restart.py -k nothing_like_it",
+        "tests/run tests/checkpoint/test_restart.py -k nothing_like_it",
         "pip install .[everything]",
-        "docs/bild",
+        ".ci/referenc",
         "make all",
     ],
 )

@@ -5,12 +5,6 @@ only numpy is installed.
 """
 
 from importlib import import_module
-from pathlib import Path
-
-_ROOT = Path(__file__).resolve().parent.parent
-if (_ROOT / "pyproject.toml").is_file():
-    # A source checkout: forms/ and meshes/ lie beside this package; installed, they lie in it.
-    __path__.append(str(_ROOT))
 
 _HOME = {
     "Bonded": "laws",
@@ -21,24 +15,24 @@ _HOME = {
     "Law": "laws",
     "MixedModeDebonding": "laws",
     "Mode": "laws",
-    "History": "history",
-    "Interface": "interface",
-    "ModelWarning": "sanity",
-    "NamedTags": "named_tags",
-    "split_cells": "marking",
+    "History": "output.history",
+    "Interface": "interface.interface",
+    "ModelWarning": "problem.checks",
+    "NamedTags": "domain.tags",
+    "split_cells": "domain.marking",
     "Material": "forms.materials",
     "NeoHookean": "forms.materials",
     "Hyperelastic": "forms.materials",
     "Ogden": "forms.ogden",
-    "Problem": "problem",
-    "Snapshot": "states",
-    "SolveOptions": "solver",
-    "StepFailure": "solver",
-    "solve": "solver",
-    "switchboard": "switches",
-    "FieldWriter": "output",
-    "read_checkpoint": "checkpoint",
-    "write_checkpoint": "checkpoint",
+    "Problem": "problem.problem",
+    "Snapshot": "problem.states",
+    "SolveOptions": "solver.stepping",
+    "StepFailure": "solver.stepping",
+    "solve": "solver.stepping",
+    "switchboard": "solver.features",
+    "FieldWriter": "output.fields",
+    "read_checkpoint": "checkpoint.checkpoint",
+    "write_checkpoint": "checkpoint.checkpoint",
 }
 
 __all__ = [*_HOME]

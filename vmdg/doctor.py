@@ -22,7 +22,7 @@ from .info import PACKAGES, blas, find, petsc_solvers
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from .problem import Problem
+    from .problem.problem import Problem
 
 STRENGTH, CRITICAL_GAP, SHEAR_MODULUS = 50.0, 0.1, 1000.0  # MPa, mm, MPa
 
@@ -111,7 +111,7 @@ def numbers(bench: Bench) -> str:
 
 def kernels(bench: Bench) -> str:
     """Forms are compiled, or found in the cache."""
-    from . import kernels
+    from .base import kernels
 
     before = len(kernels.requested)
     bench.problem = blocks(bench.comm)
@@ -124,7 +124,7 @@ def kernels(bench: Bench) -> str:
 
 def ghosts(bench: Bench) -> str:
     """Every facet of the interface belongs to one rank, which has both cells."""
-    from .parallel import global_sum
+    from .base.parallel import global_sum
 
     problem = bench.problem
     if bench.comm.size == 1:
@@ -143,7 +143,7 @@ def debonding(bench: Bench) -> str:
     """Traction and gap of the closed form."""
     import numpy as np
 
-    from .solver import SolveOptions, solve
+    from .solver.stepping import SolveOptions, solve
 
     problem = bench.problem
     traction, gap, end = half_broken()
@@ -165,7 +165,7 @@ def fields(bench: Bench) -> str:
 
     if not dolfinx.has_adios2:
         raise Missing("DOLFINx was built without ADIOS2: vmdg.FieldWriter cannot write")
-    from .output import FieldWriter
+    from .output.fields import FieldWriter
 
     with FieldWriter(bench.problem, bench.folder / "fields") as writer:
         writer.write(bench.problem.t)
@@ -180,9 +180,9 @@ def checkpoint(bench: Bench) -> str:
     """A state is written, and read by another problem."""
     import numpy as np
 
-    from .checkpoint import read_checkpoint, write_checkpoint
-    from .parallel import global_max
-    from .state_file import adios
+    from .base.parallel import global_max
+    from .checkpoint.checkpoint import read_checkpoint, write_checkpoint
+    from .checkpoint.state_file import adios
 
     try:
         adios()
@@ -259,9 +259,9 @@ def blocks(comm: MPI.Comm) -> Problem:
     from dolfinx.mesh import CellType, GhostMode, compute_midpoints, create_rectangle, meshtags
 
     from .forms.materials import NeoHookean
-    from .interface import Interface
+    from .interface.interface import Interface
     from .laws import Debonding
-    from .problem import Problem
+    from .problem.problem import Problem
 
     ends = [np.zeros(2), np.array([2.0, 1.0])]
     mesh = create_rectangle(

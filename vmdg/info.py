@@ -102,7 +102,7 @@ def blas(maps: Path = Path("/proc/self/maps")) -> str:
 
 def kernels() -> tuple[Path, int]:
     """Folder of the compiled kernels, and how many it has."""
-    from .kernels import cache_folder
+    from .base.kernels import cache_folder
 
     folder = Path(cache_folder())
     return folder, len(list(folder.glob("*.c.cached")))

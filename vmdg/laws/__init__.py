@@ -11,11 +11,11 @@
 
 from .base import Law, Mode, Update
 from .bonded import Bonded
+from .contact import Contact
 from .debonding import Debonding
 from .exponential import ExponentialDebonding, IntrinsicExponential
 from .extrinsic import ExtrinsicLaw, RadialLaw
 from .mixed_mode import MixedModeDebonding
-from .unbonded import Contact
 
 __all__ = [
     "Bonded",

@@ -1,128 +1,56 @@
-"""Points under compression, for every law that starts from a bonded interface.
-
-Two mechanisms in this order: the normal residual gap closes at zero normal traction, then shear
-meets the stronger of bond and friction (Box 3 of the report, completed: see `slide`).
-"""
+"""Contact without a bond: an interface that was never glued, or a crack that is there already."""
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .base import Array
+from .base import Array, require_not_negative
+from .extrinsic import RadialLaw
 
 
-class SofteningCurve(Protocol):
-    """Resistance R (MPa) of a bond against the slip x (mm) since R was R_n."""
+@dataclass(frozen=True)
+class Contact(RadialLaw):
+    """Unilateral contact with Coulomb friction: what is left of any other law without its bond.
 
-    strength: float  #: R of the intact bond, MPa
+    T = 0 where the interface is open; in contact T_N <= 0, zeta_N = 0 and |T_T| <= mu |T_N|. No
+    tangent couples the two sides of points at rest: hold or press both bodies.
+
+    Attributes:
+        friction: Coulomb coefficient mu.
+
+    Raises:
+        ValueError: the coefficient is out of range.
+    """
+
+    friction: float = 0.0
+    strength = 0.0
+
+    def __post_init__(self) -> None:
+        require_not_negative("use 0 for no friction", friction=self.friction)
+
+    @property
+    def softening_modulus(self) -> float:
+        """Zero: nothing softens."""
+        return 0.0
+
+    def nearness(self, normal: Array, shear: Array) -> Array:
+        """Infinite: there is no strength to wait for."""
+        return np.full_like(normal, np.inf)
 
     def slip(self, load: Array, resistance: Array, stiffness: Array) -> Array:
-        """Root x of load - stiffness x = R(x), where load >= R_n and stiffness > H."""
-        ...
+        """The free slip load/stiffness."""
+        return load / stiffness
 
     def soften(self, resistance: Array, slip: Array) -> tuple[Array, Array]:
-        """R(x) and its slope dR/dx."""
-        ...
+        """R = 0."""
+        return np.zeros_like(resistance), np.zeros_like(resistance)
 
     def slip_to(self, resistance: Array, target: Array) -> Array:
-        """Slip x at which R(x) has fallen from R_n to target; 0 where R_n <= target."""
-        ...
+        """No slip is needed."""
+        return np.zeros_like(resistance)
 
     def bond_energy(self, resistance: Array) -> Array:
-        """Energy left in the bond, N/mm: the integral of R(x) from here to separation."""
-        ...
-
-
-class Closure(NamedTuple):
-    """Normal part of a compressed point."""
-
-    length: Array  #: zeta_N,n - zeta_N,n+1 >= 0, mm
-    traction: Array  #: T_N <= 0, MPa
-    still_open: NDArray[np.bool_]  #: zeta_N > 0 remains, hence T_N = 0
-
-
-def close(trial_n: Array, gap_n: Array, penalty: Array) -> Closure:
-    """Close the normal residual gap at zero normal traction, then press.
-
-    zeta_N = max(0, zeta_N,n + T_tr.N / r) and T_N = T_tr.N + r (zeta_N,n - zeta_N); for zeta_N = 0
-    this is (76).
-    """
-    needed = -trial_n / penalty
-    available = np.maximum(gap_n, 0.0)
-    still_open = needed < available
-    return Closure(
-        length=np.where(still_open, needed, available),
-        traction=np.where(still_open, 0.0, np.minimum(trial_n + penalty * available, 0.0)),
-        still_open=still_open,
-    )
-
-
-class Slide(NamedTuple):
-    """Shear part of a compressed point."""
-
-    slip: Array  #: dgamma, mm
-    traction: Array  #: |T_T|, MPa
-    resistance: Array  #: R_{n+1} of the bond, MPa
-    lost: Array  #: R_n - R_{n+1}, MPa
-    slope: Array  #: d dgamma / d |T_tr,T|, mm/MPa
-    cap_slope: Array  #: d dgamma / d (mu |T_N|), mm/MPa
-    slipping: NDArray[np.bool_]
-    by_friction: NDArray[np.bool_]  #: slipping, and friction is the stronger
-    damage_work: Array
-    friction_work: Array
-    viscous_work: Array
-
-
-def slide(
-    bond: SofteningCurve, shear: Array, cap: Array, resistance: Array, penalty: Array, eta: float
-) -> Slide:
-    """Shear return (75)-(83): |T_T| = |T_tr,T| - r dgamma meets max(R + eta dgamma, mu |T_N|).
-
-    Yields along T_tr,T (73), only if f_d = |T_tr,T| - R_n (72) and f_mu = |T_tr,T| - mu |T_N| (74)
-    are both positive; of the two roots (80) and (79) the smaller is taken, which is the root for
-    the larger resistance. The bond wears along x in friction too. Rate dependence belongs to the
-    bond: friction is rate independent, so that sliding under pressure settles at mu |T_N| whatever
-    the viscosity.
-
-    The work is the integral of max(R(x) + eta dgamma, mu |T_N|) over x from 0 to dgamma. The bond
-    takes the integral of R; of the rest, viscosity takes eta dgamma as long as the bond holds (x <
-    x*, R(x*) + eta dgamma = mu |T_N|) and friction takes mu |T_N| - R(x) after it.
-
-    Args:
-        bond: softening curve in shear.
-        shear: |T_tr,T| (n,), MPa.
-        cap: mu |T_N| (n,), MPa.
-        resistance: R_n (n,), MPa.
-        penalty: r (n,), MPa/mm.
-        eta: viscosity/dt, MPa/mm.
-    """
-    # A debonded point without pressure slips freely even at zero load: its tangent must not be the
-    # bonded one.
-    slipping = ((shear > resistance) | (resistance == 0.0)) & ((shear > cap) | (cap == 0.0))
-    by_bond = bond.slip(np.maximum(shear, resistance), resistance, penalty + eta)
-    by_cap = np.maximum(shear - cap, 0.0) / penalty
-    by_friction = slipping & (by_cap <= by_bond)
-    slip = np.where(slipping, np.minimum(by_bond, by_cap), 0.0)
-    left, softening_slope = bond.soften(resistance, slip)
-
-    held_by_bond = np.where(
-        by_friction, np.clip(bond.slip_to(resistance, cap - eta * slip), 0.0, slip), slip
-    )
-    left_at_hand_over, _ = bond.soften(resistance, held_by_bond)
-    after_hand_over = bond.bond_energy(left_at_hand_over) - bond.bond_energy(left)
-    return Slide(
-        slip=slip,
-        traction=np.where(slipping, np.where(by_friction, cap, left + eta * slip), shear),
-        resistance=left,
-        lost=resistance - left,
-        slope=slipping / np.where(by_friction, penalty, penalty + eta + softening_slope),
-        cap_slope=-(by_friction / penalty),
-        slipping=slipping,
-        by_friction=by_friction,
-        damage_work=bond.bond_energy(resistance) - bond.bond_energy(left),
-        friction_work=np.maximum(cap * (slip - held_by_bond) - after_hand_over, 0.0),
-        viscous_work=eta * slip * held_by_bond,
-    )
+        """None."""
+        return np.zeros_like(resistance)

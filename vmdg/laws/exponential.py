@@ -20,7 +20,7 @@ from .base import (
     require_positive,
 )
 from .extrinsic import RadialLaw
-from .newton import increasing_root
+from .roots import increasing_root
 
 
 @dataclass(frozen=True)

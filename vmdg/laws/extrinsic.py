@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .base import Array, Law, Mode, Update, add_to_diagonal, dot, outer, unit
-from .contact import Closure, Slide, SofteningCurve, close, slide
+from .compression import Closure, Slide, SofteningCurve, close, slide
 
 # A closure this small against the load over r is what round-off left of a closed gap, not a branch.
 _ROUND_OFF = 1e-12

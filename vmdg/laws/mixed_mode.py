@@ -21,7 +21,7 @@ from .base import (
 )
 from .debonding import Debonding
 from .extrinsic import ExtrinsicLaw, Points
-from .newton import increasing_root
+from .roots import increasing_root
 
 
 @dataclass(frozen=True)

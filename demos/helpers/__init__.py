@@ -1,0 +1,1 @@
+"""What several demos share, and the models behind them."""

@@ -1,0 +1,1 @@
+"""Studies: each measures one property of the method over many runs."""

@@ -1,0 +1,1 @@
+"""Run time against error, and beside plain elements and other codes."""

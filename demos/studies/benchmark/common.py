@@ -1,0 +1,160 @@
+"""What the parts of the benchmark share: processor time, meshes of two layers, tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from time import process_time
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+from dolfinx.mesh import (
+    CellType,
+    GhostMode,
+    compute_midpoints,
+    create_box,
+    create_rectangle,
+    locate_entities_boundary,
+    meshtags,
+)
+
+from vmdg import compat
+from vmdg.meshes import TaggedMesh
+from vmdg.solver import newton
+
+DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+
+#: Timers whose runs are counted, by what they count.
+TIMERS = {
+    "solves": "linear solve",
+    "factorizations": "factorize bonded bodies",
+    "condensed": "condensed solve",
+    "residuals": "assemble residual",
+    "tangents": "stage tangent",
+}
+
+#: Cell tags, and facet tags of the ends of the last direction.
+LOWER, UPPER = 1, 2
+BOTTOM, TOP = 1, 2
+
+
+def layers(
+    cell: str,
+    divisions: Sequence[int],
+    sizes: Sequence[float],
+    below: int,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> TaggedMesh:
+    """A rectangle or box of two layers with the interface across its last direction.
+
+    Args:
+        cell: "triangle", "quadrilateral", "tetrahedron" or "hexahedron".
+        divisions: Cells in every direction.
+        sizes: Lengths [mm].
+        below: How many of the cells of the last direction belong to the lower layer.
+        comm: Communicator.
+
+    Returns:
+        Mesh; cell tags 1 (lower) and 2 (upper); facet tags 1 bottom, 2 top.
+    """
+    d = DIMENSION[cell]
+    make = create_rectangle if d == 2 else create_box
+    corners = [np.zeros(d), np.asarray(sizes, dtype=float)]
+    mesh = make(comm, corners, divisions, CellType[cell], ghost_mode=GhostMode.shared_facet)
+    imap = mesh.topology.index_map(d)
+    cells = np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32)
+    level = below * sizes[-1] / divisions[-1]
+    upper = compute_midpoints(mesh, d, cells)[:, d - 1] > level
+    tags = meshtags(mesh, d, cells, np.where(upper, UPPER, LOWER).astype(np.int32))
+    ends = [
+        locate_entities_boundary(mesh, d - 1, lambda x, z=z: np.isclose(x[d - 1], z))
+        for z in (0.0, sizes[-1])
+    ]
+    facets = np.concatenate(ends)
+    values = np.repeat(np.array([BOTTOM, TOP], dtype=np.int32), [len(end) for end in ends])
+    order = np.argsort(facets)
+    return TaggedMesh(mesh, tags, meshtags(mesh, d - 1, facets[order], values[order]))
+
+
+def least_times(
+    variants: Mapping[str, Mapping[str, Callable[[], Any]]], repeats: int
+) -> dict[str, dict[str, float]]:
+    """Processor time of the steps of several variants [s], the least of some runs.
+
+    The variants take turns, so that a change of the machine's speed hits all of them.
+
+    Args:
+        variants: For every variant what it does, by name, in this order.
+        repeats: How often.
+    """
+    least = {name: dict.fromkeys(steps, np.inf) for name, steps in variants.items()}
+    for _ in range(repeats):
+        for name, steps in variants.items():
+            for step, action in steps.items():
+                start = process_time()
+                action()
+                least[name][step] = min(least[name][step], process_time() - start)
+    return least
+
+
+@dataclass
+class Work:
+    """What was done, in numbers.
+
+    Attributes:
+        solves: Linear systems of the whole problem.
+        factorizations: Of their matrices, direct or to be kept.
+        krylov: Iterations with these.
+        condensed: Linear systems of the gaps alone.
+        residuals: Assemblies.
+        tangents: Assemblies.
+    """
+
+    solves: int = 0
+    factorizations: int = 0
+    krylov: int = 0
+    condensed: int = 0
+    residuals: int = 0
+    tangents: int = 0
+
+
+def timer(name: str) -> tuple[int, float]:
+    """How often a timer of vmdg has run, and how long [s]."""
+    return compat.timing(f"vmdg: {name}")
+
+
+@contextmanager
+def working() -> Iterator[Work]:
+    """Count the work that vmdg does inside; the numbers are there at the end."""
+    work, solvers, make = Work(), [], newton.LinearSolver
+
+    def remember(*arguments: Any) -> newton.LinearSolver:
+        solvers.append(make(*arguments))
+        return solvers[-1]
+
+    before = {what: timer(name)[0] for what, name in TIMERS.items()}
+    newton.LinearSolver = remember
+    try:
+        yield work
+    finally:
+        newton.LinearSolver = make
+    for what, name in TIMERS.items():
+        setattr(work, what, timer(name)[0] - before[what])
+    for solver in solvers:
+        work.factorizations += solver.counts.factorizations + solver.counts.setups
+        work.krylov += solver.counts.iterations
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    """A Markdown table; numbers with four digits."""
+
+    def text(value: Any) -> str:
+        if isinstance(value, float | np.floating):
+            return f"{value:.4g}"
+        return str(value)
+
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(text(value) for value in row) + " |" for row in lines)

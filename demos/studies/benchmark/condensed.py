@@ -1,0 +1,187 @@
+"""Small-strain steps condensed to the interface against steps of the whole problem.
+
+Two scenes at small strain: a fibre that debonds in a cell (section 7.2 without cracks in the
+matrix) and the fibre push-out (section 7.4), as a section and in 3D. Three ways take the same
+steps: the whole problem with a factorization of every tangent; the whole problem as it is solved
+without condensation, which keeps its tangent while nothing fails, and its factors; and condensed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from time import process_time
+
+import numpy as np
+from helpers import pushout
+from helpers.fibre_matrix import REPORT, build, pulls
+from numpy.typing import NDArray
+
+import vmdg
+from vmdg.meshes import fibre_matrix
+from vmdg.solver.linear import automatic_options
+
+TOLERANCE = 1e-9
+#: Punch of section 7.4 [mm].
+PUNCH = 0.174
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A problem at small strain.
+
+    Attributes:
+        problem: Not solved yet.
+        loads: Load factors to reach.
+        force: What is compared [N].
+        cure: Load factors before them.
+        punch: Prescribes what moves after the cure.
+    """
+
+    problem: vmdg.Problem
+    loads: NDArray[np.float64]
+    force: Callable[[vmdg.Problem], float]
+    cure: NDArray[np.float64] | None = None
+    punch: Callable[[], None] | None = None
+
+
+def cell(element_size: float) -> Scene:
+    """A fibre that debonds from its matrix, pulled at both sides."""
+    tagged = fibre_matrix(element_size=element_size)
+    problem = build(tagged, REPORT, 0.2, kinematics="small")
+    right = tagged.facet_tags.find("right")
+    return Scene(problem, pulls(1e-4, 0.005, 1.1), lambda problem: problem.reaction(right)[0])
+
+
+def push_out(solid: bool, refine: float, steps: int) -> Scene:
+    """The cure and the punch of a fibre."""
+    model = pushout.build(solid, 25, refine, 0.475, 2500.0, "small")
+    problem, axis = model.problem, "xyz".index(model.axis)
+    return Scene(
+        problem,
+        1 + PUNCH * np.arange(1, steps + 1) / steps,
+        lambda problem: problem.reaction(model.top)[axis],
+        np.linspace(0.25, 1, 4),
+        lambda: problem.dirichlet(model.top, lambda t: 1 - t, model.axis, relative=True),
+    )
+
+
+SCENES: dict[str, Callable[[], Scene]] = {
+    "fibre in a cell, h = .1": partial(cell, 0.1),
+    "fibre in a cell, h = .03": partial(cell, 0.03),
+    "fibre in a cell, h = .01": partial(cell, 0.01),
+    "push-out, section": partial(push_out, False, 1.0, 100),
+    "push-out, 3D, half of all counts": partial(push_out, True, 0.5, 100),
+    "push-out, 3D": partial(push_out, True, 1.0, 100),
+}
+COARSE: dict[str, Callable[[], Scene]] = {
+    "fibre in a cell, h = .1": SCENES["fibre in a cell, h = .1"],
+    "push-out, section": partial(push_out, False, 0.5, 10),
+}
+
+
+@dataclass(frozen=True)
+class Gain:
+    """A scene in all ways.
+
+    Attributes:
+        name: Of the scene.
+        unknowns: Of the displacement.
+        gaps: Components of the gaps at the points of the interface.
+        steps: Load factors reached.
+        seconds: Processor time of the steps, by way [s].
+        difference: Of the forces of condensed steps from those of the whole problem that keeps its
+            factors, relative to the largest: the median and the most of all steps.
+        apart: The same for the whole problem with every tangent factorized.
+    """
+
+    name: str
+    unknowns: int
+    gaps: int
+    steps: int
+    seconds: dict[str, float]
+    difference: tuple[float, float]
+    apart: tuple[float, float]
+
+
+def every_tangent(problem: vmdg.Problem) -> vmdg.SolveOptions:
+    """The direct solver that fits, LDL^T without friction and else LU, for every tangent."""
+    _, direct = automatic_options(problem)
+    return vmdg.SolveOptions(TOLERANCE, petsc=direct, condensed=False)
+
+
+EVERY, KEPT, CONDENSED = "every tangent factorized", "factors kept", "condensed"
+WAYS: dict[str, Callable[[vmdg.Problem], vmdg.SolveOptions]] = {
+    EVERY: every_tangent,
+    KEPT: lambda problem: vmdg.SolveOptions(TOLERANCE, condensed=False),
+    CONDENSED: lambda problem: vmdg.SolveOptions(TOLERANCE, condensed=True),
+}
+
+
+def run(scene: Scene, way: str) -> tuple[float, NDArray[np.float64]]:
+    """Processor time of the steps [s] and the forces [N]."""
+    problem, options = scene.problem, WAYS[way](scene.problem)
+    problem.compile()
+    start = process_time()
+    if scene.punch is not None:
+        vmdg.solve(problem, scene.cure, options)
+        scene.punch()
+    history = vmdg.solve(problem, scene.loads, options, lambda p: {"force": scene.force(p)}).history
+    rows = np.isin(history["load"], scene.loads)  # steps that were cut have rows of their own
+    return process_time() - start, history["force"][rows]
+
+
+def measure(name: str, make: Callable[[], Scene], repeats: int = 1) -> Gain:
+    """Run all ways in turns, some times for the least processor time."""
+    seconds = dict.fromkeys(WAYS, np.inf)
+    forces = {}
+    for _ in range(repeats):
+        for way in WAYS:
+            scene = make()
+            took, forces[way] = run(scene, way)
+            seconds[way] = min(seconds[way], took)
+    problem = scene.problem
+    return Gain(
+        name,
+        problem.space.dofmap.index_map.size_global * problem.space.dofmap.index_map_bs,
+        problem.state[0].gap.size,
+        len(scene.loads),
+        seconds,
+        _apart(forces[CONDENSED], forces[KEPT]),
+        _apart(forces[CONDENSED], forces[EVERY]),
+    )
+
+
+def _apart(first: NDArray[np.float64], second: NDArray[np.float64]) -> tuple[float, float]:
+    """Median and most of the difference, relative to the largest of the first."""
+    apart = np.abs(first - second) / np.abs(first).max()
+    return float(np.median(apart)), float(apart.max())
+
+
+HEAD = (
+    "scene",
+    "unknowns",
+    "gaps",
+    "steps",
+    *(f"{way} [s]" for way in WAYS),
+    "gain on every",
+    "gain on kept",
+    "difference from every",
+    "difference from kept",
+)
+
+
+def rows(gains: list[Gain]) -> Iterator[list[str | float]]:
+    """Of the table below ``HEAD``."""
+    for gain in gains:
+        yield [
+            gain.name,
+            gain.unknowns,
+            gain.gaps,
+            gain.steps,
+            *gain.seconds.values(),
+            gain.seconds[EVERY] / gain.seconds[CONDENSED],
+            gain.seconds[KEPT] / gain.seconds[CONDENSED],
+            *(f"{median:.1e}, most {most:.1e}" for median, most in (gain.apart, gain.difference)),
+        ]

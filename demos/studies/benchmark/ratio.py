@@ -1,0 +1,221 @@
+"""A Newton iteration of vmdg against one of plain finite elements on the same mesh.
+
+One iteration is residual, tangent with its boundary conditions, and a linear solve with the same
+solver. Once the interface is tied, once every point of it is at work: the left half opens and is
+damaged, the right half is pressed, slides and rubs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from petsc4py import PETSc
+
+import numpy as np
+
+import vmdg
+from studies.benchmark.common import BOTTOM, LOWER, TOP, UPPER, layers, least_times
+from studies.benchmark.continuous import Plain
+from vmdg.domain.topology import tags_of_cells
+from vmdg.meshes import TaggedMesh
+from vmdg.solver.linear import CG_GAMG, GMRES_GAMG, LDLT, LU, Options, make_ksp, set_rigid_modes
+
+#: Cells, and the layer below the interface.
+MESHES = {"2D": ("quadrilateral", (96, 96), 48), "3D": ("hexahedron", (22, 22, 25), 12)}
+#: Softening that the body can follow, or the tangent would be indefinite.
+STRENGTH, CRITICAL_GAP, FRICTION = 10.0, 1.0, 0.3  # MPa, mm, -
+#: Opening and slip of the interface at work, and how far its other half is pressed in [mm].
+OPENING, PRESSED = 0.03, 0.005
+BODY = {"E": 1000.0, "nu": 0.3}  # MPa
+AT_WORK = (vmdg.Mode.TENSION, vmdg.Mode.FRICTION)
+#: Of iterative linear solves.
+TOLERANCE = 1e-6
+STEPS = ("residual", "tangent", "boundary", "solve")
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """Processor times of the parts of an iteration [s] and the counts that explain them.
+
+    Attributes:
+        name: Dimension, state of the interface and solver.
+        times: Of "plain" and "vmdg", by part.
+        sizes: Numbers of unknowns.
+        entries: Nonzero entries of the matrices.
+        efforts: Krylov iterations of the linear solves, or operations of direct ones [1e9].
+        active: Share of the interface's points that are damaged or slide.
+        step: Processor time for the stabilization of one load step of vmdg [s].
+    """
+
+    name: str
+    times: dict[str, dict[str, float]]
+    sizes: tuple[int, int]
+    entries: tuple[int, int]
+    efforts: tuple[float, float]
+    active: float
+    step: float
+
+    @property
+    def totals(self) -> tuple[float, float]:
+        """Of an iteration [s]."""
+        return tuple(sum(self.times[name].values()) for name in ("plain", "vmdg"))
+
+    @property
+    def ratio(self) -> float:
+        """vmdg to plain."""
+        plain, ours = self.totals
+        return ours / plain
+
+
+def _field(d: int, jump: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Displacement at points [mm]; a ``jump`` of 1 opens half of the interface, closes the rest."""
+
+    def u(x: np.ndarray) -> np.ndarray:
+        values = np.zeros((d, x.shape[1]))
+        values[0] = 0.01 * x[0] + jump * OPENING
+        values[-1] = 0.003 * x[0] * x[-1] + jump * np.where(x[0] < 0.5, OPENING, -PRESSED)
+        return values
+
+    return u
+
+
+def measure(dimension: str, damage: bool, direct: bool, repeats: int, refine: float = 1.0) -> Ratio:
+    """One row of the table.
+
+    Args:
+        dimension: "2D" or "3D".
+        damage: Whether all points of the interface are at work; else it is tied.
+        direct: MUMPS instead of a Krylov solver with GAMG.
+        repeats: The least of so many iterations.
+        refine: Multiplies the numbers of cells.
+    """
+    cell, divisions, below = MESHES[dimension]
+    divisions = [max(round(refine * n), 2) for n in divisions]
+    below = max(round(refine * below), 1)
+    tagged = layers(cell, divisions, np.ones(len(divisions)), below)
+    ends = np.concatenate([tagged.facet_tags.find(tag) for tag in (BOTTOM, TOP)])
+    material, d = vmdg.NeoHookean(**BODY), tagged.mesh.geometry.dim
+    plain = Plain(tagged, {LOWER: material, UPPER: material})
+    plain.u.interpolate(_field(d, 0.0))
+    plain.prescribe(ends)
+    problem = _problem(tagged, material, damage)
+    problem.dirichlet(ends, 0.0)
+    matrix = problem.create_matrix()
+    matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+    plain.assemble_residual()
+    plain.assemble_tangent()
+    residual = problem.assemble_residual().copy()
+    problem.assemble_tangent(matrix)
+    if direct:
+        options = LDLT if problem.symmetric else LU
+    else:
+        options = CG_GAMG if problem.symmetric else GMRES_GAMG
+        for space, A in ((plain.space, plain.matrix), (problem.space, matrix)):
+            set_rigid_modes(_Modes(space, problem.geometry), A)
+    residual[problem.prescribed] = 0
+    solvers = [
+        _Solver(A, options, b)
+        for A, b in ((plain.matrix, plain.assemble_residual()), (matrix, residual))
+    ]
+    steps = {
+        "plain": (plain.assemble_residual, plain.assemble_tangent, plain.hold, solvers[0]),
+        "vmdg": (
+            problem.assemble_residual,
+            lambda: problem.assemble_tangent(matrix),
+            lambda: matrix.zeroRowsColumnsLocal(problem.prescribed, 1.0),
+            solvers[1],
+        ),
+    }
+    named = {name: dict(zip(STEPS, actions, strict=True)) for name, actions in steps.items()}
+    times = least_times(named, repeats)
+    once = {"vmdg": {"step": lambda: problem.update_stabilization(1.0)}}
+    active = 0.0
+    if damage:
+        problem.couplings[0].commit()
+        active = float(np.isin(problem.couplings[0].mode, AT_WORK).mean())
+    return Ratio(
+        f"{dimension}, {'damage and friction' if damage else 'tied'}, "
+        f"{'direct' if direct else 'multigrid'}",
+        times,
+        (plain.size, matrix.getSize()[0]),
+        tuple(int(A.getInfo()["nz_used"]) for A in (plain.matrix, matrix)),
+        tuple(solver.effort for solver in solvers),
+        active,
+        least_times(once, repeats)["vmdg"]["step"],
+    )
+
+
+def _problem(tagged: TaggedMesh, material: vmdg.Material, damage: bool) -> vmdg.Problem:
+    """Tied, or displaced so that all points of the interface are at work."""
+    law = vmdg.Debonding(STRENGTH, CRITICAL_GAP, friction=FRICTION) if damage else vmdg.Bonded()
+    interface = vmdg.Interface(between=(LOWER, UPPER), law=law)
+    problem = vmdg.Problem(
+        tagged.mesh, tagged.cell_tags, {LOWER: material, UPPER: material}, [interface]
+    )
+    tags, d = tags_of_cells(tagged.mesh, tagged.cell_tags), tagged.mesh.geometry.dim
+    for tag, jump in ((LOWER, 0.0), (UPPER, float(damage))):
+        problem.u.interpolate(_field(d, jump), np.flatnonzero(tags == tag).astype(np.int32))
+    return problem
+
+
+@dataclass(frozen=True)
+class _Modes:
+    """What the rigid modes of a space depend on."""
+
+    space: object
+    geometry: object
+
+
+class _Solver:
+    """Solves with the present values of a matrix, from scratch."""
+
+    def __init__(self, matrix: PETSc.Mat, options: Options, b: np.ndarray):
+        self._ksp, self._matrix = make_ksp(matrix, options), matrix
+        self._ksp.setTolerances(rtol=TOLERANCE)
+        self._x, self._b = matrix.createVecs()
+        self._b.array[:] = b
+
+    def __call__(self) -> None:
+        self._ksp.setOperators(self._matrix)
+        self._ksp.solve(self._b, self._x)
+
+    @property
+    def effort(self) -> float:
+        """Iterations of the last solve, or operations of the last elimination [1e9]."""
+        if self._ksp.getType() != PETSc.KSP.Type.PREONLY:
+            return self._ksp.getIterationNumber()
+        return 1e-9 * self._ksp.getPC().getFactorMatrix().getMumpsRinfog(3)
+
+
+HEAD = (
+    "Newton iteration",
+    "unknowns",
+    "entries",
+    *(f"{step} [ms]" for step in STEPS),
+    "iterations or Gflop",
+    "all [ms]",
+    "ratio",
+    "active",
+    "a step more [ms]",
+)
+
+
+def row(ratio: Ratio) -> list[str | float]:
+    """Of the table below ``HEAD``; numbers of plain finite elements first."""
+
+    def both(plain: float, ours: float) -> str:
+        return f"{plain:.4g} / {ours:.4g}"
+
+    plain, ours = ratio.times["plain"], ratio.times["vmdg"]
+    return [
+        ratio.name,
+        both(*ratio.sizes),
+        both(*ratio.entries),
+        *(both(1e3 * plain[step], 1e3 * ours[step]) for step in STEPS),
+        both(*ratio.efforts),
+        both(*(1e3 * total for total in ratio.totals)),
+        f"{ratio.ratio:.3f}",
+        f"{ratio.active:.0%}",
+        1e3 * ratio.step,
+    ]

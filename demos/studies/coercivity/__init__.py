@@ -1,0 +1,1 @@
+"""The bonded form on random cells."""

@@ -1,0 +1,1 @@
+"""Rates against exact solutions."""

@@ -1,0 +1,1 @@
+"""Random scenes far from ordinary, run and judged."""

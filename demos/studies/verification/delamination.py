@@ -1,0 +1,294 @@
+"""Delamination of beams against corrected beam theory: DCB (mode I) and ENF (mode II)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+import numpy as np
+import ufl
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from ufl.core.expr import Expr
+
+import vmdg
+import vmdg.interface.interface
+from studies.verification.checks import Check, compare, describe
+from vmdg.meshes import TaggedMesh, beams
+from vmdg.meshes.beams import CONTACT, INTERFACE, LOWER_LEFT, TOP
+
+
+def orthotropic_energy(F: Expr, p: Mapping[str, Expr]) -> Expr:
+    """W = E:C:E/2 [MPa] of the Green strain E, axes of the material along x, y, z."""
+    strain = (F.T * F - ufl.Identity(3)) / 2
+    axial = [strain[i, i] for i in range(3)]
+    W = sum(p[f"C{min(i, j)}{max(i, j)}"] * axial[i] * axial[j] for i in range(3) for j in range(3))
+    shear = ((0, 1), (0, 2), (1, 2))
+    return W / 2 + sum(2 * p[f"G{i}{j}"] * strain[i, j] ** 2 for i, j in shear)
+
+
+@dataclass(frozen=True)
+class Laminate:
+    """Arms of a unidirectional laminate, fibres along x, isotropic across them (Alfano-Crisfield).
+
+    Lengths in mm, moduli and strength in MPa, G_c in N/mm.
+    """
+
+    E1: float = 135300.0
+    E2: float = 9000.0
+    G12: float = 5200.0
+    nu12: float = 0.24
+    nu23: float = 0.46
+    G_c: float = 0.28
+    strength: float = 57.0
+    h: float = 1.5
+    b: float = 20.0
+
+    @property
+    def material(self) -> vmdg.Hyperelastic:
+        """Stiffness from the inverse of the compliance."""
+        S = np.diag([1 / self.E1, 1 / self.E2, 1 / self.E2])
+        S[0, 1:] = S[1:, 0] = -self.nu12 / self.E1
+        S[1, 2] = S[2, 1] = -self.nu23 / self.E2
+        C = np.linalg.inv(S)
+        parameters = {f"C{i}{j}": C[i, j] for i in range(3) for j in range(i, 3)}
+        G23 = self.E2 / (2 * (1 + self.nu23))
+        shear = {"G01": self.G12, "G02": self.G12, "G12": G23}
+        return vmdg.Hyperelastic(orthotropic_energy, parameters | shear)
+
+    @property
+    def plane_strain(self) -> tuple[float, float]:
+        """E_1 and E_2 of a wide beam."""
+        nu21 = self.nu12 * self.E2 / self.E1
+        return self.E1 / (1 - self.nu12 * nu21), self.E2 / (1 - self.nu23**2)
+
+    @property
+    def chi(self) -> float:
+        """Of corrected beam theory: what an arm is longer than the crack, in units of h."""
+        E1, E2 = self.plane_strain
+        gamma = 1.18 * math.sqrt(E1 * E2) / self.G12
+        return math.sqrt(E1 / (11 * self.G12) * (3 - 2 * (gamma / (1 + gamma)) ** 2))
+
+    @property
+    def rigidity(self) -> float:
+        """b E_1 h^3 [N mm2]."""
+        return self.b * self.plane_strain[0] * self.h**3
+
+    def bond(self, friction: float = 0.0) -> vmdg.Debonding:
+        """Linear softening of energy G_c."""
+        return vmdg.Debonding(self.strength, 2 * self.G_c / self.strength, friction)
+
+
+def penalty(m: Laminate, rows: int, degree: int) -> vmdg.interface.interface.Stabilizer:
+    """r = (k + 1)^2 M rows/h in place of the norm of tau_s, and equal weights.
+
+    On cells of height h/rows |P.N|^2 on the facet is at most (k + 1)^2 rows/h times its mean over
+    the height (Warburton and Hesthaven 2003) and at most M = C_11 times twice the energy, so that
+    half of this r is coercive. The bubble of a cell eight times as high as wide bends mostly along
+    the interface: the derived tau_s is 50 times as stiff, and Newton then cycles between the
+    branches of the law twice as often.
+    """
+    r = (degree + 1) ** 2 * m.material.parameters["C11"] * rows / m.h
+
+    def stabilization(
+        tau1: NDArray, tau2: NDArray, context: vmdg.interface.interface.StabilizationContext
+    ) -> tuple[NDArray, NDArray]:
+        count, d, _ = tau1.shape
+        identity = np.tile(np.eye(d), (count, 1, 1))
+        return r / math.sqrt(d) * identity, identity / 2
+
+    return stabilization
+
+
+@dataclass(frozen=True)
+class Run:
+    """A delamination test.
+
+    Attributes:
+        history: Opening, load and crack length, computed and of the theory.
+        checks: Lines of the table.
+    """
+
+    history: vmdg.History
+    checks: list[Check]
+
+
+def _problem(
+    m: Laminate, tagged: TaggedMesh, rows: int, degree: int, friction: float | None = None
+) -> vmdg.Problem:
+    """Both arms at small strains, bonded from the crack on.
+
+    With ``friction`` the lips touch where the crack is an interface.
+    """
+    material, facets = m.material, tagged.facet_tags
+    laws = {INTERFACE: m.bond(friction or 0.0)}
+    if friction is not None:
+        laws[CONTACT] = vmdg.Contact(friction)
+    own = penalty(m, rows, degree)
+    interfaces = [
+        vmdg.Interface(facets.find(tag), law=law, frame="reference", stabilization=own)
+        for tag, law in laws.items()
+    ]
+    return vmdg.Problem(
+        tagged.mesh,
+        tagged.cell_tags,
+        {1: material, 2: material},
+        interfaces,
+        degree,
+        kinematics="small",
+        thickness=m.b,
+    )
+
+
+def dcb(
+    element_size: float = 0.0625,
+    steps: int = 120,
+    end: float = 6.0,
+    rows: int = 3,
+    degree: int = 1,
+    verbose: bool = False,
+) -> Run:
+    """Double cantilever beam: L 100, a_0 30 mm, opened to ``end`` [mm], data of Alfano-Crisfield.
+
+    Corrected beam theory with a_e = a + chi h: opening C P, C = 8 a_e^3/(b E h^3), and
+    G = 12 P^2 a_e^2/(b^2 E h^3) = G_c while the crack runs. So P = K/a_e with
+    K = b sqrt(G_c E h^3/12), opening 8 K a_e^2/(b E h^3), and a follows from the opening alone. The
+    crack length of the computation is that of the energy spent, a = a_0 + D/(G_c b).
+    """
+    m, a_0 = Laminate(), 30.0
+    K = math.sqrt(m.b * m.G_c * m.rigidity / 12)
+
+    def arm(opening: float) -> float:
+        return max(math.sqrt(opening * m.rigidity / (8 * K)), a_0 + m.chi * m.h)
+
+    def load(opening: float) -> float:
+        return opening * m.rigidity / (8 * arm(opening) ** 3)
+
+    # Fine where the crack runs, and a bit around.
+    stations = (0.0, a_0 - 2, a_0, math.ceil(arm(end) - m.chi * m.h + 4), 100.0)
+    sizes = element_size * np.array([4, 1, 1, 8])
+    counts = np.ceil(np.diff(stations) / sizes - 1e-9).astype(int).tolist()
+    tagged = beams(MPI.COMM_WORLD, "quadrilateral", stations, counts, m.h, rows, a_0)
+    problem, facets = _problem(m, tagged, rows, degree), tagged.facet_tags
+    problem.dirichlet(facets.find(1), lambda t: -t / 2, "y")
+    problem.dirichlet(facets.find(2), lambda t: t / 2, "y")
+    problem.dirichlet(facets.find(3), 0.0)
+
+    def monitor(problem: vmdg.Problem) -> dict[str, float]:
+        return {
+            "force [N]": problem.reaction(facets.find(2))[1],
+            "force_exact [N]": load(problem.t),
+            "crack [mm]": a_0 + problem.energy().damage / (m.G_c * m.b),
+            "crack_exact [mm]": arm(problem.t) - m.chi * m.h,
+        }
+
+    shown = {"progress": True, "verbose": verbose}
+    options = vmdg.SolveOptions(relative_tolerance=1e-7, max_iterations=20, **shown)
+    history = vmdg.solve(problem, np.linspace(end / steps, end, steps), options, monitor).history
+    first, last = history.rows[0], history.rows[-1]
+    mesh = describe(problem, degree)
+    pairs = [
+        ("stiffness [N/mm]", first["force"] / first["load"], first["force_exact"] / first["load"]),
+        ("peak load [N]", history["force"].max(), K / (a_0 + m.chi * m.h)),
+        (f"load at {end:g} mm [N]", last["force"], last["force_exact"]),
+        (f"crack at {end:g} mm [mm]", last["crack"], last["crack_exact"]),
+    ]
+    return Run(history, [compare("DCB", what, *values, mesh) for what, *values in pairs])
+
+
+def enf(
+    friction: float = 0.0,
+    element_size: float = 0.25,
+    steps: int = 25,
+    end: float = 1.49,
+    rows: int = 2,
+    degree: int = 2,
+    verbose: bool = False,
+) -> Run:
+    """End-notched flexure: 2 L = 100, a_0 = 40 mm, stable since a_0 > .7 L.
+
+    Only the lower arm rests on the left support; it carries the upper one by contact there. Equal
+    arms bend alike, each carries P/4, so the contact force is P/4 and, since the lips slide, its
+    friction f = mu P/4. Assumed is that there is no other contact: the lips are an interface over
+    the first 6 mm and a slit from there on. (Computed, they touch over 1 mm with P/4 to .7%, and
+    the slit is open everywhere.) Each arm then has the moment P x/4 - f h/2 and the axial force f.
+    From the section forces behind and ahead of the tip the energy release rate is a full square,
+
+        G = 9 P^2 (a_e - 2 mu h/3)^2/(16 b^2 E h^3),  so that  P (a_e - 2 mu h/3) = K
+
+    with K = 4/3 b sqrt(G_c E h^3) while the crack runs (an analysis of the kind of Carlsson,
+    Gillespie and Pipes 1986). The work of P on the deflection C P, less the energy stored, is the
+    work W of f on the slip of the lips before growth:
+
+        C = (2 L^3 + 3 a_e^3 - 3 mu h a_e^2)/(8 b E h^3) + 3 L/(10 G_12 b h),
+        W = 3 mu P^2 h a_e (a_e - 4 mu h/3)/(16 b E h^3).
+
+    a_e = a + .42 chi h corrects for the tip, the last term of C for shear. The load at the end is
+    compared at the crack length a = a_0 + D/(G_c b) of the energy spent on the bond. The history
+    has load and crack length of the theory at the same deflection.
+    """
+    m, L, a_0 = Laminate(), 50.0, 40.0
+    stations = (0.0, 6.0, a_0 - 4, a_0, L, 60.0, 2 * L)
+    sizes = element_size * np.array([1, 4, 1, 1, 1, 4])
+    counts = np.ceil(np.diff(stations) / sizes - 1e-9).astype(int).tolist()
+    tagged = beams(
+        MPI.COMM_WORLD, "quadrilateral", stations, counts, m.h, rows, a_0, contact=stations[1]
+    )
+    problem, facets = _problem(m, tagged, rows, degree, friction), tagged.facet_tags
+
+    tip, rubbed = 0.42 * m.chi * m.h, friction * m.h
+    K = 4 / 3 * math.sqrt(m.b * m.G_c * m.rigidity)
+
+    def compliance(a: float) -> float:
+        bending = (2 * L**3 + 3 * a**3 - 3 * rubbed * a**2) / (8 * m.rigidity)
+        return bending + 0.3 * L / (m.G12 * m.b * m.h)
+
+    def driving(a: float) -> float:
+        return K / (a - 2 * rubbed / 3)
+
+    def arm(deflection: float) -> float:
+        a = a_0 + tip
+        if deflection <= compliance(a) * driving(a):
+            return a
+        return brentq(lambda a: compliance(a) * driving(a) - deflection, a, 2 * L)
+
+    def at(x: float, y: float):
+        return lambda points: np.isclose(points[0], x) & np.isclose(points[1], y)
+
+    problem.dirichlet(facets.find(LOWER_LEFT), 0.0, "y")
+    problem.dirichlet_points(at(2 * L, -m.h), 0.0, "y")
+    problem.dirichlet_points(at(2 * L, 0.0), 0.0, "x")
+    problem.dirichlet_points(at(L, m.h), lambda t: -t, "y")
+
+    def monitor(problem: vmdg.Problem) -> dict[str, float]:
+        energy, exact = problem.energy(), arm(problem.t)
+        return {
+            "force [N]": -problem.reaction(facets.find(TOP))[1],
+            "force_exact [N]": problem.t / compliance(exact),
+            "crack [mm]": a_0 + energy.damage / (m.G_c * m.b),
+            "crack_exact [mm]": exact - tip,
+            "friction": energy.friction,
+        }
+
+    # The first step finds where the lips touch, whatever its size.
+    shown = {"progress": True, "verbose": verbose}
+    options = vmdg.SolveOptions(relative_tolerance=1e-7, max_iterations=20, **shown)
+    history = vmdg.solve(problem, np.linspace(end / steps, end, steps), options, monitor).history
+    first, last = history.rows[0], history.rows[-1]
+    a = a_0 + tip
+    work = 3 * rubbed * first["force"] ** 2 * a * (a - 4 * rubbed / 3) / (16 * m.rigidity)
+    pairs = [
+        ("stiffness [N/mm]", first["force"] / first["load"], 1 / compliance(a)),
+        (
+            f"load at a = {last['crack']:.2f} mm [N]",
+            last["force"],
+            driving(last["crack"] + tip),
+        ),
+    ]
+    if friction > 0:
+        pairs.insert(1, ("friction work before growth [N mm]", first["friction"], work))
+    case, mesh = f"ENF, mu = {friction:g}", describe(problem, degree)
+    return Run(history, [compare(case, what, *values, mesh) for what, *values in pairs])

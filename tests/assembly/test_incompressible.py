@@ -1,0 +1,510 @@
+"""volumetric="mean": no locking near incompressibility, exact tangents, energies, coercivity."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from dolfinx.mesh import CellType, GhostMode, compute_midpoints, create_box
+from scenes import (
+    DIMENSION,
+    by_position,
+    distort,
+    everywhere,
+    gather,
+    global_norm,
+    joined,
+    multiply,
+    tag_cells,
+    two_blocks,
+    unit_box,
+)
+from scenes_axisymmetric import INNER, PRECISE, hold, revolved, section
+from scenes_damage import (
+    directions,
+    displace,
+    finite_difference_error,
+    modes,
+    partly_damaged,
+    tangent_matrix,
+)
+from studies.coercivity import cells as random_cells
+
+import vmdg
+from vmdg.base.parallel import global_sum
+from vmdg.meshes import blocks
+from vmdg.output.fields import CauchyStress
+
+BRICKS = pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+KINEMATICS = pytest.mark.parametrize("kinematics", ["finite", "small"])
+NEARLY = 0.4999  # Poisson's ratio
+
+
+def rubber(mu: float = 80.0, nu: float = NEARLY) -> vmdg.NeoHookean:
+    """Nearly incompressible."""
+    return vmdg.NeoHookean(E=2 * mu * (1 + nu), nu=nu)
+
+
+# Locking
+
+
+def membrane(comm, n: int, volumetric: str, degree: int = 1, tied: bool = False) -> float:
+    """Rise of the upper corner of Cook's membrane under a dead shear force at its end [mm].
+
+    48 mm long, 44 mm high where it is clamped and 16 mm at the end; ``tied`` parts it at x = 24.
+    """
+    mesh = unit_box(comm, "quadrilateral", n)
+    x, y = mesh.geometry.x[:, 0].copy(), mesh.geometry.x[:, 1].copy()
+    mesh.geometry.x[:, 0], mesh.geometry.x[:, 1] = 48 * x, 44 * x + y * (44 - 28 * x)
+    tags = tag_cells(mesh, {1: everywhere, 2: lambda x: x[0] > 24})
+    tie = [vmdg.Interface(between=(1, 2), law=vmdg.Bonded())] if tied else []
+    materials = {1: rubber(), 2: rubber()}
+    problem = vmdg.Problem(mesh, tags, materials, tie, degree, volumetric=volumetric)
+    problem.dirichlet(lambda x: np.isclose(x[0], 0), 0.0)
+    problem.traction(lambda x: np.isclose(x[0], 48), lambda t: (0.0, 6.25 * t))
+    vmdg.solve(problem, [0.25, 0.5, 0.75, 1.0])
+    corner = fem.locate_dofs_geometrical(
+        problem.space, lambda x: np.isclose(x[0], 48) & np.isclose(x[1], 60)
+    )
+    rises = problem.u.x.array.reshape(-1, 2)[corner, 1]
+    return comm.allreduce(rises.max(initial=-np.inf), op=MPI.MAX)
+
+
+def test_cooks_membrane(comm):
+    """n = 4, 8, 16 cells a side: 10, 3 and 1 % below the reference; pointwise J leaves a third.
+
+    Reference: degree 2, n = 32. An interface across the membrane changes nothing.
+    """
+    reference = membrane(comm, 32, "pointwise", degree=2)
+    mean = np.array([membrane(comm, n, "mean") for n in (4, 8, 16)])
+    tied = np.array([membrane(comm, n, "mean", tied=True) for n in (4, 8, 16)])
+    locked = membrane(comm, 16, "pointwise")
+    assert (np.abs(mean / reference - 1) < [0.12, 0.035, 0.01]).all()
+    assert (np.abs(tied / mean - 1) < 1e-4).all()
+    assert locked < 0.4 * reference
+
+
+def cantilever(comm, n: int, volumetric: str) -> float:
+    """Force that bends a solid beam 4 x 1 x 1 mm by 1 mm, n cubes across [N]."""
+    corners = [np.zeros(3), np.array([4.0, 1.0, 1.0])]
+    mesh = create_box(
+        comm, corners, (4 * n, n, n), CellType.hexahedron, ghost_mode=GhostMode.shared_facet
+    )
+    tags = tag_cells(mesh, {1: everywhere})
+    problem = vmdg.Problem(mesh, tags, {1: rubber()}, [], volumetric=volumetric)
+    problem.dirichlet(lambda x: np.isclose(x[0], 0), 0.0)
+    problem.dirichlet(lambda x: np.isclose(x[0], 4), lambda t: t, "z")
+    vmdg.solve(problem, [0.5, 1.0])
+    return problem.reaction(lambda x: np.isclose(x[0], 4))[2]
+
+
+def test_bending_of_hexahedra(comm):
+    """Two and three cells across: 5 and 1 % off; with pointwise J seven times as stiff.
+
+    Reference: degree 2, three cells across, computed once.
+    """
+    reference = 1.3149
+    assert cantilever(comm, 2, "mean") == pytest.approx(reference, rel=0.05)
+    assert cantilever(comm, 3, "mean") == pytest.approx(reference, rel=0.01)
+    assert cantilever(comm, 2, "pointwise") > 7 * reference
+
+
+def shear_pressure(n: int):
+    """p (n, n) [MPa] of a clamped square sheared by .3, cells by their place."""
+    mesh = unit_box(MPI.COMM_SELF, "quadrilateral", n)
+    tags = tag_cells(mesh, {1: everywhere})
+    problem = vmdg.Problem(mesh, tags, {1: rubber()}, [], volumetric="mean")
+    problem.dirichlet(lambda x: np.isclose(x[0], 0), 0.0)
+    problem.dirichlet(lambda x: np.isclose(x[0], 1), lambda t: (0.0, 0.3 * t))
+    vmdg.solve(problem, [0.5, 1.0])
+    grid = np.empty((n, n))
+    midpoints = compute_midpoints(mesh, 2, np.arange(n * n, dtype=np.int32))
+    i, j, _ = (n * midpoints).astype(int).T
+    grid[i, j] = problem.geometry.pressure.x.array
+    return grid
+
+
+def test_pressure():
+    """Pressure averaged over patches converges: 7 and 2 % off at n = 8 and 16 against n = 32.
+
+    On regular cells p has a part that alternates from cell to cell, as constant pressures with
+    bilinear displacements have; it falls like h.
+    """
+    grids = {n: shear_pressure(n) for n in (8, 16, 32)}
+    patches = {n: p.reshape(8, n // 8, 8, n // 8).mean(axis=(1, 3)) for n, p in grids.items()}
+    quarter = {n: p.reshape(4, 2, 4, 2).mean(axis=(1, 3)) for n, p in patches.items()}
+    size = np.abs(patches[32]).max()
+    for n, bound in ((8, 0.08), (16, 0.03)):
+        assert np.abs(quarter[n] - quarter[32]).max() < bound * size
+    alternating = []
+    for n, p in grids.items():
+        sign = (-1.0) ** np.add.outer(np.arange(n), np.arange(n))
+        alternating.append(abs((sign * p)[1:-1, 1:-1].mean()) / size)
+    assert alternating[0] < 0.2
+    assert (np.diff(np.log2(alternating)) < -0.5).all()
+
+
+# Exactness
+
+
+@BRICKS
+@KINEMATICS
+def test_patch(comm, cell, kinematics):
+    """Distorted cells, two bodies of one nearly incompressible material, an affine map: exact."""
+    d = DIMENSION[cell]
+    scene = two_blocks(comm, cell, n=2, distortion=0.05)
+    H = 0.1 * np.array([[1.0, 0.5, -0.4], [0.3, -0.8, 0.2], [-0.2, 0.6, -0.1]])[:d, :d]
+    problem = joined(
+        scene, vmdg.Bonded(), [rubber(), rubber()], kinematics=kinematics, volumetric="mean"
+    )
+    surface = np.concatenate([scene.facet_tags.find(tag) for tag in (1, 2, 4, 5, 6, 7)])
+    problem.dirichlet(surface, lambda x, t: t * H @ x[:d])
+    vmdg.solve(problem, [0.5, 1.0, 1.0], vmdg.SolveOptions(relative_tolerance=1e-13))
+    exact = problem.space.tabulate_dof_coordinates()[:, :d] @ H.T
+    error = np.abs(problem.u.x.array.reshape(-1, d) - exact).max(initial=0)
+    assert comm.allreduce(error, op=MPI.MAX) < 1e-12
+    J = 1 + np.trace(H) if kinematics == "small" else np.linalg.det(np.eye(d) + H)
+    theta = gather(comm, problem.geometry.theta.x.array)
+    assert np.abs(theta - J).max() < 1e-12
+    jump = global_norm(comm, problem.state[0].opening)
+    assert jump < 1e-12
+
+
+@BRICKS
+def test_stress_of_uniform_deformation(comm, cell):
+    """Where J is uniform nothing differs: energy, tractions and stress are those of pointwise J."""
+    found, d = [], DIMENSION[cell]
+    H = np.array([[0.2, 0.1, 0.0], [-0.1, 0.3, 0.1], [0.0, 0.2, -0.1]])[:d, :d]
+    for volumetric in ("pointwise", "mean"):
+        scene = two_blocks(comm, cell, n=1, distortion=0.05)
+        problem = joined(scene, vmdg.Bonded(), volumetric=volumetric)
+        problem.u.interpolate(lambda x: H @ x[:d])
+        problem.update_stabilization(1.0)
+        problem.assemble_residual()
+        stress = CauchyStress(problem).update().x.array.copy()
+        found.append((problem.energy().stored, problem.state[0].traction, stress, problem.forces))
+    for pointwise, mean in zip(*(values[:3] for values in found), strict=True):
+        assert mean == pytest.approx(pointwise, rel=1e-12, abs=1e-9)
+    pointwise, mean = (values[3].x.array for values in found)
+    assert mean == pytest.approx(pointwise, rel=1e-10, abs=1e-9)
+
+
+# Tangent and energy
+
+
+@BRICKS
+@KINEMATICS
+def test_tied_tangent(comm, cell, kinematics):
+    """K is the derivative of the residual, symmetric and of the pattern without theta."""
+    scene = two_blocks(comm, cell, distortion=0.05)
+    law = vmdg.Bonded()
+    problem = joined(scene, law, kinematics=kinematics, volumetric="mean")
+    displace(problem, scene, 1.0)
+    matrix = tangent_matrix(problem)
+    assert finite_difference_error(problem, matrix) < 1e-8
+    assert matrix.isSymmetric(1e-12 * matrix.norm())
+    plain = joined(scene, law, kinematics=kinematics).create_matrix()
+    assert matrix.getInfo()["nz_allocated"] == plain.getInfo()["nz_allocated"]
+
+
+@BRICKS
+def test_tangent_with_damage(comm, cell):
+    """Some points in tension, some elastic: K is the derivative through the return maps."""
+    problem = partly_damaged(comm, cell, 1, volumetric="mean")
+    matrix = tangent_matrix(problem)
+    assert finite_difference_error(problem, matrix) < 1e-7
+    assert matrix.isSymmetric(1e-12 * matrix.norm())
+    assert set(modes(problem)) == {vmdg.Mode.ELASTIC, vmdg.Mode.TENSION}
+
+
+MATERIALS = {
+    "neo-hookean": (rubber(), vmdg.NeoHookean(E=2000.0, nu=0.3)),
+    "ogden": (
+        vmdg.Ogden(c=(100.0, 2.0, -2.0), m=(1.3, 5.0, -2.0), kappa=2e4),
+        vmdg.Ogden(c=(300.0, 5.0, -4.0), m=(1.3, 5.0, -2.0), kappa=1e3),
+    ),
+}
+
+
+@pytest.mark.parametrize("swelling", [None, {1: 0.05}], ids=["", "swelling"])
+@pytest.mark.parametrize("materials", MATERIALS.values(), ids=MATERIALS.keys())
+def test_tangent_in_a_turning_frame(comm, materials, swelling):
+    """Friction and damage in the turning frame, on either material, with a body that swells."""
+    scene = two_blocks(comm, "quadrilateral", n=2, distortion=0.05)
+    law = vmdg.Debonding(strength=20.0, critical_gap=0.3, friction=0.4)
+    problem = vmdg.Problem(
+        scene.mesh,
+        scene.cell_tags,
+        dict(enumerate(materials, start=1)),
+        [vmdg.Interface(between=(1, 2), law=law)],
+        volumetric="mean",
+        eigenstrain=swelling,
+    )
+    problem.begin_step(1.0, 1.0)
+    displace(problem, scene, 0.7)
+    problem.assemble_residual()
+    problem.commit()
+    problem.begin_step(2.0, 1.0)
+    displace(problem, scene, 0.75)
+    assert finite_difference_error(problem, tangent_matrix(problem)) < 1e-7
+
+
+def energy_of_a_user(F, parameters):
+    """Eq. (86) without invariants."""
+    mu, lmbda = parameters["mu"], parameters["lmbda"]
+    J = ufl.det(F)
+    return mu / 2 * (ufl.inner(F, F) - 3) - mu * ufl.ln(J) + lmbda / 2 * (J - 1) ** 2
+
+
+@pytest.mark.parametrize("swelling", [None, {1: 0.05}], ids=["", "swelling"])
+def test_invariants_give_the_energy_of_f_bar(comm, swelling):
+    """W(F_bar) written out, differentiated by UFL: the same forces, energy and tangent."""
+    found = []
+    for user in (False, True):
+        scene = two_blocks(comm, "quadrilateral", n=2, distortion=0.05)
+        materials = [rubber(), rubber(200.0)]
+        if user:
+            materials = [vmdg.Hyperelastic(energy_of_a_user, m.parameters) for m in materials]
+        problem = joined(scene, vmdg.Bonded(), materials, volumetric="mean", eigenstrain=swelling)
+        problem.apply_loads(1.0)
+        displace(problem, scene, 1.0)
+        matrix = tangent_matrix(problem)
+        found.append((problem.energy().stored, problem.forces.x.array.copy(), matrix))
+    (energy, forces, matrix), (expected, reference, other) = found
+    assert energy == pytest.approx(expected, rel=1e-12)
+    assert np.abs(forces - reference).max() < 1e-11 * np.abs(reference).max()
+    other.axpy(-1.0, matrix)
+    assert other.norm() < 1e-11 * matrix.norm()
+
+
+def assembled(problem, form):
+    """Matrix of a form of the problem."""
+    matrix = fem_petsc.assemble_matrix(problem.discretization.compile_form(form))
+    matrix.assemble()
+    return matrix
+
+
+@KINEMATICS
+def test_blocks_are_ufl_derivatives(comm, kinematics):
+    """Every block of the two-field tangent, staged, is ufl.derivative of a residual, to rounding.
+
+    In 2D, where the symbolic kernels compile in seconds.
+    """
+    scene = two_blocks(comm, "quadrilateral", n=2, distortion=0.05)
+    law = vmdg.Debonding(strength=1e5, critical_gap=1e3)
+    problem = joined(scene, law, kinematics=kinematics, volumetric="mean")
+    displace(problem, scene, 1.0)
+    tangent_matrix(problem)
+    parts, theta = problem.discretization, problem.geometry.theta
+    of_u, of_theta = (ufl.TestFunction(f.function_space) for f in (problem.u, theta))
+    for eta in (of_u, of_theta):
+        residual = problem.discretization.residual_ufl(eta)
+        for field in (problem.u, theta):
+            step = ufl.TrialFunction(field.function_space)
+            expected = assembled(problem, ufl.derivative(residual, field, step))
+            staged = assembled(problem, parts.tangent_ufl(eta, step))
+            size = expected.norm()
+            staged.axpy(-1.0, expected)
+            assert size > 1
+            assert staged.norm() < 1e-13 * size
+
+
+@BRICKS
+@KINEMATICS
+def test_residual_is_derivative_of_energy(comm, cell, kinematics):
+    """R.du is the change of the stored energies with zeta held, by differences of fourth order."""
+    scene = two_blocks(comm, cell, distortion=0.05)
+    problem = joined(
+        scene, vmdg.Debonding(strength=1e5, critical_gap=1e3), kinematics=kinematics,
+        volumetric="mean",
+    )  # fmt: skip
+    displace(problem, scene, 1.0)
+    residual = problem.assemble_residual(hold=True).copy()
+    u = problem.u.x.array
+    start, e = u.copy(), 1e-3
+
+    def energy(step):
+        u[:] = start + step * du
+        return problem.energy().stored
+
+    for du in directions(problem):
+        slope = (8 * (energy(e) - energy(-e)) - (energy(2 * e) - energy(-2 * e))) / (12 * e)
+        expected = float(global_sum(comm, residual @ du[: len(residual)]))
+        assert expected == pytest.approx(slope, rel=1e-8)
+
+
+# Modes without energy
+
+
+@BRICKS
+@pytest.mark.parametrize("stretch", [1.0, 1.3])
+def test_rank_of_one_cell(cell, stretch):
+    """Rigid motions have no stiffness, hourglass modes that of the shear modulus.
+
+    Under uniaxial tension with free sides a rotation stretches the cell along its axis: only those
+    about the axis itself remain without stiffness.
+    """
+    d = DIMENSION[cell]
+    mesh = unit_box(MPI.COMM_SELF, cell, 1)
+    distort(mesh, 0.05)
+    material = rubber(mu=1.0)
+    problem = vmdg.Problem(
+        mesh, tag_cells(mesh, {1: everywhere}), {1: material}, [], volumetric="mean"
+    )
+    mu, lmbda = material.parameters.values()
+    lateral = stretch ** (-1 / (d - 1))
+    for _ in range(20):  # mu (lateral^2 - 1) + lambda J (J - 1) = 0
+        J = (1 + np.sqrt(1 + 4 * mu * (1 - lateral**2) / lmbda)) / 2
+        lateral = (J / stretch) ** (1 / (d - 1))
+    change = np.array([stretch, lateral, lateral])[:d] - 1
+    problem.u.interpolate(lambda x: change[:, None] * x[:d])
+    values = np.linalg.eigvalsh(tangent_matrix(problem)[:, :])
+    free = d * (d + 1) // 2 if stretch == 1 else {2: 2, 3: 4}[d]
+    assert np.abs(values[:free]).max() < 1e-10 * values[-1]
+    assert values[free] > 0.05
+    # One mode of the cell feels the bulk modulus.
+    assert values[-1] > 100 * values[-2]
+
+
+# Coercivity
+
+
+@pytest.mark.parametrize(("alone", "count"), [(True, 150), (False, 40)])
+@BRICKS
+def test_no_negative_eigenvalue(cell, alone, count):
+    """Random cells, contrasts and states, nu to .4999: none is negative, factors stay below 10.
+
+    With pointwise J flat hexahedra ask for factors in the thousands.
+    """
+    configurations = random_cells.Case(cell, 1, alone, count).draw(4)
+    problem = configurations.problem("mean", law=vmdg.Bonded())
+    assert (configurations.lowest(problem) > -random_cells.ROUNDING).all()
+    assert problem.stabilization[0].safety.max() < 10
+    derived = configurations.problem("mean", law=vmdg.Bonded(), safety=1.0)
+    assert (configurations.lowest(derived) < -random_cells.ROUNDING).any()
+
+
+@BRICKS
+def test_margin(cell):
+    """1 - theta times the factor suffices for all u."""
+    configurations = random_cells.Case(cell, 1, True, 60).draw(5)
+    auto = configurations.problem("mean", law=vmdg.Bonded())
+    safety = 0.75 * auto.stabilization[0].safety
+
+    def stabilization(tau1, tau2, context):
+        bonded = np.linalg.inv(tau1 + tau2)
+        return safety[:, None, None] * bonded, bonded @ tau1
+
+    less = configurations.problem("mean", law=vmdg.Bonded(), stabilization=stabilization)
+    assert (configurations.lowest(less) > -random_cells.ROUNDING).all()
+
+
+# Runs
+
+
+def pulled_apart(where, cell: str):
+    """Two rubber blocks on a bond that fails, pulled off their axis."""
+    scene = blocks(where, cell, (2, 3, 2)[: DIMENSION[cell]])
+    law = vmdg.Debonding(strength=20.0, critical_gap=0.5)
+    problem = joined(scene, law, [rubber(), rubber(200.0)], volumetric="mean")
+    left, right = scene.facet_tags.find(1), scene.facet_tags.find(2)
+    d = DIMENSION[cell]
+    problem.dirichlet(left, 0.0)
+    problem.dirichlet(right, lambda x, t: t * np.vstack([1 + 0.4 * x[1], *[0.1 * x[:1]] * (d - 1)]))
+    options = vmdg.SolveOptions(relative_tolerance=1e-11, energy=True)
+    return problem, vmdg.solve(problem, np.linspace(0.05, 1.0, 20), options), right
+
+
+@BRICKS
+def test_debonding_on_any_number_of_ranks(comm, cell):
+    """The bond breaks, its energy is the law's, and the partition changes nothing."""
+    seen = []
+    for where in (comm, MPI.COMM_SELF):
+        problem, result, right = pulled_apart(where, cell)
+        state, energy = problem.state[0], problem.energy()
+        points = by_position(where, state.points, state.opening, state.softening)
+        seen.append((points, problem.reaction(right), energy, result))
+    (points, force, energy, result), (expected, reaction, alone, _) = seen
+    area = problem.state[0].weights.sum()  # of the run on every rank
+    assert (points[2] >= 20.0).all()
+    assert energy.damage == pytest.approx(20.0 * 0.5 / 2 * area)
+    assert abs(energy.imbalance) < 0.02 * energy.external
+    assert result.history["iterations"].max() <= 12
+    assert energy.damage == pytest.approx(alone.damage, rel=1e-9)
+    assert np.abs(force - reaction).max() < 1e-8
+    for mine, theirs in zip(points, expected, strict=True):
+        assert np.abs(mine - theirs).max() < 1e-8 * np.abs(theirs).max()
+
+
+# Axisymmetry
+
+
+def test_rings(comm):
+    """A tied thick-walled ring: the tangent is the derivative, zero work leaves it at rest."""
+    scene = section(comm, "quadrilateral", (2, 2), (0.5, 1.0, 2.0), distortion=0.05)
+    problem = revolved(scene, vmdg.Bonded(), [rubber(), rubber(200.0)], volumetric="mean")
+    problem.u.interpolate(lambda x: 0.05 * np.sin(2 * x[:2] + x[1::-1]))
+    problem.update_stabilization(1.0)
+    matrix = tangent_matrix(problem)
+    assert finite_difference_error(problem, matrix) < 1e-8
+    assert matrix.isSymmetric(1e-12 * matrix.norm())
+
+
+def test_cylinder_under_pressure(comm):
+    """Small strain, nu = .4999: u_r of Lame's solution to 1 % with six cells.
+
+    u_r = p a^2 / (2 mu (b^2 - a^2)) ((1 - 2 nu) r + b^2 / r), plane strain.
+    """
+    a, b, pressure, mu = 1.0, 2.0, 3.0, 80.0
+    scene = section(comm, "quadrilateral", (3, 1), (a, 1.5, b), 0.3)
+    problem = revolved(
+        scene, vmdg.Bonded(), [rubber(mu), rubber(mu)], kinematics="small", volumetric="mean"
+    )
+    hold(problem, scene, 4, 5, component="y")
+    problem.traction(scene.facet_tags.find(INNER), (pressure, 0.0))
+    vmdg.solve(problem, [1.0], PRECISE)
+    X = problem.space.tabulate_dof_coordinates()
+    u = problem.u.x.array.reshape(-1, 2)[:, 0]
+    r = X[: len(u), 0]
+    exact = pressure * a**2 / (2 * mu * (b**2 - a**2)) * ((1 - 2 * NEARLY) * r + b**2 / r)
+    assert np.abs(u / exact - 1).max() < 0.01
+
+
+# The door, and what does not change
+
+
+@pytest.mark.parametrize(
+    ("cell", "degree"), [("triangle", 1), ("tetrahedron", 1), ("quadrilateral", 2)]
+)
+def test_cells_it_is_not_for(comm, cell, degree):
+    """Linear simplices and degree 2 are refused, with the remedy."""
+    scene = two_blocks(comm, cell)
+    with pytest.raises(ValueError, match="use quadrilaterals or hexahedra"):
+        joined(scene, vmdg.Bonded(), degree=degree, volumetric="mean")
+    with pytest.raises(ValueError, match="volumetric = 'none' must be one of"):
+        joined(scene, vmdg.Bonded(), degree=degree, volumetric="none")
+
+
+def test_off_by_default(comm):
+    """Without the option no form has a dilatation."""
+    problem = joined(two_blocks(comm, "quadrilateral"), vmdg.Bonded())
+    assert problem.discretization.condensation is None
+    names = {f.name for f in problem.residual_ufl().coefficients()}
+    assert not names & {"dilatation", "pressure"}
+
+
+@KINEMATICS
+def test_small_strain_is_linear(comm, kinematics):
+    """B-bar: the residual is K.u; at finite strain it is not."""
+    scene = two_blocks(comm, "quadrilateral", distortion=0.05)
+    problem = joined(scene, vmdg.Bonded(), kinematics=kinematics, volumetric="mean")
+    displace(problem, scene, 1.0)
+    matrix = tangent_matrix(problem)
+    residual = problem.assemble_residual().copy()
+    product = multiply(matrix, problem.u.x.array[: len(residual)])
+    error = global_norm(comm, product - residual) / global_norm(comm, residual)
+    assert (error < 1e-12) == (kinematics == "small")

@@ -1,0 +1,152 @@
+"""The broken space has the dofs of the continuous one and duplicates on the cuts only."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from dolfinx import fem
+from scenes import (
+    DIMENSION,
+    EVERY_CELL,
+    EVERY_DEGREE,
+    cell_count,
+    distort,
+    everywhere,
+    gather,
+    interior_facets,
+    set_displacement,
+    tag_cells,
+    unit_box,
+)
+
+from vmdg import compat
+from vmdg.assembly.space import broken_space
+from vmdg.domain.topology import facet_cells
+
+N = 4  # cells along each side: even, so that half the box is a whole number of cells
+CELLS_OF_BOX = {"triangle": 2, "quadrilateral": 1, "tetrahedron": 6, "hexahedron": 1}
+
+CUTS = {
+    "none": lambda x: np.zeros(x.shape[1], dtype=bool),
+    "full": lambda x: np.isclose(x[0], 0.5),
+    "tip": lambda x: np.isclose(x[0], 0.5) & (x[1] < 0.5),
+    "cross": lambda x: np.isclose(x[0], 0.5) | np.isclose(x[1], 0.5),
+    "inclusion": lambda x: (
+        np.isclose(np.abs(x[:2] - 0.5).max(axis=0), 0.25) & (np.abs(x[:2] - 0.5).min(axis=0) < 0.25)
+    ),
+    "every": everywhere,
+}
+
+
+def expected_nodes(cell: str, degree: int, cut: str) -> int:
+    """Nodes of the unit box with N cells a side: m a side, and what the cut adds."""
+    d, m, half = DIMENSION[cell], degree * N + 1, degree * N // 2
+    depth = m if d == 3 else 1  # every cut but "every" extends through the third direction
+    added = {
+        "none": 0,
+        "full": m,  # both sides of a line of m nodes
+        "tip": half,  # half + 1 nodes, of which the tip stays single
+        "cross": 2 * (m - 1) + 3,  # two lines, four nodes in place of one where they meet
+        "inclusion": 4 * half,  # a closed line
+    }
+    if cut == "every":
+        per_cell = {
+            "triangle": (degree + 1) * (degree + 2) // 2,
+            "quadrilateral": (degree + 1) ** 2,
+            "tetrahedron": (degree + 1) * (degree + 2) * (degree + 3) // 6,
+            "hexahedron": (degree + 1) ** 3,
+        }
+        return CELLS_OF_BOX[cell] * N**d * per_cell[cell]
+    return m**d + added[cut] * depth
+
+
+@pytest.fixture
+def cut_box(comm, cell, degree, cut):
+    """Mesh, facets of the cut and the space broken there."""
+    mesh = unit_box(comm, cell, N)
+    facets = interior_facets(mesh, CUTS[cut])
+    return mesh, facets, broken_space(mesh, degree, facets)
+
+
+@EVERY_CELL
+@EVERY_DEGREE
+@pytest.mark.parametrize("cut", CUTS)
+def test_number_of_dofs(cut_box, cell, degree, cut):
+    """CG nodes plus duplicates on the cut, counted by hand; so on any number of ranks."""
+    _, _, V = cut_box
+    assert V.dofmap.index_map.size_global == expected_nodes(cell, degree, cut)
+    assert V.dofmap.index_map_bs == DIMENSION[cell]
+
+
+@EVERY_CELL
+@EVERY_DEGREE
+@pytest.mark.parametrize("cut", CUTS)
+def test_cells_share_dofs_across_kept_facets_only(cut_box, comm, cell, degree, cut):
+    """Two cells share all nodes of a kept facet; of a cut facet only those of a crack tip."""
+    mesh, facets, V = cut_box
+    pairs = facet_cells(mesh)
+    interior = np.flatnonzero((pairs >= 0).all(axis=1))
+    dofs = V.dofmap.list
+    first, second = dofs[pairs[interior, 0]], dofs[pairs[interior, 1]]
+    shared = (first[:, :, None] == second[:, None, :]).any(axis=2)
+    is_cut = np.isin(interior, facets)
+    on_facet = len(V.dofmap.dof_layout.entity_closure_dofs(mesh.topology.dim - 1, 0))
+    counts = gather(comm, np.column_stack([shared.sum(axis=1), is_cut]))
+    assert (counts[counts[:, 1] == 0, 0] == on_facet).all()
+    nodes = gather(comm, V.tabulate_dof_coordinates()[first[is_cut][shared[is_cut]]])
+    if cut == "tip":
+        # The crack front: one node in 2D, a line of nodes in 3D.
+        assert len(nodes) > 0
+        assert np.allclose(nodes[:, :2], 0.5)
+    else:
+        assert len(nodes) == 0
+
+
+def cell_values(u: fem.Function) -> np.ndarray:
+    """Nodal values of every local cell, ghosts included, (cells, nodes, d)."""
+    V = u.function_space
+    return u.x.array.reshape(-1, V.dofmap.index_map_bs)[V.dofmap.list]
+
+
+@EVERY_CELL
+@EVERY_DEGREE
+@pytest.mark.parametrize("cut", ["full", "tip", "cross", "every"])
+def test_affine_field_is_exact(comm, cell, degree, cut):
+    """An affine field is reproduced inside all cells, so nodes and basis functions belong."""
+    mesh = unit_box(comm, cell, N)
+    facets = interior_facets(mesh, CUTS[cut])
+    distort(mesh, 0.02)
+    V = broken_space(mesh, degree, facets)
+    d = DIMENSION[cell]
+    A = np.arange(1.0, d * d + 1).reshape(d, d)
+    u = fem.Function(V)
+    u.interpolate(lambda x: A @ x[:d] + 3.0)
+    u.x.scatter_forward()
+    cells = np.arange(cell_count(mesh), dtype=np.int32)
+    corners = mesh.geometry.x[compat.geometry_dofmap(mesh)]
+    weights = np.arange(1.0, corners.shape[1] + 1)
+    points = np.einsum("cvx,v->cx", corners, weights / weights.sum())  # inside, off the centre
+    error = np.abs(u.eval(points, cells) - points[:, :d] @ A.T - 3.0).max()
+    # Rounding of values up to 30, and of pulling the points back on distorted cells.
+    assert comm.allreduce(error) < 1e-12
+
+
+@EVERY_CELL
+@EVERY_DEGREE
+def test_bodies_carry_different_fields(comm, cell, degree):
+    """With every body cut loose, each carries its own field exactly, ghost cells included."""
+    mesh = unit_box(comm, cell, N)
+    quadrants = {
+        1: lambda x: (x[0] < 0.5) & (x[1] < 0.5),
+        2: lambda x: (x[0] > 0.5) & (x[1] < 0.5),
+        3: lambda x: (x[0] < 0.5) & (x[1] > 0.5),
+        4: lambda x: (x[0] > 0.5) & (x[1] > 0.5),
+    }
+    tags = tag_cells(mesh, quadrants)
+    V = broken_space(mesh, degree, interior_facets(mesh, CUTS["cross"]))
+    d = DIMENSION[cell]
+    u = fem.Function(V)
+    set_displacement(u, tags, lambda x, tag: tag * (1 + x[:d]))
+    nodes = V.tabulate_dof_coordinates()[V.dofmap.list][:, :, :d]
+    expected = tags.values[:, None, None] * (1 + nodes)
+    assert comm.allreduce(np.abs(cell_values(u) - expected).max()) < 1e-14

@@ -1,0 +1,108 @@
+"""The partition of the mesh changes nothing: distributed runs against the same run on each rank."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from scenes import EVERY_CELL, by_position, joined, two_blocks, unit_box
+
+import vmdg
+from vmdg.base.parallel import GhostExchange, global_any, raise_together
+from vmdg.meshes import blocks
+
+# Weak enough that points are damaged at the end.
+LAW = vmdg.Debonding(strength=60.0, critical_gap=0.2)
+ROUNDING = 1e-9  # of forces, relative: what the solver's tolerance of 1e-11 leaves
+
+
+def sheared_apart(where, cell: str, degree: int = 1):
+    """Two different blocks pulled apart off their axis; some points fail, others do not."""
+    scene = two_blocks(where, cell, n=2, distortion=0.03)
+    problem = joined(scene, LAW, degree=degree)
+    left, right = scene.facet_tags.find(1), scene.facet_tags.find(2)
+    d = problem.mesh.geometry.dim
+    problem.dirichlet(left, 0.0)
+    problem.dirichlet(
+        right, lambda x, t: t * np.vstack([0.03 + 0.04 * x[1], *[0.02 * x[:1]] * (d - 1)])
+    )
+    options = vmdg.SolveOptions(relative_tolerance=1e-11)
+    result = vmdg.solve(problem, [0.5, 0.8, 1.0], options)
+    return problem, result, (left, right)
+
+
+@EVERY_CELL
+def test_same_run_on_any_number_of_ranks(comm, cell):
+    """Dofs, forces, energies and the state at every point do not depend on the partition."""
+    seen = []
+    for where in (comm, MPI.COMM_SELF):
+        problem, result, ends = sheared_apart(where, cell)
+        state, energy = problem.state[0], problem.energy()
+        points = by_position(
+            where, state.points, state.traction, state.gap, state.softening, state.normal
+        )
+        forces = np.concatenate([problem.reaction(facets) for facets in ends])
+        energies = np.array([energy.stored, energy.dissipated, energy.external])
+        size = problem.space.dofmap.index_map.size_global
+        seen.append((size, len(points[0]), forces, energies, points, len(result.history)))
+    distributed, alone = seen
+    softening = alone[4][3]
+    assert 0 < (softening > 0).sum()
+    assert distributed[:2] == alone[:2]
+    assert distributed[5] == alone[5]
+    assert np.abs(distributed[2] - alone[2]).max() < ROUNDING * np.abs(alone[2]).max()
+    assert np.abs(distributed[3] - alone[3]).max() < ROUNDING * np.abs(alone[3]).max()
+    for mine, expected in zip(distributed[4], alone[4], strict=True):
+        assert np.abs(mine - expected).max() < ROUNDING * np.abs(expected).max()
+
+
+def test_reactions_balance(comm):
+    """Both ends carry opposite forces, and every rank is told the same."""
+    problem, _, (left, right) = sheared_apart(comm, "triangle")
+    forces = problem.reaction(left), problem.reaction(right)
+    told = comm.allgather(forces)
+    assert np.abs(forces[0] + forces[1]).max() < ROUNDING * np.abs(forces[1]).max()
+    assert all(np.array_equal(each, told[0]) for each in told)
+
+
+MESHES = {
+    "box": lambda comm: unit_box(comm, "triangle", 8),
+    # Few cells on three ranks: ghosts of a rank are shared by ranks that it sends nothing to.
+    "two tiny blocks": lambda comm: blocks(comm, "tetrahedron").mesh,
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("operation", [np.minimum, np.maximum], ids=["min", "max"])
+def test_ghost_exchange(comm, name, operation):
+    """After the exchange every holder of a cell has the extreme of what all holders had."""
+    mesh = MESHES[name](comm)
+    cells = mesh.topology.index_map(mesh.topology.dim)
+    local = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
+    names = cells.local_to_global(local)
+    values = (names * 7 + 13 * comm.rank) % 29  # what this rank thinks of its cells
+    columns = np.column_stack([values, -values])
+    told = comm.allgather((names, columns))
+    exchange = GhostExchange(comm, cells)
+    exchange.combine(columns, operation)
+    exchange.free()
+    expected = columns * 0 + (10**6 if operation is np.minimum else -(10**6))
+    position = {name: i for i, name in enumerate(names)}
+    for others, theirs in told:
+        for cell, value in zip(others, theirs, strict=True):
+            if cell in position:
+                row = position[cell]
+                expected[row] = operation(expected[row], value)
+    wrong = comm.allreduce(int((columns != expected).sum()))
+    assert wrong == 0
+
+
+def test_raise_together(comm):
+    """An error of one rank is raised by all, with the text of the lowest rank that has one."""
+    last = comm.size - 1
+    with pytest.raises(ValueError, match=f"from rank {last}"):
+        raise_together(comm, f"from rank {last}" if comm.rank == last else None)
+    raise_together(comm, None)
+    assert global_any(comm, comm.rank == last)
+    assert not global_any(comm, False)

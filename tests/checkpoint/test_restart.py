@@ -1,0 +1,471 @@
+"""Checkpoints: the same run goes on, on any number of ranks, from a state that is always whole."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import killed_run
+import numpy as np
+import pytest
+from dolfinx import fem
+from dolfinx.mesh import CellType, GhostMode, create_rectangle
+from scenes import MATERIALS, by_position, everywhere, interior_facets, tag_cells, two_blocks
+
+import vmdg
+from vmdg.checkpoint.checkpoint import discard_checkpoint, latest
+from vmdg.checkpoint.facet_records import facet_keys
+from vmdg.checkpoint.lookup import look_up
+
+# Between partitions linear systems differ by rounding, which softening magnifies; 1e-10 of the
+# largest value is the promise, 1e-12 what is seen.
+SAME = 1e-10
+ENERGIES = ("bulk", "interface", "damage", "friction", "viscosity", "external")
+BOND = vmdg.Debonding(strength=60.0, critical_gap=0.2, friction=0.3)
+MATERIAL = vmdg.NeoHookean(E=1000.0, nu=0.3)
+
+
+#: A problem and the facets at which it is held.
+Held = tuple[vmdg.Problem, Any]
+
+
+def sheared(cell: str, degree: int = 1, **options):
+    """Two different blocks pulled apart off their axis: some points fail, others do not."""
+
+    def build(comm: MPI.Comm) -> Held:
+        scene = two_blocks(comm, cell, n=2, distortion=0.03)
+        interface = vmdg.Interface(between=(1, 2), law=BOND)
+        bodies = dict(enumerate(MATERIALS, start=1))
+        problem = vmdg.Problem(
+            scene.mesh, scene.cell_tags, bodies, [interface], degree=degree, **options
+        )
+        d = problem.mesh.geometry.dim
+        problem.dirichlet(scene.facet_tags.find(1), 0.0)
+        problem.dirichlet(
+            scene.facet_tags.find(2),
+            lambda x, t: t * np.vstack([0.03 + 0.04 * x[1], *[0.02 * x[:1]] * (d - 1)]),
+        )
+        return problem, scene.facet_tags.find(1)
+
+    return build, np.linspace(0.4, 2.4, 6)
+
+
+def plate(comm: MPI.Comm, cell: str, interface) -> Held:
+    """A square, clamped at the left, whose right side is pulled in its upper half."""
+    mesh = create_rectangle(
+        comm, [[0, 0], [1, 1]], [6, 6], CellType[cell], ghost_mode=GhostMode.shared_facet
+    )
+    tags = tag_cells(mesh, {1: everywhere})
+    problem = vmdg.Problem(mesh, tags, {1: MATERIAL}, [interface(mesh)])
+    problem.dirichlet(lambda x: np.isclose(x[0], 0), 0.0)
+    problem.dirichlet(lambda x: np.isclose(x[0], 1) & (x[1] >= 0.5 - 1e-9), lambda t: t, "x")
+    return problem, lambda x: np.isclose(x[0], 0)
+
+
+def cracked_plate():
+    """Crack tip in the middle of the plate."""
+
+    def interface(mesh):
+        law = vmdg.Debonding(strength=4.0, critical_gap=0.02)
+        line = interior_facets(mesh, lambda x: np.isclose(x[0], 0.5) & (x[1] > 0.5))
+        return vmdg.Interface(line, law=law)
+
+    loads = np.linspace(0.002, 0.012, 6)
+    return lambda comm: plate(comm, "triangle", interface), loads
+
+
+def cracking_plate():
+    """Every facet may open, on demand."""
+
+    def interface(mesh):
+        law = vmdg.Debonding(strength=10.0, critical_gap=0.1)
+        return vmdg.Interface(within=1, law=law, activate="on-demand")
+
+    loads = np.linspace(0.002, 0.015, 6)
+    return lambda comm: plate(comm, "quadrilateral", interface), loads
+
+
+SCENES = {
+    "quadrilateral": sheared("quadrilateral"),
+    "hexahedron": sheared("hexahedron"),
+    "triangle of degree 2": sheared("triangle", degree=2),
+    "small strain": sheared("quadrilateral", kinematics="small"),
+    "crack tip": cracked_plate(),
+    "on demand": cracking_plate(),
+}
+
+
+def run(held: Held, loads, history=None, **options) -> vmdg.History:
+    """Solve with the tolerance and the columns of all runs here."""
+    problem, facets = held
+    chosen = vmdg.SolveOptions(relative_tolerance=1e-10, energy=True, **options)
+
+    def monitor(problem: vmdg.Problem) -> dict[str, float]:
+        return {"force": problem.reaction(facets)[0]}
+
+    return vmdg.solve(problem, loads, chosen, monitor, history).history
+
+
+def first_ranks(comm: MPI.Comm, size: int) -> MPI.Comm | None:
+    """The first ``size`` ranks; None on the others."""
+    some = comm.Split(0 if comm.rank < size else MPI.UNDEFINED, comm.rank)
+    return None if some == MPI.COMM_NULL else some
+
+
+def ways(comm: MPI.Comm) -> list[tuple[int, int]]:
+    """Numbers of ranks that write and that read."""
+    n = comm.size
+    return sorted({(1, n), (n, 1), (min(n, 2), n)} - ({(2, 2)} if n == 2 else set()))
+
+
+def values(problem: vmdg.Problem) -> list[np.ndarray]:
+    """State at the points, in an order that no partition can change."""
+    state = problem.state[0]
+    arrays = state.traction, state.gap, state.softening, state.opening, state.mode
+    return by_position(problem.comm, state.points, *arrays)
+
+
+def assert_same(found: np.ndarray, expected: np.ndarray, tolerance: float, what: str) -> None:
+    """Equal relative to the largest value of the array."""
+    assert found.shape == expected.shape, what
+    largest = max(np.abs(expected).max(initial=0.0), 1e-12)
+    assert np.abs(found - expected).max(initial=0.0) <= tolerance * largest, what
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_any_number_of_ranks(comm, out, name):
+    """State, curve, energies and open facets of a run that goes on elsewhere are those of one run.
+
+    On one rank the forces are equal bit by bit; on more, MUMPS adds in the order of its messages.
+    """
+    build, loads = SCENES[name]
+    half = len(loads) // 2
+    for writers, readers in ways(comm):
+        folder = out / f"{writers}_{readers}"
+        some, told = first_ranks(comm, writers), None
+        if some is not None:
+            held = problem, _ = build(some)
+            before = run(held, loads[:half], checkpoint=folder)
+            there = values(problem)
+            whole = run(held, loads[half:], before)
+            told = whole.rows, there, values(problem), problem.space.dofmap.index_map.size_global
+            some.Free()
+        rows, there, end, dofs = comm.bcast(told)
+        assert 0 < there[3].max(), "no damage at the checkpoint"
+        some = first_ranks(comm, readers)
+        if some is None:
+            comm.barrier()
+            continue
+        held = problem, _ = build(some)
+        history = vmdg.read_checkpoint(problem, folder)
+        assert history.rows == rows[:half]
+        for mine, expected in zip(values(problem), there, strict=True):
+            assert_same(mine, expected, 1e-14, "state that was read")
+        resumed = run(held, loads[half:], history)
+        assert problem.space.dofmap.index_map.size_global == dofs
+        expected = vmdg.History()
+        expected.rows = rows
+        exact = 0.0 if writers == readers == 1 else SAME
+        assert_same(resumed["force"], expected["force"], exact, "force")
+        energies = [
+            np.column_stack([history[name] for name in ENERGIES]) for history in (resumed, expected)
+        ]
+        # Steps of a jump are rough, and their viscous work keeps what rounding does to them.
+        assert_same(*energies, 10 * SAME, "energies")
+        for mine, expected in zip(values(problem), end, strict=True):
+            assert_same(mine, expected, 1e-9, "state at the end")
+        some.Free()
+        comm.barrier()
+
+
+OTHERS = {
+    "tie": {"law": vmdg.Bonded()},
+    "mean dilatation": {"cell": "quadrilateral", "volumetric": "mean"},
+    "viscous law": {"law": vmdg.Debonding(strength=60.0, critical_gap=0.2, viscosity=2.0)},
+    "swelling": {"eigenstrain": {2: lambda t: -0.02 * t}},
+}
+
+
+def left(x: np.ndarray) -> np.ndarray:
+    """Where the blocks are held."""
+    return np.isclose(x[0], 0)
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_what_else_a_state_has(comm, out, name):
+    """The next steps after a checkpoint are those of the run that goes on, on the same ranks."""
+    loads, histories = np.linspace(0.02, 0.12, 6), []
+    for read in (False, True):
+        problem = small(comm, **OTHERS[name])
+        problem.dirichlet(left, 0.0)
+        problem.dirichlet(lambda x: np.isclose(x[0], 2), lambda t: (t, 0.3 * t))
+        if read:
+            history = vmdg.read_checkpoint(problem, out)
+        else:
+            history = run((problem, left), loads[:3], checkpoint=out)
+        assert len(history) == 3
+        histories.append(run((problem, left), loads[3:], history, energy_guard=0.5))
+    there, here = histories
+    assert len(here) == len(there)
+    assert_same(here["force"], there["force"], 0.0 if comm.size == 1 else SAME, "force")
+    assert_same(here["imbalance"], there["imbalance"], 1e-6, "imbalance")
+
+
+# What is refused, and what a failure leaves
+
+
+def small(comm: MPI.Comm, divisions: int = 2, degree: int = 1, **options) -> vmdg.Problem:
+    """Two blocks at rest."""
+    options = dict(options)
+    scene = two_blocks(comm, options.pop("cell", "triangle"), n=divisions)
+    law = options.pop("law", BOND)
+    interface = vmdg.Interface(between=(1, 2), law=law)
+    bodies = options.pop("bodies", dict(enumerate(MATERIALS, start=1)))
+    return vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [interface], degree=degree, **options)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"divisions": 3}, "number of cells: "),
+        ({"degree": 2}, "degree: 1 there, 2 here"),
+        ({"kinematics": "small"}, "kinematics: finite there, small here"),
+        ({"thickness": 2.0}, "thickness: 1.0 there, 2.0 here"),
+        ({"law": vmdg.Debonding(strength=61.0, critical_gap=0.2)}, "strength': 61.0"),
+        ({"bodies": dict(enumerate(MATERIALS[::-1], start=1))}, "material 1: "),
+    ],
+)
+def test_another_problem(comm, out, options, message):
+    """The error names what differs, and the problem keeps its state."""
+    vmdg.write_checkpoint(small(comm), out / "one")
+    other = small(comm, **options)
+    other.u.x.array[:] = 1e-3
+    with pytest.raises(ValueError, match=message):
+        vmdg.read_checkpoint(other, out / "one")
+    assert (other.u.x.array == 1e-3).all()
+
+
+def test_same_numbers_at_other_places(comm, out):
+    """Nodes whose sums are the same, but that lie elsewhere, are not taken for the same."""
+    problem = small(comm)
+    vmdg.write_checkpoint(problem, out)
+    other = small(comm)
+    x = other.mesh.geometry.x
+    x[:, 1] = comm.allreduce(x[:, 1].max(), MPI.MAX) - x[:, 1]  # the blocks start at y = 0
+    with pytest.raises(ValueError, match="in another order or at other places"):
+        vmdg.read_checkpoint(other, out)
+
+
+def test_format(comm, out):
+    """Another format is named with the version that wrote it; a damaged file and none at all."""
+    problem = small(comm)
+    assert vmdg.read_checkpoint(problem, out) is None
+    vmdg.write_checkpoint(problem, out)
+    about = latest(out) / "checkpoint.json"
+    stored = json.loads(about.read_text())
+    comm.barrier()
+    assert stored["vmdg"] == vmdg.__version__
+    if comm.rank == 0:
+        about.write_text(json.dumps(stored | {"format": 99, "vmdg": "9.9"}))
+    with pytest.raises(ValueError, match=r"format 99, written by vmdg 9\.9"):
+        vmdg.read_checkpoint(problem, out)
+    if comm.rank == 0:
+        about.write_text("{")
+    with pytest.raises(ValueError, match="damaged"):
+        vmdg.read_checkpoint(problem, out)
+    discard_checkpoint(comm, out)
+    assert vmdg.read_checkpoint(problem, out) is None
+
+
+@pytest.mark.parametrize("stage", ["write_fields", "write_tables", "_make_slot", "_sync"])
+def test_failure_leaves_the_former(comm, out, monkeypatch, stage):
+    """An error of one stage is raised by all ranks, and the former checkpoint is still there.
+
+    Only one rank makes folders and flushes files, and it alone meets the error.
+    """
+    problem = small(comm)
+    history = vmdg.History()
+    history.append({"load": 1.0})
+    vmdg.write_checkpoint(problem, out, history)
+    problem.u.x.array[:] = 1e-3
+
+    def full(*_):
+        raise OSError("No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(f"vmdg.checkpoint.{stage}", full)
+        with pytest.raises(OSError, match="former one, if any, is still valid"):
+            vmdg.write_checkpoint(problem, out)
+    assert vmdg.read_checkpoint(problem, out).rows == history.rows
+    assert not problem.u.x.array.any()
+    problem.u.x.array[:] = 1e-3
+    vmdg.write_checkpoint(problem, out)
+    assert vmdg.read_checkpoint(problem, out).rows == []
+    assert (problem.u.x.array == 1e-3).all()
+
+
+def test_no_room(comm, out, monkeypatch):
+    """A disk that is full, a folder that is a file: all ranks are told, nothing is left behind."""
+    problem = small(comm)
+    usage = shutil.disk_usage(out)
+    monkeypatch.setattr("shutil.disk_usage", lambda path: usage._replace(free=1000))
+    with pytest.raises(OSError, match="MB are free"):
+        vmdg.write_checkpoint(problem, out / "full")
+    monkeypatch.undo()
+    if comm.rank == 0:
+        (out / "file").write_text("")
+    comm.barrier()
+    with pytest.raises(OSError, match="could not be written"):
+        vmdg.write_checkpoint(problem, out / "file")
+    assert vmdg.read_checkpoint(problem, out / "full") is None
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="the limit ends all writing of the process")
+def test_file_that_cannot_grow(comm, out):
+    """A write that the system refuses half way is an error that is told, not a checkpoint."""
+    problem = small(comm)
+    vmdg.write_checkpoint(problem, out)
+    former = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4000, former[1]))
+    try:
+        with pytest.raises(OSError, match="could not be written"):
+            vmdg.write_checkpoint(problem, out)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, former)
+    assert vmdg.read_checkpoint(problem, out) is not None
+
+
+def test_without_adios4dolfinx(comm, out, monkeypatch):
+    """The error says what to install."""
+    monkeypatch.setitem(sys.modules, "adios4dolfinx", None)
+    with pytest.raises(ImportError, match="install python3-adios4dolfinx"):
+        vmdg.write_checkpoint(small(comm), out)
+    with pytest.raises(ImportError, match="checkpoint=None"):
+        vmdg.solve(small(comm), [1.0], vmdg.SolveOptions(checkpoint=out))
+
+
+def test_no_steps_between(comm, out):
+    """checkpoint_every must be a number of steps."""
+    options = vmdg.SolveOptions(checkpoint=out, checkpoint_every=0)
+    with pytest.raises(ValueError, match="checkpoint_every = 0"):
+        vmdg.solve(small(comm), [1.0], options)
+
+
+def test_field_of_high_degree(comm, out):
+    """Nodes inside edges go to their places in any partition: cubic triangles, both sides."""
+    alone, folder = MPI.COMM_SELF, out / "cubic"
+    field = {1: lambda x: np.array([x[0] ** 3, x[1]]), 2: lambda x: np.array([x[1] ** 3, -x[0]])}
+
+    def displaced(where):
+        problem = small(where, degree=3)
+        u, expected = problem.u, fem.Function(problem.space)
+        for tag, function in field.items():
+            expected.interpolate(function, np.flatnonzero(problem._tags == tag).astype(np.int32))
+        expected.x.scatter_forward()
+        return problem, u, expected.x.array
+
+    if comm.rank == 0:
+        problem, u, values = displaced(alone)
+        u.x.array[:] = values
+        vmdg.write_checkpoint(problem, folder)
+    comm.barrier()
+    problem, u, values = displaced(comm)
+    vmdg.read_checkpoint(problem, folder)
+    assert np.abs(u.x.array - values).max(initial=0.0) < 1e-14
+
+
+def test_look_up(comm):
+    """Rows are found by their keys wherever they are, and what is nowhere is said to be missing."""
+    random = np.random.default_rng(comm.rank)
+    keys = 7 * (np.arange(5 * comm.rank) * comm.size + comm.rank)
+    rows = np.column_stack([keys, keys**2]).astype(float)
+    every = np.concatenate(comm.allgather(keys))
+    wanted = random.permutation(np.concatenate([every, every + 1, every[:3]]))
+    found, values = look_up(comm, keys, rows, wanted[:0])
+    assert len(found) == len(values) == 0
+    found, values = look_up(comm, keys, rows, wanted)
+    assert np.array_equal(found, np.isin(wanted, every))
+    assert np.array_equal(values, np.column_stack([wanted[found], wanted[found] ** 2]))
+
+
+def test_names_of_facets(comm):
+    """The facets have the same names on any number of ranks."""
+    names = []
+    for where in (comm, MPI.COMM_SELF):
+        problem = small(where, 3)
+        facets = problem.interface_facets(0)
+        x = problem.couplings[0].quadrature.points
+        mid = x[problem.couplings[0].quadrature.points_of_facet].mean(axis=1)
+        keys = facet_keys(problem.mesh, facets)
+        names.append(np.column_stack(by_position(where, mid, keys)))
+    assert np.abs(names[0] - names[1]).max() < 1e-12
+
+
+# Killed runs
+
+KILLS = int(os.environ.get("VMDG_KILLS", "4"))
+
+
+def start(folder: Path, log: Path) -> subprocess.Popen:
+    """A run in a process of its own."""
+    script = Path(killed_run.__file__)
+    root = script.parents[2]
+    path = os.pathsep.join([str(root), str(root / "demos"), os.environ.get("PYTHONPATH", "")])
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("PMIX_", "OMPI_COMM"))}
+    return subprocess.Popen(
+        [sys.executable, script, folder, log],
+        env=environment | {"PYTHONPATH": path},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+
+
+def steps_in(log: Path) -> np.ndarray:
+    """Load factor and time of the steps that were complete, parts of cut ones included, (n, 2)."""
+    lines = log.read_text().split("\n")[:-1] if log.exists() else []
+    return np.array([line.split() for line in lines], dtype=float).reshape(-1, 2)
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="processes of one rank are killed")
+def test_killed_at_any_moment(comm, tmp_path):
+    """kill -9 at random moments: what was written is whole, and the rest of the curve the same.
+
+    The time from the first step to the last has one kill in each of equal parts, so that steps,
+    the snap and the files are all met. More of them: VMDG_KILLS=20, others: VMDG_SEED=2.
+    """
+    random = np.random.default_rng(int(os.environ.get("VMDG_SEED", "1")))
+    whole = killed_run.main(tmp_path / "whole", tmp_path / "whole.log")
+    duration = np.ptp(steps_in(tmp_path / "whole.log")[:, 1])
+    assert whole["jump_steps"].sum() > 0
+    lost, worst = [], 0.0
+    for number in range(KILLS):
+        folder, log = tmp_path / str(number), tmp_path / f"{number}.log"
+        process = start(folder, log)
+        while len(steps_in(log)) == 0 and process.poll() is None:
+            time.sleep(0.01)
+        time.sleep((number + random.random()) / KILLS * duration)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        done = steps_in(log)[:, 0]
+        resumed = killed_run.main(folder, tmp_path / f"{number}.resumed")
+        again = steps_in(tmp_path / f"{number}.resumed")[:, 0]
+        lost.append(int((again <= done.max()).sum()))
+        assert resumed.columns == whole.columns
+        for column in whole.columns:
+            assert_same(resumed[column], whole[column], SAME, f"{column} after kill {number}")
+            difference = np.abs(resumed[column] - whole[column]).max()
+            worst = max(worst, difference / max(np.abs(whole[column]).max(), 1e-12))
+        shutil.rmtree(folder)
+    # A step that was cut is not the end of one: the last one may be lost with its parts.
+    print(f"steps done again: {lost}; largest difference of a column: {worst:.1e}")
+    assert max(lost) <= killed_run.EVERY + whole["cuts"].max() + 1

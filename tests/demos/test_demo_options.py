@@ -1,0 +1,159 @@
+"""The command line of the demos: every option with its default, physical ones with their unit."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated, get_type_hints
+
+import pytest
+from helpers.options import descriptions, parser, run
+
+DEMOS = sorted(
+    path.stem
+    for path in (Path(__file__).resolve().parents[2] / "demos").glob("[!_]*.py")
+    if "def main" in path.read_text()
+)
+UNIT = re.compile(r"\[(mm|MPa|-|N|N/mm|s)\]")
+
+
+def test_all_demos_are_there():
+    """As many as the list of demos/run has, at least those of the report."""
+    assert {"patch_tension", "patch_shear", "fibre_matrix", "tearing", "pushout"} < set(DEMOS)
+
+
+@pytest.mark.parametrize("name", DEMOS)
+def test_help(comm, capsys, name):
+    """``--help`` on rank 0 only: name, text, default and unit of every argument of main."""
+    main = import_module(name).main
+    with pytest.raises(SystemExit) as error:
+        run(main, ["--help"])
+    assert error.value.code == 0
+    said = " ".join(capsys.readouterr().out.split())
+    if comm.rank > 0:
+        assert said == ""
+        return
+    assert inspect.getdoc(import_module(name)).splitlines()[0] in said
+    types = get_type_hints(main)
+    for option, argument in inspect.signature(main).parameters.items():
+        flag = f"--{option.replace('_', '-')}"
+        text = descriptions(main)[option]
+        default = {None: "none", True: "yes", False: "no"}
+        value = argument.default
+        value = default[value] if value is None or isinstance(value, bool) else value
+        assert f"{text} (default: {value})" in said
+        assert flag in said or types[option] == list[str] | None
+        if types[option] in (float, float | None):
+            assert UNIT.search(text), f"{option} of {name} has no unit"
+
+
+@pytest.mark.parametrize("name", DEMOS)
+def test_defaults_are_those_of_main(name):
+    """No option: main gets what its signature says. All demos have --out, --plot, --verbose.
+
+    The first tutorial is a page of 60 lines to be read, which draws in any case.
+    """
+    main = import_module(name).main
+    defaults = {k: v.default for k, v in inspect.signature(main).parameters.items()}
+    found = vars(parser(main).parse_args([]))
+    assert {k: v or None for k, v in found.items()} == {k: v or None for k, v in defaults.items()}
+    assert defaults["out"] == f"results/{name}"
+    if name == "tutorial":
+        return
+    assert (defaults["plot"], defaults["verbose"]) == (True, False)
+    quiet = parser(main).parse_args(["--no-plot", "--out", "x", "--verbose"])
+    assert (quiet.plot, quiet.out, quiet.verbose) == (False, "x", True)
+
+
+def scene(
+    words: list[str] | None = None,
+    size: float = 0.5,
+    end: float | None = None,
+    kind: Annotated[str, {"soft": 1, "stiff": 2}] = "soft",
+    is_fine: bool = False,
+) -> dict:
+    """What it was given.
+
+    Args:
+        words: Any; 100 % of them.
+        size: Of a cell
+            [mm].
+        end: Where to stop [mm].
+        kind: Of the body.
+        is_fine: Small cells.
+
+    Returns:
+        All of it.
+    """
+    found.append(locals())
+    return locals()
+
+
+found: list[dict] = []
+
+
+def test_types():
+    """Options are converted to the types of the signature, and main is called with them."""
+    found.clear()
+    run(scene, ["a", "b", "--size", "2", "--end", "1e-3", "--kind", "stiff", "--is-fine"])
+    run(scene, ["--no-is-fine"])
+    given = {"words": ["a", "b"], "size": 2.0, "end": 1e-3, "kind": "stiff", "is_fine": True}
+    assert found[0] == given
+    assert found[1]["is_fine"] is False
+    assert descriptions(scene)["size"] == "Of a cell [mm]"
+    assert "100 % of them" in parser(scene).format_help()
+
+
+@pytest.mark.parametrize("wrong", [["--kind", "liquid"], ["--size", "big"], ["--colour", "red"]])
+def test_wrong_options(comm, capsys, wrong):
+    """Refused by all ranks, said by one."""
+    with pytest.raises(SystemExit) as error:
+        run(scene, wrong)
+    assert error.value.code == 2
+    assert bool(capsys.readouterr().err) == (comm.rank == 0)
+
+
+def test_undescribed():
+    """An argument that the docstring forgets."""
+
+    def main(size: float = 1.0) -> None:
+        """Nothing."""
+
+    with pytest.raises(ValueError, match="does not describe 'size'"):
+        parser(main)
+
+
+def test_unknown_part_of_the_benchmark(out):
+    """The parts that exist are named."""
+    import benchmark
+
+    with pytest.raises(ValueError, match=r"no part is called speed; they are precision, ratio"):
+        benchmark.main(["speed"], out=str(out))
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("patch_shear", {}),
+        ("load_cycle", {"steps": 5}),
+        ("fibre_matrix", {"element_size": 0.3, "end": 1e-3, "interface_only": True}),
+        ("pushout", {"layers": 4, "refine": 0.4, "steps": 2, "end": 0.004}),
+        ("tearing", {"mesh": "coarse", "steps": 1}),
+        ("two_inclusions", {"element_size": 0.2, "steps": 2}),
+        ("scaling", {"cells": 2, "load": 0.1}),
+    ],
+)
+def test_without_pictures(comm, out, monkeypatch, name, options):
+    """Without --plot nothing is drawn, and the run says the rest."""
+
+    def draws(*_: object, **__: object) -> None:
+        raise AssertionError("a picture is drawn")
+
+    for function in ("figure", "subplots", "subplot_mosaic"):
+        monkeypatch.setattr(f"matplotlib.pyplot.{function}", draws)
+    import_module(name).main(**options, plot=False, out=str(out))
+    comm.barrier()
+    assert not list(out.glob("**/*.png"))
+    assert list(out.iterdir())

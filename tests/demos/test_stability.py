@@ -1,0 +1,366 @@
+"""Random stress runs end well, and the checks that say so can fail."""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import stability
+from studies.stability import checks, runner
+from studies.stability.cases import (
+    FAMILIES,
+    LATER,
+    bar,
+    block_pair,
+    draw,
+    numbers,
+    pulled,
+    two_materials,
+)
+from studies.stability.checks import Points, Run
+from studies.stability.runner import BAD, execute, judge, stress
+from studies.stability.scenes import Bond, Case
+
+import vmdg
+
+# The scenes are meant to be out of all proportion.
+pytestmark = pytest.mark.filterwarnings("ignore::vmdg.problem.checks.ModelWarning")
+
+#: Three runs a family.
+RUNS = numbers(3)
+LAW = vmdg.Debonding(strength=10.0, critical_gap=0.2, friction=0.3)
+
+
+@pytest.fixture(scope="module")
+def outcomes(comm, tmp_path_factory) -> tuple[list[runner.Outcome], Path]:
+    """The coarse demo, and where its files are."""
+    folder = Path(comm.bcast(str(tmp_path_factory.mktemp("stability"))))
+    result = stability.main(each=3, out=str(folder))
+    comm.barrier()
+    return result, folder
+
+
+def test_no_run_fails(outcomes):
+    """No wrong state, no NaN, no hang, no crash; every family occurs, most runs get to the end."""
+    runs, _ = outcomes
+    failed = [f"{o.number}: {o.verdict}, {o.detail}" for o in runs if o.verdict in BAD]
+    assert not failed
+    assert [o.number for o in runs] == RUNS
+    assert len(stress.families(runs)) == len(FAMILIES) + len(LATER)
+    number = stress.counts(runs)
+    assert number["correct"] > 0.7 * len(RUNS)
+    assert number["refused"] >= 3
+
+
+def test_files(outcomes):
+    """Table, list of the runs and picture."""
+    runs, folder = outcomes
+    assert (folder / "stability.md").read_text() == stress.table(runs) + "\n"
+    assert (folder / "stability.csv").read_text().count("\n") >= len(RUNS) + 1
+    assert (folder / "stability.png").stat().st_size > 10_000
+
+
+def test_a_number_fixes_the_case():
+    """Drawn twice, a case is the same; another number gives another one."""
+    first, again, other = (draw(number) for number in (7, 7, 24))
+    assert str(first) == str(again) != str(other)
+    assert np.array_equal(first.mesh.nodes, again.mesh.nodes)
+    assert np.array_equal(first.loads, again.loads)
+
+
+# The checks
+
+
+def cracked(**options) -> Case:
+    """Two squares pulled apart in part, sheared, with an exact end state if ``options`` say so."""
+    rng = np.random.default_rng(1)
+    mesh, tags = block_pair("quadrilateral", rng, np.ones(2))
+    inputs = pulled(rng, mesh, tags, two_materials(rng), (Bond(LAW, (1, 2)),), 0.1)
+    return Case("test", "cracked", **(inputs | options))
+
+
+@pytest.fixture
+def run() -> Run:
+    """A sound run that ended with partial damage."""
+    result = execute(cracked(unchanged_from=0.0, loads=np.array([0.2, 0.4, 0.6])))
+    softening = result.problem.state[0].softening
+    assert not result.stopped
+    assert 0 < softening.max() < LAW.strength
+    return result
+
+
+def test_sound_run(run):
+    """Every check but that of rigid motion, which this run is not, passes."""
+    for check in checks.CHECKS:
+        assert bool(check(run)) == (check is checks.objective), check
+
+
+def change_last(run: Run, **values) -> None:
+    run.records[-1] = replace(run.records[-1], **values)
+
+
+def test_finite(run):
+    """NaN in the displacement, in the history of a point, in the table."""
+    assert not checks.finite(run)
+    change_last(run, softening=[run.records[-1].softening[0] * np.nan])
+    assert checks.finite(run)
+    run.records.pop()
+    assert not checks.finite(run)
+    run.history.append({"load": np.nan})
+    assert checks.finite(run)
+    run.history.rows.pop()
+    run.problem.u.x.array[0] = np.inf
+    assert checks.finite(run)
+    assert judge(run)[0] == "not finite"
+
+
+@pytest.mark.parametrize("what", ["u", "forces", "gap", "softening"])
+def test_state_intact(run, what):
+    """One bit more or less in any array."""
+    coupling = run.problem.couplings[0]
+    array = {
+        "u": run.problem.u.x.array,
+        "forces": run.problem.forces.x.array,
+        "gap": coupling._now.gap,
+        "softening": coupling.softening,
+    }[what]
+    array[-1] = np.nextafter(array[-1], 1.0)
+    assert checks.at_last_record(run)
+
+
+def test_equilibrium(run):
+    """A millionth of the opening more at a free node; a lost reaction; a force that turns."""
+    u = run.problem.u.x.array
+    free = np.setdiff1d(np.arange(len(u)), run.problem.prescribed)[0]
+    u[free] += 1e-6 * LAW.critical_gap
+    found = checks.equilibrium(run)
+    assert "residual" in found[0]
+    u[free] -= 1e-6 * LAW.critical_gap
+    del run.new
+    largest = np.abs(run.problem.forces.x.array).argmax()
+    run.problem.forces.x.array[largest] *= 1 + 1e-5
+    assert "reported" in checks.equilibrium(run)[0]
+    run.new.forces.x.array[largest] *= 1 + 1e-5
+    found = checks.equilibrium(run)
+    assert any("add up" in text for text in found)
+    assert any("moments" in text for text in found)
+
+
+def test_positive_volume(run):
+    """A node beyond the opposite side of its cell."""
+    assert not checks.positive_volume(run)
+    run.problem.u.x.array[0] += 5.0
+    assert checks.positive_volume(run)
+
+
+@pytest.fixture
+def points() -> Points:
+    """Four sound points: intact, damaged and open, gone, pressed and sliding."""
+    return Points(
+        LAW,
+        normal=np.tile([1.0, 0.0], (4, 1)),
+        gap=np.array([[0.0, 0.0], [0.06, 0.08], [0.5, 0.0], [0.0, 0.1]]),
+        traction=np.array([[8.0, 5.0], [3.0, 4.0], [0.0, 0.0], [-30.0, 9.0]]),
+        softening=np.array([0.0, 5.0, 10.0, 5.0]),
+        penalty=np.full(4, 1000.0),
+        tolerance=np.full(4, 1e-8),
+    )
+
+
+def test_sound_points(points):
+    """What the next three tests corrupt."""
+    for check in (checks.history_in_range, checks.fixed_point, checks.criterion):
+        assert not check(points)
+
+
+def changed(points: Points, name: str, row: int, value: object) -> Points:
+    array = getattr(points, name).copy()
+    array[row] = value
+    return replace(points, **{name: array})
+
+
+@pytest.mark.parametrize(
+    ("name", "row", "value"),
+    [
+        ("softening", 0, -1e-12),
+        ("softening", 2, 10.0 + 1e-12),
+        ("gap", 3, [-1e-6, 0.1]),
+        ("softening", 1, 4.9),
+    ],
+)
+def test_history_in_range(points, name, row, value):
+    """Q out of its range, a negative normal gap, a gap with too little damage."""
+    assert checks.history_in_range(changed(points, name, row, value))
+
+
+@pytest.mark.parametrize(
+    ("row", "value"),
+    [(0, [8.0, 6.1]), (1, [3.0, 4.1]), (1, [-0.1, 4.0]), (2, [0.1, 0.0]), (3, [-30.0, 9.1])],
+)
+def test_inadmissible(points, row, value):
+    """Beyond the strength, the resistance left, closed by pressure, without bond, beyond friction.
+
+    The law and the criterion written by hand find each.
+    """
+    bad = changed(points, "traction", row, value)
+    assert checks.fixed_point(bad)
+    assert checks.criterion(bad)
+
+
+def test_admissible(run):
+    """A history that the displacement does not belong to."""
+    assert not checks.admissible(run)
+    coupling = run.problem.couplings[0]
+    coupling.softening = coupling.softening + 0.5
+    del run.new
+    assert checks.admissible(run)
+
+
+def test_irreversible(run):
+    """Q that falls, and work of damage or friction that comes back."""
+    assert not checks.irreversible(run)
+    last = run.records[-1]
+    change_last(run, softening=[run.records[-2].softening[0] - 1e-9])
+    assert checks.irreversible(run)
+    for name in ("damage", "friction"):
+        change_last(run, softening=last.softening, energy=replace(last.energy, **{name: -1e-6}))
+        assert "heals" in checks.irreversible(run)[0]
+
+
+def test_damage_energy(run):
+    """A millionth of the damage not counted."""
+    assert not checks.damage_energy(run)
+    energy = run.records[-1].energy
+    change_last(run, energy=replace(energy, damage=energy.damage * (1 - 1e-6)))
+    assert checks.damage_energy(run)
+
+
+def test_energy_balance(run):
+    """External work five times as large as it is."""
+    assert not checks.energy_balance(run)
+    energy = run.records[-1].energy
+    change_last(run, energy=replace(energy, external=5 * energy.external))
+    assert checks.energy_balance(run)
+
+
+def test_coercive(run):
+    """Interfaces that take all that the bulk has."""
+    assert not checks.coercive(run)
+    energy = run.records[-1].energy
+    change_last(run, energy=replace(energy, interface=-energy.bulk))
+    assert checks.coercive(run)
+
+
+def test_objective(run):
+    """This run opens on, which no rigid motion does; its start alone shows nothing."""
+    assert checks.objective(run)
+    del run.records[1:]
+    assert not checks.objective(run)
+
+
+@pytest.mark.parametrize("t", [0.005, 0.15, 0.4])
+def test_exact(t):
+    """The bar before the peak, beyond it and apart: a ten-thousandth too far is found."""
+    rng = np.random.default_rng(2)
+    mesh, tags = block_pair("quadrilateral", rng, np.ones(2))
+    case = Case("test", "bar", **bar(mesh, tags, (1e3, 3e3), 0.3, LAW, np.array([t])))
+    run = execute(case)
+    assert not checks.exact(run)
+    run.problem.u.x.array[:] *= 1 + 1e-4
+    run.problem.assemble_residual()
+    assert checks.exact(run)
+
+
+def test_closed_form_of_the_patch():
+    """A node that is off by 1e-5 of the largest displacement."""
+    run = execute(next(case for case in map(draw, RUNS) if case.exact))
+    assert not checks.exact(run)
+    u = run.problem.u.x.array
+    u[0] += 1e-5 * np.abs(u).max()
+    run.problem.assemble_residual(hold=True)
+    assert checks.exact(run)
+
+
+def test_files_are_read(run, tmp_path):
+    """NaN in the table and in a field."""
+    assert not stress.files_finite(run, tmp_path)
+    run.problem.u.x.array[3] = np.nan
+    found = stress.files_finite(run, tmp_path)
+    assert any("displacement" in text for text in found)
+    assert any("stress" in text for text in found)
+    run.history.rows[-1]["load"] = np.inf
+    assert any("load" in text for text in stress.files_finite(run, tmp_path))
+
+
+# Verdicts
+
+
+def stopped_case() -> Case:
+    """One step far beyond separation, with nothing allowed that would carry it."""
+    options = vmdg.SolveOptions(max_cuts=0, jump=False, max_iterations=1)
+    return cracked(loads=np.array([0.05, 2.0]), options=options)
+
+
+def test_stopped(monkeypatch):
+    """A step that fails leaves the last converged state; left as it failed, it is found."""
+    run = execute(stopped_case())
+    assert len(run.records) == 2
+    assert judge(run)[0] == "stopped"
+    assert "0.05" in judge(run)[1]
+    monkeypatch.setattr(vmdg.Problem, "cancel_step", lambda problem: None)
+    assert judge(execute(stopped_case()))[0] == "wrong"
+
+
+def test_hang(monkeypatch):
+    """An endless run ends by itself."""
+    monkeypatch.setattr(runner, "execute", lambda case: time.sleep(60))
+    start = time.perf_counter()
+    assert stress(0, patience=0.2).verdict == "hang"
+    assert time.perf_counter() - start < 10
+
+
+@pytest.mark.parametrize(
+    ("seconds", "patience", "verdict"), [(0.0, 600.0, "crash"), (60.0, 0.2, "hang")]
+)
+def test_error_of_an_interrupted_library(monkeypatch, seconds, patience, verdict):
+    """An error after the time is over is how a library reports the interruption."""
+
+    def interrupted(case: Case) -> Run:
+        with suppress(stress.Hang):
+            time.sleep(seconds)
+        raise RuntimeError("interrupted")
+
+    monkeypatch.setattr(runner, "execute", interrupted)
+    assert stress(0, patience=patience).verdict == verdict
+
+
+def test_crash(monkeypatch):
+    """Errors that are not clear ones, overflows in the engine among them."""
+
+    def fails(case: Case) -> Run:
+        raise np.linalg.LinAlgError("Eigenvalues did not converge")
+
+    monkeypatch.setattr(runner, "execute", fails)
+    outcome = stress(0)
+    assert outcome.verdict == "crash"
+    assert "Eigenvalues" in outcome.detail
+
+
+def test_an_error_must_be_due():
+    """The same refusal is right where the case asks for it, and a crash where it does not."""
+    steep = vmdg.Debonding(strength=10.0, critical_gap=1e-5)
+    case = cracked(bonds=(Bond(steep, (1, 2)),))
+    with pytest.raises(stress.Refused, match="softening"):
+        execute(case)
+    with pytest.raises(ValueError, match="softening"):
+        execute(replace(case, refusal=""))
+
+
+def test_a_flaw_must_be_refused():
+    """A run through inverted cells would be wrong, whatever it gave."""
+    case = cracked(must_refuse=True)
+    assert judge(execute(case)) == ("wrong", "went through; ")

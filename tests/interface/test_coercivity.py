@@ -1,0 +1,284 @@
+"""safety="auto": coercive at random, no coarser than fixed factors, the same on any ranks."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from scenes import (
+    DIMENSION,
+    EVERY_CELL,
+    MATERIALS,
+    by_position,
+    deform,
+    distort,
+    everywhere,
+    gather,
+    integral,
+    joined,
+    tag_cells,
+    two_blocks,
+    unit_box,
+)
+from studies.coercivity import cells as random_cells
+
+import vmdg
+from vmdg.interface import coercivity
+from vmdg.meshes import blocks
+
+# Coercivity
+
+
+def test_no_negative_eigenvalue():
+    """2,076 random configurations: none is negative with "auto", two in five are with 1.
+
+    Pairs of cells and patches all of whose facets are interfaces, four cell types, degree 1 to 3.
+    """
+    auto, one, total = [], [], 0
+    for case in random_cells.CASES:
+        configurations = case.draw()
+        auto.append(random_cells.count("auto", configurations))
+        one.append(random_cells.count(1.0, configurations))
+        total += case.count
+        assert auto[-1].negative == 0, f"{case}: {auto[-1]}"
+    assert total >= 2000
+    assert sum(count.negative for count in one) > total / 3
+    # Far from the threshold on both sides: what is left is rounding, what is lost is not.
+    assert min(count.lowest for count in auto) > -1e-12
+    assert min(count.lowest for count in one) < -0.1
+
+
+def multiplied(problem: vmdg.Problem, factor: float):
+    """A stabilization that multiplies the tau_s of ``problem`` by ``factor``."""
+    safety = factor * problem.stabilization[0].safety
+
+    def stabilization(tau1, tau2, context):
+        bonded = np.linalg.inv(tau1 + tau2)
+        return safety[:, None, None] * bonded, bonded @ tau1
+
+    return {"law": vmdg.Bonded(), "stabilization": stabilization}
+
+
+@EVERY_CELL
+def test_margin(cell):
+    """1 - theta times the factor suffices for all u: the rest is what keeps theta of the energy."""
+    configurations = random_cells.Case(cell, 1, True, 60).draw(1)
+    auto = configurations.problem(law=vmdg.Bonded())
+    less = configurations.problem(**multiplied(auto, 1 - coercivity.MARGIN))
+    assert (configurations.lowest(less) > -random_cells.ROUNDING).all()
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+def test_no_more_than_needed(cell):
+    """Alike cells near incompressibility: .95 (1 - theta) times the factor is too little."""
+    draw = random_cells.Range(aspect=0.0, contrast=0.0, nu=(0.499, 0.499), strain=0, distortion=0)
+    configurations = random_cells.Configurations(cell, random_cells.pair(cell), 20, 1, draw, 2)
+    auto = configurations.problem(law=vmdg.Bonded())
+    assert (auto.stabilization[0].safety > 2).all()
+    short = configurations.problem(**multiplied(auto, 0.95 * (1 - coercivity.MARGIN)))
+    assert (configurations.lowest(short) < -random_cells.ROUNDING).all()
+
+
+@pytest.mark.parametrize("frame", ["reference", "corotating"])
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+def test_interface_that_can_fail(cell, frame):
+    """The scalar r with tensor or isotropic flux weights, while it is bonded."""
+    law = vmdg.Debonding(strength=1e12, critical_gap=1e12)
+    for alone in (True, False):
+        configurations = random_cells.Case(cell, 1, alone, 60).draw(3)
+        problem = configurations.problem(law=law, frame=frame)
+        assert (configurations.lowest(problem) > -random_cells.ROUNDING).all()
+
+
+def test_square_cells_keep_the_derived_tau(comm):
+    """No facet of compressible square cells or cubes is raised."""
+    for cell in DIMENSION:
+        safety = joined(two_blocks(comm, cell), vmdg.Bonded()).stabilization[0].safety
+        assert (safety == 1).all()
+
+
+# States in which A is not positive
+
+
+@EVERY_CELL
+def test_compression(comm, cell):
+    """Compressed by half, A has no sign: factors stay finite, and change little at the threshold.
+
+    A slightly compressed state differs from a slightly stretched one by the shift 2 |sigma| of the
+    comparison energy only.
+    """
+    scene = two_blocks(comm, cell, distortion=0.05)
+    deform(scene.mesh, np.diag([0.1, 1.0, 1.0]))  # flat, so that factors are above 1
+    material = vmdg.NeoHookean(E=1000.0, nu=0.49)
+    problem = joined(scene, vmdg.Bonded(), (material, material))
+    factors = []
+    for stretch in (1.0, 1 - 1e-6, 1 + 1e-6, 0.5):
+        problem.u.interpolate(lambda x, s=stretch: (s - 1) * x[: DIMENSION[cell]])
+        problem.update_stabilization(1.0)
+        factors.append(gather(comm, problem.stabilization[0].safety))
+    whole, pressed, pulled, crushed = factors
+    assert pressed == pytest.approx(whole, rel=1e-3)
+    assert pulled == pytest.approx(whole, rel=1e-3)
+    assert ((crushed >= 1) & (crushed < 100)).all()
+
+
+# r and H
+
+
+def test_r_stays_clear_of_softening(comm):
+    """r = 2 H where the factor 4 reaches it, 4 times the derived r beyond, refused as ever."""
+    scene = two_blocks(comm, "quadrilateral")
+    derived = gather(
+        comm, joined(scene, vmdg.Bonded(), interface={"safety": 1.0}).stabilization[0].norm
+    )
+
+    def safety(H):
+        law = vmdg.Debonding(strength=100.0, critical_gap=100.0 / H)
+        return gather(comm, joined(scene, law).stabilization[0].safety)
+
+    r = derived[0]
+    assert safety(0.4 * r) == pytest.approx([1.0] * len(derived))
+    assert safety(1.5 * r) == pytest.approx(3.0)
+    assert safety(3.5 * r) == pytest.approx(4.0)
+    with pytest.raises(ValueError, match="not above the softening modulus"):
+        safety(4.1 * r)
+
+
+# Ranks
+
+
+@EVERY_CELL
+def test_factors_do_not_depend_on_ranks(comm, cell):
+    """All facets of a distorted mesh are interfaces: the same factors on one rank and on all."""
+
+    def build(comm):
+        mesh = unit_box(comm, cell, 3)
+        deform(mesh, np.diag([0.3, 1.0, 1.0]))
+        distort(mesh, 0.02)
+        interface = vmdg.Interface(within=1, law=vmdg.Bonded())
+        problem = vmdg.Problem(
+            mesh, tag_cells(mesh, {1: everywhere}), {1: MATERIALS[0]}, [interface]
+        )
+        problem.u.interpolate(lambda x: 0.1 * np.sin(3 * x[: DIMENSION[cell]]))
+        problem.u.x.scatter_forward()
+        problem.update_stabilization(1.0)
+        quadrature = problem.couplings[0].quadrature
+        points = quadrature.points[quadrature.points_of_facet].mean(axis=1)
+        return by_position(comm, points, problem.stabilization[0].safety)
+
+    build(comm)  # compiles on one rank before every rank works alone
+    (here, factors), (there, alone) = build(comm), build(MPI.COMM_SELF)
+    assert here == pytest.approx(there, abs=1e-12)
+    assert factors == pytest.approx(alone, rel=1e-9)
+    assert factors.max() > 1.1
+
+
+# Accuracy: polynomials that solve Lame's equations on both sides of x = 1 without body force
+
+
+def monomials(x, degree=3, derivative=(0, 0)):
+    """x^i y^j up to a total degree, or a derivative of them, at points (2, n); (n, terms)."""
+    columns = []
+    for i in range(degree + 1):
+        for j in range(degree + 1 - i):
+            a, b = derivative
+            factor = np.prod(np.arange(i - a + 1, i + 1)) * np.prod(np.arange(j - b + 1, j + 1))
+            known = i >= a and j >= b
+            columns.append(factor * x[0] ** (i - a) * x[1] ** (j - b) if known else 0 * x[0])
+    return np.stack(columns, axis=-1)
+
+
+def lame_rows(x, mu, lmbda):
+    """div sigma of the displacements of single monomials, rows for both components."""
+    xx, xy, yy = (monomials(x, derivative=order) for order in ((2, 0), (1, 1), (0, 2)))
+    first = [(lmbda + 2 * mu) * xx + mu * yy, (lmbda + mu) * xy]
+    second = [(lmbda + mu) * xy, (lmbda + 2 * mu) * yy + mu * xx]
+    return np.vstack([np.hstack(first), np.hstack(second)])
+
+
+def traction_rows(x, mu, lmbda):
+    """sigma.e_x of the same."""
+    dx, dy = (monomials(x, derivative=order) for order in ((1, 0), (0, 1)))
+    return np.vstack(
+        [np.hstack([(lmbda + 2 * mu) * dx, lmbda * dy]), np.hstack([mu * dy, mu * dx])]
+    )
+
+
+def exact_pair(materials, seed):
+    """Coefficients of two cubic displacements that agree in u and sigma.e_x at x = 1."""
+    (mu1, l1), (mu2, l2) = (tuple(m.parameters.values()) for m in materials)
+    inside = np.random.default_rng(0).random((2, 12))
+    line = np.stack([np.ones(6), np.linspace(0, 1, 6)])
+    value = monomials(line)
+    none = np.zeros_like(value)
+    both = np.vstack([np.hstack([value, none]), np.hstack([none, value])])
+    zero = np.zeros((24, 2 * value.shape[1]))
+    scale = mu1 + l1, mu2 + l2
+    rows = np.vstack(
+        [
+            np.hstack([lame_rows(inside, mu1, l1) / scale[0], zero]),
+            np.hstack([zero, lame_rows(inside, mu2, l2) / scale[1]]),
+            np.hstack([both, -both]),
+            np.hstack([traction_rows(line, mu1, l1), -traction_rows(line, mu2, l2)]) / scale[1],
+        ]
+    )
+    _, sizes, vectors = np.linalg.svd(rows)
+    kernel = vectors[(sizes > 1e-11 * sizes[0]).sum() :]
+    assert len(kernel) >= 6
+    combined = np.random.default_rng(seed).normal(size=len(kernel)) @ kernel
+    return combined.reshape(2, 2, -1)
+
+
+def errors(comm, cell, contrast, nu, safety, seed, n=8):
+    """L2 error of u and energy norm of the error of the tied interface at x = 1."""
+    materials = (vmdg.NeoHookean(E=1000.0, nu=nu), vmdg.NeoHookean(E=1000.0 * contrast, nu=nu))
+    exact = exact_pair(materials, seed)
+    scene = blocks(comm, cell, (n, n))
+    problem = joined(scene, vmdg.Bonded(), materials, {"safety": safety}, kinematics="small")
+
+    def field(x, side):
+        return (monomials(x) @ exact[side].T).T
+
+    def prescribed(x, t):
+        return np.where(x[0] < 1, field(x, 0), field(x, 1))
+
+    for tag in (1, 2, 4, 5):
+        problem.dirichlet(scene.facet_tags.find(tag), prescribed)
+    vmdg.solve(problem, [1.0], vmdg.SolveOptions(relative_tolerance=1e-12))
+    fine = fem.functionspace(scene.mesh, ("DG", 3, (2,)))
+    reference = fem.Function(fine)
+    for side in (0, 1):
+        reference.interpolate(lambda x, a=side: field(x, a), scene.cell_tags.find(side + 1))
+    reference.x.scatter_forward()
+    e = problem.u - reference
+    eps = ufl.sym(ufl.grad(e))
+    dx = ufl.Measure("dx", scene.mesh, subdomain_data=scene.cell_tags)(degree=6)
+    energy = 0
+    for side, material in enumerate(materials):
+        mu, lmbda = material.parameters.values()
+        integrand = 2 * mu * ufl.inner(eps, eps) + lmbda * ufl.tr(eps) ** 2
+        energy += integral(comm, integrand * dx(side + 1))
+    return np.sqrt([integral(comm, ufl.inner(e, e) * dx), energy])
+
+
+@pytest.mark.parametrize("nu", [0.3, 0.499])
+@pytest.mark.parametrize("contrast", [1.0, 1e4])
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+def test_accuracy_does_not_suffer(comm, cell, contrast, nu):
+    """Errors of "auto" against those of the derived tau_s and of 4 times that, three solutions.
+
+    The energy norm, in which the form is coercive, never exceeds either by 2%. The L2 error of a
+    single solution may fall on either side; its geometric mean stays within 5%.
+    """
+    found = np.array(
+        [
+            [errors(comm, cell, contrast, nu, safety, seed=seed) for safety in ("auto", 1.0, 4.0)]
+            for seed in range(3)
+        ]
+    )
+    ratio = found[:, :1] / found[:, 1:]
+    assert (ratio[..., 1] < 1.02).all()
+    assert (np.exp(np.log(ratio[..., 0]).mean(axis=0)) < 1.05).all()

@@ -1,0 +1,147 @@
+"""The frame that turns with the interface: what makes it the frame of the interface law."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vmdg.interface import frame
+
+COUNT = 50
+EVERY_DIMENSION = pytest.mark.parametrize("d", [2, 3])
+SEEDS = given(seed=st.integers(0, 2**32 - 1))
+
+# Rounding of a few dozen operations on numbers of order 1, times the condition of F: sample()
+# keeps det F above .1 and the entries of F - I within a few tenths.
+ROUNDING = 1e-12
+
+
+def sample(seed: int, d: int):
+    """Deformation gradients and unit normals at many points; the turns in F are not small."""
+    rng = np.random.default_rng(seed)
+    N = rng.normal(size=(COUNT, d))
+    N /= np.linalg.norm(N, axis=1, keepdims=True)
+    F = np.eye(d) + 0.3 * rng.uniform(-1, 1, size=(COUNT, d, d))
+    F = rotations(rng, d) @ F
+    keep = np.linalg.det(F) > 0.1
+    return rng, F[keep], N[keep]
+
+
+def rotations(rng, d: int):
+    """Random proper rotations (COUNT, d, d)."""
+    Q = np.linalg.qr(rng.normal(size=(COUNT, d, d)))[0]
+    Q[:, 0] *= np.sign(np.linalg.det(Q))[:, None]
+    return Q
+
+
+def apply(tensor, vector):
+    """Row-wise tensor.vector."""
+    return np.einsum("pij,pj->pi", tensor, vector)
+
+
+@EVERY_DIMENSION
+@SEEDS
+def test_proper_rotation(d, seed):
+    """R^T.R = I and det R = 1."""
+    _, F, N = sample(seed, d)
+    R = frame.rotation(F, N)
+    assert np.abs(R.transpose(0, 2, 1) @ R - np.eye(d)).max() < ROUNDING
+    assert np.abs(np.linalg.det(R) - 1).max() < ROUNDING
+
+
+@EVERY_DIMENSION
+@SEEDS
+def test_objective(d, seed):
+    """R(Q.F) = Q.R(F): the frame of a body that turns rigidly turns with it."""
+    rng, F, N = sample(seed, d)
+    Q = rotations(rng, d)[: len(F)]
+    assert np.abs(frame.rotation(Q @ F, N) - Q @ frame.rotation(F, N)).max() < ROUNDING
+
+
+@EVERY_DIMENSION
+@SEEDS
+def test_normal_is_the_current_one(d, seed):
+    """R.N is the normal of the deformed surface, cof(F).N / |cof(F).N| (Nanson)."""
+    _, F, N = sample(seed, d)
+    n = apply(np.linalg.inv(F).transpose(0, 2, 1), N)
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    assert np.abs(apply(frame.rotation(F, N), N) - n).max() < ROUNDING
+
+
+@EVERY_DIMENSION
+@SEEDS
+def test_no_rotation_in_pure_stretch(d, seed):
+    """R = I for a symmetric stretch of the surface with any motion of the material across it.
+
+    F = S + a (x) N with S symmetric positive in the surface: the tangents stretch but do not turn,
+    whatever stretch or shear a the material beside the surface has.
+    """
+    rng, _, N = sample(seed, d)
+    P = np.eye(d) - N[:, :, None] * N[:, None, :]
+    S = rng.uniform(-0.3, 0.3, size=(len(N), d, d))
+    S = P @ (np.eye(d) + S + S.transpose(0, 2, 1)) @ P
+    a = N + 0.4 * rng.normal(size=N.shape)
+    F = S + a[:, :, None] * N[:, None, :]
+    U = S + N[:, :, None] * N[:, None, :]
+    positive = np.linalg.eigvalsh(U)[:, 0] > 0.1
+    assert positive.any()
+    R = frame.rotation(F[positive], N[positive])
+    assert np.abs(R - np.eye(d)).max() < ROUNDING
+
+
+@SEEDS
+def test_turns_in_the_surface_by_the_polar_decomposition(seed):
+    """In 3D R^T.F is a symmetric positive stretch of the surface: R is the polar rotation."""
+    _, F, N = sample(seed, 3)
+    P = np.eye(3) - N[:, :, None] * N[:, None, :]
+    U = frame.rotation(F, N).transpose(0, 2, 1) @ F @ P
+    assert np.abs(U - U.transpose(0, 2, 1)).max() < ROUNDING
+    assert np.linalg.eigvalsh(U + N[:, :, None] * N[:, None, :]).min() > 0
+
+
+@EVERY_DIMENSION
+@SEEDS
+def test_spin_is_the_derivative(d, seed):
+    """dR.x = R.(omega x x) with omega = W:dF equals central differences of R(F).x.
+
+    The step 1e-5 leaves an error of 1e-10 times the third derivative, which grows with the inverse
+    cube of the smallest stretch of the surface; rounding adds 1e-11.
+    """
+    rng, F, N = sample(seed, d)
+    R = frame.rotation(F, N)
+    dF = rng.uniform(-1, 1, size=F.shape)
+    x = rng.uniform(-1, 1, size=N.shape)
+    omega = np.einsum("pkij,pij->pk", frame.spin(F, N, R), dF)
+    change = apply(R, apply(frame.cross_matrix(x), omega))
+    h = 1e-5
+    difference = (frame.rotation(F + h * dF, N) - frame.rotation(F - h * dF, N)) / (2 * h)
+    assert change == pytest.approx(apply(difference, x), abs=1e-7)
+
+
+@EVERY_DIMENSION
+@SEEDS
+def test_spin_gradient(d, seed):
+    """dW equals central differences of W along a random change, to the same accuracy."""
+    rng, F, N = sample(seed, d)
+    dF = rng.uniform(-1, 1, size=F.shape)
+    gradient = frame.spin_gradient(F, N, frame.rotation(F, N))
+    h = 1e-5
+    ahead, behind = (frame.spin(A, N, frame.rotation(A, N)) for A in (F + h * dF, F - h * dF))
+    change = np.einsum("pkabcd,pcd->pkab", gradient, dF)
+    assert change == pytest.approx((ahead - behind) / (2 * h), abs=1e-6)
+
+
+@EVERY_DIMENSION
+@SEEDS
+def test_cross_matrix(d, seed):
+    """X.omega = omega x x, in the plane with omega along the third axis."""
+    rng = np.random.default_rng(seed)
+    x = rng.normal(size=(COUNT, d))
+    omega = rng.normal(size=(COUNT, 3 if d == 3 else 1))
+    full = np.zeros((COUNT, 3))
+    full[:, :d] = x
+    axis = omega if d == 3 else np.column_stack([np.zeros((COUNT, 2)), omega])
+    expected = np.cross(axis, full)[:, :d]
+    assert apply(frame.cross_matrix(x), omega) == pytest.approx(expected, abs=1e-14)

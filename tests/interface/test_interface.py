@@ -1,0 +1,407 @@
+"""Sides, signs and points of an interface, and every refusal of bad input."""
+
+from __future__ import annotations
+
+import re
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, la
+from dolfinx.mesh import GhostMode, compute_midpoints
+from scenes import (
+    CELLS,
+    DIMENSION,
+    EVERY_CELL,
+    EVERY_DEGREE,
+    MATERIALS,
+    STRONG,
+    by_position,
+    deform,
+    distort,
+    everywhere,
+    gather,
+    joined,
+    set_displacement,
+    tag_cells,
+    two_blocks,
+    unit_box,
+)
+
+import vmdg
+from vmdg import compat
+from vmdg.base.kernels import compile_form
+from vmdg.base.quadrature import facet_degree
+from vmdg.domain.topology import tags_of_cells
+from vmdg.interface.interface import Interface, find_facets
+from vmdg.interface.quadrature import FacetQuadrature
+from vmdg.meshes import blocks
+
+N = 4  # cells along each side of the unit box
+SHEAR = np.array([[1.2, 0.3, 0.1], [-0.2, 0.9, 0.25], [0.15, -0.1, 1.1]])
+
+
+def points_of(mesh, tags, interface: Interface, degree: int = 1) -> FacetQuadrature:
+    """Facet points of an interface of a mesh."""
+    facets = find_facets(mesh, tags_of_cells(mesh, tags), interface)
+    return FacetQuadrature(mesh, facets, facet_degree(degree))
+
+
+def is_inclusion(x):
+    """Midpoints in the middle half of the unit box."""
+    return np.abs(x - 0.5)[: 2 if np.ptp(x[2]) == 0 else 3].max(axis=0) < 0.25
+
+
+# Sides and signs
+
+
+@EVERY_CELL
+@pytest.mark.parametrize(("inner", "outer"), [(1, 2), (7, 3)])
+def test_flux_of_normal(comm, cell, inner, outer):
+    """int N = 0 and int X.N = d |body 1| on a closed interface: N leaves side 1, the lower tag."""
+    mesh = unit_box(comm, cell, N)
+    tags = tag_cells(mesh, {outer: everywhere, inner: is_inclusion})
+    deform(mesh, SHEAR)
+    d = DIMENSION[cell]
+    quadrature = points_of(mesh, tags, Interface(between=(outer, inner), law=vmdg.Bonded()))
+    flux = comm.allreduce(quadrature.weights @ quadrature.normal)
+    outward = np.sum(quadrature.points[:, :d] * quadrature.normal, axis=1)
+    swept = comm.allreduce(quadrature.weights @ outward)
+    volume = np.linalg.det(SHEAR[:d, :d]) * 0.5**d
+    lower = np.concatenate([quadrature.facets.tags[:, 0], [min(inner, outer)]])
+    assert (gather(comm, lower) == min(inner, outer)).all()
+    # Rounding of sums over a few hundred points; all integrands are integrated exactly.
+    assert np.abs(flux).max() < 1e-13
+    sign = 1 if inner < outer else -1  # seen from outside, the inclusion is a hole
+    assert swept == pytest.approx(sign * d * volume, rel=1e-12)
+
+
+@EVERY_CELL
+def test_sides_of_equal_tags_ignore_the_partition(comm, cell):
+    """Inside one tag every facet has the same side 1 on any number of ranks."""
+    found = []
+    for where in (comm, MPI.COMM_SELF):
+        mesh = unit_box(where, cell, N)
+        distort(mesh, 0.03)
+        tags = tag_cells(mesh, {1: everywhere})
+        quadrature = points_of(mesh, tags, Interface(within=1, law=vmdg.Bonded()))
+        found.append(by_position(where, quadrature.points, quadrature.normal))
+    assert len(found[0][0]) == len(found[1][0])
+    for distributed, alone in zip(*found, strict=True):
+        assert np.abs(distributed - alone).max() < 1e-12
+
+
+@EVERY_CELL
+def test_opening_is_positive_along_the_normal(comm, cell):
+    """Side 2 pushed away from side 1 opens the interface: g = +N times the push."""
+    scene = two_blocks(comm, cell)
+    problem = joined(scene, STRONG)
+    d = DIMENSION[cell]
+    push = np.eye(d)[0] * 0.125
+    set_displacement(
+        problem.u,
+        scene.cell_tags,
+        lambda x, tag: np.outer(push if tag == 2 else 0 * push, np.ones(x.shape[1])),
+    )
+    problem.assemble_residual()
+    state = problem.state[0]
+    normal, opening = gather(comm, state.normal), gather(comm, state.opening)
+    traction = gather(comm, state.traction)
+    assert np.abs(normal - np.eye(d)[0]).max() < 1e-14
+    assert np.abs(opening - push).max() < 1e-14
+    assert (np.sum(traction * normal, axis=1) > 0).all()  # rigid push: only the penalty pulls
+
+
+# Facet points
+
+
+@EVERY_CELL
+@EVERY_DEGREE
+def test_points_line_up_on_both_sides(comm, cell, degree):
+    """Values written at the points are read there through dS, and through ds from either side."""
+    mesh = unit_box(comm, cell, 3)
+    distort(mesh, 0.04)
+    tags = tag_cells(mesh, {1: everywhere, 2: lambda x: x[0] + x[1] > 1.0})
+    quadrature = points_of(mesh, tags, Interface(between=(1, 2), law=vmdg.Bonded()), degree)
+    facets, d = quadrature.facets, DIMENSION[cell]
+    X = ufl.SpatialCoordinate(mesh)
+    every = np.ones(len(facets.facets), dtype=bool)
+    seen = [quadrature.evaluator((d,), [(a, every, X)])() for a in range(2)]
+
+    written = fem.Function(quadrature.space((d,)))
+    written.x.array[:] = quadrature.points[:, :d].ravel()
+    dS = ufl.Measure(
+        "dS",
+        domain=mesh,
+        subdomain_data=[(0, facets.rows(every))],
+        metadata={"quadrature_degree": quadrature.degree},
+    )
+    difference = [X(side) - written("+") for side in ("+", "-")]
+    mismatch = sum(ufl.inner(e, e) for e in difference) * dS(0)
+    form = compile_form(mismatch, [quadrature.submesh], comm)
+    squared = comm.allreduce(fem.assemble_scalar(form))
+    total = comm.allreduce(quadrature.weights.sum())
+
+    expected = gather(comm, quadrature.points[:, :d])
+    assert len(expected) > 0
+    for side in seen:
+        assert np.abs(gather(comm, side) - expected).max() < 1e-14
+    assert np.sqrt(squared / total) < 1e-14
+
+
+@EVERY_CELL
+def test_facet_values_reach_their_facet(comm, cell):
+    """One value a facet, in the order of the facets, is found at all points of this facet."""
+    mesh = unit_box(comm, cell, 3)
+    tags = tag_cells(mesh, {1: everywhere})
+    quadrature = points_of(mesh, tags, Interface(within=1, law=vmdg.Bonded()))
+    d = DIMENSION[cell]
+    mean = np.zeros((len(quadrature.area), d))
+    np.add.at(mean, quadrature.facet, quadrature.weights[:, None] * quadrature.points[:, :d])
+    mean /= quadrature.area[:, None]
+    function = fem.Function(quadrature.facet_space((d,)))
+    quadrature.set_facet_values(function, mean)
+    every = np.ones(len(mean), dtype=bool)
+    # Read on the facets' own mesh: the centroid of every one of its cells.
+    sub = quadrature.submesh.mesh
+    count = sub.topology.index_map(sub.topology.dim).size_local
+    centre = sub.geometry.x[compat.geometry_dofmap(sub)[:count]].mean(axis=1)[:, :d]
+    values = function.x.array.reshape(-1, d)[function.function_space.dofmap.list[:count, 0]]
+    error = np.abs(values - centre).max(initial=0.0)
+    assert comm.allreduce(every.sum()) > 0
+    assert comm.allreduce(error) < 1e-14
+
+
+# Refusals
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Two blocks of triangles."""
+    return two_blocks(MPI.COMM_WORLD, "triangle", n=2)
+
+
+def interface(**options) -> Interface:
+    """A tied interface."""
+    return Interface(**({"law": vmdg.Bonded()} | options))
+
+
+def problem(scene, *interfaces, materials=None, **options):
+    """Problem of the two blocks."""
+    materials = dict(enumerate(MATERIALS, start=1)) if materials is None else materials
+    return vmdg.Problem(scene.mesh, scene.cell_tags, materials, list(interfaces), **options)
+
+
+def boundary(scene):
+    """Local facets of the left side."""
+    return scene.facet_tags.find(1)
+
+
+NOTHING = np.zeros(0, dtype=np.int32)
+STEEL = vmdg.NeoHookean(E=1.0, nu=0.3)
+
+REFUSED_SCENES = {
+    "facet not interior": (
+        lambda s: problem(s, interface(facets=boundary(s))),
+        r"facet \d+ at \[.*\] lies on the boundary of the mesh",
+    ),
+    "facet does not exist": (
+        lambda s: problem(s, interface(facets=[10**6])),
+        r"facet 1000000 does not exist on this rank",
+    ),
+    "empty interface": (
+        lambda s: problem(s, interface(facets=NOTHING)),
+        r"has no facet: the tags do not touch",
+    ),
+    "unknown tag between": (
+        lambda s: problem(s, interface(between=(1, 5))),
+        r"no cell has tag 5; tags are \[1, 2\]",
+    ),
+    "unknown tag within": (
+        lambda s: problem(s, interface(within=9)),
+        r"no cell has tag 9; tags are \[1, 2\]",
+    ),
+    "material missing": (
+        lambda s: problem(s, interface(between=(1, 2)), materials={1: STEEL}),
+        r"no material for cell tag 2: materials has \[1\], the mesh has \[1, 2\]",
+    ),
+    "material of no cell": (
+        lambda s: problem(s, interface(between=(1, 2)), materials={t: STEEL for t in (1, 2, 3)}),
+        r"materials names cell tag 3, but the mesh has only \[1, 2\]",
+    ),
+    "facet in two interfaces": (
+        lambda s: problem(s, interface(between=(1, 2)), interface(facets=s.facet_tags.find(3))),
+        r"facet \d+ belongs to both Interface\(between.* and Interface\(facets",
+    ),
+    "unknown component": (
+        lambda s: problem(s, interface(between=(1, 2))).dirichlet(boundary(s), 0.0, "z"),
+        r"unknown component 'z'; in 2D it is one of 0\.\.1 or x, y, or None for all",
+    ),
+    "component out of range": (
+        lambda s: problem(s, interface(between=(1, 2))).dirichlet(boundary(s), 0.0, 2),
+        r"unknown component 2; in 2D",
+    ),
+    "value does not fit": (
+        lambda s: problem(s, interface(between=(1, 2))).dirichlet(boundary(s), [0.0] * 3),
+        r"a value of shape \(3,\) does not fit 2 components",
+    ),
+    "nothing prescribed": (
+        lambda s: problem(s, interface(between=(1, 2))).dirichlet(NOTHING, 0.0),
+        r"dirichlet: no facet is selected on any rank",
+    ),
+    "degree 0": (
+        lambda s: problem(s, interface(between=(1, 2)), degree=0),
+        r"degree = 0 must be at least 1",
+    ),
+    "kinematics": (
+        lambda s: problem(s, interface(between=(1, 2)), kinematics="large"),
+        r"kinematics = 'large' must be one of",
+    ),
+    "thickness": (
+        lambda s: problem(s, interface(between=(1, 2)), thickness=0.0),
+        r"thickness = 0.0 must be positive",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED_SCENES)
+def test_refused_scene(scene, name):
+    """Bad input is refused on every rank, by an error that names what is wrong."""
+    build, message = REFUSED_SCENES[name]
+    with pytest.raises(ValueError, match=message):
+        build(scene)
+
+
+REFUSED_ARGUMENTS = {
+    "nothing selected": (
+        lambda: interface(),
+        r"exactly one of facets=, between=\(tag, tag\), within=tag, level_set=phi; given: none",
+    ),
+    "selected twice": (
+        lambda: interface(between=(1, 2), within=1),
+        r"exactly one of .*; given: between, within",
+    ),
+    "one tag between": (
+        lambda: interface(between=(1, 1)),
+        r"between = \(1, 1\) must be two different tags.*within=tag",
+    ),
+    "safety": (lambda: interface(within=1, safety=0.0), r"safety = 0.0 must be positive"),
+    "safety by name": (
+        lambda: interface(within=1, safety="high"),
+        r"safety = 'high' must be positive, or \"auto\"",
+    ),
+    "norm": (lambda: interface(within=1, norm="max"), r"norm = 'max' must be one of"),
+    "frame": (lambda: interface(within=1, frame="moving"), r"frame = 'moving' must be one of"),
+    "incompressible": (
+        lambda: vmdg.NeoHookean(E=1.0, nu=0.5),
+        r"nu = 0.5 must lie in \(-1, 0.5\); .*0.4998",
+    ),
+    "beyond incompressible": (lambda: vmdg.NeoHookean(E=1.0, nu=0.6), r"nu = 0.6 must lie in"),
+    "E": (lambda: vmdg.NeoHookean(E=0.0, nu=0.3), r"E = 0.0 must be positive"),
+    "half a pair": (lambda: vmdg.NeoHookean(E=1.0), r"either E and nu, or mu and lmbda"),
+    "P_c": (
+        lambda: vmdg.Debonding(strength=0.0, critical_gap=0.2),
+        r"strength = 0.0: must be positive",
+    ),
+    "negative P_c": (
+        lambda: vmdg.Debonding(strength=-1.0, critical_gap=0.2),
+        r"strength = -1.0: must be positive",
+    ),
+    "zeta_c": (
+        lambda: vmdg.Debonding(strength=1.0, critical_gap=0.0),
+        r"critical_gap = 0.0: must be positive",
+    ),
+    "negative zeta_c": (
+        lambda: vmdg.Debonding(strength=1.0, critical_gap=-0.2),
+        r"critical_gap = -0.2: must be positive",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED_ARGUMENTS)
+def test_refused_argument(name):
+    """A single value out of range is refused where it is given."""
+    build, message = REFUSED_ARGUMENTS[name]
+    with pytest.raises(ValueError, match=message):
+        build()
+
+
+def test_law_must_be_a_law():
+    """Something that is no interface law is refused by type."""
+    with pytest.raises(TypeError, match=r"law = 'glue' is no interface law; try vmdg.Bonded"):
+        interface(within=1, law="glue")
+
+
+def test_error_is_raised_on_every_rank(comm):
+    """A facet that only one rank gets wrong stops all ranks, not this one alone."""
+    scene = two_blocks(comm, "triangle", n=4)
+    mine = scene.facet_tags.find(3)
+    if comm.rank == comm.size - 1:
+        mine = np.append(mine, 10**6)
+    with pytest.raises(ValueError, match=r"facet 1000000 does not exist"):
+        problem(scene, interface(facets=mine))
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_steep_softening_names_a_size_that_works(comm, cell):
+    """r <= H is refused with facet, r, H and an element size; just below this size it works."""
+    d = DIMENSION[cell]
+    law = vmdg.Debonding(strength=100.0, critical_gap=1e-4)
+
+    def build(size: float):
+        scene = blocks(
+            comm, cell, (1,) * d, length=2 * size, height=size, depth=size, interface=(size, size)
+        )
+        return joined(scene, law, materials=(MATERIALS[0],) * 2)
+
+    message = (
+        r"facet (\d+) has r = \|tau_s\| = (\S+) MPa/mm, not above the softening modulus "
+        r"H = (\S+) MPa/mm .* Refine the facet from (\S+) to below (\S+) mm"
+    )
+    with pytest.raises(ValueError, match=message) as refusal:
+        build(2.0)
+    _, r, H, now, size = map(float, re.search(message, str(refusal.value)).groups())
+    assert r <= H == 1e6
+    assert size < now
+    # The message has three digits.
+    factor = size / now
+    with pytest.raises(ValueError, match="softening modulus"):
+        build(2.0 * factor * 1.01)
+    assert comm.allreduce(build(2.0 * factor * 0.99).stabilization[0].norm.sum()) > H
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size == 1, reason="one rank needs no ghosts")
+def test_mesh_without_ghosts(comm):
+    """A distributed mesh without facet ghosts is refused, with the option that makes them."""
+    mesh = unit_box(comm, "triangle", 8, ghosts=GhostMode.none)
+    tags = tag_cells(mesh, {1: everywhere})
+    with pytest.raises(RuntimeError, match=r"no facet ghosts.*GhostMode.shared_facet"):
+        vmdg.Problem(mesh, tags, {1: STEEL}, [interface(within=1)])
+
+
+def test_facets_given_by_any_rank(comm):
+    """Facets that several ranks know may be given by any of them: nothing is lost or doubled."""
+    found = []
+    for who in ("everyone", "owner", "others"):
+        mesh = unit_box(comm, "quadrilateral", 6)
+        tags = tag_cells(mesh, {1: everywhere})
+        mesh.topology.create_connectivity(1, 2)
+        facets = mesh.topology.index_map(1)
+        # Of a ghost facet a rank may see one cell only, so it cannot tell that it is interior.
+        local = np.arange(facets.size_local + facets.num_ghosts, dtype=np.int32)
+        chosen = local[np.isclose(compute_midpoints(mesh, 1, local)[:, 0], 0.5)]
+        if who == "owner":
+            chosen = chosen[chosen < facets.size_local]
+        if who == "others":
+            ghosts = la.vector(facets)
+            ghosts.array[facets.size_local :] = 1
+            ghosts.scatter_reverse(la.InsertMode.add)  # to owners: how many others know it
+            given = (ghosts.array == 0) | (local >= facets.size_local)
+            chosen = chosen[given[chosen]]
+        quadrature = points_of(mesh, tags, interface(facets=chosen))
+        found.append(by_position(comm, quadrature.points, quadrature.weights))
+    for points, weights in found:
+        assert weights.sum() == pytest.approx(1.0, rel=1e-13)
+        assert np.abs(points - found[0][0]).max() < 1e-13

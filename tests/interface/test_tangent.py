@@ -1,0 +1,156 @@
+"""The staged tangent is the derivative of the residual that is assembled, damage included."""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from scenes import (
+    CELLS,
+    DIMENSION,
+    EVERY_CELL,
+    EVERY_DEGREE,
+    global_norm,
+    joined,
+    multiply,
+    two_blocks,
+)
+from scenes_damage import (
+    directions,
+    displace,
+    finite_difference_error,
+    modes,
+    partly_damaged,
+    tangent_matrix,
+)
+
+import vmdg
+from vmdg import Mode
+from vmdg.base.kernels import compile_form
+
+
+@EVERY_CELL
+@EVERY_DEGREE
+def test_elastic_interface(comm, cell, degree):
+    """No point yields: K is the derivative of (27) with zeta held, and symmetric."""
+    scene = two_blocks(comm, cell, distortion=0.05)
+    problem = joined(scene, vmdg.Debonding(strength=1e5, critical_gap=1e3), degree=degree)
+    displace(problem, scene, 1.0)
+    matrix = tangent_matrix(problem)
+    assert finite_difference_error(problem, matrix) < 1e-7
+    assert matrix.isSymmetric(1e-12 * matrix.norm())
+    assert (modes(problem) == Mode.ELASTIC).all()
+
+
+@EVERY_CELL
+@EVERY_DEGREE
+def test_active_damage(comm, cell, degree):
+    """Some points in tension, some elastic: K is the derivative through the return maps."""
+    problem = partly_damaged(comm, cell, degree)
+    matrix = tangent_matrix(problem)
+    assert finite_difference_error(problem, matrix) < 1e-7
+    assert matrix.isSymmetric(1e-12 * matrix.norm())
+    active = modes(problem)
+    assert set(active) == {Mode.ELASTIC, Mode.TENSION}
+    # Damage matters: without its part the tangent is another one.
+    problem.assemble_residual()
+    held = problem.create_matrix()
+    problem.assemble_tangent(held, damage=False)
+    du = next(directions(problem))[: held.getLocalSize()[0]]
+    with_damage, without = multiply(matrix, du), multiply(held, du)
+    assert global_norm(comm, with_damage - without) > 1e-3 * global_norm(comm, without)
+
+
+@EVERY_CELL
+@EVERY_DEGREE
+def test_tied_interface(comm, cell, degree):
+    """The tie has the tensor tau_s in residual and tangent."""
+    scene = two_blocks(comm, cell, distortion=0.05)
+    problem = joined(scene, vmdg.Bonded(), degree=degree)
+    displace(problem, scene, 1.0)
+    matrix = tangent_matrix(problem)
+    assert finite_difference_error(problem, matrix) < 1e-7
+    assert matrix.isSymmetric(1e-12 * matrix.norm())
+
+
+@pytest.mark.parametrize("law", [vmdg.Bonded(), vmdg.Debonding(1e5, 1e3)], ids=["tie", "law"])
+def test_small_strain(comm, law):
+    """kinematics="small": the residual is linear in u, and K is its matrix."""
+    scene = two_blocks(comm, "quadrilateral", distortion=0.05)
+    problem = joined(scene, law, kinematics="small")
+    rest = problem.assemble_residual().copy()
+    displace(problem, scene, 1.0)
+    matrix = tangent_matrix(problem)
+    residual = problem.assemble_residual().copy()
+    product = multiply(matrix, problem.u.x.array[: len(residual)])
+    # Linear: no difference quotient is needed, so only rounding separates the two.
+    assert global_norm(comm, rest) < 1e-12 * global_norm(comm, residual)
+    assert global_norm(comm, product - residual) < 1e-12 * global_norm(comm, residual)
+
+
+def symbolic_damage(problem, du):
+    """-Tt(eta).C.Tt(du) of (84), Tt the symbolic derivative of {P.N} + r g, C from the law."""
+    coupling, d = problem.couplings[0], problem.mesh.geometry.dim
+    (group,) = coupling.groups
+    q, r = coupling.quadrature, coupling.stabilization.norm
+    problem.assemble_residual(hold=True)
+    state = problem.state[0]
+    update = coupling.law.return_map(
+        state.traction, state.normal, state.gap, state.softening, r[q.facet]
+    )
+    C = fem.Function(q.space((d, d)))
+    C.x.array[:] = update.tangent.ravel()
+    delta, tau = fem.Function(q.facet_space((d, d))), fem.Function(q.facet_space(()))
+    q.set_facet_values(delta, coupling.stabilization.delta[:, 0])
+    q.set_facet_values(tau, r)
+    N, one = ufl.FacetNormal(problem.mesh)("+"), ufl.Identity(d)
+    tractions = []
+    for body, side in zip(group.bodies, ("+", "-"), strict=True):
+        F = ufl.variable(one + ufl.grad(problem.u)(side))
+        tractions.append(ufl.dot(ufl.diff(body(side).energy(F), F), N))
+    mean = ufl.dot(delta("+"), tractions[0]) + ufl.dot(one - delta("+"), tractions[1])
+    total = mean + tau("+") * (problem.u("-") - problem.u("+"))
+    eta = ufl.TestFunction(problem.space)
+    by_eta, by_du = (ufl.derivative(total, problem.u, w) for w in (eta, du))
+    rows = coupling.facets.rows(np.ones(len(coupling.facets.facets), dtype=bool))
+    dS = ufl.Measure(
+        "dS",
+        domain=problem.mesh,
+        subdomain_data=[(0, rows)],
+        metadata={"quadrature_degree": q.degree},
+    )
+    return -ufl.dot(by_eta, ufl.dot(C("+"), by_du)) * dS(0)
+
+
+@pytest.mark.parametrize("cell", [cell for cell in CELLS if DIMENSION[cell] == 2])
+@EVERY_DEGREE
+def test_staged_tangent_is_the_symbolic_one(comm, cell, degree):
+    """Staged or by ufl.derivative of the symbolic residual: the same matrix to round-off.
+
+    In 2D only: the symbolic kernels of 3D take minutes to compile, which is why there are stages.
+    """
+    problem = partly_damaged(comm, cell, degree)
+    du = ufl.TrialFunction(problem.space)
+    submeshes = problem.couplings[0].submeshes
+
+    def assembled(form):
+        matrix = fem_petsc.assemble_matrix(compile_form(form, submeshes, comm))
+        matrix.assemble()
+        return matrix
+
+    # Before the residual, which sets zeta: a coefficient of the second form only.
+    damage_part = assembled(symbolic_damage(problem, du))
+    problem.assemble_residual()
+    symbolic = assembled(ufl.derivative(problem.residual_ufl(), problem.u, du))
+    for damage in (False, True):
+        staged = problem.create_matrix()
+        problem.assemble_tangent(staged, damage)
+        if damage:
+            assert damage_part.norm() > 1e-3 * symbolic.norm()
+            symbolic.axpy(1.0, damage_part, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        staged.axpy(-1.0, symbolic, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        assert staged.norm() < 1e-13 * symbolic.norm()

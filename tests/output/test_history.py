@@ -1,0 +1,170 @@
+"""The table of a run: units, CSV and back, and the file that is whole whenever a run is killed."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import joined, two_blocks
+
+import vmdg
+from vmdg.output.history_file import HistoryFile
+
+LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05)
+OWN = [
+    "step [-]",
+    "load [-]",
+    "iterations [-]",
+    "residual [N]",
+    "cuts [-]",
+    "jump_steps [-]",
+    "krylov [-]",
+]
+
+
+def pulled(comm) -> vmdg.Problem:
+    """Two squares, the right one pulled by t [mm]."""
+    scene = two_blocks(comm, "quadrilateral", 2)
+    problem = joined(scene, LAW)
+    problem.dirichlet(scene.facet_tags.find(1), 0.0)
+    problem.dirichlet(scene.facet_tags.find(2), lambda t: (t, 0.0))
+    return problem
+
+
+def lines(comm, path: Path) -> list[list[str]]:
+    """Of a CSV file, read on rank 0."""
+    text = comm.bcast(path.read_text() if comm.rank == 0 else None)
+    return list(csv.reader(text.splitlines()))
+
+
+def test_units():
+    """A name says its unit once; columns go by the name alone, with or without the unit."""
+    history = vmdg.History()
+    history.append({"force [N]": 1.0, "stage": 2, "ratio [-]": 0.5})
+    history.append({"force": 2.0, "a [b] c": 3.0})
+    assert history.units == {"force": "N", "ratio": "-"}
+    assert history.columns == ["force", "stage", "ratio", "a [b] c"]
+    assert history.header == ["force [N]", "stage", "ratio [-]", "a [b] c"]
+    assert history["force"].tolist() == history["force [N]"].tolist() == [1.0, 2.0]
+    assert history["a [b] c"][1] == 3.0
+    with pytest.raises(ValueError, match="'force' is in N so far, now in kN"):
+        history.append({"force [kN]": 1.0})
+    with pytest.raises(ValueError, match="two values called 'force'"):
+        history.append({"force [N]": 1.0, "force": 1.0})
+    assert len(history) == 2
+
+
+def test_csv_and_back(tmp_path):
+    """Numbers to the last bit, words with commas, arrays as lists, and what is missing."""
+    history = vmdg.History()
+    history.append({"step [-]": 1, "x [mm]": 1 / 3, "name": 'a "b", c', "flag": True})
+    history.append({"step [-]": 2, "x": np.float64(-np.inf), "v [MPa]": np.array([0.1, np.nan])})
+    history.append({"step": np.int64(3), "x": 1e-300, "flag": np.bool_(False)})
+    history.to_csv(tmp_path / "history.csv")
+    found = vmdg.History.from_csv(tmp_path / "history.csv")
+    assert found.units == history.units
+    assert found.columns == history.columns
+    assert found.rows[0] == history.rows[0]
+    assert found.rows[1]["x"] == -np.inf
+    assert found.rows[1]["v"][0] == 0.1
+    assert np.isnan(found.rows[1]["v"][1])
+    assert "name" not in found.rows[1]
+    assert found.rows[2] == {"step": 3, "x": 1e-300, "flag": False}
+    assert isinstance(found.rows[2]["step"], int)
+
+
+def test_killed_run_leaves_all_rows(comm, out):
+    """A monitor that ends the run after 3 steps: header with units, 3 whole rows, in the file."""
+    path, problem = out / "new" / "history.csv", pulled(comm)
+
+    def monitor(problem: vmdg.Problem) -> dict[str, float]:
+        if problem.t > 0.025:
+            raise KeyboardInterrupt
+        return {"opening [mm]": problem.mean(0).opening[0]}
+
+    loads, history = np.linspace(0.01, 0.03, 3), vmdg.History()
+    options = vmdg.SolveOptions(csv=path)
+    vmdg.solve(problem, [0.005], options, lambda problem: {"opening [mm]": 0.0}, history)
+    with pytest.raises(KeyboardInterrupt):
+        vmdg.solve(problem, loads, options, monitor, history)
+    header, *rows = lines(comm, path)
+    assert header == [*OWN, "opening [mm]"]
+    assert [float(row[1]) for row in rows] == pytest.approx([0.005, 0.01, 0.02])
+    assert float(rows[-1][-1]) == history["opening"][-1]
+    assert not comm.bcast(list(path.parent.glob("*.partial")))
+
+
+def test_new_columns_and_rows_that_are_dropped(comm, out):
+    """A column that appears later, and a file with rows that the table does not have."""
+    path, history = out / "history.csv", vmdg.History()
+    with HistoryFile(comm, path, history) as file:
+        for row in ({"a": 1}, {"a": 2}, {"a": 3, "b [N]": 4.0}, {"b": 5.0}):
+            history.append(row)
+            file.update()
+            assert len(lines(comm, path)) == len(history) + 1
+    comm.barrier()
+    assert lines(comm, path) == [["a", "b [N]"], ["1", ""], ["2", ""], ["3", "4.0"], ["", "5.0"]]
+    comm.barrier()
+    del history.rows[2:]
+    with HistoryFile(comm, path, history):
+        comm.barrier()
+        assert lines(comm, path) == [["a"], ["1"], ["2"]]
+        comm.barrier()
+
+
+def test_resumed_run(comm, out):
+    """From a checkpoint the file has the rows of one run, those after the checkpoint once."""
+    table, folder = out / "history.csv", out / "checkpoint"
+    options = vmdg.SolveOptions(csv=table, checkpoint=folder, checkpoint_every=2)
+
+    def monitor(problem: vmdg.Problem) -> dict[str, float]:
+        if stop and problem.t > 0.035:
+            raise KeyboardInterrupt
+        return {"opening [mm]": problem.mean(0).opening[0]}
+
+    stop, loads = True, np.linspace(0.01, 0.05, 5)
+    with pytest.raises(KeyboardInterrupt):
+        vmdg.solve(pulled(comm), loads, options, monitor)
+    assert len(lines(comm, table)) == 1 + 3
+    stop, problem = False, pulled(comm)
+    history = vmdg.read_checkpoint(problem, folder)
+    assert len(history) == 2
+    assert history.units["opening"] == "mm"
+    vmdg.solve(problem, loads[2:], options, monitor, history)
+    header, *rows = lines(comm, table)
+    assert header[-1] == "opening [mm]"
+    assert [float(row[1]) for row in rows] == pytest.approx(loads)
+    assert [float(row[-1]) for row in rows] == history["opening"].tolist()
+
+
+def test_file_that_cannot_be_written(comm, out):
+    """All ranks are told, with the name of the file."""
+    if comm.rank == 0:
+        (out / "file").write_text("")
+    comm.barrier()
+    with pytest.raises(OSError, match=r"table .*history\.csv cannot be written"):
+        vmdg.solve(pulled(comm), [0.01], vmdg.SolveOptions(csv=out / "file" / "history.csv"))
+
+
+@pytest.mark.parametrize(("name", "rows"), [("load_cycle", 20), ("patch_tension", 5)])
+def test_killed_demo(comm, out, monkeypatch, name, rows):
+    """The tables of demos too have a row for every step that was complete."""
+    demo = __import__(name)
+    mean, calls = vmdg.Problem.mean, []
+
+    def ends(problem: vmdg.Problem, i: int):
+        calls.append(i)
+        if len(calls) > 4:
+            raise KeyboardInterrupt
+        return mean(problem, i)
+
+    monkeypatch.setattr(vmdg.Problem, "mean", ends)
+    with pytest.raises(KeyboardInterrupt):
+        demo.main(steps=rows, out=str(out), plot=False)
+    comm.barrier()
+    header, *found = lines(comm, out / "history.csv")
+    assert len(found) == 4
+    assert all("[" in column for column in header)
+    assert not list(out.glob("*.png"))

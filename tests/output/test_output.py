@@ -1,0 +1,193 @@
+"""Files for ParaView: what is in them is what the problem has."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import vmdg
+from vmdg.base.parallel import global_max, global_sum
+from vmdg.checkpoint.state_file import adios
+from vmdg.meshes import blocks
+from vmdg.output.fields import INTERFACE_FIELDS, CauchyStress, FieldWriter, InterfaceFields
+from vmdg.output.values import VECTORS, facet_modes, scalar
+
+LAW = vmdg.Debonding(strength=100.0, critical_gap=0.2, friction=0.3)
+MU, LMBDA = 2000.0, 3000.0
+MATERIAL = vmdg.NeoHookean(mu=MU, lmbda=LMBDA)
+CELLS = pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+
+
+def bonded(comm, cell: str, law: vmdg.Law = LAW, **options) -> tuple[vmdg.Problem, object]:
+    """Two blocks, and the tags of their sides."""
+    divisions = (2, 2, 1) if cell in ("hexahedron", "tetrahedron") else (2, 2)
+    mesh, cells, facets = blocks(comm, cell, divisions)
+    interface = vmdg.Interface(between=(1, 2), law=law)
+    return vmdg.Problem(mesh, cells, {1: MATERIAL, 2: MATERIAL}, [interface], **options), facets
+
+
+def torn(comm, cell: str) -> vmdg.Problem:
+    """The bond is damaged, more so at the top, and slides."""
+    problem, facets = bonded(comm, cell)
+
+    def pull(x: np.ndarray, t: float) -> np.ndarray:
+        parts = [0.06 + 0.1 * x[1], np.full(x.shape[1], 0.02), np.zeros(x.shape[1])]
+        return t * np.stack(parts[: problem.mesh.geometry.dim])
+
+    problem.dirichlet(facets.find(1), 0.0)
+    problem.dirichlet(facets.find(2), pull)
+    vmdg.solve(problem, [0.2, 0.4, 0.6, 0.8, 1.0])
+    damage = global_max(comm, scalar(problem, 0, "damage").max(initial=0.0))
+    assert 0.2 < damage < 1
+    return problem
+
+
+def read(path) -> dict[str, np.ndarray]:
+    """Floating-point arrays of a VTX file that one rank has written."""
+    adios()  # chooses the build of ADIOS2 for the whole process
+    import adios2
+
+    with adios2.FileReader(str(path)) as reader:
+        variables = reader.available_variables().items()
+        return {name: reader.read(name) for name, v in variables if v["Type"] == "double"}
+
+
+@CELLS
+def test_files(comm, out, cell):
+    """One file for the bodies, one for the interface, and all fields in them."""
+    problem = torn(comm, cell)
+    with FieldWriter(problem, out) as fields:
+        fields.write(0.5)
+    comm.barrier()
+    assert {path.name for path in out.iterdir()} == {"bodies.bp", "interface_0.bp"}
+    mean = problem.mean(0)
+    if comm.size > 1:
+        return
+    bodies, interface = read(out / "bodies.bp"), read(out / "interface_0.bp")
+    points = bodies["geometry"]
+    assert bodies["displacement"].shape == points.shape
+    assert bodies["stress"].shape == (len(points), 9)
+    held = np.isclose(points[:, 0], 0.0)
+    assert held.any() and not bodies["displacement"][held].any()
+    d = problem.mesh.geometry.dim
+    for name in VECTORS:  # facets of equal area, to the last digits of gmsh
+        found = interface[name].mean(axis=0)
+        assert found[:d] == pytest.approx(getattr(mean, name), rel=1e-9)
+    assert interface["damage"].mean() == pytest.approx(mean.softening / LAW.strength, rel=1e-9)
+    assert set(interface["mode"].ravel()) == {vmdg.Mode.TENSION}
+    for name in ("slip", "fine_scale"):
+        assert (interface[name] > 0).all()
+
+
+@CELLS
+def test_interface_fields(comm, cell):
+    """Facet values hold the integrals of the points, corners have the displacement of side 1."""
+    problem = torn(comm, cell)
+    fields = InterfaceFields(problem, 0, INTERFACE_FIELDS)
+    fields.update()
+    state, q = problem.state[0], problem.couplings[0].quadrature
+
+    def on_facets(name: str) -> np.ndarray:
+        function = fields.functions[name]
+        dofmap = function.function_space.dofmap
+        dofs = dofmap.list[fields.cell_of_facet, 0]
+        return function.x.array.reshape(-1, dofmap.index_map_bs)[dofs]
+
+    for name in ("traction", "opening", "gap", "slip", "damage"):
+        values = getattr(state, name) if name in VECTORS else scalar(problem, 0, name)[:, None]
+        found, exact = global_sum(comm, [q.area @ on_facets(name), q.weights @ values])
+        assert found == pytest.approx(exact, rel=1e-12, abs=1e-14), name
+    square, area = global_sum(comm, [q.area @ on_facets("fine_scale")[:, 0] ** 2, q.area.sum()])
+    assert np.sqrt(square / area) == pytest.approx(problem.fine_scale_error(0), rel=1e-12)
+    assert (on_facets("mode") == vmdg.Mode.TENSION).all()
+
+    # What is pulled is side 2: the interface is warped with side 1.
+    d = problem.mesh.geometry.dim
+    H = np.array([[0.1, 0.2, 0.0], [0.0, -0.1, 0.3], [0.2, 0.0, 0.1]])[:d, :d]
+    problem.u.interpolate(lambda x: H @ x[:d])
+    facets, dofs = problem.interface_facets(0), problem.space.dofmap.list
+    only_two = np.setdiff1d(dofs[facets.cells[:, 1]], dofs[facets.cells[:, 0]])
+    problem.u.x.array.reshape(-1, d)[only_two] = 7.0
+    fields.update()
+    u = fields.functions["displacement"]
+    X = u.function_space.tabulate_dof_coordinates()[:, :d]
+    assert u.x.array.reshape(-1, d) == pytest.approx(X @ H.T, abs=1e-13)
+
+
+@CELLS
+def test_chosen_fields(comm, out, cell):
+    """Only what is asked for is written, and an unknown name is told with the known ones."""
+    problem, _ = bonded(comm, cell)
+    with FieldWriter(problem, out / "a", fields=["stress"]) as fields:
+        fields.write(0.0)
+    with FieldWriter(problem, out / "b", fields=["damage", "mode"]) as fields:
+        fields.write(0.0)
+    comm.barrier()
+    assert [path.name for path in (out / "a").iterdir()] == ["bodies.bp"]
+    assert [path.name for path in (out / "b").iterdir()] == ["interface_0.bp"]
+    if comm.size == 1:
+        assert "displacement" not in read(out / "a" / "bodies.bp")
+        assert not {"traction", "displacement"} & set(read(out / "b" / "interface_0.bp"))
+    with pytest.raises(ValueError, match=r"no field 'strain'; choose from \('displacement'"):
+        FieldWriter(problem, out / "c", fields=["strain"])
+
+
+@pytest.mark.parametrize("volumetric", ["pointwise", "mean"])
+@pytest.mark.parametrize("kinematics", ["finite", "small"])
+def test_stress_out_of_the_plane(comm, kinematics, volumetric):
+    """All of sigma in plane strain of a body that swells by theta, against the closed form.
+
+    sigma = mu/J_e (b_e - I) + lambda (J_e - 1) I with F_e = F / (1 + theta), F_33 = 1.
+    """
+    theta = 0.02 if kinematics == "finite" else 1e-3
+    H = np.array([[0.1, 0.05], [-0.02, -0.05]]) * (1 if kinematics == "finite" else 1e-2)
+    problem, _ = bonded(
+        comm,
+        "quadrilateral",
+        kinematics=kinematics,
+        volumetric=volumetric,
+        eigenstrain={1: theta, 2: theta},
+    )
+    problem.u.interpolate(lambda x: H @ x[:2])
+    found = CauchyStress(problem).update().x.array.reshape(-1, 3, 3)
+    F = np.eye(3)
+    F[:2, :2] += H
+    if kinematics == "finite":
+        F /= 1 + theta
+        J = np.linalg.det(F)
+        exact = MU / J * (F @ F.T - np.eye(3)) + LMBDA * (J - 1) * np.eye(3)
+    else:
+        strain = (F + F.T) / 2 - (1 + theta) * np.eye(3)
+        stress = 2 * MU * strain + LMBDA * np.trace(strain) * np.eye(3)
+        F_33 = F  # sigma = P.F^T / J with the displacement's own F, as at finite strain
+        exact = stress @ F_33.T / np.linalg.det(F_33)
+    assert found == pytest.approx(np.broadcast_to(exact, found.shape), rel=1e-10, abs=1e-9)
+
+
+def test_fine_scale_error(comm):
+    """Zero where the elements have the solution, of order h^(k+1) where they do not."""
+    problem, facets = bonded(comm, "quadrilateral")
+    problem.dirichlet(facets.find(1), 0.0, "x")
+    problem.dirichlet(facets.find(2), lambda t: t, "x")
+    problem.dirichlet(facets.find("bottom"), 0.0, "y")
+    vmdg.solve(problem, [0.01], vmdg.SolveOptions(relative_tolerance=1e-12))
+    assert problem.fine_scale_error(0) < 1e-12
+    errors = []
+    for n in (4, 8):
+        mesh, cells, facets = blocks(comm, "quadrilateral", (n, n))
+        interface = vmdg.Interface(between=(1, 2), law=vmdg.Bonded())
+        problem = vmdg.Problem(mesh, cells, {1: MATERIAL, 2: MATERIAL}, [interface])
+        problem.u.interpolate(lambda x: 0.01 * np.stack([np.sin(x[0] + x[1]), np.cos(x[0] * x[1])]))
+        problem.update_stabilization(None)
+        problem.assemble_residual()
+        errors.append(problem.fine_scale_error(0))
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.2)
+
+
+def test_mode_of_a_facet():
+    """The mode of the larger part; of halves that differ by rounding the later one."""
+    mode = np.array([0, 3, 3, 0, 2, 0, 0, 2, 4, 4], dtype=float)
+    weights = np.array([0.3, 0.1, 0.1, 0.5, 0.5 - 1e-16, 0.5, 0.2, 0.2 + 1e-17, 1.0, 1.0])
+    facet = np.array([0, 0, 0, 1, 1, 2, 3, 3, 4, 4])
+    assert facet_modes(mode, weights, facet, 5).tolist() == [0, 2, 0, 2, 4]
+    assert facet_modes(mode[:0], weights[:0], facet[:0], 2).tolist() == [0, 0]

@@ -1,0 +1,303 @@
+"""Pictures: what is drawn is what the problem has, on any number of ranks."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from PIL import Image
+
+import vmdg
+from vmdg import compat, plot
+from vmdg.meshes import blocks, fibre_matrix, pushout
+from vmdg.output.corners import nodal_means
+from vmdg.output.values import scalar
+from vmdg.plot.interface import _unrolled
+from vmdg.plot.stress import stress_means
+
+LAW = vmdg.Debonding(strength=100.0, critical_gap=0.2)
+SOFT, STIFF = vmdg.NeoHookean(mu=1000.0, lmbda=2000.0), vmdg.NeoHookean(mu=3000.0, lmbda=2000.0)
+
+
+@pytest.fixture(autouse=True)
+def closed_figures():
+    """No figure outlives its test."""
+    yield
+    plt.close("all")
+
+
+def bonded(comm, cell: str = "quadrilateral", materials=(SOFT, STIFF), n: int = 2):
+    """Two blocks side by side, and the tags of their sides."""
+    divisions = (n, n) if cell in ("quadrilateral", "triangle") else (n, n, n)
+    mesh, cells, facets = blocks(comm, cell, divisions)
+    interface = vmdg.Interface(between=(1, 2), law=LAW)
+    bodies = dict(enumerate(materials, start=1))
+    return vmdg.Problem(mesh, cells, bodies, [interface]), facets
+
+
+def cell_with_fibres(comm, centres, radius: float = 0.2) -> vmdg.Problem:
+    """Fibres in a square of matrix."""
+    mesh, cells, _ = fibre_matrix(comm, "triangle", 1.0, radius, centres, element_size=0.08)
+    interface = vmdg.Interface(between=(1, 2), law=LAW)
+    return vmdg.Problem(mesh, cells, {1: STIFF, 2: SOFT}, [interface])
+
+
+def with_opening(problem: vmdg.Problem, field) -> vmdg.Problem:
+    """The values at the points after the displacement ``field``."""
+    problem.u.interpolate(field)
+    problem.update_stabilization(1.0)
+    problem.assemble_residual()
+    return problem
+
+
+# Curves and profiles
+
+
+def test_curve():
+    """The columns are drawn, with their names, from the origin if it is asked for."""
+    history = vmdg.History()
+    for t in (1.0, 2.0):
+        history.append({"load": t, "force [N]": 3 * t})
+    ax = plot.curve(history, "load", "force [N]", origin=True, label="run")
+    assert ax.lines[0].get_xydata().tolist() == [[0, 0], [1, 3], [2, 6]]
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("load", "force [N]")
+    assert plot.curve(history, "load", "load", ax).get_ylabel() == "force [N]"
+    assert ax.lines[1].get_xydata().tolist() == [[1, 1], [2, 2]]
+    with pytest.raises(KeyError, match="no column 'work'"):
+        plot.curve(history, "load", "work")
+
+
+def test_arc_length_of_circles(comm):
+    """Arcs run counterclockwise from the right end of every fibre, once around the polygon."""
+    centres, radius = np.array([[0.26, 0.3], [0.74, 0.7]]), 0.2
+    problem = with_opening(cell_with_fibres(comm, centres, radius), lambda x: 0.01 * x[:2])
+    pieces = plot.profile(problem, 0, "traction")
+    angles = plot.profile(problem, 0, "traction", along="angle")
+    assert len(pieces) == len(angles) == 2
+    for arc, angle in zip(pieces, angles, strict=True):
+        assert (np.diff(arc[:, 0]) > 0).all()
+        assert 0 < arc[0, 0] < arc[-1, 0] < 2 * np.pi * radius
+        # Chords are shorter than arcs by (h/r)^2/24, here .7%.
+        assert np.radians(angle[:, 0]) * radius == pytest.approx(arc[:, 0], rel=0.01)
+        assert angle[:, 1] == pytest.approx(arc[:, 1])
+    count = comm.allreduce(len(problem.state[0].weights))
+    assert sum(map(len, pieces)) == count
+
+
+def test_profile_of_a_line(comm):
+    """Along an open interface the arc length is the way from its lower end; values belong to it."""
+    problem, _ = bonded(comm, "triangle")
+    with_opening(problem, lambda x: np.stack([0.01 * x[0] * x[1], 0 * x[0]]))
+    (arc,), (y,) = (plot.profile(problem, 0, "traction", along=s) for s in ("arc", "y"))
+    assert arc == pytest.approx(y, abs=1e-12)
+    assert comm.allgather(arc.tobytes()) == [arc.tobytes()] * comm.size
+    state = problem.state[0]
+    for position, traction in zip(state.points[:, 1], scalar(problem, 0, "traction"), strict=True):
+        assert np.abs(arc - [position, traction]).max(axis=1).min() < 1e-9
+    ax = plot.interface_profile(problem, 0, "traction", color="red")
+    assert ax.lines[0].get_xydata() == pytest.approx(arc)
+    assert "MPa" in ax.get_ylabel() and ax.get_xlabel() == "arc length [mm]"
+
+
+def test_what_has_no_profile(comm):
+    """The messages say what to do instead."""
+    problem, _ = bonded(comm, "tetrahedron", n=1)
+    with pytest.raises(ValueError, match="a surface has no arc length; use 'angle'"):
+        plot.profile(problem, 0, "traction")
+    with pytest.raises(ValueError, match="along = 'r' must be one of"):
+        plot.profile(problem, 0, "traction", along="r")
+    with pytest.raises(ValueError, match="'force' is no scalar of an interface; use one of"):
+        plot.profile(problem, 0, "force", along="x")
+    mesh, cells, _ = blocks(comm, "triangle", (2, 2))
+    everywhere = vmdg.Interface(within=1, law=LAW)
+    problem = vmdg.Problem(mesh, cells, {1: SOFT, 2: SOFT}, [everywhere])
+    with pytest.raises(ValueError, match="branches and has no arc length"):
+        plot.profile(problem, 0, "traction")
+    sleeping = vmdg.Interface(within=1, law=LAW, activate="on-demand")
+    problem = vmdg.Problem(mesh, cells, {1: SOFT, 2: SOFT}, [sleeping])
+    assert plot.profile(problem, 0, "fine_scale") == []
+    assert problem.fine_scale_error(0) == 0
+    plot.mode_map(problem, 0, axis="y")
+
+
+# Maps
+
+
+def test_unrolled_cylinder():
+    """Any cylinder, a quarter or a whole: the axis is found, no facet is cut by the jump."""
+    centre, count = np.array([3.0, -2.0]), 12
+    for sweep in (np.pi / 2, 2 * np.pi):
+        ends = np.linspace(0, sweep, count + 1) + 0.3
+        rim = centre + np.column_stack([np.cos(ends), np.sin(ends)])
+        low, high = rim[:-1], rim[1:]
+        # Cylinder along y: angles from z to x.
+        points = [[[q[1], y, q[0]] for q, y in zip(f, (0, 0, 5, 5), strict=True)]
+                  for f in zip(low, high, high, low, strict=True)]  # fmt: skip
+        middle = (ends[1:] + ends[:-1]) / 2
+        normals = np.column_stack([np.sin(middle), 0 * middle, np.cos(middle)])
+        polygons, names = _unrolled(np.array(points), normals, "y")
+        assert names == ("angle [°]", "y [mm]")
+        width = np.ptp(polygons[..., 0], axis=1)
+        assert width == pytest.approx(np.degrees(sweep) / count)
+        assert np.sort(polygons[..., 0].mean(axis=1)) == pytest.approx(
+            np.sort(np.degrees(middle) % 360)
+        )
+        assert np.ptp(polygons[..., 1], axis=1) == pytest.approx(5.0)
+
+
+def test_mode_map_in_3d(comm):
+    """The quarter of a fibre becomes the rectangle of 90 degrees and its length."""
+    mesh, cells, _ = pushout(layers=2, around=2, fibre_rings=1, hole_rings=1, matrix_rings=2)
+    interface = vmdg.Interface(between=(1, 2), law=LAW)
+    problem = vmdg.Problem(mesh, cells, {1: STIFF, 2: SOFT}, [interface])
+    height = comm.allreduce(mesh.geometry.x[:, 2].max(), max)
+    ax = plot.mode_map(problem, 0, axis="z")
+    boxes = [path.get_extents() for path in ax.collections[0].get_paths()]
+    assert sum(box.width * box.height for box in boxes) == pytest.approx(90 * height, rel=1e-6)
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["bonded or stuck"]
+    flat, _ = bonded(comm, "hexahedron")
+    ax = plot.mode_map(flat, 0, "damage")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("y [mm]", "z [mm]")
+    with pytest.raises(ValueError, match="axis = None must be 'x', 'y' or 'z'"):
+        plot.mode_map(bonded(comm)[0], 0)
+
+
+# Stress
+
+
+def test_stress_of_bodies(comm):
+    """Uniform in each body, although nodes of both lie at the interface; as by hand."""
+    problem, _ = bonded(comm)
+    H = np.array([[0.1, 0.05], [0.0, -0.04]])
+    with_opening(problem, lambda x: H @ x[:2])
+    F = np.eye(3)
+    F[:2, :2] += H
+    J = np.linalg.det(F)
+    exact = {}
+    for material in (SOFT, STIFF):
+        mu, lmbda = material.parameters["mu"], material.parameters["lmbda"]
+        sigma = mu / J * (F @ F.T - np.eye(3)) + lmbda * (J - 1) * np.eye(3)
+        deviator = sigma - np.trace(sigma) / 3 * np.eye(3)
+        for name, value in (
+            ("xy", sigma[0, 1]),
+            ("zz", sigma[2, 2]),
+            ("principal", np.linalg.eigvalsh(sigma)[-1]),
+            ("mises", np.sqrt(1.5 * (deviator**2).sum())),
+        ):
+            exact.setdefault(name, []).append(value)
+    for name, values in exact.items():
+        means = stress_means(problem, name)
+        assert np.unique(means.round(8)) == pytest.approx(np.unique(np.round(values, 8)))
+        ax = plot.stress(problem, name)
+        if comm.rank == 0:
+            drawn = np.asarray(ax.collections[0].get_array())
+            assert len(drawn) == 4 * 8  # corners of all cells of all ranks
+            assert np.unique(drawn.round(8)) == pytest.approx(np.unique(np.round(values, 8)))
+            if name != "zz":  # which is equal in both bodies
+                assert ax.collections[0].get_clim() == pytest.approx((min(values), max(values)))
+
+
+def test_nodal_means(comm):
+    """Of a linear field sampled in the cells: exact inside, jumps at the interface stay."""
+    problem, _ = bonded(comm, "quadrilateral", n=4)
+    with_opening(problem, lambda x: np.stack([np.where(x[0] < 1 - 1e-9, 0.0, x[0]), 0 * x[1]]))
+    mesh = problem.mesh
+    owned = mesh.topology.index_map(2).size_local
+    x = mesh.geometry.x[compat.geometry_dofmap(mesh)[:owned]]
+    middle = np.broadcast_to(x.mean(axis=1, keepdims=True), x.shape)
+    field = np.where(middle[..., 0] < 1, 0.0, 1.0) + 0 * x[..., 0]
+    assert nodal_means(problem, field) == pytest.approx(field)
+    means = nodal_means(problem, middle[..., 1].copy())
+    inner = (x[..., 1] > 0.1) & (x[..., 1] < 0.9)
+    assert means[inner] == pytest.approx(x[..., 1][inner])
+
+
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron", "hexahedron"])
+def test_stress_picture(comm, out, cell):
+    """Plane and solid bodies, to a file."""
+    problem, _ = bonded(comm, cell, n=1)
+    with_opening(problem, lambda x: 0.01 * x[: problem.mesh.geometry.dim])
+    ax = plot.stress(problem, "xx", magnify=3, limits=(0, 50))
+    if comm.rank == 0:
+        assert ax.collections[0].get_clim() == (0, 50)
+        ax.figure.savefig(out / "stress.png", dpi=40)
+        assert (out / "stress.png").stat().st_size > 1000
+    with pytest.raises(ValueError, match="component = 'rr' must be 'mises', 'principal' or two of"):
+        plot.stress(problem, "rr")
+
+
+# Animations
+
+
+def test_animation(comm, out):
+    """One picture a snapshot and a rest at the end, of which the problem is in the last state."""
+    problem, facets = bonded(comm, n=1)
+    problem.dirichlet(facets.find(1), 0.0)
+    problem.dirichlet(facets.find(2), lambda t: (t, 0.0))
+    snapshots = []
+
+    def monitor(problem: vmdg.Problem) -> dict[str, float]:
+        snapshots.append(problem.snapshot())
+        return {"force": problem.reaction(facets.find(2))[0]}
+
+    history = vmdg.solve(problem, [0.05, 0.1, 0.2], monitor=monitor).history
+    end = problem.u.x.array.copy()
+    plot.animate(
+        out / "a" / "film.gif", problem, snapshots, history, "load", "force", fps=2, dpi=40
+    )
+    assert problem.t == 0.2
+    assert problem.u.x.array == pytest.approx(end, abs=0)
+    if comm.rank == 0:
+        with Image.open(out / "a" / "film.gif") as film:
+            durations, pictures = [], []
+            for number in range(film.n_frames):
+                film.seek(number)
+                durations.append(film.info["duration"])
+                pictures.append(np.asarray(film.convert("L"), dtype=float))
+        assert len(pictures) == 3 and sum(durations) == pytest.approx(500 * 4)
+        assert np.abs(pictures[2] - pictures[0]).max() > 50
+    with pytest.raises(ValueError, match=r"must end in .gif or .mp4"):
+        plot.animate(out / "film.avi", problem, snapshots, history, "load", "force")
+    with pytest.raises(ValueError, match="0 snapshots do not fit a history of 3 rows"):
+        plot.animate(out / "film.gif", problem, [], history, "load", "force")
+
+
+# PyVista
+
+
+@pytest.fixture
+def renderer():
+    """PyVista, if it is installed and can draw here, which a process of its own finds out."""
+    pytest.importorskip("pyvista")
+    trial = (
+        "import pyvista as p; q = p.Plotter(off_screen=True); q.add_mesh(p.Cube()); q.screenshot()"
+    )
+    if subprocess.run([sys.executable, "-c", trial], capture_output=True).returncode:
+        pytest.skip("PyVista cannot draw without a display here")
+
+
+def test_solid_picture(comm, out, renderer):
+    """A picture of several colours is written."""
+    from vmdg.plot import solids as plot_3d
+
+    problem, _ = bonded(comm, "hexahedron")
+    with_opening(problem, lambda x: np.stack([0.02 * x[0] * x[1], 0 * x[0], 0 * x[0]]))
+    plot_3d.picture(out / "a" / "solid.png", problem, "xx", magnify=3, size=(300, 200))
+    if comm.rank == 0:
+        with Image.open(out / "a" / "solid.png") as picture:
+            assert picture.size == (300, 200)
+            assert len(set(picture.convert("RGB").getdata())) > 50
+    with pytest.raises(ValueError, match=r"the problem is plane; use vmdg.plot.stress"):
+        plot_3d.picture(out / "solid.png", bonded(comm)[0])
+
+
+def test_without_pyvista(comm, monkeypatch):
+    """The message names the cure."""
+    from vmdg.plot import solids as plot_3d
+
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    with pytest.raises(ImportError, match="pip install pyvista"):
+        plot_3d.picture("solid.png", bonded(comm, "hexahedron", n=1)[0])

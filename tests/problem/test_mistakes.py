@@ -1,0 +1,516 @@
+"""Typical mistakes of a beginner, each answered by an error or a warning that names the cure."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import basix.ufl
+import numpy as np
+import pytest
+import ufl
+from dolfinx.mesh import CellType, create_mesh, create_rectangle, create_unit_square, meshtags
+
+import vmdg
+from vmdg.meshes import TaggedMesh, blocks, distribute, model
+from vmdg.problem.checks import check_model
+
+STEEL = vmdg.NeoHookean(E=5000.0, nu=0.25)  # MPa
+BOND = vmdg.Debonding(strength=100.0, critical_gap=0.2)  # MPa, mm
+TIE = vmdg.Interface(between=(1, 2), law=vmdg.Bonded())
+
+
+def scene(comm: MPI.Comm, size: float = 2.0, cell: str = "quadrilateral") -> TaggedMesh:
+    """Two blocks side by side, together 2 mm wide."""
+    half = size / 2
+    return blocks(comm, cell, (2, 2, 2), length=size, height=half, interface=(half, half))
+
+
+def bonded(
+    tagged: TaggedMesh, law: vmdg.Law = BOND, material: vmdg.Material = STEEL
+) -> vmdg.Problem:
+    """Both blocks of one material, joined by a law."""
+    return vmdg.Problem(
+        tagged.mesh,
+        tagged.cell_tags,
+        {"left": material, "right": material},
+        [vmdg.Interface(between=("left", "right"), law=law)],
+    )
+
+
+def held(tagged: TaggedMesh, problem: vmdg.Problem, *names: str) -> vmdg.Problem:
+    """The same problem with these sides held."""
+    for name in names:
+        problem.dirichlet(tagged.facet_tags.find(name), 0.0)
+    return problem
+
+
+def warned(comm: MPI.Comm, match: str):
+    """The first rank warns, the others are quiet."""
+    return pytest.warns(vmdg.ModelWarning, match=match) if comm.rank == 0 else nullcontext()
+
+
+def look(problem: vmdg.Problem) -> None:
+    """What is done before every solve."""
+    check_model(problem, np.array([0.5, 1.0]))
+
+
+# Units
+
+WRONG_UNITS = {
+    "E in Pa, strength in MPa": (
+        2.0,
+        vmdg.NeoHookean(E=70e9, nu=0.25),
+        BOND,
+        "strength 100 is less than 1e-08 of the elastic moduli .* in the same unit",
+    ),
+    "mesh in m, critical gap in mm": (
+        0.002,
+        STEEL,
+        BOND,
+        r"critical gap is about 0.2, the mesh 0.002 wide: .* in the same unit",
+    ),
+    "friction in degrees": (
+        2.0,
+        STEEL,
+        vmdg.Debonding(strength=100.0, critical_gap=0.2, friction=30.0),
+        "friction = 30 is Coulomb's coefficient mu, .* neither in degrees nor in percent",
+    ),
+}
+
+
+@pytest.mark.parametrize("mistake", WRONG_UNITS)
+def test_units(comm, mistake):
+    """Numbers out of all proportion are warned of."""
+    size, material, law, message = WRONG_UNITS[mistake]
+    tagged = scene(comm, size)
+    problem = held(tagged, bonded(tagged, law, material), "left", "right")
+    with warned(comm, message):
+        look(problem)
+
+
+@pytest.mark.parametrize(("E", "critical_gap"), [(5000.0, 0.2e-3), (5.0, 0.2)])
+def test_softening_too_steep_by_far(comm, E, critical_gap):
+    """Critical gap in m, or E in GPa: r <= H by a large factor, and the message asks for units."""
+    law = vmdg.Debonding(strength=100.0, critical_gap=critical_gap)
+    with pytest.raises(ValueError, match=r"Refine .* do the units of .* go together \(MPa with mm"):
+        bonded(scene(comm), law, vmdg.NeoHookean(E=E, nu=0.25))
+
+
+def test_a_bond_that_never_breaks_is_no_mistake(comm):
+    """Strength and critical gap both beyond all measure are meant so: no warning."""
+    tagged = scene(comm)
+    law = vmdg.Debonding(strength=1e9, critical_gap=1e6)
+    look(held(tagged, bonded(tagged, law), "left", "right"))
+
+
+# Supports and loads
+
+
+def test_nothing_prescribed(comm):
+    """A problem without supports is refused, with what moves."""
+    tagged = scene(comm)
+    with pytest.raises(
+        ValueError, match=r"nothing holds the body of tags 1, 2 against translation"
+    ):
+        vmdg.solve(bonded(tagged), [1.0])
+
+
+@pytest.mark.parametrize(
+    ("cell", "free"), [("triangle", "y"), ("hexahedron", "y, translation along z")]
+)
+def test_symmetry_forgotten(comm, cell, free):
+    """Ends that are only pulled leave the body free across; planes of symmetry hold it."""
+    tagged = scene(comm, cell=cell)
+    problem = bonded(tagged)
+    for name in ("left", "right"):
+        problem.dirichlet(tagged.facet_tags.find(name), 0.0, "x")
+    with pytest.raises(ValueError, match=f"against translation along {free}.*planes of symmetry"):
+        look(problem)
+    problem.dirichlet(tagged.facet_tags.find("bottom"), 0.0, "y")
+    if cell == "hexahedron":
+        problem.dirichlet(tagged.facet_tags.find("back"), 0.0, "z")
+    look(problem)
+
+
+def test_rotation_left_free(comm):
+    """A body pinned at one point turns about it."""
+    tagged = scene(comm)
+    problem = bonded(tagged)
+    problem.dirichlet_points(lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 0), 0.0)
+    with pytest.raises(ValueError, match="against rotation"):
+        look(problem)
+
+
+def test_only_contact_holds_a_body(comm):
+    """A block that leans on another one without any support is warned of."""
+    tagged = scene(comm)
+    problem = held(tagged, bonded(tagged, vmdg.Contact(friction=0.3)), "left")
+    with warned(comm, "only contact holds the body of tag 2 .* prescribe displacements"):
+        look(problem)
+
+
+def test_only_a_bond_bears_a_load(comm):
+    """A load that no support takes once the bond is gone is warned of; a tie is enough."""
+    tagged = scene(comm)
+    for law, warning in ((BOND, True), (vmdg.Bonded(), False)):
+        problem = held(tagged, bonded(tagged, law), "left")
+        problem.traction(tagged.facet_tags.find("right"), [1.0, 0.0])
+        with warned(comm, "tag 2 bears a load, .*only bonds hold it") if warning else nullcontext():
+            look(problem)
+
+
+def test_fibre_in_a_matrix_is_no_mistake(comm):
+    """A body without supports and loads that a bond holds is the usual case: no warning."""
+    tagged = scene(comm)
+    look(held(tagged, bonded(tagged), "left"))
+
+
+def test_two_values_at_a_node(comm):
+    """Overlapping conditions that differ are warned of; equal ones are not."""
+    tagged = scene(comm)
+    problem = held(tagged, bonded(tagged), "left", "right")
+    problem.dirichlet(tagged.facet_tags.find("bottom"), 0.0, "y")
+    look(problem)
+    problem.dirichlet(tagged.facet_tags.find("top"), lambda t: 0.1 * t, "y")
+    message = r"along y of the node at \[\S+, 1.0, 0.0\] is prescribed as 0 and as 0.05 .* leave"
+    with warned(comm, message):
+        look(problem)
+
+
+def test_warnings_reach_the_user(comm):
+    """solve warns, and still solves."""
+    tagged = scene(comm)
+    problem = held(tagged, bonded(tagged), "left")
+    problem.traction(tagged.facet_tags.find("right"), lambda t: [t, 0.0])
+    with warned(comm, "only bonds hold it"):
+        result = vmdg.solve(problem, [1.0])
+    assert len(result.history) == 1
+
+
+def on_sides_of_an_interface(tagged):
+    held(tagged, bonded(tagged), "interface")
+
+
+def traction_on_an_interface(tagged):
+    bonded(tagged).traction(tagged.facet_tags.find("interface"), [1.0, 0.0])
+
+
+# Refusals at the door
+
+
+def prescribe(value, component=None, name="left"):
+    """Prescribe a value on a side of the two blocks."""
+
+    def mistake(tagged):
+        bonded(tagged).dirichlet(tagged.facet_tags.find(name), value, component)
+
+    return mistake
+
+
+def make(**changes):
+    """A problem with one wrong argument."""
+
+    def mistake(tagged):
+        arguments = {
+            "mesh": tagged.mesh,
+            "cell_tags": tagged.cell_tags,
+            "materials": {1: STEEL, 2: STEEL},
+            "interfaces": [TIE],
+        }
+        vmdg.Problem(**(arguments | changes))
+
+    return mistake
+
+
+def between(*groups):
+    """An interface between two groups."""
+    return make(interfaces=[vmdg.Interface(between=groups, law=BOND)])
+
+
+def with_tags_of_facets(tagged):
+    make(cell_tags=tagged.facet_tags)(tagged)
+
+
+def with_tags_of_another_mesh(tagged):
+    make(cell_tags=scene(tagged.mesh.comm).cell_tags)(tagged)
+
+
+def with_the_whole_tuple(tagged):
+    make(mesh=tagged)(tagged)
+
+
+def with_facets_of_the_boundary(tagged):
+    facets = tagged.facet_tags.find("left")
+    make(interfaces=[vmdg.Interface(facets=facets, law=BOND)])(tagged)
+
+
+def with_tags_that_do_not_touch(tagged):
+    far = vmdg.split_cells(tagged.mesh, lambda x: 1.5 - x[0], "far", tagged.cell_tags)
+    materials = {"left": STEEL, "right": STEEL, "far": STEEL}
+    make(cell_tags=far, materials=materials, interfaces=[vmdg.Interface(between=(1, 3), law=BOND)])(
+        tagged
+    )
+
+
+def with_the_name_of_a_side(tagged):
+    bonded(tagged).dirichlet("left", 0.0)
+
+
+def with_a_mask(tagged):
+    bonded(tagged).dirichlet(np.ones(4, dtype=bool), 0.0)
+
+
+def with_facets_of_a_larger_mesh(tagged):
+    bonded(tagged).dirichlet(np.array([10**6]), 0.0)
+
+
+def with_an_expression_of_another_mesh(tagged):
+    bonded(tagged).body_force(ufl.SpatialCoordinate(scene(tagged.mesh.comm).mesh))
+
+
+def change_the_law(tagged):
+    bonded(tagged).interfaces[0].law = vmdg.Bonded()
+
+
+def solve_with(**arguments):
+    """A run with one wrong argument."""
+
+    def mistake(tagged):
+        problem = held(tagged, bonded(tagged), "left", "right")
+        vmdg.solve(**({"problem": problem, "loads": [1.0]} | arguments))
+
+    return mistake
+
+
+REFUSED = {
+    "P_c of 0": (
+        ValueError,
+        lambda _: vmdg.Debonding(strength=0.0, critical_gap=0.2),
+        r"strength = 0.0: must be positive .* use Bonded\(\)",
+    ),
+    "nu of 0.5": (
+        ValueError,
+        lambda _: vmdg.NeoHookean(E=1.0, nu=0.5),
+        "nu = 0.5 must lie in .* take for example nu = 0.4998",
+    ),
+    "negative E": (ValueError, lambda _: vmdg.NeoHookean(E=-1.0, nu=0.3), "E = -1.0 must be pos"),
+    "a law as a class": (
+        TypeError,
+        lambda _: vmdg.Interface(within=1, law=vmdg.Bonded),
+        r"law = Bonded is a class; give an instance .* Bonded\(\.\.\.\)",
+    ),
+    "a tie on demand": (
+        ValueError,
+        lambda _: vmdg.Interface(within=1, law=vmdg.Bonded(), activate="on-demand"),
+        "a tie never fails",
+    ),
+    "dirichlet on an interface": (
+        ValueError,
+        on_sides_of_an_interface,
+        r"facet \d+ at \[1.0, .*lies on an interface, .* prescribe boundary facets",
+    ),
+    "traction on an interface": (
+        ValueError,
+        traction_on_an_interface,
+        r"facet \d+ at \[1.0, .*lies inside the mesh .* give boundary facets",
+    ),
+    "misspelt group": (
+        ValueError,
+        lambda tagged: tagged.facet_tags.find("Botom"),
+        r"no group is called 'Botom'; the mesh has 'left' \(1\), .*Did you mean 'bottom'\?",
+    ),
+    "group of another mesh": (
+        ValueError,
+        between("fibre", "matrix"),
+        r"no group is called 'fibre'; the mesh has 'left' \(1\), 'right' \(2\)$",
+    ),
+    "misspelt material": (
+        ValueError,
+        make(materials={"left": STEEL, "rigth": STEEL}),
+        "materials: no group is called 'rigth'.*Did you mean 'right'",
+    ),
+    "material missing": (
+        ValueError,
+        make(materials={1: STEEL}),
+        r"no material for cell tag 2: materials has \[1\], the mesh has \[1, 2\]",
+    ),
+    "material by tag and by name": (
+        ValueError,
+        make(materials={1: STEEL, "left": STEEL, 2: STEEL}),
+        "'left' is tag 1, which has a value already",
+    ),
+    "a material as a class": (
+        TypeError,
+        make(materials={1: STEEL, 2: vmdg.NeoHookean}),
+        r"the material of 2 is the class NeoHookean; give an instance",
+    ),
+    "a number as material": (TypeError, make(materials={1: STEEL, 2: 5e3}), "must be a vmdg.Mat"),
+    "materials in a list": (TypeError, make(materials=[STEEL, STEEL]), "must be a dict"),
+    "one interface without a list": (TypeError, make(interfaces=TIE), r"a list, \[Interface"),
+    "facets in place of interfaces": (TypeError, make(interfaces=[1, 2]), "1, which is no vmdg.I"),
+    "the tuple in place of the mesh": (TypeError, with_the_whole_tuple, "unpack what vmdg.meshes"),
+    "tags of facets": (ValueError, with_tags_of_facets, "dimension 1, .*tags of facets given"),
+    "tags of another mesh": (ValueError, with_tags_of_another_mesh, "belong to another mesh; give"),
+    "no tags": (TypeError, make(cell_tags=None), "not dolfinx.mesh.MeshTags; make them by"),
+    "degree 0": (ValueError, make(degree=0), "degree = 0 must be at least 1"),
+    "facets on the boundary": (
+        ValueError,
+        with_facets_of_the_boundary,
+        r"lies on the boundary of the mesh; an interface takes interior facets only",
+    ),
+    "tags that do not touch": (
+        ValueError,
+        with_tags_that_do_not_touch,
+        r"has no facet: the tags do not touch, .*make the mesh conforming",
+    ),
+    "level set of one sign": (
+        ValueError,
+        make(interfaces=[vmdg.Interface(level_set=lambda x: x[0] + 1, law=BOND)]),
+        "the level set has one sign .* check its units",
+    ),
+    "level set of three components": (
+        ValueError,
+        make(interfaces=[vmdg.Interface(level_set=lambda x: x, law=BOND)]),
+        r"gives values of shape \(3, \d+\) .* must give one finite number a point",
+    ),
+    "predicate without facets": (
+        ValueError,
+        make(interfaces=[vmdg.Interface(facets=lambda x: x[0] == 0.9999, law=BOND)]),
+        "true at all vertices of no facet inside the mesh; compare coordinates by np.isclose",
+    ),
+    "unknown component": (ValueError, prescribe(0.0, "w"), "component 'w'; in 2D .* x, y, or None"),
+    "value of wrong shape": (ValueError, prescribe([0.0, 0.0, 0.0]), "does not fit 2 components"),
+    "value that returns nothing": (ValueError, prescribe(lambda t: None), "must return the displ"),
+    "value that is no number": (ValueError, prescribe("0.1 mm"), "'0.1 mm' is no number"),
+    "a tag in place of facets": (
+        TypeError,
+        lambda s: bonded(s).dirichlet(1, 0.0),
+        "facet_tags.fin",
+    ),
+    "a name in place of facets": (TypeError, with_the_name_of_a_side, r"facet_tags.find\(group\)"),
+    "a mask in place of facets": (TypeError, with_a_mask, "must be an array of local facets"),
+    "facets of another mesh": (ValueError, with_facets_of_a_larger_mesh, "does not exist on this"),
+    "body force of wrong shape": (
+        ValueError,
+        lambda tagged: bonded(tagged).body_force([0.0, 0.0, -9.81]),
+        r"body_force: the value has shape \(3,\), expected \(2,\)",
+    ),
+    "body force on an unknown tag": (
+        ValueError,
+        lambda tagged: bonded(tagged).body_force([0.0, 1.0], tag=7),
+        r"no cell has tag 7; tags are \[1, 2\]",
+    ),
+    "expression of another mesh": (
+        ValueError,
+        with_an_expression_of_another_mesh,
+        "the expression belongs to another mesh",
+    ),
+    "a change after the fact": (AttributeError, change_the_law, "make a new Interface and a new P"),
+    "no load factors": (ValueError, solve_with(loads=[]), "one or more finite load factors"),
+    "a load factor of NaN": (ValueError, solve_with(loads=[0.1, np.nan]), "finite load factors"),
+    "options in a dict": (
+        TypeError,
+        solve_with(options={"max_cuts": 3}),
+        r"SolveOptions\(\.\.\.\)",
+    ),
+    "a monitor without names": (TypeError, solve_with(monitor=lambda p: p.t), "a dict of columns"),
+}
+
+
+def test_nothing_left_to_do(comm):
+    """A run that is resumed after its end has no load factors left: no mistake."""
+    tagged = scene(comm)
+    problem = held(tagged, bonded(tagged), "left", "right")
+    history = vmdg.solve(problem, [1.0]).history
+    assert len(vmdg.solve(problem, [], history=history).history) == 1
+
+
+@pytest.mark.parametrize("mistake", REFUSED)
+def test_refused(comm, mistake):
+    """Refused on every rank, by a message that says what to do."""
+    error, attempt, message = REFUSED[mistake]
+    with pytest.raises(error, match=message):
+        attempt(scene(comm))
+
+
+def test_names_without_names(comm):
+    """A mesh whose groups have no names says how to get them."""
+    mesh = create_rectangle(comm, [(0, 0), (2, 1)], (2, 2), CellType.triangle)
+    cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+    tags = meshtags(mesh, 2, cells, np.ones_like(cells))
+    with pytest.raises(ValueError, match=r"groups of this mesh have no names.*setPhysicalName"):
+        vmdg.Problem(mesh, tags, {"steel": STEEL}, [])
+
+
+def test_bodies_meshed_separately(comm):
+    """Two rectangles that only touch in space share no facet."""
+    with model("apart") as gmsh_model:
+        if comm.rank == 0:
+            for tag in (1, 2):
+                gmsh_model.occ.addRectangle(tag - 1.0, 0, 0, 1, 1, tag)
+            gmsh_model.occ.synchronize()
+            for tag in (1, 2):
+                gmsh_model.addPhysicalGroup(2, [tag], tag)
+            gmsh_model.mesh.generate(2)
+        mesh, cell_tags, _ = distribute(gmsh_model, comm, 2)
+    with pytest.raises(ValueError, match=r"meshed separately .* gmsh.model.occ.fragment"):
+        vmdg.Problem(mesh, cell_tags, {1: STEEL, 2: STEEL}, [TIE])
+
+
+@pytest.mark.parametrize(
+    ("groups", "message"),
+    [
+        (
+            {1: [1]},
+            r"surface 2 .*is meshed and in no physical group, .*make a group for every body",
+        ),
+        (
+            {1: [1], 2: [1, 2]},
+            r"surface 1 .*in the physical groups \[1, 2\]; .*put it in one group",
+        ),
+    ],
+)
+def test_groups_of_gmsh(comm, groups, message):
+    """A body without a group would be lost, one in two groups would be there twice."""
+    with model("groups") as gmsh_model:
+        if comm.rank == 0:
+            occ = gmsh_model.occ
+            occ.fragment(
+                [(2, occ.addRectangle(0, 0, 0, 1, 1))], [(2, occ.addRectangle(1, 0, 0, 1, 1))]
+            )
+            occ.synchronize()
+            for tag, surfaces in groups.items():
+                gmsh_model.addPhysicalGroup(2, surfaces, tag)
+            gmsh_model.mesh.generate(2)
+        with pytest.raises(ValueError, match=message):
+            distribute(gmsh_model, comm, 2)
+
+
+def test_complex_petsc(comm, monkeypatch):
+    """PETSc with complex numbers is refused before anything is assembled."""
+    monkeypatch.setattr(PETSc, "ScalarType", np.complex128)
+    with pytest.raises(RuntimeError, match=r"complex numbers.*choose the real build"):
+        bonded(scene(comm))
+
+
+def test_single_precision(comm):
+    """So is a mesh of single precision."""
+    mesh = create_unit_square(comm, 2, 2, dtype=np.float32)
+    cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+    tags = meshtags(mesh, 2, cells, np.ones_like(cells))
+    with pytest.raises(ValueError, match=r"float32; create it with dtype=numpy\.float64"):
+        vmdg.Problem(mesh, tags, {1: STEEL}, [])
+
+
+def test_surface_in_space():
+    """A plane mesh with three coordinates, as gmsh files have them, says how to read it."""
+    x = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    coordinates = basix.ufl.element("Lagrange", "triangle", 1, shape=(3,))
+    cells = np.array([[0, 1, 2]], dtype=np.int64)
+    mesh = create_mesh(MPI.COMM_SELF, cells=cells, x=x, e=ufl.Mesh(coordinates))
+    tags = meshtags(mesh, 2, np.array([0], dtype=np.int32), np.array([1], dtype=np.int32))
+    with pytest.raises(ValueError, match="3 coordinates for cells of dimension 2; pass gdim=2"):
+        vmdg.Problem(mesh, tags, {1: STEEL}, [])

@@ -1,0 +1,185 @@
+"""Linear solvers: which is chosen, the way back, and that all of them end at the same solution."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+from scenes_damage import FRICTION, pressed
+
+import vmdg
+from vmdg.solver import linear as linear_solver
+from vmdg.solver.linear import CG_GAMG, GMRES_GAMG, GMRES_LDLT, GMRES_LU, LDLT, LU, LinearSolver
+from vmdg.solver.newton import Newton
+
+SMOOTH = vmdg.Debonding(strength=50.0, critical_gap=0.2)
+#: No friction, but no potential either.
+WEIGHTED = vmdg.IntrinsicExponential(strength=50.0, fracture_energy=10.0)
+
+
+#: Bounds of the sizes for which all problems are small, medium or large.
+SMALL, MEDIUM, LARGE = (10**9, 10**9), (0, 10**9), (0, 0)
+
+
+def set_sizes(monkeypatch, sizes: tuple[int, int]) -> None:
+    """Choose solvers as if problems were larger or smaller than they are."""
+    for name, size in zip(("MEDIUM", "LARGE"), sizes, strict=True):
+        monkeypatch.setattr(linear_solver, name, size)
+
+
+@pytest.mark.parametrize(
+    ("cell", "law", "sizes", "chosen"),
+    [
+        ("quadrilateral", FRICTION, SMALL, LU),
+        ("quadrilateral", SMOOTH, SMALL, LDLT),
+        ("quadrilateral", WEIGHTED, SMALL, LU),
+        ("quadrilateral", FRICTION, LARGE, GMRES_LU),
+        ("quadrilateral", SMOOTH, LARGE, GMRES_LDLT),
+        ("hexahedron", FRICTION, SMALL, LU),
+        ("hexahedron", SMOOTH, SMALL, LDLT),
+        ("hexahedron", FRICTION, MEDIUM, GMRES_LU),
+        ("hexahedron", SMOOTH, MEDIUM, GMRES_LDLT),
+        ("hexahedron", WEIGHTED, MEDIUM, GMRES_LU),
+        ("hexahedron", FRICTION, LARGE, GMRES_GAMG),
+        ("hexahedron", SMOOTH, LARGE, GMRES_GAMG),
+        ("hexahedron", vmdg.Bonded(), LARGE, CG_GAMG),
+    ],
+)
+def test_choice(comm, monkeypatch, cell, law, sizes, chosen):
+    """Direct if small, with kept factors if medium, multigrid for large problems in 3D; symmetric
+    where the law is."""
+    set_sizes(monkeypatch, sizes)
+    options, fallback = linear_solver.automatic_options(pressed(comm, cell, law))
+    assert options == chosen
+    assert fallback == (LDLT if law.symmetric else LU)
+
+
+def tangent_asymmetry(comm, law: vmdg.Law, opening: float = -0.01) -> float:
+    """|K x - K^T x| / |K x| for a random x, after a step that damages and slides."""
+    problem = pressed(comm, "hexahedron", law, 2, opening)
+    vmdg.solve(problem, [0.5, 1.0])
+    matrix = problem.create_matrix()
+    problem.assemble_tangent(matrix)
+    x, once, transposed = (matrix.createVecRight() for _ in range(3))
+    x.array[:] = np.random.default_rng(0).uniform(-1, 1, x.getLocalSize())
+    matrix.mult(x, once)
+    matrix.multTranspose(x, transposed)
+    size = once.norm()
+    once.axpy(-1.0, transposed)
+    return once.norm() / size
+
+
+def test_symmetric_without_friction(comm):
+    """The tangent of a law with a potential is symmetric, its turning frame included."""
+    weak = {"strength": 10.0, "critical_gap": 0.02}
+    assert tangent_asymmetry(comm, vmdg.Debonding(**weak)) < 1e-13
+    assert tangent_asymmetry(comm, vmdg.Debonding(**weak, friction=0.5)) > 1e-4
+    assert tangent_asymmetry(comm, WEIGHTED, opening=0.01) > 1e-4
+
+
+def test_quadratic_without_symmetry(comm):
+    """Damage grows in all steps of a law without potential, and none takes many corrections."""
+    problem = pressed(comm, "quadrilateral", WEIGHTED, opening=0.02)
+    result = vmdg.solve(problem, np.linspace(0.1, 1.0, 10))
+    assert not result.failures
+    assert result.history["iterations"].max() <= 6
+
+
+@pytest.mark.parametrize("law", [FRICTION, SMOOTH, vmdg.Bonded()], ids=["mu", "smooth", "tie"])
+def test_solvers_agree(comm, monkeypatch, law):
+    """Direct, kept factors, multigrid and fallback end at the same displacement.
+
+    All meet the residual tolerance of 1e-9, which leaves 1e-8 of the displacement.
+    """
+    results = {}
+    sizes = {"direct": SMALL, "kept factors": MEDIUM, "multigrid": LARGE, "fallback": LARGE}
+    for name in sizes:
+        set_sizes(monkeypatch, sizes[name])
+        if name == "fallback":
+            hopeless = {"ksp_max_it": 1, "ksp_rtol": 1e-12}
+            for options in ("GMRES_GAMG", "CG_GAMG"):
+                monkeypatch.setattr(
+                    linear_solver, options, {**getattr(linear_solver, options), **hopeless}
+                )
+        problem = pressed(comm, "hexahedron", law)
+        newton = Newton(problem, 1e-9, 20, None)
+        for t in (0.5, 1.0):
+            problem.begin_step(t, 1.0)
+            assert newton.step(1.0).converged
+            problem.commit()
+        counts = newton.linear.counts
+        assert counts.solves > 0
+        assert (counts.fallbacks > 0) == (name == "fallback")
+        assert (counts.iterations > 0) == (name != "direct")
+        if name in ("kept factors", "multigrid"):
+            assert counts.factorizations == 0
+            assert counts.setups < counts.solves
+        results[name] = problem.u.x.array.copy()
+        newton.destroy()
+    for other in ("kept factors", "multigrid", "fallback"):
+        assert np.abs(results[other] - results["direct"]).max() < 1e-8
+
+
+def tridiagonal(diagonal: float) -> PETSc.Mat:
+    """100 x 100 with the off-diagonals -1 and 2; ILU factorizes it exactly."""
+    matrix = PETSc.Mat().createAIJ(100, nnz=3, comm=MPI.COMM_SELF)
+    for i in range(100):
+        for j, value in ((i - 1, -1.0), (i, diagonal), (i + 1, 2.0)):
+            if 0 <= j < 100:
+                matrix.setValue(i, j, value)
+    matrix.assemble()
+    return matrix
+
+
+def test_stale_preconditioner_is_renewed():
+    """Where an old preconditioner does not do a fresh one is tried before a direct solve."""
+    options = {"ksp_type": "gmres", "ksp_max_it": 5, "ksp_rtol": 1e-12, "pc_type": "ilu"}
+    matrix = tridiagonal(4.0)
+    solver = LinearSolver(matrix, options, LU)
+    outer = PETSc.KSP().create(MPI.COMM_SELF)
+    x, b = matrix.createVecs()
+    b.set(1.0)
+    solver.solve(outer, b, x)
+    tridiagonal(1.5).copy(matrix)
+    solver.solve(outer, b, x)
+    assert (solver.counts.setups, solver.counts.fallbacks) == (2, 0)
+    matrix.mult(x, b)
+    assert b.array == pytest.approx(np.ones(100), abs=1e-9)
+
+
+def test_options_of_what_is_made_later():
+    """Factors and smoothers of multigrid take their options too, and all are gone at the end."""
+    matrix = tridiagonal(4.0)
+    direct = linear_solver.make_ksp(matrix, {**LU, "mat_mumps_icntl_14": 77})
+    levels = {"mg_levels_ksp_type": "richardson", "mg_levels_pc_type": "sor"}
+    coarsened = {"pc_gamg_coarse_eq_limit": 10, **levels}
+    multigrid = linear_solver.make_ksp(matrix, {"pc_type": "gamg", **coarsened})
+    for solver in (direct, multigrid):
+        solver.setUp()
+    assert direct.getPC().getFactorMatrix().getMumpsIcntl(14) == 77
+    assert multigrid.getPC().getMGLevels() > 1
+    smoother = multigrid.getPC().getMGSmoother(1)
+    assert (smoother.getType(), smoother.getPC().getType()) == ("richardson", "sor")
+    prefixes = [solver.getOptionsPrefix() for solver in (direct, multigrid)]
+    assert prefixes[0] != prefixes[1]
+    for solver in (direct, multigrid):
+        linear_solver.destroy(solver)
+    assert not any(name.startswith(tuple(prefixes)) for name in PETSc.Options().getAll())
+
+
+def test_direct_solver_after_a_failure():
+    """MUMPS does no more after a factorization that failed: it is made anew."""
+    matrix = tridiagonal(4.0)
+    solver = LinearSolver(matrix, LU, LU)
+    outer = PETSc.KSP().create(MPI.COMM_SELF)
+    x, b = matrix.createVecs()
+    b.set(1.0)
+    tridiagonal(np.nan).copy(matrix)
+    solver.solve(outer, b, x)
+    assert outer.getConvergedReason() < 0
+    tridiagonal(4.0).copy(matrix)
+    solver.solve(outer, b, x)
+    matrix.mult(x, b)
+    assert b.array == pytest.approx(np.ones(100), abs=1e-12)

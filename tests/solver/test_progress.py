@@ -1,0 +1,251 @@
+"""What a run says: its bar, tables of residuals, timers, and that other ranks are quiet."""
+
+from __future__ import annotations
+
+import re
+from time import sleep
+
+import numpy as np
+import pytest
+from scenes import MATERIALS, joined, two_blocks
+
+import vmdg
+from vmdg.base.timers import timer, timings, timings_since
+from vmdg.solver import progress
+from vmdg.solver.condensed_solver import CondensedSolver
+from vmdg.solver.iteration import Solve, StepReport
+from vmdg.solver.progress import described, shown
+
+LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.3)
+ITERATIVE = {"ksp_type": "gmres", "pc_type": "jacobi", "ksp_max_it": 200}
+
+
+def pulled(comm, n: int = 2, law: vmdg.Law = LAW, **options) -> vmdg.Problem:
+    """Two squares, the right one pulled and turned by t [mm]."""
+    scene = two_blocks(comm, "quadrilateral", n)
+    problem = joined(scene, law, **options)
+    problem.dirichlet(scene.facet_tags.find(1), 0.0)
+    problem.dirichlet(
+        scene.facet_tags.find(2), lambda x, t: t * np.array([1 + x[1], 0.2 + 0 * x[0]])
+    )
+    return problem
+
+
+def solve(problem, loads, **options) -> vmdg.Result:
+    """With a force in the history."""
+    monitor = lambda problem: {"force [N]": problem.reaction(lambda x: np.isclose(x[0], 0))[0]}  # noqa: E731
+    return vmdg.solve(problem, loads, vmdg.SolveOptions(**options), monitor)
+
+
+def test_quiet_by_default(comm, capfd):
+    """Not a word, on any rank."""
+    solve(pulled(comm), [0.01, 0.02])
+    said = capfd.readouterr()
+    assert said.out == said.err == ""
+
+
+@pytest.fixture(autouse=True)
+def wide(monkeypatch):
+    """A terminal that cuts nothing."""
+    monkeypatch.setenv("COLUMNS", "400")
+    monkeypatch.setenv("LINES", "50")
+
+
+def test_bar(comm, capsys, monkeypatch):
+    """Load, force with its unit, debonded area, step, iterations and imbalance, on rank 0 only."""
+    monkeypatch.setattr(progress, "FILE", 0.0)
+    problem = pulled(comm)
+    result = solve(problem, [0.01, 0.2, 0.3], progress=True, energy=True)
+    said = capsys.readouterr()
+    if comm.rank > 0:
+        assert said.out == said.err == ""
+        return
+    history, states = result.history, said.err.split("\r")
+    last = states[-1].strip()
+    assert last.startswith("100%")
+    assert "3/3" in last
+    assert f"load 0.3, force {history['force'][-1]:.4g} N, debonded 100.0%, step 0.1, " in last
+    assert f"{history['iterations'][-1]} it, imbalance " in last
+    assert any("load 0.01, " in state and "debonded 0.0%" in state for state in states)
+    assert "Krylov" not in said.err
+
+
+def test_bar_shows_what_is_asked_for(comm, capsys, monkeypatch):
+    """Columns of the user's choice, with or without their unit; others are an error at once."""
+    monkeypatch.setattr(progress, "FILE", 0.0)
+    solve(pulled(comm), [0.01], progress=True, show=["cuts", "residual [N]"])
+    said = capsys.readouterr().err
+    if comm.rank == 0:
+        assert re.search(r"load 0\.01, cuts 0, residual \S+ N, ", said)
+        assert "force" not in said
+    with pytest.raises(ValueError, match="show = 'torque': the history has no column 'torque'"):
+        solve(pulled(comm), [0.01], progress=True, show="torque")
+
+
+def test_forces_by_name():
+    """Columns called force or reaction, alone or with other words, three at most; no arrays."""
+    history = vmdg.History()
+    names = ["reinforced", "force", "Force_x", "top_reaction", "force_y"]
+    history.append({"forces": 1.0, "reaction_all": np.zeros(2)} | dict.fromkeys(names, 1.0))
+    assert shown(history, None) == ["force", "Force_x", "top_reaction"]
+    assert shown(history, "forces") == ["forces"]
+
+
+def test_bar_while_a_step_is_cut_or_jumps(comm, capsys, monkeypatch):
+    """Why a step fails, the viscous steps of a jump, and part of a step on the bar."""
+    monkeypatch.setattr(progress, "FILE", 0.0)
+    brittle = vmdg.Debonding(strength=20.0, critical_gap=0.004)
+    problem = pulled(comm, law=brittle)
+    result = solve(problem, [0.008, 0.02], progress=True)
+    said = capsys.readouterr().err
+    assert result.failures
+    assert result.history["jump_steps"].sum() > 0
+    if comm.rank == 0:
+        assert re.search(r"jump, overstress [\d.e+-]+ H( |:|,|$)", said)
+        assert re.search(r"step to [\d.]+: [A-Z_]+", said)
+        parts = [float(n) for n in re.findall(r"\| ([\d.]+)/2 ", said)]
+        assert parts == sorted(parts)
+        assert parts[-1] == 2
+
+
+def test_log_files_are_not_flooded(comm, capsys):
+    """Where the output is no terminal the bar has a few states only."""
+    solve(pulled(comm), np.linspace(0.001, 0.02, 20), progress=True)
+    assert capsys.readouterr().err.count("\r") <= 4
+
+
+def test_verbose(comm, capsys):
+    """The residuals of every step with ratios, trials, Krylov iterations and their tolerance."""
+    result = solve(pulled(comm), [0.01, 0.15], verbose=True, petsc=ITERATIVE)
+    said = capsys.readouterr()
+    if comm.rank > 0:
+        assert said.out == ""
+        return
+    steps = said.out.split("step to load ")[1:]
+    assert [step.split("\n")[0] for step in steps] == ["0.01", "0.15"]
+    krylov = []
+    for step, norms in zip(steps, result.residuals, strict=True):
+        rows = [row.split() for row in re.findall(r"^ +(\d+ .*)$", step.split("asked")[0], re.M)]
+        rows = [row for row in rows if row[0].isdigit() and "." in row[1]][: len(norms)]
+        assert [float(row[1]) for row in rows] == pytest.approx(norms, rel=1e-6)
+        ratios = np.array(norms[1:]) / norms[:-1]
+        assert [float(row[2]) for row in rows[1:]] == pytest.approx(ratios, rel=0.06)
+        assert all(int(row[3]) >= 1 for row in rows[1:])
+        counts = [int(row[4]) for row in rows[1:]] + [
+            int(rows[0][1 + 1]) if len(rows[0]) == 4 else 0
+        ]
+        krylov.append(sum(counts))
+    assert krylov == result.history["krylov"].tolist()
+    assert min(krylov) > 0
+    assert "timer" in said.out
+
+
+def test_failures_as_they_happen(comm, capsys):
+    """Every attempt with its reason, both line searches, and where the problem is then."""
+    options = {"verbose": True, "max_iterations": 1, "max_cuts": 1, "jump": False}
+    with pytest.raises(vmdg.StepFailure) as error:
+        solve(pulled(comm), [0.001, 0.3], **options)
+    said = capsys.readouterr().out
+    if comm.rank == 0:
+        failures = re.findall(r"failed: (\S+); the problem is at load 0\.001", said)
+        assert failures == [reason for _, reason in error.value.result.failures]
+        last = said.split("step to load ")[-1]
+        assert last.count("residual [N]") == 2
+
+
+def test_table_of_two_attempts():
+    """The attempt that failed first is shown first; a jump says its overstress."""
+    first = StepReport(False, [2.0, 3.0], "STUCK", [Solve(0, 0, 1e-3), Solve(8, 0, 0.01)], 1e-6)
+    steps = [Solve(0, 7, 1e-3), Solve(3, 12, 0.01)]
+    second = StepReport(True, [2.0, 1e-7], "CONVERGED", steps, 1e-6, 19, first)
+    lines = described(0.1, 0.2, second, 4.0).split("\n")
+    assert lines[0] == "step to load 0.2 with overstress 4 H"
+    assert lines[3].split() == ["1", "3.000000e+00", "1.5e+00", "8", "-"]
+    assert lines[4].split() == ["1.000000e-06", "asked", "for,", "STUCK"]
+    assert lines[6].split() == ["0", "2.000000e+00", "7", "1.0e-03"]
+    assert lines[7].split() == ["1", "1.000000e-07", "5.0e-08", "3", "12", "1.0e-02"]
+    assert len(lines) == 9
+
+
+def test_krylov_iterations(comm):
+    """None of direct solvers; of an iterative one those that PETSc counts; of the condensed one."""
+    direct = solve(pulled(comm), [0.01, 0.1])
+    assert not direct.history["krylov"].any()
+    iterative = solve(pulled(comm), [0.01, 0.1], petsc=ITERATIVE)
+    assert (iterative.history["krylov"] > iterative.history["iterations"]).all()
+
+
+@pytest.mark.parametrize(("limit", "few"), [(0, 0), (10_000, 100), (10_000, -1)])
+def test_krylov_iterations_of_condensed_steps(comm, monkeypatch, limit, few):
+    """Systems of the gaps count where GMRES solves them, not where new factors do it."""
+    if comm.size > 1:
+        pytest.skip("condensed on one rank only")
+    monkeypatch.setattr("vmdg.solver.condensed_solver.DIRECT", limit)
+    monkeypatch.setattr("vmdg.solver.condensed_solver.FEW", few)
+    original, counted = CondensedSolver.solve, []
+
+    def watched(solver, *arguments):
+        before = solver.iterations
+        value = original(solver, *arguments)
+        counted.append(solver.iterations - before)
+        return value
+
+    monkeypatch.setattr(CondensedSolver, "solve", watched)
+    problem = pulled(comm, kinematics="small")
+    result = solve(problem, [0.01, 0.05, 0.1], condensed=True)
+    assert result.history["krylov"].sum() == sum(counted)
+    assert (sum(counted) > 0) == (few >= 0)
+
+
+def test_debonded(comm):
+    """The share of the area: of bonds that can fail only, facets that are closed included."""
+    assert pulled(comm, law=vmdg.Bonded()).debonded() == 0.0
+    problem = pulled(comm, n=4)
+    assert problem.debonded() == 0.0
+    # Half of the facets, on whatever rank they are.
+    coupling = problem.couplings[0]
+    lower = coupling.quadrature.points[:, 1] < 0.5
+    coupling.softening[lower] = LAW.strength
+    assert problem.debonded() == pytest.approx(0.5)
+    scene = two_blocks(comm, "quadrilateral", 4)
+    interfaces = [
+        vmdg.Interface(between=(1, 2), law=LAW),
+        vmdg.Interface(within=1, law=LAW, activate="on-demand"),
+    ]
+    bodies = dict(enumerate(MATERIALS, start=1))
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, interfaces)
+    problem.couplings[0].softening[:] = LAW.strength
+    # 3 lines of length 1 mm in both directions inside the left block.
+    assert problem.debonded() == pytest.approx(1 / (1 + 6))
+
+
+def test_timers(comm):
+    """Runs and seconds of what was timed, without what was before, longest first."""
+    with timer("test, before"):
+        pass
+    before = timings()
+    for _ in range(3):
+        with timer("test, long"):
+            sleep(0.02)
+    with timer("test, short"):
+        pass
+    found = timings_since(before)
+    assert [t.name for t in found] == ["test, long", "test, short"]
+    assert [t.runs for t in found] == [3, 1]
+    assert 0.05 < found[0].seconds < 1
+
+
+def test_summary_has_the_timers(comm):
+    """The run first, with all of its time; the parts it has used, and none that it has not."""
+    result = solve(pulled(comm), [0.01, 0.1])
+    names = [timing.name for timing in result.timings]
+    assert names[0] == "solve"
+    assert {"linear solve", "return map", "stabilization", "assemble residual"} < set(names)
+    assert "condensed solve" not in names
+    whole = result.timings[0]
+    assert whole.runs == 1
+    assert all(timing.seconds <= whole.seconds + 0.02 for timing in result.timings)
+    lines = result.summary().split("\n")
+    start = next(i for i, line in enumerate(lines) if "timer" in line)
+    assert len(lines) == start + 1 + len(result.timings)
+    assert "100%" in lines[start + 1] or whole.seconds == 0

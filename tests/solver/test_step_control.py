@@ -1,0 +1,157 @@
+"""What a step must fulfil beside a small residual, and what solve reports."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers import pushout
+from scenes_motion import rotation
+
+import vmdg
+from vmdg.base.parallel import global_max
+from vmdg.meshes import blocks
+from vmdg.solver.iteration import BACKTRACK, HALVINGS
+from vmdg.solver.newton import Newton
+from vmdg.solver.stepping import Stepper
+
+E = 1000.0
+
+
+def squares(comm, law: vmdg.Law, left, right) -> vmdg.Problem:
+    """Two bonded squares with rigid ends."""
+    mesh, cells, facets = blocks(comm, "quadrilateral", (2, 2))
+    material = vmdg.NeoHookean(E=E, nu=0.3)
+    interface = vmdg.Interface(between=(1, 2), law=law)
+    problem = vmdg.Problem(mesh, cells, {1: material, 2: material}, [interface])
+    problem.dirichlet(facets.find(1), left)
+    problem.dirichlet(facets.find(2), right)
+    return problem
+
+
+def turning(move: float, angle: float):
+    """Displacement of points that move along x up to t = 1 and then turn by ``angle`` a unit."""
+
+    def displacement(x, t):
+        moved = x[:2] + np.array([[move * min(t, 1.0)], [0.0]])
+        return rotation(2, angle * max(t - 1.0, 0.0)) @ moved - x[:2]
+
+    return displacement
+
+
+@pytest.mark.parametrize("degrees", [33.0, 50.0])
+def test_rotation_in_coarse_steps(comm, degrees):
+    """A loaded bond turned by much in a step comes out as it was, however often that is cut.
+
+    The linear predictor stretches the bodies by a fifth and more and breaks the bond. From there
+    Newton's method finds an equilibrium of strained bodies that only tau_s of before allows, 50
+    degrees away with 2e5 times the energy: such steps are refused.
+    """
+    law = vmdg.Debonding(strength=2.0, critical_gap=0.0025)
+    angle = np.radians(degrees)
+    problem = squares(comm, law, turning(0.0, angle), turning(0.001, angle))
+    stored = []
+    vmdg.solve(problem, [1.0, 2.0, 3.0], monitor=lambda p: stored.append(p.energy().stored))
+    assert stored == pytest.approx([stored[0]] * len(stored), rel=1e-6)
+    assert global_max(comm, problem.state[0].softening.max(initial=0.0)) == 0
+
+
+def test_inverted_cells_are_refused(comm):
+    """A body that is given as a start turned inside out is noticed, and no step ends so."""
+    problem = squares(comm, vmdg.Bonded(), 0.0, lambda t: np.array([0.1 * t, 0.0]))
+    assert not problem.inverted()
+    x = problem.space.tabulate_dof_coordinates()
+    start = problem.u.x.array.copy()
+    problem.u.x.array[::2] = -1.5 * x[:, 0]
+    assert problem.inverted()
+    problem.u.x.array[:] = start
+    stepper = Stepper(problem, vmdg.SolveOptions())
+    assert stepper.step(1.0).converged
+    before = problem.u.x.array.copy()
+    problem.inverted = lambda: True
+    report = stepper.step(2.0)
+    stepper.close()
+    assert (report.converged, report.reason) == (False, "CELLS_INVERTED")
+    assert problem.t == 1.0
+    assert np.array_equal(problem.u.x.array, before)
+
+
+def test_outgrown_stabilization_is_refused(comm):
+    """tau_s of the start serves a small deformation, not one that asks for twice as much."""
+    law = vmdg.Debonding(strength=1e6, critical_gap=1e6)
+    problem = squares(comm, law, 0.0, 0.0)
+    norm = problem.stabilization[0].norm.copy()
+    for stretch, outgrown in ((0.01, False), (1.0, True)):
+        problem.u.interpolate(lambda x, s=stretch: np.stack([0 * x[0], s * x[1] ** 2]))
+        assert problem.outgrown() == outgrown
+        assert np.array_equal(problem.stabilization[0].norm, norm)
+    problem.update_stabilization(None)
+    assert not problem.outgrown()
+
+
+def test_residual_is_small_against_a_weak_bond(comm):
+    """Opened beyond its strength in one step, a bond of 1e-8 E leaves no force.
+
+    The bonded imbalance of such a step is of the order of E: a billionth of it is more than the
+    bond could ever bear.
+    """
+    law = vmdg.Debonding(strength=1e-5, critical_gap=1e-6, friction=0.3)
+    problem = squares(comm, law, 0.0, lambda t: np.array([t, t / 2]))
+    stepper = Stepper(problem, vmdg.SolveOptions())
+    for t in (0.05, 0.1):
+        assert stepper.step(t).converged
+        free = np.setdiff1d(np.arange(problem.discretization.owned), problem.prescribed)
+        residual = problem.assemble_residual(hold=True)[free]
+        assert np.abs(residual).max(initial=0.0) < 1e-6 * law.strength
+    stepper.close()
+
+
+def test_given_history_is_filled(comm):
+    """An empty table too, and also where the run ends in an error."""
+    law = vmdg.Debonding(strength=10.0, critical_gap=0.1)
+    problem = squares(comm, law, 0.0, lambda t: np.array([t, 0.0]))
+    history = vmdg.History()
+    vmdg.solve(problem, [0.001, 0.002], history=history)
+    assert list(history["load"]) == [0.001, 0.002]
+    options = vmdg.SolveOptions(max_iterations=1, max_cuts=0, jump=False)
+    with pytest.raises(vmdg.StepFailure):
+        vmdg.solve(problem, [0.0025, 1.0], options, history=history)
+    assert list(history["load"]) == [0.001, 0.002, 0.0025]
+
+
+def test_absurd_trial_is_not_evaluated(comm):
+    """A displacement of more than a million times the body gives no number, and changes nothing."""
+    problem = squares(comm, vmdg.Debonding(strength=10.0, critical_gap=0.1), 0.0, 0.01)
+    newton = Newton(problem, 1e-9, 20, None)
+    problem.begin_step(1.0, 1.0)
+    x, f = problem.create_matrix().createVecs()
+    for size, known in ((1e-3, True), (1e7, False)):
+        x.set(size)
+        newton._snes[BACKTRACK].computeFunction(x, f)
+        assert np.isfinite(f.array).all() == known
+    assert np.abs(problem.u.x.array).max() == pytest.approx(1e-3)
+    newton.destroy()
+
+
+def test_exhausted_search_ends_the_attempt(comm):
+    """The section of the push-out meets a kink: no halving helps, full steps pass.
+
+    Backtracking gives up where it has found nothing smaller, not after more corrections.
+    """
+    model = pushout.build(False, 12, 0.5, 0.475, 2500.0)
+    problem = model.problem
+    vmdg.solve(problem, np.linspace(0.25, 1, 4))
+    problem.dirichlet(model.top, lambda t: 1 - t, model.axis, relative=True)
+    stepper = Stepper(problem, vmdg.SolveOptions(1e-8))
+    seconds = []
+    for load in 1 + 0.0087 * np.arange(1, 12):
+        report = stepper.step(load)
+        assert report.converged
+        seconds += [report] * (report.former is not None)
+    stepper.close()
+    assert seconds
+    for report in seconds:
+        first = report.former
+        assert first.reason == "DIVERGED_LOCAL_MIN"
+        assert first.solves[-1].trials == HALVINGS + 1
+        assert first.norms[-1] >= first.norms[-2]
+        assert all(solve.trials <= HALVINGS for solve in first.solves[:-1])

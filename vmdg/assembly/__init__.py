@@ -1,0 +1,1 @@
+"""The discrete problem: broken space, loads, supports, residual and tangent."""

@@ -1,0 +1,254 @@
+"""Prescribed displacements and the values of loads, as functions of the load factor t."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from dolfinx import fem
+from dolfinx.mesh import compute_midpoints, locate_entities_boundary
+from numpy.typing import ArrayLike, NDArray
+
+from ..base.parallel import global_sum, raise_together
+from ..domain.topology import Locator
+
+Where = ArrayLike | Locator
+Value = float | ArrayLike | Callable[..., Any]
+
+_AXES = ("x", "y", "z")
+
+#: Prescribed values agree to rounding.
+SAME = 1e-12
+
+
+def find_boundary_facets(mesh, where: Where, what: str) -> NDArray[np.int32]:
+    """Facets given by index or by a predicate on the coordinates (3, n) of the boundary.
+
+    Raises:
+        TypeError: a tag or a mask in place of facets.
+        ValueError: nothing is selected on any rank, or a facet does not exist.
+    """
+    if callable(where):
+        facets = locate_entities_boundary(mesh, mesh.topology.dim - 1, where)
+    else:
+        facets = _checked_indices(mesh, where, what)
+    if global_sum(mesh.comm, len(facets)) == 0:
+        raise ValueError(f"{what}: no facet is selected on any rank")
+    return facets
+
+
+def _checked_indices(mesh, where: ArrayLike, what: str) -> NDArray[np.int32]:
+    facets = np.asarray(where)
+    if facets.ndim != 1 or (facets.size and facets.dtype.kind not in "iu"):
+        raise TypeError(
+            f"{what}: facets = {where!r} must be an array of local facets, as "
+            "facet_tags.find(group) gives them, or a predicate on coordinates"
+        )
+    fdim = mesh.topology.dim - 1
+    mesh.topology.create_entities(fdim)
+    imap = mesh.topology.index_map(fdim)
+    number = imap.size_local + imap.num_ghosts
+    outside = facets[(facets < 0) | (facets >= number)]
+    message = None
+    if len(outside):
+        message = (
+            f"{what}: facet {outside[0]} does not exist on this rank, which has {number}; facets "
+            "are local, as facet_tags.find gives them, and belong to the mesh of the problem"
+        )
+    raise_together(mesh.comm, message)
+    return facets.astype(np.int32)
+
+
+def refuse_facets(
+    mesh, facets: NDArray[np.int32], refused: NDArray[np.bool_], what: str, reason: str
+) -> None:
+    """Raise on all ranks if one of the owned ``facets`` is marked; collective.
+
+    Args:
+        mesh: The mesh.
+        facets: Local facets.
+        refused: Marks of all local facets.
+        what: Name of the load for the message.
+        reason: What is wrong and the cure, said after the place of the facet.
+
+    Raises:
+        ValueError: one is marked.
+    """
+    fdim = mesh.topology.dim - 1
+    owned = facets[facets < mesh.topology.index_map(fdim).size_local]
+    bad, message = owned[refused[owned]], None
+    if len(bad):
+        place = compute_midpoints(mesh, fdim, bad[:1])[0].round(6).tolist()
+        message = f"{what}: facet {bad[0]} at {place} {reason}"
+    raise_together(mesh.comm, message)
+
+
+def component_index(component: int | str | None, d: int, what: str) -> int | None:
+    """0, 1, 2 or "x", "y", "z" as an index; None for all components.
+
+    Raises:
+        ValueError: no such component.
+    """
+    if component is None:
+        return None
+    names = _AXES[:d]
+    if component in names:
+        return names.index(component)
+    if isinstance(component, (int, np.integer)) and 0 <= component < d:
+        return int(component)
+    raise ValueError(
+        f"{what}: unknown component {component!r}; in {d}D it is one of 0..{d - 1} or "
+        f"{', '.join(names)}, or None for all"
+    )
+
+
+def takes_points(value: Value) -> bool:
+    """Whether a value is f(x, t), not a number, an array or f(t)."""
+    return callable(value) and len(inspect.signature(value).parameters) > 1
+
+
+def value_at(value: Value, t: float, points: NDArray[np.float64] | None = None) -> NDArray:
+    """Value at load factor t: a number, an array, f(t), or f(x, t) where points x (3, n) are given.
+
+    Those who ask at every step ask once whether it :func:`takes_points`.
+    """
+    if not callable(value):
+        return np.asarray(value, dtype=float)
+    return np.asarray(value(t) if points is None else value(points, t), dtype=float)
+
+
+@dataclass(frozen=True)
+class _Condition:
+    dofs: NDArray[np.int32]
+    component: int | None
+    value: Value
+    points: NDArray[np.float64]
+    base: NDArray[np.float64]
+    replaces: bool
+    what: str
+    takes_points: bool
+
+    def at(self, t: float, d: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """Prescribed dofs (n, components), component-wise numbers, and their values at ``t``."""
+        value = value_at(self.value, t, self.points if self.takes_points else None)
+        if self.component is None:
+            if value.ndim == 1:
+                value = value[:, None]
+            value = np.broadcast_to(value, (d, len(self.dofs)))
+            components = np.arange(d)
+        else:
+            value = np.broadcast_to(value, (1, len(self.dofs)))
+            components = np.array([self.component])
+        return self.dofs[:, None] * d + components, value.T + self.base[:, components]
+
+
+class DirichletConditions:
+    """Prescribed components of the displacement, (2) with any value.
+
+    Args:
+        space: Space of the displacement.
+        held: Local dofs (component-wise numbers) that are zero, whatever else is prescribed.
+
+    Attributes:
+        dofs: Prescribed local dofs (component-wise numbers), ghosts included, ascending.
+    """
+
+    def __init__(self, space: fem.FunctionSpace, held: NDArray[np.int32]):
+        self._space = space
+        self._d = space.dofmap.index_map_bs
+        self._conditions: list[_Condition] = []
+        self._held = held
+        self.dofs = np.unique(held)
+
+    def add(
+        self,
+        dofs: NDArray[np.int32],
+        value: Value,
+        component: int | str | None,
+        what: str,
+        base: NDArray[np.float64] | None = None,
+    ) -> None:
+        """Prescribe nodal dofs (block numbers).
+
+        Args:
+            dofs: The dofs (n,).
+            value: What the user gave.
+            component: One of them, or None for all.
+            what: Name of the condition for messages.
+            base: Displacement to which the value is added (n, d) [mm]; default zero.
+
+        Raises:
+            ValueError: no dof is selected, the component or the shape of the value is wrong.
+        """
+        if global_sum(self._space.mesh.comm, len(dofs)) == 0:
+            raise ValueError(f"{what}: no degree of freedom is selected on any rank")
+        index = component_index(component, self._d, what)
+        points = self._space.tabulate_dof_coordinates()[dofs].T
+        replaces = base is not None
+        base = base if replaces else np.zeros((len(dofs), self._d))
+        try:
+            local = takes_points(value)
+            initial = value_at(value, 0.0, points if local else None)
+        except (TypeError, ValueError) as error:
+            raise ValueError(
+                f"{what}: the value {value!r} is no number, array or function that gives one: "
+                f"{error}"
+            ) from None
+        shape, message = initial.shape, None
+        if not np.isfinite(initial).all():
+            message = (
+                f"{what}: the value at load factor 0 is {initial.ravel()[:3]}; it must be finite "
+                "(a function must return the displacement)"
+            )
+        raise_together(self._space.mesh.comm, message)
+        count = len(dofs)
+        allowed = [(), (count,)] if index is not None else [(self._d,), (self._d, count)]
+        if shape not in allowed and not (index is None and shape == ()):
+            raise ValueError(
+                f"{what}: a value of shape {shape} does not fit "
+                + ("one component" if index is not None else f"{self._d} components")
+            )
+        condition = _Condition(dofs, index, value, points, base, replaces, what, local)
+        self._conditions.append(condition)
+        components = np.arange(self._d) if index is None else np.array([index])
+        flat = (dofs[:, None] * self._d + components).ravel()
+        self.dofs = np.union1d(self.dofs, flat).astype(np.int32)
+
+    def values(self, t: float) -> NDArray[np.float64]:
+        """Prescribed values at load factor ``t``, one for each of :attr:`dofs`.
+
+        Where conditions overlap, the one that was added last holds.
+        """
+        result = np.zeros(len(self.dofs))
+        for condition in self._conditions:
+            dofs, values = condition.at(t, self._d)
+            result[np.searchsorted(self.dofs, dofs)] = values
+        result[np.searchsorted(self.dofs, self._held)] = 0
+        return result
+
+    def contradiction(self, t: float) -> str | None:
+        """Two conditions that give a dof different values at load factor ``t``, in words.
+
+        A condition relative to the present displacement takes the place of those before it.
+        """
+        given = np.full(len(self.dofs), np.nan)
+        given[np.searchsorted(self.dofs, self._held)] = 0
+        for condition in self._conditions:
+            dofs, values = condition.at(t, self._d)
+            place = np.searchsorted(self.dofs, dofs)
+            scale = np.abs(values).max(initial=0.0)
+            differ = np.abs(given[place] - values) > SAME * np.maximum(np.abs(given[place]), scale)
+            if differ.any() and not condition.replaces:
+                i, k = np.argwhere(differ)[0]
+                axis = _AXES[dofs[i, k] % self._d]
+                return (
+                    f"{condition.what}: the displacement along {axis} of the node at "
+                    f"{condition.points[:, i].round(6).tolist()} is prescribed as "
+                    f"{given[place[i, k]]:.6g} and as {values[i, k]:.6g} at load factor {t:g}, "
+                    "of which the last one holds; leave the node out of one of them"
+                )
+            given[place] = values
+        return None

@@ -1,0 +1,498 @@
+"""Space, forms and assembly for a given set of open interface facets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from dolfinx.la import InsertMode
+from dolfinx.mesh import Mesh
+from numpy.typing import NDArray
+from ufl.core.expr import Expr
+
+from .. import compat
+from ..base.kernels import JIT_OPTIONS, VECTORIZED, compile_form
+from ..base.parallel import global_any, global_sum
+from ..base.quadrature import bulk_degree, facet_degree
+from ..base.timers import timer
+from ..domain.materials import Bodies
+from ..forms import kinematics
+from ..forms.dilatation import MeanDilatation
+from ..forms.geometry import Geometry
+from ..forms.kinematics import Body
+from ..interface.coercivity import Coercivity
+from ..interface.coupling import Coupling, Frozen, Group
+from ..interface.interface import Interface, InterfaceFacets
+from .dilatation import Condensation
+from .space import broken_space
+
+
+@dataclass(frozen=True)
+class _Derived:
+    """Stabilization of all working interfaces at one displacement.
+
+    Attributes:
+        place: Displacement and swelling for which it holds, on this rank.
+        values: tau_s, not raised, and flux weights of every interface.
+        factors: What coercivity asks to raise tau_s by, (nf,) of every interface.
+    """
+
+    place: NDArray[np.float64]
+    values: list[Frozen]
+    factors: list[NDArray[np.float64]]
+
+
+class _Forms(NamedTuple):
+    """Compiled parts of a residual or tangent.
+
+    A cell integral is given the coefficients of its whole form: with those of the interfaces, all
+    of their points, it would read 600 to 1200 numbers a hexahedron of which it needs 26.
+
+    Attributes:
+        bulk: The bodies.
+        interfaces: Every working interface.
+    """
+
+    bulk: fem.Form
+    interfaces: list[fem.Form]
+
+
+class Discretization:
+    """The broken space on which the displacement lives, the interfaces at work, and the forms.
+
+    Args:
+        mesh: The mesh.
+        bodies: Materials.
+        interfaces: What the user described.
+        facets: Open facets of every interface, on this rank.
+        degree: Degree of the displacement.
+        geometry: Gradient and measure.
+
+    Attributes:
+        space: Broken space.
+        u: Displacement [mm].
+        forces: Internal minus external forces of the last assembly, owned and ghost dofs [N].
+        couplings: One for every interface, None where no rank has an open facet.
+        owned: Number of component-wise dofs this rank owns.
+        condensation: theta, p and their elimination with mean dilatation, else None.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        bodies: Bodies,
+        interfaces: Sequence[Interface],
+        facets: Sequence[InterfaceFacets],
+        degree: int,
+        geometry: Geometry,
+    ):
+        self.mesh = mesh
+        self.bodies = bodies
+        self.degree = degree
+        cut = np.concatenate([f.everywhere for f in facets] or [np.zeros(0, dtype=np.int32)])
+        self.space = broken_space(mesh, degree, cut.astype(np.int32))
+        self.u = fem.Function(self.space, name="displacement")
+        self.forces = fem.Function(self.space, name="forces")
+        self.geometry = geometry
+        sizes = global_sum(mesh.comm, [len(f.facets) for f in facets]) if facets else []
+        self.couplings: list[Coupling | None] = [
+            Coupling(interface, f, self.u, bodies, degree, geometry) if size else None
+            for interface, f, size in zip(interfaces, facets, sizes, strict=True)
+        ]
+        self._dx = self._make_dx()
+        self._residual_forms: _Forms | None = None
+        self._tangent_forms: _Forms | None = None
+        self._bulk_forces = np.zeros_like(self.forces.x.array)
+        self._bulk_inputs: tuple[fem.Function | fem.Constant, ...] = ()
+        self._bulk_state: NDArray[np.float64] | None = None
+        self._energy_forms: list[fem.Form] | None = None
+        self._inverted_form: fem.Form | None = None
+        self._coercivity: Coercivity | None = None
+        self._factors: list[NDArray[np.float64]] | None = None
+        self._derived: _Derived | None = None
+        self.owned = self.space.dofmap.index_map.size_local * self.space.dofmap.index_map_bs
+        self.condensation = Condensation(self) if isinstance(geometry, MeanDilatation) else None
+
+    @property
+    def working(self) -> list[Coupling]:
+        """Interfaces with open facets."""
+        return [coupling for coupling in self.couplings if coupling is not None]
+
+    @property
+    def constant_stabilization(self) -> bool:
+        """Whether tau_s and delta are the same at every displacement.
+
+        At small strain the moduli in the bubble integrals (22) are constant; a callable of the
+        user's may depend on the displacement all the same.
+        """
+        derived = all(coupling.interface.stabilization is None for coupling in self.working)
+        return self.bodies.families[0].body.small and derived
+
+    # Forms
+
+    def _make_dx(self) -> ufl.Measure:
+        degree = bulk_degree(self.mesh.topology.cell_name(), self.degree, self.geometry)
+        return ufl.Measure(
+            "dx",
+            domain=self.mesh,
+            subdomain_data=[(i, family.cells) for i, family in enumerate(self.bodies.families)],
+            metadata={"quadrature_degree": degree},
+        )
+
+    def bulk(self, integrand: Callable[[Body, Expr], Expr]) -> ufl.Form:
+        """Sum over the families of ``integrand(body, F)``."""
+        F = ufl.variable(self.geometry.deformation(self.u))
+        terms = [
+            self.geometry.weight * integrand(family.body, F) * self._dx(i)
+            for i, family in enumerate(self.bodies.families)
+        ]
+        return sum(terms, start=ufl.Form([]))
+
+    def _interfaces(
+        self,
+        integrand: Callable[[Coupling, Group], Expr],
+        couplings: Sequence[Coupling] | None = None,
+    ) -> ufl.Form:
+        """Sum over the working interfaces, or some of them, of ``integrand(coupling, group)``."""
+        chosen = self.working if couplings is None else couplings
+        groups = [(coupling, group) for coupling in chosen for group in coupling.groups]
+        rows = [(i, coupling.facets.rows(g.select)) for i, (coupling, g) in enumerate(groups)]
+        dS = ufl.Measure(
+            "dS",
+            domain=self.mesh,
+            subdomain_data=rows,
+            metadata={"quadrature_degree": facet_degree(self.degree)},
+        )
+        terms = [
+            self.geometry.weight * integrand(coupling, group) * dS(i)
+            for i, (coupling, group) in enumerate(groups)
+        ]
+        return sum(terms, start=ufl.Form([]))
+
+    def _compile_interfaces(
+        self, integrand: Callable[[Coupling, Group], Expr], name: str
+    ) -> list[fem.Form]:
+        """One form for every working interface; interfaces of one kind share their kernel."""
+        forms = [self._interfaces(integrand, [coupling]) for coupling in self.working]
+        return [self.compile_form(form, name) for form in forms]
+
+    def compile_form(self, form: ufl.Form, name: str = "form") -> fem.Form:
+        submeshes = [submesh for coupling in self.working for submesh in coupling.submeshes]
+        options = VECTORIZED if self.mesh.topology.dim == 3 else JIT_OPTIONS
+        return compile_form(form, submeshes, self.mesh.comm, options, name)
+
+    def residual_ufl(self, eta: Expr | None = None) -> ufl.Form:
+        """The stabilized residual (27) without dead loads.
+
+        Args:
+            eta: Test function; that of the displacement, or with mean dilatation of the dilatation.
+        """
+        eta = ufl.TestFunction(self.space) if eta is None else eta
+        return self._bulk_residual(eta) + self._interfaces(self._residual_of(eta))
+
+    def _bulk_residual(self, eta: Expr) -> ufl.Form:
+        virtual = self.geometry.gradient(eta)
+        return self.bulk(
+            lambda body, F: ufl.inner(virtual, kinematics.bulk_stress(body, self.geometry, F))
+        )
+
+    @staticmethod
+    def _residual_of(eta: Expr) -> Callable[[Coupling, Group], Expr]:
+        return lambda coupling, group: coupling.residual_term(eta, group)
+
+    def tangent_ufl(self, eta: Expr | None = None, du: Expr | None = None) -> ufl.Form:
+        """The tangent (85), the interfaces in staged coefficients.
+
+        Args:
+            eta: Test function, as for :meth:`residual_ufl`.
+            du: Trial function.
+        """
+        eta = ufl.TestFunction(self.space) if eta is None else eta
+        du = ufl.TrialFunction(self.space) if du is None else du
+        return self._bulk_tangent(eta, du) + self._interfaces(self._tangent_of(eta, du))
+
+    def _bulk_tangent(self, eta: Expr, du: Expr) -> ufl.Form:
+        return self.bulk(lambda body, F: kinematics.stiffness(body, self.geometry, F, eta, du))
+
+    @staticmethod
+    def _tangent_of(eta: Expr, du: Expr) -> Callable[[Coupling, Group], Expr]:
+        return lambda coupling, group: coupling.tangent_term(eta, du)
+
+    def compile_residual(self) -> None:
+        """Compile the residual, or load it from the cache; collective."""
+        if self.condensation is not None:
+            self.condensation.compile_residual()
+        if self._residual_forms is None:
+            eta = ufl.TestFunction(self.space)
+            bulk = self._bulk_residual(eta)
+            self._bulk_inputs = *bulk.coefficients(), *bulk.constants()
+            self._residual_forms = _Forms(
+                self.compile_form(bulk, "bodies' residual"),
+                self._compile_interfaces(self._residual_of(eta), "interface's residual"),
+            )
+
+    def compile_tangent(self) -> None:
+        """Compile the tangent, or load it from the cache; collective."""
+        if self.condensation is not None:
+            self.condensation.compile_tangent()
+        if self._tangent_forms is None:
+            eta, du = ufl.TestFunction(self.space), ufl.TrialFunction(self.space)
+            self._tangent_forms = _Forms(
+                self.compile_form(self._bulk_tangent(eta, du), "bodies' tangent"),
+                self._compile_interfaces(self._tangent_of(eta, du), "interface's tangent"),
+            )
+
+    # Assembly
+
+    def update_stabilization(self, dt: float | None) -> None:
+        """Evaluate tau_s and delta of every interface at the current displacement."""
+        self.update_dilatation()
+        self._update_pressure()
+        with timer("stabilization"):
+            derived = self._derive_stabilization()
+            if self.constant_stabilization:
+                self._derived = derived
+            for coupling, factor in zip(self.working, derived.factors, strict=True):
+                coupling.freeze_stabilization(factor, dt)
+
+    def outgrown(self) -> bool:
+        """Whether the frozen tau_s falls short of what coercivity asks for now, on this rank.
+
+        At finite strain a step that goes far from where tau_s was evaluated may end in an
+        equilibrium that only the lack of it makes possible.
+        """
+        if self.bodies.families[0].body.small:
+            return False
+        with timer("stabilization"):
+            held = [coupling.frozen for coupling in self.working]
+            derived = self._derive_stabilization()
+            short = [
+                coupling.falls_short(*values)
+                for coupling, *values in zip(self.working, held, derived.factors, strict=True)
+            ]
+            # A step ends where the next one starts.
+            self._derived = derived
+            for coupling, frozen in zip(self.working, held, strict=True):
+                coupling.frozen = frozen
+        return any(short)
+
+    def _derive_stabilization(self) -> _Derived:
+        """Give the interfaces tau_s and delta of the current displacement, not raised yet."""
+        place = np.concatenate([self.u.x.array, self.bodies.swelling])
+        kept, self._derived = self._derived, None
+        moved = kept is None or not (
+            self.constant_stabilization or np.array_equal(kept.place, place)
+        )
+        if global_any(self.mesh.comm, moved):
+            for coupling in self.working:
+                coupling.derive_stabilization()
+            derived = [coupling.frozen for coupling in self.working]
+            return _Derived(place, derived, self._safety_factors())
+        for coupling, values in zip(self.working, kept.values, strict=True):
+            coupling.derive_stabilization(values)
+        return kept
+
+    def _safety_factors(self) -> list[NDArray[np.float64]]:
+        """What coercivity asks for on every facet of the working interfaces.
+
+        Interfaces with a stabilization of the user's own neither ask nor take a share.
+        """
+        if self._factors is None or not self.bodies.families[0].body.small:
+            self._factors = self._find_safety_factors()
+        return self._factors
+
+    def _find_safety_factors(self) -> list[NDArray[np.float64]]:
+        derived = [c for c in self.working if c.interface.stabilization is None]
+        factors = {c: np.ones(len(c.facets.facets)) for c in self.working}
+        if any(coupling.seeks_safety for coupling in derived):
+            if self._coercivity is None:
+                facets = [coupling.facets for coupling in derived]
+                self._coercivity = Coercivity(
+                    self.u, self.bodies, self.geometry, self.degree, facets
+                )
+            with timer("coercivity"):
+                penalties, deltas = zip(*(c.bonded_penalty for c in derived), strict=True)
+                factors |= zip(derived, self._coercivity(penalties, deltas), strict=True)
+        return [factors[coupling] for coupling in self.working]
+
+    def update_dilatation(self) -> None:
+        """With mean dilatation: theta at the current displacement."""
+        if self.condensation is not None:
+            self.condensation.update_dilatation()
+
+    def _update_pressure(self) -> None:
+        """With mean dilatation: p at the current displacement, dilatation and gap."""
+        if self.condensation is not None:
+            self.condensation.update_pressure()
+
+    def assemble_residual(
+        self, dt: float, hold: bool, loads: NDArray[np.float64] | None
+    ) -> NDArray[np.float64]:
+        """Return maps, then internal minus external forces at the current displacement: (46).
+
+        Args:
+            dt: Time step of the return maps [s].
+            hold: Keep zeta at its converged value instead of mapping back.
+            loads: Load vector over local dofs, ghosts still to be added to their owners.
+
+        Returns:
+            Owned dofs, nothing removed at prescribed ones [N].
+        """
+        self.compile_residual()
+        self.update_dilatation()
+        with timer("return map"):
+            for coupling in self.working:
+                coupling.update_points(dt, hold)
+        self._update_pressure()
+        with timer("assemble residual"):
+            forces, forms = self.forces.x, self._residual_forms
+            forces.array[:] = 0 if loads is None else -loads
+            for form in forms.interfaces:
+                fem.assemble_vector(forces.array, form)
+            self._update_bulk_forces()
+            forces.array[:] += self._bulk_forces
+            forces.scatter_reverse(InsertMode.add)
+            forces.scatter_forward()
+        return forces.array[: self.owned]
+
+    def _update_bulk_forces(self) -> None:
+        """The bodies' part, ghosts still to be added to their owners.
+
+        A step starts where the last one has ended, and the interfaces may be asked again with zeta
+        held: they are known where no coefficient or constant of their form has changed.
+        """
+        values = [
+            item.x.array if isinstance(item, fem.Function) else np.ravel(item.value)
+            for item in self._bulk_inputs
+        ]
+        state = np.concatenate(values)
+        if self._bulk_state is not None and np.array_equal(self._bulk_state, state):
+            return
+        self._bulk_state = state
+        self._bulk_forces[:] = 0
+        fem.assemble_vector(self._bulk_forces, self._residual_forms.bulk)
+
+    def create_matrix(self) -> PETSc.Mat:
+        """An empty matrix with the pattern of the tangent."""
+        cells = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
+        everything = [c.facets.rows(np.ones(len(c.facets.facets), bool)) for c in self.working]
+        facets = np.concatenate([np.zeros(0, dtype=np.int32), *everything])
+        return compat.create_matrix(self.space, np.arange(cells, dtype=np.int32), facets)
+
+    def assemble_tangent(self, matrix: PETSc.Mat, damage: bool) -> None:
+        """Tangent at the state of the last :meth:`assemble_residual`, prescribed rows included.
+
+        Args:
+            matrix: From :meth:`create_matrix`.
+            damage: False holds zeta: the damage part of (84) is left out.
+        """
+        self._stage_tangent(damage)
+        with timer("assemble tangent"):
+            matrix.zeroEntries()
+            # All of the pattern is filled before the matrix is first assembled, or it is lost.
+            fem_petsc.assemble_matrix(matrix, self._tangent_forms.bulk)
+            for form in self._tangent_forms.interfaces:
+                fem_petsc.assemble_matrix(matrix, form)
+            matrix.assemble()
+            if self.condensation is not None:
+                self.condensation.add_to(matrix)
+
+    def _stage_tangent(self, damage: bool) -> None:
+        self.compile_tangent()
+        with timer("stage tangent"):
+            for coupling in self.working:
+                coupling.stage_tangent(damage)
+
+    def add_interface_tangent(self, matrix: PETSc.Mat, damage: bool) -> None:
+        """Add the interfaces' part of :meth:`assemble_tangent` to a matrix."""
+        self._stage_tangent(damage)
+        with timer("assemble interface tangent"):
+            for form in self._tangent_forms.interfaces:
+                fem_petsc.assemble_matrix(matrix, form)
+            matrix.assemble()
+
+    def traction_matrix(self, coupling: Coupling) -> PETSc.Mat:
+        """int q.Tt(du) dA over an interface: rows q at its points, columns du.
+
+        Tt(du) = {(A : GRAD du).N} + r (du_2 - du_1) of (84) with the staged moduli, which at small
+        strain are constant. The caller destroys the matrix.
+        """
+        coupling.stage_tangent(damage=False)
+        return self._point_matrix(coupling, coupling.traction_term)
+
+    def jump_matrix(self, coupling: Coupling) -> PETSc.Mat:
+        """int q.du_2 dA over an interface: the part of side 2 in its opening, as above."""
+        return self._point_matrix(coupling, lambda q, du: ufl.dot(q, du("-")))
+
+    def _point_matrix(
+        self, coupling: Coupling, integrand: Callable[[Expr, Expr], Expr]
+    ) -> PETSc.Mat:
+        q = ufl.TestFunction(coupling.quadrature.space((self.mesh.geometry.dim,)))("+")
+        du = ufl.TrialFunction(self.space)
+        form = self._interfaces(lambda coupling, group: integrand(q, du), [coupling])
+        form = self.compile_form(form, "gap equation")
+        matrix = fem_petsc.create_matrix(form)
+        fem_petsc.assemble_matrix(matrix, form)
+        matrix.assemble()
+        return matrix
+
+    def bulk_forces(self) -> NDArray[np.float64]:
+        """The bodies' part of the last :meth:`assemble_residual`, owned dofs [N]."""
+        forces = fem.Function(self.space).x
+        forces.array[:] = self._bulk_forces
+        forces.scatter_reverse(InsertMode.add)
+        return forces.array[: self.owned].copy()
+
+    def stored_energy(self) -> NDArray[np.float64]:
+        """Strain energy of the bodies and energy of the interfaces (30), this rank's [N mm]."""
+        self.update_dilatation()
+        if self._energy_forms is None:
+            bulk = self.bulk(lambda body, F: body.energy(F))
+            interfaces = self._interfaces(lambda coupling, group: coupling.energy_term(group))
+            self._energy_forms = [
+                self.compile_form(form, "energy") for form in (bulk, interfaces) if not form.empty()
+            ]
+        stored = np.zeros(2)
+        for i, form in enumerate(self._energy_forms):
+            stored[i] = fem.assemble_scalar(form)
+        stored[1] += float(self.geometry.thickness) * sum(
+            coupling.recoverable_energy() for coupling in self.working
+        )
+        return stored
+
+    def inverted(self) -> bool:
+        """Whether det F <= 0 at a quadrature point of this rank; never at small strain.
+
+        Not every stress grows without bound as det F falls to zero: Newton's method can end in an
+        equilibrium of cells that are turned inside out.
+        """
+        if self.bodies.families[0].body.small:
+            return False
+        if self._inverted_form is None:
+
+            def turned(body: Body, F: Expr) -> Expr:
+                J = body.volume_ratio(F) if body.mean_dilatation else ufl.det(F)
+                return ufl.conditional(ufl.le(J, 0), 1.0, 0.0)
+
+            self._inverted_form = self.compile_form(self.bulk(turned), "inverted cells")
+        return fem.assemble_scalar(self._inverted_form) > 0
+
+    def take_over(self, other: Discretization) -> None:
+        """Continue from the state of a discretization with fewer open facets, exactly.
+
+        A field that is continuous across a facet is one of those that may jump there, so every
+        cell keeps its values; history is kept point by point and starts at zero on new facets.
+        """
+        mine, theirs = self.space.dofmap.list, other.space.dofmap.list
+        bs = self.space.dofmap.index_map_bs
+        self.u.x.array.reshape(-1, bs)[mine] = other.u.x.array.reshape(-1, bs)[theirs]
+        for coupling, former in zip(self.couplings, other.couplings, strict=True):
+            if coupling is not None and former is not None:
+                coupling.take_over(former)

@@ -1,0 +1,155 @@
+"""Dead loads: tractions on the boundary and body forces, as functions of place and load factor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from numpy.typing import NDArray
+from ufl.algorithms import extract_arguments
+from ufl.core.expr import Expr
+from ufl.domain import extract_domains
+
+from ..base.kernels import compile_form
+from ..base.quadrature import load_degree
+from ..domain.topology import facet_cells, local_facets
+from ..forms.geometry import Geometry
+from .dirichlet import Value, takes_points, value_at
+
+
+@dataclass(frozen=True)
+class _Load:
+    """A load on some entities.
+
+    Attributes:
+        entities: Owned cells, or flat rows (cell, facet in it) of owned boundary facets.
+        density: What is integrated against the test function, UFL (d,).
+        value: What the user gave.
+        points: Where ``value`` is f(x, t): the nodes (3, n) at which it is evaluated, else None.
+        dofs: Nodes of ``density`` that belong to ``points``.
+    """
+
+    entities: NDArray[np.int32]
+    density: Expr
+    value: Value | Expr
+    points: NDArray[np.float64] | None = None
+    dofs: NDArray[np.int32] | None = None
+
+    def update(self, t: float) -> None:
+        """Set the density to load factor ``t``; a UFL expression knows it already."""
+        if isinstance(self.density, fem.Constant):
+            self.density.value[:] = value_at(self.value, t)
+        elif self.points is not None:
+            d = self.density.ufl_shape[0]
+            value = value_at(self.value, t, self.points)
+            value = np.broadcast_to(value.reshape(d, -1), (d, len(self.dofs)))
+            self.density.x.array.reshape(-1, d)[self.dofs] = value.T
+
+
+class DeadLoads:
+    """Tractions per reference area and body forces per reference volume, (29) for both.
+
+    Args:
+        space: Space of the displacement.
+        geometry: Its weight is a factor of all loads.
+    """
+
+    def __init__(self, space: fem.FunctionSpace, geometry: Geometry):
+        self._space = space
+        self._mesh = space.mesh
+        self._d = space.dofmap.index_map_bs
+        self._weight = geometry.weight
+        self._tractions: list[_Load] = []
+        self._body_forces: list[_Load] = []
+        self._nodes: fem.FunctionSpace | None = None
+        self._form: fem.Form | None = None
+
+    def __bool__(self) -> bool:
+        return bool(self._tractions or self._body_forces)
+
+    def add_traction(self, facets: NDArray[np.int32], value: Value | Expr) -> None:
+        """Traction [MPa] on boundary facets.
+
+        Raises:
+            ValueError: the value has the wrong shape, or is an expression of another mesh.
+        """
+        dim = self._mesh.topology.dim - 1
+        owned = facets[facets < self._mesh.topology.index_map(dim).size_local]
+        cells = facet_cells(self._mesh)[owned, 0]
+        rows = np.column_stack([cells, local_facets(self._mesh, cells, owned)]).ravel()
+        self._tractions.append(self._load(value, rows, dim, facets, "traction"))
+
+    def add_body_force(self, cells: NDArray[np.int32], value: Value | Expr) -> None:
+        """Body force [N/mm3] on local cells.
+
+        Raises:
+            ValueError: as for :meth:`add_traction`.
+        """
+        dim = self._mesh.topology.dim
+        owned = cells[cells < self._mesh.topology.index_map(dim).size_local]
+        self._body_forces.append(self._load(value, owned, dim, cells, "body_force"))
+
+    def _load(
+        self,
+        value: Value | Expr,
+        entities: NDArray[np.int32],
+        dim: int,
+        support: NDArray[np.int32],
+        what: str,
+    ) -> _Load:
+        """The load on ``entities``, nodal where it is given at points of the ``support``."""
+        self._form = None
+        if isinstance(value, Expr):
+            self._check_expression(value, what)
+            return _Load(entities, value, value)
+        if not takes_points(value):
+            initial = value_at(value, 0.0)
+            self._check_shape(initial.shape, [(self._d,)], what)
+            return _Load(entities, fem.Constant(self._mesh, initial), value)
+        if self._nodes is None:
+            degree = self._space.ufl_element().degree
+            self._nodes = fem.functionspace(self._mesh, ("Lagrange", degree, (self._d,)))
+        self._mesh.topology.create_connectivity(dim, self._mesh.topology.dim)
+        dofs = fem.locate_dofs_topological(self._nodes, dim, support)
+        points = self._nodes.tabulate_dof_coordinates()[dofs].T
+        shape = value_at(value, 0.0, points).shape
+        self._check_shape(shape, [(self._d,), (self._d, len(dofs))], what)
+        return _Load(entities, fem.Function(self._nodes), value, points, dofs)
+
+    @staticmethod
+    def _check_shape(shape: tuple[int, ...], allowed: list[tuple[int, ...]], what: str) -> None:
+        if shape not in allowed:
+            expected = " or ".join(map(str, allowed))
+            raise ValueError(f"{what}: the value has shape {shape}, expected {expected}")
+
+    def _check_expression(self, value: Expr, what: str) -> None:
+        self._check_shape(value.ufl_shape, [(self._d,)], what)
+        if extract_arguments(value):
+            raise ValueError(f"{what}: the expression contains a test or trial function")
+        if any(domain != self._mesh.ufl_domain() for domain in extract_domains(value)):
+            raise ValueError(f"{what}: the expression belongs to another mesh")
+
+    def vector(self, t: float) -> NDArray[np.float64]:
+        """Load vector at load factor ``t`` over local dofs; ghosts still to be added to owners."""
+        for load in [*self._tractions, *self._body_forces]:
+            load.update(t)
+        if self._form is None:
+            self._form = self._compile()
+        return fem.assemble_vector(self._form).array
+
+    def _compile(self) -> fem.Form:
+        eta = ufl.TestFunction(self._space)
+        metadata = {"quadrature_degree": load_degree(self._space.ufl_element().degree)}
+        terms = []
+        for kind, loads in (("ds", self._tractions), ("dx", self._body_forces)):
+            entities = [(i, load.entities) for i, load in enumerate(loads)]
+            measure = ufl.Measure(
+                kind, domain=self._mesh, subdomain_data=entities, metadata=metadata
+            )
+            terms += [
+                self._weight * ufl.dot(load.density, eta) * measure(i)
+                for i, load in enumerate(loads)
+            ]
+        return compile_form(sum(terms[1:], terms[0]), [], self._mesh.comm, name="loads")

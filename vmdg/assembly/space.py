@@ -1,0 +1,176 @@
+"""The broken space: continuous inside every body, discontinuous across cut facets only."""
+
+from __future__ import annotations
+
+import basix
+import numpy as np
+from dolfinx import cpp, fem, la
+from dolfinx.mesh import Mesh
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from .. import compat
+from ..base.parallel import GhostExchange, global_any
+from ..domain.topology import facet_cells, local_facets
+
+
+def broken_space(mesh: Mesh, degree: int, cut: NDArray[np.int32]) -> fem.FunctionSpace:
+    """Vector Lagrange space that may jump across the facets ``cut``: (8)-(9), and (43).
+
+    Every pair (cell, dof) at a dof of a cut facet is a node of a graph. The interior facets that
+    are kept join the nodes which their two cells share, and each connected component becomes one
+    dof. A crack that ends inside a body comes out right by itself: around its tip the cells stay
+    connected, so the tip has a single dof.
+
+    In parallel a component is named by its smallest (global cell, dof) and belongs to the rank
+    that owns this cell; names travel between owners and ghosts of cells until nothing changes.
+
+    Args:
+        mesh: Mesh with ghosts by shared facets.
+        degree: Polynomial degree.
+        cut: Local indices of the interior facets to cut, ghost facets included.
+
+    Returns:
+        A space with the dofs of the continuous one and the duplicates on the cut facets.
+    """
+    space = fem.functionspace(mesh, ("Lagrange", degree, (mesh.geometry.dim,)))
+    if not global_any(mesh.comm, len(cut) > 0):
+        return space
+    pairs = facet_cells(mesh)
+    split = _dofs_on(space, cut, pairs)
+    nodes = split[space.dofmap.list]
+    component = _components(space, nodes, split, cut, pairs)
+    global_dofs, size_local = _number(space, nodes, split, component)
+
+    first = int(mesh.comm.scan(size_local)) - size_local
+    ends = np.cumsum(mesh.comm.allgather(size_local))
+    foreign = (global_dofs < first) | (global_dofs >= first + size_local)
+    ghosts = np.unique(global_dofs[foreign])
+    owners = np.searchsorted(ends, ghosts, side="right").astype(np.int32)
+    local_dofs = global_dofs - first
+    local_dofs[foreign] = size_local + np.searchsorted(ghosts, global_dofs[foreign])
+
+    dofmap = cpp.fem.DofMap(
+        space.dofmap.dof_layout,
+        compat.index_map(mesh.comm, size_local, ghosts, owners),
+        space.dofmap.index_map_bs,
+        cpp.graph.AdjacencyList_int32(local_dofs.astype(np.int32)),
+        space.dofmap.bs,
+    )
+    return compat.function_space_with_dofmap(space, dofmap)
+
+
+def _facet_closure(space: fem.FunctionSpace) -> NDArray[np.int32]:
+    """Dofs of a cell on each of its facets, (facets of a cell, dofs of a facet)."""
+    layout = space.dofmap.dof_layout
+    fdim = space.mesh.topology.dim - 1
+    facets = basix.topology(space.mesh.basix_cell())[fdim]
+    return np.array(
+        [layout.entity_closure_dofs(fdim, f) for f in range(len(facets))], dtype=np.int32
+    )
+
+
+def _dofs_on(
+    space: fem.FunctionSpace, cut: NDArray[np.int32], pairs: NDArray[np.int32]
+) -> NDArray[np.bool_]:
+    """Dofs of the continuous space (owned and ghosts) that lie on cut facets of any rank."""
+    marks = la.vector(space.dofmap.index_map, dtype=np.int32)
+    marks.array[:] = 0
+    cells = pairs[cut, 0]
+    on_facet = _facet_closure(space)[local_facets(space.mesh, cells, cut)]
+    marks.array[space.dofmap.list[cells[:, None], on_facet]] = 1
+    marks.scatter_reverse(la.InsertMode.add)
+    marks.scatter_forward()
+    return marks.array > 0
+
+
+def _components(
+    space: fem.FunctionSpace,
+    nodes: NDArray[np.bool_],
+    split: NDArray[np.bool_],
+    cut: NDArray[np.int32],
+    pairs: NDArray[np.int32],
+) -> NDArray[np.int32]:
+    """Component of every node (in row-major order of ``nodes``) within this rank's cells."""
+    dofs = space.dofmap.list
+    kept = (pairs >= 0).all(axis=1)
+    kept[cut] = False
+    near = nodes.any(axis=1)
+    kept &= near[pairs].all(axis=1)
+    facets = np.flatnonzero(kept).astype(np.int32)
+    closure = _facet_closure(space)
+    positions = [closure[local_facets(space.mesh, pairs[facets, a], facets)] for a in range(2)]
+    values = [dofs[pairs[facets, a][:, None], positions[a]] for a in range(2)]
+    same = (values[0][:, :, None] == values[1][:, None, :]) & split[values[0]][:, :, None]
+    facet, i, j = np.nonzero(same)
+    number = np.cumsum(nodes.ravel()).reshape(nodes.shape) - 1
+    start = number[pairs[facets[facet], 0], positions[0][facet, i]]
+    end = number[pairs[facets[facet], 1], positions[1][facet, j]]
+    count = int(nodes.sum())
+    graph = coo_array((np.ones(len(start), dtype=np.int8), (start, end)), shape=(count, count))
+    return connected_components(graph, directed=False)[1]
+
+
+def _number(
+    space: fem.FunctionSpace,
+    nodes: NDArray[np.bool_],
+    split: NDArray[np.bool_],
+    component: NDArray[np.int32],
+) -> tuple[NDArray[np.int64], int]:
+    """Global dof of every (cell, dof), and how many of them this rank owns.
+
+    A rank owns its unsplit dofs and the components whose name is in its cells. It numbers them in
+    the order of the continuous space, duplicates next to each other: that order keeps neighbours
+    together, which assembly, factorizations and smoothers all profit from.
+    """
+    mesh, dofs = space.mesh, space.dofmap.list
+    cells = mesh.topology.index_map(mesh.topology.dim)
+    local_cells = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
+    names = cells.local_to_global(local_cells)[:, None] * dofs.shape[1] + np.arange(dofs.shape[1])
+    exchange = GhostExchange(mesh.comm, cells)
+
+    smallest = _agree(mesh, exchange, names, nodes, component, np.minimum)
+    is_root = nodes & (smallest == names)
+    is_root[cells.size_local :] = False
+
+    owned = space.dofmap.index_map.size_local
+    kept = ~split[:owned]
+    size_local = int(kept.sum() + is_root.sum())
+    first = int(mesh.comm.scan(size_local)) - size_local
+    place = np.argsort(np.concatenate([np.flatnonzero(kept), dofs[is_root]]), kind="stable")
+    number = np.empty(size_local, dtype=np.int64)
+    number[place] = first + np.arange(size_local)
+    unsplit = la.vector(space.dofmap.index_map, dtype=np.int64)
+    unsplit.array[:owned][kept] = number[: kept.sum()]
+    unsplit.scatter_forward()
+
+    numbers = np.full(names.shape, -1, dtype=np.int64)
+    numbers[is_root] = number[kept.sum() :]
+    _, group = np.unique(smallest[nodes], return_inverse=True)
+    numbers = _agree(mesh, exchange, numbers, nodes, group, np.maximum)
+    exchange.free()
+    return np.where(nodes, numbers, unsplit.array[dofs]), size_local
+
+
+def _agree(
+    mesh: Mesh,
+    exchange: GhostExchange,
+    values: NDArray[np.int64],
+    nodes: NDArray[np.bool_],
+    group: NDArray,
+    operation: np.ufunc,
+) -> NDArray[np.int64]:
+    """Give all nodes of a group, over all ranks, the ``operation`` of their values."""
+    values = values.copy()
+    while True:
+        before = values.copy()
+        if len(group):
+            extreme = values[nodes].copy()
+            order = np.argsort(group, kind="stable")
+            starts = np.flatnonzero(np.diff(group[order], prepend=-1))
+            extreme = operation.reduceat(extreme[order], starts)
+            values[nodes] = extreme[group]
+        exchange.combine(values, operation)
+        if not global_any(mesh.comm, not np.array_equal(values, before)):
+            return values

@@ -1,0 +1,1 @@
+"""The ground: compiled kernels, ranks that talk, quadrature degrees, timers."""

@@ -1,0 +1,193 @@
+"""Forms and expressions compiled to kernels, or loaded from the cache that processes share."""
+
+from __future__ import annotations
+
+import fcntl
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+from mpi4py import MPI
+
+import dolfinx.jit
+import numpy as np
+import ufl
+from dolfinx import fem
+from numpy.typing import NDArray
+from ufl.core.expr import Expr
+from ufl.corealg.map_dag import map_expr_dag
+from ufl.corealg.multifunction import MultiFunction
+from ufl.variable import Label
+
+from .. import compat
+from .timers import timer
+
+# gcc's variable tracking under Python's own -g dominates the compile time of large kernels, and
+# the default register allocator is slow on the straight-line code of the interface.
+JIT_OPTIONS = {
+    # How long a rank waits for the one that compiles [s].
+    "timeout": 600,
+    "cffi_extra_compile_args": [
+        "-O1",
+        "-march=native",
+        "-g0",
+        "-fira-region=one",
+        "-fira-algorithm=priority",
+    ],
+}
+
+# Loops over many basis functions are worth a sixth more compile time: the tangent of 12,000
+# hexahedra takes .16 s instead of .26 s. Sums are in another order; NaN keeps its meaning.
+VECTORIZED = {
+    **JIT_OPTIONS,
+    "cffi_extra_compile_args": [
+        *JIT_OPTIONS["cffi_extra_compile_args"],
+        "-ftree-loop-vectorize",
+        "-fvect-cost-model=dynamic",
+        "-fassociative-math",
+        "-fno-signed-zeros",
+        "-fno-trapping-math",
+        "-fno-math-errno",
+    ],
+}
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """A compiled form or expression.
+
+    Attributes:
+        name: What it is for.
+        seconds: To compile it, or to find it in the cache [s].
+        lines: Of C; 0 where it was in the cache.
+    """
+
+    name: str
+    seconds: float
+    lines: int
+
+
+#: Every form and expression that this process has asked for, in order.
+requested: list[Kernel] = []
+
+
+def _record(name: str, start: float, code: object) -> None:
+    requested.append(Kernel(name, perf_counter() - start, _lines(code)))
+
+
+def _lines(code: object) -> int:
+    """Of the source that FFCx gives for what it has compiled: nested strings, or None."""
+    if isinstance(code, str):
+        return code.count("\n")
+    return 0 if code is None else sum(map(_lines, code))
+
+
+def compile_form(
+    form: ufl.Form,
+    submeshes: list[compat.FacetSubmesh],
+    comm: MPI.Comm,
+    options: dict = JIT_OPTIONS,
+    name: str = "form",
+) -> fem.Form:
+    """Compile a form that may live on facet submeshes too, or load it; collective.
+
+    Args:
+        form: What to integrate.
+        submeshes: Where arguments or coefficients live besides the mesh.
+        comm: The mesh's.
+        options: Of DOLFINx's just-in-time compiler.
+        name: For :data:`requested`.
+    """
+    start = perf_counter()
+    with timer("kernels"), _claims_in_order(comm, options) as ordered:
+        compiled = compat.form(form, submeshes, ordered)
+    _record(name, start, compiled.code)
+    return compiled
+
+
+def compile_expression(
+    expression: Expr,
+    points: NDArray[np.float64],
+    comm: MPI.Comm,
+    options: dict = JIT_OPTIONS,
+    name: str = "expression",
+) -> fem.Expression:
+    """Compile an expression at reference ``points``, or load it from the cache; collective.
+
+    The cache knows expressions, unlike forms, by the running numbers of their UFL variables, and
+    would never find one again: give them numbers of their own.
+    """
+    numbered = map_expr_dag(_NumberLabels(), expression)
+    start = perf_counter()
+    with timer("kernels"), _claims_in_order(comm, options) as ordered:
+        compiled = fem.Expression(numbered, points, comm=comm, jit_options=ordered)
+    _record(name, start, compiled.code)
+    return compiled
+
+
+def cache_folder(options: dict = JIT_OPTIONS) -> Path:
+    """Where compiled kernels are kept for all later runs."""
+    return options.get("cache_dir") or Path(dolfinx.jit.get_options()["cache_dir"]) / "vmdg"
+
+
+@contextmanager
+def _claims_in_order(comm: MPI.Comm, options: dict) -> Iterator[dict]:
+    """Options with a folder where no kernel is claimed by a process that died.
+
+    FFCx claims a kernel by its C file and marks it when it is ready. A process that was killed in
+    between leaves its claim, and all later ones would wait for the mark until their time is out.
+    So whoever compiles holds a shared lock, which ends with the process; who gets the same lock
+    exclusively knows that nobody is compiling, and that claims without a mark are void. Those who
+    compile without the lock have their kernels elsewhere: these are in a folder of their own in
+    DOLFINx's, unless ``options`` name one. Only the first rank of ``comm`` claims kernels.
+    """
+    folder = cache_folder(options)
+    options = {**options, "cache_dir": folder}
+    if comm.rank > 0:
+        yield options
+        return
+    with suppress(OSError):  # without a folder to write to the compiler will say what it lacks
+        folder.mkdir(parents=True, exist_ok=True)
+    try:
+        lock = (folder / "vmdg.lock").open("a")
+    except OSError:
+        yield options
+        return
+    with lock:
+        with suppress(OSError):  # held by others, or a file system without locks
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _remove_claims(folder)
+        with suppress(OSError):
+            fcntl.flock(lock, fcntl.LOCK_SH)
+        yield options
+
+
+#: When the folders that were searched for claims had last changed [ns].
+_searched: dict[Path, int] = {}
+
+
+def _remove_claims(folder: Path) -> None:
+    """Remove C files whose kernel never became ready, where files have come since the last look."""
+    changed = folder.stat().st_mtime_ns
+    if _searched.get(folder) == changed:
+        return
+    _searched[folder] = changed
+    for source in folder.glob("*.c"):
+        if not source.with_suffix(".c.cached").exists():
+            source.unlink(missing_ok=True)
+
+
+class _NumberLabels(MultiFunction):
+    """Gives the variables of an expression the numbers 0, 1, ... in the order they are met."""
+
+    def __init__(self):
+        super().__init__()
+        self._labels: dict[Label, Label] = {}
+
+    expr = MultiFunction.reuse_if_untouched
+
+    def label(self, o: Label) -> Label:
+        """A label that depends on the expression only."""
+        return self._labels.setdefault(o, Label(len(self._labels)))

@@ -1,0 +1,83 @@
+"""Which problem a state belongs to: what must agree before a run goes on from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from ..base.parallel import global_sum
+from ..interface.interface import Interface
+from ..problem.problem import Problem
+
+#: Sums over the mesh agree to rounding between partitions, relative to the sum of the sizes.
+SAME = 1e-9
+
+
+def identity(problem: Problem) -> dict[str, Any]:
+    """Mesh, bodies, interfaces and their numbers, in types of JSON; collective.
+
+    It is the same on every number of ranks and in every state of the problem. Loads, supports and
+    energies given as functions cannot be compared and are left out.
+    """
+    mesh = problem.mesh
+    nodes = mesh.geometry.index_map().size_local
+    x = mesh.geometry.x[:nodes]
+    result: dict[str, Any] = {
+        "cell type": mesh.topology.cell_name(),
+        "number of cells": mesh.topology.index_map(mesh.topology.dim).size_global,
+        "number of mesh nodes": mesh.geometry.index_map().size_global,
+        "sum of node coordinates": global_sum(mesh.comm, x.sum(axis=0)).tolist(),
+        "sum of squared node coordinates": global_sum(mesh.comm, (x**2).sum(axis=0)).tolist(),
+        "degree": problem.discretization.degree,
+        "kinematics": "small" if problem.small_strain else "finite",
+        "geometry": type(problem.geometry).__name__,
+        "thickness": float(problem.geometry.thickness),
+        "number of interfaces": len(problem.interfaces),
+    }
+    for tag, material in sorted(problem.materials.items()):
+        result[f"material {tag}"] = _described(material, material.parameters)
+    for i, interface in enumerate(problem.interfaces):
+        count = int(global_sum(mesh.comm, len(problem.interface_facets(i).facets)))
+        result[f"facets of interface {i}"] = count
+        result |= {f"interface {i}: {name}": v for name, v in _options(interface).items()}
+    return result
+
+
+def _options(interface: Interface) -> dict[str, Any]:
+    names = ("safety", "norm", "frame", "traction_jump", "activate", "activate_at")
+    options = {name: getattr(interface, name) for name in names}
+    options["law"] = _described(interface.law, _parameters(interface.law))
+    options["own stabilization"] = interface.stabilization is not None
+    return options
+
+
+def _parameters(law: Any) -> dict[str, Any]:
+    if is_dataclass(law):
+        return {field.name: getattr(law, field.name) for field in fields(law)}
+    return vars(law)
+
+
+def _described(item: object, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Class and parameters, without those that are no numbers or words."""
+    known = {k: v for k, v in parameters.items() if isinstance(v, (bool, int, float, str))}
+    return {"class": type(item).__name__} | known
+
+
+def differences(stored: Mapping[str, Any], present: Mapping[str, Any]) -> list[str]:
+    """What differs, one line an item: its name, what is stored and what there is."""
+    names = dict.fromkeys([*stored, *present])
+    return [
+        f"{name}: {stored.get(name, 'nothing')} there, {present.get(name, 'nothing')} here"
+        for name in names
+        if not _same(stored.get(name), present.get(name))
+    ]
+
+
+def _same(a: Any, b: Any) -> bool:
+    if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
+        size = max(map(abs, [*a, *b]), default=0.0)
+        return bool(np.allclose(a, b, rtol=0, atol=SAME * size))
+    return a == b

@@ -1,0 +1,1 @@
+"""The bodies: mesh topology, tags, checks of cells, materials on cells, geometry."""

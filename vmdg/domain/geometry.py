@@ -1,0 +1,97 @@
+"""The geometry of a problem from the user's words, and the axis of a body of revolution."""
+
+from __future__ import annotations
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import Mesh
+from numpy.typing import NDArray
+
+from ..base.parallel import global_max
+from ..forms.dilatation import MeanAxisymmetric, MeanCartesian
+from ..forms.geometry import Axisymmetric, Cartesian, Geometry
+
+SYMMETRIES = (None, "axisymmetric")
+VOLUMETRIC = ("pointwise", "mean")
+
+# Nodes within this share of the largest radius lie on the axis: the rounding of a mesher.
+_ON_AXIS = 1e-10
+
+
+def make_geometry(
+    mesh: Mesh,
+    symmetry: str | None,
+    thickness: float,
+    volumetric: str = "pointwise",
+    degree: int = 1,
+) -> Geometry:
+    """The geometry that the forms work with; collective.
+
+    Args:
+        mesh: The mesh.
+        symmetry: None or "axisymmetric".
+        thickness: Of a plane body [mm].
+        volumetric: "pointwise" or "mean".
+        degree: Of the displacement.
+
+    Raises:
+        ValueError: unknown word, a mesh that is no half section, a thickness that has no meaning,
+            or cells for which mean dilatation is no remedy.
+    """
+    if volumetric not in VOLUMETRIC:
+        raise ValueError(f"Problem: volumetric = {volumetric!r} must be one of {VOLUMETRIC}")
+    if volumetric == "mean":
+        return _with_mean_dilatation(mesh, make_geometry(mesh, symmetry, thickness), degree)
+    if symmetry not in SYMMETRIES:
+        raise ValueError(f"Problem: symmetry = {symmetry!r} must be one of {SYMMETRIES}")
+    d = mesh.geometry.dim
+    if symmetry is None:
+        if not thickness > 0 or (d == 3 and thickness != 1):
+            raise ValueError(f"Problem: thickness = {thickness} must be positive, and 1 in 3D")
+        return Cartesian(fem.Constant(mesh, float(thickness)) if thickness != 1 else 1)
+    if d != 2:
+        raise ValueError(
+            f"Problem: symmetry='axisymmetric' needs a 2D mesh, x = r and y = z; this one is {d}D"
+        )
+    if thickness != 1:
+        raise ValueError(
+            f"Problem: thickness = {thickness} has no meaning with symmetry='axisymmetric', where "
+            "every integral is that of the whole body of revolution"
+        )
+    r = mesh.geometry.x[:, 0]
+    largest = global_max(mesh.comm, float(np.abs(r).max(initial=0.0)))
+    least = -global_max(mesh.comm, float(-r.min(initial=np.inf)))
+    if least < -_ON_AXIS * largest:
+        raise ValueError(
+            f"Problem: the mesh has nodes at x = r = {least:.6g} < 0; with "
+            "symmetry='axisymmetric' it must be a half section, r >= 0"
+        )
+    return Axisymmetric(ufl.SpatialCoordinate(mesh), _ON_AXIS * largest)
+
+
+def _with_mean_dilatation(mesh: Mesh, geometry: Geometry, degree: int) -> Geometry:
+    """The same geometry with the fields of mean dilatation, undeformed and without pressure."""
+    cell = mesh.topology.cell_name()
+    if cell not in ("quadrilateral", "hexahedron") or degree != 1:
+        raise ValueError(
+            f"Problem: volumetric='mean' is made for quadrilaterals and hexahedra of degree 1, not "
+            f"for a {cell} of degree {degree}: a linear simplex has one J anyway and locks all the "
+            "same, degree 2 does not lock; use quadrilaterals or hexahedra, or degree=2 with "
+            "volumetric='pointwise'"
+        )
+    space = fem.functionspace(mesh, ("DG", 0))
+    theta = fem.Function(space, name="dilatation")
+    theta.x.array[:] = 1.0
+    fields = {"theta": theta, "pressure": fem.Function(space, name="pressure")}
+    if isinstance(geometry, Axisymmetric):
+        return MeanAxisymmetric(geometry.x, geometry.axis, **fields)
+    return MeanCartesian(geometry.thickness, **fields)
+
+
+def axis_dofs(space: fem.FunctionSpace, geometry: Geometry) -> NDArray[np.int32]:
+    """Local dofs (component-wise numbers) of the radial displacement on the axis."""
+    if not isinstance(geometry, Axisymmetric):
+        return np.zeros(0, dtype=np.int32)
+    nodes = fem.locate_dofs_geometrical(space, lambda x: x[0] <= geometry.axis)
+    return (nodes * space.dofmap.index_map_bs).astype(np.int32)

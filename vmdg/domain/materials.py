@@ -1,0 +1,127 @@
+"""Materials on the mesh: cell-wise constant parameters, grouped by families that share a kernel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from dolfinx import fem
+from dolfinx.mesh import Mesh
+from numpy.typing import NDArray
+
+from ..base.parallel import raise_together
+from ..forms.kinematics import Body
+from ..forms.materials import Material
+from .topology import UNTAGGED
+
+LoadFactor = float | Callable[[float], float]
+
+
+@dataclass(frozen=True)
+class Family:
+    """Materials that differ in the values of their parameters only.
+
+    Attributes:
+        body: What the forms ask of it.
+        cells: Local cells of the family, owned ones, (n,).
+    """
+
+    body: Body
+    cells: NDArray[np.int32]
+
+
+class Bodies:
+    """The families of a mesh.
+
+    Args:
+        mesh: The mesh.
+        tags: Tag of every local cell, ghosts included.
+        materials: Material of every tag.
+        small: Small-strain kinematics.
+        eigenstrain: Isotropic stress-free strain theta by tag, a number or a function of the load
+            factor; None where no body swells.
+        mean_dilatation: J of a cell is one number.
+
+    Attributes:
+        families: All families.
+        family: Family of every local cell.
+
+    Raises:
+        ValueError: a cell has no tag, a tag no material, or a material no cell.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        tags: NDArray[np.int32],
+        materials: Mapping[int, Material],
+        small: bool,
+        eigenstrain: Mapping[int, LoadFactor] | None,
+        mean_dilatation: bool = False,
+    ):
+        _check_tags(mesh, tags, materials, eigenstrain)
+        space = fem.functionspace(mesh, ("DG", 0))
+        self._cells_of = {tag: np.flatnonzero(tags == tag) for tag in materials}
+        self._eigenstrain = dict(eigenstrain or {})
+        self._swelling = fem.Function(space) if self._eigenstrain else None
+        self.families: list[Family] = []
+        self.family = np.full(len(tags), -1, dtype=np.int32)
+        owned = mesh.topology.index_map(mesh.topology.dim).size_local
+        for key in dict.fromkeys(material.family for material in materials.values()):
+            members = {tag: m for tag, m in materials.items() if m.family == key}
+            representative = next(iter(members.values()))
+            parameters = {name: fem.Function(space) for name in representative.parameters}
+            for tag, material in members.items():
+                for name, value in material.parameters.items():
+                    parameters[name].x.array[self._cells_of[tag]] = value
+                self.family[self._cells_of[tag]] = len(self.families)
+            cells = np.flatnonzero(self.family[:owned] == len(self.families))
+            body = Body(representative, parameters, small, self._swelling, mean_dilatation)
+            self.families.append(Family(body, cells.astype(np.int32)))
+
+    def apply_eigenstrain(self, t: float) -> None:
+        """Set theta to its value at load factor ``t``."""
+        for tag, theta in self._eigenstrain_at(t).items():
+            self._swelling.x.array[self._cells_of[tag]] = theta
+
+    @property
+    def swelling(self) -> NDArray[np.float64]:
+        """theta of every local cell now; empty where no body swells."""
+        return np.zeros(0) if self._swelling is None else self._swelling.x.array
+
+    def _eigenstrain_at(self, t: float) -> dict[int, float]:
+        return {
+            tag: value(t) if callable(value) else value for tag, value in self._eigenstrain.items()
+        }
+
+    def swell_between(self, before: float, after: float) -> bool:
+        """Whether an eigenstrain differs between two load factors."""
+        return self._eigenstrain_at(before) != self._eigenstrain_at(after)
+
+
+def _check_tags(
+    mesh: Mesh,
+    tags: NDArray[np.int32],
+    materials: Mapping[int, Material],
+    eigenstrain: Mapping[int, LoadFactor] | None,
+) -> None:
+    present = set(np.unique(np.concatenate(mesh.comm.allgather(np.unique(tags)))).tolist())
+    untagged = np.flatnonzero(tags == UNTAGGED)
+    message = None
+    if len(untagged):
+        message = f"cell {untagged[0]} has no tag: cell_tags must cover all cells of the mesh"
+    raise_together(mesh.comm, message)
+    if missing := sorted(present - set(materials)):
+        raise ValueError(
+            f"no material for cell tag {missing[0]}: materials has {sorted(materials)}, the mesh "
+            f"has {sorted(present)}"
+        )
+    if unknown := sorted(set(materials) - present):
+        raise ValueError(
+            f"materials names cell tag {unknown[0]}, but the mesh has only {sorted(present)}"
+        )
+    if unknown := sorted(set(eigenstrain or {}) - present):
+        raise ValueError(
+            f"eigenstrain names cell tag {unknown[0]}, but the mesh has only {sorted(present)}"
+        )

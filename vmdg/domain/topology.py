@@ -1,0 +1,90 @@
+"""Vectorised questions to a mesh: cells of facets, local facet numbers, tags of cells."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from dolfinx import la
+from dolfinx.mesh import Mesh, MeshTags, compute_midpoints
+from numpy.typing import NDArray
+
+from ..base.parallel import raise_together
+
+#: Whether points x (3, n) are meant, n values.
+Locator = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+
+#: phi(x) at points x (3, n), n values.
+LevelSet = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+UNTAGGED = np.iinfo(np.int32).min
+
+
+def facet_cells(mesh: Mesh) -> NDArray[np.int32]:
+    """The two local cells of every local facet, -1 where there is no second one; (nf, 2)."""
+    tdim = mesh.topology.dim
+    mesh.topology.create_connectivity(tdim - 1, tdim)
+    connectivity = mesh.topology.connectivity(tdim - 1, tdim)
+    offsets, cells = connectivity.offsets, connectivity.array
+    count = np.diff(offsets)
+    pairs = np.full((len(count), 2), -1, dtype=np.int32)
+    for column in range(2):
+        has = count > column
+        pairs[has, column] = cells[offsets[:-1][has] + column]
+    return pairs
+
+
+def local_facets(
+    mesh: Mesh, cells: NDArray[np.int32], facets: NDArray[np.int32]
+) -> NDArray[np.int32]:
+    """Number of each of ``facets`` within the cell of the same position."""
+    tdim = mesh.topology.dim
+    mesh.topology.create_connectivity(tdim, tdim - 1)
+    connectivity = mesh.topology.connectivity(tdim, tdim - 1)
+    count = connectivity.offsets[1] if len(connectivity.offsets) > 1 else 1
+    of_cell = connectivity.array.reshape(-1, count)[cells]
+    return np.argmax(of_cell == facets[:, None], axis=1).astype(np.int32)
+
+
+def tags_of_cells(mesh: Mesh, cell_tags: MeshTags) -> NDArray[np.int32]:
+    """Tag of every local cell, ghosts included; UNTAGGED where there is none."""
+    cells = mesh.topology.index_map(mesh.topology.dim)
+    tags = la.vector(cells, dtype=np.int32)
+    tags.array[:] = UNTAGGED
+    tags.array[cell_tags.indices] = cell_tags.values
+    tags.scatter_forward()
+    return tags.array.copy()
+
+
+def mark_everywhere(mesh: Mesh, dim: int, entities: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Mark entities on every rank that holds them, given on any of these ranks."""
+    marks = la.vector(mesh.topology.index_map(dim), dtype=np.int32)
+    marks.array[:] = 0
+    marks.array[entities] = 1
+    marks.scatter_reverse(la.InsertMode.add)
+    marks.scatter_forward()
+    return marks.array > 0
+
+
+def cells_inside(mesh: Mesh, level_set: LevelSet) -> NDArray[np.bool_]:
+    """Local cells, ghosts included, at whose midpoint a level set is negative; collective.
+
+    Raises:
+        ValueError: the level set does not give one finite number a point.
+    """
+    cells = mesh.topology.index_map(mesh.topology.dim)
+    owned = np.arange(cells.size_local, dtype=np.int32)
+    midpoints = compute_midpoints(mesh, mesh.topology.dim, owned).T
+    values = np.asarray(level_set(midpoints), dtype=float)
+    message = None
+    if values.shape != owned.shape or not np.isfinite(values).all():
+        message = (
+            f"the level set gives values of shape {values.shape} at points (3, {len(owned)}); it "
+            "must give one finite number a point, for example lambda x: np.hypot(x[0], x[1]) - R"
+        )
+    raise_together(mesh.comm, message)
+    # Owners decide: a rounded midpoint on the zero contour must not differ between ranks.
+    inside = la.vector(cells, dtype=np.int32)
+    inside.array[: cells.size_local] = values < 0
+    inside.scatter_forward()
+    return inside.array > 0

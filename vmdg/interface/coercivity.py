@@ -1,0 +1,472 @@
+"""How far tau_s must be raised, facet by facet, for the bonded form to stay coercive.
+
+With opening g, flux h_a = (A : GRAD u_a).N and bulk energy E_K = int_K GRAD u : A : GRAD u, the
+bonded form is the sum over the cells of E_K and over the interface facets of
+
+    int 2 g.(delta_1.h_1 + delta_2.h_2) + g.tau.g.
+
+Split tau on every facet as w_1 tau + w_2 tau with w_a = tr(delta_a) / d, so w_1 + w_2 = 1. For any
+lambda_a > 0, 2 x.y >= -x.Q.x - y.Q^-1.y with Q = lambda_a w_a tau gives
+
+    int 2 g.delta_a.h_a + lambda_a w_a g.tau.g >= -1/lambda_a int h_a.T_a.h_a,
+    T_a = delta_a^T.tau^-1.delta_a / w_a.
+
+So if on every cell the lambda of its interface facets fulfil
+
+    sum_f 1/lambda_f int_f h.T_f.h <= E_K(u) for all u,                                       (*)
+
+then tau raised by s = (w_1 lambda_1 + w_2 lambda_2) / (1 - theta) leaves a form not less than
+theta sum_K E_K: rigid motions apart, the form is coercive and keeps the share theta of the bulk
+energy, for any degree, shape and contrast. (*) is a generalised eigenvalue problem of one cell, in
+the basis and at the points that the forms use, so under-integration is no way round it. A cell
+shares its energy among its facets in proportion to what each would take alone: with lambda_f the
+largest eigenvalue of facet f alone and m that of sum_f 1/lambda_f int_f h.T_f.h, (*) holds for
+m lambda_f.
+
+E_K cannot bound anything where A is not positive, as in compression, which lets cells rotate to
+lower energies. There GRAD u : A : GRAD u + c |GRAD u|^2 takes its place, c twice the most negative
+eigenvalue of A in the cell, and the interface takes no more than (1 - theta) c |GRAD u|^2 besides:
+a share of what the bulk itself lacks.
+
+With mean dilatation the forms are those of :mod:`forms.dilatation`: GRAD u has the mean dilatation
+of the cell as one more entry, A and the fluxes have the derivatives by theta, and A that of p J.
+
+The form is (27) while everything is bonded, at a state without slip. The further term of (26)
+takes energy of the cells that no tau gives back. A facet whose safety is a number takes its share
+of a cell's energy like any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import basix
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import fem, la
+from dolfinx.mesh import Mesh
+from numpy.typing import NDArray
+from ufl.core.expr import Expr
+
+from .. import compat
+from ..base.kernels import compile_expression
+from ..base.quadrature import bulk_degree, facet_degree
+from ..domain.materials import Bodies
+from ..forms import kinematics
+from ..forms.dilatation import MeanDilatation
+from ..forms.geometry import Axisymmetric, Geometry
+from ..forms.kinematics import Body
+from .interface import InterfaceFacets
+
+#: theta: share of the bulk energy that the bonded form keeps at least.
+MARGIN = 0.25
+
+# Relative sizes of what makes factors of semidefinite matrices exist: of A, whose rotations have
+# no energy, and of the square root of the cell's energy, where rigid motions have none. Both are
+# far above rounding and far below the softest deformation, bending of a cell 1000 times as long as
+# thick and nearly incompressible.
+_REGULAR_MODULI, _REGULAR_CELL = 1e-13, 1e-11
+
+# Entries of the largest array of a batch of cells.
+_BATCH = 2**22
+
+
+class CellGeometry:
+    """Gradients of the shape functions where the forms integrate over cells and their facets.
+
+    In axisymmetry a column N_a / r follows the derivatives of a shape function N_a, for the hoop
+    entry of GRAD, and the weights count the circumference. With mean dilatation GRAD has the entry
+    of theta besides, whose change :meth:`dilatations` gives.
+
+    Args:
+        mesh: The mesh.
+        geometry: Gradient and measure.
+        degree: Degree of the displacement.
+
+    Attributes:
+        bulk_points: Reference points in a cell.
+        facet_points: Reference points in a facet.
+    """
+
+    def __init__(self, mesh: Mesh, geometry: Geometry, degree: int):
+        self._mesh = mesh
+        self._geometry = geometry
+        name = mesh.topology.cell_name()
+        self._cell = basix.CellType[name]
+        self._d = mesh.geometry.dim
+        self.bulk_points, self._bulk_weights = basix.make_quadrature(
+            self._cell, bulk_degree(name, degree, geometry)
+        )
+        facet = basix.cell.subentity_types(self._cell)[self._d - 1][0]
+        self.facet_points, self._facet_weights = basix.make_quadrature(facet, facet_degree(degree))
+        self._shape = basix.ufl.element("Lagrange", self._cell, degree)
+        coordinates = compat.coordinate_element(mesh)
+        self._map = basix.ufl.element(
+            "Lagrange",
+            self._cell,
+            coordinates.degree,
+            lagrange_variant=basix.LagrangeVariant(coordinates.variant),
+        )
+        self._hoop = isinstance(geometry, Axisymmetric)
+        corners = basix.geometry(self._cell)
+        facets = basix.topology(self._cell)[self._d - 1]
+        #: Edges that span every reference facet (local facets, d - 1, d).
+        self._edges = np.array(
+            [corners[nodes[1 : self._d]] - corners[nodes[0]] for nodes in facets]
+        )
+        self._origins = np.array([corners[nodes[0]] for nodes in facets])
+
+    @property
+    def facets_of_cell(self) -> int:
+        """Number of facets of a cell."""
+        return len(self._origins)
+
+    @property
+    def nodes_of_cell(self) -> int:
+        """Number of shape functions of a cell."""
+        return self._shape.dim
+
+    def _at(
+        self, cells: NDArray[np.int32], points: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """GRAD of the shape functions (cells, points, nodes, d or d + 1), dX/dxi and 2 pi r."""
+        x = self._mesh.geometry.x[compat.geometry_dofmap(self._mesh)[cells]][:, :, : self._d]
+        values, *slopes = self._map.tabulate(1, points)
+        J = np.einsum("tqn,cni->cqit", np.array(slopes), x, optimize=True)
+        around = self._geometry.circumference(np.einsum("qn,cni->icq", values, x))
+        shape, *slopes = self._shape.tabulate(1, points)
+        gradients = np.einsum("tqn,cqti->cqni", np.array(slopes), np.linalg.inv(J), optimize=True)
+        if self._hoop:
+            radius = np.einsum("qn,cn->cq", values, x[..., 0])
+            gradients = np.concatenate([gradients, (shape / radius[..., None])[..., None]], axis=3)
+        return gradients, J, around
+
+    def in_cells(self, cells: NDArray[np.int32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """GRAD of the shape functions and weights (cells, points) in cells."""
+        gradients, J, around = self._at(cells, self.bulk_points)
+        return gradients, np.abs(np.linalg.det(J)) * around * self._bulk_weights
+
+    def dilatations(
+        self, volume_gradient: NDArray[np.float64], cells: tuple[NDArray, NDArray]
+    ) -> NDArray[np.float64]:
+        """Change of theta with every shape function in every direction (cells, nodes, d).
+
+        Args:
+            volume_gradient: dJ/dF at the points (cells, points, entries of GRAD).
+            cells: What :meth:`in_cells` returns.
+        """
+        gradients, weights = cells
+        shares = weights / weights.sum(axis=1, keepdims=True)
+        changes = contract(volume_gradient[..., None], gradients)[:, :, 0]
+        return np.einsum("cq,cqai->cai", shares, changes)
+
+    def on_facets(
+        self, cells: NDArray[np.int32], local: NDArray[np.int32]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The same on facet ``local`` of every cell."""
+        count = len(self.facet_points)
+        columns = self._d + int(self._hoop)
+        gradients = np.empty((len(cells), count, self.nodes_of_cell, columns))
+        weights = np.empty((len(cells), count))
+        for number in range(self.facets_of_cell):
+            chosen = np.flatnonzero(local == number)
+            edges = self._edges[number]
+            points = self._origins[number] + self.facet_points @ edges
+            gradients[chosen], J, around = self._at(cells[chosen], points)
+            tangents = J @ edges.T
+            metric = tangents.transpose(0, 1, 3, 2) @ tangents
+            weights[chosen] = np.sqrt(np.linalg.det(metric)) * around * self._facet_weights
+        return gradients, weights
+
+
+def contract(
+    tensor: NDArray[np.float64],
+    gradients: NDArray[np.float64],
+    dilatations: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
+    """tensor : GRAD of every shape function in every direction.
+
+    Args:
+        tensor: (cells, points, entries of GRAD, m).
+        gradients: (cells, points, nodes, d), with the hoop column in axisymmetry.
+        dilatations: Change of theta (cells, nodes, d), where GRAD has that entry, the last one.
+
+    Returns:
+        (cells, points, m, nodes, d).
+    """
+    theta = None
+    if dilatations is not None:
+        tensor, theta = tensor[:, :, :-1], tensor[:, :, -1]
+    hoop = tensor.shape[2] != gradients.shape[3] ** 2
+    d = gradients.shape[3] - hoop
+    section = tensor[:, :, : d * d].reshape(*tensor.shape[:2], d, d, -1)
+    result = np.einsum("cqijm,cqaj->cqmai", section, gradients[..., :d], optimize=True)
+    if hoop:
+        result[..., 0] += np.einsum("cqm,cqa->cqma", tensor[:, :, -1], gradients[..., -1])
+    if theta is not None:
+        result += np.einsum("cqm,cai->cqmai", theta, dilatations)
+    return result
+
+
+class CellProblems:
+    """The eigenvalue problems (*) of cells that have interface facets.
+
+    Args:
+        u: Displacement at which A is taken.
+        bodies: Materials.
+        geometry: Gradient and measure.
+        degree: Degree of the displacement.
+        cells: Local cells, ascending; one that has several interface facets occurs several times.
+        local: Number of the interface facet within its cell.
+    """
+
+    def __init__(
+        self,
+        u: fem.Function,
+        bodies: Bodies,
+        geometry: Geometry,
+        degree: int,
+        cells: NDArray[np.int32],
+        local: NDArray[np.int32],
+    ):
+        self._mesh = mesh = u.function_space.mesh
+        self._d = d = mesh.geometry.dim
+        self._entries = entries = geometry.entries(d)
+        self._shapes = shapes = CellGeometry(mesh, geometry, degree)
+        self._cells, self._first, self._cell_of_pair = np.unique(
+            cells, return_index=True, return_inverse=True
+        )
+        self._bulk = shapes.in_cells(self._cells)
+        self._facets = shapes.on_facets(cells, local)
+        self._pairs = np.column_stack([cells, local]).astype(np.int32)
+        self._family = bodies.family[self._cells]
+        here = np.unique(self._family)
+        # Compiling is collective.
+        families = np.unique(np.concatenate(mesh.comm.allgather(here)))
+
+        def compiled(
+            expression: Callable[[Body, Expr], Expr], points: NDArray[np.float64]
+        ) -> dict[int, fem.Expression]:
+            F = ufl.variable(geometry.deformation(u))
+            return {
+                number: compile_expression(
+                    expression(bodies.families[number].body, F),
+                    points,
+                    mesh.comm,
+                    name="coercivity",
+                )
+                for number in families
+            }
+
+        N = ufl.FacetNormal(mesh)
+        self._moduli = compiled(
+            lambda body, F: kinematics.major_components(
+                kinematics.bulk_moduli(body, geometry, F), entries
+            ),
+            shapes.bulk_points,
+        )
+        self._mean_dilatation = isinstance(geometry, MeanDilatation)
+        self._volume_gradient: dict[int, fem.Expression] = {}
+        # At small strain dJ/dF is the identity, which is no expression on a mesh.
+        if self._mean_dilatation and not bodies.families[0].body.small:
+            self._volume_gradient = compiled(
+                lambda body, F: kinematics.volume_gradient(body, F, entries), shapes.bulk_points
+            )
+
+        def moduli(body: Body, F: Expr) -> Expr:
+            H = kinematics.traction_moduli(body, F, N)
+            return ufl.as_vector([H[k, i, j] for k in range(d) for i, j in entries])
+
+        self._traction_moduli = compiled(moduli, shapes.facet_points)
+        rows = len(shapes.bulk_points) * len(entries) + shapes.nodes_of_cell * d
+        self._batch = max(_BATCH // (rows * shapes.nodes_of_cell * d), 1)
+
+    def __call__(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        """m lambda_f of every pair of cell and facet at the current displacement (n,).
+
+        Args:
+            weights: T of every pair (n, d, d) [mm3/N].
+        """
+        result = np.empty(len(self._pairs))
+        for start in range(0, len(self._cells), self._batch):
+            cells = slice(start, min(start + self._batch, len(self._cells)))
+            bounds = np.append(self._first, len(self._pairs))
+            pairs = slice(bounds[cells.start], bounds[cells.stop])
+            result[pairs] = self._solve(cells, pairs, weights[pairs])
+        return result
+
+    def _solve(
+        self, cells: slice, pairs: slice, weights: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """:meth:`__call__` for a range of cells and of the pairs that belong to them."""
+        dilatations = self._dilatations(cells)
+        factor = self._energy_factor(cells, dilatations)
+        of_cell = self._cell_of_pair[pairs] - cells.start
+        # int_f h.T.h = |Z u|^2 and E = |R u|^2: with S = Z.R^-1 the eigenvalues are those of S.S^T.
+        Z = self._flux_factor(pairs, weights, None if dilatations is None else dilatations[of_cell])
+        S = np.linalg.solve(factor.transpose(0, 2, 1)[of_cell], Z.transpose(0, 2, 1))
+        alone = np.linalg.eigvalsh(S.transpose(0, 2, 1) @ S)[:, -1]
+        alone = np.maximum(alone, np.finfo(float).tiny)
+        count = np.bincount(of_cell, minlength=len(factor))
+        several = np.flatnonzero(count > 1)
+        if not len(several):
+            return alone
+        chosen = np.flatnonzero(count[of_cell] > 1)
+        each = S[chosen] @ S[chosen].transpose(0, 2, 1) / alone[chosen, None, None]
+        starts = np.flatnonzero(np.diff(of_cell[chosen], prepend=-1))
+        together = np.add.reduceat(each, starts, axis=0)
+        more = np.ones(len(factor))
+        more[several] = np.linalg.eigvalsh(together)[:, -1]
+        return more[of_cell] * alone
+
+    def _dilatations(self, cells: slice) -> NDArray[np.float64] | None:
+        """Change of theta with the shape functions, where GRAD has an entry of theta."""
+        if not self._mean_dilatation:
+            return None
+        gradients, volumes = (values[cells] for values in self._bulk)
+        if self._volume_gradient:
+            dJ = self._evaluate(self._volume_gradient, self._family[cells], self._cells[cells])
+        else:
+            identity = [float(i == j) for i, j in self._entries[:-1]]
+            dJ = np.broadcast_to(identity, (*volumes.shape, len(identity)))
+        return self._shapes.dilatations(dJ, (gradients, volumes))
+
+    def _energy_factor(
+        self, cells: slice, dilatations: NDArray[np.float64] | None
+    ) -> NDArray[np.float64]:
+        """R with E_K(u) = |R.u|^2 (cells, n, n), regular."""
+        gradients, volumes = (values[cells] for values in self._bulk)
+        n, size = gradients.shape[2] * self._d, len(self._entries)
+        A = self._evaluate(self._moduli, self._family[cells], self._cells[cells])
+        first, second = np.triu_indices(size)
+        full = np.empty((*A.shape[:2], size, size))
+        full[..., first, second] = full[..., second, first] = A
+        L = _square_root(full) * np.sqrt(volumes)[:, :, None, None]
+        Y = contract(L, gradients, dilatations).reshape(len(A), -1, n)
+        scale = _REGULAR_CELL * np.abs(Y).max(axis=(1, 2))
+        Y = np.concatenate([Y, scale[:, None, None] * np.eye(n)], axis=1)
+        return np.linalg.qr(Y, mode="r")
+
+    def _flux_factor(
+        self,
+        pairs: slice,
+        weights: NDArray[np.float64],
+        dilatations: NDArray[np.float64] | None,
+    ) -> NDArray[np.float64]:
+        """Z with int_f h.T.h = |Z.u|^2 (pairs, rows, n)."""
+        d = self._d
+        gradients, areas = (values[pairs] for values in self._facets)
+        family = self._family[self._cell_of_pair[pairs]]
+        H = self._evaluate(self._traction_moduli, family, self._pairs[pairs])
+        H = H.reshape(*H.shape[:2], d, -1)
+        # A tau from indefinite A may itself be: only its positive part can be matched.
+        values, vectors = np.linalg.eigh(weights)
+        root = vectors * np.sqrt(np.maximum(values, 0))[:, None]
+        H = np.einsum("pkm,pqke->pqem", root, H, optimize=True)
+        H *= np.sqrt(areas)[:, :, None, None]
+        return contract(H, gradients, dilatations).reshape(len(H), -1, gradients.shape[2] * d)
+
+    def _evaluate(
+        self,
+        expressions: dict[int, fem.Expression],
+        family: NDArray[np.int32],
+        entities: NDArray[np.int32],
+    ) -> NDArray[np.float64]:
+        """Values (entities, points, components), every entity by the kernel of its family."""
+        first = next(iter(expressions.values()))
+        size = int(np.prod(first.ufl_expression.ufl_shape))
+        result = np.empty((len(entities), len(first.X()), size))
+        for number, expression in expressions.items():
+            chosen = np.flatnonzero(family == number)
+            if not len(chosen):
+                continue
+            values = compat.evaluate(expression, self._mesh, entities[chosen])
+            result[chosen] = values.reshape(len(chosen), -1, size)
+        return result
+
+
+def _square_root(A: NDArray[np.float64]) -> NDArray[np.float64]:
+    """L with L.L^T = A (cells, points, n, n), A made positive as the module's docstring says."""
+    one = np.eye(A.shape[-1])
+    size = np.trace(A, axis1=2, axis2=3).max(axis=1)
+    regular = A + (_REGULAR_MODULI * size)[:, None, None, None] * one
+    try:
+        return np.linalg.cholesky(regular)
+    except np.linalg.LinAlgError:
+        lowest = np.linalg.eigvalsh(A)[:, :, 0].min(axis=1)
+        shift = 2 * np.maximum(-lowest, 0)
+        return np.linalg.cholesky(regular + shift[:, None, None, None] * one)
+
+
+class Coercivity:
+    """Factors on the penalties of all interfaces of a problem that keep the bonded form coercive.
+
+    Cells know the facets of all interfaces, wherever these are owned: the rank of a cell solves
+    its problem, the rank of a facet raises the penalty. Collective.
+
+    Args:
+        u: Displacement.
+        bodies: Materials.
+        geometry: Gradient and measure.
+        degree: Degree of the displacement.
+        interfaces: Open facets of every interface on this rank.
+    """
+
+    def __init__(
+        self,
+        u: fem.Function,
+        bodies: Bodies,
+        geometry: Geometry,
+        degree: int,
+        interfaces: Sequence[InterfaceFacets],
+    ):
+        mesh = u.function_space.mesh
+        self._d = mesh.geometry.dim
+        self._cell_map = mesh.topology.index_map(mesh.topology.dim)
+        cell = basix.CellType[mesh.topology.cell_name()]
+        self._facets_of_cell = len(basix.topology(cell)[self._d - 1])
+        self._slots = [f.cells * self._facets_of_cell + f.local for f in interfaces]
+        marks = self._to_owners([np.ones((*slots.shape, 1)) for slots in self._slots])
+        self._solved = np.flatnonzero(marks[: self._cell_map.size_local * self._facets_of_cell, 0])
+        cells, local = np.divmod(self._solved, self._facets_of_cell)
+        self._problems = CellProblems(
+            u, bodies, geometry, degree, cells.astype(np.int32), local.astype(np.int32)
+        )
+
+    def _to_owners(self, values: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Values (nf, 2, n) of the sides of facets, by cell and facet in it (slots, n)."""
+        size = values[0].shape[2]
+        vector = la.vector(self._cell_map, self._facets_of_cell * size)
+        vector.array[:] = 0
+        by_slot = vector.array.reshape(-1, size)
+        for slots, value in zip(self._slots, values, strict=True):
+            by_slot[slots] = value
+        vector.scatter_reverse(la.InsertMode.add)
+        return by_slot
+
+    def __call__(
+        self, penalties: Sequence[NDArray[np.float64]], deltas: Sequence[NDArray[np.float64]]
+    ) -> list[NDArray[np.float64]]:
+        """The smallest factors on the penalties that (*) asks for, per facet of every interface.
+
+        Args:
+            penalties: tau (nf, d, d) of every interface [MPa/mm].
+            deltas: Flux weights delta_1, delta_2 (nf, 2, d, d).
+        """
+        d = self._d
+        shares = [np.trace(delta, axis1=2, axis2=3) / d for delta in deltas]
+        weights = [
+            np.einsum("faki,fakj->faij", delta, np.linalg.solve(tau[:, None], delta))
+            / share[:, :, None, None]
+            for tau, delta, share in zip(penalties, deltas, shares, strict=True)
+        ]
+        T = self._to_owners([value.reshape(-1, 2, d * d) for value in weights])
+        T = T[self._solved].reshape(-1, d, d)
+        vector = la.vector(self._cell_map, self._facets_of_cell)
+        vector.array[self._solved] = self._problems(T)
+        vector.scatter_forward()
+        return [
+            (share * vector.array[slots]).sum(axis=1) / (1 - MARGIN)
+            for slots, share in zip(self._slots, shares, strict=True)
+        ]

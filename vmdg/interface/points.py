@@ -1,0 +1,110 @@
+"""Values at the facet points of one interface: what users read, and what a step works with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..laws import Update
+
+
+@dataclass(frozen=True)
+class InterfaceState:
+    """Converged values at the facet points this rank owns, side 1 first.
+
+    Attributes:
+        points: Reference positions (nq, 3) [mm].
+        weights: Reference area of the points (nq,) [mm2; mm in plane strain], that of the
+            whole circle in axisymmetry.
+        normal: Reference normal N outward from side 1 (nq, d).
+        opening: g = phi_2 - phi_1 (nq, d) [mm].
+        gap: Inelastic gap zeta (nq, d) [mm].
+        softening: Q (nq,) [MPa].
+        traction: T = {P.N} + tau_s.(g - zeta) (nq, d) [MPa].
+        mode: Active branch of the return map, :class:`vmdg.Mode` (nq,).
+        rotation: R of the frame that turns with the interface (nq, d, d), R.N the current normal;
+            R^T.gap and R^T.traction are the components the law sees. The identity where the frame
+            does not turn.
+    """
+
+    points: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    opening: NDArray[np.float64]
+    gap: NDArray[np.float64]
+    softening: NDArray[np.float64]
+    traction: NDArray[np.float64]
+    mode: NDArray[np.int8]
+    rotation: NDArray[np.float64]
+
+    @classmethod
+    def empty(cls, d: int) -> InterfaceState:
+        """Of an interface with no open facet."""
+        vectors, scalars = np.zeros((0, d)), np.zeros(0)
+        return cls(
+            points=np.zeros((0, 3)),
+            weights=scalars,
+            normal=vectors,
+            opening=vectors,
+            gap=vectors,
+            softening=scalars,
+            traction=vectors,
+            mode=np.zeros(0, dtype=np.int8),
+            rotation=np.zeros((0, d, d)),
+        )
+
+
+@dataclass(frozen=True)
+class PointValues:
+    """Values at the points of the last evaluation, in the current configuration.
+
+    Attributes:
+        opening: g (nq, d).
+        jump: [[P.N]] (nq, d).
+        gap: zeta (nq, d); None for a tie.
+        traction: T (nq, d).
+        compliance: C~ = d zeta~/dT~ of the last return map, in the frame of the law (nq, d, d);
+            None for a tie.
+        rotation: R of the frame (nq, d, d); None where the frame does not turn.
+        moment: M of the frame's couple (nq, d, d); None where the frame does not turn.
+        frame_gradient: Mean deformation gradient of the last return map (nq, d, d); with the next
+            two all that the tangent of the turning frame needs; None where it does not turn.
+        frame_total: R^T.({P.N} + r g) of it (nq, d).
+        frame_gap: zeta~ of it (nq, d).
+        frame_traction: T~ of it (nq, d).
+        update: Result of the return map; None where zeta was held or there is none.
+    """
+
+    opening: NDArray[np.float64]
+    jump: NDArray[np.float64]
+    gap: NDArray[np.float64] | None
+    traction: NDArray[np.float64]
+    compliance: NDArray[np.float64] | None = None
+    rotation: NDArray[np.float64] | None = None
+    moment: NDArray[np.float64] | None = None
+    frame_gradient: NDArray[np.float64] | None = None
+    frame_total: NDArray[np.float64] | None = None
+    frame_gap: NDArray[np.float64] | None = None
+    frame_traction: NDArray[np.float64] | None = None
+    update: Update | None = None
+
+
+@dataclass(frozen=True)
+class PointHistory:
+    """Converged history of an interface on this rank, zeta and Q of (37).
+
+    zeta and T are in the frame of the law.
+    """
+
+    gap: NDArray[np.float64]
+    softening: NDArray[np.float64]
+    mode: NDArray[np.int8]
+    traction: NDArray[np.float64]
+    values: PointValues
+
+
+#: Names of the arrays of both: what a change of the mesh of points or a checkpoint carries over.
+VALUE_ARRAYS = tuple(field.name for field in fields(PointValues) if field.name != "update")
+HISTORY_ARRAYS = tuple(field.name for field in fields(PointHistory) if field.name != "values")

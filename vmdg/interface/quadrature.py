@@ -1,0 +1,208 @@
+"""Values at the quadrature points of interface facets, as numpy arrays and as Functions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from mpi4py import MPI
+
+import basix
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import Mesh
+from numpy.typing import NDArray
+from ufl.core.expr import Expr
+
+from .. import compat
+from ..base.kernels import compile_form
+from ..domain.materials import Bodies
+from ..forms.geometry import CARTESIAN, Geometry
+from ..forms.kinematics import Body
+from .interface import InterfaceFacets
+
+
+class Evaluator:
+    """Evaluates UFL expressions at the facet points of one side of an interface.
+
+    The one-sided expression is tested with every point's own test function and divided by the
+    weight, so any expression that FFCx compiles can be evaluated, by one kernel for both sides.
+    """
+
+    def __init__(self, forms: Sequence[fem.Form], space: fem.FunctionSpace, weights: NDArray):
+        self._forms = forms
+        self._space = space
+        self._weights = weights[:, None]
+
+    def __call__(self) -> NDArray[np.float64]:
+        """Values (number of points, number of components)."""
+        imap, bs = self._space.dofmap.index_map, self._space.dofmap.index_map_bs
+        result = np.zeros((imap.size_local + imap.num_ghosts) * bs)
+        for form in self._forms:
+            fem.assemble_vector(result, form)
+        values = result[: imap.size_local * bs].reshape(-1, bs)
+        values /= self._weights
+        return values
+
+
+class FacetQuadrature:
+    """The facet submesh of an interface and its quadrature points.
+
+    Points are numbered as the dofs of the quadrature space; all arrays have one row a point and
+    cover the facets this rank owns, so history needs no communication.
+
+    Attributes:
+        points: Reference positions (nq, 3) [mm].
+        weights: Reference area of the points (nq,) [mm2; mm in plane strain]; that of the whole
+            circle, 2 pi r ds, in axisymmetry.
+        normal: Reference normal outward from side 1 (nq, d).
+        facet: Position of the point's facet in ``facets.facets`` (nq,).
+        area: Sum of the weights of every facet (nf,).
+        extent: Length of the facets, in 3D the root of their area (nf,) [mm].
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        facets: InterfaceFacets,
+        degree: int,
+        geometry: Geometry = CARTESIAN,
+    ):
+        self.mesh = mesh
+        self.facets = facets
+        self.degree = degree
+        self.geometry = geometry
+        self.submesh = compat.facet_submesh(mesh, facets.facets)
+        sub = self.submesh.mesh
+        self.d = mesh.geometry.dim
+        self._cell = sub.basix_cell()
+        # Facet f of the interface is this cell of the submesh.
+        count = sub.topology.index_map(sub.topology.dim).size_local
+        position = np.searchsorted(facets.facets, self.submesh.facets[:count])
+        self.cell_of_facet = np.argsort(position).astype(np.int32)
+        self._scalar = self.space(())
+        dofs = self._scalar.dofmap.list[:count]
+        self.facet = np.empty(dofs.size, dtype=np.int32)
+        self.facet[dofs] = position[:, None]
+        self.points_of_facet = dofs[self.cell_of_facet]
+
+        N, X = ufl.FacetNormal(mesh), ufl.SpatialCoordinate(mesh)
+        parts = [(0, np.ones(len(facets.facets), dtype=bool), ufl.as_vector([1, *N, *X]))]
+        integrals = self.evaluator((1 + 2 * self.d,), parts, np.ones(dofs.size))()
+        # Weights of the points in the mesh, by which evaluators divide.
+        self._weights = integrals[:, 0].copy()
+        self.normal = integrals[:, 1 : 1 + self.d] / self._weights[:, None]
+        self.normal /= np.linalg.norm(self.normal, axis=1, keepdims=True)
+        self.points = np.zeros((dofs.size, 3))
+        self.points[:, : self.d] = integrals[:, 1 + self.d :] / self._weights[:, None]
+        self.weights = self._weights * geometry.circumference(self.points.T)
+        self.area = np.bincount(self.facet, self.weights, minlength=len(facets.facets))
+        measure = np.bincount(self.facet, self._weights, minlength=len(facets.facets))
+        self.extent = measure ** (1 / (self.d - 1))
+
+    def space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
+        """Values of the given shape at every point, (44)-(45)."""
+        element = basix.ufl.quadrature_element(self._cell, value_shape=shape, degree=self.degree)
+        return fem.functionspace(self.submesh.mesh, element)
+
+    def facet_space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
+        """One constant value of the given shape on every facet."""
+        return fem.functionspace(self.submesh.mesh, ("DG", 0, shape))
+
+    def set_facet_values(self, function: fem.Function, values: NDArray) -> None:
+        """Write one value a facet (nf, ...) into a function of :meth:`facet_space`."""
+        dofmap = function.function_space.dofmap
+        dofs = dofmap.list[self.cell_of_facet, 0]
+        size = dofmap.index_map_bs  # not -1: a rank may hold no facet
+        function.x.array.reshape(-1, size)[dofs] = values.reshape(-1, size)
+
+    def evaluator(
+        self,
+        shape: tuple[int, ...],
+        parts: Sequence[tuple[int, NDArray[np.bool_], Expr]],
+        weights: NDArray[np.float64] | None = None,
+        name: str = "facet points",
+    ) -> Evaluator:
+        """Evaluate one-sided expressions of the given shape.
+
+        Args:
+            shape: Shape of the expressions.
+            parts: (side 0 or 1, facets of the interface, expression on them).
+            weights: What to divide by; the quadrature weights in the mesh.
+            name: What for.
+        """
+        space = self.space(shape)
+        test = ufl.TestFunction(space)
+        forms = []
+        for side, select, expression in parts:
+            rows = [(0, self.facets.side(side, select))]
+            ds = ufl.Measure(
+                "ds",
+                domain=self.mesh,
+                subdomain_data=rows,
+                subdomain_id=0,
+                metadata={"quadrature_degree": self.degree, "quadrature_rule": "default"},
+            )
+            integrand = ufl.inner(test, expression) * ds
+            forms.append(compile_form(integrand, [self.submesh], self.mesh.comm, name=name))
+        return Evaluator(forms, space, self._weights if weights is None else weights)
+
+
+SideEvaluators = tuple[Evaluator, Evaluator]
+
+
+def family_pairs(facets: InterfaceFacets, bodies: Bodies, comm: MPI.Comm) -> NDArray[np.int32]:
+    """Pairs of material families that face each other on any rank, (number of pairs, 2)."""
+    pairs = comm.allgather(np.unique(bodies.family[facets.cells], axis=0))
+    return np.unique(np.concatenate(pairs), axis=0)
+
+
+def side_evaluators(
+    quadrature: FacetQuadrature,
+    u: fem.Function,
+    bodies: Bodies,
+    shape: tuple[int, ...],
+    expression: Callable[[Body, Expr, Expr, int], Expr],
+    name: str,
+) -> SideEvaluators:
+    """Evaluators of ``expression(body, F, N, side)`` on both sides, N outward from each."""
+    mesh, facets = quadrature.mesh, quadrature.facets
+    N = ufl.FacetNormal(mesh)
+    pairs = family_pairs(facets, bodies, mesh.comm)
+
+    def one_side(a: int) -> Evaluator:
+        parts = []
+        for number in np.unique(pairs[:, a]):
+            F = ufl.variable(quadrature.geometry.deformation(u))
+            select = bodies.family[facets.cells[:, a]] == number
+            parts.append((a, select, expression(bodies.families[number].body, F, N, a)))
+        return quadrature.evaluator(shape, parts, name=name)
+
+    return one_side(0), one_side(1)
+
+
+def bubble_integrals(quadrature: FacetQuadrature) -> NDArray[np.float64]:
+    """int_gamma b_s dA of (21) for every facet, (nf,) [mm2; mm in plane strain].
+
+    On the facet itself b_s is 4 x (1 - x) per direction, or 27 l_1 l_2 l_3 on a triangle; the
+    geometry may be curved or warped. In axisymmetry dA = 2 pi r ds.
+    """
+    sub = quadrature.submesh.mesh
+    cell_type = sub.basix_cell()
+    geometry = compat.coordinate_element(sub)
+    order = geometry.degree
+    points, weights = basix.make_quadrature(cell_type, 3 + 2 * order)
+    if cell_type == basix.CellType.triangle:
+        bubble = 27 * points[:, 0] * points[:, 1] * (1 - points.sum(axis=1))
+    else:
+        bubble = np.prod(4 * points * (1 - points), axis=1)
+    variant = basix.LagrangeVariant(geometry.variant)
+    element = basix.ufl.element("Lagrange", cell_type, order, lagrange_variant=variant)
+    tables = element.tabulate(1, points)
+    corners = compat.geometry_dofmap(sub)[quadrature.cell_of_facet]
+    nodes = sub.geometry.x[corners][:, :, : quadrature.d]
+    jacobian = np.einsum("tqn,fnd->fqdt", tables[1:], nodes)
+    metric = np.einsum("fqds,fqdt->fqst", jacobian, jacobian)
+    around = quadrature.geometry.circumference(np.einsum("qn,fnd->dfq", tables[0], nodes))
+    return (np.sqrt(np.linalg.det(metric)) * around) @ (weights * bubble)

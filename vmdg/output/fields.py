@@ -1,0 +1,225 @@
+"""Fields for ParaView, and cell values for plots."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.io import VTXWriter
+from numpy.typing import NDArray
+from ufl.core.expr import Expr
+
+from .. import compat
+from ..base.kernels import compile_expression
+from ..forms import kinematics
+from ..forms.dilatation import without_dilatation
+from ..problem.problem import Problem
+from .corners import corners_of_local, positions_and_displacements
+from .values import VECTORS, facet_means, facet_scalar
+
+#: Fields of the bodies, and of the interfaces.
+DISPLACEMENT, STRESS = "displacement", "stress"
+INTERFACE_FIELDS = (DISPLACEMENT, *VECTORS, "slip", "damage", "mode", "fine_scale")
+FIELDS = tuple(dict.fromkeys((DISPLACEMENT, STRESS, *INTERFACE_FIELDS)))
+
+
+class CauchyStress:
+    """Cauchy stress sigma = P.F^T / J of the bodies, (3, 3) [MPa], discontinuous of degree k.
+
+    In axisymmetry the order is r, z, theta; in plane strain sigma_zz = (dW/dF_33) / J stands at the
+    end.
+
+    Attributes:
+        function: The stress, as of the last :meth:`update`.
+    """
+
+    def __init__(self, problem: Problem):
+        degree = problem.space.ufl_element().degree
+        space = fem.functionspace(problem.mesh, ("DG", degree, (3, 3)))
+        self.function = fem.Function(space, name=STRESS)
+        self._problem = problem
+        self._points = compat.interpolation_points(space)
+        self._u: fem.Function | None = None
+
+    def _make_expressions(self) -> None:
+        self._u = self._problem.u
+        self._expressions = []
+        for family in self._problem.families:
+            F = ufl.variable(self._problem.geometry.nodal_deformation(self._u))
+            stress = _cauchy(family.body, F)
+            expression = compile_expression(stress, self._points, self._problem.comm)
+            self._expressions.append((expression, family.cells))
+
+    def update(self) -> fem.Function:
+        """Evaluate at the current displacement."""
+        if self._u is not self._problem.u:
+            self._make_expressions()
+        self._problem.discretization.update_dilatation()
+        for expression, cells in self._expressions:
+            self.function.interpolate(expression, cells)
+        self.function.x.scatter_forward()
+        return self.function
+
+
+def _cauchy(body: kinematics.Body, F: Expr) -> Expr:
+    P = kinematics.first_piola(body, F)
+    own = without_dilatation(F) if body.mean_dilatation else F
+    stress = P * own.T / ufl.det(own)
+    if own.ufl_shape[0] == 3:
+        return stress
+    solid = ufl.variable(kinematics.plane_strain_embedding(body.effective(F), 1))
+    out_of_plane = kinematics.first_piola(body.pointwise, solid)[2, 2] / ufl.det(own)
+    return kinematics.plane_strain_embedding(stress, out_of_plane)
+
+
+class Displacement:
+    """The displacement in a discontinuous space that stays when facets open on demand."""
+
+    def __init__(self, problem: Problem):
+        self._problem = problem
+        element = problem.space.ufl_element()
+        shape = (problem.mesh.geometry.dim,)
+        space = fem.functionspace(problem.mesh, ("DG", element.degree, shape))
+        self.function = fem.Function(space, name="displacement")
+
+    def update(self) -> None:
+        """Take the current displacement, cell by cell."""
+        u, d = self._problem.u, self._problem.mesh.geometry.dim
+        mine, theirs = self.function.function_space.dofmap.list, u.function_space.dofmap.list
+        self.function.x.array.reshape(-1, d)[mine] = u.x.array.reshape(-1, d)[theirs]
+
+
+class InterfaceFields:
+    """An interface's state as fields on a mesh of all its facets, one value a facet.
+
+    Scalars are those of :func:`vmdg.output.values.facet_scalar`, vectors facet means. Facets
+    that have not been opened show zeros. The displacement is that of side 1, at the corners, so
+    that the interface can be warped with the bodies.
+
+    Args:
+        problem: The problem.
+        i: Number of the interface.
+        names: Of :data:`INTERFACE_FIELDS`.
+
+    Attributes:
+        functions: The fields, by name.
+        cell_of_facet: Cell of their mesh for every facet of the interface (nf,).
+    """
+
+    def __init__(self, problem: Problem, i: int, names: Sequence[str]):
+        self._problem, self._i = problem, i
+        self._facets = problem.interface_facets(i)
+        submesh = compat.facet_submesh(problem.mesh, self._facets.facets)
+        self._mesh = submesh.mesh
+        self.cell_of_facet = np.argsort(submesh.facets[: len(self._facets.facets)])
+        vector = fem.functionspace(self._mesh, ("DG", 1, (problem.mesh.geometry.dim,)))
+        scalar = fem.functionspace(self._mesh, ("DG", 1))
+        self.functions = {
+            name: fem.Function(vector if name in (DISPLACEMENT, *VECTORS) else scalar, name=name)
+            for name in names
+        }
+
+    def update(self) -> None:
+        """Take the values of the current state."""
+        coupling = self._problem.couplings[self._i]
+        for name, function in self.functions.items():
+            if name == DISPLACEMENT:
+                self._set(function, self.cell_of_facet, self._displacement())
+            elif coupling is not None:
+                position = np.searchsorted(self._facets.facets, coupling.facets.facets)
+                values = self._facet_values(name)
+                self._set(function, self.cell_of_facet[position], values[:, None])
+
+    def _facet_values(self, name: str) -> NDArray[np.float64]:
+        """Of the open facets, (nf,) or (nf, d)."""
+        if name not in VECTORS:
+            return facet_scalar(self._problem, self._i, name)
+        q = self._problem.couplings[self._i].quadrature
+        values = getattr(self._problem.state[self._i], name)
+        return facet_means(values, q.weights, q.facet, len(q.area))
+
+    def _displacement(self) -> NDArray[np.float64]:
+        """Of side 1 at the corners of all facets, in the order of their cells (nf, corners, d)."""
+        mesh = self._problem.mesh
+        cells, local = self._facets.cells[:, 0], self._facets.local[:, 0]
+        corners = corners_of_local(mesh, local)
+        X, u = positions_and_displacements(self._problem, cells, corners)
+        nodes = compat.geometry_dofmap(self._mesh)[self.cell_of_facet][:, : corners.shape[1]]
+        apart = np.linalg.norm(self._mesh.geometry.x[nodes][:, :, None] - X[:, None], axis=-1)
+        return np.take_along_axis(u, apart.argmin(axis=2)[:, :, None], axis=1)
+
+    @staticmethod
+    def _set(function: fem.Function, cells: NDArray[np.intp], values: NDArray) -> None:
+        """Write values (n, corners or 1, ...) at the corners of cells."""
+        bs = function.function_space.dofmap.index_map_bs
+        dofs = function.function_space.dofmap.list[cells]
+        function.x.array.reshape(-1, bs)[dofs] = values.reshape(*values.shape[:2], bs)
+        function.x.scatter_forward()
+
+
+class FieldWriter:
+    """Writes fields of the bodies and of the interfaces as VTX (.bp) time series for ParaView.
+
+    Open bodies.bp and the interface_<i>.bp together and warp both by the displacement. Use as a
+    context manager. Nothing is evaluated for fields that are not asked for.
+
+    Args:
+        problem: The problem.
+        folder: Made if missing; holds bodies.bp and interface_<i>.bp.
+        fields: Names of what to write, None for all. Of the bodies: "displacement" [mm] and
+            "stress" [MPa]; of the interfaces: "traction" [MPa], "opening" and "gap" [mm], which are
+            vectors, "slip" [mm], "damage" [-], "mode" and "fine_scale" [mm], see
+            :func:`vmdg.output.values.scalar`. The interfaces have the displacement too, where it
+            is chosen.
+
+    Raises:
+        ValueError: an unknown name.
+    """
+
+    def __init__(self, problem: Problem, folder: str | Path, fields: Sequence[str] | None = None):
+        names = FIELDS if fields is None else tuple(dict.fromkeys(fields))
+        for name in names:
+            if name not in FIELDS:
+                raise ValueError(f"FieldWriter: there is no field {name!r}; choose from {FIELDS}")
+        folder = Path(folder)
+        if problem.comm.rank == 0:
+            folder.mkdir(parents=True, exist_ok=True)
+        problem.comm.barrier()
+        bodies: list[Displacement | CauchyStress] = []
+        if DISPLACEMENT in names:
+            bodies.append(Displacement(problem))
+        if STRESS in names:
+            bodies.append(CauchyStress(problem))
+        self._fields: list[Displacement | CauchyStress | InterfaceFields] = [*bodies]
+        outputs = [("bodies", [field.function for field in bodies])] if bodies else []
+        chosen = [name for name in names if name in INTERFACE_FIELDS]
+        if set(chosen) - {DISPLACEMENT}:
+            for i in range(len(problem.interfaces)):
+                interface = InterfaceFields(problem, i, chosen)
+                self._fields.append(interface)
+                outputs.append((f"interface_{i}", list(interface.functions.values())))
+        self._writers = [
+            VTXWriter(functions[0].function_space.mesh.comm, folder / f"{name}.bp", functions)
+            for name, functions in outputs
+        ]
+
+    def write(self, t: float) -> None:
+        """Write the current state as time ``t``; collective."""
+        for field in self._fields:
+            field.update()
+        for writer in self._writers:
+            writer.write(t)
+
+    def close(self) -> None:
+        """Complete the files; collective."""
+        for writer in self._writers:
+            writer.close()
+
+    def __enter__(self) -> FieldWriter:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -1,0 +1,107 @@
+"""Scalars and vectors of an interface by name, as files and pictures show them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..interface.points import InterfaceState
+from ..problem.problem import Problem
+
+#: Vectors at the points, which are attributes of the state, with their units.
+VECTORS = {"traction": "MPa", "opening": "mm", "gap": "mm"}
+
+#: Scalars at the points and how pictures call them.
+LABELS: Mapping[str, str] = {
+    "opening": r"normal opening $g_N$ [mm]",
+    "gap": r"normal gap $\zeta_N$ [mm]",
+    "slip": r"slip $|\zeta_T|$ [mm]",
+    "traction": r"normal traction $T_N$ [MPa]",
+    "shear": r"shear traction $|T_T|$ [MPa]",
+    "damage": r"damage $Q/P_c$ [-]",
+    "mode": "mode",
+    "fine_scale": "fine-scale error [mm]",
+}
+
+
+def scalar(problem: Problem, i: int, name: str) -> NDArray[np.float64]:
+    """A scalar at the points of interface ``i`` this rank owns (nq,).
+
+    Args:
+        problem: The problem.
+        i: Number of the interface.
+        name: "opening", "gap" and "traction": g, zeta and T along the current normal, positive in
+            opening and tension [mm, mm, MPa]; "slip" and "shear": length of the tangential part of
+            zeta and of T [mm, MPa]; "damage": Q relative to the strength, 1 where there is no bond
+            [-]; "mode": of the return map, :class:`vmdg.Mode`; "fine_scale": size of the fine
+            scales (24) of both sides, (|du_1|^2 + |du_2|^2)^1/2 [mm].
+
+    Raises:
+        ValueError: no such scalar.
+    """
+    if name not in LABELS:
+        raise ValueError(f"{name!r} is no scalar of an interface; use one of {tuple(LABELS)}")
+    if name == "fine_scale":
+        return np.sqrt((problem.fine_scale(i) ** 2).sum(axis=(1, 2)))
+    state = problem.state[i]
+    if name == "mode":
+        return state.mode.astype(float)
+    if name == "damage":
+        return damage(state.softening, problem.interfaces[i].law.strength)
+    if name in VECTORS:
+        return _along(getattr(state, name), state)
+    vector = state.gap if name == "slip" else state.traction
+    return np.linalg.norm(vector - _along(vector, state)[:, None] * _normal(state), axis=1)
+
+
+def damage(softening: NDArray[np.float64], strength: float) -> NDArray[np.float64]:
+    """Q relative to the strength (nq,); 1 for a law that has no bond to lose."""
+    return softening / strength if strength > 0 else np.ones(len(softening))
+
+
+def _normal(state: InterfaceState) -> NDArray[np.float64]:
+    """R.N (nq, d), side 1 outward in the deformed body."""
+    return np.einsum("pij,pj->pi", state.rotation, state.normal)
+
+
+def _along(vector: NDArray[np.float64], state: InterfaceState) -> NDArray[np.float64]:
+    return np.einsum("pi,pi->p", vector, _normal(state))
+
+
+def facet_means(
+    values: NDArray[np.float64], weights: NDArray[np.float64], facet: NDArray[np.int32], count: int
+) -> NDArray[np.float64]:
+    """Means over the facets, (nf, ...) of (nq, ...), weighted by area."""
+    total = np.zeros((count, *values.shape[1:]))
+    np.add.at(total, facet, (values.T * weights).T)
+    area = np.bincount(facet, weights, minlength=count)
+    return (total.T / area).T
+
+
+def facet_modes(
+    mode: NDArray[np.float64], weights: NDArray[np.float64], facet: NDArray[np.int32], count: int
+) -> NDArray[np.float64]:
+    """The mode that holds on most of each facet (nf,), of several the one that comes later."""
+    kinds = np.unique(mode)
+    if not len(kinds):
+        return np.zeros(count)
+    shares = np.array([np.bincount(facet, weights * (mode == kind), count) for kind in kinds])
+    # Halves of a facet are equal but for rounding.
+    most = shares >= (1 - 1e-6) * shares.max(axis=0)
+    return kinds[len(kinds) - 1 - np.argmax(most[::-1], axis=0)]
+
+
+def facet_scalar(problem: Problem, i: int, name: str) -> NDArray[np.float64]:
+    """A scalar of :func:`scalar` for every open facet of interface ``i`` this rank owns (nf,).
+
+    Means; of the mode the one that holds on most of the facet, of the fine scales the root mean
+    square.
+    """
+    if name == "fine_scale":
+        return problem.error_indicator(i)
+    values = scalar(problem, i, name)
+    q = problem.couplings[i].quadrature
+    reduce = facet_modes if name == "mode" else facet_means
+    return reduce(values, q.weights, q.facet, len(q.area))

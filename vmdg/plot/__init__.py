@@ -1,0 +1,22 @@
+"""Pictures with matplotlib: curves, interfaces, stress, animations.
+
+Functions of a problem are collective: every rank calls them, rank 0 draws and saves.
+"""
+
+from ..output.profile import profile
+from .animation import animate
+from .interface import interface_profile, mode_map
+from .stress import cell_means, curve, deformed_corners, deformed_polygons, draw_cells, stress
+
+__all__ = [
+    "animate",
+    "cell_means",
+    "curve",
+    "deformed_corners",
+    "deformed_polygons",
+    "draw_cells",
+    "interface_profile",
+    "mode_map",
+    "profile",
+    "stress",
+]

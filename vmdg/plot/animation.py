@@ -1,0 +1,171 @@
+"""Animations of a run: stress on the deformed shape beside a curve."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import nullcontext
+from io import BytesIO
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.animation import AbstractMovieWriter, FFMpegWriter
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+from PIL import Image
+
+from ..base.parallel import raise_together
+from ..output.fields import CauchyStress
+from ..output.history import History
+from ..problem.problem import Problem
+from ..problem.states import Snapshot
+from .stress import Limits, curve, deformed_ends, stress, stress_means
+
+
+def animate(
+    path: str | Path,
+    problem: Problem,
+    snapshots: Sequence[Snapshot],
+    history: History,
+    x: str,
+    y: str,
+    component: str = "mises",
+    magnify: float | Sequence[float] = 1.0,
+    limits: Limits | None = None,
+    fps: float = 12,
+    figsize: tuple[float, float] = (8.0, 3.6),
+    dpi: int = 105,
+) -> None:
+    """Write an animation of stress on the deformed shape and of a curve; collective.
+
+    Take a snapshot in the monitor of every step (``problem.snapshot()``, a copy of the state); the
+    problem is in its last one afterwards.
+
+    Args:
+        path: Its folder is made if missing. Ends in .gif, or in .mp4 where ffmpeg is installed.
+        problem: The problem.
+        snapshots: The states to show, one a row of the history, of its last rows.
+        history: The table of the run.
+        x: Column along the axis of the curve.
+        y: Column that is drawn.
+        component: Of the stress, as for :func:`vmdg.plot.stress`.
+        magnify: Factor on the displacement, one for all or one a snapshot.
+        limits: Stresses at both ends of the colours [MPa]; None for those of all
+            snapshots but the most extreme.
+        fps: Pictures a second.
+        figsize: Of the picture [inch].
+        dpi: Points an inch.
+
+    Raises:
+        ValueError: another ending, no ffmpeg, no snapshots or more than rows.
+        KeyError: the history has no such column.
+    """
+    path, rank = Path(path), problem.comm.rank
+    _check(problem, path, snapshots, history)
+    rows = np.arange(len(history) - len(snapshots), len(history))
+    factors = np.broadcast_to(magnify, len(snapshots))
+    field = CauchyStress(problem)
+    found, low, high = _ranges(problem, snapshots, factors, component, field)
+    options = {"component": component, "limits": limits or found, "field": field, "edges": 0}
+    figure = plt.figure(figsize=figsize)
+    solid = problem.mesh.geometry.dim == 3
+    grid = figure.add_gridspec(1, 2, width_ratios=(1.5, 1))
+    shape = figure.add_subplot(grid[0], projection="3d" if solid else None)
+    line, point = _draw_curve(figure.add_subplot(grid[1]), history, x, y)
+    if rank == 0:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    writer = (FFMpegWriter if path.suffix == ".mp4" else GifWriter)(fps)
+    with writer.saving(figure, str(path), dpi) if rank == 0 else nullcontext():
+        for row, snapshot, factor in zip(rows, snapshots, factors, strict=True):
+            problem.return_to(snapshot)
+            shape.clear()
+            stress(problem, ax=shape, magnify=factor, colorbar=row == rows[0], **options)
+            shape.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+            if solid:
+                shape.set(zlim=(low[2], high[2]), aspect="equal")
+            scale = "true scale" if factor == 1 else f"displacement x {factor:.3g}"
+            shape.set_title(scale, size=10)
+            line.set_data(np.r_[0, history[x][: row + 1]], np.r_[0, history[y][: row + 1]])
+            point.set_data(history[x][[row]], history[y][[row]])
+            if row == rows[0]:
+                figure.set_layout_engine("constrained")
+                figure.canvas.draw()
+                figure.set_layout_engine("none")  # or the axes would move with every number
+            for _ in range(1 if row < rows[-1] or rank else round(fps)):
+                if rank == 0:
+                    writer.grab_frame()
+    plt.close(figure)
+
+
+class GifWriter(AbstractMovieWriter):
+    """Pictures of one palette: colours do not flicker, and what stands still takes no space."""
+
+    def setup(self, fig: Figure, outfile: str | Path, dpi: float | None = None) -> None:
+        """Start a film of a figure."""
+        super().setup(fig, outfile, dpi)
+        self._pictures: list[Image.Image] = []
+        stresses = colormaps["viridis"](np.linspace(0, 1, 212))[:, :3]
+        greys = np.repeat(np.linspace(0, 1, 36)[:, None], 3, axis=1)
+        reds = np.linspace([1, 1, 1], [0.84, 0.15, 0.16], 8)
+        colours = 255 * np.concatenate([stresses, greys, reds])
+        self._palette = Image.new("P", (1, 1))
+        self._palette.putpalette(colours.round().astype(np.uint8).tobytes())
+
+    def grab_frame(self, **savefig_kwargs: object) -> None:
+        """Add the figure as it is."""
+        buffer = BytesIO()
+        self.fig.savefig(buffer, format="rgba", dpi=self.dpi, **savefig_kwargs)
+        picture = Image.frombytes("RGBA", self.frame_size, buffer.getvalue()).convert("RGB")
+        self._pictures.append(picture.quantize(palette=self._palette, dither=Image.Dither.NONE))
+
+    def finish(self) -> None:
+        """Write the file."""
+        first, *rest = self._pictures
+        duration = round(1000 / self.fps)
+        first.save(self.outfile, save_all=True, append_images=rest, duration=duration, loop=0)
+
+
+def _check(problem: Problem, path: Path, snapshots: Sequence[Snapshot], history: History) -> None:
+    message = None
+    if path.suffix not in (".gif", ".mp4"):
+        message = f"animate: {path} must end in .gif or .mp4"
+    elif path.suffix == ".mp4" and not FFMpegWriter.isAvailable():
+        message = f"animate: {path} needs ffmpeg, which is not installed; write a .gif"
+    elif not 0 < len(snapshots) <= len(history):
+        message = (
+            f"animate: {len(snapshots)} snapshots do not fit a history of {len(history)} rows; "
+            "take one in the monitor of every step"
+        )
+    raise_together(problem.comm, message)
+
+
+def _draw_curve(ax: Axes, history: History, x: str, y: str) -> tuple[Line2D, Line2D]:
+    """The whole curve in grey; a line and a point that will follow it."""
+    curve(history, x, y, ax, origin=True, color="0.85")
+    (line,) = ax.plot([], [], color="black")
+    (point,) = ax.plot([], [], "o", color="C3", clip_on=False, zorder=3)
+    return line, point
+
+
+def _ranges(
+    problem: Problem,
+    snapshots: Sequence[Snapshot],
+    factors: NDArray[np.float64],
+    component: str,
+    field: CauchyStress,
+) -> tuple[Limits, NDArray[np.float64], NDArray[np.float64]]:
+    """Range of the stress, and least and largest coordinates (3,), over all snapshots and ranks.
+
+    Of the cells of each snapshot .5% at both ends are left out: tips of cracks are singular.
+    """
+    stresses, low, high = [], np.full(3, np.inf), np.full(3, -np.inf)
+    for snapshot, factor in zip(snapshots, factors, strict=True):
+        problem.return_to(snapshot)
+        stresses.append(np.quantile(stress_means(problem, component, field), (0.005, 0.995)))
+        ends = deformed_ends(problem, factor)
+        low, high = np.minimum(low, ends[0]), np.maximum(high, ends[1])
+    least, largest = np.min(stresses), np.max(stresses)
+    return (min(least, 0.0), largest), low, high

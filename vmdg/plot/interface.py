@@ -1,0 +1,175 @@
+"""Pictures of an interface: values along it, and its unrolled surface."""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.patches import Patch
+from matplotlib.ticker import MultipleLocator
+from numpy.typing import ArrayLike, NDArray
+
+from ..laws import Mode
+from ..output.corners import corners_of_local, positions_and_displacements
+from ..output.profile import profile
+from ..output.values import LABELS, facet_means, facet_scalar
+from ..problem.problem import Problem
+from .stress import axis_names
+
+MODES = {
+    Mode.ELASTIC: ("bonded or stuck", "#dddddd"),
+    Mode.TENSION: ("damage in tension", "#d62728"),
+    Mode.SHEAR: ("damage in compression", "#ff9f1c"),
+    Mode.FRICTION: ("friction", "#1f77b4"),
+    Mode.OPEN: ("open", "#9467bd"),
+    Mode.CLOSING: ("closing", "#2ca02c"),
+}
+
+
+def interface_profile(
+    problem: Problem,
+    i: int,
+    quantity: str,
+    along: str = "arc",
+    centre: ArrayLike | None = None,
+    ax: Axes | None = None,
+    **style: object,
+) -> Axes:
+    """Draw a quantity along an interface; collective.
+
+    Args:
+        problem: The problem.
+        i: Number of the interface.
+        quantity: A scalar of :func:`vmdg.output.values.scalar`: "traction", "opening", "gap",
+            "slip", "shear", "damage", "mode" or "fine_scale".
+        along: "arc", "angle", "x", "y" or "z", as :func:`vmdg.output.profile.profile` has it.
+        centre: For the angle, x and y of the axis [mm]; None for the middle of each piece.
+        ax: Where to draw; None for a new figure.
+        **style: For ``Axes.plot``.
+
+    Returns:
+        The axes, on every rank.
+
+    Raises:
+        ValueError: unknown ``quantity`` or ``along``; an arc length in 3D, or where lines branch.
+    """
+    ax = plt.subplots(layout="constrained")[1] if ax is None else ax
+    if problem.mesh.geometry.dim == 3:
+        style = {"ls": "", "marker": ".", **style}
+    for rows in profile(problem, i, quantity, along, centre):
+        ax.plot(*rows.T, **style)
+    ax.set(xlabel=_along_label(problem, along), ylabel=LABELS[quantity])
+    ax.margins(x=0)
+    if along == "angle":
+        ax.xaxis.set_major_locator(MultipleLocator(45))
+    return ax
+
+
+def _along_label(problem: Problem, along: str) -> str:
+    labels = {"arc": "arc length [mm]", "angle": "angle [°]"}
+    return labels.get(along) or f"{axis_names(problem)['xyz'.index(along)]} [mm]"
+
+
+def mode_map(
+    problem: Problem,
+    i: int,
+    quantity: str = "mode",
+    axis: str | None = None,
+    ax: Axes | None = None,
+    legend: bool = True,
+) -> Axes:
+    """Draw the active branch of the law on the unrolled interface, or a quantity; collective.
+
+    Every open facet has one colour, see :func:`vmdg.output.values.facet_scalar`.
+
+    Args:
+        problem: The problem.
+        i: Number of the interface.
+        quantity: "mode", or another scalar of :func:`vmdg.output.values.scalar`.
+        axis: "x", "y" or "z": in 3D the interface is a cylinder along it, or a part of one, and is
+            unrolled to angle and position along the axis; in 2D it is drawn as a strip over this
+            coordinate. None: a surface in 3D is seen along its mean normal's largest component.
+        ax: Where to draw; None for a new figure.
+        legend: Whether to add the legend of the modes, or the scale of colours.
+
+    Returns:
+        The axes; the picture itself is on rank 0's only.
+
+    Raises:
+        ValueError: an unknown ``quantity`` or ``axis``, or none in 2D.
+    """
+    if axis not in (None, "x", "y", "z") or (axis is None and problem.mesh.geometry.dim == 2):
+        raise ValueError(f"mode_map: axis = {axis!r} must be 'x', 'y' or 'z', in 3D or None")
+    ax = plt.subplots(layout="constrained")[1] if ax is None else ax
+    corners, normals, values = _open_facets(problem, i, quantity)
+    if problem.mesh.geometry.dim == 2:
+        polygons, names = _strip(corners, axis), ("interface", _along_label(problem, axis))
+        ax.set_xticks([])
+    elif axis is None:
+        polygons, names = _projected(corners, normals)
+    else:
+        polygons, names = _unrolled(corners, normals, axis)
+    drawn = PolyCollection(polygons, array=values, edgecolors="face", linewidths=0.2)
+    if quantity == "mode":
+        drawn.set_norm(BoundaryNorm(np.arange(len(MODES) + 1) - 0.5, len(MODES)))
+        drawn.set_cmap(ListedColormap([colour for _, colour in MODES.values()]))
+    ax.add_collection(drawn)
+    ax.autoscale_view()
+    ax.margins(0)
+    ax.set(xlabel=names[0], ylabel=names[1])
+    if legend and quantity == "mode":
+        present = [MODES[mode] for mode in np.unique(values)]
+        ax.legend(
+            handles=[Patch(color=colour, label=name) for name, colour in present],
+            bbox_to_anchor=(0.5, 1.0),
+            loc="lower center",
+            fontsize=8,
+            frameon=False,
+        )
+    elif legend:
+        ax.figure.colorbar(drawn, ax=ax, label=LABELS[quantity])
+    return ax
+
+
+def _open_facets(problem: Problem, i: int, quantity: str) -> tuple[NDArray, NDArray, NDArray]:
+    """Corners (n, c, 3) [mm], mean normals (n, d) and values (n,) of all ranks, on all ranks."""
+    d, coupling = problem.mesh.geometry.dim, problem.couplings[i]
+    if coupling is None:
+        return np.zeros((0, d, 3)), np.zeros((0, d)), np.zeros(0)
+    facets, q = coupling.facets, coupling.quadrature
+    corners = corners_of_local(problem.mesh, facets.local[:, 0])
+    X, _ = positions_and_displacements(problem, facets.cells[:, 0], corners)
+    normals = facet_means(q.normal, q.weights, q.facet, len(q.area))
+    gathered = problem.comm.allgather((X, normals, facet_scalar(problem, i, quantity)))
+    return tuple(np.concatenate(parts) for parts in zip(*gathered, strict=True))
+
+
+def _strip(corners: NDArray, axis: str) -> NDArray:
+    """Lines as rectangles of width 1 over a coordinate."""
+    low, high = corners[:, :, "xyz".index(axis)].T
+    across = np.tile([0.0, 1.0, 1.0, 0.0], (len(corners), 1))
+    return np.stack([across, np.column_stack([low, low, high, high])], axis=2)
+
+
+def _projected(corners: NDArray, normals: NDArray) -> tuple[NDArray, tuple[str, str]]:
+    """A surface seen along the largest component of its mean normal."""
+    seen = int(np.argmax(np.abs(normals).mean(axis=0))) if len(normals) else 2
+    first, second = (k for k in range(3) if k != seen)
+    return corners[:, :, [first, second]], (f"{'xyz'[first]} [mm]", f"{'xyz'[second]} [mm]")
+
+
+def _unrolled(corners: NDArray, normals: NDArray, axis: str) -> tuple[NDArray, tuple[str, str]]:
+    """A cylinder, its axis where the normals of all facets meet, as angle and axial position."""
+    k = "xyz".index(axis)
+    a, b = (k + 1) % 3, (k + 2) % 3
+    middle = corners.mean(axis=1)
+    system = np.column_stack([normals[:, b], -normals[:, a]])
+    right = middle[:, a] * normals[:, b] - middle[:, b] * normals[:, a]
+    centre = np.linalg.lstsq(system, right, rcond=None)[0]
+    angle = np.degrees(np.arctan2(corners[..., b] - centre[1], corners[..., a] - centre[0]))
+    # No facet is cut where the angle jumps, and all lie between 0 and 360.
+    angle = angle[:, :1] + (angle - angle[:, :1] + 180) % 360 - 180
+    angle -= 360 * np.floor(angle.mean(axis=1, keepdims=True) / 360)
+    return np.stack([angle, corners[..., k]], axis=2), ("angle [°]", f"{axis} [mm]")

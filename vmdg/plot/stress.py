@@ -1,0 +1,288 @@
+"""Curves of a run, and cells coloured by their stress."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import matplotlib.pyplot as plt
+import numpy as np
+from dolfinx import fem
+from dolfinx.mesh import exterior_facet_indices
+from matplotlib.axes import Axes
+from matplotlib.collections import Collection, PolyCollection, TriMesh
+from matplotlib.tri import Triangulation
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from numpy.typing import NDArray
+
+from ..forms.geometry import Axisymmetric
+from ..output.corners import (
+    cell_corners,
+    corner_dofs,
+    facet_corners,
+    nodal_means,
+    positions_and_displacements,
+)
+from ..output.fields import CauchyStress
+from ..output.history import History
+from ..problem.problem import Problem
+
+Limits = tuple[float, float]
+Component = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+def curve(
+    history: History,
+    x: str,
+    y: str,
+    ax: Axes | None = None,
+    origin: bool = False,
+    **style: object,
+) -> Axes:
+    """Draw one column of a history over another.
+
+    Args:
+        history: The table of a run.
+        x: Column along the axis, for example "load".
+        y: Column that is drawn.
+        ax: Where to draw; None for a new figure.
+        origin: Start the curve in (0, 0), which is no row of a history.
+        **style: For ``Axes.plot``, for example ``label="fine mesh"``.
+
+    Returns:
+        The axes, named by the columns with their units where they have no labels yet.
+
+    Raises:
+        KeyError: the history has no such column.
+    """
+    ax = plt.subplots(layout="constrained")[1] if ax is None else ax
+    start = [0.0] if origin else []
+    ax.plot([*start, *history[x]], [*start, *history[y]], **style)
+    named = dict(zip(history.columns, history.header, strict=True))
+    ax.set(xlabel=ax.get_xlabel() or named.get(x, x), ylabel=ax.get_ylabel() or named.get(y, y))
+    return ax
+
+
+# Stress
+
+
+def stress(
+    problem: Problem,
+    component: str = "mises",
+    magnify: float = 1.0,
+    ax: Axes | None = None,
+    limits: Limits | None = None,
+    facets: NDArray[np.int32] | None = None,
+    field: CauchyStress | None = None,
+    edges: float = 0.1,
+    colorbar: bool = True,
+) -> Axes:
+    """Draw a component of the Cauchy stress on the deformed shape; collective.
+
+    In 2D the cell values are averaged over the cells around each node of the displacement: smooth
+    in the bodies, with jumps at interfaces. In 3D boundary facets have the mean of their cell.
+
+    Args:
+        problem: The problem.
+        component: "mises", "principal" (the largest), or two of x, y, z (of r, z, t in
+            axisymmetry), for example "xy" [MPa].
+        magnify: Factor on the displacement.
+        ax: Where to draw, with projection "3d" for solids; None for a new figure.
+        limits: Stresses at both ends of the colours [MPa]; None for the range that occurs.
+        facets: In 3D, the boundary facets to draw; None for all.
+        field: Kept from an earlier picture, so that it need not be set up again.
+        edges: Width of the lines between cells [points].
+        colorbar: Whether to add one.
+
+    Returns:
+        The axes; the picture itself is on rank 0's only.
+
+    Raises:
+        ValueError: no such component.
+    """
+    take, label = component_of(problem, component)
+    sigma = (field or CauchyStress(problem)).update()
+    solid = problem.mesh.geometry.dim == 3
+    if ax is None:
+        figure = plt.figure(layout="none" if solid else "constrained")
+        ax = figure.add_subplot(projection="3d" if solid else None)
+    if solid:
+        facets = boundary_facets(problem) if facets is None else facets
+        corners, cells = deformed_corners(problem, facets, magnify)
+        drawn = draw_cells(ax, problem, corners, take(cell_means(sigma))[cells], limits)
+        drawn.set_linewidth(edges)
+        ax.auto_scale_xyz(*on_first_rank(problem, corners.reshape(-1, 3))[0].T)
+        ax.set(aspect="equal", zlabel="z [mm]")
+    else:
+        polygons, cells = deformed_polygons(problem, magnify=magnify)
+        drawn = _draw_smooth(ax, problem, polygons, _corner_values(problem, sigma, take), limits)
+        lines = draw_cells(ax, problem, polygons, np.zeros(len(cells)))
+        lines.set(array=None, facecolor="none", linewidth=edges)
+    if colorbar:
+        ax.figure.colorbar(drawn, ax=ax, label=label, shrink=0.8)
+    first, second, _ = axis_names(problem)
+    ax.set(xlabel=f"{first} [mm]", ylabel=f"{second} [mm]")
+    return ax
+
+
+def axis_names(problem: Problem) -> str:
+    """x, y and z; r, z and t (for theta) in axisymmetry."""
+    return "rzt" if isinstance(problem.geometry, Axisymmetric) else "xyz"
+
+
+def stress_means(
+    problem: Problem, component: str, field: CauchyStress | None = None
+) -> NDArray[np.float64]:
+    """Cell means of a component of :func:`stress`, of all ranks, on every rank (n,) [MPa]."""
+    take, _ = component_of(problem, component)
+    owned = problem.mesh.topology.index_map(problem.mesh.topology.dim).size_local
+    own = take(cell_means((field or CauchyStress(problem)).update())[:owned])
+    return np.concatenate(problem.comm.allgather(own))
+
+
+def component_of(problem: Problem, name: str) -> tuple[Component, str]:
+    """What takes the component from tensors (n, 3, 3), and its label."""
+    letters = axis_names(problem)
+    if name == "mises":
+        return _mises, r"$\sigma_{\mathrm{Mises}}$ [MPa]"
+    if name == "principal":
+        return lambda sigma: np.linalg.eigvalsh(sigma)[:, -1], r"$\sigma_1$ [MPa]"
+    if len(name) != 2 or not set(name) <= set(letters):
+        raise ValueError(
+            f"stress: component = {name!r} must be 'mises', 'principal' or two of {letters}"
+        )
+    row, column = (letters.index(letter) for letter in name)
+    subscript = name.replace("t", r"\theta")
+    return lambda sigma: sigma[:, row, column], rf"$\sigma_{{{subscript}}}$ [MPa]"
+
+
+def _mises(sigma: NDArray[np.float64]) -> NDArray[np.float64]:
+    deviator = sigma - np.trace(sigma, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
+    return np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2)))
+
+
+def _corner_values(problem: Problem, sigma: fem.Function, take: Component) -> NDArray[np.float64]:
+    """Nodal means of a component at the corners of this rank's cells, in order around them."""
+    corners = cell_corners(problem.mesh)
+    dofs = sigma.function_space.dofmap.list[: len(corners)][:, corner_dofs(problem)]
+    values = take(sigma.x.array.reshape(-1, 3, 3)[dofs.ravel()]).reshape(dofs.shape)
+    return np.take_along_axis(nodal_means(problem, values), corners, axis=1)
+
+
+def _draw_smooth(
+    ax: Axes, problem: Problem, polygons: NDArray, values: NDArray, limits: Limits | None
+) -> TriMesh:
+    """Draw polygons (n, c, 2) with values at their corners (n, c); collective."""
+    polygons, values = on_first_rank(problem, polygons, values)
+    count, c = values.shape
+    triangles = np.array([[0, i, i + 1] for i in range(1, c - 1)])
+    triangles = (c * np.arange(count)[:, None, None] + triangles).reshape(-1, 3)
+    x, y = polygons.reshape(-1, 2).T
+    mesh = ax.tripcolor(Triangulation(x, y, triangles), values.ravel(), shading="gouraud")
+    mesh.set_clim(*(limits or (None, None)))
+    return mesh
+
+
+# Cells
+
+
+def deformed_corners(
+    problem: Problem, facets: NDArray[np.int32] | None = None, magnify: float = 1.0
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Corners of this rank's cells (2D) or of boundary facets (3D) in the deformed body.
+
+    Args:
+        problem: The problem.
+        facets: In 3D, the boundary facets.
+        magnify: Factor on the displacement.
+
+    Returns:
+        Corners in order around every polygon (n, corners, 3) [mm] and the cell it belongs to (n,).
+    """
+    mesh, d = problem.mesh, problem.mesh.geometry.dim
+    if d == 2:
+        corners = cell_corners(mesh)
+        cells = np.arange(len(corners), dtype=np.int32)
+    else:
+        facets = facets[facets < mesh.topology.index_map(2).size_local]
+        cells, corners = facet_corners(mesh, facets)
+    positions, u = positions_and_displacements(problem, cells, corners)
+    positions[..., :d] += magnify * u
+    return positions, cells
+
+
+def boundary_facets(problem: Problem) -> NDArray[np.int32]:
+    """Local facets on the boundary."""
+    topology = problem.mesh.topology
+    topology.create_connectivity(topology.dim - 1, topology.dim)
+    return exterior_facet_indices(topology)
+
+
+def deformed_ends(problem: Problem, magnify: float = 1.0) -> NDArray[np.float64]:
+    """Least and largest coordinates of the deformed body over all ranks (2, 3) [mm]."""
+    d, nodes = problem.mesh.geometry.dim, problem.space.tabulate_dof_coordinates()
+    nodes[:, :d] += magnify * problem.u.x.array.reshape(-1, d)
+    ends = [nodes.min(axis=0, initial=np.inf), nodes.max(axis=0, initial=-np.inf)]
+    low, high = np.swapaxes(problem.comm.allgather(ends), 0, 1)
+    return np.array([low.min(axis=0), high.max(axis=0)])
+
+
+def deformed_polygons(
+    problem: Problem, facets: NDArray[np.int32] | None = None, magnify: float = 1.0
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """:func:`deformed_corners` seen along z.
+
+    Args:
+        problem: The problem.
+        facets: In 3D, the boundary facets.
+        magnify: Factor on the displacement.
+
+    Returns:
+        Corners (n, corners, 2) [mm] and the cell each polygon belongs to (n,).
+    """
+    corners, cells = deformed_corners(problem, facets, magnify)
+    return corners[..., :2], cells
+
+
+def cell_means(function: fem.Function, component: tuple[int, ...] = ()) -> NDArray[np.float64]:
+    """Mean over the dofs of every local cell of one component of a discontinuous function.
+
+    Args:
+        function: The function.
+        component: Indices of the component, none for a scalar.
+    """
+    space = function.function_space
+    shape = space.ufl_element().reference_value_shape
+    values = function.x.array.reshape(-1, *shape)[(slice(None), *component)]
+    return values[space.dofmap.list].mean(axis=1)
+
+
+def draw_cells(
+    ax: Axes, problem: Problem, polygons: NDArray, values: NDArray, limits: Limits | None = None
+) -> Collection:
+    """Draw coloured polygons of all ranks on rank 0's axes; collective.
+
+    Args:
+        ax: Plane axes for corners (n, corners, 2), axes in space for (n, corners, 3).
+        problem: The problem.
+        polygons: The corners [mm].
+        values: Value of every polygon (n,).
+        limits: Values at both ends of the colours; None for the range that occurs.
+    """
+    polygons, values = on_first_rank(problem, polygons, values)
+    style = {"array": values, "edgecolors": "black", "linewidths": 0.6}
+    if polygons.shape[-1] == 3:
+        collection = ax.add_collection3d(Poly3DCollection(polygons, **style))
+    else:
+        collection = ax.add_collection(PolyCollection(polygons, **style))
+        ax.autoscale()
+    collection.set_clim(*(limits or (None, None)))
+    ax.set_aspect("equal")
+    return collection
+
+
+def on_first_rank(problem: Problem, *arrays: NDArray) -> list[NDArray]:
+    """Rows of all ranks on rank 0; one row of zeros on the others, so that they can draw too."""
+    gathered = problem.comm.gather(arrays)
+    if gathered is None:
+        return [np.zeros((1, *array.shape[1:])) for array in arrays]
+    return [np.concatenate(parts) for parts in zip(*gathered, strict=True)]

@@ -1,0 +1,175 @@
+"""Looks at a problem before it is solved: mistakes that a run would answer with riddles."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..base.parallel import global_any, global_max, raise_together
+from ..interface.coupling import Coupling
+from .problem import Problem
+from .supports import LoosePart, loose_parts
+
+#: Strength relative to r h, the stiffness of the cells at an interface: the least that is believed
+#: (a modulus in Pa beside a strength in MPa is below), and the largest that is usual.
+WEAKEST, USUAL = 1e-8, 0.1
+
+#: Critical gap relative to the size of the mesh.
+WIDEST = 10.0
+
+#: Coefficient of friction, usually below 1; degrees and percent are above.
+ROUGHEST = 5.0
+
+
+class ModelWarning(UserWarning):
+    """A problem that can be solved, but is hardly what was meant; the message names the cure."""
+
+
+def check_model(problem: Problem, loads: NDArray[np.float64]) -> None:
+    """Look for supports that are missing, contradict each other, and numbers out of proportion.
+
+    Args:
+        problem: The problem, about to be solved.
+        loads: Load factors to reach.
+
+    Raises:
+        ValueError: nothing holds a part of the problem, whatever its interfaces do.
+    """
+    _check_supports(problem)
+    contradictions = [problem.contradiction(float(t)) for t in (loads[0], loads[-1])]
+    _warn(problem.comm, contradictions[0] or contradictions[1])
+    for coupling in problem.discretization.working:
+        if coupling.law.inelastic:
+            _check_proportions(problem, coupling)
+
+
+def checked_loads(loads: ArrayLike, resumed: bool = False) -> NDArray[np.float64]:
+    """Load factors as an array (n,).
+
+    Args:
+        loads: What the user gave.
+        resumed: An earlier run goes on, of which nothing may be left to do.
+
+    Raises:
+        ValueError: there is none, or one is not a finite number.
+    """
+    result = np.atleast_1d(np.asarray(loads, dtype=float))
+    empty = not result.size and not resumed
+    if result.ndim != 1 or empty or not np.isfinite(result).all():
+        raise ValueError(
+            f"solve: loads = {loads!r} must be one or more finite load factors, for example "
+            "numpy.linspace(0.1, 1.0, 10)"
+        )
+    return result
+
+
+def checked_row(row: Any) -> dict[str, Any]:
+    """What a monitor returned, as a part of the history's row.
+
+    Raises:
+        TypeError: it is no dict.
+    """
+    if row is None:
+        return {}
+    if not isinstance(row, Mapping):
+        raise TypeError(
+            f"solve: the monitor returned {row!r}; it must return a dict of columns, for example "
+            '{"force": problem.reaction(facets)[0]}, or None'
+        )
+    return dict(row)
+
+
+def _warn(comm: MPI.Comm, message: str | None) -> None:
+    """Warn on rank 0 if any rank has a message; the lowest rank's is shown."""
+    messages = [text for text in comm.allgather(message) if text is not None]
+    if messages and comm.rank == 0:
+        warnings.warn(messages[0], ModelWarning, stacklevel=4)
+
+
+# Supports
+
+
+def _check_supports(problem: Problem) -> None:
+    working, message = problem.discretization.working, None
+    for part in loose_parts(problem, working):
+        message = (
+            f"nothing holds the body of {_named(part)} against {part.motions}: the equations have "
+            "no single solution. Prescribe displacements by problem.dirichlet(facets, 0.0), or of "
+            "a symmetric body those of its planes of symmetry, dirichlet(facets, 0.0, 'x')"
+        )
+    raise_together(problem.comm, message)
+    bonded = [c for c in working if not (c.law.inelastic and c.law.strength == 0)]
+    if len(bonded) < len(working):
+        for part in loose_parts(problem, bonded):
+            _warn(
+                problem.comm,
+                f"only contact holds the body of {_named(part)} against {part.motions}, and "
+                "contact that is not pressed holds nothing: prescribe displacements, or press the "
+                "body by them",
+            )
+    # Cracks within a body leave it in one piece, as far as is known before.
+    lasting = [c for c in working if not c.law.inelastic or c.interface.within is not None]
+    loaded = np.zeros(len(problem.tags), dtype=bool)
+    loaded[problem.loaded_cells] = True
+    if len(lasting) == len(working) or not global_any(problem.comm, bool(loaded.any())):
+        return
+    for part in loose_parts(problem, lasting):
+        if global_any(problem.comm, bool(loaded[part.cells].any())):
+            _warn(
+                problem.comm,
+                f"the body of {_named(part)} bears a load, and against {part.motions} only bonds "
+                "hold it: once they break there is no equilibrium, and no step will converge. "
+                "Prescribe a displacement instead of the load to go on",
+            )
+
+
+def _named(part: LoosePart) -> str:
+    return f"tag{'s' if len(part.tags) > 1 else ''} {', '.join(map(str, part.tags))}"
+
+
+# Proportions
+
+
+def _check_proportions(problem: Problem, coupling: Coupling) -> None:
+    law, comm = coupling.law, problem.comm
+    _warn(comm, _too_rough(coupling) if law.friction > ROUGHEST else None)
+    if not (law.strength > 0 and law.softening_modulus > 0):
+        return
+    stiffness = coupling.stabilization.norm / coupling.stabilization.safety
+    stiffness = stiffness * coupling.quadrature.extent
+    softest = -global_max(comm, float(-stiffness.min(initial=np.inf)))
+    x = problem.mesh.geometry.x
+    size = max(
+        global_max(comm, float(x[:, k].max(initial=-np.inf)))
+        + global_max(comm, float(-x[:, k].min(initial=np.inf)))
+        for k in range(problem.mesh.geometry.dim)
+    )
+    gap = law.strength / law.softening_modulus
+    message = None
+    if law.strength < WEAKEST * softest:
+        message = (
+            f"{coupling.interface}: the strength {law.strength:.3g} is less than {WEAKEST:g} of "
+            f"the elastic moduli beside it, of the order of {softest:.3g}: the bond breaks at "
+            "once. Give both in the same unit (MPa with mm and N)"
+        )
+    # With a strength near the moduli it makes a bond that is meant never to break.
+    elif gap > WIDEST * size and law.strength < USUAL * softest:
+        message = (
+            f"{coupling.interface}: the critical gap is about {gap:.3g}, the mesh {size:.3g} wide: "
+            "the bond will hardly soften. Give both in the same unit (mm with N and MPa)"
+        )
+    _warn(comm, message)
+
+
+def _too_rough(coupling: Coupling) -> str:
+    return (
+        f"{coupling.interface}: friction = {coupling.law.friction:g} is Coulomb's coefficient mu, "
+        "the tangent of the angle of friction, usually below 1; it is neither in degrees nor in "
+        "percent"
+    )

@@ -1,0 +1,107 @@
+"""States of a problem, and its energies and means."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..assembly.discretization import Discretization
+from ..interface.coupling import Frozen
+from ..interface.points import PointHistory
+
+
+@dataclass(frozen=True)
+class Energy:
+    """Energies of the whole body [N mm], the same on every rank.
+
+    Attributes:
+        bulk: Strain energy of the bodies.
+        interface: Stored by the interfaces: (30), and what an intrinsic law can give back.
+        damage: Spent on bonds since the start.
+        friction: Spent on sliding since the start.
+        viscosity: Spent on the overstress since the start.
+        external: Work of prescribed displacements and loads since the start.
+    """
+
+    bulk: float
+    interface: float
+    damage: float
+    friction: float
+    viscosity: float
+    external: float
+
+    @property
+    def stored(self) -> float:
+        """Bulk and interface together."""
+        return self.bulk + self.interface
+
+    @property
+    def dissipated(self) -> float:
+        """Damage, friction and viscosity together."""
+        return self.damage + self.friction + self.viscosity
+
+    @property
+    def imbalance(self) -> float:
+        """external - stored - dissipated."""
+        return self.external - self.stored - self.dissipated
+
+
+@dataclass(frozen=True)
+class InterfaceMean:
+    """Area averages over an interface.
+
+    Attributes:
+        opening: g (d,) [mm].
+        gap: zeta (d,) [mm].
+        traction: T (d,) [MPa].
+        softening: Q [MPa].
+        area: Reference area [mm2; mm in plane strain].
+    """
+
+    opening: NDArray[np.float64]
+    gap: NDArray[np.float64]
+    traction: NDArray[np.float64]
+    softening: NDArray[np.float64]
+    area: float
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A converged state: everything a run continues from.
+
+    Attributes:
+        t: Load factor.
+        discretization: Forms of the facets that were open then.
+        u: Displacement [mm], ghosts included.
+        forces: Nodal forces of bodies and interfaces [N].
+        histories: Gaps and softening of every interface's points.
+        open: By interface, which of its facets were open.
+        dissipated: Works spent so far on damage, friction and viscosity [N mm].
+        external: Work of loads and prescribed displacements so far [N mm].
+        frozen: Stabilizations under which the state is in equilibrium; empty where they are to be
+            evaluated anew.
+    """
+
+    t: float
+    discretization: Discretization
+    u: NDArray[np.float64]
+    forces: NDArray[np.float64]
+    histories: list[PointHistory]
+    open: list[NDArray[np.bool_]]
+    dissipated: NDArray[np.float64]
+    external: float
+    frozen: Sequence[Frozen] = ()
+
+
+@dataclass(frozen=True)
+class Start:
+    """State at the start of a step."""
+
+    t: float
+    u: NDArray[np.float64]
+    forces: NDArray[np.float64]
+    loads: NDArray[np.float64] | None
+    stored: float

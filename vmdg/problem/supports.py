@@ -1,0 +1,133 @@
+"""Which rigid motions of which parts of a problem the prescribed displacements leave free."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import basix
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from ..base.parallel import GhostExchange, global_any, global_max
+from ..domain.rigid_motions import rigid_motions
+from ..forms.geometry import Axisymmetric
+from ..interface.coupling import Coupling
+from .problem import Problem
+
+#: Eigenvalue, relative to the largest one, below which a rigid motion counts as free: what a node
+#: at 1e-5 of the size of a part still resists.
+_FREE = 1e-11
+
+_AXES = "xyz"
+
+#: Lower half of a number of 64 bits.
+_LOW = 0xFFFFFFFF
+
+
+@dataclass(frozen=True)
+class LoosePart:
+    """A part of a problem that can move as a rigid body.
+
+    Attributes:
+        tags: Tags of its cells.
+        motions: What is free, in words.
+        cells: Its cells on this rank, ghosts included.
+    """
+
+    tags: list[int]
+    motions: str
+    cells: NDArray[np.int32]
+
+
+def loose_parts(problem: Problem, couplings: Iterable[Coupling]) -> list[LoosePart]:
+    """Parts that keep a rigid motion if only some interfaces hold; collective.
+
+    Cells hold together where they share a node, and across the facets of these interfaces.
+
+    Args:
+        problem: With all its prescribed displacements.
+        couplings: The interfaces that hold.
+    """
+    mesh, comm = problem.mesh, problem.comm
+    label = _parts(problem, couplings)
+    owned = mesh.topology.index_map(mesh.topology.dim).size_local
+    # Part and tag in one number, which is faster to sort.
+    code = np.unique((label[:owned] << 32) | (problem.tags[:owned].astype(np.int64) & _LOW))
+    code = np.unique(np.concatenate(comm.allgather(code)))
+    part_of, tag_of = code >> 32, (code & _LOW).astype(np.uint32).view(np.int32)
+    parts = np.unique(part_of)
+    gram = comm.allreduce(_gram(problem, label, parts))
+    result = []
+    for part, matrix in zip(parts, gram, strict=True):
+        if motions := _free_motions(matrix, problem):
+            tags = tag_of[part_of == part].tolist()
+            result.append(LoosePart(tags, motions, np.flatnonzero(label == part).astype(np.int32)))
+    return result
+
+
+def _parts(problem: Problem, couplings: Iterable[Coupling]) -> NDArray[np.int64]:
+    """A name of its part for every local cell: its smallest global cell."""
+    mesh, dofmap = problem.mesh, problem.space.dofmap
+    cells = mesh.topology.index_map(mesh.topology.dim)
+    count = cells.size_local + cells.num_ghosts
+    corners = range(len(basix.topology(mesh.basix_cell())[0]))
+    vertices = [dofmap.dof_layout.entity_dofs(0, corner)[0] for corner in corners]
+    nodes = count + dofmap.list[:, vertices].astype(np.int64)
+    joined = [coupling.facets.cells for coupling in couplings]
+    first = np.concatenate([np.repeat(np.arange(count), len(vertices)), *(c[:, 0] for c in joined)])
+    second = np.concatenate([nodes.ravel(), *(c[:, 1] for c in joined)])
+    size = int(second.max(initial=count)) + 1
+    graph = coo_array((np.ones(len(first), dtype=np.int8), (first, second)), shape=(size, size))
+    number, component = connected_components(graph, directed=False)
+    component = component[:count]
+    label = cells.local_to_global(np.arange(count, dtype=np.int32))
+    exchange = GhostExchange(mesh.comm, cells)
+    while True:
+        before = label.copy()
+        least = np.full(number, np.iinfo(np.int64).max)
+        np.minimum.at(least, component, label)
+        label = least[component]
+        exchange.combine(label, np.minimum)
+        if not global_any(mesh.comm, not np.array_equal(label, before)):
+            break
+    exchange.free()
+    return label
+
+
+def _gram(
+    problem: Problem, label: NDArray[np.int64], parts: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Sum of m m^T over this rank's prescribed dofs of every part, m the rigid motions there."""
+    space = problem.space
+    d = space.dofmap.index_map_bs
+    part_of_node = np.zeros(space.tabulate_dof_coordinates().shape[0], dtype=np.int64)
+    part_of_node[space.dofmap.list] = np.searchsorted(parts, label)[:, None]
+    prescribed = problem.owned_prescribed
+    node, component = prescribed // d, prescribed % d
+    x = problem.mesh.geometry.x
+    size = max(global_max(problem.comm, float(np.abs(x).max(initial=0.0))), np.finfo(float).tiny)
+    points = space.tabulate_dof_coordinates()[node, :d] / size
+    # One component of every motion at each prescribed dof (n, modes).
+    modes = rigid_motions(points, problem.geometry)[:, np.arange(len(node)), component].T
+    gram = np.zeros((len(parts), modes.shape[1], modes.shape[1]))
+    np.add.at(gram, part_of_node[node], modes[:, :, None] * modes[:, None, :])
+    return gram
+
+
+def _free_motions(gram: NDArray[np.float64], problem: Problem) -> str:
+    """Free rigid motions in words; empty where all are held."""
+    values = np.linalg.eigvalsh(gram)
+    free = int((values <= _FREE * max(values[-1], np.finfo(float).tiny)).sum())
+    if not free:
+        return ""
+    d = problem.mesh.geometry.dim
+    held = np.diag(gram) > _FREE * max(values[-1], np.finfo(float).tiny)
+    if isinstance(problem.geometry, Axisymmetric):
+        return "translation along y"
+    names = [f"translation along {_AXES[k]}" for k in range(d) if not held[k]]
+    if free > len(names):
+        names.append("rotation")
+    return ", ".join(names)

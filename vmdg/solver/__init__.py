@@ -1,0 +1,1 @@
+"""Load steps: options, stepping, Newton's method, linear solvers, progress."""

@@ -1,0 +1,245 @@
+"""Steps of a small-strain problem by Newton's method on the gaps at the interface points alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from petsc4py import PETSc
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.timers import timer
+from ..problem.problem import Problem
+from .compliance import Compliance
+from .condensed_solver import CondensedSolver
+from .gap_equation import GapEquation, Gaps
+from .iteration import BACKTRACK, ENERGY, FULL, Iteration, StepReport, Trace
+from .kept_responses import KeptResponses
+from .line_search import backtrack, full_step, least_energy
+from .predictor import ASTRAY, ELASTIC, PATH, POOR
+
+SEARCHES = {BACKTRACK: backtrack, FULL: full_step, ENERGY: least_energy}
+
+#: How often the displacement is corrected by what rounding has left of the bodies' balance.
+REFINEMENTS = 3
+
+#: Imbalance of the bodies that is left to the end of the step, relative to what may be left there.
+NEGLIGIBLE = 0.1
+
+
+@dataclass(frozen=True)
+class _Held:
+    """The equilibrium of a step with the gaps held as they were.
+
+    What the step before has left, B^T.rest, is balanced by gap increments of -rest: no solve.
+
+    Attributes:
+        u: Displacement without ``rest`` [mm].
+        target: Prescribed displacement [mm].
+        rest: Gap increments (n,) that are to be taken off those of the step [mm].
+        trial: Trial traction (n,) [MPa].
+        bonded: Its change by the loads of the step (n,) [MPa].
+        reaction: Norm of the reactions [N].
+        imbalance: Norm of what was out of balance with the prescribed displacements imposed [N].
+        loads: Without them.
+        moved: Whether the loads or prescribed displacements have changed.
+    """
+
+    u: NDArray[np.float64]
+    target: NDArray[np.float64]
+    rest: NDArray[np.float64]
+    trial: NDArray[np.float64]
+    bonded: NDArray[np.float64]
+    reaction: float
+    imbalance: float
+    loads: float
+    moved: bool
+
+
+class CondensedNewton(Iteration):
+    """Newton's method on the gap increments of a step, for bodies of constant stiffness.
+
+    Takes the place of :class:`vmdg.solver.newton.Newton`, with the same predictors, searches and
+    criteria, and ends every step with a residual of the whole problem: what it hands over has
+    converged there. Bodies are neither assembled nor solved for in the iteration.
+
+    Args:
+        problem: Of small strain, on one rank, see :mod:`vmdg.solver.features`.
+        relative_tolerance: Of the residual, see :class:`vmdg.solver.criterion.Criterion`.
+        max_iterations: Corrections before an attempt is given up.
+        scale: Largest force seen before [N].
+        borne: Largest reaction or load seen before [N].
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        relative_tolerance: float,
+        max_iterations: int,
+        scale: float = 0.0,
+        borne: float = 0.0,
+    ):
+        super().__init__(problem, relative_tolerance, max_iterations, scale, borne)
+        self._couplings = [c for c in problem.discretization.working if c.law.inelastic]
+        self.compliance = Compliance(problem)
+        self._solver = CondensedSolver(self.compliance)
+        norm = self.compliance.stiffness.norm(PETSc.NormType.NORM_INFINITY)
+        self._criterion.floor = self._rounding(norm)
+        self._prescribed = problem.prescribed
+        self._forget()
+
+    def restart(self) -> None:
+        """Go on as one that is made for the state of the problem now: the dense matrices stay."""
+        criterion, problem = self._criterion, self._problem
+        criterion.scale, criterion.borne = problem.force_scale, problem.borne_force
+        self.forget_path()
+        self._forget()
+
+    def _forget(self) -> None:
+        self._responses = KeptResponses(self.compliance.relax)
+        self._rest = np.zeros(self.compliance.size)
+        self._solver.forget()
+
+    @property
+    def krylov(self) -> int:
+        """Krylov iterations on systems of the gaps so far; 0 where they are solved directly."""
+        return self._solver.iterations
+
+    def _begin(self, start: float, end: float) -> list[NDArray[np.float64]]:
+        gap = np.concatenate([coupling.gap.ravel() for coupling in self._couplings])
+        self._path.start(start, gap)
+        self._held = self._hold()
+        return [place - gap for place in self._path.ahead(end)]
+
+    def _hold(self) -> _Held:
+        """Balance the loads of the step with the gaps held."""
+        problem, compliance = self._problem, self.compliance
+        u, prescribed = problem.u.x.array, self._prescribed
+        residual = problem.assemble_residual(self._dt, hold=True)
+        trial = np.concatenate([c.trial_traction.ravel() for c in self._couplings])
+        target = problem.prescribed_values(problem.t)
+        shift = target - u[prescribed]
+        with timer("bonded response"):
+            free = residual + compliance.lift(shift)
+            free[prescribed] = 0
+            loads = free - compliance.gap_forces(self._rest)
+            du = -self._responses(loads, NEGLIGIBLE * self._criterion.goal(0.0))
+            du[prescribed] = shift
+            bonded = compliance.tractions(du) - compliance.response(self._rest)
+            reactions = residual[prescribed] + compliance.reactions(du)
+        return _Held(
+            u + du,
+            target,
+            self._rest,
+            trial + bonded,
+            bonded,
+            float(np.linalg.norm(reactions)),
+            float(np.linalg.norm(free)),
+            self._free_norm(residual),
+            bool(np.any(shift)) or problem.t != problem.start_of_step[0],
+        )
+
+    def _free_norm(self, forces: NDArray[np.float64]) -> float:
+        """Norm on the free dofs [N]."""
+        forces = forces.copy()
+        forces[self._prescribed] = 0
+        return float(np.linalg.norm(forces))
+
+    def _attempt(self, search: str, ahead: list[NDArray[np.float64]], predictor: str) -> StepReport:
+        held, trace = self._held, Trace(self.krylov)
+        equation = self._equation(held)
+        with timer("predictor"):
+            gaps = self._predict(equation, held, ahead, predictor)
+        goal = self._criterion.goal(held.reaction)
+        for _ in range(REFINEMENTS):
+            gaps, failure = self._iterate(equation, gaps, search, goal, trace)
+            if failure:
+                return trace.report(False, failure, goal)
+            trace.norms[-1], reaction = self._finish(held, gaps)
+            goal = self._criterion.goal(reaction)
+            if trace.norms[-1] <= goal:
+                self._criterion.see(borne=reaction)
+                self._rest = gaps.excess
+                return trace.report(True, "CONVERGED_FNORM_RELATIVE", goal)
+            held = self._refined(held, gaps)
+            equation = self._equation(held)
+            gaps = equation.start(gaps.value)
+        return trace.report(False, "CONDENSATION_LOST", goal)
+
+    def _equation(self, held: _Held) -> GapEquation:
+        return GapEquation(self.compliance, self._solver, self._couplings, held.trial, self._dt)
+
+    def _predict(
+        self, equation: GapEquation, held: _Held, ahead: list[NDArray], predictor: str
+    ) -> Gaps:
+        """Where the iteration starts, as :class:`vmdg.solver.predictor.Predictor` says."""
+        still = np.zeros(self.compliance.size)
+        if predictor == PATH:
+            places = ahead if held.moved else [still, *ahead]
+            states = [equation.start(place) for place in places]
+            limit = ASTRAY * held.imbalance if held.moved else np.inf
+            # A comparison that also leaves out NaN.
+            states = [state for state in states if state.norm <= limit]
+            if states:
+                return min(states, key=lambda state: state.norm)
+        self._criterion.see(held.imbalance, held.loads)
+        elastic = equation.start(still)
+        if predictor == ELASTIC or elastic.norm == 0:
+            return elastic
+        compliance = np.concatenate([coupling.compliance for coupling in self._couplings])
+        bonded = held.bonded.reshape(len(compliance), -1)
+        grown = np.einsum("pij,pj->pi", compliance, bonded).ravel()
+        damaged = equation.start(equation.solve(compliance, grown).value)
+        good = damaged.norm <= POOR * held.imbalance or damaged.norm < elastic.norm
+        return damaged if good else elastic
+
+    def _iterate(
+        self,
+        equation: GapEquation,
+        gaps: Gaps,
+        search: str,
+        goal: float,
+        trace: Trace,
+    ) -> tuple[Gaps, str]:
+        """Newton's method to a residual norm; norms are taken down, why it failed is returned."""
+        start, seen = len(trace.norms), equation.evaluations
+        for iteration in range(self._max_iterations + 1):
+            trials, seen = equation.evaluations - seen, equation.evaluations
+            trace.note(gaps.norm, trials, self.krylov, self._solver.tolerance)
+            if not np.isfinite(gaps.norm):
+                return gaps, "DIVERGED_FNORM_NAN"
+            if gaps.norm <= goal:
+                return gaps, ""
+            if failure := self._hopeless(search, trace.norms[start:], trials):
+                return gaps, failure
+            if iteration < self._max_iterations:
+                try:
+                    direction = equation.correction(gaps)
+                except np.linalg.LinAlgError:
+                    return gaps, "DIVERGED_LINEAR_SOLVE"
+                gaps = SEARCHES[search](equation, gaps, direction)
+        return gaps, "DIVERGED_MAX_IT"
+
+    def _finish(self, held: _Held, gaps: Gaps) -> tuple[float, float]:
+        """Give the problem this state; norms of its residual and of its reactions [N]."""
+        problem = self._problem
+        with timer("recover displacement"):
+            du = self.compliance.relax(self.compliance.gap_forces(gaps.value - held.rest))
+        problem.u.x.array[:] = held.u + du
+        # Without rounding, or the next step would find them moved.
+        problem.u.x.array[self._prescribed] = held.target
+        problem.assemble_residual(self._dt)
+        forces = problem.forces.x.array
+        return self._free_norm(forces), float(np.linalg.norm(forces[self._prescribed]))
+
+    def _refined(self, held: _Held, gaps: Gaps) -> _Held:
+        """Without what the last residual has besides that of the gaps: rounding of the bodies."""
+        lost = self._problem.forces.x.array - self.compliance.gap_forces(gaps.excess)
+        du = self.compliance.relax(-lost)
+        return replace(held, u=held.u + du, trial=held.trial + self.compliance.tractions(du))
+
+    def destroy(self) -> None:
+        """Free the PETSc objects; collective."""
+        self._solver.destroy()
+        self.compliance.destroy()

@@ -1,0 +1,137 @@
+"""What a problem uses and what it can do without, found out from the problem itself."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from ..problem.problem import Problem
+from .kept_bulk import keeps_bulk
+from .linear import LARGE, LinearOptions, Options, is_iterative, linear_options
+
+if TYPE_CHECKING:
+    from .stepping import SolveOptions
+
+#: Components of gaps n against dofs N beyond which the condensed iteration, with dense matrices, is
+#: no longer cheaper: n^2 < CHEAPER N. The push-out in 3D has 306, a mesh of which every facet is an
+#: interface thousands.
+CHEAPER = 500
+
+
+class Switch(NamedTuple):
+    """One feature of a run.
+
+    Attributes:
+        name: What it is.
+        on: Whether the run uses it.
+        reason: Why, or what takes its place.
+    """
+
+    name: str
+    on: bool
+    reason: str
+
+
+def switchboard(problem: Problem, options: SolveOptions | None = None) -> list[Switch]:
+    """The features a run of ``problem`` uses and those it spares, with reasons; collective.
+
+    Args:
+        problem: With its interfaces, and the facets that are open now.
+        options: Of the solver; None for the default.
+
+    Raises:
+        ValueError: ``options.condensed`` is True and the problem does not allow it.
+    """
+    parts = problem.discretization
+    working = parts.working
+    tied = sum(not coupling.law.inelastic for coupling in working)
+    failing = problem.can_fail, "an interface can fail" if problem.can_fail else "tied only"
+    rubbing = any(coupling.law.friction > 0 for coupling in working)
+    turning = any(coupling.turns for coupling in working)
+    small, constant = problem.small_strain, parts.constant_stabilization
+    condensed, why = condensation(problem, options)
+    linear = linear_options(problem, options.petsc if options is not None else None)
+    solver = _name(linear.solver) if linear.automatic else "options.petsc"
+    if condensed:
+        solver = "LDL^T of the bonded bodies, once; dense at the interface"
+    still = "small strain" if small else 'tied, or frame="reference"'
+    return [
+        Switch("history and return map", *failing),
+        Switch("damage tangent", *failing),
+        Switch("tensor tau_s", tied > 0, f"{tied} of {len(working)} interfaces are ties"),
+        Switch("friction", rubbing, "in a law" if rubbing else "in no law"),
+        Switch("unsymmetric tangent", not problem.symmetric, "by the laws of the interfaces"),
+        Switch("turning frame", turning, "finite strain" if turning else still),
+        Switch("terms K of (85)", not small, "the moduli are constant" if small else "slip"),
+        Switch("tau_s every step", not constant, "once: small strain" if constant else "moduli"),
+        Switch("bodies assembled", *_bodies(problem, linear, condensed)),
+        Switch("condensed to interface", condensed, why),
+        Switch("linear solver", True, solver),
+    ]
+
+
+def _bodies(problem: Problem, linear: LinearOptions, condensed: bool) -> tuple[bool, str]:
+    """Whether the bodies are assembled during the run, and for which tangents."""
+    constant = problem.discretization.constant_stabilization
+    if condensed or (constant and not problem.can_fail):
+        return False, "once: small strain"
+    if keeps_bulk(problem, linear.solver):
+        return True, "where a kept tangent goes stale"
+    return True, "for tangents with damage" if constant else "for every tangent"
+
+
+def _name(linear: Options) -> str:
+    kind = {"lu": "LU", "cholesky": "LDL^T", "gamg": "multigrid"}[linear["pc_type"]]
+    return f"{linear['ksp_type'].upper()} with {kind}" if is_iterative(linear) else kind
+
+
+def condensation(problem: Problem, options: SolveOptions | None = None) -> tuple[bool, str]:
+    """Whether steps are condensed to the interface points, and why; collective.
+
+    Args:
+        problem: The problem.
+        options: ``condensed`` False never, True wherever it is possible, None where it is cheaper.
+
+    Raises:
+        ValueError: ``options.condensed`` is True and the problem does not allow it.
+    """
+    wanted = None if options is None else options.condensed
+    if wanted is False:
+        return False, "options.condensed = False"
+    if refusal := _refusal(problem, options):
+        if wanted:
+            raise ValueError(f"SolveOptions: condensed = True is not possible: {refusal}")
+        return False, refusal
+    n, N = gap_components(problem), problem.discretization.owned
+    if wanted:
+        return True, "options.condensed = True"
+    if problem.mesh.topology.dim == 3 and N > LARGE:
+        return False, f"{N} dofs are more than are factorized in 3D"
+    if n * n > CHEAPER * N:
+        return False, f"{n} gap components are too many for {N} dofs"
+    return True, f"small strain: {n} gap components for {N} dofs"
+
+
+def gap_components(problem: Problem) -> int:
+    """Points of interfaces that can fail times the dimension, on this rank."""
+    working = problem.discretization.working
+    points = sum(len(c.quadrature.weights) for c in working if c.law.inelastic)
+    return points * problem.mesh.geometry.dim
+
+
+def _refusal(problem: Problem, options: SolveOptions | None) -> str:
+    """Why the condensed iteration does not serve this problem, or nothing."""
+    if not problem.small_strain:
+        return "finite strain: the tangent of the bodies changes"
+    if not problem.can_fail:
+        return "tied only: nothing is left to iterate"
+    if problem.comm.size > 1:
+        return f"{problem.comm.size} ranks: dense matrices are for one"
+    if problem.discretization.condensation is not None:
+        return "mean dilatation"
+    if not problem.discretization.constant_stabilization:
+        return "a stabilization of the user's own may change"
+    if problem.opens_on_demand:
+        return "facets open on demand"
+    if options is not None and options.petsc is not None:
+        return "options.petsc are for the whole problem"
+    return ""

@@ -1,0 +1,255 @@
+"""The iteration on a load step: attempts, line searches and when they are given up.
+
+What Newton's method on the whole problem and that on the gaps alone have in common.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.parallel import global_max
+from ..problem.problem import Problem
+from .criterion import ROUGH, Criterion
+from .path import Path
+from .predictor import ELASTIC, PATH
+
+#: Line searches: backtracking on the residual norm, full steps, and the least energy.
+BACKTRACK, FULL, ENERGY = "backtrack", "full", "energy"
+
+#: Backtracking halves a correction so often at most. It is stuck at a kink if none of these lengths
+#: has a smaller residual, or if two corrections leave more than this share of the residual.
+HALVINGS, STALL = 8, 0.98
+
+#: Full steps may lead to a residual of so many times the force scale. A second attempt must end
+#: where at most this share of the energy it exchanged is unaccounted for: larger releases are
+#: jumps, whose dissipation is to be counted.
+EXCURSION, DISTANT = 5.0, 0.1
+
+
+class Solve(NamedTuple):
+    """How a residual norm was reached from the one before, or from the start of the step.
+
+    Attributes:
+        trials: Residuals the line search has looked at: 1 for a full step, 0 in the predictor.
+        krylov: Krylov iterations of its linear systems, 0 where they were solved directly.
+        tolerance: Relative tolerance of these iterations.
+    """
+
+    trials: int
+    krylov: int
+    tolerance: float
+
+
+@dataclass(frozen=True)
+class StepReport:
+    """How the iteration of a step went.
+
+    Attributes:
+        converged: Whether the residual met the tolerance.
+        norms: Residual norms on the free dofs, before every correction and at the end [N].
+        reason: PETSc's word for how it ended.
+        solves: How each of the norms was reached.
+        goal: Residual norm at which the step has converged [N].
+        krylov: Krylov iterations of all linear systems of the step, the predictor's and those of
+            former attempts included; 0 where they were solved directly.
+        former: The attempt before this one, with another line search.
+    """
+
+    converged: bool
+    norms: list[float]
+    reason: str
+    solves: list[Solve] = field(default_factory=list)
+    goal: float = math.nan
+    krylov: int = 0
+    former: StepReport | None = None
+
+    @property
+    def iterations(self) -> int:
+        """Newton corrections after the predictor."""
+        return max(len(self.norms) - 1, 0)
+
+    def failed(self, reason: str) -> StepReport:
+        """The same step, given up for another reason."""
+        return replace(self, converged=False, reason=reason)
+
+
+class Trace:
+    """Takes down the residual norms of an attempt and what each of them has cost.
+
+    Args:
+        krylov: Krylov iterations before the attempt.
+
+    Attributes:
+        norms: See :class:`StepReport`.
+        solves: See :class:`StepReport`.
+    """
+
+    def __init__(self, krylov: int):
+        self.norms: list[float] = []
+        self.solves: list[Solve] = []
+        self._krylov = krylov
+
+    def note(self, norm: float, trials: int, krylov: int, tolerance: float) -> None:
+        """Add a norm [N]; ``krylov`` is the count so far, the others as in :class:`Solve`."""
+        self.norms.append(norm)
+        self.solves.append(Solve(trials, krylov - self._krylov, tolerance))
+        self._krylov = krylov
+
+    def report(self, converged: bool, reason: str, goal: float) -> StepReport:
+        """What it comes to."""
+        return StepReport(converged, self.norms, reason, self.solves, goal)
+
+
+class Iteration(ABC):
+    """Newton's method on the load steps of a problem.
+
+    Args:
+        problem: The problem.
+        relative_tolerance: Of the residual, see :class:`vmdg.solver.criterion.Criterion`.
+        max_iterations: Corrections before an attempt is given up.
+        scale: Largest force seen before [N].
+        borne: Largest reaction or load seen before [N].
+
+    Attributes:
+        discretization: What it was made for.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        relative_tolerance: float,
+        max_iterations: int,
+        scale: float,
+        borne: float = 0.0,
+    ):
+        self.discretization = problem.discretization
+        self._problem = problem
+        self._criterion = Criterion(relative_tolerance, scale, borne)
+        self._max_iterations = max_iterations
+        self._path = Path(problem.comm)
+        self._dt = 1.0
+        self._size = extent(problem)
+
+    @property
+    def scale(self) -> float:
+        """Largest force seen so far [N]."""
+        return self._criterion.scale
+
+    @property
+    def borne(self) -> float:
+        """Largest reaction or load seen so far, without those of jumps [N]."""
+        return self._criterion.borne
+
+    def step(
+        self,
+        dt: float,
+        predictor: str = PATH,
+        along: tuple[float, float] | None = None,
+        once: bool = False,
+        rough: bool = False,
+    ) -> StepReport:
+        """Solve for the loads that ``Problem.begin_step`` has set; collective.
+
+        Args:
+            dt: Time step of the return maps [s].
+            predictor: One of :data:`vmdg.solver.predictor.PREDICTORS`.
+            along: Path parameter at the start and the end of a step in a jump; None for the load
+                factor.
+            once: Without the second attempt.
+            rough: The state is only on the way to an equilibrium, and need not be exact.
+        """
+        criterion = self._criterion
+        self._dt = dt
+        criterion.slack = ROUGH if rough else 1.0
+        scales = criterion.scale, criterion.borne
+        start, end = along or (self._problem.start_of_step[0], self._problem.t)
+        ahead = self._begin(start, end)
+        second = None
+        if self._problem.can_fail and not once:
+            second = FULL if along is None else ENERGY
+        before = self.krylov
+        report = self._search(ahead, predictor, second)
+        report = replace(report, krylov=self.krylov - before)
+        if not report.converged:
+            # The forces of a state that is given up say nothing about the run.
+            criterion.scale, criterion.borne = scales
+        elif along is not None and start < end:
+            # Nor do those that only the overstress of a jump could bear.
+            criterion.borne = scales[1]
+        return report
+
+    def forget_path(self) -> None:
+        """The next step does not continue the path of the last ones."""
+        self._path = Path(self._problem.comm)
+
+    def _search(
+        self, ahead: list[NDArray[np.float64]], predictor: str, second: str | None
+    ) -> StepReport:
+        """The line search; at a kink between branches of a law it can jam where another passes."""
+        problem = self._problem
+        start, scale = problem.u.x.array.copy(), self._criterion.scale
+        first = self._attempt(BACKTRACK, ahead, predictor)
+        if first.converged or second is None:
+            return first
+        problem.u.x.array[:] = start
+        self._criterion.scale = scale
+        problem.assemble_residual(self._dt, hold=True)
+        problem.watch_energy()
+        report = replace(self._attempt(second, [], ELASTIC), former=first)
+        if report.converged and problem.unaccounted_energy() > DISTANT:
+            return report.failed("DISTANT_EQUILIBRIUM")
+        return report
+
+    def _hopeless(self, search: str, norms: list[float], trials: int) -> str:
+        """PETSc's word for why an attempt is given up, or nothing.
+
+        Args:
+            search: The line search.
+            norms: Residual norms of the attempt.
+            trials: Residuals that the last search has looked at.
+        """
+        if search == FULL:
+            if norms[-1] > EXCURSION * self._criterion.scale:
+                return "DIVERGED_DTOL"
+            if np.isclose(norms[-1], norms[-5:-1], rtol=1e-3, atol=0).any():
+                return "DIVERGED_LOCAL_MIN"
+        elif search == BACKTRACK:
+            exhausted = trials > HALVINGS and norms[-1] >= norms[-2]
+            if exhausted or (len(norms) > 4 and norms[-1] > STALL * norms[-3]):
+                return "DIVERGED_LOCAL_MIN"
+        return ""
+
+    def _rounding(self, norm: float) -> float:
+        """Rounding of the internal forces [N] for a tangent of this infinity norm: eps |K| size."""
+        return float(np.finfo(float).eps) * self._size * norm
+
+    @property
+    @abstractmethod
+    def krylov(self) -> int:
+        """Krylov iterations of all steps so far; 0 where systems are solved directly."""
+
+    @abstractmethod
+    def _begin(self, start: float, end: float) -> list[NDArray[np.float64]]:
+        """What both attempts start from, at these path parameters: where the path may lead."""
+
+    @abstractmethod
+    def _attempt(self, search: str, ahead: list[NDArray[np.float64]], predictor: str) -> StepReport:
+        """Iterate with a line search."""
+
+    @abstractmethod
+    def destroy(self) -> None:
+        """Free the PETSc objects; collective."""
+
+
+def extent(problem: Problem) -> float:
+    """Diagonal of the box around the mesh [mm]; collective."""
+    x = problem.mesh.geometry.x
+    bounds = np.stack([x, -x]).max(axis=1, initial=-np.inf)  # a rank may have no cells
+    sides = [global_max(problem.comm, bound) for bound in bounds.ravel()]
+    return float(np.linalg.norm(np.add(sides[:3], sides[3:])))

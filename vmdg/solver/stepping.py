@@ -1,0 +1,497 @@
+"""Load stepping: steps to given load factors, cut and retried where the iteration fails."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..base.timers import Timing, timer, timings, timings_since
+from ..checkpoint.checkpoint import write_checkpoint
+from ..checkpoint.state_file import adios
+from ..interface.activation import NEAR, TOO_LATE
+from ..output.history import History
+from ..output.history_file import HistoryFile
+from ..problem.checks import check_model, checked_loads, checked_row
+from ..problem.problem import Problem
+from .condensed_newton import CondensedNewton
+from .features import Switch, condensation, switchboard
+from .newton import Newton, StepReport
+from .predictor import PATH, PREDICTORS
+from .progress import Progress
+
+#: In a jump the overstress falls after a step with so few corrections, and grows by this factor
+#: after one that fails.
+EASY, SLOWER = 5, 4.0
+
+#: Range of the overstress in a jump, in multiples of H; below it there is none to speak of.
+STIFFEST = 1e8
+
+Monitor = Callable[[Problem], Mapping[str, Any] | None]
+
+
+@dataclass(frozen=True)
+class SolveOptions:
+    """How to step.
+
+    Attributes:
+        relative_tolerance: Residual norm relative to the largest force the run has seen; it never
+            exceeds 1e-6 of the largest reaction or load.
+        max_iterations: Newton corrections before a step is cut.
+        max_cuts: How often a step may be halved.
+        jump: Where cutting does not help, pass an unstable stage by steps with viscous overstress
+            at constant load that end in an equilibrium without it. What they dissipate is counted
+            as viscosity.
+        jump_after: Cuts of a step before a jump is tried: the load at which the stage starts is
+            met to ``step / 2**jump_after``.
+        max_jump_steps: Steps with overstress before a jump is given up.
+        jump_rest: Largest overstress, relative to the strength, at which the end of a jump is
+            tried without it.
+        predictor: How a step starts: "path" extrapolates the last states where that is good and
+            else does as "tangent", the tangent with the damage of the last state; "elastic" holds
+            the damage.
+        duration: Time for one unit of load factor [s]; matters to laws with viscosity only.
+        petsc: Options for SNES, KSP and PC. Default: a backtracking line search and the linear
+            solver of :func:`vmdg.solver.linear.automatic_options`.
+        condensed: Iterate on the gaps at the interface points alone, the linear bodies of a problem
+            of small strain condensed to them: None where that is possible and cheaper, False never,
+            True wherever it is possible, see :mod:`vmdg.solver.features`.
+        energy_guard: Reject a step that ends in a distant equilibrium: one whose stored and
+            dissipated energy exceed what was there and the work put in by more than this share of
+            the work seen so far (for example 0.05). Off by default: a coarse step over a peak of
+            the force misses some of the work by itself.
+        energy: Add the energies of every step to the history.
+        progress: Show a progress bar and the summary of the run (rank 0): load factor, size,
+            iterations of the step, forces, share of the interfaces that is debonded, and with
+            ``energy`` the imbalance relative to the largest work put in.
+        show: Names of the columns of the history that the bar shows as forces; None for the first
+            three called force or reaction, alone or with more words ("force_x").
+        verbose: Print the residual norms of every step, with the ratio to the norm before, the
+            residuals the line search has tried, Krylov iterations and their tolerance, why steps
+            fail, and the summary (rank 0).
+        csv: File for the history, written while the run goes on: a row that is complete is on the
+            disk. Rows of an earlier run that ``history`` does not have are dropped.
+        checkpoint: Folder for a checkpoint of the run, see :func:`vmdg.read_checkpoint`.
+        checkpoint_every: Steps between two checkpoints: one is written at the first of the given
+            load factors that is reached after so many, and at the end of the run.
+    """
+
+    relative_tolerance: float = 1e-9
+    max_iterations: int = 10
+    max_cuts: int = 6
+    jump: bool = True
+    jump_after: int = 2
+    max_jump_steps: int = 200
+    jump_rest: float = 0.1
+    predictor: str = PATH
+    duration: float = 1.0
+    petsc: Mapping[str, str | int | float | bool | None] | None = None
+    condensed: bool | None = None
+    energy_guard: float = math.inf
+    energy: bool = False
+    progress: bool = False
+    show: Sequence[str] | str | None = None
+    verbose: bool = False
+    csv: str | Path | None = None
+    checkpoint: str | Path | None = None
+    checkpoint_every: int = 10
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a run produced.
+
+    Attributes:
+        history: One row a converged step: step, load, iterations, residual, cuts, the number of
+            steps a jump took, Krylov iterations (0 where systems are solved directly), energies if
+            asked for, and what the monitor returned.
+        residuals: Residual norms of every converged step.
+        failures: Load factor and reason of every step that had to be cut.
+        switches: What the run has used and what it could do without, with reasons.
+        timings: What the timers of vmdg have measured on this rank during the run, longest first:
+            the run itself, then its parts, of which some contain others.
+    """
+
+    history: History = field(default_factory=History)
+    residuals: list[list[float]] = field(default_factory=list)
+    failures: list[tuple[float, str]] = field(default_factory=list)
+    switches: list[Switch] = field(default_factory=list)
+    timings: list[Timing] = field(default_factory=list)
+
+    def summary(self) -> str:
+        """Steps and corrections of the run, a line for every switch, and one for every timer."""
+        steps = len(self.residuals)
+        corrections = sum(max(len(norms) - 1, 0) for norms in self.residuals)
+        head = f"{steps} steps, {corrections} corrections, {len(self.failures)} attempts failed"
+        width = max((len(switch.name) for switch in self.switches), default=0)
+        lines = [
+            f"  {switch.name:{width}}  {'on' if switch.on else 'off':3}  {switch.reason}"
+            for switch in self.switches
+        ]
+        return "\n".join([head, *lines, *self._timing_lines()])
+
+    def _timing_lines(self) -> list[str]:
+        if not self.timings:
+            return []
+        whole = self.timings[0].seconds
+        width = max(len(timing.name) for timing in self.timings)
+        head = f"  {'timer':{width}}  {'runs':>7}  {'seconds':>9}  share (parts may overlap)"
+        return [head] + [
+            f"  {name:{width}}  {runs:7d}  {seconds:9.2f}  {seconds / whole if whole else 0:5.0%}"
+            for name, runs, seconds in self.timings
+        ]
+
+
+class StepFailure(RuntimeError):
+    """A step failed at the smallest size; the problem is in its last converged state.
+
+    Args:
+        message: What failed.
+        result: What was computed before.
+
+    Attributes:
+        result: What was computed before.
+    """
+
+    def __init__(self, message: str, result: Result):
+        super().__init__(message)
+        self.result = result
+
+
+def solve(
+    problem: Problem,
+    loads: ArrayLike,
+    options: SolveOptions | None = None,
+    monitor: Monitor | None = None,
+    history: History | None = None,
+) -> Result:
+    """Solve for a sequence of load factors.
+
+    Args:
+        problem: Changed in place; ends in the state of the last load factor.
+        loads: Load factors to reach, one after the other.
+        options: See :class:`SolveOptions`.
+        monitor: Called after every converged step; what it returns joins the history row, by names
+            that may say their unit: "force [N]" is column "force".
+        history: Table of an earlier run to continue.
+
+    Raises:
+        StepFailure: a step fails although it was cut ``max_cuts`` times.
+        ValueError: no load factors (and no history), a body that nothing holds, the softening of a
+            law is too steep for the mesh (r <= H - eta), an unknown predictor, ``condensed=True``
+            where that is not possible, no steps between checkpoints, or columns of the history that
+            have the same name, change their unit, or are to be shown and do not exist.
+        TypeError: ``options`` or what the monitor returns is of the wrong kind.
+        ImportError: checkpoints are wanted and adios4dolfinx is missing.
+        OSError: a checkpoint or the table could not be written; the problem is in the state that
+            it should hold.
+    """
+    options = options or SolveOptions()
+    if not isinstance(options, SolveOptions):
+        raise TypeError(f"solve: options = {options!r} must be SolveOptions(...)")
+    if options.predictor not in PREDICTORS:
+        raise ValueError(
+            f"SolveOptions: predictor = {options.predictor!r} must be one of {PREDICTORS}"
+        )
+    if options.checkpoint_every < 1:
+        raise ValueError(
+            f"SolveOptions: checkpoint_every = {options.checkpoint_every} must be at least 1; "
+            "without checkpoint= nothing is written"
+        )
+    if options.checkpoint is not None:
+        adios()  # not after an hour
+    loads = checked_loads(loads, resumed=history is not None)
+    result = Result(
+        history=History() if history is None else history, switches=switchboard(problem, options)
+    )
+    if loads.size:
+        check_model(problem, loads)
+    before, written = timings(), len(result.history)
+    try:
+        with (
+            timer("solve"),
+            HistoryFile(problem.comm, options.csv, result.history) as file,
+            Progress(problem, len(loads), options) as progress,
+        ):
+            stepper = Stepper(problem, options, progress)
+            for number, target in enumerate(loads):
+                for part in _advance(stepper, float(target), result):
+                    _take_down(part, problem, options, monitor, result)
+                    file.update()
+                    progress.advanced(number + part.done, part.size, part.report, result.history)
+                if len(result.history) - written >= options.checkpoint_every:
+                    written = _write_checkpoint(stepper, result)
+            if len(result.history) > written:
+                _write_checkpoint(stepper, result)
+            # Not where a step failed: one rank alone must not wait for the others here.
+            stepper.close()
+    finally:
+        result.timings.extend(timings_since(before))
+    if (options.progress or options.verbose) and problem.comm.rank == 0:
+        print(result.summary())
+    return result
+
+
+def _write_checkpoint(stepper: Stepper, result: Result) -> int:
+    """Write a checkpoint if one is wanted; the number of rows that are safe now."""
+    folder = stepper.options.checkpoint
+    if folder is not None:
+        write_checkpoint(stepper.problem, folder, result.history)
+        stepper.restart()
+    return len(result.history)
+
+
+class _Part(NamedTuple):
+    """A converged step on the way to a given load factor.
+
+    Attributes:
+        t: Load factor.
+        done: Share of the way that is done.
+        size: Change of the load factor in the step.
+        report: How it went.
+        cuts: How often the way had been halved.
+        jumps: Steps with overstress of a jump.
+    """
+
+    t: float
+    done: float
+    size: float
+    report: StepReport
+    cuts: int
+    jumps: int
+
+
+def _take_down(
+    part: _Part, problem: Problem, options: SolveOptions, monitor: Monitor | None, result: Result
+) -> None:
+    """Add the row of a converged step."""
+    row = {
+        "step [-]": len(result.history) + 1,
+        "load [-]": part.t,
+        "iterations [-]": part.report.iterations,
+        "residual [N]": part.report.norms[-1],
+        "cuts [-]": part.cuts,
+        "jump_steps [-]": part.jumps,
+        "krylov [-]": part.report.krylov,
+    }
+    if options.energy:
+        energy = problem.energy()
+        energies = asdict(energy) | {"imbalance": energy.imbalance}
+        row |= {f"{name} [N mm]": value for name, value in energies.items()}
+    result.history.append(row | checked_row(monitor(problem) if monitor else None))
+    result.residuals.append(part.report.norms)
+
+
+def _advance(stepper: Stepper, target: float, result: Result) -> Iterator[_Part]:
+    """Reach ``target``, in several steps where one does not converge; failures are taken down."""
+    problem, options = stepper.problem, stepper.options
+    start = problem.t
+    done, size, cuts, failed = 0.0, 1.0, 0, False
+    jumped_from = math.nan
+    while done < 1.0:
+        end = min(done + size, 1.0)
+        t = target if end == 1.0 else start + end * (target - start)
+        # A smaller step is the cheaper second attempt, as long as there are some left.
+        last = cuts >= min(options.jump_after, options.max_cuts)
+        report, jumps = stepper.step(t, once=not last), 0
+        # From the same state to the same load a jump fails again.
+        if not report.converged and last and options.jump and problem.t != jumped_from:
+            jumped_from = problem.t
+            result.failures.append((t, report.reason))
+            # Beyond the limit point by as much as the step allows: near it a jump starts slowly.
+            report, jumps = stepper.jump(target)
+            if report.converged:
+                end, t = 1.0, target
+        if not report.converged:
+            result.failures.append((t, report.reason))
+            cuts, failed = cuts + 1, True
+            size = (end - done) / 2
+            if cuts > options.max_cuts:
+                norms = ", ".join(f"{norm:.3g}" for norm in report.norms[-4:]) or "none"
+                raise StepFailure(
+                    f"the step from load factor {problem.t:.8g} to {t:.8g} failed "
+                    f"({report.reason}, residuals {norms}) although it was cut "
+                    f"{options.max_cuts} times; the problem is in its state at {problem.t:.8g}",
+                    result,
+                )
+            continue
+        yield _Part(t, end, (end - done) * (target - start), report, cuts, jumps)
+        done = end
+        if not failed:
+            size, cuts = 2 * size, max(cuts - 1, 0)
+        failed = False
+
+
+class Stepper:
+    """Single steps of a problem, with the Newton solver that fits its open facets.
+
+    Args:
+        problem: The problem.
+        options: See :class:`SolveOptions`.
+        progress: What is told how steps went; None for one by ``options``.
+    """
+
+    def __init__(self, problem: Problem, options: SolveOptions, progress: Progress | None = None):
+        self.problem = problem
+        self.options = options
+        self._progress = progress or Progress(problem, 0, options)
+        self._viscous = any(interface.law.viscosity > 0 for interface in problem.interfaces)
+        self._guards = problem.watches_energy = math.isfinite(options.energy_guard)
+        self._newton = self._make_newton(problem.force_scale, problem.borne_force)
+
+    def _make_newton(self, scale: float, borne: float) -> Newton | CondensedNewton:
+        problem, options = self.problem, self.options
+        tolerance, iterations = options.relative_tolerance, options.max_iterations
+        if condensation(problem, options)[0]:
+            return CondensedNewton(problem, tolerance, iterations, scale, borne)
+        return Newton(problem, tolerance, iterations, options.petsc, scale, borne)
+
+    def restart(self) -> None:
+        """Go on as a run that is resumed from a checkpoint of this state; collective.
+
+        Factors, kept tangents and the path of the last states speed a run up and change its
+        iterations within the tolerance. A resumed run has none of them.
+        """
+        if isinstance(self._newton, CondensedNewton):
+            self._newton.restart()
+        else:
+            self._newton.destroy()
+            self._newton = self._make_newton(self.problem.force_scale, self.problem.borne_force)
+
+    def close(self) -> None:
+        """Free what PETSc holds; collective."""
+        self._newton.destroy()
+
+    def step(
+        self,
+        t: float,
+        overstress: float = 0.0,
+        along: tuple[float, float] | None = None,
+        once: bool = False,
+        rough: bool = False,
+    ) -> StepReport:
+        """One step to load factor ``t``, committed if it converges and undone if not.
+
+        A step that takes closed facets beyond their strength is undone, the facets are opened,
+        and the step is done again.
+
+        Args:
+            t: Load factor.
+            overstress: Viscous regularisation, see :meth:`Problem.begin_step`.
+            along: Path parameter at the start and the end of the step; None for the load factor.
+            once: Without the second attempt of the iteration.
+            rough: The state is only on the way to an equilibrium, and need not be exact.
+        """
+        report = self._step(t, overstress, along, once, rough)
+        self._progress.attempted(t, report, overstress)
+        return report
+
+    def _step(
+        self,
+        t: float,
+        overstress: float,
+        along: tuple[float, float] | None,
+        once: bool,
+        rough: bool,
+    ) -> StepReport:
+        while True:
+            report = self._try(t, overstress, along, once, rough)
+            if not report.converged:
+                self.problem.cancel_step()
+                return report
+            if self.problem.inverted():
+                self.problem.cancel_step()
+                return report.failed("CELLS_INVERTED")
+            if self.problem.outgrown():
+                self.problem.cancel_step()
+                return report.failed("STABILIZATION_OUTGROWN")
+            if (
+                self._guards
+                and not overstress
+                and self.problem.created_energy() > self.options.energy_guard
+            ):
+                self.problem.cancel_step()
+                return report.failed("ENERGY_CREATED")
+            nearness = self.problem.nearness()
+            if nearness > TOO_LATE:
+                self.problem.cancel_step()
+                self.problem.open_facets()
+                self._progress.say(f"step to load {t:.8g} again: facets open within it")
+                continue
+            self.problem.commit()
+            self.problem.force_scale = self._newton.scale
+            self.problem.borne_force = self._newton.borne
+            if nearness > NEAR:
+                self.problem.open_facets()
+            return report
+
+    def _try(
+        self,
+        t: float,
+        overstress: float,
+        along: tuple[float, float] | None,
+        once: bool,
+        rough: bool,
+    ) -> StepReport:
+        problem, options = self.problem, self.options
+        if self._newton.discretization is not problem.discretization:
+            self._newton.destroy()
+            self._newton = self._make_newton(self._newton.scale, self._newton.borne)
+        # A step of no length is at rest: rate effects vanish for infinite time.
+        dt = abs(t - problem.t) * options.duration or (1.0 if overstress else np.inf)
+        try:
+            problem.begin_step(t, dt, overstress)
+        except ValueError as error:
+            if not (overstress or self._viscous):
+                raise
+            return StepReport(False, [], str(error))
+        return self._newton.step(dt, options.predictor, along, once, rough)
+
+    def jump(self, t: float) -> tuple[StepReport, int]:
+        """Carry the problem over an unstable stage at load factor ``t``.
+
+        Displacement control has no equilibrium nearby. Steps at this load with an overstress
+        eta = factor H per gap increment follow the bond as it breaks; the factor shrinks as they
+        converge, until a step without it does: the end is an equilibrium of the law as it is.
+
+        Returns:
+            Report of the last step and the number of steps with overstress. If it fails the
+            problem is back where it was.
+        """
+        options = self.options
+        before = self.problem.snapshot()
+        # The time that passes, relative to the viscosity: the path goes on in it.
+        factor, elapsed, steps, rest = 4.0, 0.0, 0, 1
+        report, rough, again = StepReport(False, [], ""), True, False
+        self._newton.forget_path()
+        while steps < options.max_jump_steps and 1 / STIFFEST < factor < STIFFEST:
+            place = (elapsed, elapsed + 1 / factor)
+            # More overstress is the cheaper second attempt, as long as it helps.
+            report = self.step(t, factor, place, once=not again, rough=rough)
+            steps += 1
+            again = not report.converged
+            if again:
+                factor *= SLOWER
+                continue
+            elapsed += 1 / factor
+            # A state that has hardly left the equilibrium would be taken for the next one.
+            arrived = report.iterations == 0 and not rough
+            rough = rough and report.iterations > 0
+            if (arrived or steps >= rest) and self.problem.largest_overstress() < options.jump_rest:
+                # While the state moves, more steps are the cheaper second attempt here too.
+                report = self.step(t, along=(elapsed, elapsed), once=not arrived)
+                if report.converged:
+                    self._newton.forget_path()
+                    return report, steps
+                # It grows from small values while the state leaves the equilibrium: be patient.
+                rest = 2 * steps
+            if report.iterations <= EASY:
+                factor /= 2
+        self.problem.return_to(before)
+        self._newton.forget_path()
+        return report.failed(f"JUMP_FAILED after {steps} steps"), steps
