@@ -29,10 +29,10 @@ SHOWN = {-0.04: "d = -0.04 mm, bonded", -0.06: "d = -0.06 mm, damage", -0.10: "d
 def facet_norms(problem: vmdg.Problem) -> dict[str, float]:
     """|tau_s| [MPa/mm] of the facets A (lower) and B (upper) at the current state."""
     problem.update_stabilization(None)
-    coupling = problem.couplings[0]
-    quadrature = coupling.quadrature
+    active = problem.discretization.active[0]
+    quadrature = active.quadrature
     heights = quadrature.points[quadrature.points_of_facet, 1].mean(axis=1)
-    local = list(zip(heights, coupling.stabilization.norm, strict=True))
+    local = list(zip(heights, active.stabilization.norm, strict=True))
     ordered = sorted(pair for part in problem.comm.allgather(local) for pair in part)
     return dict(zip("AB", (float(norm) for _, norm in ordered), strict=True))
 

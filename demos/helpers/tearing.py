@@ -38,7 +38,7 @@ def gap_profile(problem: vmdg.Problem, tagged: TaggedMesh, y: float) -> NDArray:
 
 def error_profile(problem: vmdg.Problem) -> NDArray:
     """Rows (x, size of the fine scales) of the facets of the interface."""
-    q = problem.couplings[0].quadrature
+    q = problem.discretization.active[0].quadrature
     x = np.bincount(q.facet, q.weights * problem.state[0].points[:, 0], len(q.area)) / q.area
     return gathered(problem, x, problem.error_indicator(0))
 

@@ -147,7 +147,7 @@ def test_free_swelling(comm, material, kinematics):
     vmdg.solve(problem, [1.0], PRECISE)
     X = problem.space.tabulate_dof_coordinates()[:, :2]
     assert np.abs(problem.u.x.array.reshape(-1, 2) - theta * X).max(initial=0) < 1e-10
-    stiffest = global_max(comm, problem.couplings[0].stabilization.norm.max(initial=0))
+    stiffest = global_max(comm, problem.discretization.active[0].stabilization.norm.max(initial=0))
     assert abs(problem.energy().stored) < 1e-10 * stiffest
     assert np.abs(problem.state[0].traction).max(initial=0) < 1e-7
 

@@ -9,7 +9,7 @@ from dolfinx import fem
 
 import vmdg
 from vmdg.assembly import discretization
-from vmdg.interface.coupling import Coupling
+from vmdg.interface.active import ActiveInterface
 from vmdg.meshes import blocks
 
 STRENGTH = 10.0
@@ -84,12 +84,12 @@ def test_constants_of_a_material_may_change(comm):
 def test_stabilization_is_derived_once_at_small_strain(comm, monkeypatch, kinematics):
     """tau_s is constant there; at finite strain it follows every step."""
     problem = pulled(comm, vmdg.NeoHookean(E=1000.0, nu=0.3), kinematics)
-    derive, calls = Coupling.derive_stabilization, []
+    derive, calls = ActiveInterface.derive_stabilization, []
 
     def counted(self, *kept):
         calls.append(not kept)
         return derive(self, *kept)
 
-    monkeypatch.setattr(Coupling, "derive_stabilization", counted)
+    monkeypatch.setattr(ActiveInterface, "derive_stabilization", counted)
     vmdg.solve(problem, np.linspace(0.25, 1, 4))
     assert sum(calls) == 0 if kinematics == "small" else sum(calls) >= 4

@@ -404,8 +404,8 @@ def test_names_of_facets(comm):
     for where in (comm, MPI.COMM_SELF):
         problem = small(where, 3)
         facets = problem.interface_facets(0)
-        x = problem.couplings[0].quadrature.points
-        mid = x[problem.couplings[0].quadrature.points_of_facet].mean(axis=1)
+        x = problem.discretization.active[0].quadrature.points
+        mid = x[problem.discretization.active[0].quadrature.points_of_facet].mean(axis=1)
         keys = facet_keys(problem.mesh, facets)
         names.append(np.column_stack(by_position(where, mid, keys)))
     assert np.abs(names[0] - names[1]).max() < 1e-12

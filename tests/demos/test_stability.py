@@ -121,12 +121,12 @@ def test_finite(run):
 @pytest.mark.parametrize("what", ["u", "forces", "gap", "softening"])
 def test_state_intact(run, what):
     """One bit more or less in any array."""
-    coupling = run.problem.couplings[0]
+    active = run.problem.discretization.active[0]
     array = {
         "u": run.problem.u.x.array,
         "forces": run.problem.forces.x.array,
-        "gap": coupling._now.gap,
-        "softening": coupling.softening,
+        "gap": active._now.gap,
+        "softening": active.softening,
     }[what]
     array[-1] = np.nextafter(array[-1], 1.0)
     assert checks.at_last_record(run)
@@ -214,8 +214,8 @@ def test_inadmissible(points, row, value):
 def test_admissible(run):
     """A history that the displacement does not belong to."""
     assert not checks.admissible(run)
-    coupling = run.problem.couplings[0]
-    coupling.softening = coupling.softening + 0.5
+    active = run.problem.discretization.active[0]
+    active.softening = active.softening + 0.5
     del run.new
     assert checks.admissible(run)
 

@@ -165,7 +165,7 @@ def test_factors_do_not_depend_on_ranks(comm, cell):
         problem.u.interpolate(lambda x: 0.1 * np.sin(3 * x[: DIMENSION[cell]]))
         problem.u.x.scatter_forward()
         problem.update_stabilization(1.0)
-        quadrature = problem.couplings[0].quadrature
+        quadrature = problem.discretization.active[0].quadrature
         points = quadrature.points[quadrature.points_of_facet].mean(axis=1)
         return by_position(comm, points, problem.stabilization[0].safety)
 

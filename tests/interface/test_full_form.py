@@ -185,7 +185,7 @@ def test_fine_scales(comm, cell):
     problem.update_stabilization(1.0)
     problem.assemble_residual()
     state, stabilization = problem.state[0], problem.stabilization[0]
-    facet = problem.couplings[0].quadrature.facet
+    facet = problem.discretization.active[0].quadrature.facet
 
     N = state.normal
     jump = sum(
@@ -232,7 +232,7 @@ def indicator_norm(comm, cell, degree, n):
     for tag in (1, 2, 4, 5):
         problem.dirichlet(scene.facet_tags.find(tag), lambda X, t: t * bent(X))
     vmdg.solve(problem, [1.0])
-    area = problem.couplings[0].quadrature.area
+    area = problem.discretization.active[0].quadrature.area
     return np.sqrt(comm.allreduce(float(area @ problem.error_indicator(0) ** 2)))
 
 
@@ -261,7 +261,7 @@ def test_indicator_peaks_at_the_front(comm):
         lambda x: np.isclose(x[:2], corner).all(axis=0), lambda t: 0.4 * t, "x"
     )
     vmdg.solve(problem, np.linspace(0.1, 1, 10))
-    state, facet = problem.state[0], problem.couplings[0].quadrature.facet
+    state, facet = problem.state[0], problem.discretization.active[0].quadrature.facet
     held = state.points[state.softening < law.strength, 1]
     front = comm.allreduce(held.max(initial=-1), op=MPI.MAX)
     assert 0.2 * length < front < 0.8 * length

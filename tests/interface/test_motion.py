@@ -227,7 +227,7 @@ class Scout:
         problem = self.problem
         problem.begin_step(t, abs(t - problem.t))
         assert self.newton.step(abs(t - problem.t)).converged
-        mode = int(problem.couplings[0]._now.update.mode[0])
+        mode = int(problem.discretization.active[0]._now.update.mode[0])
         problem.commit() if keep else problem.cancel_step()
         return mode
 

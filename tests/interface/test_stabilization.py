@@ -133,7 +133,7 @@ def oracle_tau(cell, corners, on_facet, A):
 def oracle_sides(problem, cell, F):
     """tau_1 and tau_2 of every facet of this rank, (2, nf, d, d)."""
     mesh, d = problem.mesh, DIMENSION[cell]
-    facets = problem.couplings[0].facets
+    facets = problem.discretization.active[0].facets
     result = np.empty((2, len(facets.facets), d, d))
     x, dofmap = mesh.geometry.x[:, :d], compat.geometry_dofmap(mesh)
     for f, cells in enumerate(facets.cells):
@@ -284,9 +284,9 @@ def test_many_interface_facets_of_one_cell(comm, cell):
     build(make_mesh(comm), within=1)  # compiles on one rank before every rank works alone
     mesh = make_mesh(MPI.COMM_SELF)
     together = build(mesh, within=1)
-    facets = together.couplings[0].facets.facets
+    facets = together.discretization.active[0].facets.facets
     assert np.array_equal(facets, interior_facets(mesh))
-    counts = np.unique(together.couplings[0].facets.cells, return_counts=True)[1]
+    counts = np.unique(together.discretization.active[0].facets.cells, return_counts=True)[1]
     assert counts.max() == DIMENSION[cell] + (cell in ("triangle", "tetrahedron"))
     every = slice(None) if len(facets) < 20 else slice(None, None, 7)
     for number in np.arange(len(facets))[every]:

@@ -94,18 +94,18 @@ def test_small_strain(comm, law):
 
 def symbolic_damage(problem, du):
     """-Tt(eta).C.Tt(du) of (84), Tt the symbolic derivative of {P.N} + r g, C from the law."""
-    coupling, d = problem.couplings[0], problem.mesh.geometry.dim
-    (group,) = coupling.groups
-    q, r = coupling.quadrature, coupling.stabilization.norm
+    active, d = problem.discretization.active[0], problem.mesh.geometry.dim
+    (group,) = active.groups
+    q, r = active.quadrature, active.stabilization.norm
     problem.assemble_residual(hold=True)
     state = problem.state[0]
-    update = coupling.law.return_map(
+    update = active.law.return_map(
         state.traction, state.normal, state.gap, state.softening, r[q.facet]
     )
     C = fem.Function(q.space((d, d)))
     C.x.array[:] = update.tangent.ravel()
     delta, tau = fem.Function(q.facet_space((d, d))), fem.Function(q.facet_space(()))
-    q.set_facet_values(delta, coupling.stabilization.delta[:, 0])
+    q.set_facet_values(delta, active.stabilization.delta[:, 0])
     q.set_facet_values(tau, r)
     N, one = ufl.FacetNormal(problem.mesh)("+"), ufl.Identity(d)
     tractions = []
@@ -116,7 +116,7 @@ def symbolic_damage(problem, du):
     total = mean + tau("+") * (problem.u("-") - problem.u("+"))
     eta = ufl.TestFunction(problem.space)
     by_eta, by_du = (ufl.derivative(total, problem.u, w) for w in (eta, du))
-    rows = coupling.facets.rows(np.ones(len(coupling.facets.facets), dtype=bool))
+    rows = active.facets.rows(np.ones(len(active.facets.facets), dtype=bool))
     dS = ufl.Measure(
         "dS",
         domain=problem.mesh,
@@ -135,7 +135,7 @@ def test_staged_tangent_is_the_symbolic_one(comm, cell, degree):
     """
     problem = partly_damaged(comm, cell, degree)
     du = ufl.TrialFunction(problem.space)
-    submeshes = problem.couplings[0].submeshes
+    submeshes = problem.discretization.active[0].submeshes
 
     def assembled(form):
         matrix = fem_petsc.assemble_matrix(compile_form(form, submeshes, comm))

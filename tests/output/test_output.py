@@ -85,7 +85,7 @@ def test_interface_fields(comm, cell):
     problem = torn(comm, cell)
     fields = InterfaceFields(problem, 0, INTERFACE_FIELDS)
     fields.update()
-    state, q = problem.state[0], problem.couplings[0].quadrature
+    state, q = problem.state[0], problem.discretization.active[0].quadrature
 
     def on_facets(name: str) -> np.ndarray:
         function = fields.functions[name]

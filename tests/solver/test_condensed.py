@@ -69,17 +69,17 @@ def test_compliance_matrix(comm, cell):
     problem.assemble_tangent(matrix, damage=False)
     N = problem.discretization.owned
     K = np.column_stack([multiply(matrix, e) for e in np.eye(N)])
-    coupling = problem.couplings[0]
+    active = problem.discretization.active[0]
 
     def trial(u):
         problem.u.x.array[:] = u
         problem.assemble_residual(hold=True)
-        return coupling.trial_traction.ravel().copy()
+        return active.trial_traction.ravel().copy()
 
     B = np.column_stack([trial(e) - trial(np.zeros(N)) for e in np.eye(N)])
     free = np.setdiff1d(np.arange(N), problem.prescribed)
     compliance = Compliance(problem)
-    W = np.repeat(coupling.quadrature.weights, problem.mesh.geometry.dim)
+    W = np.repeat(active.quadrature.weights, problem.mesh.geometry.dim)
     expected = B[:, free] @ np.linalg.solve(K[np.ix_(free, free)], B[:, free].T * W)
     gap = np.random.default_rng(1).uniform(-1, 1, len(W))
     assert compliance.response(gap) == pytest.approx(expected @ gap, rel=1e-10)

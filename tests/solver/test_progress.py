@@ -203,9 +203,9 @@ def test_debonded(comm):
     problem = pulled(comm, n=4)
     assert problem.debonded() == 0.0
     # Half of the facets, on whatever rank they are.
-    coupling = problem.couplings[0]
-    lower = coupling.quadrature.points[:, 1] < 0.5
-    coupling.softening[lower] = LAW.strength
+    active = problem.discretization.active[0]
+    lower = active.quadrature.points[:, 1] < 0.5
+    active.softening[lower] = LAW.strength
     assert problem.debonded() == pytest.approx(0.5)
     scene = two_blocks(comm, "quadrilateral", 4)
     interfaces = [
@@ -214,7 +214,7 @@ def test_debonded(comm):
     ]
     bodies = dict(enumerate(MATERIALS, start=1))
     problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, interfaces)
-    problem.couplings[0].softening[:] = LAW.strength
+    problem.discretization.active[0].softening[:] = LAW.strength
     # 3 lines of length 1 mm in both directions inside the left block.
     assert problem.debonded() == pytest.approx(1 / (1 + 6))
 

@@ -157,7 +157,7 @@ def assert_residual_is_energy_derivative(problem: vmdg.Problem) -> None:
     """The residual equals d/du of the stored energies with zeta held, to rounding."""
     parts = problem.discretization
     energy = parts.bulk(lambda body, F: body.energy(F)) + parts._interfaces(
-        lambda coupling, group: coupling.energy_term(group)
+        lambda active, group: active.energy_term(group)
     )
     eta = ufl.TestFunction(problem.space)
     expected, found = (

@@ -117,9 +117,9 @@ def modes(problem):
     state = problem.state[0]
     problem.assemble_residual(hold=True)
     trial = problem.state[0].traction
-    coupling = problem.couplings[0]
-    r = coupling.stabilization.norm[coupling.quadrature.facet]
-    update = coupling.law.return_map(trial, state.normal, state.gap, state.softening, r)
+    active = problem.discretization.active[0]
+    r = active.stabilization.norm[active.quadrature.facet]
+    update = active.law.return_map(trial, state.normal, state.gap, state.softening, r)
     return gather(problem.comm, update.mode)
 
 

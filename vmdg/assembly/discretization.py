@@ -27,8 +27,8 @@ from ..forms import kinematics
 from ..forms.dilatation import MeanDilatation
 from ..forms.geometry import Geometry
 from ..forms.kinematics import Body
+from ..interface.active import ActiveInterface, Frozen, Group
 from ..interface.coercivity import Coercivity
-from ..interface.coupling import Coupling, Frozen, Group
 from ..interface.interface import Interface, InterfaceFacets
 from .dilatation import Condensation
 from .space import broken_space
@@ -36,7 +36,7 @@ from .space import broken_space
 
 @dataclass(frozen=True)
 class _Derived:
-    """Stabilization of all working interfaces at one displacement.
+    """Stabilization of all active interfaces at one displacement.
 
     Attributes:
         place: Displacement and swelling for which it holds, on this rank.
@@ -57,7 +57,7 @@ class _Forms(NamedTuple):
 
     Attributes:
         bulk: The bodies.
-        interfaces: Every working interface.
+        interfaces: Every active interface.
     """
 
     bulk: fem.Form
@@ -65,7 +65,7 @@ class _Forms(NamedTuple):
 
 
 class Discretization:
-    """The broken space on which the displacement lives, the interfaces at work, and the forms.
+    """The broken space on which the displacement lives, its active interfaces, and the forms.
 
     Args:
         mesh: The mesh.
@@ -79,7 +79,7 @@ class Discretization:
         space: Broken space.
         u: Displacement [mm].
         forces: Internal minus external forces of the last assembly, owned and ghost dofs [N].
-        couplings: One for every interface, None where no rank has an open facet.
+        active: Interfaces of which a rank has an open facet, by their number.
         owned: Number of component-wise dofs this rank owns.
         condensation: theta, p and their elimination with mean dilatation, else None.
     """
@@ -102,10 +102,11 @@ class Discretization:
         self.forces = fem.Function(self.space, name="forces")
         self.geometry = geometry
         sizes = global_sum(mesh.comm, [len(f.facets) for f in facets]) if facets else []
-        self.couplings: list[Coupling | None] = [
-            Coupling(interface, f, self.u, bodies, degree, geometry) if size else None
-            for interface, f, size in zip(interfaces, facets, sizes, strict=True)
-        ]
+        self.active = {
+            i: ActiveInterface(interface, f, self.u, bodies, degree, geometry)
+            for i, (interface, f, size) in enumerate(zip(interfaces, facets, sizes, strict=True))
+            if size
+        }
         self._dx = self._make_dx()
         self._residual_forms: _Forms | None = None
         self._tangent_forms: _Forms | None = None
@@ -121,18 +122,13 @@ class Discretization:
         self.condensation = Condensation(self) if isinstance(geometry, MeanDilatation) else None
 
     @property
-    def working(self) -> list[Coupling]:
-        """Interfaces with open facets."""
-        return [coupling for coupling in self.couplings if coupling is not None]
-
-    @property
     def constant_stabilization(self) -> bool:
         """Whether tau_s and delta are the same at every displacement.
 
         At small strain the moduli in the bubble integrals (22) are constant; a callable of the
         user's may depend on the displacement all the same.
         """
-        derived = all(coupling.interface.stabilization is None for coupling in self.working)
+        derived = all(active.interface.stabilization is None for active in self.active.values())
         return self.bodies.families[0].body.small and derived
 
     # Forms
@@ -155,15 +151,15 @@ class Discretization:
         ]
         return sum(terms, start=ufl.Form([]))
 
-    def _interfaces(
+    def _interface_form(
         self,
-        integrand: Callable[[Coupling, Group], Expr],
-        couplings: Sequence[Coupling] | None = None,
+        integrand: Callable[[ActiveInterface, Group], Expr],
+        interfaces: Sequence[ActiveInterface] | None = None,
     ) -> ufl.Form:
-        """Sum over the working interfaces, or some of them, of ``integrand(coupling, group)``."""
-        chosen = self.working if couplings is None else couplings
-        groups = [(coupling, group) for coupling in chosen for group in coupling.groups]
-        rows = [(i, coupling.facets.rows(g.select)) for i, (coupling, g) in enumerate(groups)]
+        """Sum over the active interfaces, or some of them, of ``integrand(active, group)``."""
+        chosen = self.active.values() if interfaces is None else interfaces
+        groups = [(active, group) for active in chosen for group in active.groups]
+        rows = [(i, active.facets.rows(g.select)) for i, (active, g) in enumerate(groups)]
         dS = ufl.Measure(
             "dS",
             domain=self.mesh,
@@ -171,20 +167,20 @@ class Discretization:
             metadata={"quadrature_degree": facet_degree(self.degree)},
         )
         terms = [
-            self.geometry.weight * integrand(coupling, group) * dS(i)
-            for i, (coupling, group) in enumerate(groups)
+            self.geometry.weight * integrand(active, group) * dS(i)
+            for i, (active, group) in enumerate(groups)
         ]
         return sum(terms, start=ufl.Form([]))
 
     def _compile_interfaces(
-        self, integrand: Callable[[Coupling, Group], Expr], name: str
+        self, integrand: Callable[[ActiveInterface, Group], Expr], name: str
     ) -> list[fem.Form]:
-        """One form for every working interface; interfaces of one kind share their kernel."""
-        forms = [self._interfaces(integrand, [coupling]) for coupling in self.working]
+        """One form for every active interface; interfaces of one kind share their kernel."""
+        forms = [self._interface_form(integrand, [active]) for active in self.active.values()]
         return [self.compile_form(form, name) for form in forms]
 
     def compile_form(self, form: ufl.Form, name: str = "form") -> fem.Form:
-        submeshes = [submesh for coupling in self.working for submesh in coupling.submeshes]
+        submeshes = [submesh for active in self.active.values() for submesh in active.submeshes]
         options = VECTORIZED if self.mesh.topology.dim == 3 else JIT_OPTIONS
         return compile_form(form, submeshes, self.mesh.comm, options, name)
 
@@ -195,7 +191,7 @@ class Discretization:
             eta: Test function; that of the displacement, or with mean dilatation of the dilatation.
         """
         eta = ufl.TestFunction(self.space) if eta is None else eta
-        return self._bulk_residual(eta) + self._interfaces(self._residual_of(eta))
+        return self._bulk_residual(eta) + self._interface_form(self._residual_of(eta))
 
     def _bulk_residual(self, eta: Expr) -> ufl.Form:
         virtual = self.geometry.gradient(eta)
@@ -204,8 +200,8 @@ class Discretization:
         )
 
     @staticmethod
-    def _residual_of(eta: Expr) -> Callable[[Coupling, Group], Expr]:
-        return lambda coupling, group: coupling.residual_term(eta, group)
+    def _residual_of(eta: Expr) -> Callable[[ActiveInterface, Group], Expr]:
+        return lambda active, group: active.residual_term(eta, group)
 
     def tangent_ufl(self, eta: Expr | None = None, du: Expr | None = None) -> ufl.Form:
         """The tangent (85), the interfaces in staged coefficients.
@@ -216,14 +212,14 @@ class Discretization:
         """
         eta = ufl.TestFunction(self.space) if eta is None else eta
         du = ufl.TrialFunction(self.space) if du is None else du
-        return self._bulk_tangent(eta, du) + self._interfaces(self._tangent_of(eta, du))
+        return self._bulk_tangent(eta, du) + self._interface_form(self._tangent_of(eta, du))
 
     def _bulk_tangent(self, eta: Expr, du: Expr) -> ufl.Form:
         return self.bulk(lambda body, F: kinematics.stiffness(body, self.geometry, F, eta, du))
 
     @staticmethod
-    def _tangent_of(eta: Expr, du: Expr) -> Callable[[Coupling, Group], Expr]:
-        return lambda coupling, group: coupling.tangent_term(eta, du)
+    def _tangent_of(eta: Expr, du: Expr) -> Callable[[ActiveInterface, Group], Expr]:
+        return lambda active, group: active.tangent_term(eta, du)
 
     def compile_residual(self) -> None:
         """Compile the residual, or load it from the cache; collective."""
@@ -259,8 +255,8 @@ class Discretization:
             derived = self._derive_stabilization()
             if self.constant_stabilization:
                 self._derived = derived
-            for coupling, factor in zip(self.working, derived.factors, strict=True):
-                coupling.freeze_stabilization(factor, dt)
+            for active, factor in zip(self.active.values(), derived.factors, strict=True):
+                active.freeze_stabilization(factor, dt)
 
     def outgrown(self) -> bool:
         """Whether the frozen tau_s falls short of what coercivity asks for now, on this rank.
@@ -271,16 +267,16 @@ class Discretization:
         if self.bodies.families[0].body.small:
             return False
         with timer("stabilization"):
-            held = [coupling.frozen for coupling in self.working]
+            held = [active.frozen for active in self.active.values()]
             derived = self._derive_stabilization()
             short = [
-                coupling.falls_short(*values)
-                for coupling, *values in zip(self.working, held, derived.factors, strict=True)
+                active.falls_short(*values)
+                for active, *values in zip(self.active.values(), held, derived.factors, strict=True)
             ]
             # A step ends where the next one starts.
             self._derived = derived
-            for coupling, frozen in zip(self.working, held, strict=True):
-                coupling.frozen = frozen
+            for active, frozen in zip(self.active.values(), held, strict=True):
+                active.frozen = frozen
         return any(short)
 
     def _derive_stabilization(self) -> _Derived:
@@ -291,16 +287,16 @@ class Discretization:
             self.constant_stabilization or np.array_equal(kept.place, place)
         )
         if global_any(self.mesh.comm, moved):
-            for coupling in self.working:
-                coupling.derive_stabilization()
-            derived = [coupling.frozen for coupling in self.working]
+            for active in self.active.values():
+                active.derive_stabilization()
+            derived = [active.frozen for active in self.active.values()]
             return _Derived(place, derived, self._safety_factors())
-        for coupling, values in zip(self.working, kept.values, strict=True):
-            coupling.derive_stabilization(values)
+        for active, values in zip(self.active.values(), kept.values, strict=True):
+            active.derive_stabilization(values)
         return kept
 
     def _safety_factors(self) -> list[NDArray[np.float64]]:
-        """What coercivity asks for on every facet of the working interfaces.
+        """What coercivity asks for on every facet of the active interfaces.
 
         Interfaces with a stabilization of the user's own neither ask nor take a share.
         """
@@ -309,18 +305,18 @@ class Discretization:
         return self._factors
 
     def _find_safety_factors(self) -> list[NDArray[np.float64]]:
-        derived = [c for c in self.working if c.interface.stabilization is None]
-        factors = {c: np.ones(len(c.facets.facets)) for c in self.working}
-        if any(coupling.seeks_safety for coupling in derived):
+        derived = [c for c in self.active.values() if c.interface.stabilization is None]
+        factors = {c: np.ones(len(c.facets.facets)) for c in self.active.values()}
+        if any(active.seeks_safety for active in derived):
             if self._coercivity is None:
-                facets = [coupling.facets for coupling in derived]
+                facets = [active.facets for active in derived]
                 self._coercivity = Coercivity(
                     self.u, self.bodies, self.geometry, self.degree, facets
                 )
             with timer("coercivity"):
                 penalties, deltas = zip(*(c.bonded_penalty for c in derived), strict=True)
                 factors |= zip(derived, self._coercivity(penalties, deltas), strict=True)
-        return [factors[coupling] for coupling in self.working]
+        return [factors[active] for active in self.active.values()]
 
     def update_dilatation(self) -> None:
         """With mean dilatation: theta at the current displacement."""
@@ -348,8 +344,8 @@ class Discretization:
         self.compile_residual()
         self.update_dilatation()
         with timer("return map"):
-            for coupling in self.working:
-                coupling.update_points(dt, hold)
+            for active in self.active.values():
+                active.update_points(dt, hold)
         self._update_pressure()
         with timer("assemble residual"):
             forces, forms = self.forces.x, self._residual_forms
@@ -382,7 +378,9 @@ class Discretization:
     def create_matrix(self) -> PETSc.Mat:
         """An empty matrix with the pattern of the tangent."""
         cells = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
-        everything = [c.facets.rows(np.ones(len(c.facets.facets), bool)) for c in self.working]
+        everything = [
+            c.facets.rows(np.ones(len(c.facets.facets), bool)) for c in self.active.values()
+        ]
         facets = np.concatenate([np.zeros(0, dtype=np.int32), *everything])
         return compat.create_matrix(self.space, np.arange(cells, dtype=np.int32), facets)
 
@@ -407,8 +405,8 @@ class Discretization:
     def _stage_tangent(self, damage: bool) -> None:
         self.compile_tangent()
         with timer("stage tangent"):
-            for coupling in self.working:
-                coupling.stage_tangent(damage)
+            for active in self.active.values():
+                active.stage_tangent(damage)
 
     def add_interface_tangent(self, matrix: PETSc.Mat, damage: bool) -> None:
         """Add the interfaces' part of :meth:`assemble_tangent` to a matrix."""
@@ -418,25 +416,25 @@ class Discretization:
                 fem_petsc.assemble_matrix(matrix, form)
             matrix.assemble()
 
-    def traction_matrix(self, coupling: Coupling) -> PETSc.Mat:
+    def traction_matrix(self, active: ActiveInterface) -> PETSc.Mat:
         """int q.Tt(du) dA over an interface: rows q at its points, columns du.
 
         Tt(du) = {(A : GRAD du).N} + r (du_2 - du_1) of (84) with the staged moduli, which at small
         strain are constant. The caller destroys the matrix.
         """
-        coupling.stage_tangent(damage=False)
-        return self._point_matrix(coupling, coupling.traction_term)
+        active.stage_tangent(damage=False)
+        return self._point_matrix(active, active.traction_term)
 
-    def jump_matrix(self, coupling: Coupling) -> PETSc.Mat:
+    def jump_matrix(self, active: ActiveInterface) -> PETSc.Mat:
         """int q.du_2 dA over an interface: the part of side 2 in its opening, as above."""
-        return self._point_matrix(coupling, lambda q, du: ufl.dot(q, du("-")))
+        return self._point_matrix(active, lambda q, du: ufl.dot(q, du("-")))
 
     def _point_matrix(
-        self, coupling: Coupling, integrand: Callable[[Expr, Expr], Expr]
+        self, active: ActiveInterface, integrand: Callable[[Expr, Expr], Expr]
     ) -> PETSc.Mat:
-        q = ufl.TestFunction(coupling.quadrature.space((self.mesh.geometry.dim,)))("+")
+        q = ufl.TestFunction(active.quadrature.space((self.mesh.geometry.dim,)))("+")
         du = ufl.TrialFunction(self.space)
-        form = self._interfaces(lambda coupling, group: integrand(q, du), [coupling])
+        form = self._interface_form(lambda active, group: integrand(q, du), [active])
         form = self.compile_form(form, "gap equation")
         matrix = fem_petsc.create_matrix(form)
         fem_petsc.assemble_matrix(matrix, form)
@@ -455,7 +453,7 @@ class Discretization:
         self.update_dilatation()
         if self._energy_forms is None:
             bulk = self.bulk(lambda body, F: body.energy(F))
-            interfaces = self._interfaces(lambda coupling, group: coupling.energy_term(group))
+            interfaces = self._interface_form(lambda active, group: active.energy_term(group))
             self._energy_forms = [
                 self.compile_form(form, "energy") for form in (bulk, interfaces) if not form.empty()
             ]
@@ -463,7 +461,7 @@ class Discretization:
         for i, form in enumerate(self._energy_forms):
             stored[i] = fem.assemble_scalar(form)
         stored[1] += float(self.geometry.thickness) * sum(
-            coupling.recoverable_energy() for coupling in self.working
+            active.recoverable_energy() for active in self.active.values()
         )
         return stored
 
@@ -493,6 +491,6 @@ class Discretization:
         mine, theirs = self.space.dofmap.list, other.space.dofmap.list
         bs = self.space.dofmap.index_map_bs
         self.u.x.array.reshape(-1, bs)[mine] = other.u.x.array.reshape(-1, bs)[theirs]
-        for coupling, former in zip(self.couplings, other.couplings, strict=True):
-            if coupling is not None and former is not None:
-                coupling.take_over(former)
+        for i, active in self.active.items():
+            if i in other.active:
+                active.take_over(other.active[i])

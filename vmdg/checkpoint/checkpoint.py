@@ -219,10 +219,9 @@ def _places(space: fem.FunctionSpace) -> fem.Function:
 
 def _tables(problem: Problem) -> dict[str, Any]:
     tables = {}
-    for i, coupling in enumerate(problem.couplings):
-        if coupling is not None:
-            keys = facet_keys(problem.mesh, coupling.facets)
-            tables[_name(i)] = keys, FacetRecords(coupling).rows()
+    for i, active in problem.discretization.active.items():
+        keys = facet_keys(problem.mesh, active.facets)
+        tables[_name(i)] = keys, FacetRecords(active).rows()
     return tables
 
 
@@ -253,11 +252,9 @@ def _read_state(problem: Problem, slot: Path, about: dict[str, Any]) -> Snapshot
         fields[name] = fem.Function(discretization.space)
         read_field(slot / _FIELDS, name, fields[name])
     histories, frozen, message = [], [], None
-    for i, coupling in enumerate(discretization.couplings):
-        if coupling is None:
-            continue
+    for i, active in discretization.active.items():
         try:
-            history, stabilization = FacetRecords(coupling).unpack(rows[i])
+            history, stabilization = FacetRecords(active).unpack(rows[i])
             histories.append(history)
             frozen.append(stabilization)
         except ValueError as error:

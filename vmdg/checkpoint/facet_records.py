@@ -19,7 +19,7 @@ import numpy as np
 from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 
-from ..interface.coupling import Coupling, Frozen
+from ..interface.active import ActiveInterface, Frozen
 from ..interface.interface import InterfaceFacets
 from ..interface.points import HISTORY_ARRAYS, VALUE_ARRAYS, PointHistory, PointValues
 from ..interface.stabilization import Stabilization
@@ -59,43 +59,43 @@ class _Column:
 
 
 class FacetRecords:
-    """Turns the memory of a coupling into rows (nf, width) and back.
+    """Turns the memory of a active into rows (nf, width) and back.
 
     Args:
-        coupling: The interface; which arrays it has depends on its law and frame, the same on
+        active: The interface; which arrays it has depends on its law and frame, the same on
             every rank.
     """
 
-    def __init__(self, coupling: Coupling):
-        self._coupling = coupling
-        d = coupling.quadrature.d
+    def __init__(self, active: ActiveInterface):
+        self._active = active
+        d = active.quadrature.d
         self._columns = [_Column(name, shape, False) for name, shape in _facet_shapes(d).items()]
         self._columns += [
             _Column(name, values.shape[1:], True) for name, values in self._of_points().items()
         ]
-        self._points = coupling.quadrature.points_of_facet.shape[1]
+        self._points = active.quadrature.points_of_facet.shape[1]
         self._widths = [
             int(np.prod(column.shape)) * (self._points if column.points else 1)
             for column in self._columns
         ]
 
     def _of_facets(self) -> dict[str, NDArray]:
-        stabilization, weights = self._coupling.frozen
+        stabilization, weights = self._active.frozen
         return vars(stabilization) | {"weights": weights}
 
     def _of_points(self) -> dict[str, NDArray]:
-        coupling = self._coupling
-        arrays = {"place": coupling.quadrature.points}
-        history = coupling.history()
-        if coupling.law.inelastic:
+        active = self._active
+        arrays = {"place": active.quadrature.points}
+        history = active.history()
+        if active.law.inelastic:
             arrays |= {f"history.{name}": getattr(history, name) for name in HISTORY_ARRAYS}
         values = {f"now.{name}": getattr(history.values, name) for name in VALUE_ARRAYS}
         return arrays | {name: array for name, array in values.items() if array is not None}
 
     def rows(self) -> NDArray[np.float64]:
-        """One row a facet of the coupling, in the order of ``facets.facets``."""
+        """One row a facet of the active, in the order of ``facets.facets``."""
         arrays = self._of_facets() | self._of_points()
-        points = self._coupling.quadrature.points_of_facet
+        points = self._active.quadrature.points_of_facet
         parts = []
         for column, width in zip(self._columns, self._widths, strict=True):
             values = arrays[column.name]
@@ -105,13 +105,13 @@ class FacetRecords:
         return np.concatenate(parts, axis=1)
 
     def unpack(self, rows: NDArray[np.float64]) -> tuple[PointHistory, Frozen]:
-        """History and stabilization from rows (nf, width) of the facets of the coupling.
+        """History and stabilization from rows (nf, width) of the facets of the active.
 
         Raises:
             ValueError: a point lies where the rows have none; on this rank only.
         """
         blocks = np.split(rows, np.cumsum(self._widths)[:-1], axis=1)
-        facets, count = self._coupling.quadrature.points_of_facet, len(rows)
+        facets, count = self._active.quadrature.points_of_facet, len(rows)
         arrays: dict[str, NDArray] = {}
         for column, block in zip(self._columns, blocks, strict=True):
             shape = (count, self._points) if column.points else (count,)
@@ -125,9 +125,9 @@ class FacetRecords:
                 arrays[column.name] = values
         frozen = {c.name: arrays[c.name] for c in self._columns if not c.points}
         weights = frozen.pop("weights")
-        present = self._coupling.history()
+        present = self._active.history()
         history = {name: getattr(present, name) for name in HISTORY_ARRAYS}
-        if self._coupling.law.inelastic:
+        if self._active.law.inelastic:
             history = {name: arrays[f"history.{name}"] for name in HISTORY_ARRAYS}
             history["mode"] = history["mode"].astype(np.int8)
         now = {name: arrays.get(f"now.{name}") for name in VALUE_ARRAYS}
@@ -136,7 +136,7 @@ class FacetRecords:
 
     def _same_points(self, places: NDArray[np.float64]) -> NDArray[np.intp]:
         """Stored point (nf, points of a facet) at the place of every point of the facets."""
-        q = self._coupling.quadrature
+        q = self._active.quadrature
         mine = q.points[q.points_of_facet]
         distance = np.linalg.norm(mine[:, :, None] - places[:, None], axis=3)
         source = distance.argmin(axis=2)

@@ -37,6 +37,12 @@ class Stabilization:
     norm: NDArray[np.float64]
     safety: NDArray[np.float64]
 
+    @classmethod
+    def empty(cls, d: int) -> Stabilization:
+        """Of an interface with no open facet."""
+        tensors, numbers = np.zeros((0, d, d)), np.zeros(0)
+        return cls(tensors, np.zeros((0, 2, d, d)), tensors, numbers, numbers)
+
     def raised(self, factor: NDArray[np.float64]) -> Stabilization:
         """The same with tau_s multiplied by ``factor`` (nf,)."""
         return replace(

@@ -124,12 +124,12 @@ class InterfaceFields:
 
     def update(self) -> None:
         """Take the values of the current state."""
-        coupling = self._problem.couplings[self._i]
+        active = self._problem.discretization.active.get(self._i)
         for name, function in self.functions.items():
             if name == DISPLACEMENT:
                 self._set(function, self.cell_of_facet, self._displacement())
-            elif coupling is not None:
-                position = np.searchsorted(self._facets.facets, coupling.facets.facets)
+            elif active is not None:
+                position = np.searchsorted(self._facets.facets, active.facets.facets)
                 values = self._facet_values(name)
                 self._set(function, self.cell_of_facet[position], values[:, None])
 
@@ -137,7 +137,7 @@ class InterfaceFields:
         """Of the open facets, (nf,) or (nf, d)."""
         if name not in VECTORS:
             return facet_scalar(self._problem, self._i, name)
-        q = self._problem.couplings[self._i].quadrature
+        q = self._problem.discretization.active[self._i].quadrature
         values = getattr(self._problem.state[self._i], name)
         return facet_means(values, q.weights, q.facet, len(q.area))
 

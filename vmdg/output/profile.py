@@ -45,7 +45,7 @@ def profile(
     if along == "arc" and not plane:
         raise ValueError("profile: a surface has no arc length; use 'angle', 'x', 'y' or 'z'")
     values = scalar(problem, i, quantity)
-    if problem.couplings[i] is None:
+    if i not in problem.discretization.active:
         return []
     points, values, start, end = _gathered(problem, i, values)
     nodes, vertices = np.unique(np.concatenate([start, end]), axis=0, return_inverse=True)
@@ -67,7 +67,8 @@ def profile(
 
 def _gathered(problem: Problem, i: int, values: NDArray) -> tuple[NDArray, ...]:
     """Points of all ranks (n, 3), values (n,), and two corners of the facet of each (n, 3)."""
-    q, facets = problem.couplings[i].quadrature, problem.couplings[i].facets
+    active = problem.discretization.active[i]
+    q, facets = active.quadrature, active.facets
     corners = corners_of_local(problem.mesh, facets.local[:, 0])[:, :2]
     X, _ = positions_and_displacements(problem, facets.cells[:, 0], corners)
     ends = X[q.facet] + 0.0  # no negative zeros, which would make two corners of one

@@ -102,6 +102,6 @@ def facet_scalar(problem: Problem, i: int, name: str) -> NDArray[np.float64]:
     if name == "fine_scale":
         return problem.error_indicator(i)
     values = scalar(problem, i, name)
-    q = problem.couplings[i].quadrature
+    q = problem.discretization.active[i].quadrature
     reduce = facet_modes if name == "mode" else facet_means
     return reduce(values, q.weights, q.facet, len(q.area))

@@ -135,10 +135,10 @@ def mode_map(
 
 def _open_facets(problem: Problem, i: int, quantity: str) -> tuple[NDArray, NDArray, NDArray]:
     """Corners (n, c, 3) [mm], mean normals (n, d) and values (n,) of all ranks, on all ranks."""
-    d, coupling = problem.mesh.geometry.dim, problem.couplings[i]
-    if coupling is None:
+    d, active = problem.mesh.geometry.dim, problem.discretization.active.get(i)
+    if active is None:
         return np.zeros((0, d, 3)), np.zeros((0, d)), np.zeros(0)
-    facets, q = coupling.facets, coupling.quadrature
+    facets, q = active.facets, active.quadrature
     corners = corners_of_local(problem.mesh, facets.local[:, 0])
     X, _ = positions_and_displacements(problem, facets.cells[:, 0], corners)
     normals = facet_means(q.normal, q.weights, q.facet, len(q.area))

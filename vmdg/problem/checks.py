@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.parallel import global_any, global_max, raise_together
-from ..interface.coupling import Coupling
+from ..interface.active import ActiveInterface
 from .problem import Problem
 from .supports import LoosePart, loose_parts
 
@@ -44,9 +44,9 @@ def check_model(problem: Problem, loads: NDArray[np.float64]) -> None:
     _check_supports(problem)
     contradictions = [problem.contradiction(float(t)) for t in (loads[0], loads[-1])]
     _warn(problem.comm, contradictions[0] or contradictions[1])
-    for coupling in problem.discretization.working:
-        if coupling.law.inelastic:
-            _check_proportions(problem, coupling)
+    for active in problem.discretization.active.values():
+        if active.law.inelastic:
+            _check_proportions(problem, active)
 
 
 def checked_loads(loads: ArrayLike, resumed: bool = False) -> NDArray[np.float64]:
@@ -96,16 +96,16 @@ def _warn(comm: MPI.Comm, message: str | None) -> None:
 
 
 def _check_supports(problem: Problem) -> None:
-    working, message = problem.discretization.working, None
-    for part in loose_parts(problem, working):
+    interfaces, message = problem.discretization.active.values(), None
+    for part in loose_parts(problem, interfaces):
         message = (
             f"nothing holds the body of {_named(part)} against {part.motions}: the equations have "
             "no single solution. Prescribe displacements by problem.dirichlet(facets, 0.0), or of "
             "a symmetric body those of its planes of symmetry, dirichlet(facets, 0.0, 'x')"
         )
     raise_together(problem.comm, message)
-    bonded = [c for c in working if not (c.law.inelastic and c.law.strength == 0)]
-    if len(bonded) < len(working):
+    bonded = [c for c in interfaces if not (c.law.inelastic and c.law.strength == 0)]
+    if len(bonded) < len(interfaces):
         for part in loose_parts(problem, bonded):
             _warn(
                 problem.comm,
@@ -114,10 +114,10 @@ def _check_supports(problem: Problem) -> None:
                 "body by them",
             )
     # Cracks within a body leave it in one piece, as far as is known before.
-    lasting = [c for c in working if not c.law.inelastic or c.interface.within is not None]
+    lasting = [c for c in interfaces if not c.law.inelastic or c.interface.within is not None]
     loaded = np.zeros(len(problem.tags), dtype=bool)
     loaded[problem.loaded_cells] = True
-    if len(lasting) == len(working) or not global_any(problem.comm, bool(loaded.any())):
+    if len(lasting) == len(interfaces) or not global_any(problem.comm, bool(loaded.any())):
         return
     for part in loose_parts(problem, lasting):
         if global_any(problem.comm, bool(loaded[part.cells].any())):
@@ -136,13 +136,13 @@ def _named(part: LoosePart) -> str:
 # Proportions
 
 
-def _check_proportions(problem: Problem, coupling: Coupling) -> None:
-    law, comm = coupling.law, problem.comm
-    _warn(comm, _too_rough(coupling) if law.friction > ROUGHEST else None)
+def _check_proportions(problem: Problem, active: ActiveInterface) -> None:
+    law, comm = active.law, problem.comm
+    _warn(comm, _too_rough(active) if law.friction > ROUGHEST else None)
     if not (law.strength > 0 and law.softening_modulus > 0):
         return
-    stiffness = coupling.stabilization.norm / coupling.stabilization.safety
-    stiffness = stiffness * coupling.quadrature.extent
+    stiffness = active.stabilization.norm / active.stabilization.safety
+    stiffness = stiffness * active.quadrature.extent
     softest = -global_max(comm, float(-stiffness.min(initial=np.inf)))
     x = problem.mesh.geometry.x
     size = max(
@@ -154,22 +154,22 @@ def _check_proportions(problem: Problem, coupling: Coupling) -> None:
     message = None
     if law.strength < WEAKEST * softest:
         message = (
-            f"{coupling.interface}: the strength {law.strength:.3g} is less than {WEAKEST:g} of "
+            f"{active.interface}: the strength {law.strength:.3g} is less than {WEAKEST:g} of "
             f"the elastic moduli beside it, of the order of {softest:.3g}: the bond breaks at "
             "once. Give both in the same unit (MPa with mm and N)"
         )
     # With a strength near the moduli it makes a bond that is meant never to break.
     elif gap > WIDEST * size and law.strength < USUAL * softest:
         message = (
-            f"{coupling.interface}: the critical gap is about {gap:.3g}, the mesh {size:.3g} wide: "
+            f"{active.interface}: the critical gap is about {gap:.3g}, the mesh {size:.3g} wide: "
             "the bond will hardly soften. Give both in the same unit (mm with N and MPa)"
         )
     _warn(comm, message)
 
 
-def _too_rough(coupling: Coupling) -> str:
+def _too_rough(active: ActiveInterface) -> str:
     return (
-        f"{coupling.interface}: friction = {coupling.law.friction:g} is Coulomb's coefficient mu, "
+        f"{active.interface}: friction = {active.law.friction:g} is Coulomb's coefficient mu, "
         "the tangent of the angle of friction, usually below 1; it is neither in degrees nor in "
         "percent"
     )

@@ -33,7 +33,6 @@ from ..domain.tags import Group, by_tag, group_tag, names_of
 from ..domain.topology import Locator, facet_cells, tags_of_cells
 from ..forms.materials import Material
 from ..interface.activation import Activation
-from ..interface.coupling import Coupling
 from ..interface.interface import Interface, InterfaceFacets, check_ghosts, find_facets
 from ..interface.points import InterfaceState
 from ..interface.stabilization import Stabilization
@@ -178,14 +177,9 @@ class Problem:
         return self.discretization.space
 
     @property
-    def couplings(self) -> list[Coupling | None]:
-        """The interfaces at work; None where none of the facets is open."""
-        return self.discretization.couplings
-
-    @property
     def can_fail(self) -> bool:
         """Whether an interface with open facets has a law that can fail, on any rank."""
-        return any(coupling.law.inelastic for coupling in self.discretization.working)
+        return any(active.law.inelastic for active in self.discretization.active.values())
 
     @property
     def small_strain(self) -> bool:
@@ -199,8 +193,8 @@ class Problem:
 
     @property
     def symmetric(self) -> bool:
-        """Whether the tangent is symmetric: the laws of all working interfaces say so."""
-        return all(coupling.law.symmetric for coupling in self.discretization.working)
+        """Whether the tangent is symmetric: the laws of all active interfaces say so."""
+        return all(active.law.symmetric for active in self.discretization.active.values())
 
     @property
     def forces(self) -> fem.Function:
@@ -476,8 +470,8 @@ class Problem:
         )
         if self.watches_energy:
             self.watch_energy()
-        for coupling in self.discretization.working:
-            coupling.begin_step(overstress, dt)
+        for active in self.discretization.active.values():
+            active.begin_step(overstress, dt)
         try:
             self.update_stabilization(dt)
         except ValueError:
@@ -495,8 +489,8 @@ class Problem:
         self.u.x.array[:] = self._start.u
         self.forces.x.array[:] = self._start.forces
         self.apply_loads(self._start.t)
-        for coupling in self.discretization.working:
-            coupling.cancel_step()
+        for active in self.discretization.active.values():
+            active.cancel_step()
 
     def discretization_of(self, marks: Sequence[NDArray[np.bool_]]) -> Discretization:
         """The discretization with these open facets: the present one where it has them.
@@ -516,11 +510,11 @@ class Problem:
             self.discretization,
             self.u.x.array.copy(),
             self.forces.x.array.copy(),
-            [coupling.history() for coupling in self.discretization.working],
+            [active.history() for active in self.discretization.active.values()],
             list(self._activation.open),
             self._dissipated.copy(),
             self._external,
-            [coupling.frozen for coupling in self.discretization.working],
+            [active.frozen for active in self.discretization.active.values()],
         )
 
     def return_to(self, snapshot: Snapshot) -> None:
@@ -536,12 +530,14 @@ class Problem:
         self.forces.x.array[:] = snapshot.forces
         self._dissipated = snapshot.dissipated.copy()
         self._external = snapshot.external
-        for coupling, history in zip(self.discretization.working, snapshot.histories, strict=True):
-            coupling.set_history(history)
+        for active, history in zip(
+            self.discretization.active.values(), snapshot.histories, strict=True
+        ):
+            active.set_history(history)
         if snapshot.frozen:
-            working = self.discretization.working
-            for coupling, frozen in zip(working, snapshot.frozen, strict=True):
-                coupling.frozen = frozen
+            interfaces = self.discretization.active.values()
+            for active, frozen in zip(interfaces, snapshot.frozen, strict=True):
+                active.frozen = frozen
         self.apply_loads(snapshot.t)
 
     # Facets that open on demand
@@ -577,7 +573,7 @@ class Problem:
 
     def largest_overstress(self) -> float:
         """Largest viscous overstress of the last step relative to the strength, on all ranks."""
-        here = [coupling.overstress() for coupling in self.discretization.working]
+        here = [active.overstress() for active in self.discretization.active.values()]
         return global_max(self.comm, max(here, default=0.0))
 
     def watch_energy(self) -> None:
@@ -617,15 +613,15 @@ class Problem:
 
     def _works(self) -> NDArray[np.float64]:
         """Damage, friction and viscous work of the step, this rank's."""
-        works = [coupling.works() for coupling in self.discretization.working]
+        works = [active.works() for active in self.discretization.active.values()]
         return float(self.geometry.thickness) * sum(works, start=np.zeros(3))
 
     def commit(self) -> None:
         """Take the current state as converged: history, dissipation and external work."""
         self._external += self._external_work(self._start)
         self._dissipated += self._works()
-        for coupling in self.discretization.working:
-            coupling.commit()
+        for active in self.discretization.active.values():
+            active.commit()
 
     def _external_work(self, start: Start) -> float:
         """Trapezoidal work of prescribed displacements and dead loads in the step, this rank's."""
@@ -647,7 +643,11 @@ class Problem:
     @property
     def stabilization(self) -> list[Stabilization]:
         """tau_s and delta of every interface as last evaluated; at F = I before any step."""
-        return [coupling and coupling.stabilization for coupling in self.couplings]
+        d, active = self.mesh.geometry.dim, self.discretization.active
+        return [
+            active[i].stabilization if i in active else Stabilization.empty(d)
+            for i in range(len(self.interfaces))
+        ]
 
     def interface_facets(self, i: int) -> InterfaceFacets:
         """All facets of interface ``i`` on this rank, open or not."""
@@ -661,10 +661,10 @@ class Problem:
     @property
     def state(self) -> list[InterfaceState]:
         """Values at the facet points of every interface at the last assembled residual."""
-        d = self.mesh.geometry.dim
+        d, active = self.mesh.geometry.dim, self.discretization.active
         return [
-            InterfaceState.empty(d) if coupling is None else coupling.state()
-            for coupling in self.couplings
+            active[i].state() if i in active else InterfaceState.empty(d)
+            for i in range(len(self.interfaces))
         ]
 
     def mean(self, i: int) -> InterfaceMean:
@@ -684,15 +684,13 @@ class Problem:
         bond counts as gone at Q >= .99 P_c: an exponential law never quite reaches P_c.
         """
         areas = np.zeros(2)
-        for i, (interface, coupling) in enumerate(
-            zip(self.interfaces, self.couplings, strict=True)
-        ):
-            law = interface.law
+        for i, interface in enumerate(self.interfaces):
+            law, active = interface.law, self.discretization.active.get(i)
             if not law.inelastic or law.strength <= 0:
                 continue
-            if coupling is not None:
-                weights = coupling.quadrature.weights
-                areas[0] += weights[coupling.softening >= GONE * law.strength].sum()
+            if active is not None:
+                weights = active.quadrature.weights
+                areas[0] += weights[active.softening >= GONE * law.strength].sum()
             potential = self._activation.area(i)
             areas[1] += weights.sum() if potential is None else potential
         gone, area = global_sum(self.comm, areas)
@@ -713,9 +711,9 @@ class Problem:
 
     def fine_scale(self, i: int) -> NDArray[np.float64]:
         """Fine scales (24) at the facet points of interface ``i``, both sides (nq, 2, d) [mm]."""
-        if self.couplings[i] is None:
+        if i not in self.discretization.active:
             return np.zeros((0, 2, self.mesh.geometry.dim))
-        return self.couplings[i].fine_scales()
+        return self.discretization.active[i].fine_scales()
 
     def error_indicator(self, i: int) -> NDArray[np.float64]:
         """Size of the fine scales on every owned facet of interface ``i`` (nf,) [mm].
@@ -723,9 +721,9 @@ class Problem:
         The root mean square over the facet of |du_1|^2 + |du_2|^2 with (24): a local measure of
         the error (Figures 18 and 22), of order h^(k+1).
         """
-        if self.couplings[i] is None:
+        if i not in self.discretization.active:
             return np.zeros(0)
-        quadrature = self.couplings[i].quadrature
+        quadrature = self.discretization.active[i].quadrature
         square = (self.fine_scale(i) ** 2).sum(axis=(1, 2))
         integral = np.bincount(
             quadrature.facet, quadrature.weights * square, minlength=len(quadrature.area)

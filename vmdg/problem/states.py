@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..assembly.discretization import Discretization
-from ..interface.coupling import Frozen
+from ..interface.active import Frozen
 from ..interface.points import PointHistory
 
 

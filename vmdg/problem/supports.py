@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from ..base.parallel import GhostExchange, global_any, global_max
 from ..domain.rigid_motions import rigid_motions
 from ..forms.geometry import Axisymmetric
-from ..interface.coupling import Coupling
+from ..interface.active import ActiveInterface
 from .problem import Problem
 
 #: Eigenvalue, relative to the largest one, below which a rigid motion counts as free: what a node
@@ -42,17 +42,17 @@ class LoosePart:
     cells: NDArray[np.int32]
 
 
-def loose_parts(problem: Problem, couplings: Iterable[Coupling]) -> list[LoosePart]:
+def loose_parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> list[LoosePart]:
     """Parts that keep a rigid motion if only some interfaces hold; collective.
 
     Cells hold together where they share a node, and across the facets of these interfaces.
 
     Args:
         problem: With all its prescribed displacements.
-        couplings: The interfaces that hold.
+        interfaces: The interfaces that hold.
     """
     mesh, comm = problem.mesh, problem.comm
-    label = _parts(problem, couplings)
+    label = _parts(problem, interfaces)
     owned = mesh.topology.index_map(mesh.topology.dim).size_local
     # Part and tag in one number, which is faster to sort.
     code = np.unique((label[:owned] << 32) | (problem.tags[:owned].astype(np.int64) & _LOW))
@@ -68,7 +68,7 @@ def loose_parts(problem: Problem, couplings: Iterable[Coupling]) -> list[LoosePa
     return result
 
 
-def _parts(problem: Problem, couplings: Iterable[Coupling]) -> NDArray[np.int64]:
+def _parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> NDArray[np.int64]:
     """A name of its part for every local cell: its smallest global cell."""
     mesh, dofmap = problem.mesh, problem.space.dofmap
     cells = mesh.topology.index_map(mesh.topology.dim)
@@ -76,7 +76,7 @@ def _parts(problem: Problem, couplings: Iterable[Coupling]) -> NDArray[np.int64]
     corners = range(len(basix.topology(mesh.basix_cell())[0]))
     vertices = [dofmap.dof_layout.entity_dofs(0, corner)[0] for corner in corners]
     nodes = count + dofmap.list[:, vertices].astype(np.int64)
-    joined = [coupling.facets.cells for coupling in couplings]
+    joined = [active.facets.cells for active in interfaces]
     first = np.concatenate([np.repeat(np.arange(count), len(vertices)), *(c[:, 0] for c in joined)])
     second = np.concatenate([nodes.ravel(), *(c[:, 1] for c in joined)])
     size = int(second.max(initial=count)) + 1

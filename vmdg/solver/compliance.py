@@ -61,10 +61,10 @@ class Compliance:
         self._rows = self._prescribed_rows()
         self._columns = csr_array(self._rows.T)
         forms = problem.discretization
-        couplings = [c for c in forms.working if c.law.inelastic]
-        tractions = _stack([forms.traction_matrix(c) for c in couplings])
-        jumps = _stack([forms.jump_matrix(c) for c in couplings])
-        areas = np.concatenate([c.quadrature.weights for c in couplings])
+        interfaces = [c for c in forms.active.values() if c.law.inelastic]
+        tractions = _stack([forms.traction_matrix(c) for c in interfaces])
+        jumps = _stack([forms.jump_matrix(c) for c in interfaces])
+        areas = np.concatenate([c.quadrature.weights for c in interfaces])
         self.areas = np.repeat(areas, problem.mesh.geometry.dim) * float(problem.geometry.thickness)
         self.size = len(self.areas)
         # Tractions are those of any displacement, forces act on the dofs that may move.

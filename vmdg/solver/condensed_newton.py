@@ -81,7 +81,7 @@ class CondensedNewton(Iteration):
         borne: float = 0.0,
     ):
         super().__init__(problem, relative_tolerance, max_iterations, scale, borne)
-        self._couplings = [c for c in problem.discretization.working if c.law.inelastic]
+        self._interfaces = [c for c in problem.discretization.active.values() if c.law.inelastic]
         self.compliance = Compliance(problem)
         self._solver = CondensedSolver(self.compliance)
         norm = self.compliance.stiffness.norm(PETSc.NormType.NORM_INFINITY)
@@ -107,7 +107,7 @@ class CondensedNewton(Iteration):
         return self._solver.iterations
 
     def _begin(self, start: float, end: float) -> list[NDArray[np.float64]]:
-        gap = np.concatenate([coupling.gap.ravel() for coupling in self._couplings])
+        gap = np.concatenate([active.gap.ravel() for active in self._interfaces])
         self._path.start(start, gap)
         self._held = self._hold()
         return [place - gap for place in self._path.ahead(end)]
@@ -117,7 +117,7 @@ class CondensedNewton(Iteration):
         problem, compliance = self._problem, self.compliance
         u, prescribed = problem.u.x.array, self._prescribed
         residual = problem.assemble_residual(self._dt, hold=True)
-        trial = np.concatenate([c.trial_traction.ravel() for c in self._couplings])
+        trial = np.concatenate([c.trial_traction.ravel() for c in self._interfaces])
         target = problem.prescribed_values(problem.t)
         shift = target - u[prescribed]
         with timer("bonded response"):
@@ -168,7 +168,7 @@ class CondensedNewton(Iteration):
         return trace.report(False, "CONDENSATION_LOST", goal)
 
     def _equation(self, held: _Held) -> GapEquation:
-        return GapEquation(self.compliance, self._solver, self._couplings, held.trial, self._dt)
+        return GapEquation(self.compliance, self._solver, self._interfaces, held.trial, self._dt)
 
     def _predict(
         self, equation: GapEquation, held: _Held, ahead: list[NDArray], predictor: str
@@ -187,7 +187,7 @@ class CondensedNewton(Iteration):
         elastic = equation.start(still)
         if predictor == ELASTIC or elastic.norm == 0:
             return elastic
-        compliance = np.concatenate([coupling.compliance for coupling in self._couplings])
+        compliance = np.concatenate([active.compliance for active in self._interfaces])
         bonded = held.bonded.reshape(len(compliance), -1)
         grown = np.einsum("pij,pj->pi", compliance, bonded).ravel()
         damaged = equation.start(equation.solve(compliance, grown).value)

@@ -42,11 +42,11 @@ def switchboard(problem: Problem, options: SolveOptions | None = None) -> list[S
         ValueError: ``options.condensed`` is True and the problem does not allow it.
     """
     parts = problem.discretization
-    working = parts.working
-    tied = sum(not coupling.law.inelastic for coupling in working)
+    interfaces = parts.active.values()
+    tied = sum(not active.law.inelastic for active in interfaces)
     failing = problem.can_fail, "an interface can fail" if problem.can_fail else "tied only"
-    rubbing = any(coupling.law.friction > 0 for coupling in working)
-    turning = any(coupling.turns for coupling in working)
+    rubbing = any(active.law.friction > 0 for active in interfaces)
+    turning = any(active.turns for active in interfaces)
     small, constant = problem.small_strain, parts.constant_stabilization
     condensed, why = condensation(problem, options)
     linear = linear_options(problem, options.petsc if options is not None else None)
@@ -57,7 +57,7 @@ def switchboard(problem: Problem, options: SolveOptions | None = None) -> list[S
     return [
         Switch("history and return map", *failing),
         Switch("damage tangent", *failing),
-        Switch("tensor tau_s", tied > 0, f"{tied} of {len(working)} interfaces are ties"),
+        Switch("tensor tau_s", tied > 0, f"{tied} of {len(interfaces)} interfaces are ties"),
         Switch("friction", rubbing, "in a law" if rubbing else "in no law"),
         Switch("unsymmetric tangent", not problem.symmetric, "by the laws of the interfaces"),
         Switch("turning frame", turning, "finite strain" if turning else still),
@@ -113,8 +113,8 @@ def condensation(problem: Problem, options: SolveOptions | None = None) -> tuple
 
 def gap_components(problem: Problem) -> int:
     """Points of interfaces that can fail times the dimension, on this rank."""
-    working = problem.discretization.working
-    points = sum(len(c.quadrature.weights) for c in working if c.law.inelastic)
+    interfaces = problem.discretization.active.values()
+    points = sum(len(c.quadrature.weights) for c in interfaces if c.law.inelastic)
     return points * problem.mesh.geometry.dim
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.timers import timer
-from ..interface.coupling import Coupling
+from ..interface.active import ActiveInterface
 from .compliance import Compliance
 from .condensed_solver import CondensedSolver
 
@@ -60,7 +60,7 @@ class GapEquation:
     Args:
         compliance: Gives S.
         solver: Solves Newton's equations.
-        couplings: Interfaces that can fail, in the order of the points.
+        interfaces: Interfaces that can fail, in the order of the points.
         trial: T_0 (n,) [MPa].
         dt: Time step of the return maps [s].
 
@@ -72,17 +72,17 @@ class GapEquation:
         self,
         compliance: Compliance,
         solver: CondensedSolver,
-        couplings: Sequence[Coupling],
+        interfaces: Sequence[ActiveInterface],
         trial: Array,
         dt: float,
     ):
         self._compliance = compliance
         self._solver = solver
-        self._couplings = couplings
+        self._interfaces = interfaces
         self._trial = trial
         self._dt = dt
         self.evaluations = 0
-        counts = [len(coupling.quadrature.weights) for coupling in couplings]
+        counts = [len(active.quadrature.weights) for active in interfaces]
         self._ends = np.cumsum(counts)[:-1]
 
     def start(self, value: Array) -> Gaps:
@@ -93,14 +93,14 @@ class GapEquation:
         """Return maps on the trial traction that ``response`` leads to."""
         self.evaluations += 1
         with timer("return map"):
-            trial = (self._trial + response).reshape(-1, self._couplings[0].quadrature.d)
+            trial = (self._trial + response).reshape(-1, self._interfaces[0].quadrature.d)
             updates = [
-                coupling.map_back(part, self._dt)
-                for coupling, part in zip(self._couplings, np.split(trial, self._ends), strict=True)
+                active.map_back(part, self._dt)
+                for active, part in zip(self._interfaces, np.split(trial, self._ends), strict=True)
             ]
             grown = [
-                (update.gap - coupling.gap).ravel()
-                for coupling, update in zip(self._couplings, updates, strict=True)
+                (update.gap - active.gap).ravel()
+                for active, update in zip(self._interfaces, updates, strict=True)
             ]
         excess = value - np.concatenate(grown)
         forces = self._compliance.unbalanced(excess)

@@ -136,15 +136,15 @@ class SolverCounts:
 
 
 def interface_zone(problem: Problem) -> NDArray[np.int32] | None:
-    """Owned dofs of the cells at working interfaces, where damage changes the tangent; collective.
+    """Owned dofs of the cells at active interfaces, where damage changes the tangent; collective.
 
     None if these are a large part of the dofs, or none.
     """
     space = problem.space
     marks = fem.Function(space).x
     nodes = marks.array.reshape(-1, space.dofmap.index_map_bs)
-    for coupling in problem.discretization.working:
-        nodes[space.dofmap.list[coupling.facets.cells]] = 1
+    for active in problem.discretization.active.values():
+        nodes[space.dofmap.list[active.facets.cells]] = 1
     marks.scatter_reverse(InsertMode.add)
     owned = problem.discretization.owned
     zone = np.flatnonzero(marks.array[:owned]).astype(np.int32)

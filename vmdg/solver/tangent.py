@@ -61,8 +61,8 @@ class Tangent:
 
     def _damages(self) -> bool:
         """Whether a point has a compliance of damage or friction, on any rank."""
-        couplings = self._problem.discretization.working
-        grown = any(c.compliance.any() for c in couplings if c.law.inelastic)
+        interfaces = self._problem.discretization.active.values()
+        grown = any(c.compliance.any() for c in interfaces if c.law.inelastic)
         return global_any(self._problem.comm, grown)
 
     def _prescribed_columns(self) -> PETSc.Mat:

@@ -132,8 +132,8 @@ def measure(dimension: str, damage: bool, direct: bool, repeats: int, refine: fl
     once = {"vmdg": {"step": lambda: problem.update_stabilization(1.0)}}
     active = 0.0
     if damage:
-        problem.couplings[0].commit()
-        active = float(np.isin(problem.couplings[0].mode, AT_WORK).mean())
+        problem.discretization.active[0].commit()
+        active = float(np.isin(problem.discretization.active[0].mode, AT_WORK).mean())
     return Ratio(
         f"{dimension}, {'damage and friction' if damage else 'tied'}, "
         f"{'direct' if direct else 'multigrid'}",

@@ -253,7 +253,7 @@ def field_errors(u_h: fem.Function, tagged: TaggedMesh, exact: Exact) -> tuple[f
 def _traction_error(problem: vmdg.Problem, exact: Exact) -> float:
     """Relative error of T in L2 of the interface."""
     mesh, state = problem.mesh, problem.state[0]
-    quadrature = problem.couplings[0].quadrature
+    quadrature = problem.discretization.active[0].quadrature
     everywhere = np.ones(len(quadrature.area), dtype=bool)
     parts = [(0, everywhere, exact.traction)]
     traction = quadrature.evaluator((mesh.geometry.dim,), parts)()

@@ -115,17 +115,20 @@ class Run:
         problem = self.problem
 
         def frozen(i: int) -> Callable | None:
-            stabilization = problem.stabilization[i]
-            if stabilization is None:
+            if i not in problem.discretization.active:
                 return None
+            stabilization = problem.stabilization[i]
             return lambda tau1, tau2, context: (stabilization.tau, stabilization.delta[:, 0])
 
         stabilizations = tuple(frozen(i) for i in range(len(self.case.bonds)))
-        opened = tuple(coupling and coupling.facets.facets for coupling in problem.couplings)
+        active = problem.discretization.active
+        opened = tuple(
+            active[i].facets.facets if i in active else None for i in range(len(self.case.bonds))
+        )
         new = self.case.problem(stabilizations, opened)
-        for mine, theirs in zip(new.couplings, problem.couplings, strict=True):
-            if mine is not None:
-                mine.gap, mine.softening = theirs.gap.copy(), theirs.softening.copy()
+        for i, mine in new.discretization.active.items():
+            theirs = active[i]
+            mine.gap, mine.softening = theirs.gap.copy(), theirs.softening.copy()
         new.u.x.array[:] = problem.u.x.array
         new.apply_loads(problem.t)
         new.assemble_residual(hold=True)
@@ -246,15 +249,14 @@ def admissible(run: Run) -> list[str]:
         return []
     found = []
     new = run.new
-    for bond, state, stabilization, coupling in zip(
-        run.case.bonds, new.state, run.problem.stabilization, new.couplings, strict=True
-    ):
+    for i, active in new.discretization.active.items():
+        bond, state, stabilization = run.case.bonds[i], new.state[i], run.problem.stabilization[i]
         law = bond.law
-        if not law.inelastic or coupling is None:
+        if not law.inelastic:
             continue
         if law.viscosity > 0 and run.stopped:
             continue  # overstress, until it rests
-        r = stabilization.norm[coupling.quadrature.facet]
+        r = stabilization.norm[active.quadrature.facet]
         if not law.admissible(r).all():
             found.append(f"r = {r.min():.3g} does not exceed H = {law.softening_modulus:.3g}")
             continue

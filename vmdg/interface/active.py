@@ -45,7 +45,7 @@ class Group:
     bodies: tuple[Body, Body]
 
 
-class Coupling:
+class ActiveInterface:
     """The interface terms of the problem and the history they need.
 
     A tie (law without history) has the tensor tau_s and neither zeta nor a return map; any other
@@ -497,7 +497,7 @@ class Coupling:
         self._converged_traction, self._now = history.traction, history.values
         self._set_gap()
 
-    def take_over(self, other: Coupling) -> None:
+    def take_over(self, other: ActiveInterface) -> None:
         """Take the history of the facets that ``other`` has too; new facets start without one."""
         theirs = other.quadrature.points_of_facet
         position = np.searchsorted(self.facets.facets, other.facets.facets)
