@@ -15,7 +15,7 @@ class Material:
     """A hyperelastic material: named parameters and a strain energy W(F).
 
     A new material is one subclass with :meth:`energy`. Parameters become cell-wise constant
-    coefficients, so that all materials of one :attr:`family` share one compiled kernel.
+    coefficients, so that all materials of one :attr:`kernel_key` share one compiled kernel.
 
     Attributes:
         parameters: Values by name, in the user's consistent units (N, mm, MPa).
@@ -24,8 +24,8 @@ class Material:
     parameters: Mapping[str, float]
 
     @property
-    def family(self) -> Hashable:
-        """Materials of equal family have the same energy up to the values of the parameters."""
+    def kernel_key(self) -> Hashable:
+        """Materials of equal key have the same energy up to the values of the parameters."""
         return type(self)
 
     def energy(self, F: Expr, parameters: Mapping[str, Expr]) -> Expr:
@@ -189,7 +189,7 @@ class Hyperelastic(Material):
         self._energy = energy
 
     @property
-    def family(self) -> Hashable:
+    def kernel_key(self) -> Hashable:
         """One kernel for every function and set of names."""
         return type(self), self._energy, tuple(self.parameters)
 

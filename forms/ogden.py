@@ -71,7 +71,7 @@ class Ogden(Material):
             self.parameters |= {f"c{a + 1}": float(c[a]), f"m{a + 1}": float(m[a])}
 
     @property
-    def family(self) -> Hashable:
+    def kernel_key(self) -> Hashable:
         """One kernel for every number of terms."""
         return type(self), self.terms
 

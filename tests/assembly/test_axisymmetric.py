@@ -212,7 +212,7 @@ def test_tangent(comm, cell, degree, motion, frame):
     ids=["tie", "law", "Ogden and law"],
 )
 def test_tangent_of_both_forms(comm, law, materials, jump):
-    """(26) and (27), tie and law, and two families of materials face to face."""
+    """(26) and (27), tie and law, and two kinds of materials face to face."""
     problem, scene = moved(comm, "quadrilateral", 1, "damaging", law, materials, jump, "corotating")
     assert tangent_error(problem, scene) < 1e-7
 

@@ -46,7 +46,7 @@ class Point:
     """W, P, A and K of a material at one deformation gradient, by the engine's forms.
 
     Args:
-        material: Its family decides on the kernel; values are those of the last :meth:`use`.
+        material: Its key decides on the kernel; values are those of the last :meth:`use`.
         d: Dimension.
         swelling: Value of theta.
         small: Small-strain kinematics.
@@ -101,12 +101,12 @@ class Point:
 
 
 @cache
-def _point(family, make, d, swelling, small) -> Point:
+def _point(key, make, d, swelling, small) -> Point:
     return Point(make.material, d, swelling, small)
 
 
 class _Make:
-    """Carries a material past the cache, which distinguishes families only."""
+    """Carries a material past the cache, which distinguishes kernels only."""
 
     def __init__(self, material: vmdg.Material):
         self.material = material
@@ -119,8 +119,8 @@ class _Make:
 
 
 def point(material, d: int, swelling: float | None = None, small: bool = False) -> Point:
-    """The kernel of a material's family, with the parameters of this one."""
-    return _point(material.family, _Make(material), d, swelling, small).use(material)
+    """The kernel of a material, with the parameters of this one."""
+    return _point(material.kernel_key, _Make(material), d, swelling, small).use(material)
 
 
 def embed(F: NDArray) -> NDArray:
@@ -224,8 +224,10 @@ def test_small_strain(material):
 
 
 def test_user_energy_parameters():
-    """Materials of one function are one family; the defaults are empty."""
-    assert vmdg.Hyperelastic(neo_hookean_energy, {"mu": 1, "lmbda": 2}).family == USER.family
+    """Materials of one function share one kernel; the defaults are empty."""
+    assert (
+        vmdg.Hyperelastic(neo_hookean_energy, {"mu": 1, "lmbda": 2}).kernel_key == USER.kernel_key
+    )
     assert vmdg.Hyperelastic(lambda F, p: ufl.tr(F)).parameters == {}
 
 
@@ -291,7 +293,7 @@ def test_ogden_at_random_stretches(d):
     """Stretches from 0.3 to 3, and other values of all constants by the same kernel."""
     rng = np.random.default_rng(4)
     other = vmdg.Ogden(c=(2.0, -0.3, 1.0), m=(-1.0, -4.0, 3.2), kappa=5.0)
-    assert other.family == OGDEN.family
+    assert other.kernel_key == OGDEN.kernel_key
     for material in (OGDEN, other):
         for _ in range(8):
             F = stretched(rng, np.exp(rng.uniform(np.log(0.3), np.log(3), d)))

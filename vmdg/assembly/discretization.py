@@ -129,7 +129,7 @@ class Discretization:
         user's may depend on the displacement all the same.
         """
         derived = all(active.interface.stabilization is None for active in self.active.values())
-        return self.bodies.families[0].body.small and derived
+        return self.bodies.regions[0].body.small and derived
 
     # Forms
 
@@ -138,16 +138,16 @@ class Discretization:
         return ufl.Measure(
             "dx",
             domain=self.mesh,
-            subdomain_data=[(i, family.cells) for i, family in enumerate(self.bodies.families)],
+            subdomain_data=[(i, region.cells) for i, region in enumerate(self.bodies.regions)],
             metadata={"quadrature_degree": degree},
         )
 
     def bulk(self, integrand: Callable[[Body, Expr], Expr]) -> ufl.Form:
-        """Sum over the families of ``integrand(body, F)``."""
+        """Sum over the regions of ``integrand(body, F)``."""
         F = ufl.variable(self.geometry.deformation(self.u))
         terms = [
-            self.geometry.weight * integrand(family.body, F) * self._dx(i)
-            for i, family in enumerate(self.bodies.families)
+            self.geometry.weight * integrand(region.body, F) * self._dx(i)
+            for i, region in enumerate(self.bodies.regions)
         ]
         return sum(terms, start=ufl.Form([]))
 
@@ -264,7 +264,7 @@ class Discretization:
         At finite strain a step that goes far from where tau_s was evaluated may end in an
         equilibrium that only the lack of it makes possible.
         """
-        if self.bodies.families[0].body.small:
+        if self.bodies.regions[0].body.small:
             return False
         with timer("stabilization"):
             held = [active.frozen for active in self.active.values()]
@@ -300,7 +300,7 @@ class Discretization:
 
         Interfaces with a stabilization of the user's own neither ask nor take a share.
         """
-        if self._factors is None or not self.bodies.families[0].body.small:
+        if self._factors is None or not self.bodies.regions[0].body.small:
             self._factors = self._find_safety_factors()
         return self._factors
 
@@ -471,7 +471,7 @@ class Discretization:
         Not every stress grows without bound as det F falls to zero: Newton's method can end in an
         equilibrium of cells that are turned inside out.
         """
-        if self.bodies.families[0].body.small:
+        if self.bodies.regions[0].body.small:
             return False
         if self._inverted_form is None:
 

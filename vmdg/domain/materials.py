@@ -1,4 +1,4 @@
-"""Materials on the mesh: cell-wise constant parameters, grouped by families that share a kernel."""
+"""Materials on the mesh: cell-wise constant parameters, grouped by regions that share a kernel."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ LoadFactor = float | Callable[[float], float]
 
 
 @dataclass(frozen=True)
-class Family:
+class Region:
     """Materials that differ in the values of their parameters only.
 
     Attributes:
         body: What the forms ask of it.
-        cells: Local cells of the family, owned ones, (n,).
+        cells: Local cells of the region, owned ones, (n,).
     """
 
     body: Body
@@ -32,7 +32,7 @@ class Family:
 
 
 class Bodies:
-    """The families of a mesh.
+    """The regions of a mesh.
 
     Args:
         mesh: The mesh.
@@ -44,8 +44,8 @@ class Bodies:
         mean_dilatation: J of a cell is one number.
 
     Attributes:
-        families: All families.
-        family: Family of every local cell.
+        regions: All regions.
+        region: Region of every local cell.
 
     Raises:
         ValueError: a cell has no tag, a tag no material, or a material no cell.
@@ -65,20 +65,20 @@ class Bodies:
         self._cells_of = {tag: np.flatnonzero(tags == tag) for tag in materials}
         self._eigenstrain = dict(eigenstrain or {})
         self._swelling = fem.Function(space) if self._eigenstrain else None
-        self.families: list[Family] = []
-        self.family = np.full(len(tags), -1, dtype=np.int32)
+        self.regions: list[Region] = []
+        self.region = np.full(len(tags), -1, dtype=np.int32)
         owned = mesh.topology.index_map(mesh.topology.dim).size_local
-        for key in dict.fromkeys(material.family for material in materials.values()):
-            members = {tag: m for tag, m in materials.items() if m.family == key}
+        for key in dict.fromkeys(material.kernel_key for material in materials.values()):
+            members = {tag: m for tag, m in materials.items() if m.kernel_key == key}
             representative = next(iter(members.values()))
             parameters = {name: fem.Function(space) for name in representative.parameters}
             for tag, material in members.items():
                 for name, value in material.parameters.items():
                     parameters[name].x.array[self._cells_of[tag]] = value
-                self.family[self._cells_of[tag]] = len(self.families)
-            cells = np.flatnonzero(self.family[:owned] == len(self.families))
+                self.region[self._cells_of[tag]] = len(self.regions)
+            cells = np.flatnonzero(self.region[:owned] == len(self.regions))
             body = Body(representative, parameters, small, self._swelling, mean_dilatation)
-            self.families.append(Family(body, cells.astype(np.int32)))
+            self.regions.append(Region(body, cells.astype(np.int32)))
 
     def apply_eigenstrain(self, t: float) -> None:
         """Set theta to its value at load factor ``t``."""

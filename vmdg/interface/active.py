@@ -23,7 +23,7 @@ from . import frame
 from .coercivity import MARGIN
 from .interface import AUTO, Interface, InterfaceFacets
 from .points import HISTORY_ARRAYS, VALUE_ARRAYS, InterfaceState, PointHistory, PointValues
-from .quadrature import FacetQuadrature, SideEvaluators, family_pairs, side_evaluators
+from .quadrature import FacetQuadrature, SideEvaluators, region_pairs, side_evaluators
 from .stabilization import Stabilization, Stabilizer
 from .tangent import StagedTangent
 
@@ -39,7 +39,7 @@ Frozen = tuple[Stabilization, NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Group:
-    """Facets of an interface whose two sides belong to the same pair of material families."""
+    """Facets of an interface whose two sides belong to the same pair of material regions."""
 
     select: NDArray[np.bool_]
     bodies: tuple[Body, Body]
@@ -79,10 +79,10 @@ class ActiveInterface:
         self._d = d = mesh.geometry.dim
         self._bodies = bodies
         self._geometry = geometry
-        family_of = bodies.family[facets.cells]
+        region_of = bodies.region[facets.cells]
         self.groups = [
-            Group((family_of == pair).all(axis=1), tuple(bodies.families[i].body for i in pair))
-            for pair in family_pairs(facets, bodies, mesh.comm)
+            Group((region_of == pair).all(axis=1), tuple(bodies.regions[i].body for i in pair))
+            for pair in region_pairs(facets, bodies, mesh.comm)
         ]
         self.quadrature = FacetQuadrature(mesh, facets, facet_degree(degree), geometry)
         self._stabilizer = Stabilizer(interface, facets, self.quadrature, u, bodies)
@@ -95,7 +95,7 @@ class ActiveInterface:
         self._tau = fem.Function(facet_space(() if self.law.inelastic else (d, d)))
         self._zeta = fem.Function(self.quadrature.space((d,))) if self.law.inelastic else None
         self._delta_s = fem.Function(facet_space((d, d))) if interface.traction_jump else None
-        small = bodies.families[0].body.small
+        small = bodies.regions[0].body.small
         self.turns = self.law.inelastic and interface.frame == "corotating" and not small
         self._moment = fem.Function(self.quadrature.space((d, d))) if self.turns else None
         size = 2 * d + d * d if self.turns else 2 * d
@@ -443,7 +443,7 @@ class ActiveInterface:
                 self._evaluators,
                 damage=self.law.inelastic,
                 turns=self.turns,
-                geometric=not self._bodies.families[0].body.small,
+                geometric=not self._bodies.regions[0].body.small,
                 jump=self.interface.traction_jump,
             )
         return self._tangent

@@ -240,10 +240,10 @@ class CellProblems:
         self._bulk = shapes.in_cells(self._cells)
         self._facets = shapes.on_facets(cells, local)
         self._pairs = np.column_stack([cells, local]).astype(np.int32)
-        self._family = bodies.family[self._cells]
-        here = np.unique(self._family)
+        self._region = bodies.region[self._cells]
+        here = np.unique(self._region)
         # Compiling is collective.
-        families = np.unique(np.concatenate(mesh.comm.allgather(here)))
+        regions = np.unique(np.concatenate(mesh.comm.allgather(here)))
 
         def compiled(
             expression: Callable[[Body, Expr], Expr], points: NDArray[np.float64]
@@ -251,12 +251,12 @@ class CellProblems:
             F = ufl.variable(geometry.deformation(u))
             return {
                 number: compile_expression(
-                    expression(bodies.families[number].body, F),
+                    expression(bodies.regions[number].body, F),
                     points,
                     mesh.comm,
                     name="coercivity",
                 )
-                for number in families
+                for number in regions
             }
 
         N = ufl.FacetNormal(mesh)
@@ -269,7 +269,7 @@ class CellProblems:
         self._mean_dilatation = isinstance(geometry, MeanDilatation)
         self._volume_gradient: dict[int, fem.Expression] = {}
         # At small strain dJ/dF is the identity, which is no expression on a mesh.
-        if self._mean_dilatation and not bodies.families[0].body.small:
+        if self._mean_dilatation and not bodies.regions[0].body.small:
             self._volume_gradient = compiled(
                 lambda body, F: kinematics.volume_gradient(body, F, entries), shapes.bulk_points
             )
@@ -326,7 +326,7 @@ class CellProblems:
             return None
         gradients, volumes = (values[cells] for values in self._bulk)
         if self._volume_gradient:
-            dJ = self._evaluate(self._volume_gradient, self._family[cells], self._cells[cells])
+            dJ = self._evaluate(self._volume_gradient, self._region[cells], self._cells[cells])
         else:
             identity = [float(i == j) for i, j in self._entries[:-1]]
             dJ = np.broadcast_to(identity, (*volumes.shape, len(identity)))
@@ -338,7 +338,7 @@ class CellProblems:
         """R with E_K(u) = |R.u|^2 (cells, n, n), regular."""
         gradients, volumes = (values[cells] for values in self._bulk)
         n, size = gradients.shape[2] * self._d, len(self._entries)
-        A = self._evaluate(self._moduli, self._family[cells], self._cells[cells])
+        A = self._evaluate(self._moduli, self._region[cells], self._cells[cells])
         first, second = np.triu_indices(size)
         full = np.empty((*A.shape[:2], size, size))
         full[..., first, second] = full[..., second, first] = A
@@ -357,8 +357,8 @@ class CellProblems:
         """Z with int_f h.T.h = |Z.u|^2 (pairs, rows, n)."""
         d = self._d
         gradients, areas = (values[pairs] for values in self._facets)
-        family = self._family[self._cell_of_pair[pairs]]
-        H = self._evaluate(self._traction_moduli, family, self._pairs[pairs])
+        region = self._region[self._cell_of_pair[pairs]]
+        H = self._evaluate(self._traction_moduli, region, self._pairs[pairs])
         H = H.reshape(*H.shape[:2], d, -1)
         # A tau from indefinite A may itself be: only its positive part can be matched.
         values, vectors = np.linalg.eigh(weights)
@@ -370,15 +370,15 @@ class CellProblems:
     def _evaluate(
         self,
         expressions: dict[int, fem.Expression],
-        family: NDArray[np.int32],
+        region: NDArray[np.int32],
         entities: NDArray[np.int32],
     ) -> NDArray[np.float64]:
-        """Values (entities, points, components), every entity by the kernel of its family."""
+        """Values (entities, points, components), every entity by the kernel of its region."""
         first = next(iter(expressions.values()))
         size = int(np.prod(first.ufl_expression.ufl_shape))
         result = np.empty((len(entities), len(first.X()), size))
         for number, expression in expressions.items():
-            chosen = np.flatnonzero(family == number)
+            chosen = np.flatnonzero(region == number)
             if not len(chosen):
                 continue
             values = compat.evaluate(expression, self._mesh, entities[chosen])

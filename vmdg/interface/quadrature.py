@@ -152,9 +152,9 @@ class FacetQuadrature:
 SideEvaluators = tuple[Evaluator, Evaluator]
 
 
-def family_pairs(facets: InterfaceFacets, bodies: Bodies, comm: MPI.Comm) -> NDArray[np.int32]:
-    """Pairs of material families that face each other on any rank, (number of pairs, 2)."""
-    pairs = comm.allgather(np.unique(bodies.family[facets.cells], axis=0))
+def region_pairs(facets: InterfaceFacets, bodies: Bodies, comm: MPI.Comm) -> NDArray[np.int32]:
+    """Pairs of material regions that face each other on any rank, (number of pairs, 2)."""
+    pairs = comm.allgather(np.unique(bodies.region[facets.cells], axis=0))
     return np.unique(np.concatenate(pairs), axis=0)
 
 
@@ -169,14 +169,14 @@ def side_evaluators(
     """Evaluators of ``expression(body, F, N, side)`` on both sides, N outward from each."""
     mesh, facets = quadrature.mesh, quadrature.facets
     N = ufl.FacetNormal(mesh)
-    pairs = family_pairs(facets, bodies, mesh.comm)
+    pairs = region_pairs(facets, bodies, mesh.comm)
 
     def one_side(a: int) -> Evaluator:
         parts = []
         for number in np.unique(pairs[:, a]):
             F = ufl.variable(quadrature.geometry.deformation(u))
-            select = bodies.family[facets.cells[:, a]] == number
-            parts.append((a, select, expression(bodies.families[number].body, F, N, a)))
+            select = bodies.region[facets.cells[:, a]] == number
+            parts.append((a, select, expression(bodies.regions[number].body, F, N, a)))
         return quadrature.evaluator(shape, parts, name=name)
 
     return one_side(0), one_side(1)

@@ -83,16 +83,16 @@ class BubbleIntegrals:
         test = ufl.TestFunction(space)
         present = np.unique(cells)
         self._forms = []
-        for number, family in enumerate(bodies.families):
-            of_family = present[bodies.family[present] == number]
+        for number, region in enumerate(bodies.regions):
+            of_region = present[bodies.region[present] == number]
             dx = ufl.Measure(
                 "dx",
                 domain=mesh,
-                subdomain_data=[(0, of_family)],
+                subdomain_data=[(0, of_region)],
                 subdomain_id=0,
                 metadata={"quadrature_degree": bubble_degree(cell_name, geometry)},
             )
-            integrand = bubble_stiffness(family.body, geometry, u, self._bubble)
+            integrand = bubble_stiffness(region.body, geometry, u, self._bubble)
             weight = geometry.circumference(ufl.SpatialCoordinate(mesh))
             form = weight * ufl.inner(test, integrand) * dx
             self._forms.append(compile_form(form, [], mesh.comm, name="bubble stiffness"))

@@ -47,11 +47,11 @@ class CauchyStress:
     def _make_expressions(self) -> None:
         self._u = self._problem.u
         self._expressions = []
-        for family in self._problem.families:
+        for region in self._problem.regions:
             F = ufl.variable(self._problem.geometry.nodal_deformation(self._u))
-            stress = _cauchy(family.body, F)
+            stress = _cauchy(region.body, F)
             expression = compile_expression(stress, self._points, self._problem.comm)
-            self._expressions.append((expression, family.cells))
+            self._expressions.append((expression, region.cells))
 
     def update(self) -> fem.Function:
         """Evaluate at the current displacement."""

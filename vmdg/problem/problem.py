@@ -28,7 +28,7 @@ from ..assembly.loads import DeadLoads
 from ..base.parallel import global_any, global_max, global_sum
 from ..domain.cells import check_cells
 from ..domain.geometry import axis_dofs, make_geometry
-from ..domain.materials import Bodies, Family, LoadFactor
+from ..domain.materials import Bodies, LoadFactor, Region
 from ..domain.tags import Group, by_tag, group_tag, names_of
 from ..domain.topology import Locator, facet_cells, tags_of_cells
 from ..forms.materials import Material
@@ -184,7 +184,7 @@ class Problem:
     @property
     def small_strain(self) -> bool:
         """Whether kinematics are small and the bodies linear."""
-        return self._bodies.families[0].body.small
+        return self._bodies.regions[0].body.small
 
     @property
     def opens_on_demand(self) -> bool:
@@ -654,9 +654,9 @@ class Problem:
         return self._facets[i]
 
     @property
-    def families(self) -> list[Family]:
+    def regions(self) -> list[Region]:
         """Groups of materials that share a kernel, with their cells on this rank."""
-        return self._bodies.families
+        return self._bodies.regions
 
     @property
     def state(self) -> list[InterfaceState]:
