@@ -10,9 +10,9 @@ from scenes import MATERIALS, everywhere, joined, multiply, tag_cells, two_block
 
 import vmdg
 from vmdg.solver import condensed_newton, condensed_solver
-from vmdg.solver.compliance import Compliance
 from vmdg.solver.condensed_newton import CondensedNewton
 from vmdg.solver.condensed_solver import CondensedSolver
+from vmdg.solver.flexibility import Flexibility
 from vmdg.solver.gap_equation import Direction
 from vmdg.solver.kept_responses import KeptResponses
 from vmdg.solver.line_search import backtrack, full_step, least_energy
@@ -78,15 +78,15 @@ def test_compliance_matrix(comm, cell):
 
     B = np.column_stack([trial(e) - trial(np.zeros(N)) for e in np.eye(N)])
     free = np.setdiff1d(np.arange(N), problem.prescribed)
-    compliance = Compliance(problem)
+    flexibility = Flexibility(problem)
     W = np.repeat(active.quadrature.weights, problem.mesh.geometry.dim)
     expected = B[:, free] @ np.linalg.solve(K[np.ix_(free, free)], B[:, free].T * W)
     gap = np.random.default_rng(1).uniform(-1, 1, len(W))
-    assert compliance.response(gap) == pytest.approx(expected @ gap, rel=1e-10)
-    assert compliance.gap_forces(gap)[free] == pytest.approx(B[:, free].T @ (W * gap), rel=1e-10)
+    assert flexibility.response(gap) == pytest.approx(expected @ gap, rel=1e-10)
+    assert flexibility.gap_forces(gap)[free] == pytest.approx(B[:, free].T @ (W * gap), rel=1e-10)
     u = np.random.default_rng(2).uniform(-1, 1, N)
-    assert compliance.tractions(u) == pytest.approx(B @ u, rel=1e-10)
-    compliance.destroy()
+    assert flexibility.tractions(u) == pytest.approx(B @ u, rel=1e-10)
+    flexibility.destroy()
 
 
 @ONE_RANK
@@ -99,8 +99,8 @@ def test_solver(comm, monkeypatch, cell, damaged):
     """
     problem = sheared(comm, cell, 4)
     d = problem.mesh.geometry.dim
-    compliance = Compliance(problem)
-    n, W = compliance.size, compliance.areas
+    flexibility = Flexibility(problem)
+    n, W = flexibility.size, flexibility.areas
     r = problem.stabilization[0].norm.min()
     rng = np.random.default_rng(3)
     normals = rng.normal(size=(n // d, d))
@@ -111,16 +111,16 @@ def test_solver(comm, monkeypatch, cell, damaged):
         / (1.02 * r)
     )
     right = rng.uniform(-1, 1, n)
-    stiffness = (compliance.matrix / W[:, None]).reshape(-1, d, n)
+    stiffness = (flexibility.matrix / W[:, None]).reshape(-1, d, n)
     dense = np.eye(n) - np.einsum("pij,pjm->pim", C, stiffness).reshape(n, n)
     expected = np.linalg.solve(dense, right)
 
     def assert_solves(solver, rel):
         value, response = solver.solve(C, right)
         assert np.linalg.norm(value - expected) <= rel * np.linalg.norm(expected)
-        assert response == pytest.approx(compliance.response(value), rel=1e-9, abs=1e-9)
+        assert response == pytest.approx(flexibility.response(value), rel=1e-9, abs=1e-9)
 
-    solver = CondensedSolver(compliance)
+    solver = CondensedSolver(flexibility)
     assert_solves(solver, 1e-9)
     assert solver.iterations == 0
     monkeypatch.setattr(condensed_solver, "DIRECT", -1)
@@ -129,7 +129,7 @@ def test_solver(comm, monkeypatch, cell, damaged):
     assert (solver.iterations > 0) == (damaged > 0)
     monkeypatch.setattr(condensed_solver, "ENOUGH", 0.0)
     assert_solves(solver, 1e-12)
-    compliance.destroy()
+    flexibility.destroy()
 
 
 @ONE_RANK
@@ -137,8 +137,8 @@ def test_solver(comm, monkeypatch, cell, damaged):
 def test_kept_factors(comm, monkeypatch, cell):
     """They serve while few points change branch or all change a little, and give the same."""
     problem = sheared(comm, cell, 4)
-    compliance, d = Compliance(problem), problem.mesh.geometry.dim
-    n, factorize, made = compliance.size, condensed_solver._factorized, []
+    flexibility, d = Flexibility(problem), problem.mesh.geometry.dim
+    n, factorize, made = flexibility.size, condensed_solver._factorized, []
 
     def counted(matrix):
         made.append(len(matrix))
@@ -152,8 +152,8 @@ def test_kept_factors(comm, monkeypatch, cell):
     few = first.copy()
     few[[0, -1]] = first[-1], 0 * first[-1]
     many = first[::-1].copy()
-    solver = CondensedSolver(compliance)
-    stiffness = compliance.matrix / compliance.areas[:, None]
+    solver = CondensedSolver(flexibility)
+    stiffness = flexibility.matrix / flexibility.areas[:, None]
 
     def made_for(C):
         """Number of factorizations, where the solution has been compared with that of LAPACK."""
@@ -162,7 +162,7 @@ def test_kept_factors(comm, monkeypatch, cell):
         rows = (C @ stiffness.reshape(-1, d, n)).reshape(n, n)
         expected = np.linalg.solve(np.eye(n) - rows, right)
         assert np.linalg.norm(value - expected) <= 1e-9 * np.linalg.norm(expected)
-        assert response == pytest.approx(compliance.response(value), rel=1e-9, abs=1e-9)
+        assert response == pytest.approx(flexibility.response(value), rel=1e-9, abs=1e-9)
         return len(made) - before
 
     assert [made_for(C) for C in (first, first, little, few, many, many)] == [1, 0, 0, 0, 1, 0]
@@ -173,23 +173,23 @@ def test_kept_factors(comm, monkeypatch, cell):
     monkeypatch.setattr(condensed_solver, "PATIENCE", 1)
     assert made_for(0.9 * many) == 1
     solver.destroy()
-    compliance.destroy()
+    flexibility.destroy()
 
 
 @ONE_RANK
 def test_almost_singular_system(comm):
     """Where single precision has no digits left the solution is still that of the dense system."""
     problem = sheared(comm, "quadrilateral", 2)
-    compliance = Compliance(problem)
-    stiffness = compliance.matrix / compliance.areas[:, None]
+    flexibility = Flexibility(problem)
+    stiffness = flexibility.matrix / flexibility.areas[:, None]
     largest = np.linalg.eigvals(stiffness).real.max()
-    C = np.tile(np.eye(2) * (1 + 1e-9) / largest, (compliance.size // 2, 1, 1))
-    right = np.random.default_rng(5).uniform(-1, 1, compliance.size)
+    C = np.tile(np.eye(2) * (1 + 1e-9) / largest, (flexibility.size // 2, 1, 1))
+    right = np.random.default_rng(5).uniform(-1, 1, flexibility.size)
     expected = np.linalg.solve(np.eye(len(right)) - C[0, 0, 0] * stiffness, right)
-    value, _ = CondensedSolver(compliance).solve(C, right)
+    value, _ = CondensedSolver(flexibility).solve(C, right)
     assert np.linalg.norm(expected) > 1e6 * np.linalg.norm(right)
     assert np.linalg.norm(value - expected) < 1e-4 * np.linalg.norm(expected)
-    compliance.destroy()
+    flexibility.destroy()
 
 
 def test_kept_responses():
@@ -354,14 +354,14 @@ def test_continues_the_other(comm, out):
 
 
 @ONE_RANK
-def test_elastic_steps_need_no_compliance(comm):
+def test_elastic_steps_need_no_flexibility(comm):
     """Below the strength a step takes no correction and the dense matrix is never made."""
     problem = sheared(comm, "hexahedron")
     stepper = Stepper(problem, vmdg.SolveOptions(condensed=True))
     newton = stepper._newton
     for t in (1e-3, 2e-3):
         assert stepper.step(t).iterations == 0
-    assert "matrix" not in vars(newton.compliance)
+    assert "matrix" not in vars(newton.flexibility)
     stepper.close()
 
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ..base.timers import timer
 from ..problem.problem import Problem
-from .compliance import Compliance
 from .condensed_solver import CondensedSolver
+from .flexibility import Flexibility
 from .gap_equation import GapEquation, Gaps
 from .iteration import BACKTRACK, ENERGY, FULL, Iteration, StepReport, Trace
 from .kept_responses import KeptResponses
@@ -82,9 +82,9 @@ class CondensedNewton(Iteration):
     ):
         super().__init__(problem, relative_tolerance, max_iterations, scale, borne)
         self._interfaces = [c for c in problem.discretization.active.values() if c.law.inelastic]
-        self.compliance = Compliance(problem)
-        self._solver = CondensedSolver(self.compliance)
-        norm = self.compliance.stiffness.norm(PETSc.NormType.NORM_INFINITY)
+        self.flexibility = Flexibility(problem)
+        self._solver = CondensedSolver(self.flexibility)
+        norm = self.flexibility.stiffness.norm(PETSc.NormType.NORM_INFINITY)
         self._criterion.floor = self._rounding(norm)
         self._prescribed = problem.prescribed
         self._forget()
@@ -97,8 +97,8 @@ class CondensedNewton(Iteration):
         self._forget()
 
     def _forget(self) -> None:
-        self._responses = KeptResponses(self.compliance.relax)
-        self._rest = np.zeros(self.compliance.size)
+        self._responses = KeptResponses(self.flexibility.relax)
+        self._rest = np.zeros(self.flexibility.size)
         self._solver.forget()
 
     @property
@@ -114,20 +114,20 @@ class CondensedNewton(Iteration):
 
     def _hold(self) -> _Held:
         """Balance the loads of the step with the gaps held."""
-        problem, compliance = self._problem, self.compliance
+        problem, flexibility = self._problem, self.flexibility
         u, prescribed = problem.u.x.array, self._prescribed
         residual = problem.assemble_residual(self._dt, hold=True)
         trial = np.concatenate([c.trial_traction.ravel() for c in self._interfaces])
         target = problem.prescribed_values(problem.t)
         shift = target - u[prescribed]
         with timer("bonded response"):
-            free = residual + compliance.lift(shift)
+            free = residual + flexibility.lift(shift)
             free[prescribed] = 0
-            loads = free - compliance.gap_forces(self._rest)
+            loads = free - flexibility.gap_forces(self._rest)
             du = -self._responses(loads, NEGLIGIBLE * self._criterion.goal(0.0))
             du[prescribed] = shift
-            bonded = compliance.tractions(du) - compliance.response(self._rest)
-            reactions = residual[prescribed] + compliance.reactions(du)
+            bonded = flexibility.tractions(du) - flexibility.response(self._rest)
+            reactions = residual[prescribed] + flexibility.reactions(du)
         return _Held(
             u + du,
             target,
@@ -168,13 +168,13 @@ class CondensedNewton(Iteration):
         return trace.report(False, "CONDENSATION_LOST", goal)
 
     def _equation(self, held: _Held) -> GapEquation:
-        return GapEquation(self.compliance, self._solver, self._interfaces, held.trial, self._dt)
+        return GapEquation(self.flexibility, self._solver, self._interfaces, held.trial, self._dt)
 
     def _predict(
         self, equation: GapEquation, held: _Held, ahead: list[NDArray], predictor: str
     ) -> Gaps:
         """Where the iteration starts, as :class:`vmdg.solver.predictor.Predictor` says."""
-        still = np.zeros(self.compliance.size)
+        still = np.zeros(self.flexibility.size)
         if predictor == PATH:
             places = ahead if held.moved else [still, *ahead]
             states = [equation.start(place) for place in places]
@@ -225,7 +225,7 @@ class CondensedNewton(Iteration):
         """Give the problem this state; norms of its residual and of its reactions [N]."""
         problem = self._problem
         with timer("recover displacement"):
-            du = self.compliance.relax(self.compliance.gap_forces(gaps.value - held.rest))
+            du = self.flexibility.relax(self.flexibility.gap_forces(gaps.value - held.rest))
         problem.u.x.array[:] = held.u + du
         # Without rounding, or the next step would find them moved.
         problem.u.x.array[self._prescribed] = held.target
@@ -235,11 +235,11 @@ class CondensedNewton(Iteration):
 
     def _refined(self, held: _Held, gaps: Gaps) -> _Held:
         """Without what the last residual has besides that of the gaps: rounding of the bodies."""
-        lost = self._problem.forces.x.array - self.compliance.gap_forces(gaps.excess)
-        du = self.compliance.relax(-lost)
-        return replace(held, u=held.u + du, trial=held.trial + self.compliance.tractions(du))
+        lost = self._problem.forces.x.array - self.flexibility.gap_forces(gaps.excess)
+        du = self.flexibility.relax(-lost)
+        return replace(held, u=held.u + du, trial=held.trial + self.flexibility.tractions(du))
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
         self._solver.destroy()
-        self.compliance.destroy()
+        self.flexibility.destroy()

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import sgetrf, sgetrs
 from scipy.sparse import csr_array
 
-from .compliance import Compliance
+from .flexibility import Flexibility
 from .linear import GMRES, destroy, make_ksp
 
 Array = NDArray[np.float64]
@@ -61,15 +61,15 @@ class CondensedSolver:
     many more: it is made anew for every system, in 20 of 60 ms.
 
     Args:
-        compliance: Gives S, W and P.
+        flexibility: Gives S, W and P.
 
     Attributes:
         iterations: Krylov iterations so far.
         tolerance: Relative residual that the last of them aimed at.
     """
 
-    def __init__(self, compliance: Compliance):
-        self._compliance = compliance
+    def __init__(self, flexibility: Flexibility):
+        self._flexibility = flexibility
         self._krylov: _Krylov | None = None
         self._kept: _Kept | None = None
         self.iterations = 0
@@ -87,7 +87,7 @@ class CondensedSolver:
         """
         points = np.flatnonzero(compliance.any(axis=(1, 2)))
         if not len(points):
-            return right.copy(), self._compliance.response(right)
+            return right.copy(), self._flexibility.response(right)
         rows = (points[:, None] * compliance.shape[1] + np.arange(compliance.shape[1])).ravel()
         try:
             if len(rows) > DIRECT:
@@ -100,7 +100,7 @@ class CondensedSolver:
             found = None
         if found is None:
             value = self._solve_double(compliance[points], rows, right)
-            return value, self._compliance.response(value)
+            return value, self._flexibility.response(value)
         return found
 
     def destroy(self) -> None:
@@ -127,7 +127,7 @@ class CondensedSolver:
     ) -> tuple[Array, Array] | None:
         """By factors of single precision, also of what they leave; None where that is much."""
         solve, self._kept = self._direct(compliance[points], rows), None
-        response, size = self._compliance.response, np.linalg.norm(right)
+        response, size = self._flexibility.response, np.linalg.norm(right)
         value = solve(right)
         caused = response(value)
         for number in range(REFINEMENTS + 1):
@@ -161,25 +161,25 @@ class CondensedSolver:
         """What moves without damage, and b in ``rows`` with what that does to them."""
         value = right.copy()
         value[rows] = 0
-        return value, right[rows] + _times(C, self._compliance.response(value)[rows])
+        return value, right[rows] + _times(C, self._flexibility.response(value)[rows])
 
     def _solve_double(self, C: Array, rows: NDArray[np.intp], right: Array) -> Array:
         value, b = self._pushed(C, rows, right)
-        areas = self._compliance.areas[rows, None]
-        stiffness = self._compliance.matrix[np.ix_(rows, rows)] / areas
+        areas = self._flexibility.areas[rows, None]
+        stiffness = self._flexibility.matrix[np.ix_(rows, rows)] / areas
         value[rows] = np.linalg.solve(_identity_minus(C, stiffness), b)
         return value
 
     @cached_property
     def _stiffness(self) -> Single:
         """W^-1.S."""
-        S, W = self._compliance.matrix, self._compliance.areas
+        S, W = self._flexibility.matrix, self._flexibility.areas
         return np.divide(S, W[:, None], dtype=np.float32, casting="same_kind")
 
     @cached_property
     def _weighted(self) -> csr_array:
         """P^T.W."""
-        return csr_array(self._compliance.nodal.T * self._compliance.areas[None, :])
+        return csr_array(self._flexibility.nodal.T * self._flexibility.areas[None, :])
 
     @cached_property
     def _coarse(self) -> Single:
@@ -188,9 +188,9 @@ class CondensedSolver:
         Where the displacement of a node is prescribed Gamma may have hardly any stiffness, which is
         raised a little.
         """
-        P = self._compliance.nodal
+        P = self._flexibility.nodal
         inverse = np.linalg.inv((self._weighted @ P).toarray())
-        gamma = inverse @ (P.T @ (P.T @ self._compliance.matrix).T) @ inverse
+        gamma = inverse @ (P.T @ (P.T @ self._flexibility.matrix).T) @ inverse
         values, vectors = np.linalg.eigh((gamma + gamma.T) / 2)
         values = np.maximum(values, REGULAR * values[-1])
         return ((vectors / values) @ vectors.T).astype(np.float32)
@@ -202,7 +202,7 @@ class CondensedSolver:
         self.tolerance = aim
         if self._krylov is None:
             self._krylov = _Krylov(len(right))
-        response = self._compliance.response
+        response = self._flexibility.response
         value, iterations = self._krylov.solve(
             lambda x: x - _times(compliance, response(x)), precondition, right, aim
         )
@@ -213,7 +213,7 @@ class CondensedSolver:
 
     def _nodal_preconditioner(self, C: csr_array) -> Solve:
         """Raises np.linalg.LinAlgError where its matrix is singular."""
-        CP = csr_array(C @ self._compliance.nodal)
+        CP = csr_array(C @ self._flexibility.nodal)
         inner = self._coarse.copy()
         nodal = (self._weighted @ CP).tocoo()
         inner[nodal.row, nodal.col] -= nodal.data

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ..base.timers import timer
 from ..interface.active import ActiveInterface
-from .compliance import Compliance
 from .condensed_solver import CondensedSolver
+from .flexibility import Flexibility
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ class GapEquation:
 
     T_0 is the trial traction with the gaps held at the start of the step, Z the return maps. With
     u = u_0 + K^-1.B^T.dzeta, everything but the interfaces is in equilibrium (see
-    :class:`vmdg.solver.compliance.Compliance`) and the residual (27) is
+    :class:`vmdg.solver.flexibility.Flexibility`) and the residual (27) is
 
         R = B^T.(dzeta - Z(T)).
 
@@ -58,7 +58,7 @@ class GapEquation:
     in u as on (27): static condensation. Points without damage in the step have no row.
 
     Args:
-        compliance: Gives S.
+        flexibility: Gives S.
         solver: Solves Newton's equations.
         interfaces: Interfaces that can fail, in the order of the points.
         trial: T_0 (n,) [MPa].
@@ -70,13 +70,13 @@ class GapEquation:
 
     def __init__(
         self,
-        compliance: Compliance,
+        flexibility: Flexibility,
         solver: CondensedSolver,
         interfaces: Sequence[ActiveInterface],
         trial: Array,
         dt: float,
     ):
-        self._compliance = compliance
+        self._flexibility = flexibility
         self._solver = solver
         self._interfaces = interfaces
         self._trial = trial
@@ -87,7 +87,7 @@ class GapEquation:
 
     def start(self, value: Array) -> Gaps:
         """The state with these gap increments."""
-        return self.evaluate(value, self._compliance.response(value))
+        return self.evaluate(value, self._flexibility.response(value))
 
     def evaluate(self, value: Array, response: Array) -> Gaps:
         """Return maps on the trial traction that ``response`` leads to."""
@@ -103,7 +103,7 @@ class GapEquation:
                 for active, update in zip(self._interfaces, updates, strict=True)
             ]
         excess = value - np.concatenate(grown)
-        forces = self._compliance.unbalanced(excess)
+        forces = self._flexibility.unbalanced(excess)
         tangent = np.concatenate([update.tangent for update in updates])
         norm = float(np.sqrt(forces @ forces))
         return Gaps(value, response, excess, forces, norm, tangent)
@@ -115,7 +115,7 @@ class GapEquation:
 
     def work(self, gaps: Gaps, direction: Direction) -> float:
         """Work R.du of the residual along a direction [N mm]; B.du is its response times W."""
-        return float(gaps.excess @ (self._compliance.areas * direction.response))
+        return float(gaps.excess @ (self._flexibility.areas * direction.response))
 
     def correction(self, gaps: Gaps) -> Direction:
         """Newton's correction."""

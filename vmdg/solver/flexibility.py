@@ -20,7 +20,7 @@ from .linear import LDLT, destroy, make_ksp
 BLOCK, MUMPS_BLOCK = 128, 64
 
 
-class Compliance:
+class Flexibility:
     """Displacements and tractions that gaps and forces cause in bodies of constant stiffness.
 
     At small strain the residual (27) is linear in displacement u and inelastic gap zeta,
@@ -130,7 +130,7 @@ class Compliance:
         S = np.empty((self.size, self.size))
         factors = self._solver.getPC().getFactorMatrix()
         factors.setMumpsIcntl(27, MUMPS_BLOCK)
-        with timer("compliance of points"):
+        with timer("flexibility at points"):
             for start in range(0, self.size, BLOCK):
                 rows = csr_array(self._gap_forces[start : start + BLOCK])
                 starts, indices = (x.astype(PETSc.IntType) for x in (rows.indptr, rows.indices))
