@@ -492,7 +492,7 @@ def test_cells_it_is_not_for(comm, cell, degree):
 def test_off_by_default(comm):
     """Without the option no form has a dilatation."""
     problem = joined(two_blocks(comm, "quadrilateral"), vmdg.Bonded())
-    assert problem.discretization.condensation is None
+    assert problem.discretization.dilatation is None
     names = {f.name for f in problem.residual_ufl().coefficients()}
     assert not names & {"dilatation", "pressure"}
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 
 
-class Condensation:
+class Dilatation:
     """theta and p of a discretization, and the products of K with D.
 
     Args:
@@ -89,7 +89,7 @@ class Condensation:
     def add_to(self, matrix: PETSc.Mat) -> None:
         """Add the terms with D to d2Pi/du2 + p d2J/du2; collective."""
         self.compile_tangent()
-        with timer("condense dilatation"):
+        with timer("eliminate dilatation"):
             self._matrices.add_to(matrix)
 
 

@@ -30,7 +30,7 @@ from ..forms.kinematics import Body
 from ..interface.active import ActiveInterface, Frozen, Group
 from ..interface.coercivity import Coercivity
 from ..interface.interface import Interface, InterfaceFacets
-from .dilatation import Condensation
+from .dilatation import Dilatation
 from .space import broken_space
 
 
@@ -81,7 +81,7 @@ class Discretization:
         forces: Internal minus external forces of the last assembly, owned and ghost dofs [N].
         active: Interfaces of which a rank has an open facet, by their number.
         owned: Number of component-wise dofs this rank owns.
-        condensation: theta, p and their elimination with mean dilatation, else None.
+        dilatation: theta, p and their elimination with mean dilatation, else None.
     """
 
     def __init__(
@@ -119,7 +119,7 @@ class Discretization:
         self._factors: list[NDArray[np.float64]] | None = None
         self._derived: _Derived | None = None
         self.owned = self.space.dofmap.index_map.size_local * self.space.dofmap.index_map_bs
-        self.condensation = Condensation(self) if isinstance(geometry, MeanDilatation) else None
+        self.dilatation = Dilatation(self) if isinstance(geometry, MeanDilatation) else None
 
     @property
     def constant_stabilization(self) -> bool:
@@ -223,8 +223,8 @@ class Discretization:
 
     def compile_residual(self) -> None:
         """Compile the residual, or load it from the cache; collective."""
-        if self.condensation is not None:
-            self.condensation.compile_residual()
+        if self.dilatation is not None:
+            self.dilatation.compile_residual()
         if self._residual_forms is None:
             eta = ufl.TestFunction(self.space)
             bulk = self._bulk_residual(eta)
@@ -236,8 +236,8 @@ class Discretization:
 
     def compile_tangent(self) -> None:
         """Compile the tangent, or load it from the cache; collective."""
-        if self.condensation is not None:
-            self.condensation.compile_tangent()
+        if self.dilatation is not None:
+            self.dilatation.compile_tangent()
         if self._tangent_forms is None:
             eta, du = ufl.TestFunction(self.space), ufl.TrialFunction(self.space)
             self._tangent_forms = _Forms(
@@ -320,13 +320,13 @@ class Discretization:
 
     def update_dilatation(self) -> None:
         """With mean dilatation: theta at the current displacement."""
-        if self.condensation is not None:
-            self.condensation.update_dilatation()
+        if self.dilatation is not None:
+            self.dilatation.update_dilatation()
 
     def _update_pressure(self) -> None:
         """With mean dilatation: p at the current displacement, dilatation and gap."""
-        if self.condensation is not None:
-            self.condensation.update_pressure()
+        if self.dilatation is not None:
+            self.dilatation.update_pressure()
 
     def assemble_residual(
         self, dt: float, hold: bool, loads: NDArray[np.float64] | None
@@ -399,8 +399,8 @@ class Discretization:
             for form in self._tangent_forms.interfaces:
                 fem_petsc.assemble_matrix(matrix, form)
             matrix.assemble()
-            if self.condensation is not None:
-                self.condensation.add_to(matrix)
+            if self.dilatation is not None:
+                self.dilatation.add_to(matrix)
 
     def _stage_tangent(self, damage: bool) -> None:
         self.compile_tangent()

@@ -23,8 +23,8 @@ def keeps_bulk(problem: Problem, linear: Options) -> bool:
     A direct solver factorizes every tangent, which costs more than assembling it; where nothing
     fails a step has few tangents; the mean dilatation couples the bodies' part to the rest.
     """
-    condensed = problem.discretization.condensation is not None
-    return is_iterative(linear) and problem.can_fail and not condensed
+    mean_dilatation = problem.discretization.dilatation is not None
+    return is_iterative(linear) and problem.can_fail and not mean_dilatation
 
 
 class KeptBulk:
