@@ -143,7 +143,8 @@ def debonding(bench: Bench) -> str:
     """Traction and gap of the closed form."""
     import numpy as np
 
-    from .solver.stepping import SolveOptions, solve
+    from .solver.options import SolveOptions
+    from .solver.stepping import solve
 
     problem = bench.problem
     traction, gap, end = half_broken()

@@ -13,7 +13,8 @@ import vmdg
 from vmdg.base.parallel import global_max
 from vmdg.meshes import blocks
 from vmdg.solver.newton import StepReport
-from vmdg.solver.stepping import SLOWER, Result, Stepper, _advance
+from vmdg.solver.result import Result
+from vmdg.solver.stepping import SLOWER, Stepper, _advance
 
 E, NU, STRENGTH = 5000.0, 0.25, 100.0
 LOADS = 0.002 * np.arange(1, 31)

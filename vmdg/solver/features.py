@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from ..problem.problem import Problem
 from .kept_bulk import keeps_bulk
 from .linear import LARGE, LinearOptions, Options, is_iterative, linear_options
-
-if TYPE_CHECKING:
-    from .stepping import SolveOptions
+from .options import SolveOptions
 
 #: Components of gaps n against dofs N beyond which the condensed iteration, with dense matrices, is
 #: no longer cheaper: n^2 < CHEAPER N. The push-out in 3D has 306, a mesh of which every facet is an

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -12,9 +12,7 @@ from tqdm import tqdm
 from ..output.history import History, split_unit
 from ..problem.problem import Problem
 from .iteration import StepReport
-
-if TYPE_CHECKING:
-    from .stepping import SolveOptions
+from .options import SolveOptions
 
 #: Seconds between two states of the bar on a terminal, and in a file, where each is a new line.
 TERMINAL, FILE = 0.1, 30.0

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.timers import Timing, timer, timings, timings_since
+from ..base.timers import timer, timings, timings_since
 from ..checkpoint.checkpoint import write_checkpoint
 from ..checkpoint.state_file import adios
 from ..interface.activation import NEAR, TOO_LATE
@@ -20,10 +19,12 @@ from ..output.history_file import HistoryFile
 from ..problem.checks import check_model, checked_loads, checked_row
 from ..problem.problem import Problem
 from .condensed_newton import CondensedNewton
-from .features import Switch, condensation, switchboard
+from .features import condensation, switchboard
 from .newton import Newton, StepReport
-from .predictor import PATH, PREDICTORS
+from .options import SolveOptions
+from .predictor import PREDICTORS
 from .progress import Progress
+from .result import Result, StepFailure
 
 #: In a jump the overstress falls after a step with so few corrections, and grows by this factor
 #: after one that fails.
@@ -33,134 +34,6 @@ EASY, SLOWER = 5, 4.0
 STIFFEST = 1e8
 
 Monitor = Callable[[Problem], Mapping[str, Any] | None]
-
-
-@dataclass(frozen=True)
-class SolveOptions:
-    """How to step.
-
-    Attributes:
-        relative_tolerance: Residual norm relative to the largest force the run has seen; it never
-            exceeds 1e-6 of the largest reaction or load.
-        max_iterations: Newton corrections before a step is cut.
-        max_cuts: How often a step may be halved.
-        jump: Where cutting does not help, pass an unstable stage by steps with viscous overstress
-            at constant load that end in an equilibrium without it. What they dissipate is counted
-            as viscosity.
-        jump_after: Cuts of a step before a jump is tried: the load at which the stage starts is
-            met to ``step / 2**jump_after``.
-        max_jump_steps: Steps with overstress before a jump is given up.
-        jump_rest: Largest overstress, relative to the strength, at which the end of a jump is
-            tried without it.
-        predictor: How a step starts: "path" extrapolates the last states where that is good and
-            else does as "tangent", the tangent with the damage of the last state; "elastic" holds
-            the damage.
-        duration: Time for one unit of load factor [s]; matters to laws with viscosity only.
-        petsc: Options for SNES, KSP and PC. Default: a backtracking line search and the linear
-            solver of :func:`vmdg.solver.linear.automatic_options`.
-        condensed: Iterate on the gaps at the interface points alone, the linear bodies of a problem
-            of small strain condensed to them: None where that is possible and cheaper, False never,
-            True wherever it is possible, see :mod:`vmdg.solver.features`.
-        energy_guard: Reject a step that ends in a distant equilibrium: one whose stored and
-            dissipated energy exceed what was there and the work put in by more than this share of
-            the work seen so far (for example 0.05). Off by default: a coarse step over a peak of
-            the force misses some of the work by itself.
-        energy: Add the energies of every step to the history.
-        progress: Show a progress bar and the summary of the run (rank 0): load factor, size,
-            iterations of the step, forces, share of the interfaces that is debonded, and with
-            ``energy`` the imbalance relative to the largest work put in.
-        show: Names of the columns of the history that the bar shows as forces; None for the first
-            three called force or reaction, alone or with more words ("force_x").
-        verbose: Print the residual norms of every step, with the ratio to the norm before, the
-            residuals the line search has tried, Krylov iterations and their tolerance, why steps
-            fail, and the summary (rank 0).
-        csv: File for the history, written while the run goes on: a row that is complete is on the
-            disk. Rows of an earlier run that ``history`` does not have are dropped.
-        checkpoint: Folder for a checkpoint of the run, see :func:`vmdg.read_checkpoint`.
-        checkpoint_every: Steps between two checkpoints: one is written at the first of the given
-            load factors that is reached after so many, and at the end of the run.
-    """
-
-    relative_tolerance: float = 1e-9
-    max_iterations: int = 10
-    max_cuts: int = 6
-    jump: bool = True
-    jump_after: int = 2
-    max_jump_steps: int = 200
-    jump_rest: float = 0.1
-    predictor: str = PATH
-    duration: float = 1.0
-    petsc: Mapping[str, str | int | float | bool | None] | None = None
-    condensed: bool | None = None
-    energy_guard: float = math.inf
-    energy: bool = False
-    progress: bool = False
-    show: Sequence[str] | str | None = None
-    verbose: bool = False
-    csv: str | Path | None = None
-    checkpoint: str | Path | None = None
-    checkpoint_every: int = 10
-
-
-@dataclass(frozen=True)
-class Result:
-    """What a run produced.
-
-    Attributes:
-        history: One row a converged step: step, load, iterations, residual, cuts, the number of
-            steps a jump took, Krylov iterations (0 where systems are solved directly), energies if
-            asked for, and what the monitor returned.
-        residuals: Residual norms of every converged step.
-        failures: Load factor and reason of every step that had to be cut.
-        switches: What the run has used and what it could do without, with reasons.
-        timings: What the timers of vmdg have measured on this rank during the run, longest first:
-            the run itself, then its parts, of which some contain others.
-    """
-
-    history: History = field(default_factory=History)
-    residuals: list[list[float]] = field(default_factory=list)
-    failures: list[tuple[float, str]] = field(default_factory=list)
-    switches: list[Switch] = field(default_factory=list)
-    timings: list[Timing] = field(default_factory=list)
-
-    def summary(self) -> str:
-        """Steps and corrections of the run, a line for every switch, and one for every timer."""
-        steps = len(self.residuals)
-        corrections = sum(max(len(norms) - 1, 0) for norms in self.residuals)
-        head = f"{steps} steps, {corrections} corrections, {len(self.failures)} attempts failed"
-        width = max((len(switch.name) for switch in self.switches), default=0)
-        lines = [
-            f"  {switch.name:{width}}  {'on' if switch.on else 'off':3}  {switch.reason}"
-            for switch in self.switches
-        ]
-        return "\n".join([head, *lines, *self._timing_lines()])
-
-    def _timing_lines(self) -> list[str]:
-        if not self.timings:
-            return []
-        whole = self.timings[0].seconds
-        width = max(len(timing.name) for timing in self.timings)
-        head = f"  {'timer':{width}}  {'runs':>7}  {'seconds':>9}  share (parts may overlap)"
-        return [head] + [
-            f"  {name:{width}}  {runs:7d}  {seconds:9.2f}  {seconds / whole if whole else 0:5.0%}"
-            for name, runs, seconds in self.timings
-        ]
-
-
-class StepFailure(RuntimeError):
-    """A step failed at the smallest size; the problem is in its last converged state.
-
-    Args:
-        message: What failed.
-        result: What was computed before.
-
-    Attributes:
-        result: What was computed before.
-    """
-
-    def __init__(self, message: str, result: Result):
-        super().__init__(message)
-        self.result = result
 
 
 def solve(
