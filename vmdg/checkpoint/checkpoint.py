@@ -25,6 +25,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -39,14 +40,14 @@ from ..base.parallel import global_any, global_sum, raise_together
 from ..domain.topology import mark_everywhere
 from ..output.history import History
 from ..problem.problem import Problem
-from ..problem.states import Snapshot
+from ..problem.states import RunScales, Snapshot
 from .facet_records import FacetRecords, facet_keys
 from .identity import differences, identity
 from .lookup import look_up
 from .state_file import adios, read_field, read_tables, write_fields, write_tables
 
 #: Changed whenever older files can no longer be read as they are.
-FORMAT = 1
+FORMAT = 2
 
 #: Distance of a node from where the checkpoint has it, relative to the size of the mesh.
 SAME_PLACE = 1e-9
@@ -54,9 +55,6 @@ SAME_PLACE = 1e-9
 #: Two places that are written in turn, and the file that names the one that is complete.
 _SLOTS, _LATEST = ("a", "b"), "latest"
 _ABOUT, _FIELDS, _INTERFACES = "checkpoint.json", "fields.bp", "interfaces.bp"
-
-#: What the problem remembers of the run besides its state.
-_RUN = ("force_scale", "borne_force", "largest_work")
 
 #: What a checkpoint needs on the disk relative to its numbers: dofs, offsets and descriptions.
 _OVERHEAD, _AT_LEAST = 2.0, 1 << 20
@@ -88,6 +86,7 @@ def write_checkpoint(problem: Problem, folder: str | Path, history: History | No
         "ranks": comm.size,
         "problem": identity(problem),
         "state": _scalars(problem),
+        "scales": asdict(problem.step.scales),
         "facets": {name: int(global_sum(comm, len(keys))) for name, (keys, _) in tables.items()},
         "history": [] if history is None else history.rows,
         "units": {} if history is None else history.units,
@@ -161,8 +160,7 @@ def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
             "the problem as the run that wrote it, or give another folder"
         )
     problem.return_to(_read_state(problem, slot, about))
-    for name in _RUN:
-        setattr(problem, name, about["state"][name])
+    problem.step.scales = RunScales(**about["scales"])
     history = History()
     history.rows = about["history"]
     history.units = about.get("units", {})  # which older files do not say
@@ -202,7 +200,7 @@ def _scalars(problem: Problem) -> dict[str, Any]:
         "t": snapshot.t,
         "dissipated": global_sum(problem.comm, snapshot.dissipated).tolist(),
         "external": float(global_sum(problem.comm, snapshot.external)),
-    } | {name: getattr(problem, name) for name in _RUN}
+    }
 
 
 def _fields(problem: Problem) -> dict[str, fem.Function]:

@@ -45,6 +45,7 @@ from .arguments import (
     checked_materials,
 )
 from .states import Energy, InterfaceMean, Snapshot, Start
+from .step import Step
 
 #: Share of the strength that a broken bond has lost.
 GONE = 0.99
@@ -131,14 +132,7 @@ class Problem:
         self._load_vector: NDArray[np.float64] | None = None
         self._dissipated = np.zeros(3)
         self._external = 0.0
-        #: Largest work put in during the run so far [N mm], to which created energy is compared.
-        self.largest_work = 0.0
-        #: Largest force of the run so far [N], to which residuals are compared.
-        self.force_scale = 0.0
-        #: Largest reaction or load of the run so far, without those of jumps [N].
-        self.borne_force = 0.0
-        #: Whether steps keep what :meth:`created_energy` needs.
-        self.watches_energy = False
+        self.step = Step()
         self._start: Start | None = None
         self._set_discretization(self._discretize(self._activation.open))
         self.apply_loads(0.0)
@@ -447,7 +441,9 @@ class Problem:
 
     # Steps
 
-    def begin_step(self, t: float, dt: float, overstress: float = 0.0) -> None:
+    def begin_step(
+        self, t: float, dt: float, overstress: float = 0.0, watch_energy: bool = False
+    ) -> None:
         """Remember the converged state, then set loads and stabilization for a step to ``t``.
 
         Args:
@@ -455,6 +451,7 @@ class Problem:
             dt: Time step [s].
             overstress: Viscous regularisation of the step: overstress per gap increment in
                 multiples of the softening modulus H.
+            watch_energy: As :meth:`watch_energy`.
 
         Raises:
             ValueError: r <= H - eta on a facet; the converged state is kept.
@@ -468,7 +465,7 @@ class Problem:
             self._load_vector,
             stored=0.0,
         )
-        if self.watches_energy:
+        if watch_energy:
             self.watch_energy()
         for active in self.discretization.active.values():
             active.begin_step(overstress, dt)
@@ -590,8 +587,9 @@ class Problem:
         """
         change, external, _ = self._exchange()
         total = float(global_sum(self.comm, self._external)) + external
-        self.largest_work = max(self.largest_work, abs(total))
-        return change / max(self.largest_work, np.finfo(float).tiny)
+        work = max(self.step.scales.work, abs(total))
+        self.step.scales = replace(self.step.scales, work=work)
+        return change / max(work, np.finfo(float).tiny)
 
     def unaccounted_energy(self) -> float:
         """Size of the same energy, created or lost, relative to what the step exchanged.

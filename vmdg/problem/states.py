@@ -97,6 +97,21 @@ class Snapshot:
 
 
 @dataclass(frozen=True)
+class RunScales:
+    """Largest values of a run so far, to which residuals and energies are compared.
+
+    Attributes:
+        force: Reaction, load, or imbalance at the start of a step [N].
+        reaction: Reaction or load, without those of jumps [N].
+        work: External work [N mm].
+    """
+
+    force: float = 0.0
+    reaction: float = 0.0
+    work: float = 0.0
+
+
+@dataclass(frozen=True)
 class Start:
     """State at the start of a step."""
 

@@ -91,8 +91,8 @@ class CondensedNewton(Iteration):
 
     def restart(self) -> None:
         """Go on as one that is made for the state of the problem now: the dense matrices stay."""
-        criterion, problem = self._criterion, self._problem
-        criterion.scale, criterion.borne = problem.force_scale, problem.borne_force
+        criterion, scales = self._criterion, self._problem.step.scales
+        criterion.scale, criterion.borne = scales.force, scales.reaction
         self.forget_path()
         self._forget()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from ..output.history import History
 from ..output.history_file import HistoryFile
 from ..problem.checks import check_model, checked_loads, checked_row
 from ..problem.problem import Problem
+from ..problem.states import RunScales
 from .condensed_newton import CondensedNewton
 from .features import condensation, switchboard
 from .newton import Newton, StepReport
@@ -214,11 +215,12 @@ class Stepper:
         self.options = options
         self._progress = progress or Progress(problem, 0, options)
         self._viscous = any(interface.law.viscosity > 0 for interface in problem.interfaces)
-        self._guards = problem.watches_energy = math.isfinite(options.energy_guard)
-        self._newton = self._make_newton(problem.force_scale, problem.borne_force)
+        self._guards = math.isfinite(options.energy_guard)
+        self._newton = self._make_newton(problem.step.scales)
 
-    def _make_newton(self, scale: float, borne: float) -> Newton | CondensedNewton:
+    def _make_newton(self, scales: RunScales) -> Newton | CondensedNewton:
         problem, options = self.problem, self.options
+        scale, borne = scales.force, scales.reaction
         tolerance, iterations = options.relative_tolerance, options.max_iterations
         if condensation(problem, options)[0]:
             return CondensedNewton(problem, tolerance, iterations, scale, borne)
@@ -234,7 +236,7 @@ class Stepper:
             self._newton.restart()
         else:
             self._newton.destroy()
-            self._newton = self._make_newton(self.problem.force_scale, self.problem.borne_force)
+            self._newton = self._make_newton(self.problem.step.scales)
 
     def close(self) -> None:
         """Free what PETSc holds; collective."""
@@ -297,8 +299,10 @@ class Stepper:
                 self._progress.say(f"step to load {t:.8g} again: facets open within it")
                 continue
             self.problem.commit()
-            self.problem.force_scale = self._newton.scale
-            self.problem.borne_force = self._newton.borne
+            scales = replace(
+                self.problem.step.scales, force=self._newton.scale, reaction=self._newton.borne
+            )
+            self.problem.step.scales = scales
             if nearness > NEAR:
                 self.problem.open_facets()
             return report
@@ -314,11 +318,12 @@ class Stepper:
         problem, options = self.problem, self.options
         if self._newton.discretization is not problem.discretization:
             self._newton.destroy()
-            self._newton = self._make_newton(self._newton.scale, self._newton.borne)
+            scales = RunScales(self._newton.scale, self._newton.borne)
+            self._newton = self._make_newton(scales)
         # A step of no length is at rest: rate effects vanish for infinite time.
         dt = abs(t - problem.t) * options.duration or (1.0 if overstress else np.inf)
         try:
-            problem.begin_step(t, dt, overstress)
+            problem.begin_step(t, dt, overstress, self._guards)
         except ValueError as error:
             if not (overstress or self._viscous):
                 raise

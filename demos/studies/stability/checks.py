@@ -151,7 +151,7 @@ class Run:
     @property
     def tolerance(self) -> float:
         """Of nodal forces [N]: that of the solver, and never more than LOOSE of the reactions."""
-        asked = 10 * self.case.options.relative_tolerance * self.problem.force_scale
+        asked = 10 * self.case.options.relative_tolerance * self.problem.step.scales.force
         return min(asked, LOOSE * self.force) + 10 * self.rounding
 
 
