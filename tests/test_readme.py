@@ -174,7 +174,7 @@ def test_wrong_command_is_found(command, monkeypatch, capsys):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_options_in_the_text(page):
     """Options named by themselves belong to a script."""
-    sources = [*(ROOT / "demos").glob("*.py"), ROOT / "demos" / "run", ROOT / "tests" / "run"]
+    sources = [*(ROOT / "demos").glob("**/*.py"), ROOT / "demos" / "run", ROOT / "tests" / "run"]
     known = "\n".join(path.read_text() for path in sources)
     for option in re.findall(r"`(--[\w-]+)[^`]*`", FENCED.sub("", page.read_text())):
         name = option[2:].removeprefix("no-").replace("-", "_")

@@ -62,7 +62,7 @@ import ufl
 from mpi4py import MPI
 from dolfinx import fem
 from dolfinx.mesh import create_unit_square
-from vmdg.kernels import JIT_OPTIONS, compile_form
+from vmdg.base.kernels import JIT_OPTIONS, compile_form
 mesh = create_unit_square(MPI.COMM_SELF, 2, 2)
 form = fem.Constant(mesh, 1.0) * ufl.dx(mesh)
 compile_form(form, [], mesh.comm, {**JIT_OPTIONS, "cache_dir": Path(sys.argv[1]), "timeout": 2})

@@ -303,7 +303,7 @@ def test_failure_leaves_the_former(comm, out, monkeypatch, stage):
         raise OSError("No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(f"vmdg.checkpoint.{stage}", full)
+        patch.setattr(f"vmdg.checkpoint.checkpoint.{stage}", full)
         with pytest.raises(OSError, match="former one, if any, is still valid"):
             vmdg.write_checkpoint(problem, out)
     assert vmdg.read_checkpoint(problem, out).rows == history.rows

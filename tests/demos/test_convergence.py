@@ -36,13 +36,13 @@ def test_rates(rows):
 def test_straight_cells_along_a_curve(comm):
     """They limit degree 2 to order 2 in L2 and order 1 of the traction; degree 1 loses nothing."""
 
-    def rates(degree):
+    def coarse_rates(degree):
         study = rates.Study(
             "quadrilateral", degree, "curved", contrast=10.0, straight_cells=True, levels=(8, 16)
         )
         return rates.Row(study, [rates.errors(study, n, comm) for n in (8, 16)]).rates
 
-    first, second = rates(1), rates(2)
+    first, second = coarse_rates(1), coarse_rates(2)
     assert all(first[norm] >= rate for norm, rate in rates.targets(1).items())
     assert 1.8 < second["l2"] < 2.5 and 0.8 < second["traction"] < 1.3
 

@@ -50,8 +50,8 @@ def test_no_run_fails(outcomes):
     failed = [f"{o.number}: {o.verdict}, {o.detail}" for o in runs if o.verdict in BAD]
     assert not failed
     assert [o.number for o in runs] == RUNS
-    assert len(stress.families(runs)) == len(FAMILIES) + len(LATER)
-    number = stress.counts(runs)
+    assert len(runner.families(runs)) == len(FAMILIES) + len(LATER)
+    number = runner.counts(runs)
     assert number["correct"] > 0.7 * len(RUNS)
     assert number["refused"] >= 3
 
@@ -59,7 +59,7 @@ def test_no_run_fails(outcomes):
 def test_files(outcomes):
     """Table, list of the runs and picture."""
     runs, folder = outcomes
-    assert (folder / "stability.md").read_text() == stress.table(runs) + "\n"
+    assert (folder / "stability.md").read_text() == runner.table(runs) + "\n"
     assert (folder / "stability.csv").read_text().count("\n") >= len(RUNS) + 1
     assert (folder / "stability.png").stat().st_size > 10_000
 
@@ -287,13 +287,13 @@ def test_closed_form_of_the_patch():
 
 def test_files_are_read(run, tmp_path):
     """NaN in the table and in a field."""
-    assert not stress.files_finite(run, tmp_path)
+    assert not runner.files_finite(run, tmp_path)
     run.problem.u.x.array[3] = np.nan
-    found = stress.files_finite(run, tmp_path)
+    found = runner.files_finite(run, tmp_path)
     assert any("displacement" in text for text in found)
     assert any("stress" in text for text in found)
     run.history.rows[-1]["load"] = np.inf
-    assert any("load" in text for text in stress.files_finite(run, tmp_path))
+    assert any("load" in text for text in runner.files_finite(run, tmp_path))
 
 
 # Verdicts
@@ -330,7 +330,7 @@ def test_error_of_an_interrupted_library(monkeypatch, seconds, patience, verdict
     """An error after the time is over is how a library reports the interruption."""
 
     def interrupted(case: Case) -> Run:
-        with suppress(stress.Hang):
+        with suppress(runner.Hang):
             time.sleep(seconds)
         raise RuntimeError("interrupted")
 
@@ -354,7 +354,7 @@ def test_an_error_must_be_due():
     """The same refusal is right where the case asks for it, and a crash where it does not."""
     steep = vmdg.Debonding(strength=10.0, critical_gap=1e-5)
     case = cracked(bonds=(Bond(steep, (1, 2)),))
-    with pytest.raises(stress.Refused, match="softening"):
+    with pytest.raises(runner.Refused, match="softening"):
         execute(case)
     with pytest.raises(ValueError, match="softening"):
         execute(replace(case, refusal=""))
