@@ -170,6 +170,10 @@ def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
 def discard_checkpoint(comm: MPI.Comm, folder: str | Path) -> None:
     """Remove a checkpoint, if there is one, before a run that starts anew; collective.
 
+    Args:
+        comm: Communicator; its rank 0 removes the files.
+        folder: That of the checkpoint.
+
     Raises:
         OSError: it cannot be removed; on all ranks.
     """

@@ -41,7 +41,7 @@ class InterfaceState:
 
     @classmethod
     def empty(cls, d: int) -> InterfaceState:
-        """Of an interface with no open facet."""
+        """Of an interface with no open facet, in ``d`` dimensions."""
         vectors, scalars = np.zeros((0, d)), np.zeros(0)
         return cls(
             points=np.zeros((0, 3)),

@@ -22,7 +22,7 @@ class Energy:
         interface: Stored by the interfaces: (30), and what an intrinsic law can give back.
         damage: Spent on bonds since the start.
         friction: Spent on sliding since the start.
-        viscosity: Spent on the overstress since the start.
+        viscosity: Spent on the overstress since the start [N mm].
         external: Work of prescribed displacements and loads since the start.
     """
 
