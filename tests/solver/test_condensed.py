@@ -10,12 +10,11 @@ from scenes import MATERIALS, everywhere, joined, multiply, tag_cells, two_block
 
 import vmdg
 from vmdg.solver import condensed_newton, condensed_solver
-from vmdg.solver.condensed_newton import CondensedNewton
+from vmdg.solver.condensed_newton import CondensedNewton, backtrack, full_step, least_energy
 from vmdg.solver.condensed_solver import CondensedSolver
 from vmdg.solver.flexibility import Flexibility
 from vmdg.solver.gap_equation import Direction
 from vmdg.solver.kept_responses import KeptResponses
-from vmdg.solver.line_search import backtrack, full_step, least_energy
 from vmdg.solver.newton import Newton
 from vmdg.solver.stepping import Stepper
 

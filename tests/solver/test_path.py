@@ -13,8 +13,7 @@ from scenes_damage import FRICTION, pressed
 import vmdg
 from vmdg.solver.linear import LinearSolver
 from vmdg.solver.newton import LOOSEST, TIGHTEST, linear_tolerance
-from vmdg.solver.path import Path
-from vmdg.solver.predictor import PREDICTORS
+from vmdg.solver.predictor import PREDICTORS, Path
 
 
 def on_a_parabola(t: float) -> np.ndarray:

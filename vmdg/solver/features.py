@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ..problem.problem import Problem
-from .kept_bulk import keeps_bulk
 from .linear import LARGE, LinearOptions, Options, is_iterative, linear_options
 from .options import SolveOptions
+from .tangent import keeps_bulk
 
 #: Components of gaps n against dofs N beyond which the condensed iteration, with dense matrices, is
 #: no longer cheaper: n^2 < CHEAPER N. The push-out in 3D has 306, a mesh of which every facet is an

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,7 +20,6 @@ from ..base.parallel import global_sum
 from ..base.timers import timer
 from ..domain.rigid_motions import rigid_motions
 from ..problem.problem import Problem
-from .memory import give_back
 
 Options = Mapping[str, str | int | float | bool | None]
 
@@ -410,3 +410,14 @@ def set_rigid_modes(problem: Problem, matrix: PETSc.Mat) -> None:
         vector.normalize()
         basis.append(vector)
     matrix.setNearNullSpace(PETSc.NullSpace().create(vectors=basis, comm=matrix.comm))
+
+
+def give_back() -> None:
+    """Return freed memory to the system, where the C library knows how (glibc).
+
+    Without it the pages of freed factors stay with the process, in pieces that the next ones may
+    not fit into: the largest resident size of the push-out in 3D was 1136 MiB instead of 764.
+    """
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(0)

@@ -11,7 +11,6 @@ from ..base.parallel import global_any, global_norm
 from ..base.timers import timer
 from ..problem.problem import Problem
 from .iteration import BACKTRACK, ENERGY, FULL, HALVINGS, Iteration, StepReport, Trace
-from .kept_bulk import keeps_bulk
 from .linear import (
     LinearSolver,
     Options,
@@ -23,7 +22,7 @@ from .linear import (
     set_rigid_modes,
 )
 from .predictor import FIRST, Predictor
-from .tangent import Tangent
+from .tangent import Tangent, keeps_bulk
 
 #: Relative tolerances of iterative linear solves in the iteration: loosest and tightest.
 LOOSEST, TIGHTEST = 1e-2, 1e-4
@@ -79,7 +78,7 @@ class Newton(Iteration):
 
     Args:
         problem: The problem.
-        relative_tolerance: Of the residual, see :class:`vmdg.solver.criterion.Criterion`.
+        relative_tolerance: Of the residual, see :class:`vmdg.solver.iteration.Criterion`.
         max_iterations: Corrections before an attempt is given up.
         petsc: Options of the solver, without prefix.
         scale: Largest force seen before [N].

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import vmdg
 from studies.benchmark.peers import CRITICAL_GAP, P1, STRENGTH, Scene, build, loads
-from vmdg.solver import kept_bulk
+from vmdg.solver import tangent
 from vmdg.solver.linear import GMRES_LDLT, LDLT, LU
 
 BOND = vmdg.Debonding(strength=STRENGTH, critical_gap=CRITICAL_GAP)
@@ -37,7 +37,7 @@ class Way:
         kinematics: "small" or "finite".
         interface: Its further options.
         options: Of the solver; the default iterates on the whole problem.
-        stale: :data:`vmdg.solver.kept_bulk.STALE`.
+        stale: :data:`vmdg.solver.tangent.STALE`.
         crack: Whether the plate has its crack.
     """
 
@@ -45,11 +45,11 @@ class Way:
     kinematics: str = "finite"
     interface: Mapping[str, Any] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=lambda: {"condensed": False})
-    stale: float = kept_bulk.STALE
+    stale: float = tangent.STALE
     crack: bool = True
 
 
-def solved_by(petsc: Mapping[str, Any], stale: float = kept_bulk.STALE) -> Way:
+def solved_by(petsc: Mapping[str, Any], stale: float = tangent.STALE) -> Way:
     """The default with this linear solver."""
     return Way(options={"petsc": petsc}, stale=stale)
 
@@ -99,7 +99,7 @@ def run(way: Way, scene: Scene, steps: int) -> tuple[float, NDArray[np.float64]]
     problem.compile()
     options = vmdg.SolveOptions(**way.options)
     start = process_time()
-    with patch.object(kept_bulk, "STALE", way.stale):
+    with patch.object(tangent, "STALE", way.stale):
         history = vmdg.solve(
             problem,
             loads(scene, steps),
