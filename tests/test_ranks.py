@@ -10,9 +10,9 @@ from pathlib import Path
 from mpi4py import MPI
 
 import pytest
-import ranks
 import scaling
 from studies.scaling.measure import measure, modelled_ghosts
+from support import ranks
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENES = ["load cycle", "fibres, on demand", "push-out"]

@@ -5,17 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import ufl
-from scenes import (
-    MATERIALS,
-    assert_residual_is_energy_derivative,
-    everywhere,
-    gather,
-    set_displacement,
-    tag_cells,
-    unit_box,
-)
-from scenes_axisymmetric import BOTTOM, INNER, OUTER, PRECISE, TOP, hold, revolved, section
-from scenes_motion import tangent_error
+from support.checks import assert_residual_is_energy_derivative, gather, tangent_error
+from support.problems import MATERIALS, PRECISE, hold, revolved, set_displacement
+from support.scenes import BOTTOM, INNER, OUTER, TOP, everywhere, section, tag_cells, unit_box
 
 import vmdg
 from vmdg import Mode, plot
@@ -190,7 +182,7 @@ def moved(comm, cell, degree, motion, law=None, materials=MATERIALS, jump=False,
         problem.assemble_residual()
         if t == 1.0:
             problem.commit()
-    return problem, scene
+    return problem
 
 
 @BOTH_FRAMES
@@ -199,8 +191,8 @@ def moved(comm, cell, degree, motion, law=None, materials=MATERIALS, jump=False,
 @EVERY_DEGREE
 def test_tangent(comm, cell, degree, motion, frame):
     """The staged tangent is the derivative of the residual in every branch of the law."""
-    problem, scene = moved(comm, cell, degree, motion, frame=frame)
-    assert tangent_error(problem, scene) < 1e-7
+    problem = moved(comm, cell, degree, motion, frame=frame)
+    assert tangent_error(problem) < 1e-7
     problem.commit()
     assert (gather(comm, problem.state[0].mode) == MOTIONS[motion][-1]).all()
 
@@ -213,8 +205,8 @@ def test_tangent(comm, cell, degree, motion, frame):
 )
 def test_tangent_of_both_forms(comm, law, materials, jump):
     """(26) and (27), tie and law, and two kinds of materials face to face."""
-    problem, scene = moved(comm, "quadrilateral", 1, "damaging", law, materials, jump, "corotating")
-    assert tangent_error(problem, scene) < 1e-7
+    problem = moved(comm, "quadrilateral", 1, "damaging", law, materials, jump, "corotating")
+    assert tangent_error(problem) < 1e-7
 
 
 @pytest.mark.parametrize("kinematics", ["finite", "small"])
@@ -227,14 +219,14 @@ def test_bonded_tangent_is_symmetric(comm, kinematics):
     matrix = problem.create_matrix()
     problem.assemble_tangent(matrix)
     assert matrix.isSymmetric(1e-12 * matrix.norm())
-    assert tangent_error(problem, scene) < 1e-7
+    assert tangent_error(problem) < 1e-7
 
 
 @BOTH_FORMS
 @pytest.mark.parametrize("law", [vmdg.Bonded(), LAW], ids=["tie", "debonding"])
 def test_residual_is_the_derivative_of_the_energy(comm, law, jump):
     """Bulk and interface residual = d/du of their energies with zeta held, to rounding."""
-    problem, _ = moved(comm, "quadrilateral", 1, "damaging", law, jump=jump)
+    problem = moved(comm, "quadrilateral", 1, "damaging", law, jump=jump)
     assert_residual_is_energy_derivative(problem)
 
 

@@ -7,8 +7,9 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 import ufl
-from scenes import gather, integral
-from scenes_axisymmetric import BOTTOM, INNER, PRECISE, TOP, hold, revolved, section
+from support.checks import gather, integral
+from support.problems import PRECISE, hold, revolved
+from support.scenes import BOTTOM, INNER, TOP, section
 
 import vmdg
 from vmdg.meshes import TaggedMesh, pushout_section

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import scenes
 import ufl
+from support.problems import joined
+from support.scenes import EVERY_DEGREE, two_blocks
 
 import vmdg
 
@@ -23,8 +24,8 @@ def resultants(problem: vmdg.Problem, t: float) -> tuple[np.ndarray, float]:
 
 def make(comm, cell="triangle", degree=1):
     """Blocks [0, 1] and [1, 2] x [0, 1] without loads, and their facet tags."""
-    scene = scenes.two_blocks(comm, cell, 2)
-    return scenes.joined(scene, vmdg.Bonded(), degree=degree), scene
+    scene = two_blocks(comm, cell, 2)
+    return joined(scene, vmdg.Bonded(), degree=degree), scene
 
 
 def ramp(problem):
@@ -38,7 +39,7 @@ def ramp(problem):
 
 
 @pytest.mark.parametrize("way", [0, 1])
-@scenes.EVERY_DEGREE
+@EVERY_DEGREE
 def test_body_force_in_space(comm, way, degree):
     """Resultant and moment of t (1 + 2 x, y) on [0, 2] x [0, 1]; of the right half with its tag."""
     problem, _ = make(comm, degree=degree)

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from dolfinx import fem
-from scenes import (
+from support.checks import gather
+from support.problems import set_displacement
+from support.scenes import (
     DIMENSION,
     EVERY_CELL,
     EVERY_DEGREE,
     cell_count,
     distort,
     everywhere,
-    gather,
     interior_facets,
-    set_displacement,
     tag_cells,
     unit_box,
 )

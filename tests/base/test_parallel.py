@@ -6,7 +6,9 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from scenes import EVERY_CELL, by_position, joined, two_blocks, unit_box
+from support.checks import by_position
+from support.problems import joined
+from support.scenes import EVERY_CELL, two_blocks, unit_box
 
 import vmdg
 from vmdg.base.parallel import GhostExchange, global_any, raise_together

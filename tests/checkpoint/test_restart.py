@@ -15,12 +15,14 @@ from typing import Any
 
 from mpi4py import MPI
 
-import killed_run
 import numpy as np
 import pytest
 from dolfinx import fem
 from dolfinx.mesh import CellType, GhostMode, create_rectangle
-from scenes import MATERIALS, by_position, everywhere, interior_facets, tag_cells, two_blocks
+from support import killed_run
+from support.checks import by_position
+from support.problems import MATERIALS
+from support.scenes import everywhere, interior_facets, tag_cells, two_blocks
 
 import vmdg
 from vmdg.checkpoint.checkpoint import discard_checkpoint, latest

@@ -11,8 +11,8 @@ import two_inclusions
 import ufl
 from dolfinx import fem
 from helpers import two_inclusions as inclusions
-from scenes import integral
 from studies.benchmark import cost, peers, precision
+from support.checks import integral
 
 import vmdg
 from vmdg import meshes

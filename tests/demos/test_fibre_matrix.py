@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import ufl
-from scenes import integral
+from support.checks import integral
 
 import vmdg
 from vmdg import compat

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import DIMENSION, EVERY_CELL, EVERY_DEGREE, gather, joined, two_blocks
+from support.checks import gather
+from support.problems import joined
+from support.scenes import DIMENSION, EVERY_CELL, EVERY_DEGREE, two_blocks
 
 import vmdg
 

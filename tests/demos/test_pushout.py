@@ -7,7 +7,7 @@ import pushout as demo
 import pytest
 import ufl
 from dolfinx import fem
-from scenes import integral
+from support.checks import integral
 
 import vmdg
 from vmdg import Mode

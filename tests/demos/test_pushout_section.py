@@ -7,7 +7,7 @@ import pytest
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import compute_midpoints
-from scenes import gather, integral
+from support.checks import gather, integral
 
 from vmdg.meshes import pushout_section
 from vmdg.meshes.pushout_section import (

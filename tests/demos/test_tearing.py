@@ -9,7 +9,7 @@ import pytest
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import compute_midpoints
-from scenes import integral
+from support.checks import integral
 
 import vmdg
 from vmdg.domain.topology import facet_cells

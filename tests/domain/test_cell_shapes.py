@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 from dolfinx.mesh import Mesh
-from scenes import DIMENSION, EVERY_CELL, deform, distort, everywhere, tag_cells, unit_box
+from support.scenes import DIMENSION, EVERY_CELL, deform, distort, everywhere, tag_cells, unit_box
 
 import vmdg
 from vmdg.domain.cells import check_cells

@@ -11,8 +11,9 @@ import pytest
 import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
-from scenes import joined, two_blocks, unit_box
 from scipy.optimize import brentq
+from support.problems import joined
+from support.scenes import two_blocks, unit_box
 
 import vmdg
 from vmdg.base.kernels import compile_expression

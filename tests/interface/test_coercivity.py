@@ -8,22 +8,19 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from scenes import (
+from studies.coercivity import cells as random_cells
+from support.checks import by_position, gather, integral
+from support.problems import MATERIALS, joined
+from support.scenes import (
     DIMENSION,
     EVERY_CELL,
-    MATERIALS,
-    by_position,
     deform,
     distort,
     everywhere,
-    gather,
-    integral,
-    joined,
     tag_cells,
     two_blocks,
     unit_box,
 )
-from studies.coercivity import cells as random_cells
 
 import vmdg
 from vmdg.interface import coercivity

@@ -8,8 +8,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scenes import DIMENSION, gather, joined
 from scipy.optimize import brentq
+from support.checks import gather
+from support.problems import joined
+from support.scenes import DIMENSION
 
 import vmdg
 from vmdg import Mode

@@ -11,20 +11,16 @@ import pytest
 import ufl
 from dolfinx import fem, la
 from dolfinx.mesh import GhostMode, compute_midpoints
-from scenes import (
+from support.checks import by_position, gather
+from support.problems import MATERIALS, STRONG, joined, set_displacement
+from support.scenes import (
     CELLS,
     DIMENSION,
     EVERY_CELL,
     EVERY_DEGREE,
-    MATERIALS,
-    STRONG,
-    by_position,
     deform,
     distort,
     everywhere,
-    gather,
-    joined,
-    set_displacement,
     tag_cells,
     two_blocks,
     unit_box,

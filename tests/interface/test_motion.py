@@ -9,8 +9,9 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from scenes import MATERIALS, two_blocks
-from scenes_motion import couple, driven, in_frame, put, tangent_error
+from support.checks import in_frame, tangent_error
+from support.problems import MATERIALS, couple, driven, put
+from support.scenes import two_blocks
 
 import vmdg
 from vmdg import Mode
@@ -130,7 +131,7 @@ def test_tangent_in_every_mode(comm, cell, frame, branch):
     problem.commit()
     problem.begin_step(1.0, 1.0)
     put(problem, scene, branch.after, angles[1])
-    error = tangent_error(problem, scene)
+    error = tangent_error(problem)
     problem.commit()
     assert (problem.state[0].mode == branch.mode).all()
     assert error < 1e-7

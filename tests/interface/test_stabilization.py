@@ -6,16 +6,15 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from scenes import (
+from support.checks import gather
+from support.problems import MATERIALS, joined
+from support.scenes import (
     DIMENSION,
     EVERY_CELL,
-    MATERIALS,
     deform,
     distort,
     everywhere,
-    gather,
     interior_facets,
-    joined,
     tag_cells,
     two_blocks,
     unit_box,

@@ -6,11 +6,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-import laws_scalar as oracle
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support import laws_scalar as oracle
 
 import vmdg.laws
 from vmdg.laws import (

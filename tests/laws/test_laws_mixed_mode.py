@@ -2,11 +2,11 @@
 
 import math
 
-import laws_scalar as oracle
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support import laws_scalar as oracle
 
 from vmdg.laws import Debonding, MixedModeDebonding
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import gmsh
 import numpy as np
 import pytest
-from scenes import joined
+from support.problems import joined
 
 import vmdg
 from vmdg.meshes import blocks, gmsh_model, read_mesh, two_blocks, write_mesh

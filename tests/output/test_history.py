@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import joined, two_blocks
+from support.problems import joined
+from support.scenes import two_blocks
 
 import vmdg
 from vmdg.output.history_file import HistoryFile

@@ -6,8 +6,9 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from scenes import gather, two_blocks
-from scenes_motion import SAME, couple, driven
+from support.checks import gather
+from support.problems import SAME, couple, driven
+from support.scenes import two_blocks
 
 import vmdg
 from vmdg.meshes import blocks

@@ -6,7 +6,9 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from scenes import MATERIALS, everywhere, joined, multiply, tag_cells, two_blocks, unit_box
+from support.checks import multiply
+from support.problems import MATERIALS, joined
+from support.scenes import everywhere, tag_cells, two_blocks, unit_box
 
 import vmdg
 from vmdg.solver import condensed_newton, condensed_solver

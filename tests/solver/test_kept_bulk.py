@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from dolfinx import fem
-from scenes import MATERIALS, two_blocks
+from support.problems import MATERIALS
+from support.scenes import two_blocks
 
 import vmdg
 from vmdg.base.parallel import global_norm, global_sum

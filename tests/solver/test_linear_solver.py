@@ -7,7 +7,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
-from scenes_damage import FRICTION, pressed
+from support.problems import FRICTION, pressed
 
 import vmdg
 from vmdg.solver import linear as linear_solver

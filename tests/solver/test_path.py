@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from scenes_damage import FRICTION, pressed
+from support.problems import FRICTION, pressed
 
 import vmdg
 from vmdg.solver.linear import LinearSolver

@@ -7,7 +7,8 @@ from time import sleep
 
 import numpy as np
 import pytest
-from scenes import MATERIALS, joined, two_blocks
+from support.problems import MATERIALS, joined
+from support.scenes import two_blocks
 
 import vmdg
 from vmdg.base.timers import timer, timings, timings_since

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from helpers import pushout
-from scenes_motion import rotation
+from support.problems import rotation
 
 import vmdg
 from vmdg.base.parallel import global_max

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import joined, two_blocks
+from support.problems import joined
+from support.scenes import two_blocks
 
 import vmdg
 from vmdg.solver import features as switches

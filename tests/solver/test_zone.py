@@ -6,7 +6,8 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
-from scenes import MATERIALS, two_blocks
+from support.problems import MATERIALS
+from support.scenes import two_blocks
 
 import vmdg
 from vmdg.base.parallel import global_norm, global_sum

@@ -1,16 +1,13 @@
-"""Small scenes and helpers that the tests of the engine share."""
+"""Meshes that the tests share: unit boxes, two blocks, sections of bodies of revolution."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 import pytest
-import ufl
-from dolfinx import fem
 from dolfinx.mesh import (
     CellType,
     GhostMode,
@@ -23,22 +20,16 @@ from dolfinx.mesh import (
 )
 from numpy.typing import NDArray
 
-import vmdg
-from vmdg.base.kernels import compile_form
-from vmdg.base.parallel import global_sum
 from vmdg.domain.topology import facet_cells
-from vmdg.meshes import blocks
-from vmdg.meshes.gmsh_model import TaggedMesh
+from vmdg.meshes import TaggedMesh, blocks
 
 DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 CELLS = tuple(DIMENSION)
 EVERY_CELL = pytest.mark.parametrize("cell", CELLS)
 EVERY_DEGREE = pytest.mark.parametrize("degree", [1, 2])
-
-#: Two different materials, and the two laws; the softening is far below every penalty here.
-MATERIALS = (vmdg.NeoHookean(E=5000.0, nu=0.25), vmdg.NeoHookean(E=2000.0, nu=0.35))
-STRONG = vmdg.Debonding(strength=1e5, critical_gap=1e3)
-
+LEFT, RIGHT = 1, 2  # facet tags of the ends
+#: Facet tags of a section: the inner surface (or the axis), the outer one, the two ends.
+INNER, OUTER, INTERFACE, BOTTOM, TOP = 1, 2, 3, 4, 5
 Predicate = Callable[[NDArray], NDArray]
 
 
@@ -46,6 +37,56 @@ def unit_box(comm: MPI.Comm, cell: str, n: int, ghosts: GhostMode = GhostMode.sh
     """Unit square or cube with n cells (or n split ones) along each side."""
     create = create_unit_square if DIMENSION[cell] == 2 else create_unit_cube
     return create(comm, *[n] * DIMENSION[cell], CellType[cell], ghost_mode=ghosts)
+
+
+def two_blocks(comm: MPI.Comm, cell: str, n: int = 1, distortion: float = 0.0) -> TaggedMesh:
+    """Blocks 1 and 2 that share the interface x = 1, n cells along each unit of length."""
+    scene = blocks(comm, cell, divisions=(n, n, n))
+    distort(scene.mesh, distortion)
+    return scene
+
+
+def section(
+    comm: MPI.Comm,
+    cell: str = "quadrilateral",
+    divisions: Sequence[int] = (2, 2),
+    radii: tuple[float, float, float] = (0.0, 1.0, 2.0),
+    height: float = 1.0,
+    top: float | None = None,
+    distortion: float = 0.0,
+) -> TaggedMesh:
+    """Body 1 [r_0, r_1] and body 2 [r_1, r_2] x [0, height].
+
+    Args:
+        comm: Communicator.
+        cell: "triangle" or "quadrilateral".
+        divisions: Cells along r of each body and along z.
+        radii: r_0, r_1, r_2 [mm].
+        height: [mm].
+        top: Radius of the interface at the top, for a cone; default r_1 [mm].
+        distortion: Of the nodes inside of the two bodies, within their common rectangle [mm].
+    """
+    inner, middle, outer = radii
+    upper = middle if top is None else top
+    scene = blocks(
+        comm,
+        cell,
+        divisions,
+        length=outer - inner,
+        height=height,
+        interface=(middle - inner, upper - inner),
+    )
+    x = scene.mesh.geometry.x
+    x[:, 0] += inner
+    # Rounding of the mesher would leave nodes beside the surfaces.
+    x[:, :2] = np.round(x[:, :2], 12)
+    if distortion:
+        before = x.copy()
+        distort(scene.mesh, distortion)
+        for column, ends in ((0, (inner, outer)), (1, (0.0, height))):
+            edge = np.isin(before[:, column], np.round(ends, 12))
+            x[edge, column] = before[edge, column]
+    return scene
 
 
 def distort(mesh: Mesh, amplitude: float) -> None:
@@ -65,16 +106,15 @@ def deform(mesh: Mesh, A: NDArray) -> None:
     mesh.geometry.x[:, :d] = mesh.geometry.x[:, :d] @ A[:d, :d].T
 
 
-def integral(comm: MPI.Comm, form: ufl.Form) -> float:
-    """Value of a functional on all ranks."""
-    return float(global_sum(comm, fem.assemble_scalar(compile_form(form, [], comm))))
+def everywhere(x: NDArray) -> NDArray:
+    """Predicate that always holds."""
+    return np.ones(x.shape[1], dtype=bool)
 
 
-def two_blocks(comm: MPI.Comm, cell: str, n: int = 1, distortion: float = 0.0) -> TaggedMesh:
-    """Blocks 1 and 2 that share the interface x = 1, n cells along each unit of length."""
-    scene = blocks(comm, cell, divisions=(n, n, n))
-    distort(scene.mesh, distortion)
-    return scene
+def cell_count(mesh: Mesh) -> int:
+    """Local cells, ghosts included."""
+    cells = mesh.topology.index_map(mesh.topology.dim)
+    return cells.size_local + cells.num_ghosts
 
 
 def tag_cells(mesh: Mesh, predicates: Mapping[int, Predicate]) -> MeshTags:
@@ -88,82 +128,8 @@ def tag_cells(mesh: Mesh, predicates: Mapping[int, Predicate]) -> MeshTags:
     return meshtags(mesh, tdim, cells, values)
 
 
-def everywhere(x: NDArray) -> NDArray:
-    """Predicate that always holds."""
-    return np.ones(x.shape[1], dtype=bool)
-
-
-def cell_count(mesh: Mesh) -> int:
-    """Local cells, ghosts included."""
-    cells = mesh.topology.index_map(mesh.topology.dim)
-    return cells.size_local + cells.num_ghosts
-
-
 def interior_facets(mesh: Mesh, predicate: Predicate = everywhere) -> NDArray[np.int32]:
     """Local facets between two cells whose midpoint fulfils the predicate."""
     mesh.topology.create_entities(mesh.topology.dim - 1)
     facets = np.flatnonzero((facet_cells(mesh) >= 0).all(axis=1)).astype(np.int32)
     return facets[predicate(compute_midpoints(mesh, mesh.topology.dim - 1, facets).T)]
-
-
-def joined(scene: TaggedMesh, law: vmdg.Law, materials=MATERIALS, interface=None, **options):
-    """Problem of two blocks and their interface; ``interface`` are further options of it."""
-    return vmdg.Problem(
-        scene.mesh,
-        scene.cell_tags,
-        dict(enumerate(materials, start=1)),
-        [vmdg.Interface(between=(1, 2), law=law, frame="reference", **(interface or {}))],
-        **options,
-    )
-
-
-def set_displacement(u: fem.Function, tags: MeshTags, field: Callable[[NDArray, int], NDArray]):
-    """Interpolate ``field(x, tag)`` (d, n) on the cells of every tag."""
-    for tag in np.unique(tags.values):
-        u.interpolate(lambda x, tag=tag: field(x, tag), tags.find(tag))
-    u.x.scatter_forward()
-
-
-def gather(comm: MPI.Comm, array: NDArray) -> NDArray:
-    """Rows of all ranks, on every rank."""
-    return np.concatenate(comm.allgather(np.asarray(array)))
-
-
-def by_position(comm: MPI.Comm, points: NDArray, *values: NDArray) -> list[NDArray]:
-    """Points of all ranks and their values, in an order that no partition can change."""
-    points = gather(comm, points)
-    # Positions of different partitions differ by rounding; points are much further apart.
-    order = np.lexsort(np.round(points, 8).T)
-    return [points[order], *(gather(comm, value)[order] for value in values)]
-
-
-def global_norm(comm: MPI.Comm, values: NDArray) -> float:
-    """Euclidean norm of a vector of which every rank has its own entries."""
-    return float(np.sqrt(comm.allreduce(float(np.sum(values**2)))))
-
-
-def multiply(matrix: PETSc.Mat, vector: NDArray) -> NDArray:
-    """Matrix times a vector of owned entries."""
-    x, y = matrix.createVecs()
-    x.array[:] = vector
-    matrix.mult(x, y)
-    result = y.array.copy()
-    x.destroy()
-    y.destroy()
-    return result
-
-
-def assert_residual_is_energy_derivative(problem: vmdg.Problem) -> None:
-    """The residual equals d/du of the stored energies with zeta held, to rounding."""
-    parts = problem.discretization
-    energy = parts.bulk(lambda body, F: body.energy(F)) + parts._interfaces(
-        lambda active, group: active.energy_term(group)
-    )
-    eta = ufl.TestFunction(problem.space)
-    expected, found = (
-        fem.assemble_vector(parts.compile_form(form)).array
-        for form in (ufl.derivative(energy, problem.u, eta), problem.residual_ufl())
-    )
-    scale = problem.comm.allreduce(np.abs(found).max(initial=0), op=MPI.MAX)
-    assert scale > 10
-    assert np.abs(expected - found).max(initial=0) < 1e-12 * scale

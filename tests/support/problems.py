@@ -1,0 +1,190 @@
+"""Problems of two bodies: joined, opened, sheared, pressed, turned, partly damaged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from mpi4py import MPI
+
+import numpy as np
+from dolfinx import fem
+from dolfinx.mesh import MeshTags
+from numpy.typing import NDArray
+
+import vmdg
+from support.checks import gather
+from support.scenes import DIMENSION, LEFT, RIGHT, two_blocks
+from vmdg.meshes import TaggedMesh, blocks
+
+#: Two different materials, and the two laws; the softening is far below every penalty here.
+MATERIALS = (vmdg.NeoHookean(E=5000.0, nu=0.25), vmdg.NeoHookean(E=2000.0, nu=0.35))
+SAME = (vmdg.NeoHookean(E=5000.0, nu=0.25),) * 2
+STRONG = vmdg.Debonding(strength=1e5, critical_gap=1e3)
+FRICTION = vmdg.Debonding(strength=50.0, critical_gap=0.2, friction=0.5)
+PRECISE = vmdg.SolveOptions(relative_tolerance=1e-12)
+STRETCH = np.array([[0.06, 0.03, -0.02], [0.02, -0.03, 0.04], [-0.03, 0.02, 0.05]])
+PUSH = np.array([0.03, 0.008, -0.006])
+
+
+def joined(
+    scene: TaggedMesh,
+    law: vmdg.Law,
+    materials: Sequence[vmdg.Material] = MATERIALS,
+    interface: Mapping | None = None,
+    **options,
+) -> vmdg.Problem:
+    """Problem of two bodies and their interface; ``interface`` are further options of it."""
+    return vmdg.Problem(
+        scene.mesh,
+        scene.cell_tags,
+        dict(enumerate(materials, start=1)),
+        [vmdg.Interface(between=(1, 2), law=law, **{"frame": "reference", **(interface or {})})],
+        **options,
+    )
+
+
+def couple(
+    scene: TaggedMesh, law: vmdg.Law, materials: Sequence[vmdg.Material] = SAME, **options
+) -> vmdg.Problem:
+    """Problem of two blocks; ``options`` are those of their interface, turning by default."""
+    return joined(scene, law, materials, {"frame": "corotating", **options})
+
+
+def revolved(
+    scene: TaggedMesh,
+    law: vmdg.Law,
+    materials: Sequence[vmdg.Material] = MATERIALS,
+    interface: Mapping | None = None,
+    **options,
+) -> vmdg.Problem:
+    """Axisymmetric problem of two bodies; ``interface`` are further options of what joins them."""
+    turning = {"frame": "corotating", **(interface or {})}
+    return joined(scene, law, materials, turning, symmetry="axisymmetric", **options)
+
+
+def hold(problem: vmdg.Problem, scene: TaggedMesh, *tags: int, component: str) -> None:
+    """Prescribe zero for a component on surfaces."""
+    for tag in tags:
+        problem.dirichlet(scene.facet_tags.find(tag), 0.0, component)
+
+
+def driven(
+    comm: MPI.Comm,
+    cell: str,
+    law: vmdg.Law,
+    path: Callable[[float], tuple[Sequence[float], float]],
+    n: int = 1,
+    materials: Sequence[vmdg.Material] = SAME,
+    **options,
+) -> tuple[vmdg.Problem, TaggedMesh]:
+    """Blocks with rigid ends: the left one turns, the right one moves and turns.
+
+    Args:
+        comm: Communicator.
+        cell: Cell type.
+        law: Of the interface.
+        path: Displacement of the right end before it turns [mm] and angle, by load factor.
+        n: Cells along each unit of length.
+        materials: Of the two blocks.
+        options: Of the interface.
+    """
+    d = DIMENSION[cell]
+    scene = blocks(comm, cell, (n, n, n))
+    problem = couple(scene, law, materials, **options)
+
+    def left(X, t):
+        return turned(X, np.zeros(d), path(t)[1])
+
+    def right(X, t):
+        move, angle = path(t)
+        return turned(X, np.asarray(move, dtype=float), angle)
+
+    problem.dirichlet(scene.facet_tags.find(LEFT), left)
+    problem.dirichlet(scene.facet_tags.find(RIGHT), right)
+    return problem, scene
+
+
+def pressed(comm, cell: str, law: vmdg.Law, n: int = 3, opening: float = -0.01) -> vmdg.Problem:
+    """Two blocks pressed together by .01 t, or opened, and sheared by .04 t mm."""
+    scene = two_blocks(comm, cell, n)
+    problem = couple(scene, law, MATERIALS)
+    d = scene.mesh.geometry.dim
+    problem.dirichlet(scene.facet_tags.find(1), 0.0)
+    move = np.array([opening, 0.04, 0.0][:d])
+    problem.dirichlet(scene.facet_tags.find(2), lambda t: t * move)
+    return problem
+
+
+def set_displacement(u: fem.Function, tags: MeshTags, field: Callable[[NDArray, int], NDArray]):
+    """Interpolate ``field(x, tag)`` (d, n) on the cells of every tag."""
+    for tag in np.unique(tags.values):
+        u.interpolate(lambda x, tag=tag: field(x, tag), tags.find(tag))
+    u.x.scatter_forward()
+
+
+def displace(problem, scene, factor: float) -> None:
+    """A rough deformation of both blocks, and side 2 away from side 1, more so at the top."""
+    d = problem.mesh.geometry.dim
+
+    def field(x, tag):
+        u = factor * STRETCH[:d, :d] @ x[:d] + 0.01 * np.sin(3 * x[:d][::-1] + tag)
+        if tag == 2:
+            u += factor * np.outer(PUSH[:d], x[:d].sum(axis=0))
+        return u
+
+    set_displacement(problem.u, scene.cell_tags, field)
+
+
+def rotation(d: int, angle: float) -> NDArray:
+    """Rotation by ``angle``, in the plane or about the axis (2, -1, 2)/3."""
+    if d == 2:
+        c, s = np.cos(angle), np.sin(angle)
+        return np.array([[c, -s], [s, c]])
+    axis = np.array([2.0, -1.0, 2.0]) / 3
+    W = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return np.eye(3) + np.sin(angle) * W + (1 - np.cos(angle)) * W @ W
+
+
+def turned(X: NDArray, move: NDArray, angle: float) -> NDArray:
+    """Displacement (d, n) of points X (3, n) that move by ``move`` (d,) and then turn."""
+    d = len(move)
+    return rotation(d, angle) @ (X[:d] + move[:, None]) - X[:d]
+
+
+def put(problem: vmdg.Problem, scene: TaggedMesh, move: Sequence[float], angle: float) -> None:
+    """Set a displacement: bend both blocks a little, move block 2 by ``move``, turn everything."""
+    d = scene.mesh.geometry.dim
+    waves = np.array([[2.0, 1.0, 0.5], [-1.0, 2.0, 1.5], [0.7, -1.0, 2.0]])[:d, :d]
+
+    def field(x, tag):
+        bent = x.copy()
+        bent[:d] += 0.004 * np.sin(waves @ x[:d] + np.arange(1, d + 1)[:, None])
+        bent[:d] += (tag == 2) * np.asarray(move)[:d, None]
+        return rotation(d, angle) @ bent[:d] - x[:d]
+
+    set_displacement(problem.u, scene.cell_tags, field)
+
+
+def partly_damaged(comm, cell: str, degree: int, **options):
+    """Second step of a state in which some points were damaged and go on, and others are whole."""
+    options["degree"] = degree
+    scene = two_blocks(comm, cell, n=2 if DIMENSION[cell] == 2 else 1, distortion=0.05)
+    fixed = {"safety": 4.0}  # the probe must have the r of the problem, whose H is another
+    probe = joined(scene, STRONG, interface=fixed, **options)
+    displace(probe, scene, 1.0)
+    probe.assemble_residual(hold=True)
+    sizes = np.sort(np.linalg.norm(gather(comm, probe.state[0].traction), axis=1))
+    # Strength inside the widest gap between two points, near its upper end: no point is at a
+    # switch, and the second step, a little further, turns no whole point into a damaged one.
+    widest = np.argmax(np.diff(sizes))
+    strength = sizes[widest] + 0.8 * (sizes[widest + 1] - sizes[widest])
+    # H = 1000 MPa/mm, below every r here; no point is near separation at these openings.
+    law = vmdg.Debonding(strength=strength, critical_gap=strength / 1000.0)
+    problem = joined(scene, law, interface=fixed, **options)
+    problem.begin_step(1.0, 1.0)
+    displace(problem, scene, 1.0)
+    problem.assemble_residual()
+    problem.commit()
+    problem.begin_step(2.0, 1.0)
+    displace(problem, scene, 1.02)
+    return problem
