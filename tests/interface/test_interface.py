@@ -31,7 +31,8 @@ from vmdg import compat
 from vmdg.base.kernels import compile_form
 from vmdg.base.quadrature import facet_degree
 from vmdg.domain.topology import tags_of_cells
-from vmdg.interface.interface import Interface, find_facets
+from vmdg.interface.facets import find_facets
+from vmdg.interface.interface import Interface
 from vmdg.interface.quadrature import FacetQuadrature
 from vmdg.meshes import blocks
 

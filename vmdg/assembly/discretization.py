@@ -29,7 +29,8 @@ from ..forms.geometry import Geometry
 from ..forms.kinematics import Body
 from ..interface.active import ActiveInterface, Frozen, Group
 from ..interface.coercivity import Coercivity
-from ..interface.interface import Interface, InterfaceFacets
+from ..interface.facets import InterfaceFacets
+from ..interface.interface import Interface
 from .dilatation import Dilatation
 from .space import broken_space
 

@@ -5,7 +5,7 @@ number in the input of the mesh (``original_cell_index``): tried on one to three
 same on any number of them for meshes from gmsh, from a file and from DOLFINx's own generators,
 since DOLFINx counts cells in the order in which they are handed over. Nor does the number of the
 facet in the cell depend on the partition, since cells keep the order of their nodes, nor which side
-is side 1 (:func:`vmdg.interface.interface.find_facets`). The order of the points of a facet does:
+is side 1 (:func:`vmdg.interface.facets.find_facets`). The order of the points of a facet does:
 nodes of the facet submesh go by global numbers. So every point carries its place, and values are
 given to the point at the same place. All components are global ones or, in a turning frame, tied to
 N.
@@ -20,7 +20,7 @@ from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 
 from ..interface.active import ActiveInterface, Frozen
-from ..interface.interface import InterfaceFacets
+from ..interface.facets import InterfaceFacets
 from ..interface.points import HISTORY_ARRAYS, VALUE_ARRAYS, PointHistory, PointValues
 from ..interface.stabilization import Stabilization
 

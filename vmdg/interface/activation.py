@@ -15,7 +15,8 @@ from ..domain.materials import Bodies
 from ..domain.topology import mark_everywhere
 from ..forms import kinematics
 from ..forms.geometry import Geometry
-from .interface import Interface, InterfaceFacets
+from .facets import InterfaceFacets
+from .interface import Interface
 from .quadrature import FacetQuadrature, SideEvaluators, side_evaluators
 from .stabilization import Stabilizer
 

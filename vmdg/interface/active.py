@@ -21,7 +21,8 @@ from ..forms.kinematics import Body
 from ..laws import Mode, Update
 from . import frame
 from .coercivity import MARGIN
-from .interface import AUTO, Interface, InterfaceFacets
+from .facets import InterfaceFacets
+from .interface import AUTO, Interface
 from .points import HISTORY_ARRAYS, VALUE_ARRAYS, InterfaceState, PointHistory, PointValues
 from .quadrature import FacetQuadrature, SideEvaluators, region_pairs, side_evaluators
 from .stabilization import Stabilization, Stabilizer

@@ -57,7 +57,7 @@ from ..forms import kinematics
 from ..forms.dilatation import MeanDilatation
 from ..forms.geometry import Axisymmetric, Geometry
 from ..forms.kinematics import Body
-from .interface import InterfaceFacets
+from .facets import InterfaceFacets
 
 #: theta: share of the bulk energy that the bonded form keeps at least.
 MARGIN = 0.25

@@ -20,7 +20,7 @@ from ..base.kernels import compile_form
 from ..domain.materials import Bodies
 from ..forms.geometry import CARTESIAN, Geometry
 from ..forms.kinematics import Body
-from .interface import InterfaceFacets
+from .facets import InterfaceFacets
 
 
 class Evaluator:

@@ -15,7 +15,8 @@ from ..domain.materials import Bodies
 from ..forms import bubbles
 from ..forms.geometry import Geometry
 from ..forms.stabilization import bubble_stiffness
-from .interface import AUTO, Interface, InterfaceFacets, StabilizationContext
+from .facets import InterfaceFacets
+from .interface import AUTO, Interface, StabilizationContext
 from .quadrature import FacetQuadrature, bubble_integrals
 
 

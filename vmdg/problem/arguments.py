@@ -13,7 +13,8 @@ from ..base.parallel import raise_together
 from ..domain.tags import Group
 from ..domain.topology import facet_cells
 from ..forms.materials import Material
-from ..interface.interface import Interface, InterfaceFacets
+from ..interface.facets import InterfaceFacets
+from ..interface.interface import Interface
 
 KINEMATICS = ("finite", "small")
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")

@@ -33,7 +33,8 @@ from ..domain.tags import Group, by_tag, group_tag, names_of
 from ..domain.topology import Locator, facet_cells, tags_of_cells
 from ..forms.materials import Material
 from ..interface.activation import Activation
-from ..interface.interface import Interface, InterfaceFacets, check_ghosts, find_facets
+from ..interface.facets import InterfaceFacets, check_ghosts, find_facets
+from ..interface.interface import Interface
 from ..interface.points import InterfaceState
 from ..interface.stabilization import Stabilization
 from .arguments import (

@@ -1,0 +1,194 @@
+"""The facets of an interface on a mesh, and which side is which."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from dolfinx.mesh import GhostMode, Mesh, compute_midpoints, locate_entities
+from numpy.typing import NDArray
+
+from ..base.parallel import global_sum, raise_together
+from ..domain.tags import group_tag
+from ..domain.topology import UNTAGGED, cells_inside, facet_cells, local_facets, mark_everywhere
+from .interface import Interface
+
+
+@dataclass(frozen=True)
+class InterfaceFacets:
+    """The facets of one interface on this rank, with their sides.
+
+    Attributes:
+        facets: Owned facets, ascending, (nf,).
+        cells: Cell of side 1 and of side 2, (nf, 2).
+        local: Number of the facet within these cells, (nf, 2).
+        tags: Cell tags of the two sides, (nf, 2).
+        everywhere: The same interface with the facets of other ranks known here (ghosts).
+    """
+
+    facets: NDArray[np.int32]
+    cells: NDArray[np.int32]
+    local: NDArray[np.int32]
+    tags: NDArray[np.int32]
+    everywhere: NDArray[np.int32]
+
+    def among(self, mark: NDArray[np.bool_]) -> InterfaceFacets:
+        """The facets that are marked, ``mark`` given for all local facets of the mesh."""
+        keep = mark[self.facets]
+        return InterfaceFacets(
+            self.facets[keep],
+            self.cells[keep],
+            self.local[keep],
+            self.tags[keep],
+            self.everywhere[mark[self.everywhere]],
+        )
+
+    def rows(self, select: NDArray[np.bool_]) -> NDArray[np.int32]:
+        """Rows (cell 1, facet in it, cell 2, facet in it) of DOLFINx, flattened."""
+        columns = [self.cells[:, 0], self.local[:, 0], self.cells[:, 1], self.local[:, 1]]
+        return np.column_stack(columns)[select].ravel()
+
+    def side(self, a: int, select: NDArray[np.bool_]) -> NDArray[np.int32]:
+        """Rows (cell, facet in it) of side ``a`` (0 or 1), flattened."""
+        return np.column_stack([self.cells[:, a], self.local[:, a]])[select].ravel()
+
+
+def check_ghosts(mesh: Mesh) -> None:
+    """Refuse a distributed mesh whose ranks do not see both cells of every facet.
+
+    Raises:
+        RuntimeError: the mesh was made without facet ghosts on more than one rank.
+    """
+    if mesh.comm.size == 1:
+        return
+    tdim = mesh.topology.dim
+    mesh.topology.create_connectivity(tdim - 1, tdim)
+    if global_sum(mesh.comm, len(mesh.topology.interprocess_facets())) == 0:
+        return
+    if global_sum(mesh.comm, mesh.topology.index_map(tdim).num_ghosts) == 0:
+        raise RuntimeError(
+            "the mesh has no facet ghosts, so no rank sees both sides of a facet between two "
+            f"ranks; create it with ghost_mode={GhostMode.shared_facet} (or, from gmsh, "
+            "partitioner=dolfinx.mesh.create_cell_partitioner(GhostMode.shared_facet))"
+        )
+
+
+def find_facets(
+    mesh: Mesh,
+    cell_tags: NDArray[np.int32],
+    interface: Interface,
+    names: Mapping[str, int] | None = None,
+) -> InterfaceFacets:
+    """Select the facets of an interface and decide their sides.
+
+    Side 1 has the lower tag; for equal tags it is the cell inside the level set, or else the cell
+    whose midpoint comes first along the first coordinate in which the two midpoints differ, which
+    no partition of the mesh can change.
+
+    Args:
+        mesh: Mesh with facet ghosts.
+        cell_tags: Tag of every local cell, ghosts included.
+        interface: The user's description.
+        names: Tag by name of the groups of cells.
+
+    Raises:
+        ValueError: a facet is not interior, a tag is unknown, or nothing is selected.
+    """
+    comm = mesh.comm
+    fdim = mesh.topology.dim - 1
+    pairs = facet_cells(mesh)
+    interior = (pairs >= 0).all(axis=1)
+    known = set(np.unique(np.concatenate(comm.allgather(np.unique(cell_tags)))).tolist())
+    known.discard(UNTAGGED)
+    groups = interface.between or ((interface.within,) if interface.within is not None else ())
+    wanted = [group_tag(group, names or {}, f"{interface}") for group in groups]
+    for tag in wanted:
+        if tag not in known:
+            raise ValueError(f"{interface}: no cell has tag {tag}; tags are {sorted(known)}")
+    tags = np.where(interior[:, None], cell_tags[pairs], UNTAGGED)
+    inside = None
+    if callable(interface.facets):
+        mesh.topology.create_connectivity(fdim, 0)
+        chosen = interior.copy()
+        chosen &= mark_everywhere(mesh, fdim, locate_entities(mesh, fdim, interface.facets))
+    elif interface.facets is not None:
+        chosen = _given_facets(mesh, interface, interior)
+    elif interface.level_set is not None:
+        inside = cells_inside(mesh, interface.level_set)
+        chosen = interior & (inside[pairs[:, 0]] != inside[pairs[:, 1]])
+    elif interface.between is not None:
+        chosen = (np.sort(tags, axis=1) == np.sort(np.array(wanted))).all(axis=1)
+    else:
+        chosen = interior & (tags == wanted[0]).all(axis=1)
+    everywhere = np.flatnonzero(chosen).astype(np.int32)
+    facets = everywhere[everywhere < mesh.topology.index_map(fdim).size_local]
+    if global_sum(comm, len(facets)) == 0:
+        raise ValueError(f"{interface} has no facet: {_why_empty(interface)}")
+    cells = pairs[facets]
+    cells = np.where(_reversed(mesh, cell_tags, cells, inside)[:, None], cells[:, ::-1], cells)
+    local = np.column_stack([local_facets(mesh, cells[:, a], facets) for a in range(2)])
+    return InterfaceFacets(facets, cells, local, cell_tags[cells], everywhere)
+
+
+def _why_empty(interface: Interface) -> str:
+    if interface.level_set is not None:
+        return (
+            "the level set has one sign at the midpoints of all cells; check its units, or refine "
+            "the mesh"
+        )
+    if callable(interface.facets):
+        return (
+            "the predicate is true at all vertices of no facet inside the mesh; compare "
+            "coordinates by np.isclose, and the mesh must have facets there"
+        )
+    return (
+        "the tags do not touch, or their bodies are meshed separately (make the mesh conforming, "
+        "for example by gmsh.model.occ.fragment)"
+    )
+
+
+def _given_facets(
+    mesh: Mesh, interface: Interface, interior: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    facets = interface.facets
+    message = None
+    outside = (facets < 0) | (facets >= len(interior))
+    if outside.any():
+        message = f"{interface}: facet {facets[outside][0]} does not exist on this rank"
+        facets = facets[~outside]
+    chosen = mark_everywhere(mesh, mesh.topology.dim - 1, facets)
+    # A ghost facet may have one cell here; its owner sees both.
+    owned = mesh.topology.index_map(mesh.topology.dim - 1).size_local
+    boundary = np.flatnonzero(chosen[:owned] & ~interior[:owned])
+    if len(boundary) and message is None:
+        midpoint = _midpoints(mesh, mesh.topology.dim - 1, boundary[:1])[0]
+        message = (
+            f"{interface}: facet {boundary[0]} at {np.round(midpoint, 6).tolist()} lies on the "
+            "boundary of the mesh; an interface takes interior facets only"
+        )
+    raise_together(mesh.comm, message)
+    return chosen & interior
+
+
+def _midpoints(mesh: Mesh, dim: int, entities: NDArray[np.int32]) -> NDArray[np.float64]:
+    return compute_midpoints(mesh, dim, np.asarray(entities, dtype=np.int32))
+
+
+def _reversed(
+    mesh: Mesh,
+    cell_tags: NDArray[np.int32],
+    cells: NDArray[np.int32],
+    inside: NDArray[np.bool_] | None,
+) -> NDArray[np.bool_]:
+    """Rows whose first cell is side 2; ``inside`` marks the cells of a level set."""
+    first, second = cell_tags[cells].T
+    if inside is not None:
+        return (first > second) | ((first == second) & ~inside[cells[:, 0]])
+    apart = _midpoints(mesh, mesh.topology.dim, cells[:, 1]) - _midpoints(
+        mesh, mesh.topology.dim, cells[:, 0]
+    )
+    # Midpoints are sums of the same coordinates on every rank up to rounding: compare coarsely.
+    apart[np.abs(apart) < 1e-6 * np.abs(apart).max(axis=1, keepdims=True, initial=0.0)] = 0
+    leading = apart[np.arange(len(apart)), np.argmax(apart != 0, axis=1)]
+    return (first > second) | ((first == second) & (leading < 0))
