@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from importlib import import_module
+
+from . import doctor
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -23,7 +24,7 @@ def main(arguments: list[str] | None = None) -> int:
         "doctor", help="debond two blocks and write files: does the installation work?"
     )
     chosen = parser.parse_args(arguments)
-    return import_module(f"vmdg.{chosen.command}").main()
+    return getattr(doctor, chosen.command)()
 
 
 if __name__ == "__main__":

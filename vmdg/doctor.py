@@ -1,8 +1,9 @@
-"""Checks an installation with a small run: two blocks that are pulled apart until the bond breaks.
+"""``python -m vmdg info`` lists what is installed, ``python -m vmdg doctor`` checks that it works.
 
-The blocks are 1 mm long and high, of a neo-Hookean material with nu = 0, whose stress is
-P = mu (s - 1/s) at a stretch s without any lateral strain: half way down the softening branch
-T = P_c - H zeta, the end has moved by 2 (s(T) - 1) + zeta, in closed form.
+The doctor pulls two blocks apart until the bond breaks. They are 1 mm long and high, of a
+neo-Hookean material with nu = 0, whose stress is P = mu (s - 1/s) at a stretch s without any
+lateral strain: half way down the softening branch T = P_c - H zeta, the end has moved by
+2 (s(T) - 1) + zeta, in closed form.
 """
 
 from __future__ import annotations
@@ -10,14 +11,16 @@ from __future__ import annotations
 import math
 import os
 import shutil
+import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib import import_module, metadata
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, NamedTuple
 
 from . import __version__
-from .info import PACKAGES, blas, find, petsc_solvers
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -32,219 +35,138 @@ EXACT = 1e-8
 #: What tells a process how many ranks mpirun has started, by MPI.
 RANKS = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
 
+_FENICS = "install FEniCSx 0.9 to 0.11: Debian's python3-dolfinx, conda-forge's fenics-dolfinx"
+
+#: How to get the packages without which nothing works, and what others are for.
+REQUIRED = dict.fromkeys(("dolfinx", "ufl", "basix", "ffcx", "petsc4py", "mpi4py"), _FENICS)
+REQUIRED |= {name: f"pip install {name}" for name in ("numpy", "scipy", "tqdm")}
+OPTIONAL = {
+    "matplotlib": ("vmdg.plot and pictures of demos", "pip install matplotlib"),
+    "gmsh": ("vmdg.meshes and demos", "pip install gmsh, or Debian's python3-gmsh"),
+    "adios2": (
+        "checkpoints, reading fields back",
+        "install ADIOS2 with MPI: Debian's python3-adios2-mpi, conda-forge's adios2",
+    ),
+    "adios4dolfinx": (
+        "checkpoints",
+        "install it in the version of your DOLFINx: Debian's python3-adios4dolfinx, conda-forge's "
+        "adios4dolfinx",
+    ),
+    "pyvista": ("pictures in space", "pip install pyvista"),
+}
+
+#: Solvers of PETSc by the name under which it knows their packages.
+SOLVERS = {"MUMPS": "mumps", "SuperLU_DIST": "superlu_dist", "hypre": "hypre"}
+
+
+# What is installed
+
+
+def find(name: str) -> tuple[str | None, str]:
+    """Version of a package, None where it cannot be imported, and why."""
+    # Debian has a serial ADIOS2 beside that with MPI and chooses when it is imported.
+    os.environ.setdefault("ADIOS2_ALWAYS_USE_MPI", "1")
+    try:
+        module = import_module(name)
+    except Exception as error:  # broken libraries raise whatever they like
+        return None, str(error)
+    version = getattr(module, "__version__", None)
+    if version is None:
+        try:
+            version = metadata.version({"ufl": "fenics-ufl"}.get(name, name))
+        except metadata.PackageNotFoundError:
+            version = "of unknown version"
+    return str(version), ""
+
+
+def petsc_solvers() -> dict[str, bool]:
+    """Which of PETSc's solvers are there."""
+    from petsc4py import PETSc
+
+    has = {name: bool(PETSc.Sys.hasExternalPackage(key)) for name, key in SOLVERS.items()}
+    return has | {"GAMG": True}  # a part of PETSc
+
+
+def blas(maps: Path = Path("/proc/self/maps")) -> str:
+    """The BLAS that PETSc has loaded, by the names of the libraries of this process.
+
+    Direct solves in 3D take six times as long with the reference BLAS as with OpenBLAS.
+    """
+    if not maps.is_file():
+        return "unknown"
+    files = {line.split()[-1] for line in maps.read_text().splitlines() if "/" in line}
+    loaded = {Path(file).resolve().as_posix() for file in files}
+    for name in ("openblas", "mkl", "blis", "Accelerate", "atlas"):
+        if any(name in file for file in loaded):
+            return name
+    return "reference" if any("libblas" in file for file in loaded) else "unknown"
+
+
+def threads(environment: Mapping[str, str] = os.environ) -> str:
+    """Threads a rank may start, and cores it may use."""
+    wanted = environment.get("OMP_NUM_THREADS")
+    given = f"OMP_NUM_THREADS={wanted}" if wanted else "as many as cores (OMP_NUM_THREADS unset)"
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return f"{given}, {cores} cores"
+
+
+def report() -> dict[str, str]:
+    """What is found, by name; "missing: ..." for a package that cannot be imported."""
+    lines = {
+        "vmdg": f"{__version__}  {Path(__file__).parent}",
+        "Python": f"{sys.version.split()[0]}  {sys.executable}",
+    }
+    packages = {name: ("everything", source) for name, source in REQUIRED.items()} | OPTIONAL
+    for name, (needed, source) in packages.items():
+        version, why = find(name)
+        lines[name] = version or f"missing: {needed} ({why}); {source}"
+    if find("mpi4py")[0]:
+        from mpi4py import MPI
+
+        library = MPI.Get_library_version().rstrip("\0").splitlines()[0].split(", package")[0]
+        lines["MPI"] = f"{library}, standard {'.'.join(map(str, MPI.Get_version()))}"
+        lines["ranks"] = str(MPI.COMM_WORLD.size)
+    if find("petsc4py")[0]:
+        from petsc4py import PETSc
+
+        import numpy as np
+
+        kinds = [np.dtype(kind).name for kind in (PETSc.ScalarType, PETSc.IntType)]
+        has = petsc_solvers()
+        lines["PETSc"] = ".".join(map(str, PETSc.Sys.getVersion()))
+        lines["PETSc's numbers"] = ", ".join(kinds)
+        lines["BLAS"] = blas()
+        lines["solvers"] = ", ".join(name for name in has if has[name])
+        lines["not in PETSc"] = ", ".join(name for name in has if not has[name])
+    if find("dolfinx")[0]:
+        from .base.kernels import cache_folder
+
+        folder = Path(cache_folder())
+        lines["kernels"] = f"{folder}  ({len(list(folder.glob('*.c.cached')))} compiled)"
+    lines["C compiler"] = shutil.which(os.environ.get("CC", "cc").split()[0]) or "missing"
+    lines["threads"] = threads()
+    return {name: text for name, text in lines.items() if text}
+
+
+def info() -> int:
+    """Print the table on rank 0; exit code 1 where a required package is missing."""
+    lines = report()
+    lacking = {name for name in REQUIRED if lines[name].startswith("missing")}
+    if "mpi4py" not in lacking:
+        from mpi4py import MPI
+
+        if MPI.COMM_WORLD.rank > 0:
+            return int(bool(lacking))
+    width = max(map(len, lines))
+    print("\n".join(f"{name:{width}}  {text}" for name, text in lines.items()))
+    return int(bool(lacking))
+
+
+# Whether it works
+
 
 class Missing(Exception):
     """An optional part is not installed."""
-
-
-class Bench:
-    """What the checks hand on to each other.
-
-    Args:
-        comm: Communicator.
-        folder: For files, seen by all ranks.
-
-    Attributes:
-        problem: The blocks; None before they are built.
-    """
-
-    def __init__(self, comm: MPI.Comm, folder: Path):
-        self.comm = comm
-        self.folder = folder
-        self.problem: Problem | None = None
-
-
-class Check(NamedTuple):
-    """One check.
-
-    Attributes:
-        name: What is checked.
-        run: Checks it, on all ranks; what it found. Raises where it fails.
-        cure: What to do then.
-    """
-
-    name: str
-    run: Callable[[Bench], str]
-    cure: str
-
-
-def packages(bench: Bench) -> str:
-    """All required packages are there, in versions that fit."""
-    versions = {}
-    for package in PACKAGES:
-        if package.required:
-            versions[package.name], why = find(package.name)
-            if versions[package.name] is None:
-                raise RuntimeError(f"{package.name} cannot be imported ({why}); {package.source}")
-    found = tuple(int(part) for part in versions["dolfinx"].split(".")[:2])
-    if not (0, 9) <= found <= (0, 11):
-        raise RuntimeError(f"DOLFINx {versions['dolfinx']} is not 0.9 to 0.11")
-    return f"vmdg {__version__}, DOLFINx {versions['dolfinx']}"
-
-
-def ranks(bench: Bench, environment: Mapping[str, str] = os.environ) -> str:
-    """mpirun and mpi4py belong to one MPI."""
-    started = next((int(environment[name]) for name in RANKS if name in environment), 1)
-    if started > 1 and bench.comm.size == 1:
-        raise RuntimeError(
-            f"mpirun has started {started} processes that do not see each other: each is alone"
-        )
-    threads = environment.get("OMP_NUM_THREADS")
-    hint = "" if threads or bench.comm.size == 1 else "; OMP_NUM_THREADS=1 would be faster"
-    return f"{bench.comm.size} of {bench.comm.size} ranks answer{hint}"
-
-
-def numbers(bench: Bench) -> str:
-    """PETSc has real numbers and the direct solver that vmdg uses."""
-    from petsc4py import PETSc
-
-    import numpy as np
-
-    if np.dtype(PETSc.ScalarType) != np.float64:
-        raise RuntimeError(f"PETSc has {np.dtype(PETSc.ScalarType).name}, vmdg needs float64")
-    has = petsc_solvers()
-    if not has["MUMPS"]:
-        raise RuntimeError("PETSc has no MUMPS")
-    slow = "; its BLAS is slow, install libopenblas0-pthread" if blas() == "reference" else ""
-    return f"real, {', '.join(name for name in has if has[name])}{slow}"
-
-
-def kernels(bench: Bench) -> str:
-    """Forms are compiled, or found in the cache."""
-    from .base import kernels
-
-    before = len(kernels.requested)
-    bench.problem = blocks(bench.comm)
-    bench.problem.compile()
-    compiled = sum(kernel.lines > 0 for kernel in kernels.requested[before:])
-    compiled = bench.comm.bcast(compiled)
-    known = len(kernels.requested) - before - compiled
-    return f"{compiled} compiled (once), {known} found in {kernels.cache_folder()}"
-
-
-def ghosts(bench: Bench) -> str:
-    """Every facet of the interface belongs to one rank, which has both cells."""
-    from .base.parallel import global_sum
-
-    problem = bench.problem
-    if bench.comm.size == 1:
-        return "one rank has all cells (mpirun -n 2 checks several)"
-    facets = problem.interface_facets(0)
-    if (facets.cells < 0).any():
-        raise RuntimeError("a rank lacks a cell at the interface")
-    area = float(global_sum(bench.comm, problem.state[0].weights.sum()))
-    if not math.isclose(area, 1.0, rel_tol=1e-12):
-        raise RuntimeError(f"the ranks have {area:.6g} of 1 mm of the interface")
-    shared = int(global_sum(bench.comm, len(problem.mesh.topology.interprocess_facets())))
-    return f"{shared // 2} facets between ranks, {len(facets.facets)} of the interface here"
-
-
-def debonding(bench: Bench) -> str:
-    """Traction and gap of the closed form."""
-    import numpy as np
-
-    from .solver.options import SolveOptions
-    from .solver.stepping import solve
-
-    problem = bench.problem
-    traction, gap, end = half_broken()
-    result = solve(problem, np.linspace(0, end, 5)[1:], SolveOptions(relative_tolerance=1e-11))
-    mean = problem.mean(0)
-    error = max(abs(mean.traction[0] / traction - 1), abs(mean.gap[0] / gap - 1))
-    corrections = int(result.history["iterations"].sum())
-    if not error <= EXACT:
-        raise RuntimeError(
-            f"traction {mean.traction[0]:.9g} MPa and gap {mean.gap[0]:.9g} mm, exact are "
-            f"{traction:.9g} and {gap:.9g}"
-        )
-    return f"4 steps, {corrections} corrections, error {error:.0e}"
-
-
-def fields(bench: Bench) -> str:
-    """Fields are written for ParaView."""
-    import dolfinx
-
-    if not dolfinx.has_adios2:
-        raise Missing("DOLFINx was built without ADIOS2: vmdg.FieldWriter cannot write")
-    from .output.fields import FieldWriter
-
-    with FieldWriter(bench.problem, bench.folder / "fields") as writer:
-        writer.write(bench.problem.t)
-    bench.comm.barrier()
-    written = sorted((bench.folder / "fields").glob("*.bp"))
-    if not written or not all(any(path.iterdir()) for path in written):
-        raise RuntimeError("nothing has been written")
-    return f"{len(written)} VTX files"
-
-
-def checkpoint(bench: Bench) -> str:
-    """A state is written, and read by another problem."""
-    import numpy as np
-
-    from .base.parallel import global_max
-    from .checkpoint.checkpoint import read_checkpoint, write_checkpoint
-    from .checkpoint.state_file import adios
-
-    try:
-        adios()
-    except ImportError as error:
-        raise Missing(str(error)) from error
-    problem, other = bench.problem, blocks(bench.comm)
-    write_checkpoint(problem, bench.folder / "checkpoint")
-    read_checkpoint(other, bench.folder / "checkpoint")
-    difference = np.abs(problem.u.x.array - other.u.x.array).max(initial=0.0)
-    if global_max(bench.comm, float(difference)) > 1e-14 or other.t != problem.t:
-        raise RuntimeError("the state that was read is another one")
-    return "written and read again"
-
-
-def meshing(bench: Bench) -> str:
-    """gmsh makes a mesh."""
-    version, why = find("gmsh")
-    if version is None:
-        raise Missing(f"gmsh is missing ({why}): vmdg.meshes and the demos need it")
-    from .meshes import blocks as gmsh_blocks
-
-    mesh = gmsh_blocks(bench.comm, "triangle", (2, 2)).mesh
-    return f"gmsh {version}, {mesh.topology.index_map(2).size_global} triangles"
-
-
-CHECKS = (
-    Check("packages", packages, "install what is named, in the environment of this Python"),
-    Check("MPI", ranks, "start the ranks with the mpirun that belongs to mpi4py's MPI"),
-    Check(
-        "PETSc",
-        numbers,
-        "install PETSc with real numbers and MUMPS (conda-forge: petsc=*=real*; own builds: "
-        "--download-mumps --download-scalapack); without MUMPS name another solver in "
-        "SolveOptions(petsc={'ksp_type': 'preonly', 'pc_type': 'lu'}), for one rank",
-    ),
-    Check(
-        "kernels",
-        kernels,
-        "FFCx needs a C compiler (gcc, or the variable CC) and a folder to write to (the variable "
-        "XDG_CACHE_HOME names another one)",
-    ),
-    Check("ghost facets", ghosts, "this DOLFINx does not share cells between ranks: install anew"),
-    Check("debonding", debonding, "the numerical libraries do not work together: install anew"),
-    Check(
-        "fields",
-        fields,
-        "install DOLFINx with ADIOS2 (Debian and conda-forge have it), and give a TMPDIR that all "
-        "ranks can write to",
-    ),
-    Check(
-        "checkpoints",
-        checkpoint,
-        "install adios4dolfinx in the version of DOLFINx, with an ADIOS2 built for the same MPI",
-    ),
-    Check(
-        "meshes",
-        meshing,
-        "install gmsh (pip install gmsh; it needs the system's libGLU and libXrender), or bring "
-        "meshes of your own",
-    ),
-)
 
 
 def half_broken() -> tuple[float, float, float]:
@@ -259,10 +181,7 @@ def blocks(comm: MPI.Comm) -> Problem:
     import numpy as np
     from dolfinx.mesh import CellType, GhostMode, compute_midpoints, create_rectangle, meshtags
 
-    from .forms.materials import NeoHookean
-    from .interface.interface import Interface
-    from .laws import Debonding
-    from .problem.problem import Problem
+    from . import Debonding, Interface, NeoHookean, Problem
 
     ends = [np.zeros(2), np.array([2.0, 1.0])]
     mesh = create_rectangle(
@@ -280,55 +199,245 @@ def blocks(comm: MPI.Comm) -> Problem:
     return problem
 
 
-def examine(bench: Bench, check: Check) -> bool:
-    """Run a check and print its line on rank 0; whether nothing has failed, on any rank."""
-    start, detail, missing = perf_counter(), "", None
-    failure = None
-    try:
-        detail = check.run(bench)
-    except Missing as error:
-        missing = str(error)
-    except Exception as error:  # whatever a broken installation raises is the finding
-        failure = f"{type(error).__name__}: {error}"
-    failures = [text for text in bench.comm.allgather(failure) if text is not None]
-    if bench.comm.rank == 0:
-        if failures:
-            state, detail = "FAILED", failures[0].strip()
-        elif missing is not None:
-            state, detail = "missing", missing
-        else:
-            state = "ok"
-        print(f"{check.name:13} {state:8} {perf_counter() - start:5.1f} s  {detail}", flush=True)
-        if failures or missing is not None:
-            print(f"{'':13} cure: {check.cure}", flush=True)
-    return not failures
-
-
-def main() -> int:
-    """Run all checks; exit code 1 if one has failed, others are told what is missing.
-
-    Later checks need the first ones: the first failure of one that others build on ends the run.
-    """
-    version, why = find("mpi4py")
-    if version is None:
-        print(f"packages      FAILED   mpi4py cannot be imported: {why}")
-        print(f"{'':13} cure: {CHECKS[0].cure}")
-        return 1
-    from mpi4py import MPI
-
-    comm = MPI.COMM_WORLD
+@contextmanager
+def temporary(comm: MPI.Comm) -> Iterator[Path]:
+    """A folder that all ranks see."""
     folder = comm.bcast(tempfile.mkdtemp(prefix="vmdg-doctor-") if comm.rank == 0 else None)
-    bench, well = Bench(comm, Path(folder)), True
     try:
-        for check in CHECKS:
-            good = examine(bench, check)
-            well = well and good
-            if not good and bench.problem is None:
-                break
+        yield Path(folder)
     finally:
         comm.barrier()
         if comm.rank == 0:
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def check_packages(comm: MPI.Comm, find: Callable = find) -> str:
+    """All required packages are there, in versions that fit."""
+    versions = {}
+    for name, source in REQUIRED.items():
+        versions[name], why = find(name)
+        if versions[name] is None:
+            raise RuntimeError(f"{name} cannot be imported ({why}); {source}")
+    found = tuple(int(part) for part in versions["dolfinx"].split(".")[:2])
+    if not (0, 9) <= found <= (0, 11):
+        raise RuntimeError(f"DOLFINx {versions['dolfinx']} is not 0.9 to 0.11")
+    return f"vmdg {__version__}, DOLFINx {versions['dolfinx']}"
+
+
+def check_ranks(comm: MPI.Comm, environment: Mapping[str, str] = os.environ) -> str:
+    """mpirun and mpi4py belong to one MPI."""
+    started = next((int(environment[name]) for name in RANKS if name in environment), 1)
+    if started > 1 and comm.size == 1:
+        raise RuntimeError(
+            f"mpirun has started {started} processes that do not see each other: each is alone"
+        )
+    threads = environment.get("OMP_NUM_THREADS")
+    hint = "" if threads or comm.size == 1 else "; OMP_NUM_THREADS=1 would be faster"
+    return f"{comm.size} of {comm.size} ranks answer{hint}"
+
+
+def check_petsc(comm: MPI.Comm, has: Mapping[str, bool] | None = None) -> str:
+    """PETSc has real numbers and the direct solver that vmdg uses."""
+    from petsc4py import PETSc
+
+    import numpy as np
+
+    if np.dtype(PETSc.ScalarType) != np.float64:
+        raise RuntimeError(f"PETSc has {np.dtype(PETSc.ScalarType).name}, vmdg needs float64")
+    has = petsc_solvers() if has is None else has
+    if not has["MUMPS"]:
+        raise RuntimeError("PETSc has no MUMPS")
+    slow = "; its BLAS is slow, install libopenblas0-pthread" if blas() == "reference" else ""
+    return f"real, {', '.join(name for name in has if has[name])}{slow}"
+
+
+def check_kernels(comm: MPI.Comm) -> str:
+    """Forms are compiled, or found in the cache."""
+    from .base import kernels
+
+    before = len(kernels.requested)
+    blocks(comm).compile()
+    compiled = comm.bcast(sum(kernel.lines > 0 for kernel in kernels.requested[before:]))
+    known = len(kernels.requested) - before - compiled
+    return f"{compiled} compiled (once), {known} found in {kernels.cache_folder()}"
+
+
+def check_ghosts(comm: MPI.Comm) -> str:
+    """Every facet of the interface belongs to one rank, which has both cells."""
+    if comm.size == 1:
+        return "one rank has all cells (mpirun -n 2 checks several)"
+    problem = blocks(comm)
+    if (problem.interface_facets(0).cells < 0).any():
+        raise RuntimeError("a rank lacks a cell at the interface")
+    if not math.isclose(area := problem.mean(0).area, 1.0, rel_tol=1e-12):
+        raise RuntimeError(f"the ranks have {area:.6g} of 1 mm of the interface")
+    shared = comm.allreduce(len(problem.mesh.topology.interprocess_facets()))
+    return f"{shared // 2} facets between ranks"
+
+
+def check_debonding(comm: MPI.Comm, exact: tuple[float, float, float] | None = None) -> str:
+    """Traction and gap of the closed form."""
+    from . import SolveOptions, solve
+
+    traction, gap, end = half_broken() if exact is None else exact
+    problem, loads = blocks(comm), [end * n / 4 for n in range(1, 5)]
+    result = solve(problem, loads, SolveOptions(relative_tolerance=1e-11))
+    mean = problem.mean(0)
+    error = max(abs(mean.traction[0] / traction - 1), abs(mean.gap[0] / gap - 1))
+    if not error <= EXACT:
+        raise RuntimeError(
+            f"traction {mean.traction[0]:.9g} MPa and gap {mean.gap[0]:.9g} mm, exact are "
+            f"{traction:.9g} and {gap:.9g}"
+        )
+    corrections = int(result.history["iterations"].sum())
+    return f"4 steps, {corrections} corrections, error {error:.0e}"
+
+
+def check_fields(comm: MPI.Comm) -> str:
+    """Fields are written for ParaView."""
+    import dolfinx
+
+    if not dolfinx.has_adios2:
+        raise Missing("DOLFINx was built without ADIOS2: vmdg.FieldWriter cannot write")
+    from . import FieldWriter
+
+    with temporary(comm) as folder:
+        with FieldWriter(blocks(comm), folder) as writer:
+            writer.write(0.0)
+        comm.barrier()
+        written = sorted(folder.glob("*.bp"))
+        if not written or not all(any(path.iterdir()) for path in written):
+            raise RuntimeError("nothing has been written")
+    return f"{len(written)} VTX files"
+
+
+def check_checkpoints(comm: MPI.Comm) -> str:
+    """A state is written, and read by another problem."""
+    import numpy as np
+
+    from . import read_checkpoint, write_checkpoint
+    from .base.parallel import global_max
+    from .checkpoint.state_file import adios
+
+    try:
+        adios()
+    except ImportError as error:
+        raise Missing(str(error)) from error
+    problem, other = blocks(comm), blocks(comm)
+    problem.u.interpolate(lambda x: np.sin(x[:2]))
+    with temporary(comm) as folder:
+        write_checkpoint(problem, folder)
+        read_checkpoint(other, folder)
+    difference = np.abs(problem.u.x.array - other.u.x.array).max(initial=0.0)
+    if global_max(comm, float(difference)) > 1e-14:
+        raise RuntimeError("the state that was read is another one")
+    return "written and read again"
+
+
+def check_meshes(comm: MPI.Comm) -> str:
+    """gmsh makes a mesh."""
+    version, why = find("gmsh")
+    if version is None:
+        raise Missing(f"gmsh is missing ({why}): vmdg.meshes and the demos need it")
+    from . import meshes
+
+    mesh = meshes.blocks(comm, "triangle", (2, 2)).mesh
+    return f"gmsh {version}, {mesh.topology.index_map(2).size_global} triangles"
+
+
+class Check(NamedTuple):
+    """One check.
+
+    Attributes:
+        name: What is checked.
+        run: Checks it, on all ranks; what it found. Raises where it fails.
+        cure: What to do then.
+        vital: Whether later checks need it.
+    """
+
+    name: str
+    run: Callable[[MPI.Comm], str]
+    cure: str
+    vital: bool = False
+
+
+CHECKS = (
+    Check("packages", check_packages, "install it, in the environment of this Python", True),
+    Check("MPI", check_ranks, "start the ranks with the mpirun that belongs to mpi4py's MPI", True),
+    Check(
+        "PETSc",
+        check_petsc,
+        "install PETSc with real numbers and MUMPS (conda-forge: petsc=*=real*; own builds: "
+        "--download-mumps --download-scalapack); without MUMPS name another solver in "
+        "SolveOptions(petsc={'ksp_type': 'preonly', 'pc_type': 'lu'}), for one rank",
+        True,
+    ),
+    Check(
+        "kernels",
+        check_kernels,
+        "FFCx needs a C compiler (gcc, or the variable CC) and a folder to write to (the variable "
+        "XDG_CACHE_HOME names another one)",
+        True,
+    ),
+    Check("ghost facets", check_ghosts, "this DOLFINx shares no cells between ranks: reinstall it"),
+    Check("debonding", check_debonding, "the numerical libraries do not fit: reinstall them"),
+    Check(
+        "fields",
+        check_fields,
+        "install DOLFINx with ADIOS2 (Debian and conda-forge have it), and give a TMPDIR that all "
+        "ranks can write to",
+    ),
+    Check(
+        "checkpoints",
+        check_checkpoints,
+        "install adios4dolfinx in the version of DOLFINx, with an ADIOS2 built for the same MPI",
+    ),
+    Check(
+        "meshes",
+        check_meshes,
+        "install gmsh (pip install gmsh; it needs the system's libGLU and libXrender), or bring "
+        "meshes of your own",
+    ),
+)
+
+
+def examine(comm: MPI.Comm, check: Check) -> bool:
+    """Run a check and print its line on rank 0; whether nothing has failed, on any rank."""
+    start, state, failure = perf_counter(), "ok", None
+    try:
+        detail = check.run(comm)
+    except Missing as error:
+        state, detail = "missing", str(error)
+    except Exception as error:  # whatever a broken installation raises is the finding
+        failure = f"{type(error).__name__}: {error}"
+    failures = [text for text in comm.allgather(failure) if text is not None]
+    if failures:
+        state, detail = "FAILED", failures[0].strip()
+    if comm.rank == 0:
+        print(f"{check.name:13} {state:8} {perf_counter() - start:5.1f} s  {detail}", flush=True)
+        if state != "ok":
+            print(f"{'':13} cure: {check.cure}", flush=True)
+    return not failures
+
+
+def doctor(checks: Sequence[Check] = CHECKS) -> int:
+    """Run the checks, up to one that has failed and that later ones need; exit code 1 if any has.
+
+    Optional parts that are missing are told, and are no failure.
+    """
+    version, why = find("mpi4py")
+    if version is None:
+        print(f"packages      FAILED   mpi4py cannot be imported: {why}")
+        print(f"{'':13} cure: {_FENICS}")
+        return 1
+    from mpi4py import MPI
+
+    comm, well = MPI.COMM_WORLD, True
+    for check in checks:
+        good = examine(comm, check)
+        well = well and good
+        if check.vital and not good:
+            break
     if comm.rank == 0:
         print("vmdg works here." if well else "vmdg does not work here as it should.")
     return int(not well)
