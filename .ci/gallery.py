@@ -1,0 +1,156 @@
+"""Numbers of the gallery, to show that a change of the code changes no result.
+
+    demos/run .ci/gallery.py record FOLDER [SCENE...]     every scene at its defaults, one file each
+    demos/run .ci/gallery.py compare BEFORE AFTER         one table: iterations, failures, values
+
+``OTHER/demos/run .ci/gallery.py record FOLDER`` records the checkout OTHER. What ``vmdg.solve``
+returns in a scene is recorded: all columns of its history, and its failures.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import runpy
+import subprocess
+import sys
+from itertools import chain
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+import vmdg
+
+DEMOS = Path(vmdg.__file__).resolve().parent.parent / "demos"
+
+_CELL = "--element-size .05 --critical-gap .01"
+_MANY = "--fibres 5 --cell triangle --activate on-demand"
+SCENES = {
+    "patch_tension": "patch_tension --no-plot",
+    "patch_shear": "patch_shear --no-plot",
+    "load_cycle": "load_cycle --no-plot",
+    "tutorial": "tutorial",
+    "tutorial_law": "tutorial_law",
+    "tutorial_material": "tutorial_material",
+    "two_inclusions": "two_inclusions --no-plot",
+    "fibre_matrix": "fibre_matrix --no-plot",
+    "fibre_film": f"fibre_matrix {_CELL} --growth 1.04 --no-plot",
+    "fibres_five": f"fibre_matrix {_CELL} {_MANY} --no-plot",
+    "tearing": "tearing --no-plot",
+    "tearing_ogden": "tearing --material ogden --no-plot",
+    "pushout": "pushout --no-plot",
+    "peers": "benchmark peers --repeats 1 --no-plot",
+    "verification": "verification --no-plot",
+    "pushout_solid": "pushout --solid --no-plot",
+}
+
+
+def record(folder: Path, scenes: list[str]) -> None:
+    """Run scenes, each in a process of its own."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in scenes or SCENES:
+        demo, *options = SCENES[name].split()
+        file, out = folder / f"{name}.json", folder / name
+        program = [sys.executable, __file__, "one", str(file), demo, *options, "--out", str(out)]
+        with open(folder / f"{name}.log", "w") as log:
+            code = subprocess.run(program, stdout=log, stderr=log, check=False).returncode
+        print(f"{name}: {'done' if code == 0 else f'exit code {code}, see {log.name}'}", flush=True)
+
+
+def run_one(file: Path, demo: str, options: list[str]) -> None:
+    """Run a demo in this process and write what its calls of ``vmdg.solve`` gave."""
+    solve, runs = vmdg.solve, []
+
+    def recorded(*arguments: Any, **others: Any) -> vmdg.Result:
+        result = None
+        try:
+            result = solve(*arguments, **others)
+        except vmdg.StepFailure as failure:
+            result = failure.result
+            raise
+        finally:
+            if result is not None:
+                rows = [
+                    {k: np.asarray(v).tolist() for k, v in r.items()} for r in result.history.rows
+                ]
+                runs.append({"rows": rows, "failures": [str(why) for _, why in result.failures]})
+        return result
+
+    vmdg.solve = recorded
+    sys.argv = [demo, *options]
+    sys.path.insert(0, str(DEMOS))
+    start = perf_counter()
+    runpy.run_path(str(DEMOS / f"{demo}.py"), run_name="__main__")
+    file.write_text(json.dumps({"seconds": perf_counter() - start, "calls": runs}))
+
+
+def compare(before: Path, after: Path) -> None:
+    """Print a line a scene."""
+    print("| scene | rows | iterations | failed before, after | largest difference | in |")
+    print("|---|---|---|---|---|---|")
+    names = sorted(file.name for file in before.glob("*.json") if (after / file.name).is_file())
+    for name in names:
+        old, new = (json.loads((folder / name).read_text())["calls"] for folder in (before, after))
+        rows = [[row for call in calls for row in call["rows"]] for calls in (old, new)]
+        iterations = [[row["iterations"] for row in table] for table in rows]
+        failed = [sum(len(call["failures"]) for call in calls) for calls in (old, new)]
+        same = "=" if iterations[0] == iterations[1] else f"{sum(iterations[0])} before,"
+        shapes = [[len(call["rows"]) for call in calls] for calls in (old, new)]
+        worst, column = difference(old, new) if shapes[0] == shapes[1] else (np.inf, "rows")
+        print(
+            f"| {Path(name).stem} | {len(rows[1])} | {same} {sum(iterations[1])} "
+            f"| {failed[0]}, {failed[1]} | {worst:.1e} | {column} |"
+        )
+
+
+def difference(old: list[dict], new: list[dict]) -> tuple[float, str]:
+    """Largest difference of a column relative to its largest value, and its name.
+
+    Residuals and imbalances are differences of large numbers and left out, as are seconds.
+    """
+    worst, where = 0.0, ""
+    for first, second in zip(old, new, strict=True):
+        names = dict.fromkeys(chain.from_iterable(row for row in first["rows"]))
+        for name in names:
+            if name in ("residual", "imbalance") or "second" in name:
+                continue
+            a, b = (
+                np.concatenate([np.ravel(row.get(name, np.nan)) for row in call["rows"]])
+                for call in (first, second)
+            )
+            if a.dtype.kind not in "fib":
+                change = 0.0 if np.array_equal(a, b) else np.inf
+            else:
+                scale = np.nanmax(np.abs(a), initial=0.0) or 1.0
+                change = float(np.nanmax(np.abs(a - b), initial=0.0)) / scale
+            if change > worst:
+                worst, where = change, name
+    return worst, where
+
+
+def main() -> None:
+    """The command line."""
+    command = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parts = command.add_subparsers(dest="command", required=True)
+    recording = parts.add_parser("record", help="run scenes and write their numbers")
+    recording.add_argument("folder", type=Path)
+    recording.add_argument("scenes", nargs="*", metavar="SCENE", help=", ".join(SCENES))
+    comparing = parts.add_parser("compare", help="compare two folders")
+    comparing.add_argument("before", type=Path)
+    comparing.add_argument("after", type=Path)
+    chosen = command.parse_args()
+    if chosen.command == "record":
+        record(chosen.folder, chosen.scenes)
+    else:
+        compare(chosen.before, chosen.after)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["one"]:
+        run_one(Path(sys.argv[2]), sys.argv[3], sys.argv[4:])
+    else:
+        main()
