@@ -1,0 +1,215 @@
+"""Rules of the house, read from the source: who may know whom, how much a class shows, what tests do.
+
+Tests and demos use the public names of the package, and leave its modules as they are.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterator
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+#: From the ground up; a room knows rooms below it only.
+FLOORS = (
+    ("laws", "forms", "compat"),
+    ("base",),
+    ("domain",),
+    ("interface", "meshes"),
+    ("assembly",),
+    ("problem",),
+    ("output",),
+    ("plot", "checkpoint"),
+    ("solver",),
+    ("info",),
+    ("doctor", "__main__", "vmdg"),
+)
+FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
+
+#: What the rooms on the ground may import besides the standard library.
+GROUND = {"laws": {"numpy"}, "forms": {"ufl", "basix", "numpy"}}
+
+MOST_NAMES = 25
+#: Classes that show more, and why.
+LARGE = {
+    "vmdg.assembly.discretization.Discretization": "not yet split",
+    "vmdg.interface.active.ActiveInterface": "not yet split",
+    "vmdg.problem.problem.Problem": "not yet split",
+}
+
+
+def folders() -> Iterator[Path]:
+    """The package and its rooms, the links to forms and meshes among them."""
+    package = ROOT / "vmdg"
+    yield package
+    yield from (path for path in package.iterdir() if (path / "__init__.py").is_file())
+
+
+def module_name(path: Path) -> str:
+    """Dotted name of a file of the package."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+FILES = {module_name(path): path for folder in folders() for path in sorted(folder.glob("*.py"))}
+TREES = {name: ast.parse(path.read_text()) for name, path in FILES.items()}
+
+
+def room(module: str) -> str:
+    """First folder or file below the package."""
+    return module.split(".")[1] if "." in module else module
+
+
+def imports(module: str) -> Iterator[str]:
+    """All that a file imports, in functions and for type checkers too, save the version."""
+    is_package = FILES[module].name == "__init__.py"
+    for node in ast.walk(TREES[module]):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = module.split(".")[: len(module.split(".")) + is_package - node.level]
+            base = ".".join([*(above if node.level else []), *([node.module] * bool(node.module))])
+            for name in {alias.name for alias in node.names} - {"__version__"}:
+                full = f"{base}.{name}"
+                yield full if full in FILES else base
+
+
+#: Two files of one room that still know each other.
+CIRCLES = {("vmdg.assembly.dilatation", "vmdg.assembly.discretization")}
+GRAPH = {module: {name for name in imports(module) if name in FILES} for module in FILES}
+
+
+def test_imports_run_down():
+    """A file imports from its own room and from floors below."""
+    pairs = [(room(m), room(n), f"{m} imports {n}") for m, needs in GRAPH.items() for n in needs]
+    assert not [
+        text for mine, other, text in pairs if mine != other and FLOOR[other] >= FLOOR[mine]
+    ]
+
+
+def test_no_circle():
+    """No file needs itself, however long the way round."""
+    graph = {m: {n for n in needs if (m, n) not in CIRCLES} for m, needs in GRAPH.items()}
+    TopologicalSorter(graph).prepare()
+
+
+@pytest.mark.parametrize("ground", GROUND)
+def test_ground(ground):
+    """Laws are numpy, forms are UFL."""
+    modules = [module for module in FILES if room(module) == ground]
+    found = {name.partition(".")[0] for module in modules for name in imports(module)}
+    assert found <= GROUND[ground] | {"vmdg"} | sys.stdlib_module_names
+
+
+def public_names(node: ast.ClassDef) -> set[str]:
+    """Methods, properties, fields, and what ``__init__`` assigns to self, without underscore."""
+    names = set()
+    for item in node.body:
+        if isinstance(item, ast.FunctionDef):
+            names.add(item.name)
+        elif isinstance(item, ast.AnnAssign | ast.Assign):
+            targets = item.targets if isinstance(item, ast.Assign) else [item.target]
+            names |= {target.id for target in targets if isinstance(target, ast.Name)}
+        if isinstance(item, ast.FunctionDef) and item.name == "__init__":
+            stores = (n for n in ast.walk(item) if isinstance(n, ast.Attribute))
+            names |= {n.attr for n in stores if isinstance(n.ctx, ast.Store)}
+    return {name for name in names if not name.startswith("_")}
+
+
+def test_classes_are_small():
+    """No class shows more than a reader can hold in the head, save those with a reason."""
+    classes = [
+        (f"{module}.{node.name}", public_names(node))
+        for module, tree in TREES.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ClassDef)
+    ]
+    large = {name: len(shown) for name, shown in classes if len(shown) > MOST_NAMES}
+    assert large.keys() == LARGE.keys(), large
+
+
+# Users of the package
+
+OURS = ("vmdg", "helpers", "studies", "support")
+USERS = sorted(
+    path.relative_to(ROOT).as_posix()
+    for folder in ("tests", "demos")
+    for path in (ROOT / folder).rglob("*.py")
+)
+#: Files that still do.
+LATER = {
+    "demos/studies/benchmark/common.py",
+    "tests/assembly/test_known_forces.py",
+    "tests/checkpoint/test_restart.py",
+    "tests/demos/test_stability.py",
+    "tests/interface/test_activation.py",
+    "tests/interface/test_motion.py",
+    "tests/meshes/test_mesh_files.py",
+    "tests/meshes/test_partition.py",
+    "tests/output/test_history.py",
+    "tests/plot/test_plot.py",
+    "tests/solver/test_condensed.py",
+    "tests/solver/test_jump.py",
+    "tests/solver/test_kept_bulk.py",
+    "tests/solver/test_linear_solver.py",
+    "tests/solver/test_path.py",
+    "tests/solver/test_progress.py",
+    "tests/solver/test_step_control.py",
+    "tests/solver/test_switches.py",
+    "tests/solver/test_tangent_reuse.py",
+    "tests/solver/test_zone.py",
+    "tests/support/checks.py",
+    "tests/support/ranks.py",
+    "tests/test_command_line.py",
+}
+#: Methods of named tuples begin with an underscore and are public.
+TUPLES = {"_replace", "_asdict", "_fields", "_make"}
+
+
+def is_private(name: str) -> bool:
+    return name.startswith("_") and not name.endswith("__") and name not in TUPLES
+
+
+def root_name(node: ast.expr) -> str:
+    """First name of ``a.b[c].d``."""
+    while isinstance(node, ast.Attribute | ast.Subscript):
+        node = node.value
+    return node.id if isinstance(node, ast.Name) else ""
+
+
+def imported(tree: ast.AST) -> Iterator[tuple[str, str, str]]:
+    """Module, name and local name of every import."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from ((a.name, "", a.asname or a.name.partition(".")[0]) for a in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield from ((node.module or "", a.name, a.asname or a.name) for a in node.names)
+
+
+def liberties(tree: ast.AST) -> Iterator[str]:
+    """Uses of private names of others, and changes of what a module of ours holds."""
+    names = {local: module for module, _, local in imported(tree)}
+    foreign = {local for local, module in names.items() if module.partition(".")[0] not in OURS}
+    yield from (f"import {name}" for _, name, _ in imported(tree) if is_private(name))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute):
+            if is_private(node.attr) and root_name(node.value) != "self":
+                yield f"line {node.lineno}: {node.attr}"
+            if isinstance(node.ctx, ast.Store) and root_name(node) in names.keys() - foreign:
+                yield f"line {node.lineno}: sets {ast.unparse(node)}"
+        if isinstance(node, ast.Call) and ast.unparse(node.func).endswith(".setattr"):
+            target = ast.unparse(node.args[0])
+            theirs = isinstance(node.args[0], ast.Constant | ast.JoinedStr) and "vmdg" not in target
+            if not theirs and root_name(node.args[0]) not in foreign:
+                yield f"line {node.lineno}: patches {target}"
+
+
+def test_public_use():
+    """Neither a private name nor a patched module of ours."""
+    found = {path: list(liberties(ast.parse((ROOT / path).read_text()))) for path in USERS}
+    assert not {path: texts for path, texts in found.items() if texts and path not in LATER}
