@@ -33,14 +33,14 @@ def weighted(weigh: Weigh) -> GraphPartitioner:
     def partition(comm: MPI.Comm, parts: int, graph: Any, ghosting: bool) -> Any:
         cells = len(graph.offsets) - 1
         leaves = weigh(graph.array, graph.offsets) - 1
-        found = partitioner()(comm, parts, _with_leaves(comm, graph, leaves), ghosting)
+        found = partitioner()(comm, parts, with_leaves(comm, graph, leaves), ghosting)
         offsets = found.offsets[: cells + 1]
         return AdjacencyList_int32(found.array[: offsets[-1]], offsets)
 
     return partition
 
 
-def _with_leaves(comm: MPI.Comm, graph: Any, leaves: NDArray[np.int32]) -> AdjacencyList_int64:
+def with_leaves(comm: MPI.Comm, graph: Any, leaves: NDArray[np.int32]) -> AdjacencyList_int64:
     """The graph with this number of leaves at every node; those of a rank follow its nodes."""
     nodes, new = len(leaves), int(leaves.sum())
     counts = np.array(comm.allgather((nodes, new)))

@@ -61,12 +61,13 @@ def blocks(
     gdim = CELLS[cell]
     with model("blocks") as gmsh_model:
         if comm.rank == 0:
-            _build(gmsh_model, cell, divisions, length, height, depth, interface)
+            build_blocks(gmsh_model, cell, divisions, length, height, depth, interface)
             gmsh_model.mesh.setOrder(order)
         return distribute(gmsh_model, comm, gdim)
 
 
-def _build(gmsh_model, cell, divisions, length, height, depth, interface) -> None:
+def build_blocks(gmsh_model, cell, divisions, length, height, depth, interface) -> None:
+    """Add the meshed blocks to a model of gmsh; arguments as for :func:`blocks`."""
     geo = gmsh_model.geo
     bottom = [geo.addPoint(x, 0, 0) for x in (0, interface[0], length)]
     top = [geo.addPoint(x, height, 0) for x in (0, interface[1], length)]

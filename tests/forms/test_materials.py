@@ -372,3 +372,21 @@ def test_ogden_in_the_engine(comm):
         relative = np.array(norms) / force
         small = np.flatnonzero((relative[:-1] < 1e-2) & (relative[1:] > 1e-12))
         assert (relative[small + 1] < 10 * relative[small] ** 1.7).all(), relative
+
+
+def test_constants_of_a_material_may_change(comm):
+    """Twice the stiffness at the same displacement gives twice the forces of the bodies."""
+    scene = two_blocks(comm, "quadrilateral", 4)
+    stiffness = fem.Constant(scene.mesh, 3.0)
+
+    def energy(F, parameters):
+        C = F.T * F
+        return stiffness * (ufl.inner(C, C) + parameters["b"] * ufl.tr(C))
+
+    problem = joined(scene, vmdg.Bonded(), [vmdg.Hyperelastic(energy, {"b": -1.0})] * 2)
+    problem.u.interpolate(lambda x: np.stack([0.1 * x[0] * x[1], 0.05 * x[0] ** 2]))
+    problem.assemble_residual()
+    first = problem.bulk_forces().copy()
+    stiffness.value *= 2
+    problem.assemble_residual()
+    assert problem.bulk_forces() == pytest.approx(2 * first, rel=1e-13, abs=1e-13)

@@ -225,11 +225,13 @@ class Scout:
 
     def mode(self, t, keep=False):
         """Mode after a step to ``t``, which is taken back unless it is to be kept."""
-        problem = self.problem
+        problem, start = self.problem, self.problem.snapshot()
         problem.begin_step(t, abs(t - problem.t))
         assert self.newton.step(abs(t - problem.t)).converged
-        mode = int(problem.discretization.active[0]._now.update.mode[0])
-        problem.commit() if keep else problem.cancel_step()
+        problem.commit()
+        mode = int(problem.state[0].mode[0])
+        if not keep:
+            problem.return_to(start)
         return mode
 
     def to(self, t):

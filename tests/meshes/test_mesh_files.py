@@ -10,7 +10,8 @@ import pytest
 from support.problems import joined
 
 import vmdg
-from vmdg.meshes import blocks, gmsh_model, read_mesh, two_blocks, write_mesh
+from vmdg.meshes import blocks, gmsh_model, read_mesh, write_mesh
+from vmdg.meshes.two_blocks import build_blocks
 
 LAW = vmdg.Debonding(strength=60.0, critical_gap=0.2)
 
@@ -35,7 +36,7 @@ def write_msh(comm, path: Path, cell: str) -> None:
     """The blocks as a file of gmsh."""
     if comm.rank == 0:
         with gmsh_model.model("blocks") as model:
-            two_blocks._build(model, cell, (3, 3, 3), 2.0, 1.0, 1.0, (1.0, 1.0))
+            build_blocks(model, cell, (3, 3, 3), 2.0, 1.0, 1.0, (1.0, 1.0))
             gmsh.write(str(path))
     comm.barrier()
 

@@ -9,7 +9,7 @@ from dolfinx.cpp.graph import AdjacencyList_int64
 import vmdg
 from vmdg import meshes
 from vmdg.base.parallel import global_max, global_sum
-from vmdg.meshes.partition import _with_leaves, between_bodies
+from vmdg.meshes.partition import between_bodies, with_leaves
 
 LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.3)
 WEIGHT = 6
@@ -83,7 +83,7 @@ def test_leaves(comm):
     here = first + np.arange(per_rank)
     ring = np.column_stack([(here - 1) % total, (here + 1) % total]).ravel()
     offsets = np.arange(0, 2 * per_rank + 1, 2, dtype=np.int32)
-    graph = _with_leaves(comm, AdjacencyList_int64(ring.astype(np.int64), offsets), leaves)
+    graph = with_leaves(comm, AdjacencyList_int64(ring.astype(np.int64), offsets), leaves)
     block = per_rank + leaves.sum()  # of every rank: its cells, then their leaves
     name = lambda cell: cell // per_rank * block + cell % per_rank  # noqa: E731
     start = comm.rank * block

@@ -8,7 +8,7 @@ import signal
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
@@ -82,32 +82,6 @@ class Outcome:
     detail: str
 
 
-def stress(number: int, patience: float = PATIENCE) -> Outcome:
-    """Draw, run and judge one case."""
-    start = perf_counter()
-    case = draw(number)
-    run: Run | None = None
-    with warnings.catch_warnings():
-        # As in the test suite: an overflow or a NaN in the engine is a failure.
-        warnings.filterwarnings("error", category=RuntimeWarning, module="vmdg")
-        try:
-            with time_limit(patience):
-                run = execute(case)
-                verdict, detail = judge(run, files=number % FILES_EVERY == 0)
-        except Refused as refusal:
-            verdict, detail = "refused", str(refusal)
-        except Hang:
-            verdict, detail = "hang", traceback.format_exc(limit=-3)
-        except Exception:
-            # A library that was interrupted may report an error of its own.
-            late = perf_counter() - start >= patience
-            verdict, detail = "hang" if late else "crash", traceback.format_exc()
-    steps = len(run.records) - 1 if run else 0
-    cuts = len(run.failures) if run else 0
-    seconds = perf_counter() - start
-    return Outcome(number, case.family, verdict, steps, cuts, seconds, str(case), detail)
-
-
 class Refused(Exception):
     """A clear error at the door where one was due."""
 
@@ -175,6 +149,40 @@ def judge(run: Run, files: bool = False) -> tuple[str, str]:
             if faults := files_finite(run, Path(folder)):
                 return "not finite", faults[0]
     return ("stopped", run.stopped) if run.stopped else ("correct", "")
+
+
+def stress(
+    number: int, patience: float = PATIENCE, execute: Callable[[Case], Run] = execute
+) -> Outcome:
+    """Draw, run and judge one case.
+
+    Args:
+        number: Of the case.
+        patience: Seconds after which it hangs.
+        execute: Runs a case.
+    """
+    start = perf_counter()
+    case = draw(number)
+    run: Run | None = None
+    with warnings.catch_warnings():
+        # As in the test suite: an overflow or a NaN in the engine is a failure.
+        warnings.filterwarnings("error", category=RuntimeWarning, module="vmdg")
+        try:
+            with time_limit(patience):
+                run = execute(case)
+                verdict, detail = judge(run, files=number % FILES_EVERY == 0)
+        except Refused as refusal:
+            verdict, detail = "refused", str(refusal)
+        except Hang:
+            verdict, detail = "hang", traceback.format_exc(limit=-3)
+        except Exception:
+            # A library that was interrupted may report an error of its own.
+            late = perf_counter() - start >= patience
+            verdict, detail = "hang" if late else "crash", traceback.format_exc()
+    steps = len(run.records) - 1 if run else 0
+    cuts = len(run.failures) if run else 0
+    seconds = perf_counter() - start
+    return Outcome(number, case.family, verdict, steps, cuts, seconds, str(case), detail)
 
 
 def files_finite(run: Run, folder: Path) -> list[str]:
