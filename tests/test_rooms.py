@@ -158,7 +158,6 @@ LATER = {
     "tests/solver/test_tangent_reuse.py",
     "tests/solver/test_zone.py",
     "tests/support/checks.py",
-    "tests/support/ranks.py",
 }
 #: Methods of named tuples begin with an underscore and are public.
 TUPLES = {"_replace", "_asdict", "_fields", "_make"}

@@ -1,4 +1,4 @@
-"""The scenes at a coarse size on these ranks, compared with what other numbers of ranks gave.
+"""Scenes at a coarse size on these ranks, compared with what other numbers of ranks gave.
 
     demos/run -n 1 tests/support/ranks.py FOLDER [SCENE...]
     demos/run -n 4 tests/support/ranks.py FOLDER [SCENE...]
@@ -11,37 +11,70 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import replace
+from collections.abc import Iterator
 from pathlib import Path
 
 from mpi4py import MPI
 
 import numpy as np
+from numpy.typing import NDArray
 
 import vmdg
 from vmdg.base.parallel import global_norm
+from vmdg.meshes import blocks, fibre_matrix, random_fibres
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "demos"))
-import fibre_matrix
 import load_cycle
-import patch_shear
-import patch_tension
-import pushout
-import tearing
-import two_inclusions
+from helpers import fibre_matrix as cell
+from helpers import pushout, two_inclusions
+
+#: Problems and the loads of their runs, one after the other.
+Runs = Iterator[tuple[vmdg.Problem, NDArray]]
+
+
+def cycle(steps: int) -> Runs:
+    """Open, close, press, shear, reopen."""
+    mesh, cells, facets = blocks(MPI.COMM_WORLD, "quadrilateral")
+    material = vmdg.NeoHookean(E=5000.0, nu=0.25)
+    interface = vmdg.Interface(between=(1, 2), law=load_cycle.LAW)
+    problem = vmdg.Problem(mesh, cells, {1: material, 2: material}, [interface])
+    problem.dirichlet(facets.find(1), 0.0)
+    problem.dirichlet(facets.find(2), load_cycle.end_of_path)
+    yield problem, np.linspace(0, len(load_cycle.LEGS), steps + 1)[1:]
+
+
+def cracks(shape: str, size: float, critical_gap: float, end: float, **random) -> Runs:
+    """One fibre with all facets of the matrix, or several at random with facets on demand."""
+    centres, radius = np.array([[cell.SIZE / 2 - 0.01, cell.SIZE / 2]]), cell.RADIUS
+    if random:
+        centres, radius = random_fibres(size=cell.SIZE, seed=0, **random)
+    mesh = fibre_matrix(MPI.COMM_WORLD, shape, cell.SIZE, radius, centres, size)
+    activate = "on-demand" if random else "all"
+    problem = cell.build(mesh, cell.REPORT, critical_gap, activate)
+    yield problem, cell.pulls(1e-4, end, 1.1)
+
+
+def push(solid: bool, layers: int, refine: float, steps: int, end: float) -> Runs:
+    """Cure and push-out."""
+    model = pushout.build(solid, layers, refine, 0.475, 2500.0)
+    yield model.problem, np.linspace(0.25, 1, 4)
+    model.problem.dirichlet(model.top, lambda t: 1 - t, model.axis, relative=True)
+    yield model.problem, 1 + np.linspace(0, end, steps + 1)[1:]
+
+
+def inclusions(size: float) -> Runs:
+    """Two inclusions under the public law."""
+    problem, _ = two_inclusions.build(two_inclusions.LAWS["tour"], 1, size)
+    yield problem, np.linspace(0, two_inclusions.END, 41)[1:]
+
 
 SCENES = {
-    "patch, tension": lambda out: patch_tension.main(steps=10, out=out),
-    "patch, shear": lambda out: patch_shear.main(out=out),
-    "load cycle": lambda out: load_cycle.main(steps=20, out=out),
-    "fibre": lambda out: fibre_matrix.main(element_size=0.3, critical_gap=0.01, out=out),
-    "fibres, on demand": lambda out: fibre_matrix.main(
-        "triangle", 0.4, end=1e-3, fibres=4, activate="on-demand", out=out
-    ),
-    "tearing": lambda out: tearing.main(mesh="coarse", out=out),
-    "push-out, section": lambda out: pushout.main(refine=0.5, steps=10, plot=False, out=out),
-    "push-out": lambda out: pushout.main(True, 5, 0.4, steps=6, end=0.03, plot=False, out=out),
-    "inclusions": lambda out: two_inclusions.main(element_size=0.1, out=out),
+    "load cycle": lambda: cycle(20),
+    "fibre": lambda: cracks("quadrilateral", 0.3, 0.01, 0.00525),
+    "fibres, on demand": lambda: cracks("triangle", 0.4, 0.2, 1e-3, count=4, fraction=0.35),
+    "push-out, section": lambda: push(False, 25, 0.5, 10, 0.174),
+    "push-out": lambda: push(True, 5, 0.4, 6, 0.03),
+    "inclusions": lambda: inclusions(0.1),
 }
 
 
@@ -68,40 +101,35 @@ def difference(run: dict, other: dict) -> float:
     return float(np.abs(forces - other["forces"]).max() / forces.max())
 
 
-def main(names: list[str], folder: str) -> None:
+def solve(problem: vmdg.Problem, loads: NDArray) -> dict:
+    """Unknowns at the end, iterations and reactions of every step."""
+    forces = []
+
+    def look(problem: vmdg.Problem) -> None:
+        # Facets that open renumber the dofs.
+        reactions = problem.forces.x.array[problem.owned_prescribed]
+        forces.append(global_norm(problem.comm, reactions))
+
+    # Condensed steps are for one rank.
+    options = vmdg.SolveOptions(
+        relative_tolerance=1e-11, energy_guard=0.05, energy=True, condensed=False
+    )
+    iterations = vmdg.solve(problem, loads, options, look).history["iterations"].tolist()
+    size = problem.space.dofmap.index_map.size_global
+    return {"unknowns": size, "iterations": iterations, "forces": forces}
+
+
+def main(names: list[str], folder: Path) -> None:
     """Run these scenes; writes ``folder``/ranks_N.json."""
-    comm, solve, runs = MPI.COMM_WORLD, vmdg.solve, []
-
-    def watched(problem, loads, options=None, monitor=None, history=None):
-        # Condensed steps are for one rank.
-        options = replace(options or vmdg.SolveOptions(), relative_tolerance=1e-11, condensed=False)
-        forces = []
-
-        def look(problem):
-            # Facets that open renumber the dofs.
-            reactions = problem.forces.x.array[problem.owned_prescribed]
-            forces.append(global_norm(problem.comm, reactions))
-            return monitor(problem) if monitor else None
-
-        result = solve(problem, loads, options, look, history)
-        iterations = result.history["iterations"][-len(forces) :].tolist()
-        size = problem.space.dofmap.index_map.size_global
-        runs.append({"unknowns": size, "iterations": iterations, "forces": forces})
-        return result
-
-    vmdg.solve = watched
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    found = {}
-    for name in names:
-        runs.clear()
-        SCENES[name](f"{folder}/{comm.size}")
-        found[name] = list(runs)
-    if comm.rank == 0:
-        Path(folder, f"ranks_{comm.size}.json").write_text(json.dumps(found))
-        if Path(folder, "ranks_1.json").is_file():
-            for name, ranks, largest in differences(Path(folder)):
+    found = {name: [solve(*run) for run in SCENES[name]()] for name in names}
+    ranks = MPI.COMM_WORLD.size
+    if MPI.COMM_WORLD.rank == 0:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"ranks_{ranks}.json").write_text(json.dumps(found))
+        if (folder / "ranks_1.json").is_file():
+            for name, ranks, largest in differences(folder):
                 print(f"{name:20} {ranks:3} ranks, forces differ by {largest:.1e}")
 
 
 if __name__ == "__main__":
-    main(sys.argv[2:] or list(SCENES), sys.argv[1])
+    main(sys.argv[2:] or list(SCENES), Path(sys.argv[1]))
