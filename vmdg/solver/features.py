@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ..problem.problem import Problem
-from .linear import LARGE, LinearOptions, Options, is_iterative, linear_options
+from .linear import MAX_FACTORED, LinearOptions, Options, is_iterative, linear_options
 from .options import SolveOptions
 from .tangent import keeps_bulk
 
@@ -69,12 +69,11 @@ def switchboard(problem: Problem, options: SolveOptions | None = None) -> list[S
 
 def _bodies(problem: Problem, linear: LinearOptions, condensed: bool) -> tuple[bool, str]:
     """Whether the bodies are assembled during the run, and for which tangents."""
-    constant = problem.discretization.constant_stabilization
-    if condensed or (constant and not problem.can_fail):
+    if condensed:
         return False, "once: small strain"
     if keeps_bulk(problem, linear.solver):
         return True, "where a kept tangent goes stale"
-    return True, "for tangents with damage" if constant else "for every tangent"
+    return True, "for every tangent"
 
 
 def _name(linear: Options) -> str:
@@ -102,7 +101,7 @@ def condensation(problem: Problem, options: SolveOptions | None = None) -> tuple
     n, N = gap_components(problem), problem.discretization.owned
     if wanted:
         return True, "options.condensed = True"
-    if problem.mesh.topology.dim == 3 and N > LARGE:
+    if problem.mesh.topology.dim == 3 and N > MAX_FACTORED:
         return False, f"{N} dofs are more than are factorized in 3D"
     if n * n > CHEAPER * N:
         return False, f"{n} gap components are too many for {N} dofs"

@@ -7,7 +7,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.parallel import global_any, global_norm
+from ..base.parallel import global_norm
 from ..base.timers import timer
 from ..problem.problem import Problem
 from .iteration import BACKTRACK, ENERGY, FULL, HALVINGS, Iteration, StepReport, Trace
@@ -143,7 +143,7 @@ class Newton(Iteration):
     @property
     def krylov(self) -> int:
         """Krylov iterations of all steps so far; 0 where systems are solved directly."""
-        return self.linear.counts.iterations
+        return self.linear.iterations
 
     def _begin(self, start: float, end: float) -> list[NDArray[np.float64]]:
         self._path.start(start, self._problem.start_of_step[1])
@@ -177,17 +177,9 @@ class Newton(Iteration):
         u = self._problem.u.x
         u.array[: self._owned] = x.array_r
         u.scatter_forward()
-        if not self._is_known(u.array):
-            self._problem.assemble_residual(self._dt)
+        self._problem.assemble_residual(self._dt)
         f.array[:] = self._problem.forces.x.array[: self._owned]
         f.array[self._prescribed] = 0
-
-    def _is_known(self, u: NDArray[np.float64]) -> bool:
-        """Whether the predictor has left its residual at this displacement; collective."""
-        place, self._predictor.place = self._predictor.place, None
-        if place is None:  # on all ranks, which need not ask each other
-            return False
-        return not global_any(self._problem.comm, not np.array_equal(place, u))
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         self._tangent.assemble()

@@ -94,10 +94,6 @@ class Predictor:
         problem: The problem.
         tangent: Assembled where a predictor needs it.
         ksp: Solves with it.
-
-    Attributes:
-        place: Displacement of the last residual, ghosts included, where that was the last thing
-            the predictor did and zeta was not held; else None.
     """
 
     def __init__(
@@ -113,7 +109,6 @@ class Predictor:
         self._owned = self._x.getLocalSize()
         self._prescribed = problem.owned_prescribed
         self._dt = 1.0
-        self.place: NDArray[np.float64] | None = None
 
     def __call__(self, predictor: str, ahead: list[NDArray[np.float64]], dt: float) -> Norms:
         """Change the displacement of the problem; collective.
@@ -179,7 +174,6 @@ class Predictor:
     def _residual_norm(self, hold: bool = False) -> float:
         """Norm of the residual on the free dofs at the current displacement [N]."""
         residual = self._problem.assemble_residual(self._dt, hold).copy()
-        self.place = None if hold else self._problem.u.x.array.copy()
         residual[self._prescribed] = 0
         return global_norm(self._problem.comm, residual)
 
@@ -193,7 +187,7 @@ class Predictor:
         target = problem.prescribed_values(problem.t)[problem.prescribed < self._owned]
         increment[self._prescribed] = target - problem.u.x.array[: self._owned][self._prescribed]
         self._x.array[:] = increment
-        tangent.lift(self._x, self._f)
+        tangent.matrix.mult(self._x, self._f)
         self._f.array[:] = -residual - self._f.array_r
         self._f.array[self._prescribed] = 0
         imbalance = self._f.norm()

@@ -54,9 +54,9 @@ def solved_by(petsc: Mapping[str, Any], stale: float = tangent.STALE) -> Way:
     return Way(options={"petsc": petsc}, stale=stale)
 
 
-def small(law: vmdg.Law = BOND, crack: bool = True, **interface: Any) -> Way:
+def small(law: vmdg.Law = BOND, **interface: Any) -> Way:
     """At small strain."""
-    return Way(law, "small", interface, crack=crack)
+    return Way(law, "small", interface)
 
 
 #: What can be spared: the run with it, and the run without.
@@ -68,10 +68,6 @@ CASES: dict[str, tuple[Way, Way]] = {
     "turning frame": (Way(), Way(interface={"frame": "reference"})),
     "terms of finite strain": (Way(), small()),
     "tau_s in every step": (small(stabilization=bubbles), small(safety=4.0)),
-    "tangents of elastic steps": (
-        small(TIE, crack=False, stabilization=bubbles),
-        small(TIE, crack=False, safety=4.0),
-    ),
     "iteration on the whole problem": (small(), Way(kinematics="small", options={})),
 }
 
