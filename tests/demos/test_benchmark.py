@@ -64,9 +64,9 @@ def test_cracked_plate(out):
     assert run.imbalance < 5e-3
     assert run.history["damage"][-1] == pytest.approx(peers.P1.work)
     assert run.history["iterations"].mean() < 4
-    assert run.work.factorizations == 1
-    assert run.work.condensed >= run.history["iterations"].sum()
-    assert run.work.solves >= len(run.history)
+    assert run.counts.factorizations == 1
+    assert run.counts.condensed >= run.history["iterations"].sum()
+    assert run.counts.solves >= len(run.history)
 
 
 #: Where the two ways are not the same problem: a tie has the tensor tau_s, strains reach .5%.
@@ -76,7 +76,7 @@ ALLOWED = {"history, return map, damage tangent": 1e-4, "terms of finite strain"
 def test_what_is_spared_changes_nothing(out):
     """Both ways give the same forces; 1e-6 is a thousand times the tolerance of the steps."""
     savings = benchmark.main(["switches"], coarse=True, repeats=1, out=str(out))["switches"]
-    assert len(savings) == 9
+    assert len(savings) == 8
     for saving in savings:
         assert saving.difference < ALLOWED.get(saving.name, 1e-6), saving
 

@@ -10,23 +10,28 @@ import pytest
 from support.problems import FRICTION, pressed
 
 import vmdg
-from vmdg.solver import linear as linear_solver
-from vmdg.solver.linear import CG_GAMG, GMRES_GAMG, GMRES_LDLT, GMRES_LU, LDLT, LU, LinearSolver
-from vmdg.solver.newton import Newton
+from vmdg.base.timers import timings, timings_since
+from vmdg.solver.linear import (
+    CG_GAMG,
+    GMRES_GAMG,
+    GMRES_LDLT,
+    GMRES_LU,
+    LDLT,
+    LU,
+    LinearSolver,
+    automatic_options,
+    destroy,
+    make_ksp,
+)
+from vmdg.solver.result import Counts
 
 SMOOTH = vmdg.Debonding(strength=50.0, critical_gap=0.2)
 #: No friction, but no potential either.
 WEIGHTED = vmdg.IntrinsicExponential(strength=50.0, fracture_energy=10.0)
 
 
-#: Bounds of the sizes for which all problems are small, medium or large.
+#: Bounds for which a problem is small, medium or large.
 SMALL, MEDIUM, LARGE = (10**9, 10**9), (0, 10**9), (0, 0)
-
-
-def set_sizes(monkeypatch, sizes: tuple[int, int]) -> None:
-    """Choose solvers as if problems were larger or smaller than they are."""
-    for name, size in zip(("MEDIUM", "LARGE"), sizes, strict=True):
-        monkeypatch.setattr(linear_solver, name, size)
 
 
 @pytest.mark.parametrize(
@@ -47,11 +52,10 @@ def set_sizes(monkeypatch, sizes: tuple[int, int]) -> None:
         ("hexahedron", vmdg.Bonded(), LARGE, CG_GAMG),
     ],
 )
-def test_choice(comm, monkeypatch, cell, law, sizes, chosen):
+def test_choice(comm, cell, law, sizes, chosen):
     """Direct if small, with kept factors if medium, multigrid for large problems in 3D; symmetric
     where the law is."""
-    set_sizes(monkeypatch, sizes)
-    options, fallback = linear_solver.automatic_options(pressed(comm, cell, law))
+    options, fallback = automatic_options(pressed(comm, cell, law), *sizes)
     assert options == chosen
     assert fallback == (LDLT if law.symmetric else LU)
 
@@ -88,38 +92,27 @@ def test_quadratic_without_symmetry(comm):
 
 
 @pytest.mark.parametrize("law", [FRICTION, SMOOTH, vmdg.Bonded()], ids=["mu", "smooth", "tie"])
-def test_solvers_agree(comm, monkeypatch, law):
+def test_solvers_agree(comm, law):
     """Direct, kept factors, multigrid and fallback end at the same displacement.
 
     All meet the residual tolerance of 1e-9, which leaves 1e-8 of the displacement.
     """
-    results = {}
-    sizes = {"direct": SMALL, "kept factors": MEDIUM, "multigrid": LARGE, "fallback": LARGE}
-    for name in sizes:
-        set_sizes(monkeypatch, sizes[name])
-        if name == "fallback":
-            hopeless = {"ksp_max_it": 1, "ksp_rtol": 1e-12}
-            for options in ("GMRES_GAMG", "CG_GAMG"):
-                monkeypatch.setattr(
-                    linear_solver, options, {**getattr(linear_solver, options), **hopeless}
-                )
+    ends = []
+    one_iteration = {"ksp_max_it": 1, "ksp_rtol": 1e-12}
+    for sizes, more in ((SMALL, {}), (MEDIUM, {}), (LARGE, {}), (LARGE, one_iteration)):
         problem = pressed(comm, "hexahedron", law)
-        newton = Newton(problem, 1e-9, 20, None)
-        for t in (0.5, 1.0):
-            problem.begin_step(t, 1.0)
-            assert newton.step(1.0).converged
-            problem.commit()
-        counts = newton.linear.counts
+        petsc = automatic_options(problem, *sizes)[0] | more
+        result = vmdg.solve(problem, [0.5, 1.0], vmdg.SolveOptions(max_iterations=20, petsc=petsc))
+        assert not result.failures
+        counts = result.counts
         assert counts.solves > 0
-        assert (counts.fallbacks > 0) == (name == "fallback")
-        assert (counts.iterations > 0) == (name != "direct")
-        if name in ("kept factors", "multigrid"):
-            assert counts.factorizations == 0
-            assert counts.setups < counts.solves
-        results[name] = problem.u.x.array.copy()
-        newton.destroy()
-    for other in ("kept factors", "multigrid", "fallback"):
-        assert np.abs(results[other] - results["direct"]).max() < 1e-8
+        assert (counts.krylov > 0) == (sizes != SMALL)
+        assert (counts.factorizations > 0) == (sizes == SMALL or more != {})
+        if sizes != SMALL and not more:
+            assert 0 < counts.preconditioners < counts.solves
+        ends.append(problem.u.x.array.copy())
+    for end in ends[1:]:
+        assert np.abs(end - ends[0]).max() < 1e-8
 
 
 def tridiagonal(diagonal: float) -> PETSc.Mat:
@@ -137,14 +130,15 @@ def test_stale_preconditioner_is_renewed():
     """Where an old preconditioner does not do a fresh one is tried before a direct solve."""
     options = {"ksp_type": "gmres", "ksp_max_it": 5, "ksp_rtol": 1e-12, "pc_type": "ilu"}
     matrix = tridiagonal(4.0)
-    solver = LinearSolver(matrix, options, LU)
+    solver, before = LinearSolver(matrix, options, LU), timings()
     outer = PETSc.KSP().create(MPI.COMM_SELF)
     x, b = matrix.createVecs()
     b.set(1.0)
     solver.solve(outer, b, x)
     tridiagonal(1.5).copy(matrix)
     solver.solve(outer, b, x)
-    assert (solver.counts.setups, solver.counts.fallbacks) == (2, 0)
+    counts = Counts.from_timings(timings_since(before), solver.iterations)
+    assert (counts.preconditioners, counts.factorizations) == (2, 0)
     matrix.mult(x, b)
     assert b.array == pytest.approx(np.ones(100), abs=1e-9)
 
@@ -152,10 +146,10 @@ def test_stale_preconditioner_is_renewed():
 def test_options_of_what_is_made_later():
     """Factors and smoothers of multigrid take their options too, and all are gone at the end."""
     matrix = tridiagonal(4.0)
-    direct = linear_solver.make_ksp(matrix, {**LU, "mat_mumps_icntl_14": 77})
+    direct = make_ksp(matrix, {**LU, "mat_mumps_icntl_14": 77})
     levels = {"mg_levels_ksp_type": "richardson", "mg_levels_pc_type": "sor"}
     coarsened = {"pc_gamg_coarse_eq_limit": 10, **levels}
-    multigrid = linear_solver.make_ksp(matrix, {"pc_type": "gamg", **coarsened})
+    multigrid = make_ksp(matrix, {"pc_type": "gamg", **coarsened})
     for solver in (direct, multigrid):
         solver.setUp()
     assert direct.getPC().getFactorMatrix().getMumpsIcntl(14) == 77
@@ -165,7 +159,7 @@ def test_options_of_what_is_made_later():
     prefixes = [solver.getOptionsPrefix() for solver in (direct, multigrid)]
     assert prefixes[0] != prefixes[1]
     for solver in (direct, multigrid):
-        linear_solver.destroy(solver)
+        destroy(solver)
     assert not any(name.startswith(tuple(prefixes)) for name in PETSc.Options().getAll())
 
 

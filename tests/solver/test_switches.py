@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.problems import joined
-from support.scenes import two_blocks
+from support.problems import MATERIALS, joined
+from support.scenes import everywhere, tag_cells, two_blocks, unit_box
 
 import vmdg
-from vmdg.solver import features as switches
-from vmdg.solver import linear as linear_solver
-from vmdg.solver.condensed_newton import CondensedNewton
 from vmdg.solver.features import condensation, gap_components
-from vmdg.solver.newton import Newton
-from vmdg.solver.stepping import Stepper
 
 LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05)
 RUBBING = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.4)
@@ -46,9 +41,9 @@ def test_tied_at_finite_strain(comm):
 
 
 def test_tied_at_small_strain(comm):
-    """One tangent serves all steps."""
+    """Nothing to iterate on is left at the interface, and tau_s is constant."""
     found = on(joined(two_blocks(comm, "quadrilateral"), vmdg.Bonded(), kinematics="small"))
-    for name in ("bodies assembled", "condensed to interface", "tau_s every step"):
+    for name in ("condensed to interface", "tau_s every step"):
         assert not found[name]
 
 
@@ -110,35 +105,43 @@ ITERATIVE = {"ksp_type": "gmres", "pc_type": "jacobi"}
 
 
 @pytest.mark.parametrize("petsc", [None, ITERATIVE, {"snes_linesearch_type": "basic"}])
-@pytest.mark.parametrize("limit", [0, 10_000])
-def test_summary_says_what_newton_does(comm, monkeypatch, petsc, limit):
-    """Kept bodies and the linear solver, for every source of the options of PETSc."""
-    monkeypatch.setattr(linear_solver, "MEDIUM", limit)
-    problem = joined(two_blocks(comm, "quadrilateral", 4), LAW)
-    board = vmdg.switchboard(problem, vmdg.SolveOptions(petsc=petsc))
-    reasons = {switch.name: switch.reason for switch in board}
-    newton = Newton(problem, 1e-9, 10, petsc)
-    assert newton.keeps_bulk == (petsc is ITERATIVE or limit == 0)
-    assert newton.keeps_bulk == ("stale" in reasons["bodies assembled"])
-    newton.destroy()
+@pytest.mark.parametrize("n", [4, 28])
+def test_summary_says_what_newton_does(comm, petsc, n):
+    """Kept bodies and the linear solver, for every source of the options of PETSc.
+
+    Two blocks of 28 x 28 cells have more than 3,000 unknowns.
+    """
+    scene = two_blocks(comm, "quadrilateral", n)
+    problem = joined(scene, LAW)
+    problem.dirichlet(scene.facet_tags.find(1), 0.0)
+    problem.dirichlet(scene.facet_tags.find(2), lambda t: (t, 0.0))
+    result = vmdg.solve(problem, [0.01], vmdg.SolveOptions(petsc=petsc))
+    reasons = {switch.name: switch.reason for switch in result.switches}
+    keeps = any(timing.name == "assemble interface tangent" for timing in result.timings)
+    assert keeps == (petsc is ITERATIVE or n == 28)
+    assert keeps == ("stale" in reasons["bodies assembled"])
     kept, direct = "FGMRES with LDL^T", "LDL^T"
-    expected = "options.petsc" if petsc is ITERATIVE else kept if limit == 0 else direct
+    expected = "options.petsc" if petsc is ITERATIVE else kept if n == 28 else direct
     assert reasons["linear solver"] == expected
 
 
-def test_where_it_is_cheaper(comm, monkeypatch):
+def test_where_it_is_cheaper(comm):
     """The default compares the gaps with the dofs; True and False do as they say."""
     if comm.size > 1:
         pytest.skip("condensed on one rank only")
     problem = joined(two_blocks(comm, "quadrilateral", 2), LAW, kinematics="small")
     assert gap_components(problem) == 2 * 2 * 2  # facets, points, components
-    for limit, kind in ((switches.CHEAPER, CondensedNewton), (0, Newton)):
-        monkeypatch.setattr(switches, "CHEAPER", limit)
-        stepper = Stepper(problem, vmdg.SolveOptions())
-        assert isinstance(stepper._newton, kind)
-        stepper.close()
+    assert condensation(problem)[0]
     assert condensation(problem, vmdg.SolveOptions(condensed=True))[0]
     assert not condensation(problem, vmdg.SolveOptions(condensed=False))[0]
+    # Every facet of 11 x 11 cells.
+    mesh = unit_box(comm, "quadrilateral", 11)
+    interface = vmdg.Interface(within=1, law=LAW)
+    tags = tag_cells(mesh, {1: everywhere})
+    problem = vmdg.Problem(mesh, tags, {1: MATERIALS[0]}, [interface], kinematics="small")
+    condensed, why = condensation(problem)
+    assert not condensed
+    assert "too many" in why
 
 
 def test_summary(comm, capsys):

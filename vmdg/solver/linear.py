@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import count
 from typing import NamedTuple
 
@@ -61,7 +60,7 @@ CG_GAMG = {
 }
 
 #: Dofs beyond which factors are kept, and those in 3D beyond which they cost more than multigrid.
-MEDIUM, LARGE = 3_000, 60_000
+MAX_DIRECT, MAX_FACTORED = 3_000, 60_000
 
 #: Share of the dofs up to which the zone at the interfaces is factorized for every tangent.
 ZONE = 0.3
@@ -71,7 +70,9 @@ ZONE = 0.3
 SETUP = 30
 
 
-def automatic_options(problem: Problem) -> tuple[Options, Options]:
+def automatic_options(
+    problem: Problem, max_direct: int = MAX_DIRECT, max_factored: int = MAX_FACTORED
+) -> tuple[Options, Options]:
     """Options of the solver that fits a problem, and of the one to fall back on.
 
     Small problems are solved directly: LDL^T where the tangent is symmetric (no friction), else LU.
@@ -80,12 +81,17 @@ def automatic_options(problem: Problem) -> tuple[Options, Options]:
     in a step. Large ones in 3D by multigrid, with CG where every interface is a tie, else GMRES.
     Near a limit point the residual of multigrid says little of the error along the softening mode:
     an unstable stage takes about twice as many steps as with factors.
+
+    Args:
+        problem: The problem.
+        max_direct: Dofs up to which every tangent is factorized.
+        max_factored: Dofs in 3D up to which factors are used at all.
     """
     direct, kept = (LDLT, GMRES_LDLT) if problem.symmetric else (LU, GMRES_LU)
     size = problem.space.dofmap.index_map.size_global * problem.space.dofmap.index_map_bs
-    if size <= MEDIUM:
+    if size <= max_direct:
         return direct, direct
-    if problem.mesh.topology.dim < 3 or size <= LARGE:
+    if problem.mesh.topology.dim < 3 or size <= max_factored:
         return kept, direct
     return (GMRES_GAMG if problem.can_fail else CG_GAMG), direct
 
@@ -116,29 +122,10 @@ def is_iterative(options: Options) -> bool:
     return options.get("ksp_type") != "preonly"
 
 
-@dataclass
-class SolverCounts:
-    """Work done by a solver.
-
-    Attributes:
-        solves: Linear systems solved.
-        iterations: Krylov iterations.
-        setups: Preconditioners built.
-        factorizations: Matrices factorized for a direct solve.
-        fallbacks: Systems the Krylov solver gave up.
-    """
-
-    solves: int = 0
-    iterations: int = 0
-    setups: int = 0
-    factorizations: int = 0
-    fallbacks: int = 0
-
-
-def interface_zone(problem: Problem) -> NDArray[np.int32] | None:
+def interface_zone(problem: Problem, share: float = ZONE) -> NDArray[np.int32] | None:
     """Owned dofs of the cells at active interfaces, where damage changes the tangent; collective.
 
-    None if these are a large part of the dofs, or none.
+    None if these are more than a ``share`` of the dofs, or none.
     """
     space = problem.space
     marks = fem.Function(space).x
@@ -149,7 +136,7 @@ def interface_zone(problem: Problem) -> NDArray[np.int32] | None:
     owned = problem.discretization.owned
     zone = np.flatnonzero(marks.array[:owned]).astype(np.int32)
     size, total = global_sum(problem.comm, [len(zone), owned])
-    return zone if 0 < size < ZONE * total else None
+    return zone if 0 < size < share * total else None
 
 
 class ZoneCorrection:
@@ -226,19 +213,20 @@ class KeptKrylov:
     Args:
         matrix: The tangent.
         options: Of KSP and PC.
-        counts: Work to be counted.
         zone: Owned dofs where the kept preconditioner is corrected, see :class:`ZoneCorrection`.
+
+    Attributes:
+        iterations: Of all systems so far.
     """
 
     def __init__(
         self,
         matrix: PETSc.Mat,
         options: Options,
-        counts: SolverCounts,
         zone: NDArray[np.int32] | None = None,
     ):
         self._matrix = matrix
-        self._counts = counts
+        self.iterations = 0
         self.ksp = make_ksp(matrix, options)
         self._follows_tolerance = "ksp_rtol" not in options
         self._fresh_effort = 0.0
@@ -267,15 +255,18 @@ class KeptKrylov:
         self.ksp.setOperators(self._matrix)
         self._kept.setOperators(self._matrix)
         self._kept.setReusePreconditioner(reuse)
-        self._kept.setUp()
+        if reuse:
+            self._kept.setUp()
+        else:
+            with timer("set up preconditioner"):
+                self._kept.setUp()
         self.ksp.solve(b, x)
         iterations = self.ksp.getIterationNumber()
-        self._counts.iterations += iterations
+        self.iterations += iterations
         reduction = self.ksp.getResidualNorm() / max(b.norm(), np.finfo(float).tiny)
         # Iterations to the tolerance vary with it; their number per digit does not.
         digits = max(-math.log10(max(reduction, 1e-300)), 1.0)
         if not reuse:
-            self._counts.setups += 1
             self._fresh_effort, self._excess = iterations / digits, 0.0
         self._excess += iterations - self._fresh_effort * digits
         converged = self.ksp.getConvergedReason() > 0
@@ -304,7 +295,6 @@ class LinearSolver:
         zone: Owned dofs where an iterative solver corrects a kept preconditioner.
 
     Attributes:
-        counts: Work done so far.
         multigrid: Whether it asks for the rigid modes.
     """
 
@@ -315,35 +305,38 @@ class LinearSolver:
         fallback: Options,
         zone: NDArray[np.int32] | None = None,
     ):
-        self.counts = SolverCounts()
         self.multigrid = options.get("pc_type") == "gamg"
         self._matrix = matrix
         iterative = is_iterative(options)
-        self._krylov = KeptKrylov(matrix, options, self.counts, zone) if iterative else None
+        self._krylov = KeptKrylov(matrix, options, zone) if iterative else None
         self._direct_options = fallback if iterative else options
         self._direct: PETSc.KSP | None = None
         self._factorized = -1
 
+    @property
+    def iterations(self) -> int:
+        """Krylov iterations so far."""
+        return 0 if self._krylov is None else self._krylov.iterations
+
     def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve A x = b with the current values of the tangent; called by PETSc."""
-        self.counts.solves += 1
-        iterative = self._krylov is not None
         with timer("linear solve"):
-            if iterative and self._krylov.solve(b, x, ksp.getTolerances()[0]):
+            if self._krylov is not None and self._krylov.solve(b, x, ksp.getTolerances()[0]):
                 solver = self._krylov.ksp
             else:
-                self.counts.fallbacks += iterative
                 solver = self._solve_directly(b, x)
         ksp.setConvergedReason(solver.getConvergedReason())
 
     def _solve_directly(self, b: PETSc.Vec, x: PETSc.Vec) -> PETSc.KSP:
-        state = self._matrix.stateGet()
-        self.counts.factorizations += state != self._factorized
-        self._factorized = state
         if self._direct is None:
             self._direct = make_ksp(self._matrix, self._direct_options)
         reset_failed(self._direct.getPC())
         self._direct.setOperators(self._matrix)
+        state = self._matrix.stateGet()
+        if state != self._factorized:
+            self._factorized = state
+            with timer("factorize"):
+                self._direct.setUp()
         self._direct.solve(b, x)
         return self._direct
 

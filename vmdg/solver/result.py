@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
 
 from ..base.timers import Timing
 from ..output.history import History
@@ -10,6 +11,55 @@ from .features import Switch
 
 
 @dataclass(frozen=True)
+class Counts:
+    """Work of a run, failed steps included; the same on every rank.
+
+    Attributes:
+        factorizations: Matrices factorized for direct solves.
+        preconditioners: Set up for Krylov solves: factors to be used again, or multigrid.
+        solves: Linear systems of the whole problem.
+        condensed: Linear systems of the gaps at the interface points alone.
+        krylov: Krylov iterations of both; none where they are solved directly.
+        residuals: Residuals of the whole problem.
+        tangents: Tangents of the whole problem.
+        return_maps: Evaluations of the return maps, of all points at once.
+    """
+
+    factorizations: int = 0
+    preconditioners: int = 0
+    solves: int = 0
+    condensed: int = 0
+    krylov: int = 0
+    residuals: int = 0
+    tangents: int = 0
+    return_maps: int = 0
+
+    @classmethod
+    def from_timings(cls, timings: Sequence[Timing], krylov: int) -> Counts:
+        """From the runs of the timers around the work, and the Krylov iterations of all steps."""
+        runs = {timing.name: timing.runs for timing in timings}
+        counts = {name: sum(runs.get(timer, 0) for timer in of) for name, of in _TIMERS.items()}
+        return cls(**counts, krylov=krylov)
+
+    def __str__(self) -> str:
+        """What there was of it, in a line."""
+        done = {name.replace("_", " "): number for name, number in asdict(self).items() if number}
+        return ", ".join(f"{number} {name}" for name, number in done.items())
+
+
+#: Timers around what is counted.
+_TIMERS = {
+    "factorizations": ("factorize", "factorize bonded bodies"),
+    "preconditioners": ("set up preconditioner",),
+    "solves": ("linear solve",),
+    "condensed": ("condensed solve",),
+    "residuals": ("assemble residual",),
+    "tangents": ("stage tangent",),
+    "return_maps": ("return map",),
+}
+
+
+@dataclass
 class Result:
     """What a run produced.
 
@@ -20,6 +70,7 @@ class Result:
         residuals: Residual norms of every converged step.
         failures: Load factor and reason of every step that had to be cut.
         switches: What the run has used and what it could do without, with reasons.
+        counts: Work of the run.
         timings: What the timers of vmdg have measured on this rank during the run, longest first:
             the run itself, then its parts, of which some contain others.
     """
@@ -28,10 +79,11 @@ class Result:
     residuals: list[list[float]] = field(default_factory=list)
     failures: list[tuple[float, str]] = field(default_factory=list)
     switches: list[Switch] = field(default_factory=list)
+    counts: Counts = field(default_factory=Counts)
     timings: list[Timing] = field(default_factory=list)
 
     def summary(self) -> str:
-        """Steps and corrections of the run, a line for every switch, and one for every timer."""
+        """Steps, corrections and work of the run, a line for every switch and every timer."""
         steps = len(self.residuals)
         corrections = sum(max(len(norms) - 1, 0) for norms in self.residuals)
         head = f"{steps} steps, {corrections} corrections, {len(self.failures)} attempts failed"
@@ -40,7 +92,7 @@ class Result:
             f"  {switch.name:{width}}  {'on' if switch.on else 'off':3}  {switch.reason}"
             for switch in self.switches
         ]
-        return "\n".join([head, *lines, *self._timing_lines()])
+        return "\n".join([head, f"  {self.counts}", *lines, *self._timing_lines()])
 
     def _timing_lines(self) -> list[str]:
         if not self.timings:

@@ -25,7 +25,7 @@ from .newton import Newton, StepReport
 from .options import SolveOptions
 from .predictor import PREDICTORS
 from .progress import Progress
-from .result import Result, StepFailure
+from .result import Counts, Result, StepFailure
 
 #: In a jump the overstress falls after a step with so few corrections, and grows by this factor
 #: after one that fails.
@@ -85,7 +85,7 @@ def solve(
     )
     if loads.size:
         check_model(problem, loads)
-    before, written = timings(), len(result.history)
+    before, written, stepper = timings(), len(result.history), None
     try:
         with (
             timer("solve"),
@@ -105,7 +105,8 @@ def solve(
             # Not where a step failed: one rank alone must not wait for the others here.
             stepper.close()
     finally:
-        result.timings.extend(timings_since(before))
+        result.timings = timings_since(before)
+        result.counts = Counts.from_timings(result.timings, stepper.krylov if stepper else 0)
     if (options.progress or options.verbose) and problem.comm.rank == 0:
         print(result.summary())
     return result
@@ -208,6 +209,9 @@ class Stepper:
         problem: The problem.
         options: See :class:`SolveOptions`.
         progress: What is told how steps went; None for one by ``options``.
+
+    Attributes:
+        krylov: Krylov iterations of all steps so far.
     """
 
     def __init__(self, problem: Problem, options: SolveOptions, progress: Progress | None = None):
@@ -215,6 +219,7 @@ class Stepper:
         self.options = options
         self._progress = progress or Progress(problem, 0, options)
         self._viscous = any(interface.law.viscosity > 0 for interface in problem.interfaces)
+        self.krylov = 0
         self._guards = math.isfinite(options.energy_guard)
         self._newton = self._make_newton(problem.step.scales)
 
@@ -328,7 +333,9 @@ class Stepper:
             if not (overstress or self._viscous):
                 raise
             return StepReport(False, [], str(error))
-        return self._newton.step(dt, options.predictor, along, once, rough)
+        report = self._newton.step(dt, options.predictor, along, once, rough)
+        self.krylov += report.krylov
+        return report
 
     def jump(self, t: float) -> tuple[StepReport, int]:
         """Carry the problem over an unstable stage at load factor ``t``.

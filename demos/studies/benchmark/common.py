@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from time import process_time
 from typing import Any
 
@@ -21,20 +19,9 @@ from dolfinx.mesh import (
     meshtags,
 )
 
-from vmdg import compat
 from vmdg.meshes import TaggedMesh
-from vmdg.solver import newton
 
 DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
-
-#: Timers whose runs are counted, by what they count.
-TIMERS = {
-    "solves": "linear solve",
-    "factorizations": "factorize bonded bodies",
-    "condensed": "condensed solve",
-    "residuals": "assemble residual",
-    "tangents": "stage tangent",
-}
 
 #: Cell tags, and facet tags of the ends of the last direction.
 LOWER, UPPER = 1, 2
@@ -98,54 +85,6 @@ def least_times(
                 action()
                 least[name][step] = min(least[name][step], process_time() - start)
     return least
-
-
-@dataclass
-class Work:
-    """What was done, in numbers.
-
-    Attributes:
-        solves: Linear systems of the whole problem.
-        factorizations: Of their matrices, direct or to be kept.
-        krylov: Iterations with these.
-        condensed: Linear systems of the gaps alone.
-        residuals: Assemblies.
-        tangents: Assemblies.
-    """
-
-    solves: int = 0
-    factorizations: int = 0
-    krylov: int = 0
-    condensed: int = 0
-    residuals: int = 0
-    tangents: int = 0
-
-
-def timer(name: str) -> tuple[int, float]:
-    """How often a timer of vmdg has run, and how long [s]."""
-    return compat.timing(f"vmdg: {name}")
-
-
-@contextmanager
-def working() -> Iterator[Work]:
-    """Count the work that vmdg does inside; the numbers are there at the end."""
-    work, solvers, make = Work(), [], newton.LinearSolver
-
-    def remember(*arguments: Any) -> newton.LinearSolver:
-        solvers.append(make(*arguments))
-        return solvers[-1]
-
-    before = {what: timer(name)[0] for what, name in TIMERS.items()}
-    newton.LinearSolver = remember
-    try:
-        yield work
-    finally:
-        newton.LinearSolver = make
-    for what, name in TIMERS.items():
-        setattr(work, what, timer(name)[0] - before[what])
-    for solver in solvers:
-        work.factorizations += solver.counts.factorizations + solver.counts.setups
-        work.krylov += solver.counts.iterations
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:

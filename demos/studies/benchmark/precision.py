@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import vmdg
-from studies.benchmark.common import DIMENSION, working
+from studies.benchmark.common import DIMENSION
 from studies.benchmark.continuous import Plain
 from studies.convergence.rates import Study, field_errors, interpolate, tied
 from vmdg.solver.linear import LDLT
@@ -92,14 +92,13 @@ def measure(cell: str, degree: int, n: int, repeats: int) -> list[Point]:
                 plains[name].solve(LDLT, TOLERANCE)
             else:
                 model.problem.apply_loads(0.0)
-                with working() as work:
-                    vmdg.solve(model.problem, [1.0], options)
+                counts = vmdg.solve(model.problem, [1.0], options).counts
             least[name] = min(least[name], process_time() - start)
     points = []
     for name in METHODS:
         plain = plains.get(name)
         u = model.problem.u if plain is None else plain.u
-        solves = work.solves if plain is None else plain.iterations
+        solves = counts.solves if plain is None else plain.iterations
         size = u.function_space.dofmap.index_map.size_global * DIMENSION[cell]
         found = field_errors(u, model.tagged, model.exact)
         points.append(Point(cell, degree, name, n, size, *found, least[name], solves))
