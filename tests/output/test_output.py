@@ -18,11 +18,11 @@ MATERIAL = vmdg.NeoHookean(mu=MU, lmbda=LMBDA)
 CELLS = pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
 
 
-def bonded(comm, cell: str, law: vmdg.Law = LAW, **options) -> tuple[vmdg.Problem, object]:
+def bonded(comm, cell: str, name: str | None = None, **options) -> tuple[vmdg.Problem, object]:
     """Two blocks, and the tags of their sides."""
     divisions = (2, 2, 1) if cell in ("hexahedron", "tetrahedron") else (2, 2)
     mesh, cells, facets = blocks(comm, cell, divisions)
-    interface = vmdg.Interface(between=(1, 2), law=law)
+    interface = vmdg.Interface(between=(1, 2), law=LAW, name=name)
     return vmdg.Problem(mesh, cells, {1: MATERIAL, 2: MATERIAL}, [interface], **options), facets
 
 
@@ -117,17 +117,17 @@ def test_interface_fields(comm, cell):
 @CELLS
 def test_chosen_fields(comm, out, cell):
     """Only what is asked for is written, and an unknown name is told with the known ones."""
-    problem, _ = bonded(comm, cell)
+    problem, _ = bonded(comm, cell, name="bond")
     with FieldWriter(problem, out / "a", fields=["stress"]) as fields:
         fields.write(0.0)
     with FieldWriter(problem, out / "b", fields=["damage", "mode"]) as fields:
         fields.write(0.0)
     comm.barrier()
     assert [path.name for path in (out / "a").iterdir()] == ["bodies.bp"]
-    assert [path.name for path in (out / "b").iterdir()] == ["interface_0.bp"]
+    assert [path.name for path in (out / "b").iterdir()] == ["bond.bp"]
     if comm.size == 1:
         assert "displacement" not in read(out / "a" / "bodies.bp")
-        assert not {"traction", "displacement"} & set(read(out / "b" / "interface_0.bp"))
+        assert not {"traction", "displacement"} & set(read(out / "b" / "bond.bp"))
     with pytest.raises(ValueError, match=r"no field 'strain'; choose from \('displacement'"):
         FieldWriter(problem, out / "c", fields=["strain"])
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import operator
+import re
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +19,9 @@ NORMS = ("frobenius", "spectral")
 FRAMES = ("corotating", "reference")
 ACTIVATIONS = ("all", "on-demand")
 AUTO = "auto"
+_NAME = re.compile(r"\w[\w .+-]*")
 
+T = TypeVar("T")
 Stabilizer = Callable[[NDArray, NDArray, "StabilizationContext"], tuple[NDArray, NDArray]]
 
 
@@ -73,6 +77,8 @@ class Interface:
             the interface feels, hence the default.
         stabilization: ``f(tau1, tau2, context) -> (tau_s (nf, d, d), delta1 (nf, d, d))``
             replaces (21)-(25), for research and tests; ``safety`` does not apply to its result.
+        name: By which a problem, its files and its pictures call the interface; None for
+            "interface_0" by its number in the problem.
 
     Raises:
         ValueError: the description is incomplete or contradictory.
@@ -94,6 +100,7 @@ class Interface:
         activate: str = "all",
         activate_at: float = 0.4,
         stabilization: Stabilizer | None = None,
+        name: str | None = None,
     ):
         places = {"facets": facets, "between": between, "within": within, "level_set": level_set}
         given = [name for name, value in places.items() if value is not None]
@@ -133,6 +140,12 @@ class Interface:
                 f"Interface: between = {between!r} must be two different tags; for the facets "
                 "inside one tag use within=tag"
             )
+        usable = name is None or (isinstance(name, str) and _NAME.fullmatch(name))
+        if not usable or name == "bodies":
+            raise ValueError(
+                f"Interface: name = {name!r} must be words that can name a file, and not 'bodies', "
+                "whose file has that name"
+            )
         indices = facets is not None and not callable(facets)
         self.facets = np.asarray(facets, dtype=np.int32) if indices else facets
         self.between = between
@@ -146,6 +159,7 @@ class Interface:
         self.activate = activate
         self.activate_at = float(activate_at)
         self.stabilization = stabilization
+        self.name = name
         self._complete = True
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -167,4 +181,59 @@ class Interface:
             where = "facets=<function>"
         else:
             where = f"facets=<{len(self.facets)}>"
-        return f"Interface({where}, law={self.law!r})"
+        name = "" if self.name is None else f", name={self.name!r}"
+        return f"Interface({where}, law={self.law!r}{name})"
+
+
+#: How users name one of a problem's interfaces: by its number, by its name, or itself.
+Which = int | str | Interface
+
+
+def interface_names(interfaces: Iterable[Interface]) -> list[str]:
+    """Names of a problem's interfaces, "interface_<number>" where the user gave none."""
+    return [interface.name or f"interface_{i}" for i, interface in enumerate(interfaces)]
+
+
+def number_of(interfaces: Sequence[Interface], which: Which) -> int:
+    """Number of one of a problem's interfaces.
+
+    Args:
+        interfaces: All of them.
+        which: The number, the name, or the interface.
+
+    Raises:
+        IndexError: there is no interface of this number.
+        ValueError: there is none of this name, or the problem does not have this interface.
+    """
+    names = interface_names(interfaces)
+    known = f"the interfaces of the problem are {', '.join(map(repr, names)) or 'none'}"
+    if isinstance(which, Interface):
+        if not any(which is interface for interface in interfaces):
+            raise ValueError(f"{which} is not in the problem; {known}")
+        return next(i for i, interface in enumerate(interfaces) if which is interface)
+    if isinstance(which, str):
+        if which not in names:
+            raise ValueError(f"no interface is called {which!r}; {known}")
+        return names.index(which)
+    number = operator.index(which)
+    if not -len(names) <= number < len(names):
+        raise IndexError(f"there is no interface {number}; {known}")
+    return number % len(names)
+
+
+class InterfaceList(list[T]):
+    """A value of every interface, by number, by name or by the interface itself.
+
+    Args:
+        interfaces: Those of the problem.
+        values: One of each.
+    """
+
+    def __init__(self, interfaces: Sequence[Interface], values: Iterable[T]):
+        super().__init__(values)
+        self._interfaces = interfaces
+
+    def __getitem__(self, which):
+        if not isinstance(which, slice):
+            which = number_of(self._interfaces, which)
+        return super().__getitem__(which)

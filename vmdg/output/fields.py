@@ -16,6 +16,7 @@ from .. import compat
 from ..base.kernels import compile_expression
 from ..forms import kinematics
 from ..forms.dilatation import without_dilatation
+from ..interface.interface import Which, interface_names, number_of
 from ..problem.problem import Problem
 from .corners import corners_of_local, positions_and_displacements
 from .values import VECTORS, facet_means, facet_scalar
@@ -101,7 +102,7 @@ class InterfaceFields:
 
     Args:
         problem: The problem.
-        i: Number of the interface.
+        interface: Its number, its name or itself.
         names: Of :data:`INTERFACE_FIELDS`.
 
     Attributes:
@@ -109,9 +110,9 @@ class InterfaceFields:
         cell_of_facet: Cell of their mesh for every facet of the interface (nf,).
     """
 
-    def __init__(self, problem: Problem, i: int, names: Sequence[str]):
-        self._problem, self._i = problem, i
-        self._facets = problem.interface_facets(i)
+    def __init__(self, problem: Problem, interface: Which, names: Sequence[str]):
+        self._problem, self._i = problem, number_of(problem.interfaces, interface)
+        self._facets = problem.interface_facets(interface)
         submesh = compat.facet_submesh(problem.mesh, self._facets.facets)
         self._mesh = submesh.mesh
         self.cell_of_facet = np.argsort(submesh.facets[: len(self._facets.facets)])
@@ -163,12 +164,13 @@ class InterfaceFields:
 class FieldWriter:
     """Writes fields of the bodies and of the interfaces as VTX (.bp) time series for ParaView.
 
-    Open bodies.bp and the interface_<i>.bp together and warp both by the displacement. Use as a
-    context manager. Nothing is evaluated for fields that are not asked for.
+    Open bodies.bp and the files of the interfaces together and warp all by the displacement. Use as
+    a context manager. Nothing is evaluated for fields that are not asked for.
 
     Args:
         problem: The problem.
-        folder: Made if missing; holds bodies.bp and interface_<i>.bp.
+        folder: Made if missing; holds bodies.bp and a file named as each interface, such as
+            bond.bp, or interface_0.bp where it has no name.
         fields: Names of what to write, None for all. Of the bodies: "displacement" [mm] and
             "stress" [MPa]; of the interfaces: "traction" [MPa], "opening" and "gap" [mm], which are
             vectors, "slip" [mm], "damage" [-], "mode" and "fine_scale" [mm], see
@@ -197,10 +199,10 @@ class FieldWriter:
         outputs = [("bodies", [field.function for field in bodies])] if bodies else []
         chosen = [name for name in names if name in INTERFACE_FIELDS]
         if set(chosen) - {DISPLACEMENT}:
-            for i in range(len(problem.interfaces)):
-                interface = InterfaceFields(problem, i, chosen)
+            for name in interface_names(problem.interfaces):
+                interface = InterfaceFields(problem, name, chosen)
                 self._fields.append(interface)
-                outputs.append((f"interface_{i}", list(interface.functions.values())))
+                outputs.append((name, list(interface.functions.values())))
         self._writers = [
             VTXWriter(functions[0].function_space.mesh.comm, folder / f"{name}.bp", functions)
             for name, functions in outputs

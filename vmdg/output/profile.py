@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 
+from ..interface.interface import Which, number_of
 from ..problem.problem import Problem
 from .corners import corners_of_local, positions_and_displacements
 from .values import scalar
@@ -16,16 +17,16 @@ ALONG = ("arc", "angle", "x", "y", "z")
 
 def profile(
     problem: Problem,
-    i: int,
+    interface: Which,
     quantity: str,
     along: str = "arc",
     centre: ArrayLike | None = None,
 ) -> list[NDArray[np.float64]]:
-    """Rows (s, value) at the points of every connected piece of interface ``i``; collective.
+    """Rows (s, value) at the points of every connected piece of an interface; collective.
 
     Args:
         problem: The problem.
-        i: Number of the interface.
+        interface: Its number, its name or itself.
         quantity: A scalar of :func:`vmdg.output.values.scalar`.
         along: What s is, in the undeformed body: "arc" length [mm] from the left end of a piece, or
             counterclockwise from the rightmost corner of a closed one; "angle" about an axis along
@@ -44,6 +45,7 @@ def profile(
     plane = problem.mesh.geometry.dim == 2
     if along == "arc" and not plane:
         raise ValueError("profile: a surface has no arc length; use 'angle', 'x', 'y' or 'z'")
+    i = number_of(problem.interfaces, interface)
     values = scalar(problem, i, quantity)
     if i not in problem.discretization.active:
         return []

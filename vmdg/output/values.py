@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from ..interface.interface import Which, number_of
 from ..interface.points import InterfaceState
 from ..problem.problem import Problem
 
@@ -26,12 +27,12 @@ LABELS: Mapping[str, str] = {
 }
 
 
-def scalar(problem: Problem, i: int, name: str) -> NDArray[np.float64]:
-    """A scalar at the points of interface ``i`` this rank owns (nq,).
+def scalar(problem: Problem, interface: Which, name: str) -> NDArray[np.float64]:
+    """A scalar at the points of an interface this rank owns (nq,).
 
     Args:
         problem: The problem.
-        i: Number of the interface.
+        interface: Its number, its name or itself.
         name: "opening", "gap" and "traction": g, zeta and T along the current normal, positive in
             opening and tension [mm, mm, MPa]; "slip" and "shear": length of the tangential part of
             zeta and of T [mm, MPa]; "damage": Q relative to the strength, 1 where there is no bond
@@ -44,12 +45,13 @@ def scalar(problem: Problem, i: int, name: str) -> NDArray[np.float64]:
     if name not in LABELS:
         raise ValueError(f"{name!r} is no scalar of an interface; use one of {tuple(LABELS)}")
     if name == "fine_scale":
-        return np.sqrt((problem.fine_scale(i) ** 2).sum(axis=(1, 2)))
-    state = problem.state[i]
+        return np.sqrt((problem.fine_scale(interface) ** 2).sum(axis=(1, 2)))
+    state = problem.state[interface]
     if name == "mode":
         return state.mode.astype(float)
     if name == "damage":
-        return damage(state.softening, problem.interfaces[i].law.strength)
+        law = problem.interfaces[number_of(problem.interfaces, interface)].law
+        return damage(state.softening, law.strength)
     if name in VECTORS:
         return _along(getattr(state, name), state)
     vector = state.gap if name == "slip" else state.traction
@@ -93,12 +95,18 @@ def facet_modes(
     return kinds[len(kinds) - 1 - np.argmax(most[::-1], axis=0)]
 
 
-def facet_scalar(problem: Problem, i: int, name: str) -> NDArray[np.float64]:
-    """A scalar of :func:`scalar` for every open facet of interface ``i`` this rank owns (nf,).
+def facet_scalar(problem: Problem, interface: Which, name: str) -> NDArray[np.float64]:
+    """A scalar of :func:`scalar` for every open facet of an interface this rank owns (nf,).
 
     Means; of the mode the one that holds on most of the facet, of the fine scales the root mean
     square.
+
+    Args:
+        problem: The problem.
+        interface: Its number, its name or itself.
+        name: As for :func:`scalar`.
     """
+    i = number_of(problem.interfaces, interface)
     if name == "fine_scale":
         return problem.error_indicator(i)
     values = scalar(problem, i, name)

@@ -11,6 +11,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import ArrayLike, NDArray
 
+from ..interface.interface import Which, number_of
 from ..laws import Mode
 from ..output.corners import corners_of_local, positions_and_displacements
 from ..output.profile import profile
@@ -30,7 +31,7 @@ MODES = {
 
 def interface_profile(
     problem: Problem,
-    i: int,
+    interface: Which,
     quantity: str,
     along: str = "arc",
     centre: ArrayLike | None = None,
@@ -41,7 +42,7 @@ def interface_profile(
 
     Args:
         problem: The problem.
-        i: Number of the interface.
+        interface: Its number, its name or itself.
         quantity: A scalar of :func:`vmdg.output.values.scalar`: "traction", "opening", "gap",
             "slip", "shear", "damage", "mode" or "fine_scale".
         along: "arc", "angle", "x", "y" or "z", as :func:`vmdg.output.profile.profile` has it.
@@ -58,7 +59,7 @@ def interface_profile(
     ax = plt.subplots(layout="constrained")[1] if ax is None else ax
     if problem.mesh.geometry.dim == 3:
         style = {"ls": "", "marker": ".", **style}
-    for rows in profile(problem, i, quantity, along, centre):
+    for rows in profile(problem, interface, quantity, along, centre):
         ax.plot(*rows.T, **style)
     ax.set(xlabel=_along_label(problem, along), ylabel=LABELS[quantity])
     ax.margins(x=0)
@@ -74,7 +75,7 @@ def _along_label(problem: Problem, along: str) -> str:
 
 def mode_map(
     problem: Problem,
-    i: int,
+    interface: Which,
     quantity: str = "mode",
     axis: str | None = None,
     ax: Axes | None = None,
@@ -86,7 +87,7 @@ def mode_map(
 
     Args:
         problem: The problem.
-        i: Number of the interface.
+        interface: Its number, its name or itself.
         quantity: "mode", or another scalar of :func:`vmdg.output.values.scalar`.
         axis: "x", "y" or "z": in 3D the interface is a cylinder along it, or a part of one, and is
             unrolled to angle and position along the axis; in 2D it is drawn as a strip over this
@@ -103,7 +104,7 @@ def mode_map(
     if axis not in (None, "x", "y", "z") or (axis is None and problem.mesh.geometry.dim == 2):
         raise ValueError(f"mode_map: axis = {axis!r} must be 'x', 'y' or 'z', in 3D or None")
     ax = plt.subplots(layout="constrained")[1] if ax is None else ax
-    corners, normals, values = _open_facets(problem, i, quantity)
+    corners, normals, values = _open_facets(problem, interface, quantity)
     if problem.mesh.geometry.dim == 2:
         polygons, names = _strip(corners, axis), ("interface", _along_label(problem, axis))
         ax.set_xticks([])
@@ -133,8 +134,11 @@ def mode_map(
     return ax
 
 
-def _open_facets(problem: Problem, i: int, quantity: str) -> tuple[NDArray, NDArray, NDArray]:
+def _open_facets(
+    problem: Problem, interface: Which, quantity: str
+) -> tuple[NDArray, NDArray, NDArray]:
     """Corners (n, c, 3) [mm], mean normals (n, d) and values (n,) of all ranks, on all ranks."""
+    i = number_of(problem.interfaces, interface)
     d, active = problem.mesh.geometry.dim, problem.discretization.active.get(i)
     if active is None:
         return np.zeros((0, d, 3)), np.zeros((0, d)), np.zeros(0)

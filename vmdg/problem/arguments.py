@@ -14,7 +14,7 @@ from ..domain.tags import Group
 from ..domain.topology import facet_cells
 from ..forms.materials import Material
 from ..interface.facets import InterfaceFacets
-from ..interface.interface import Interface
+from ..interface.interface import Interface, interface_names
 
 KINEMATICS = ("finite", "small")
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
@@ -25,6 +25,7 @@ def checked_interfaces(interfaces: Sequence[Interface]) -> tuple[Interface, ...]
 
     Raises:
         TypeError: they are not a sequence of :class:`vmdg.Interface`.
+        ValueError: two of them have the same name.
     """
     if isinstance(interfaces, Interface):
         raise TypeError(
@@ -35,6 +36,14 @@ def checked_interfaces(interfaces: Sequence[Interface]) -> tuple[Interface, ...]
             raise TypeError(
                 f"Problem: interfaces has {interface!r}, which is no vmdg.Interface; write "
                 "Interface(between=(1, 2), law=...)"
+            )
+    names = interface_names(interfaces)
+    for i, name in enumerate(names):
+        first = names.index(name)
+        if first < i:
+            raise ValueError(
+                f"Problem: interface {first}, {interfaces[first]}, and interface {i}, "
+                f"{interfaces[i]}, are both called {name!r}; give each a name of its own"
             )
     return tuple(interfaces)
 

@@ -34,7 +34,7 @@ from ..domain.topology import Locator, facet_cells, tags_of_cells
 from ..forms.materials import Material
 from ..interface.activation import Activation
 from ..interface.facets import InterfaceFacets, check_ghosts, find_facets
-from ..interface.interface import Interface
+from ..interface.interface import Interface, InterfaceList, Which, number_of
 from ..interface.points import InterfaceState
 from ..interface.stabilization import Stabilization
 from .arguments import (
@@ -640,17 +640,23 @@ class Problem:
     # Results
 
     @property
-    def stabilization(self) -> list[Stabilization]:
-        """tau_s and delta of every interface as last evaluated; at F = I before any step."""
-        d, active = self.mesh.geometry.dim, self.discretization.active
-        return [
-            active[i].stabilization if i in active else Stabilization.empty(d)
-            for i in range(len(self.interfaces))
-        ]
+    def stabilization(self) -> InterfaceList[Stabilization]:
+        """tau_s and delta of every interface as last evaluated; at F = I before any step.
 
-    def interface_facets(self, i: int) -> InterfaceFacets:
-        """All facets of interface ``i`` on this rank, open or not."""
-        return self._facets[i]
+        By number, name or interface, as :attr:`state` is.
+        """
+        d, active = self.mesh.geometry.dim, self.discretization.active
+        return InterfaceList(
+            self.interfaces,
+            (
+                active[i].stabilization if i in active else Stabilization.empty(d)
+                for i in range(len(self.interfaces))
+            ),
+        )
+
+    def interface_facets(self, interface: Which) -> InterfaceFacets:
+        """All facets of an interface on this rank, open or not; by number, name or itself."""
+        return self._facets[number_of(self.interfaces, interface)]
 
     @property
     def regions(self) -> list[Region]:
@@ -658,17 +664,27 @@ class Problem:
         return self._bodies.regions
 
     @property
-    def state(self) -> list[InterfaceState]:
-        """Values at the facet points of every interface at the last assembled residual."""
-        d, active = self.mesh.geometry.dim, self.discretization.active
-        return [
-            active[i].state() if i in active else InterfaceState.empty(d)
-            for i in range(len(self.interfaces))
-        ]
+    def state(self) -> InterfaceList[InterfaceState]:
+        """Values at the facet points of every interface at the last assembled residual.
 
-    def mean(self, i: int) -> InterfaceMean:
-        """Averages over interface ``i``, weighted by area, the same on every rank."""
-        state = self.state[i]
+        ``state[0]``, ``state["bond"]`` by the name, or ``state[interface]``.
+        """
+        d, active = self.mesh.geometry.dim, self.discretization.active
+        return InterfaceList(
+            self.interfaces,
+            (
+                active[i].state() if i in active else InterfaceState.empty(d)
+                for i in range(len(self.interfaces))
+            ),
+        )
+
+    def mean(self, interface: Which) -> InterfaceMean:
+        """Averages over an interface, weighted by area, the same on every rank.
+
+        Args:
+            interface: Its number, its name or itself.
+        """
+        state = self.state[interface]
         area = max(float(global_sum(self.comm, state.weights.sum())), np.finfo(float).tiny)
         values = [
             global_sum(self.comm, state.weights @ value) / area
@@ -708,18 +724,27 @@ class Problem:
         dofs = dofs[dofs < self.space.dofmap.index_map.size_local]
         return global_sum(self.comm, self.forces.x.array.reshape(-1, d)[dofs].sum(axis=0))
 
-    def fine_scale(self, i: int) -> NDArray[np.float64]:
-        """Fine scales (24) at the facet points of interface ``i``, both sides (nq, 2, d) [mm]."""
+    def fine_scale(self, interface: Which) -> NDArray[np.float64]:
+        """Fine scales (24) at the facet points of an interface, both sides (nq, 2, d) [mm].
+
+        Args:
+            interface: Its number, its name or itself.
+        """
+        i = number_of(self.interfaces, interface)
         if i not in self.discretization.active:
             return np.zeros((0, 2, self.mesh.geometry.dim))
         return self.discretization.active[i].fine_scales()
 
-    def error_indicator(self, i: int) -> NDArray[np.float64]:
-        """Size of the fine scales on every owned facet of interface ``i`` (nf,) [mm].
+    def error_indicator(self, interface: Which) -> NDArray[np.float64]:
+        """Size of the fine scales on every owned facet of an interface (nf,) [mm].
 
         The root mean square over the facet of |du_1|^2 + |du_2|^2 with (24): a local measure of
         the error (Figures 18 and 22), of order h^(k+1).
+
+        Args:
+            interface: Its number, its name or itself.
         """
+        i = number_of(self.interfaces, interface)
         if i not in self.discretization.active:
             return np.zeros(0)
         quadrature = self.discretization.active[i].quadrature
@@ -729,14 +754,17 @@ class Problem:
         )
         return np.sqrt(integral / quadrature.area)
 
-    def fine_scale_error(self, i: int) -> float:
-        """Size of the fine scales of interface ``i`` in one number [mm]; collective.
+    def fine_scale_error(self, interface: Which) -> float:
+        """Size of the fine scales of an interface in one number [mm]; collective.
 
         The root mean square over the whole interface of |du_1|^2 + |du_2|^2 with (24), the same on
         every rank: for the history, beside the opening a measure of the accuracy of the interface.
+
+        Args:
+            interface: Its number, its name or itself.
         """
-        square = (self.fine_scale(i) ** 2).sum(axis=(1, 2))
-        weights = self.state[i].weights
+        square = (self.fine_scale(interface) ** 2).sum(axis=(1, 2))
+        weights = self.state[interface].weights
         integral, area = global_sum(self.comm, [weights @ square, weights.sum()])
         return float(np.sqrt(integral / area)) if area > 0 else 0.0
 
