@@ -140,16 +140,15 @@ def test_petsc_without_mumps(comm, capsys):
 
 
 def test_optional_parts(comm, capsys, monkeypatch):
-    """Without checkpoints, fields and gmsh the rest is fine: exit code 0, with the cures."""
-    monkeypatch.setitem(sys.modules, "adios4dolfinx", None)
+    """Without fields and gmsh the rest is fine: exit code 0, with the cures."""
     monkeypatch.setitem(sys.modules, "gmsh", None)
     monkeypatch.setattr(dolfinx, "has_adios2", False)
     assert main(["doctor"]) == 0
     said = capsys.readouterr().out
     if comm.rank == 0:
         missing = [name for name, state in states(said).items() if state == "missing"]
-        assert missing == ["fields", "checkpoints", "meshes"]
-        assert said.count("cure: ") == 3
+        assert missing == ["fields", "meshes"]
+        assert said.count("cure: ") == 2
 
 
 @pytest.mark.parametrize(

@@ -43,15 +43,6 @@ REQUIRED |= {name: f"pip install {name}" for name in ("numpy", "scipy", "tqdm")}
 OPTIONAL = {
     "matplotlib": ("vmdg.plot and pictures of demos", "pip install matplotlib"),
     "gmsh": ("vmdg.meshes and demos", "pip install gmsh, or Debian's python3-gmsh"),
-    "adios2": (
-        "checkpoints, reading fields back",
-        "install ADIOS2 with MPI: Debian's python3-adios2-mpi, conda-forge's adios2",
-    ),
-    "adios4dolfinx": (
-        "checkpoints",
-        "install it in the version of your DOLFINx: Debian's python3-adios4dolfinx, conda-forge's "
-        "adios4dolfinx",
-    ),
     "pyvista": ("pictures in space", "pip install pyvista"),
 }
 
@@ -64,8 +55,6 @@ SOLVERS = {"MUMPS": "mumps", "SuperLU_DIST": "superlu_dist", "hypre": "hypre"}
 
 def find(name: str) -> tuple[str | None, str]:
     """Version of a package, None where it cannot be imported, and why."""
-    # Debian has a serial ADIOS2 beside that with MPI and chooses when it is imported.
-    os.environ.setdefault("ADIOS2_ALWAYS_USE_MPI", "1")
     try:
         module = import_module(name)
     except Exception as error:  # broken libraries raise whatever they like
@@ -317,12 +306,7 @@ def check_checkpoints(comm: MPI.Comm) -> str:
 
     from . import read_checkpoint, write_checkpoint
     from .base.parallel import global_max
-    from .checkpoint.state_file import adios
 
-    try:
-        adios()
-    except ImportError as error:
-        raise Missing(str(error)) from error
     problem, other = blocks(comm), blocks(comm)
     problem.u.interpolate(lambda x: np.sin(x[:2]))
     with temporary(comm) as folder:
@@ -390,7 +374,7 @@ CHECKS = (
     Check(
         "checkpoints",
         check_checkpoints,
-        "install adios4dolfinx in the version of DOLFINx, with an ADIOS2 built for the same MPI",
+        "give a TMPDIR that all ranks can write to and read",
     ),
     Check(
         "meshes",

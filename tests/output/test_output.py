@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import adios2
 import numpy as np
 import pytest
 
 import vmdg
 from vmdg.base.parallel import global_max, global_sum
-from vmdg.checkpoint.state_file import adios
 from vmdg.meshes import blocks
 from vmdg.output.fields import INTERFACE_FIELDS, CauchyStress, FieldWriter, InterfaceFields
 from vmdg.output.values import VECTORS, facet_modes, scalar
@@ -44,9 +44,6 @@ def torn(comm, cell: str) -> vmdg.Problem:
 
 def read(path) -> dict[str, np.ndarray]:
     """Floating-point arrays of a VTX file that one rank has written."""
-    adios()  # chooses the build of ADIOS2 for the whole process
-    import adios2
-
     with adios2.FileReader(str(path)) as reader:
         variables = reader.available_variables().items()
         return {name: reader.read(name) for name, v in variables if v["Type"] == "double"}

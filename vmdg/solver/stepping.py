@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from ..base.timers import timer, timings, timings_since
 from ..checkpoint.checkpoint import write_checkpoint
-from ..checkpoint.state_file import adios
 from ..interface.activation import NEAR, TOO_LATE
 from ..output.history import History
 from ..output.history_file import HistoryFile
@@ -61,7 +60,6 @@ def solve(
             where that is not possible, no steps between checkpoints, or columns of the history that
             have the same name, change their unit, or are to be shown and do not exist.
         TypeError: ``options`` or what the monitor returns is of the wrong kind.
-        ImportError: checkpoints are wanted and adios4dolfinx is missing.
         OSError: a checkpoint or the table could not be written; the problem is in the state that
             it should hold.
     """
@@ -77,8 +75,6 @@ def solve(
             f"SolveOptions: checkpoint_every = {options.checkpoint_every} must be at least 1; "
             "without checkpoint= nothing is written"
         )
-    if options.checkpoint is not None:
-        adios()  # not after an hour
     loads = checked_loads(loads, resumed=history is not None)
     result = Result(
         history=History() if history is None else history, switches=switchboard(problem, options)

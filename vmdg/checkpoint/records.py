@@ -1,0 +1,169 @@
+"""The state as arrays of records, one a cell and one a facet, for any partition of the mesh.
+
+Cells go by their number in the input of the mesh, ``original_cell_index``: DOLFINx numbers them as
+they are handed over, so that meshes from gmsh, from a file and from DOLFINx's own generators have
+the same numbers on any number of ranks. Cells keep the order of their nodes, too, and so that of
+their Lagrange dofs, of any degree, and of their facets: a facet is named by the cell of its side 1
+(which no partition changes, :func:`vmdg.interface.facets.find_facets`) and its number in it.
+
+The order of the points of a facet does depend on the partition: nodes of the facet submesh go by
+global numbers. So every point carries its place, and values go to the point at the same place. All
+components are global ones or, in a turning frame, tied to N.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+from petsc4py import PETSc
+
+import numpy as np
+from dolfinx import fem
+from dolfinx.mesh import Mesh
+from numpy.typing import NDArray
+
+from ..interface.active import ActiveInterface, Frozen
+from ..interface.facets import InterfaceFacets
+from ..interface.points import HISTORY_ARRAYS, VALUE_ARRAYS, PointHistory, PointValues
+from ..interface.quadrature import FacetQuadrature
+from ..interface.stabilization import Stabilization
+
+#: Distance of a node from where the checkpoint has it, relative to the size of the mesh.
+SAME_PLACE = 1e-9
+
+#: Points of a facet lie apart by a share of its size; the same point is met to rounding.
+SAME_POINT = 1e-6
+
+
+def cell_records(u: fem.Function, forces: fem.Function) -> NDArray:
+    """Displacement, forces and place of the nodes of every cell, in input order; collective.
+
+    Args:
+        u: Displacement [mm].
+        forces: Nodal forces [N], a function of the same space.
+
+    Returns:
+        This rank's share of the records, which follows that of the rank before; the fields "u",
+        "forces" and "place" of a record are (dofs of a cell, d).
+    """
+    space = u.function_space
+    mesh, d = space.mesh, space.dofmap.index_map_bs
+    cells = mesh.topology.index_map(mesh.topology.dim)
+    dofs = space.dofmap.list[: cells.size_local]
+    values = {"u": u.x.array, "forces": forces.x.array, "place": _places(space)}
+    kind = np.dtype([(name, float, (dofs.shape[1], d)) for name in values])
+    records = np.empty(len(dofs), dtype=kind)
+    for name, array in values.items():
+        records[name] = array.reshape(-1, d)[dofs]
+    width = kind.itemsize // records["u"].itemsize
+    ordered = PETSc.Vec().createMPI(cells.size_global * width, bsize=width, comm=mesh.comm)
+    numbers = _input_numbers(mesh)[: cells.size_local].astype(PETSc.IntType)
+    ordered.setValuesBlocked(numbers, records.view(float))
+    ordered.assemble()
+    records = ordered.array.copy().view(kind)
+    ordered.destroy()
+    return records
+
+
+def restore_fields(
+    space: fem.FunctionSpace, records: NDArray
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Displacement and forces, ghosts included, from the records of all cells.
+
+    Raises:
+        ValueError: a node lies elsewhere; on this rank only.
+    """
+    mine, places = records[_input_numbers(space.mesh)], _places(space)
+    arrays = {name: np.empty_like(places) for name in records.dtype.names}
+    for name, array in arrays.items():
+        array.reshape(-1, space.dofmap.index_map_bs)[space.dofmap.list] = mine[name]
+    away = np.abs(places - arrays["place"])
+    size = np.ptp(space.mesh.geometry.x, axis=0).max(initial=0.0)
+    if away.max(initial=0.0) > SAME_PLACE * size:
+        raise ValueError(f"a node lies {away.max():.3g} mm from its place")
+    return arrays["u"], arrays["forces"]
+
+
+def facet_records(active: ActiveInterface) -> NDArray:
+    """All that an interface remembers: key, stabilization, and values at the points of a facet."""
+    points = active.quadrature.points_of_facet
+    columns = {"key": facet_keys(active.quadrature.mesh, active.facets)}
+    stabilization, weights = active.frozen
+    columns |= vars(stabilization) | {"weights": weights}
+    columns |= {name: values[points] for name, values in _at_points(active).items()}
+    kind = [(name, values.dtype, values.shape[1:]) for name, values in columns.items()]
+    records = np.empty(len(points), dtype=kind)
+    for name, values in columns.items():
+        records[name] = values
+    return records
+
+
+def find_records(records: NDArray, keys: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray]:
+    """Positions of the keys that there are records for, in increasing order, and these records."""
+    _, positions, found = np.intersect1d(keys, records["key"], return_indices=True)
+    order = np.argsort(positions)
+    return positions[order], records[found[order]]
+
+
+def restore_interface(active: ActiveInterface, records: NDArray) -> tuple[PointHistory, Frozen]:
+    """History and stabilization from the records of the facets of this rank.
+
+    Raises:
+        ValueError: a point lies where the records have none; on this rank only.
+    """
+    quadrature, present = active.quadrature, active.history()
+    source = _same_points(quadrature, records["place"])
+    arrays = {}
+    for name, values in _at_points(active).items():
+        arrays[name] = np.empty_like(values)
+        stored = records[name][np.arange(len(records))[:, None], source]
+        arrays[name][quadrature.points_of_facet] = stored
+    # A tie has no history but its values.
+    history = {
+        name: arrays.get(f"history.{name}", getattr(present, name)) for name in HISTORY_ARRAYS
+    }
+    values = {name: arrays.get(f"values.{name}") for name in VALUE_ARRAYS}
+    # A field of records is a view with gaps, which sums in another order than an array.
+    of_facets = {field.name: records[field.name].copy() for field in fields(Stabilization)}
+    frozen = Stabilization(**of_facets), records["weights"].copy()
+    return PointHistory(**history, values=PointValues(**values)), frozen
+
+
+def facet_keys(mesh: Mesh, facets: InterfaceFacets) -> NDArray[np.int64]:
+    """Names of the facets (nf,), the same in any partition of the mesh."""
+    mesh.topology.create_connectivity(mesh.topology.dim, mesh.topology.dim - 1)
+    connectivity = mesh.topology.connectivity(mesh.topology.dim, mesh.topology.dim - 1)
+    facets_of_cell = len(connectivity.links(0)) if connectivity.num_nodes else 1
+    return _input_numbers(mesh)[facets.cells[:, 0]] * facets_of_cell + facets.local[:, 0]
+
+
+def _input_numbers(mesh: Mesh) -> NDArray[np.int64]:
+    """Numbers of the cells of this rank in the input of the mesh, ghosts last."""
+    return np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
+
+
+def _places(space: fem.FunctionSpace) -> NDArray[np.float64]:
+    """Reference position of every node, flat as a displacement [mm]."""
+    return space.tabulate_dof_coordinates()[:, : space.dofmap.index_map_bs].ravel()
+
+
+def _at_points(active: ActiveInterface) -> dict[str, NDArray]:
+    """Arrays of one value a point; which ones depends on law and frame, the same on every rank."""
+    history = active.history()
+    arrays = {"place": active.quadrature.points}
+    if active.law.inelastic:
+        arrays |= {f"history.{name}": getattr(history, name) for name in HISTORY_ARRAYS}
+    values = {f"values.{name}": getattr(history.values, name) for name in VALUE_ARRAYS}
+    return arrays | {name: array for name, array in values.items() if array is not None}
+
+
+def _same_points(quadrature: FacetQuadrature, places: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Stored point (nf, points of a facet) at the place of every point of the facets."""
+    mine = quadrature.points[quadrature.points_of_facet]
+    distance = np.linalg.norm(mine[:, :, None] - places[:, None], axis=3)
+    nearest = distance.min(axis=2, initial=np.inf)
+    far = (nearest > SAME_POINT * quadrature.extent[:, None]).any(axis=1)
+    if far.any():
+        where = ", ".join(f"{x:.6g}" for x in mine[far][0, 0])
+        raise ValueError(f"the facet at ({where}) lies at another place than in the checkpoint")
+    return distance.argmin(axis=2)
