@@ -10,6 +10,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +23,13 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, GhostMode, create_rectangle
 from support import killed_run
 from support.checks import by_position
-from support.problems import MATERIALS
-from support.scenes import everywhere, interior_facets, tag_cells, two_blocks
+from support.problems import MATERIALS, set_displacement
+from support.scenes import EVERY_CELL, everywhere, interior_facets, tag_cells, two_blocks
 
 import vmdg
-from vmdg.checkpoint.checkpoint import discard_checkpoint, latest
-from vmdg.checkpoint.facet_records import facet_keys
-from vmdg.checkpoint.lookup import look_up
+from vmdg.assembly.space import broken_space
+from vmdg.checkpoint.files import latest
+from vmdg.checkpoint.records import cell_records, restore_fields
 
 # Between partitions linear systems differ by rounding, which softening magnifies; 1e-10 of the
 # largest value is the promise, 1e-12 what is seen.
@@ -269,7 +271,7 @@ def test_same_numbers_at_other_places(comm, out):
 
 
 def test_format(comm, out):
-    """Another format is named with the version that wrote it; a damaged file and none at all."""
+    """Another format is named with the version that wrote it; damaged files and none at all."""
     problem = small(comm)
     assert vmdg.read_checkpoint(problem, out) is None
     vmdg.write_checkpoint(problem, out)
@@ -282,30 +284,51 @@ def test_format(comm, out):
     with pytest.raises(ValueError, match=r"format 99, written by vmdg 9\.9"):
         vmdg.read_checkpoint(problem, out)
     if comm.rank == 0:
+        about.write_text(json.dumps(stored))
+        os.truncate(about.with_name("cells.npy"), 1000)
+    with pytest.raises(ValueError, match="rank 0 cannot read"):
+        vmdg.read_checkpoint(problem, out)
+    if comm.rank == 0:
         about.write_text("{")
     with pytest.raises(ValueError, match="damaged"):
         vmdg.read_checkpoint(problem, out)
-    discard_checkpoint(comm, out)
+    vmdg.discard_checkpoint(comm, out)
     assert vmdg.read_checkpoint(problem, out) is None
 
 
-@pytest.mark.parametrize("stage", ["write_fields", "write_tables", "_make_slot", "_sync"])
-def test_failure_leaves_the_former(comm, out, monkeypatch, stage):
-    """An error of one stage is raised by all ranks, and the former checkpoint is still there.
+@contextmanager
+def disk(monkeypatch, fault: str) -> Iterator[None]:
+    """A disk on which rank 0 cannot write a checkpoint."""
 
-    Only one rank makes folders and flushes files, and it alone meets the error.
+    def full(*_, **__):
+        raise OSError("No space left on device")
+
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with monkeypatch.context() as patch:
+        if fault in FAULTS:
+            patch.setattr(FAULTS[fault], full)
+        else:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (int(fault), before[1]))
+        yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+#: What the system refuses; else the number of bytes at which a file ends.
+FAULTS = {"folder": "pathlib.Path.mkdir", "flush": "os.fsync", "name": "pathlib.Path.replace"}
+
+
+@pytest.mark.parametrize("fault", ["100", "2000", *FAULTS])
+def test_failure_leaves_the_former(comm, out, monkeypatch, fault):
+    """An error of rank 0 is raised by all, and the former checkpoint is still there.
+
+    100 bytes are less than the description, 2000 less than the cells.
     """
     problem = small(comm)
     history = vmdg.History()
     history.append({"load": 1.0})
     vmdg.write_checkpoint(problem, out, history)
     problem.u.x.array[:] = 1e-3
-
-    def full(*_):
-        raise OSError("No space left on device")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(f"vmdg.checkpoint.checkpoint.{stage}", full)
+    with disk(monkeypatch, fault):
         with pytest.raises(OSError, match="former one, if any, is still valid"):
             vmdg.write_checkpoint(problem, out)
     assert vmdg.read_checkpoint(problem, out).rows == history.rows
@@ -316,44 +339,13 @@ def test_failure_leaves_the_former(comm, out, monkeypatch, stage):
     assert (problem.u.x.array == 1e-3).all()
 
 
-def test_no_room(comm, out, monkeypatch):
-    """A disk that is full, a folder that is a file: all ranks are told, nothing is left behind."""
-    problem = small(comm)
-    usage = shutil.disk_usage(out)
-    monkeypatch.setattr("shutil.disk_usage", lambda path: usage._replace(free=1000))
-    with pytest.raises(OSError, match="MB are free"):
-        vmdg.write_checkpoint(problem, out / "full")
-    monkeypatch.undo()
+def test_folder_that_is_a_file(comm, out):
+    """All ranks are told."""
     if comm.rank == 0:
         (out / "file").write_text("")
     comm.barrier()
     with pytest.raises(OSError, match="could not be written"):
-        vmdg.write_checkpoint(problem, out / "file")
-    assert vmdg.read_checkpoint(problem, out / "full") is None
-
-
-@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="the limit ends all writing of the process")
-def test_file_that_cannot_grow(comm, out):
-    """A write that the system refuses half way is an error that is told, not a checkpoint."""
-    problem = small(comm)
-    vmdg.write_checkpoint(problem, out)
-    former = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4000, former[1]))
-    try:
-        with pytest.raises(OSError, match="could not be written"):
-            vmdg.write_checkpoint(problem, out)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, former)
-    assert vmdg.read_checkpoint(problem, out) is not None
-
-
-def test_without_adios4dolfinx(comm, out, monkeypatch):
-    """The error says what to install."""
-    monkeypatch.setitem(sys.modules, "adios4dolfinx", None)
-    with pytest.raises(ImportError, match="install python3-adios4dolfinx"):
-        vmdg.write_checkpoint(small(comm), out)
-    with pytest.raises(ImportError, match="checkpoint=None"):
-        vmdg.solve(small(comm), [1.0], vmdg.SolveOptions(checkpoint=out))
+        vmdg.write_checkpoint(small(comm), out / "file")
 
 
 def test_no_steps_between(comm, out):
@@ -363,54 +355,29 @@ def test_no_steps_between(comm, out):
         vmdg.solve(small(comm), [1.0], options)
 
 
-def test_field_of_high_degree(comm, out):
-    """Nodes inside edges go to their places in any partition: cubic triangles, both sides."""
-    alone, folder = MPI.COMM_SELF, out / "cubic"
-    field = {1: lambda x: np.array([x[0] ** 3, x[1]]), 2: lambda x: np.array([x[1] ** 3, -x[0]])}
+@EVERY_CELL
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_every_element(comm, cell, degree):
+    """Values go to their nodes on both sides of a cut, in any partition."""
 
-    def displaced(where):
-        problem = small(where, degree=3)
-        u, expected = problem.u, fem.Function(problem.space)
-        for tag, function in field.items():
-            expected.interpolate(function, np.flatnonzero(problem._tags == tag).astype(np.int32))
-        expected.x.scatter_forward()
-        return problem, u, expected.x.array
+    def field(where: MPI.Comm) -> fem.Function:
+        mesh, tags, _ = two_blocks(where, cell, n=2)
+        cut = interior_facets(mesh, lambda x: np.isclose(x[0], 1))
+        u = fem.Function(broken_space(mesh, degree, cut))
+        set_displacement(u, tags, lambda x, tag: tag * np.sin(x[: mesh.geometry.dim]))
+        return u
 
-    if comm.rank == 0:
-        problem, u, values = displaced(alone)
-        u.x.array[:] = values
-        vmdg.write_checkpoint(problem, folder)
-    comm.barrier()
-    problem, u, values = displaced(comm)
-    vmdg.read_checkpoint(problem, folder)
-    assert np.abs(u.x.array - values).max(initial=0.0) < 1e-14
-
-
-def test_look_up(comm):
-    """Rows are found by their keys wherever they are, and what is nowhere is said to be missing."""
-    random = np.random.default_rng(comm.rank)
-    keys = 7 * (np.arange(5 * comm.rank) * comm.size + comm.rank)
-    rows = np.column_stack([keys, keys**2]).astype(float)
-    every = np.concatenate(comm.allgather(keys))
-    wanted = random.permutation(np.concatenate([every, every + 1, every[:3]]))
-    found, values = look_up(comm, keys, rows, wanted[:0])
-    assert len(found) == len(values) == 0
-    found, values = look_up(comm, keys, rows, wanted)
-    assert np.array_equal(found, np.isin(wanted, every))
-    assert np.array_equal(values, np.column_stack([wanted[found], wanted[found] ** 2]))
-
-
-def test_names_of_facets(comm):
-    """The facets have the same names on any number of ranks."""
-    names = []
-    for where in (comm, MPI.COMM_SELF):
-        problem = small(where, 3)
-        facets = problem.interface_facets(0)
-        x = problem.discretization.active[0].quadrature.points
-        mid = x[problem.discretization.active[0].quadrature.points_of_facet].mean(axis=1)
-        keys = facet_keys(problem.mesh, facets)
-        names.append(np.column_stack(by_position(where, mid, keys)))
-    assert np.abs(names[0] - names[1]).max() < 1e-12
+    for writers, readers in ways(comm):
+        some, records = first_ranks(comm, writers), np.zeros(0)
+        if some is not None:
+            u = field(some)
+            records = cell_records(u, u)
+        records = np.concatenate([part for part in comm.allgather(records) if len(part)])
+        some = first_ranks(comm, readers)
+        if some is not None:
+            u = field(some)
+            for restored in restore_fields(u.function_space, records):
+                assert np.abs(restored - u.x.array).max(initial=0.0) < 1e-14
 
 
 # Killed runs
