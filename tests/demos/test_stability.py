@@ -125,8 +125,8 @@ def test_state_intact(run, what):
     array = {
         "u": run.problem.u.x.array,
         "forces": run.problem.forces.x.array,
-        "gap": active._now.gap,
-        "softening": active.softening,
+        "gap": active.values.gap,
+        "softening": active.history.softening,
     }[what]
     array[-1] = np.nextafter(array[-1], 1.0)
     assert checks.at_last_record(run)
@@ -215,7 +215,7 @@ def test_admissible(run):
     """A history that the displacement does not belong to."""
     assert not checks.admissible(run)
     active = run.problem.discretization.active[0]
-    active.softening = active.softening + 0.5
+    active.history = replace(active.history, softening=active.history.softening + 0.5)
     del run.new
     assert checks.admissible(run)
 

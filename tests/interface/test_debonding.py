@@ -196,13 +196,13 @@ def test_quadratic_convergence(comm):
 def snapshot(problem):
     """Everything that a failed step must leave alone, on this rank."""
     state = problem.state[0]
-    active = problem.discretization.active[0]
+    history = problem.discretization.active[0].history
     return {
         "u": problem.u.x.array.copy(),
         "forces": problem.forces.x.array.copy(),
-        "gap": active.gap.copy(),
-        "softening": active.softening.copy(),
-        "mode": active.mode.copy(),
+        "gap": history.gap.copy(),
+        "softening": history.softening.copy(),
+        "mode": history.mode.copy(),
         "opening": state.opening.copy(),
         "traction": state.traction.copy(),
         "t": np.array(problem.t),
@@ -263,7 +263,7 @@ def test_run_goes_on_after_a_failure(comm):
                     problem, [-5.0], vmdg.SolveOptions(max_cuts=0, max_iterations=3, jump=False)
                 )
         vmdg.solve(problem, [0.08, 0.10], SHARP)
-        ends.append(gather(comm, problem.discretization.active[0].gap))
+        ends.append(gather(comm, problem.discretization.active[0].history.gap))
     assert np.abs(ends[1] - ends[0]).max() < 1e-12
     assert ends[1][:, 0] == pytest.approx(closed_form(0.10)[0], abs=1e-9)
 

@@ -80,7 +80,7 @@ def test_small_strain(comm, law):
 def symbolic_damage(problem, du):
     """-Tt(eta).C.Tt(du) of (84), Tt the symbolic derivative of {P.N} + r g, C from the law."""
     active, d = problem.discretization.active[0], problem.mesh.geometry.dim
-    (group,) = active.groups
+    (pair,) = active.terms.pairs
     q, r = active.quadrature, active.stabilization.norm
     problem.assemble_residual(hold=True)
     state = problem.state[0]
@@ -94,7 +94,7 @@ def symbolic_damage(problem, du):
     q.set_facet_values(tau, r)
     N, one = ufl.FacetNormal(problem.mesh)("+"), ufl.Identity(d)
     tractions = []
-    for body, side in zip(group.bodies, ("+", "-"), strict=True):
+    for body, side in zip(pair.bodies, ("+", "-"), strict=True):
         F = ufl.variable(one + ufl.grad(problem.u)(side))
         tractions.append(ufl.dot(ufl.diff(body(side).energy(F), F), N))
     mean = ufl.dot(delta("+"), tractions[0]) + ufl.dot(one - delta("+"), tractions[1])
@@ -120,7 +120,7 @@ def test_staged_tangent_is_the_symbolic_one(comm, cell, degree):
     """
     problem = partly_damaged(comm, cell, degree)
     du = ufl.TrialFunction(problem.space)
-    submeshes = problem.discretization.active[0].submeshes
+    submeshes = [problem.discretization.active[0].terms.submesh]
 
     def assembled(form):
         matrix = fem_petsc.assemble_matrix(compile_form(form, submeshes, comm))

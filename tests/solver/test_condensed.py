@@ -75,7 +75,7 @@ def test_compliance_matrix(comm, cell):
     def trial(u):
         problem.u.x.array[:] = u
         problem.assemble_residual(hold=True)
-        return active.trial_traction.ravel().copy()
+        return active.values.traction.ravel().copy()
 
     B = np.column_stack([trial(e) - trial(np.zeros(N)) for e in np.eye(N)])
     free = np.setdiff1d(np.arange(N), problem.prescribed)

@@ -206,7 +206,7 @@ def test_debonded(comm):
     # Half of the facets, on whatever rank they are.
     active = problem.discretization.active[0]
     lower = active.quadrature.points[:, 1] < 0.5
-    active.softening[lower] = LAW.strength
+    active.history.softening[lower] = LAW.strength
     assert problem.debonded() == pytest.approx(0.5)
     scene = two_blocks(comm, "quadrilateral", 4)
     interfaces = [
@@ -215,7 +215,7 @@ def test_debonded(comm):
     ]
     bodies = dict(enumerate(MATERIALS, start=1))
     problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, interfaces)
-    problem.discretization.active[0].softening[:] = LAW.strength
+    problem.discretization.active[0].history.softening[:] = LAW.strength
     # 3 lines of length 1 mm in both directions inside the left block.
     assert problem.debonded() == pytest.approx(1 / (1 + 6))
 

@@ -121,7 +121,7 @@ def assert_residual_is_energy_derivative(problem: vmdg.Problem) -> None:
     """The residual equals d/du of the stored energies with zeta held, to rounding."""
     parts = problem.discretization
     energy = parts.bulk(lambda body, F: body.energy(F)) + parts._interface_form(
-        lambda active, group: active.energy_term(group)
+        lambda terms, pair: terms.energy(pair.bodies)
     )
     eta = ufl.TestFunction(problem.space)
     expected, found = (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from petsc4py import PETSc
@@ -19,7 +18,7 @@ from ufl.core.expr import Expr
 
 from .. import compat
 from ..base.kernels import JIT_OPTIONS, VECTORIZED, compile_form
-from ..base.parallel import global_any, global_sum
+from ..base.parallel import global_sum
 from ..base.quadrature import bulk_degree, facet_degree
 from ..base.timers import timer
 from ..domain.materials import Bodies
@@ -27,27 +26,13 @@ from ..forms import kinematics
 from ..forms.dilatation import MeanDilatation
 from ..forms.geometry import Geometry
 from ..forms.kinematics import Body
-from ..interface.active import ActiveInterface, Frozen, Group
-from ..interface.coercivity import Coercivity
+from ..interface.active import ActiveInterface
 from ..interface.facets import InterfaceFacets
 from ..interface.interface import Interface
+from ..interface.stabilization import Stabilizers
+from ..interface.terms import InterfaceTerms, RegionPair
 from .dilatation import Dilatation
 from .space import broken_space
-
-
-@dataclass(frozen=True)
-class _Derived:
-    """Stabilization of all active interfaces at one displacement.
-
-    Attributes:
-        place: Displacement and swelling for which it holds, on this rank.
-        values: tau_s, not raised, and flux weights of every interface.
-        factors: What coercivity asks to raise tau_s by, (nf,) of every interface.
-    """
-
-    place: NDArray[np.float64]
-    values: list[Frozen]
-    factors: list[NDArray[np.float64]]
 
 
 class _Forms(NamedTuple):
@@ -116,21 +101,15 @@ class Discretization:
         self._bulk_state: NDArray[np.float64] | None = None
         self._energy_forms: list[fem.Form] | None = None
         self._inverted_form: fem.Form | None = None
-        self._coercivity: Coercivity | None = None
-        self._factors: list[NDArray[np.float64]] | None = None
-        self._derived: _Derived | None = None
+        stabilizers = [active.stabilizer for active in self.active.values()]
+        self._stabilizers = Stabilizers(stabilizers, self.u, bodies, geometry, degree)
         self.owned = self.space.dofmap.index_map.size_local * self.space.dofmap.index_map_bs
         self.dilatation = Dilatation(self) if isinstance(geometry, MeanDilatation) else None
 
     @property
     def constant_stabilization(self) -> bool:
-        """Whether tau_s and delta are the same at every displacement.
-
-        At small strain the moduli in the bubble integrals (22) are constant; a callable of the
-        user's may depend on the displacement all the same.
-        """
-        derived = all(active.interface.stabilization is None for active in self.active.values())
-        return self.bodies.regions[0].body.small and derived
+        """Whether tau_s and delta are the same at every displacement."""
+        return self._stabilizers.constant
 
     # Forms
 
@@ -154,34 +133,33 @@ class Discretization:
 
     def _interface_form(
         self,
-        integrand: Callable[[ActiveInterface, Group], Expr],
+        integrand: Callable[[InterfaceTerms, RegionPair], Expr],
         interfaces: Sequence[ActiveInterface] | None = None,
     ) -> ufl.Form:
-        """Sum over the active interfaces, or some of them, of ``integrand(active, group)``."""
+        """Sum over the active interfaces, or some of them, of ``integrand(terms, pair)``."""
         chosen = self.active.values() if interfaces is None else interfaces
-        groups = [(active, group) for active in chosen for group in active.groups]
-        rows = [(i, active.facets.rows(g.select)) for i, (active, g) in enumerate(groups)]
+        pairs = [(active, pair) for active in chosen for pair in active.terms.pairs]
         dS = ufl.Measure(
             "dS",
             domain=self.mesh,
-            subdomain_data=rows,
+            subdomain_data=[(i, pair.rows) for i, (_, pair) in enumerate(pairs)],
             metadata={"quadrature_degree": facet_degree(self.degree)},
         )
         terms = [
-            self.geometry.weight * integrand(active, group) * dS(i)
-            for i, (active, group) in enumerate(groups)
+            self.geometry.weight * integrand(active.terms, pair) * dS(i)
+            for i, (active, pair) in enumerate(pairs)
         ]
         return sum(terms, start=ufl.Form([]))
 
     def _compile_interfaces(
-        self, integrand: Callable[[ActiveInterface, Group], Expr], name: str
+        self, integrand: Callable[[InterfaceTerms, RegionPair], Expr], name: str
     ) -> list[fem.Form]:
         """One form for every active interface; interfaces of one kind share their kernel."""
         forms = [self._interface_form(integrand, [active]) for active in self.active.values()]
         return [self.compile_form(form, name) for form in forms]
 
     def compile_form(self, form: ufl.Form, name: str = "form") -> fem.Form:
-        submeshes = [submesh for active in self.active.values() for submesh in active.submeshes]
+        submeshes = [active.terms.submesh for active in self.active.values()]
         options = VECTORIZED if self.mesh.topology.dim == 3 else JIT_OPTIONS
         return compile_form(form, submeshes, self.mesh.comm, options, name)
 
@@ -201,8 +179,8 @@ class Discretization:
         )
 
     @staticmethod
-    def _residual_of(eta: Expr) -> Callable[[ActiveInterface, Group], Expr]:
-        return lambda active, group: active.residual_term(eta, group)
+    def _residual_of(eta: Expr) -> Callable[[InterfaceTerms, RegionPair], Expr]:
+        return lambda terms, pair: terms.residual(eta, pair.bodies)
 
     def tangent_ufl(self, eta: Expr | None = None, du: Expr | None = None) -> ufl.Form:
         """The tangent (85), the interfaces in staged coefficients.
@@ -219,8 +197,8 @@ class Discretization:
         return self.bulk(lambda body, F: kinematics.stiffness(body, self.geometry, F, eta, du))
 
     @staticmethod
-    def _tangent_of(eta: Expr, du: Expr) -> Callable[[ActiveInterface, Group], Expr]:
-        return lambda active, group: active.tangent_term(eta, du)
+    def _tangent_of(eta: Expr, du: Expr) -> Callable[[InterfaceTerms, RegionPair], Expr]:
+        return lambda terms, pair: terms.tangent(eta, du)
 
     def compile_residual(self) -> None:
         """Compile the residual, or load it from the cache; collective."""
@@ -249,75 +227,31 @@ class Discretization:
     # Assembly
 
     def update_stabilization(self, dt: float | None) -> None:
-        """Evaluate tau_s and delta of every interface at the current displacement."""
+        """Evaluate tau_s and delta of every interface at the current displacement; collective.
+
+        Args:
+            dt: Time step [s]; None where it is not known yet, then laws with viscosity are not
+                checked.
+
+        Raises:
+            ValueError: the softening of a law is too steep for the mesh (r <= H - eta).
+        """
         self.update_dilatation()
         self._update_pressure()
         with timer("stabilization"):
-            derived = self._derive_stabilization()
-            if self.constant_stabilization:
-                self._derived = derived
-            for active, factor in zip(self.active.values(), derived.factors, strict=True):
-                active.freeze_stabilization(factor, dt)
+            raised = self._stabilizers.raised()
+            for active, stabilization in zip(self.active.values(), raised, strict=True):
+                active.apply(stabilization, dt)
 
-    def outgrown(self) -> bool:
-        """Whether the frozen tau_s falls short of what coercivity asks for now, on this rank.
+    def stabilization_suffices(self) -> bool:
+        """Whether tau_s of the step is what coercivity asks for now too, on this rank; collective.
 
         At finite strain a step that goes far from where tau_s was evaluated may end in an
         equilibrium that only the lack of it makes possible.
         """
-        if self.bodies.regions[0].body.small:
-            return False
         with timer("stabilization"):
-            held = [active.frozen for active in self.active.values()]
-            derived = self._derive_stabilization()
-            short = [
-                active.falls_short(*values)
-                for active, *values in zip(self.active.values(), held, derived.factors, strict=True)
-            ]
-            # A step ends where the next one starts.
-            self._derived = derived
-            for active, frozen in zip(self.active.values(), held, strict=True):
-                active.frozen = frozen
-        return any(short)
-
-    def _derive_stabilization(self) -> _Derived:
-        """Give the interfaces tau_s and delta of the current displacement, not raised yet."""
-        place = np.concatenate([self.u.x.array, self.bodies.swelling])
-        kept, self._derived = self._derived, None
-        moved = kept is None or not (
-            self.constant_stabilization or np.array_equal(kept.place, place)
-        )
-        if global_any(self.mesh.comm, moved):
-            for active in self.active.values():
-                active.derive_stabilization()
-            derived = [active.frozen for active in self.active.values()]
-            return _Derived(place, derived, self._safety_factors())
-        for active, values in zip(self.active.values(), kept.values, strict=True):
-            active.derive_stabilization(values)
-        return kept
-
-    def _safety_factors(self) -> list[NDArray[np.float64]]:
-        """What coercivity asks for on every facet of the active interfaces.
-
-        Interfaces with a stabilization of the user's own neither ask nor take a share.
-        """
-        if self._factors is None or not self.bodies.regions[0].body.small:
-            self._factors = self._find_safety_factors()
-        return self._factors
-
-    def _find_safety_factors(self) -> list[NDArray[np.float64]]:
-        derived = [c for c in self.active.values() if c.interface.stabilization is None]
-        factors = {c: np.ones(len(c.facets.facets)) for c in self.active.values()}
-        if any(active.seeks_safety for active in derived):
-            if self._coercivity is None:
-                facets = [active.facets for active in derived]
-                self._coercivity = Coercivity(
-                    self.u, self.bodies, self.geometry, self.degree, facets
-                )
-            with timer("coercivity"):
-                penalties, deltas = zip(*(c.bonded_penalty for c in derived), strict=True)
-                factors |= zip(derived, self._coercivity(penalties, deltas), strict=True)
-        return [factors[active] for active in self.active.values()]
+            applied = [active.stabilization for active in self.active.values()]
+            return self._stabilizers.suffice(applied)
 
     def update_dilatation(self) -> None:
         """With mean dilatation: theta at the current displacement."""
@@ -424,7 +358,7 @@ class Discretization:
         strain are constant. The caller destroys the matrix.
         """
         active.stage_tangent(damage=False)
-        return self._point_matrix(active, active.traction_term)
+        return self._point_matrix(active, active.terms.traction)
 
     def jump_matrix(self, active: ActiveInterface) -> PETSc.Mat:
         """int q.du_2 dA over an interface: the part of side 2 in its opening, as above."""
@@ -435,7 +369,7 @@ class Discretization:
     ) -> PETSc.Mat:
         q = ufl.TestFunction(active.quadrature.space((self.mesh.geometry.dim,)))("+")
         du = ufl.TrialFunction(self.space)
-        form = self._interface_form(lambda active, group: integrand(q, du), [active])
+        form = self._interface_form(lambda terms, pair: integrand(q, du), [active])
         form = self.compile_form(form, "gap equation")
         matrix = fem_petsc.create_matrix(form)
         fem_petsc.assemble_matrix(matrix, form)
@@ -454,7 +388,7 @@ class Discretization:
         self.update_dilatation()
         if self._energy_forms is None:
             bulk = self.bulk(lambda body, F: body.energy(F))
-            interfaces = self._interface_form(lambda active, group: active.energy_term(group))
+            interfaces = self._interface_form(lambda terms, pair: terms.energy(pair.bodies))
             self._energy_forms = [
                 self.compile_form(form, "energy") for form in (bulk, interfaces) if not form.empty()
             ]
@@ -483,7 +417,7 @@ class Discretization:
             self._inverted_form = self.compile_form(self.bulk(turned), "inverted cells")
         return fem.assemble_scalar(self._inverted_form) > 0
 
-    def take_over(self, other: Discretization) -> None:
+    def continue_from(self, other: Discretization) -> None:
         """Continue from the state of a discretization with fewer open facets, exactly.
 
         A field that is continuous across a facet is one of those that may jump there, so every
@@ -494,4 +428,4 @@ class Discretization:
         self.u.x.array.reshape(-1, bs)[mine] = other.u.x.array.reshape(-1, bs)[theirs]
         for i, active in self.active.items():
             if i in other.active:
-                active.take_over(other.active[i])
+                active.continue_from(other.active[i])

@@ -167,13 +167,11 @@ def _read_state(problem: Problem, slot: Path, about: dict[str, Any]) -> Snapshot
         if interface.activate == "on-demand":
             marks[i] = mark_everywhere(mesh, mesh.topology.dim - 1, facets.facets[positions])
     discretization = problem.discretization_of(marks)
-    histories, frozen, message = [], [], None
+    interfaces, message = [], None
     try:
         u, forces = restore_fields(discretization.space, arrays[_CELLS])
         for i, active in discretization.active.items():
-            history, stabilization = restore_interface(active, records[i])
-            histories.append(history)
-            frozen.append(stabilization)
+            interfaces.append(restore_interface(active, records[i]))
     except ValueError as error:
         message = f"{_numbered_otherwise(slot)}: {error}"
     raise_together(comm, message)
@@ -184,11 +182,10 @@ def _read_state(problem: Problem, slot: Path, about: dict[str, Any]) -> Snapshot
         discretization,
         u,
         forces,
-        histories,
+        interfaces,
         marks,
         share * np.array(state["dissipated"]),
         share * state["external"],
-        frozen,
     )
 
 

@@ -22,9 +22,10 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 
-from ..interface.active import ActiveInterface, Frozen
+from ..interface.active import ActiveInterface
 from ..interface.facets import InterfaceFacets
-from ..interface.points import HISTORY_ARRAYS, VALUE_ARRAYS, PointHistory, PointValues
+from ..interface.history import HISTORY_ARRAYS, InterfaceSnapshot, PointHistory
+from ..interface.points import VALUE_ARRAYS, PointValues
 from ..interface.quadrature import FacetQuadrature
 from ..interface.stabilization import Stabilization
 
@@ -88,8 +89,7 @@ def facet_records(active: ActiveInterface) -> NDArray:
     """All that an interface remembers: key, stabilization, and values at the points of a facet."""
     points = active.quadrature.points_of_facet
     columns = {"key": facet_keys(active.quadrature.mesh, active.facets)}
-    stabilization, weights = active.frozen
-    columns |= vars(stabilization) | {"weights": weights}
+    columns |= vars(active.stabilization)
     columns |= {name: values[points] for name, values in _at_points(active).items()}
     kind = [(name, values.dtype, values.shape[1:]) for name, values in columns.items()]
     records = np.empty(len(points), dtype=kind)
@@ -105,13 +105,13 @@ def find_records(records: NDArray, keys: NDArray[np.int64]) -> tuple[NDArray[np.
     return positions[order], records[found[order]]
 
 
-def restore_interface(active: ActiveInterface, records: NDArray) -> tuple[PointHistory, Frozen]:
-    """History and stabilization from the records of the facets of this rank.
+def restore_interface(active: ActiveInterface, records: NDArray) -> InterfaceSnapshot:
+    """The state of an interface from the records of the facets of this rank.
 
     Raises:
         ValueError: a point lies where the records have none; on this rank only.
     """
-    quadrature, present = active.quadrature, active.history()
+    quadrature, present = active.quadrature, active.history
     source = _same_points(quadrature, records["place"])
     arrays = {}
     for name, values in _at_points(active).items():
@@ -125,8 +125,9 @@ def restore_interface(active: ActiveInterface, records: NDArray) -> tuple[PointH
     values = {name: arrays.get(f"values.{name}") for name in VALUE_ARRAYS}
     # A field of records is a view with gaps, which sums in another order than an array.
     of_facets = {field.name: records[field.name].copy() for field in fields(Stabilization)}
-    frozen = Stabilization(**of_facets), records["weights"].copy()
-    return PointHistory(**history, values=PointValues(**values)), frozen
+    return InterfaceSnapshot(
+        PointHistory(**history), PointValues(**values), Stabilization(**of_facets)
+    )
 
 
 def facet_keys(mesh: Mesh, facets: InterfaceFacets) -> NDArray[np.int64]:
@@ -149,11 +150,10 @@ def _places(space: fem.FunctionSpace) -> NDArray[np.float64]:
 
 def _at_points(active: ActiveInterface) -> dict[str, NDArray]:
     """Arrays of one value a point; which ones depends on law and frame, the same on every rank."""
-    history = active.history()
     arrays = {"place": active.quadrature.points}
     if active.law.inelastic:
-        arrays |= {f"history.{name}": getattr(history, name) for name in HISTORY_ARRAYS}
-    values = {f"values.{name}": getattr(history.values, name) for name in VALUE_ARRAYS}
+        arrays |= {f"history.{name}": getattr(active.history, name) for name in HISTORY_ARRAYS}
+    values = {f"values.{name}": getattr(active.values, name) for name in VALUE_ARRAYS}
     return arrays | {name: array for name, array in values.items() if array is not None}
 
 

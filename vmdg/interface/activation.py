@@ -52,7 +52,7 @@ class PotentialFacets:
         """Evaluate with this displacement from now on."""
         if self._delta is None:
             stabilizer = Stabilizer(self.interface, self.facets, self._quadrature, u, bodies)
-            self._delta = stabilizer().delta
+            self._delta = stabilizer.derive().delta
         d = self._quadrature.d
         self._tractions = side_evaluators(
             self._quadrature,

@@ -13,11 +13,21 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ..domain.materials import Bodies
+from .interface import Interface
+
 Array = NDArray[np.float64]
 
 _EPSILON = np.zeros((3, 3, 3))
 _EPSILON[[0, 1, 2], [1, 2, 0], [2, 0, 1]] = 1
 _EPSILON[[0, 2, 1], [2, 1, 0], [1, 0, 2]] = -1
+
+
+def turns(interface: Interface, bodies: Bodies) -> bool:
+    """Whether the law of an interface works in a frame that turns: not for ties, nor at small
+    strain."""
+    small = bodies.regions[0].body.small
+    return interface.law.inelastic and interface.frame == "corotating" and not small
 
 
 def rotation(F: Array, N: Array) -> Array:

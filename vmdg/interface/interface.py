@@ -22,7 +22,9 @@ AUTO = "auto"
 _NAME = re.compile(r"\w[\w .+-]*")
 
 T = TypeVar("T")
-Stabilizer = Callable[[NDArray, NDArray, "StabilizationContext"], tuple[NDArray, NDArray]]
+
+#: A user's rule in place of (21)-(25).
+StabilizationRule = Callable[[NDArray, NDArray, "StabilizationContext"], tuple[NDArray, NDArray]]
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,7 @@ class Interface:
         traction_jump: bool = False,
         activate: str = "all",
         activate_at: float = 0.4,
-        stabilization: Stabilizer | None = None,
+        stabilization: StabilizationRule | None = None,
         name: str | None = None,
     ):
         places = {"facets": facets, "between": between, "within": within, "level_set": level_set}

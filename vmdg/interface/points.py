@@ -1,4 +1,4 @@
-"""Values at the facet points of one interface: what users read, and what a step works with."""
+"""Values at the facet points of one interface: what users read, and what a residual leaves."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class PointValues:
         frame_total: R^T.({P.N} + r g) of it (nq, d).
         frame_gap: zeta~ of it (nq, d).
         frame_traction: T~ of it (nq, d).
-        update: Result of the return map; None where zeta was held or there is none.
+        update: Result of the return map; None where zeta kept its converged value, and for a tie.
     """
 
     opening: NDArray[np.float64]
@@ -90,21 +90,11 @@ class PointValues:
     frame_traction: NDArray[np.float64] | None = None
     update: Update | None = None
 
-
-@dataclass(frozen=True)
-class PointHistory:
-    """Converged history of an interface on this rank, zeta and Q of (37).
-
-    zeta and T are in the frame of the law.
-    """
-
-    gap: NDArray[np.float64]
-    softening: NDArray[np.float64]
-    mode: NDArray[np.int8]
-    traction: NDArray[np.float64]
-    values: PointValues
+    @property
+    def slip(self) -> NDArray[np.float64]:
+        """s = g - zeta (nq, d) [mm]."""
+        return self.opening if self.gap is None else self.opening - self.gap
 
 
-#: Names of the arrays of both: what a change of the mesh of points or a checkpoint carries over.
+#: Arrays that PointValues may have.
 VALUE_ARRAYS = tuple(field.name for field in fields(PointValues) if field.name != "update")
-HISTORY_ARRAYS = tuple(field.name for field in fields(PointHistory) if field.name != "values")

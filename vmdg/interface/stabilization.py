@@ -1,7 +1,8 @@
-"""tau_s and delta, eqs. (21)-(23), per facet from bubble integrals of the current moduli."""
+"""tau_s and delta: derived by (21)-(25), raised for coercivity, checked against softening."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,14 +11,25 @@ from dolfinx import fem
 from numpy.typing import NDArray
 
 from ..base.kernels import compile_form
+from ..base.parallel import global_max, raise_together
 from ..base.quadrature import bubble_degree
+from ..base.timers import timer
 from ..domain.materials import Bodies
 from ..forms import bubbles
 from ..forms.geometry import Geometry
 from ..forms.stabilization import bubble_stiffness
+from ..laws import Law
+from . import frame
+from .coercivity import MARGIN, Coercivity
 from .facets import InterfaceFacets
 from .interface import AUTO, Interface, StabilizationContext
 from .quadrature import FacetQuadrature, bubble_integrals
+
+#: r / H of a well-conditioned return map, and the factor up to which "auto" raises r for it.
+GOOD_RATIO, REPORT_SAFETY = 2.0, 4.0
+
+#: H / r from which on a wrong unit is as likely as a coarse mesh.
+SUSPICIOUS_RATIO = 3.0
 
 
 @dataclass(frozen=True)
@@ -27,6 +39,8 @@ class Stabilization:
     Attributes:
         tau: tau_s, safety included (nf, d, d) [MPa/mm].
         delta: Flux weights delta_1, delta_2 of (23) (nf, 2, d, d).
+        weights: Flux weights of the forms: delta, or its isotropic part where the frame of the
+            interface turns (nf, 2, d, d).
         delta_s: (tau_1^-1 + tau_2^-1)^-1 of (25)-(26), without safety (nf, d, d) [mm3/N].
         norm: |tau_s|, the scalar r of (57) (nf,) [MPa/mm].
         safety: Factor in ``tau`` and ``norm`` on the derived tau_s (nf,).
@@ -34,6 +48,7 @@ class Stabilization:
 
     tau: NDArray[np.float64]
     delta: NDArray[np.float64]
+    weights: NDArray[np.float64]
     delta_s: NDArray[np.float64]
     norm: NDArray[np.float64]
     safety: NDArray[np.float64]
@@ -41,8 +56,8 @@ class Stabilization:
     @classmethod
     def empty(cls, d: int) -> Stabilization:
         """Of an interface with no open facet."""
-        tensors, numbers = np.zeros((0, d, d)), np.zeros(0)
-        return cls(tensors, np.zeros((0, 2, d, d)), tensors, numbers, numbers)
+        tensors, pairs, numbers = np.zeros((0, d, d)), np.zeros((0, 2, d, d)), np.zeros(0)
+        return cls(tensors, pairs, pairs, tensors, numbers, numbers)
 
     def raised(self, factor: NDArray[np.float64]) -> Stabilization:
         """The same with tau_s multiplied by ``factor`` (nf,)."""
@@ -124,13 +139,11 @@ def _occurrence(values: NDArray[np.int32]) -> NDArray[np.int64]:
 
 
 class Stabilizer:
-    """Evaluates the stabilization of one interface at the current displacement.
+    """The stabilization of one interface, and how far it is raised.
 
     tau_a = (int_gamma b)^2 / meas(gamma) inv(int_K GRAD b : A : GRAD b dV)   (21)-(22)
     tau_s = safety inv(tau_1 + tau_2),  delta_a = inv(tau_1 + tau_2).tau_a    (23)
     delta_s = tau_1.inv(tau_1 + tau_2).tau_2                                  (25)
-
-    With ``safety="auto"`` tau_s is the derived one: :mod:`vmdg.interface.coercivity` raises it.
 
     In axisymmetry the fine scale is a ring, u' = b_s (beta_r e_r + beta_z e_z), and (21)-(22)
     follow in the same way from the weak form on its cell, all integrals with dA = 2 pi r ds and
@@ -138,6 +151,18 @@ class Stabilizer:
     tau_a = (int b 2 pi r ds)^2 / (int 2 pi r ds) inv(int GRAD b : A : GRAD b 2 pi r dr dz).
     Both sides of every fraction carry one length more, so tau is per reference area as before, and
     tends to that of plane strain where r is large against the cell.
+
+    Args:
+        interface: The user's description.
+        facets: Its facets on this rank.
+        quadrature: Of these facets.
+        u: Displacement.
+        bodies: Materials.
+
+    Attributes:
+        interface: As given.
+        facets: As given.
+        automatic: Whether tau_s is raised facet by facet, ``safety="auto"``.
     """
 
     def __init__(
@@ -148,7 +173,11 @@ class Stabilizer:
         u: fem.Function,
         bodies: Bodies,
     ):
-        self._interface = interface
+        self.interface = interface
+        self.facets = facets
+        self.automatic = interface.safety == AUTO and interface.stabilization is None
+        self._quadrature = quadrature
+        self._turns = frame.turns(interface, bodies)
         self._stiffness = BubbleIntegrals(
             u, bodies, quadrature.geometry, facets.cells.T.ravel(), facets.local.T.ravel()
         )
@@ -159,8 +188,8 @@ class Stabilizer:
         N /= np.linalg.norm(N, axis=1, keepdims=True)
         self._context = StabilizationContext(u, facets.cells, facets.local, facets.facets, N, area)
 
-    def __call__(self) -> Stabilization:
-        """tau_s and delta at the current displacement.
+    def derive(self) -> Stabilization:
+        """tau_s and delta at the current displacement; with ``safety="auto"`` not raised yet.
 
         Raises:
             ValueError: the user's callable returns arrays of wrong shape.
@@ -171,19 +200,191 @@ class Stabilizer:
         tau1, tau2 = self._factor[:, None, None] * np.linalg.inv(stiffness).reshape(2, number, d, d)
         bonded = np.linalg.inv(tau1 + tau2)
         safety = 1.0
-        if self._interface.stabilization is not None:
-            tau, delta1 = self._interface.stabilization(tau1, tau2, self._context)
+        if self.interface.stabilization is not None:
+            tau, delta1 = self.interface.stabilization(tau1, tau2, self._context)
             for name, value in (("tau_s", tau), ("delta1", delta1)):
                 if np.shape(value) != (number, d, d):
                     raise ValueError(
-                        f"{self._interface}: stabilization returned {name} of shape "
+                        f"{self.interface}: stabilization returned {name} of shape "
                         f"{np.shape(value)}, expected {(number, d, d)}"
                     )
         else:
-            if self._interface.safety != AUTO:
-                safety = self._interface.safety
+            if not self.automatic:
+                safety = self.interface.safety
             tau, delta1 = safety * bonded, bonded @ tau1
-        delta = np.stack([delta1, np.eye(d) - delta1], axis=1)
-        order = "fro" if self._interface.norm == "frobenius" else 2
+        delta = weights = np.stack([delta1, np.eye(d) - delta1], axis=1)
+        if self._turns:
+            # A tensor of the start of a step would lag behind a body that turns; numbers do not.
+            share = np.trace(delta, axis1=2, axis2=3) / d
+            weights = share[:, :, None, None] * np.eye(d)
+        order = "fro" if self.interface.norm == "frobenius" else 2
         norm = np.linalg.norm(tau, ord=order, axis=(1, 2))
-        return Stabilization(tau, delta, tau1 @ bonded @ tau2, norm, np.full(number, float(safety)))
+        delta_s = tau1 @ bonded @ tau2
+        return Stabilization(tau, delta, weights, delta_s, norm, np.full(number, float(safety)))
+
+    def penalty(self, stabilization: Stabilization) -> NDArray[np.float64]:
+        """The penalty of the forms as a tensor (nf, d, d) [MPa/mm]: r I where the law can fail."""
+        if not self.interface.law.inelastic:
+            return stabilization.tau
+        return stabilization.norm[:, None, None] * np.eye(self._quadrature.d)
+
+    def raised(self, derived: Stabilization, factor: NDArray[np.float64]) -> Stabilization:
+        """The stabilization of a step: tau_s raised where ``safety="auto"`` says so.
+
+        Where the interface can fail r is raised to twice H too, as far as the factor 4 of the
+        report's tables reaches: close to H a return map with its dgamma = f / (r - H) would
+        magnify every change of the trial traction. A larger r never harms coercivity.
+
+        Args:
+            derived: From :meth:`derive`.
+            factor: What coercivity asks for (nf,); 1 is the least.
+        """
+        if not self.automatic:
+            return derived
+        factor = np.maximum(factor, 1.0)
+        law = self.interface.law
+        if law.inelastic:
+            enough = GOOD_RATIO * law.softening_modulus / derived.norm
+            factor = np.maximum(factor, np.minimum(enough, REPORT_SAFETY))
+        return derived.raised(factor)
+
+    def suffices(
+        self, applied: Stabilization, derived: Stabilization, factor: NDArray[np.float64]
+    ) -> bool:
+        """Whether a tau_s is what coercivity asks for at another displacement, on this rank.
+
+        The share of the bulk energy that :mod:`vmdg.interface.coercivity` reserves may be used up.
+
+        Args:
+            applied: The stabilization of the step.
+            derived: From :meth:`derive` at the other displacement.
+            factor: What coercivity asks for there (nf,).
+        """
+        if not self.automatic:
+            return True
+        needed = (1 - MARGIN) * factor * derived.norm
+        return not (applied.norm < needed).any()
+
+    def check_softening(self, stabilization: Stabilization, law: Law, dt: float) -> None:
+        """Refuse a penalty at which the bond breaks faster than the bodies unload; collective.
+
+        Args:
+            stabilization: Of the step.
+            law: Law of the step.
+            dt: Time step [s].
+
+        Raises:
+            ValueError: r <= H - eta on a facet: the softening is too steep for the mesh.
+        """
+        comm = self._quadrature.mesh.comm
+        r, H = stabilization.norm, law.softening_modulus
+        bad = np.flatnonzero(~law.admissible(r, dt))
+        message = None
+        worst = -global_max(comm, -r[bad].min(initial=np.inf))
+        if len(bad) and r[bad].min() == worst:
+            f = bad[np.argmin(r[bad])]
+            size = self._quadrature.extent[f]
+            message = (
+                f"{self.interface}: facet {self.facets.facets[f]} has r = |tau_s| = {r[f]:.6g} "
+                f"MPa/mm, not above the softening modulus H = {H:.6g} MPa/mm (dt = {dt:g}): the "
+                f"bond would break faster than the element can unload. Refine the facet from "
+                f"{size:.3g} to below {size * r[f] / H:.3g} mm, raise the critical gap, or give "
+                "the law a viscosity"
+            )
+            if H > SUSPICIOUS_RATIO * r[f]:
+                message += (
+                    "; do the units of strength, moduli, critical gap and mesh go together (MPa "
+                    "with mm)?"
+                )
+        raise_together(comm, message)
+
+
+class Stabilizers:
+    """The stabilization of all active interfaces, which share the energy of their cells.
+
+    Args:
+        interfaces: The stabilizer of each.
+        u: Displacement.
+        bodies: Materials.
+        geometry: Gradient and measure.
+        degree: Degree of the displacement.
+
+    Attributes:
+        constant: Whether tau_s and delta are the same at every displacement. At small strain the
+            moduli in the bubble integrals (22) are constant; a callable of the user's may depend
+            on the displacement all the same.
+    """
+
+    def __init__(
+        self,
+        interfaces: Sequence[Stabilizer],
+        u: fem.Function,
+        bodies: Bodies,
+        geometry: Geometry,
+        degree: int,
+    ):
+        self._interfaces = interfaces
+        self._place = u, bodies, geometry, degree
+        self._small = bodies.regions[0].body.small
+        derived = all(one.interface.stabilization is None for one in interfaces)
+        self.constant = self._small and derived
+        self._coercivity: Coercivity | None = None
+        self._constants: list[Stabilization] | None = None
+
+    def raised(self) -> list[Stabilization]:
+        """Of every interface for a step from the current displacement; collective."""
+        if self._constants is not None:
+            return self._constants
+        derived = self.derive()
+        raised = [
+            one.raised(*values)
+            for one, *values in zip(
+                self._interfaces, derived, self.coercivity(derived), strict=True
+            )
+        ]
+        if self.constant:
+            self._constants = raised
+        return raised
+
+    def suffice(self, applied: Sequence[Stabilization]) -> bool:
+        """Whether these serve at the current displacement too, on this rank; collective.
+
+        At finite strain a step that goes far from where tau_s was evaluated may end in an
+        equilibrium that only the lack of it makes possible.
+        """
+        if self._small:
+            return True
+        derived = self.derive()
+        factors = self.coercivity(derived)
+        checks = zip(self._interfaces, applied, derived, factors, strict=True)
+        return all([one.suffices(*values) for one, *values in checks])
+
+    def derive(self) -> list[Stabilization]:
+        """Of every interface at the current displacement, not raised yet; collective."""
+        return [one.derive() for one in self._interfaces]
+
+    def coercivity(self, derived: Sequence[Stabilization]) -> list[NDArray[np.float64]]:
+        """What coercivity asks to raise tau_s by on every facet (nf,); collective.
+
+        Interfaces with a stabilization of the user's own neither ask nor take a share.
+
+        Args:
+            derived: From :meth:`derive`.
+        """
+        factors = [np.ones(len(stabilization.norm)) for stabilization in derived]
+        if not any(one.automatic for one in self._interfaces):
+            return factors
+        chosen = [
+            i for i, one in enumerate(self._interfaces) if one.interface.stabilization is None
+        ]
+        if self._coercivity is None:
+            facets = [self._interfaces[i].facets for i in chosen]
+            self._coercivity = Coercivity(*self._place, facets)
+        with timer("coercivity"):
+            found = self._coercivity(
+                [self._interfaces[i].penalty(derived[i]) for i in chosen],
+                [derived[i].weights for i in chosen],
+            )
+        for i, factor in zip(chosen, found, strict=True):
+            factors[i] = factor
+        return factors

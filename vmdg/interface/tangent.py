@@ -11,10 +11,9 @@ from dolfinx import fem
 from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
+from ..domain.materials import Bodies
 from ..forms import kinematics, tangent
-from .quadrature import FacetQuadrature, SideEvaluators
-
-EvaluatorFactory = Callable[..., SideEvaluators]
+from .quadrature import FacetQuadrature, SideEvaluators, side_evaluators
 
 
 class StagedTangent:
@@ -22,23 +21,26 @@ class StagedTangent:
 
     Args:
         quadrature: Facet points.
-        evaluators: Makes evaluators of a one-sided expression for both sides.
+        u: Displacement.
+        bodies: Materials.
         damage: The law has a damage tangent C.
         turns: The frame of the law turns, so zeta also changes with the deformation gradient.
-        geometric: The moduli change with the deformation, so K of (85) is not zero.
         jump: The form is (26), with the traction jump.
     """
 
     def __init__(
         self,
         quadrature: FacetQuadrature,
-        evaluators: EvaluatorFactory,
+        u: fem.Function,
+        bodies: Bodies,
         *,
         damage: bool,
         turns: bool,
-        geometric: bool,
         jump: bool,
     ):
+        def evaluators(shape: tuple[int, ...], expression: Callable, name: str) -> SideEvaluators:
+            return side_evaluators(quadrature, u, bodies, shape, expression, name)
+
         d, geometry = quadrature.d, quadrature.geometry
         n = geometry.size(d)
         self._shape, self._entries = (d, n, n), geometry.entries(d)
@@ -55,7 +57,8 @@ class StagedTangent:
         self._turning = [fem.Function(s) for s in (plane, plane, fourth)] if turns else []
         self._jump = [fem.Function(space) for _ in range(2)] if jump else []
         self._third: list[fem.Function] = []
-        if geometric:
+        # At small strain the moduli do not change with the deformation: K of (85) is zero.
+        if not bodies.regions[0].body.small:
             vectors = quadrature.space((d,))
             self._directions = [fem.Function(vectors) for _ in range(2)]
             count = len(self._entries)
@@ -111,10 +114,10 @@ class StagedTangent:
             delta: Flux weights delta_1, delta_2 at the points (nq, 2, d, d).
             directions: v_1, v_2 with which the adjoint term of (27) or (26) tests (nq, 2, d) [mm].
             delta_s: Stability tensor of the traction jump (nq, d, d) [mm3/N]; None for (27).
-            compliance: C = d zeta/dT (nq, d, d) [mm3/N]; None holds zeta.
+            compliance: C = d zeta/dT (nq, d, d) [mm3/N]; None keeps zeta.
             turning: Where the frame turns: Z, the change of zeta with the gradient of either side
                 (nq, d, d, d), and the changes of the couple M with the traction (nq, d, d, d) and
-                with that gradient (nq, d, d, d, d); None holds the frame.
+                with that gradient (nq, d, d, d, d); None keeps the frame.
         """
         if self._compliance is not None:
             self._compliance.x.array[:] = 0 if compliance is None else compliance.ravel()

@@ -438,7 +438,7 @@ class Problem:
 
     def outgrown(self) -> bool:
         """Whether the step has ended where its tau_s is not enough for coercivity; collective."""
-        return global_any(self.comm, self.discretization.outgrown())
+        return global_any(self.comm, not self.discretization.stabilization_suffices())
 
     # Steps
 
@@ -508,11 +508,10 @@ class Problem:
             self.discretization,
             self.u.x.array.copy(),
             self.forces.x.array.copy(),
-            [active.history() for active in self.discretization.active.values()],
+            [active.snapshot() for active in self.discretization.active.values()],
             list(self._activation.open),
             self._dissipated.copy(),
             self._external,
-            [active.frozen for active in self.discretization.active.values()],
         )
 
     def return_to(self, snapshot: Snapshot) -> None:
@@ -528,14 +527,9 @@ class Problem:
         self.forces.x.array[:] = snapshot.forces
         self._dissipated = snapshot.dissipated.copy()
         self._external = snapshot.external
-        for active, history in zip(
-            self.discretization.active.values(), snapshot.histories, strict=True
-        ):
-            active.set_history(history)
-        if snapshot.frozen:
-            interfaces = self.discretization.active.values()
-            for active, frozen in zip(interfaces, snapshot.frozen, strict=True):
-                active.frozen = frozen
+        interfaces = self.discretization.active.values()
+        for active, interface in zip(interfaces, snapshot.interfaces, strict=True):
+            active.return_to(interface)
         self.apply_loads(snapshot.t)
 
     # Facets that open on demand
@@ -562,7 +556,7 @@ class Problem:
             return False
         before = self.discretization
         self._set_discretization(self._discretize(self._activation.open))
-        self.discretization.take_over(before)
+        self.discretization.continue_from(before)
         self.apply_loads(self.t)
         self.update_stabilization(None)
         # What a node bore is now shared by its duplicates.
@@ -705,7 +699,7 @@ class Problem:
                 continue
             if active is not None:
                 weights = active.quadrature.weights
-                areas[0] += weights[active.softening >= GONE * law.strength].sum()
+                areas[0] += weights[active.history.softening >= GONE * law.strength].sum()
             potential = self._activation.area(i)
             areas[1] += weights.sum() if potential is None else potential
         gone, area = global_sum(self.comm, areas)

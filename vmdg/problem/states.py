@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..assembly.discretization import Discretization
-from ..interface.active import Frozen
-from ..interface.points import PointHistory
+from ..interface.history import InterfaceSnapshot
 
 
 @dataclass(frozen=True)
@@ -77,23 +75,20 @@ class Snapshot:
         discretization: Forms of the facets that were open then.
         u: Displacement [mm], ghosts included.
         forces: Nodal forces of bodies and interfaces [N].
-        histories: Gaps and softening of every interface's points.
+        interfaces: State of every active interface.
         open: By interface, which of its facets were open.
         dissipated: Works spent so far on damage, friction and viscosity [N mm].
         external: Work of loads and prescribed displacements so far [N mm].
-        frozen: Stabilizations under which the state is in equilibrium; empty where they are to be
-            evaluated anew.
     """
 
     t: float
     discretization: Discretization
     u: NDArray[np.float64]
     forces: NDArray[np.float64]
-    histories: list[PointHistory]
+    interfaces: list[InterfaceSnapshot]
     open: list[NDArray[np.bool_]]
     dissipated: NDArray[np.float64]
     external: float
-    frozen: Sequence[Frozen] = ()
 
 
 @dataclass(frozen=True)

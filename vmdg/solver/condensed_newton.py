@@ -158,7 +158,7 @@ class CondensedNewton(Iteration):
         return self._solver.iterations
 
     def _begin(self, start: float, end: float) -> list[NDArray[np.float64]]:
-        gap = np.concatenate([active.gap.ravel() for active in self._interfaces])
+        gap = np.concatenate([active.history.gap.ravel() for active in self._interfaces])
         self._path.start(start, gap)
         self._held = self._hold()
         return [place - gap for place in self._path.ahead(end)]
@@ -168,7 +168,7 @@ class CondensedNewton(Iteration):
         problem, flexibility = self._problem, self.flexibility
         u, prescribed = problem.u.x.array, self._prescribed
         residual = problem.assemble_residual(self._dt, hold=True)
-        trial = np.concatenate([c.trial_traction.ravel() for c in self._interfaces])
+        trial = np.concatenate([c.values.traction.ravel() for c in self._interfaces])
         target = problem.prescribed_values(problem.t)
         shift = target - u[prescribed]
         with timer("bonded response"):
@@ -238,7 +238,7 @@ class CondensedNewton(Iteration):
         elastic = equation.start(still)
         if predictor == ELASTIC or elastic.norm == 0:
             return elastic
-        compliance = np.concatenate([active.compliance for active in self._interfaces])
+        compliance = np.concatenate([active.values.compliance for active in self._interfaces])
         bonded = held.bonded.reshape(len(compliance), -1)
         grown = np.einsum("pij,pj->pi", compliance, bonded).ravel()
         damaged = equation.start(equation.solve(compliance, grown).value)

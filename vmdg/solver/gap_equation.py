@@ -99,7 +99,7 @@ class GapEquation:
                 for active, part in zip(self._interfaces, np.split(trial, self._ends), strict=True)
             ]
             grown = [
-                (update.gap - active.gap).ravel()
+                (update.gap - active.history.gap).ravel()
                 for active, update in zip(self._interfaces, updates, strict=True)
             ]
         excess = value - np.concatenate(grown)

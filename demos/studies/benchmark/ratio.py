@@ -133,7 +133,7 @@ def measure(dimension: str, damage: bool, direct: bool, repeats: int, refine: fl
     active = 0.0
     if damage:
         problem.discretization.active[0].commit()
-        active = float(np.isin(problem.discretization.active[0].mode, AT_WORK).mean())
+        active = float(np.isin(problem.discretization.active[0].history.mode, AT_WORK).mean())
     return Ratio(
         f"{dimension}, {'damage and friction' if damage else 'tied'}, "
         f"{'direct' if direct else 'multigrid'}",

@@ -8,7 +8,7 @@ of rounding where that is larger.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from petsc4py import PETSc
@@ -128,7 +128,8 @@ class Run:
         new = self.case.problem(stabilizations, opened)
         for i, mine in new.discretization.active.items():
             theirs = active[i]
-            mine.gap, mine.softening = theirs.gap.copy(), theirs.softening.copy()
+            past = theirs.history
+            mine.history = replace(mine.history, gap=past.gap, softening=past.softening)
         new.u.x.array[:] = problem.u.x.array
         new.apply_loads(problem.t)
         new.assemble_residual(hold=True)

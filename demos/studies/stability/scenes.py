@@ -18,7 +18,7 @@ import vmdg
 from studies.coercivity.cells import grid
 from vmdg.assembly.dirichlet import Value
 from vmdg.domain.topology import facet_cells
-from vmdg.interface.interface import Stabilizer
+from vmdg.interface.interface import StabilizationRule
 
 Array = NDArray[np.float64]
 Predicate = Callable[[Array], NDArray[np.bool_]]
@@ -259,7 +259,7 @@ class Case:
 
     def problem(
         self,
-        stabilizations: tuple[Stabilizer | None, ...] | None = None,
+        stabilizations: tuple[StabilizationRule | None, ...] | None = None,
         opened: tuple[NDArray[np.int32] | None, ...] | None = None,
     ) -> vmdg.Problem:
         """The problem at its start.

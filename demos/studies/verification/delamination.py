@@ -82,7 +82,7 @@ class Laminate:
         return vmdg.Debonding(self.strength, 2 * self.G_c / self.strength, friction)
 
 
-def penalty(m: Laminate, rows: int, degree: int) -> vmdg.interface.interface.Stabilizer:
+def penalty(m: Laminate, rows: int, degree: int) -> vmdg.interface.interface.StabilizationRule:
     """r = (k + 1)^2 M rows/h in place of the norm of tau_s, and equal weights.
 
     On cells of height h/rows |P.N|^2 on the facet is at most (k + 1)^2 rows/h times its mean over

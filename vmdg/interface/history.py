@@ -1,0 +1,138 @@
+"""What the points of an interface remember from step to step, and the works of a step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..laws import Law, Mode, Update
+from .points import PointValues
+from .stabilization import Stabilization
+
+Array = NDArray[np.float64]
+
+Record = TypeVar("Record", "PointHistory", PointValues)
+
+
+@dataclass(frozen=True)
+class PointHistory:
+    """Converged history of an interface on this rank, zeta and Q of (37), in the law's frame.
+
+    No array is changed in place: an earlier history can be returned to. A tie has no points here.
+
+    Attributes:
+        gap: zeta (nq, d) [mm].
+        softening: Q (nq,) [MPa].
+        mode: Branch of the last return map, :class:`vmdg.Mode` (nq,).
+        traction: T (nq, d) [MPa].
+    """
+
+    gap: Array
+    softening: Array
+    mode: NDArray[np.int8]
+    traction: Array
+
+    @classmethod
+    def start(cls, count: int, d: int) -> PointHistory:
+        """Of ``count`` points at which nothing has happened."""
+        gap, mode = np.zeros((count, d)), np.zeros(count, dtype=np.int8)
+        return cls(gap, np.zeros(count), mode, np.zeros((count, d)))
+
+    def after(self, update: Update | None) -> PointHistory:
+        """After a return map; None where there was none."""
+        if update is None:
+            return self
+        return PointHistory(update.gap, update.softening, update.mode, update.traction)
+
+
+#: Arrays of a PointHistory.
+HISTORY_ARRAYS = tuple(field.name for field in fields(PointHistory))
+
+
+@dataclass(frozen=True)
+class InterfaceSnapshot:
+    """Everything that an interface goes on from.
+
+    Attributes:
+        history: Converged history of its points.
+        values: Values at its points at the last residual.
+        stabilization: tau_s and the flux weights that the forms have.
+    """
+
+    history: PointHistory
+    values: PointValues
+    stabilization: Stabilization
+
+
+def with_rows(record: Record, rows: NDArray, other: Record, theirs: NDArray) -> Record:
+    """A record of arrays with these rows from those of another one."""
+    arrays = {}
+    for field in fields(record):
+        mine, source = getattr(record, field.name), getattr(other, field.name)
+        if isinstance(mine, np.ndarray):
+            arrays[field.name] = mine.copy()
+            arrays[field.name][rows] = source[theirs]
+    return replace(record, **arrays)
+
+
+def works(before: PointHistory, update: Update, law: Law, acting: Law, N: Array, r: Array) -> Array:
+    """What a step dissipates at the points, (39), by damage, friction and viscosity (3, nq) [N/mm].
+
+    Args:
+        before: History at the start of the step.
+        update: Return map of its end.
+        law: The law.
+        acting: The law of the step, with the overstress that may regularise it.
+        N: Reference normal (nq, d).
+        r: Penalty (nq,) [MPa/mm].
+    """
+    works = np.array([update.damage_work, update.friction_work, update.viscous_work])
+    if law.friction > 0:
+        between = _friction_between(before, update, law, N, r)
+        works[1] = np.maximum(works[1] + between, 0.0)
+    if acting is not law:
+        # In a jump the overstress does most of the work.
+        works[2] = _overstress_between(before, update, law, works)
+    elif law.viscosity > 0:
+        # The law charges the overstress of the end, too little where it relaxes.
+        works[2] = np.maximum(works[2], _overstress_between(before, update, law, works))
+    return works
+
+
+def _overstress_between(before: PointHistory, update: Update, law: Law, works: Array) -> Array:
+    """Work of the overstress by the mean traction of both ends of the step (nq,) [N/mm].
+
+    The integral of T.dzeta by the trapezoidal rule, exact for linear bodies, less what the bond
+    can give back and what bond and friction take.
+    """
+    mean = (before.traction + update.traction) / 2
+    total = np.einsum("pi,pi->p", mean, update.gap - before.gap)
+    total -= law.stored_energy(update.gap, update.softening)
+    total += law.stored_energy(before.gap, before.softening)
+    return total - works[0] - works[1]
+
+
+def _friction_between(before: PointHistory, update: Update, law: Law, N: Array, r: Array) -> Array:
+    """Friction work that the law does not see, since it knows the end of the step only (nq,).
+
+    It charges friction at the pressure of the end. Where a point slides, the mean of both ends
+    is accurate to second order: mu (|T_N,n| - |T_N,n+1|) dgamma / 2 more. Where a sliding point
+    lifts off, the pressure falls to zero within the share s = |T_N,n| / (|T_N,n| + r dzeta_N)
+    of the step: mu |T_N,n| s |dzeta_T| / 2 [N/mm].
+    """
+    first, last = (
+        np.maximum(-np.einsum("pi,pi->p", T, N), 0.0) for T in (before.traction, update.traction)
+    )
+    slips = update.mode == Mode.FRICTION
+    work = slips * law.friction * (first - last) * update.multiplier / 2
+    lifts = (before.mode == Mode.FRICTION) & (update.mode == Mode.OPEN) & (first > 0)
+    change = (update.gap - before.gap)[lifts]
+    opening = np.einsum("pi,pi->p", change, N[lifts])
+    slip = np.linalg.norm(change - opening[:, None] * N[lifts], axis=1)
+    pressure = first[lifts]
+    share = pressure / (pressure + r[lifts] * np.maximum(opening, 0.0))
+    work[lifts] = law.friction * pressure * share * slip / 2
+    return work

@@ -1,0 +1,204 @@
+"""Values at the points of an interface: fluxes, the return map, and the frame that turns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from numpy.typing import NDArray
+from ufl.core.expr import Expr
+
+from ..domain.materials import Bodies
+from ..forms import kinematics
+from ..forms.kinematics import Body
+from ..laws import Law
+from . import frame
+from .history import PointHistory
+from .interface import Interface
+from .points import PointValues
+from .quadrature import FacetQuadrature, side_evaluators
+from .stabilization import Stabilization
+
+Array = NDArray[np.float64]
+
+#: Z, the change of zeta with the gradient of either side (nq, d, d, d), and the changes of the
+#: couple M with the traction (nq, d, d, d) and with that gradient (nq, d, d, d, d).
+TurningTangent = tuple[Array, Array, Array]
+
+
+class ReturnMap:
+    """T of (31) at the points of an interface, by the return map of its law (Boxes 2 and 3).
+
+    Args:
+        interface: The user's description.
+        quadrature: Its points.
+        u: Displacement, changed by the solver.
+        bodies: Materials.
+
+    Attributes:
+        turns: Whether the law works in a frame that turns with the interface.
+    """
+
+    def __init__(
+        self, interface: Interface, quadrature: FacetQuadrature, u: fem.Function, bodies: Bodies
+    ):
+        self._inelastic = interface.law.inelastic
+        self._quadrature = quadrature
+        self._d = d = quadrature.d
+        self._u = u
+        self.turns = frame.turns(interface, bodies)
+        size = 2 * d + d * d if self.turns else 2 * d
+        self._flux = side_evaluators(quadrature, u, bodies, (size,), self._flux_of, "flux")
+
+    def _flux_of(self, body: Body, F: Expr, N: Expr, a: int) -> Expr:
+        """P.N, u and, where the frame turns, GRAD u of one side."""
+        values = [*kinematics.traction(body, F, N), *self._u]
+        if self.turns:
+            gradient = ufl.grad(self._u)
+            values += [gradient[i, j] for i in range(self._d) for j in range(self._d)]
+        return ufl.as_vector(values)
+
+    def start(self) -> PointValues:
+        """The values of undeformed bodies."""
+        d, count = self._d, len(self._quadrature.weights)
+        zero, tensor = np.zeros((count, d)), np.zeros((count, d, d))
+        values = PointValues(zero, zero, None, zero)
+        if self._inelastic:
+            values = replace(values, gap=zero, compliance=tensor)
+        if self.turns:
+            one = np.tile(np.eye(d), (count, 1, 1))
+            values = replace(
+                values,
+                rotation=one,
+                moment=tensor,
+                frame_gradient=one,
+                frame_total=zero,
+                frame_gap=zero,
+                frame_traction=zero,
+            )
+        return values
+
+    def evaluate(
+        self,
+        stabilization: Stabilization,
+        history: PointHistory,
+        law: Law,
+        dt: float,
+        held: PointValues | None = None,
+    ) -> PointValues:
+        """T of (31) at the current displacement, by T_tr = {P.N} + r g - r zeta_n of (66).
+
+        Args:
+            stabilization: tau_s and the flux weights.
+            history: zeta_n and Q_n.
+            law: Law of the step.
+            dt: Time step [s].
+            held: Values of the last residual: zeta keeps its converged value, and what the tangent
+                needs is theirs. None maps back.
+        """
+        d, facet = self._d, self._quadrature.facet
+        flux1, flux2 = self._flux[0](), self._flux[1]()
+        delta = stabilization.weights[facet]
+        # The kernels take the outward normal of their own side, -N on side 2.
+        mean = apply(delta[:, 0], flux1[:, :d]) - apply(delta[:, 1], flux2[:, :d])
+        jump = flux1[:, :d] + flux2[:, :d]
+        opening = flux2[:, d : 2 * d] - flux1[:, d : 2 * d]
+        if not self._inelastic:
+            traction = mean + apply(stabilization.tau[facet], opening)
+            return PointValues(opening, jump, None, traction)
+        r = stabilization.norm[facet]
+
+        def mapped(total: Array) -> PointValues:
+            """Of {P.N} + r g in the frame of the law."""
+            trial = total - r[:, None] * history.gap
+            if held is not None:
+                new = {"opening": opening, "jump": jump, "gap": history.gap, "traction": trial}
+                return replace(held, **new, update=None)
+            update = law.return_map(
+                trial, self._quadrature.normal, history.gap, history.softening, r, dt
+            )
+            return PointValues(
+                opening, jump, update.gap, update.traction, update.tangent, update=update
+            )
+
+        total = mean + r[:, None] * opening
+        if not self.turns:
+            return mapped(total)
+        F = np.eye(d) + (flux1[:, 2 * d :] + flux2[:, 2 * d :]).reshape(-1, d, d) / 2
+        return self._in_frame(F, total, mapped)
+
+    def _in_frame(
+        self, F: Array, total: Array, mapped: Callable[[Array], PointValues]
+    ) -> PointValues:
+        """The return map in the turning frame R: zeta = R.zeta~, T~ = R^T.T, N stays.
+
+        The couple c = zeta~ x T~ gives M = c_k W_k / 2 of ``forms.residual.frame_couple``, with
+        omega = W:dF the axial vector of R^T.dR.
+        """
+        N = self._quadrature.normal
+        R = frame.rotation(F, N)
+        W = frame.spin(F, N, R)
+        q = np.einsum("pji,pj->pi", R, total)
+        inside = mapped(q)
+        values = replace(
+            inside,
+            gap=apply(R, inside.gap),
+            traction=apply(R, inside.traction),
+            rotation=R,
+            moment=np.einsum("pk,pkab->pab", _couple(inside.gap, inside.traction), W) / 2,
+        )
+        if inside.update is None:
+            return values
+        return replace(
+            values,
+            frame_gradient=F,
+            frame_total=q,
+            frame_gap=inside.gap,
+            frame_traction=inside.traction,
+        )
+
+    def tangent(self, values: PointValues) -> tuple[Array | None, TurningTangent | None]:
+        """C = d zeta/dT (nq, d, d) [mm3/N], and what follows from the turning frame.
+
+        With q = R^T.({P.N} + r g), dR = R.Omega and omega = W:dF its axial vector,
+        d zeta = C.Tt(du) + R.(Omega.zeta~ - C~.Omega.q), C = R.C~.R^T. The couple changes by
+        dc = D.dT~_tr with D = [zeta~]^T - [q]^T.C~, where [x].omega = omega x x.
+
+        Args:
+            values: From :meth:`evaluate`.
+
+        Returns:
+            None in place of what the interface does not have.
+        """
+        if not self.turns:
+            return values.compliance, None
+        N = self._quadrature.normal
+        F, C, q = values.frame_gradient, values.compliance, values.frame_total
+        R = frame.rotation(F, N)
+        W = frame.spin(F, N, R)
+        turn, turn_q = frame.cross_matrix(values.frame_gap), frame.cross_matrix(q)
+        # dF is the mean of both sides: half of each side's gradient.
+        d, half = self._d, W.reshape(*W.shape[:2], self._d**2) / 2
+        halves = half.transpose(0, 2, 1)
+        spin = (R @ (turn - C @ turn_q) @ half).reshape(-1, d, d, d)
+        D = turn.transpose(0, 2, 1) - turn_q.transpose(0, 2, 1) @ C
+        by_traction = (halves @ (D @ R.transpose(0, 2, 1))).reshape(-1, d, d, d)
+        by_gradient = -(halves @ (D @ turn_q @ half)).reshape(-1, d, d, d, d)
+        couple = _couple(values.frame_gap, values.frame_traction)
+        loaded = np.flatnonzero(np.abs(couple).max(axis=1) > 0)
+        change = frame.spin_gradient(F[loaded], N[loaded], R[loaded])
+        by_gradient[loaded] += np.einsum("pk,pkabcd->pabcd", couple[loaded] / 4, change)
+        return R @ C @ R.transpose(0, 2, 1), (spin, by_traction, by_gradient)
+
+
+def _couple(gap: Array, traction: Array) -> Array:
+    """zeta~ x T~ (nq, 3 or 1) [N/mm]."""
+    return np.einsum("pmk,pm->pk", frame.cross_matrix(gap), traction)
+
+
+def apply(tensor: Array, vector: Array) -> Array:
+    """Row-wise tensor.vector."""
+    return np.einsum("pij,pj->pi", tensor, vector)

@@ -1,0 +1,165 @@
+"""One interface in the forms: the coefficients on its facets, and its integrands with them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from numpy.typing import NDArray
+from ufl.core.expr import Expr
+
+from ..domain.materials import Bodies
+from ..forms import residual
+from ..forms.kinematics import Body
+from .interface import Interface
+from .points import PointValues
+from .quadrature import FacetQuadrature, region_pairs
+from .stabilization import Stabilization
+from .tangent import StagedTangent
+
+
+@dataclass(frozen=True)
+class RegionPair:
+    """Facets of an interface whose two sides belong to the same pair of material regions.
+
+    Attributes:
+        rows: Of these facets (cell 1, facet in it, cell 2, facet in it), flattened.
+        bodies: Of side 1 and of side 2.
+    """
+
+    rows: NDArray[np.int32]
+    bodies: tuple[Body, Body]
+
+
+class InterfaceTerms:
+    """The integrands of one interface in the residual, the energy and the tangent.
+
+    A tie (law without history) has the tensor tau_s and no zeta; any other law has the scalar
+    r = |tau_s|, and where its frame turns also a couple.
+
+    Args:
+        interface: The user's description.
+        quadrature: Its points.
+        u: Displacement.
+        bodies: Materials.
+        turns: Whether the frame of the law turns.
+
+    Attributes:
+        pairs: The facets, by the materials of their sides.
+        submesh: On which the coefficients live.
+    """
+
+    def __init__(
+        self,
+        interface: Interface,
+        quadrature: FacetQuadrature,
+        u: fem.Function,
+        bodies: Bodies,
+        turns: bool,
+    ):
+        facets, d = quadrature.facets, quadrature.d
+        self._inelastic, self._turns = interface.law.inelastic, turns
+        self._traction_jump = interface.traction_jump
+        self._quadrature, self._u, self._bodies = quadrature, u, bodies
+        self._N = ufl.FacetNormal(quadrature.mesh)("+")
+        self.submesh = quadrature.submesh
+        region_of = bodies.region[facets.cells]
+        self.pairs = [
+            RegionPair(
+                facets.rows((region_of == pair).all(axis=1)),
+                tuple(bodies.regions[i].body for i in pair),
+            )
+            for pair in region_pairs(facets, bodies, quadrature.mesh.comm)
+        ]
+        space, facet_space = quadrature.space, quadrature.facet_space
+        self._delta = fem.Function(facet_space((d, d)))
+        self._tau = fem.Function(facet_space(() if self._inelastic else (d, d)))
+        self._zeta = fem.Function(space((d,))) if self._inelastic else None
+        self._delta_s = fem.Function(facet_space((d, d))) if self._traction_jump else None
+        self._moment = fem.Function(space((d, d))) if turns else None
+
+    # Integrands
+
+    def residual(self, eta: Expr, bodies: tuple[Body, Body]) -> Expr:
+        """Interface integrand of (27), or of (26) with the traction jump."""
+        moment = None if self._moment is None else self._moment("+")
+        return residual.residual(
+            eta, bodies, self._geometry, self._u, self._N, *self._coefficients(), moment=moment
+        )
+
+    def energy(self, bodies: tuple[Body, Body]) -> Expr:
+        """Stored energy of the interface, the interface integrand of (30) [N/mm]."""
+        return residual.energy(bodies, self._geometry, self._u, self._N, *self._coefficients())
+
+    def tangent(self, eta: Expr, du: Expr) -> Expr:
+        """Interface integrand of (84)-(85) in the staged coefficients."""
+        return self._staged.integrand(eta, du, self._tau("+"))
+
+    def traction(self, q: Expr, du: Expr) -> Expr:
+        """q.Tt(du) of (84) in the staged coefficients."""
+        return self._staged.traction_term(q, du, self._tau("+"))
+
+    @property
+    def _geometry(self):
+        return self._quadrature.geometry
+
+    def _coefficients(self) -> tuple[Expr, Expr, Expr | None, Expr | None]:
+        """delta_1, tau_s, zeta and delta_s on the facets, None where the form has none."""
+        zeta = None if self._zeta is None else self._zeta("+")
+        delta_s = None if self._delta_s is None else self._delta_s("+")
+        return self._delta("+"), self._tau("+"), zeta, delta_s
+
+    @cached_property
+    def _staged(self) -> StagedTangent:
+        return StagedTangent(
+            self._quadrature,
+            self._u,
+            self._bodies,
+            damage=self._inelastic,
+            turns=self._turns,
+            jump=self._traction_jump,
+        )
+
+    # Coefficients
+
+    def set_stabilization(self, stabilization: Stabilization) -> None:
+        """Set tau_s, delta and delta_s."""
+        write = self._quadrature.set_facet_values
+        write(self._delta, stabilization.weights[:, 0])
+        if self._delta_s is not None:
+            write(self._delta_s, stabilization.delta_s)
+        write(self._tau, stabilization.norm if self._inelastic else stabilization.tau)
+
+    def set_gap(self, values: PointValues) -> None:
+        """Set zeta, and the couple where the frame turns."""
+        if self._zeta is not None:
+            self._zeta.x.array[:] = values.gap.ravel()
+        if self._moment is not None:
+            self._moment.x.array[:] = values.moment.ravel()
+
+    def stage_tangent(
+        self,
+        stabilization: Stabilization,
+        values: PointValues,
+        compliance: NDArray[np.float64] | None,
+        turning: tuple[NDArray, NDArray, NDArray] | None,
+    ) -> None:
+        """First stage of the tangent: its coefficients at the current displacement.
+
+        Args:
+            stabilization: As set.
+            values: At the points.
+            compliance: C = d zeta/dT (nq, d, d) [mm3/N]; None keeps zeta.
+            turning: Where the frame turns, see :meth:`StagedTangent.fill`.
+        """
+        facet = self._quadrature.facet
+        delta, delta_s = stabilization.weights[facet], None
+        directions = np.einsum("paji,pj->pai", delta, values.slip)
+        if self._traction_jump:
+            delta_s = stabilization.delta_s[facet]
+            more = np.einsum("pij,pj->pi", delta_s, values.jump)
+            directions += np.stack([-more, more], axis=1)
+        self._staged.fill(delta, directions, delta_s, compliance, turning)
