@@ -1,4 +1,4 @@
-"""Fibres in a cell of matrix: meshes, Goodier's inclusion, the public deck, the scene of 7.2."""
+"""Fibres in a cell of matrix: meshes, the public deck, the scene of 7.2."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from support.checks import integral
 
 import vmdg
 from vmdg import compat
-from vmdg.base.parallel import global_max, global_sum
+from vmdg.base.parallel import global_max
 from vmdg.domain.topology import facet_cells, tags_of_cells
 from vmdg.meshes import fibre_matrix, random_fibres
 
@@ -124,59 +124,6 @@ def test_slope_of_the_public_deck(comm, cell):
     problem = pull(tagged, DECK, [vmdg.Interface(between=(1, 2), law=BOND)], load=1e-4)
     slope = problem.reaction(tagged.facet_tags.find(2))[0] / 1e-4
     assert 6334.4 * (1 - 1e-3) < slope < 6352.0 * (1 + 1e-3)
-
-
-def goodier(comm, cell: str, h: float) -> tuple[float, float]:
-    """A fibre in a cell 32 radii wide under remote tension S.
-
-    Returns:
-        Relative error of the interface traction in the L2 norm, and S at onset [MPa].
-    """
-    size, S = 8.0, 1.0
-    tagged = fibre_matrix(comm, cell, size, 0.25, None, 1.0, h, grading=3.0)
-    bond = vmdg.Interface(between=(1, 2), law=BOND)
-    problem = vmdg.Problem(tagged.mesh, tagged.cell_tags, REPORT, [bond], kinematics="small")
-    problem.traction(tagged.facet_tags.find(1), lambda t: np.array([-t, 0.0]))
-    problem.traction(tagged.facet_tags.find(2), lambda t: np.array([t, 0.0]))
-    sides = np.array([[0.0, size / 2], [size, size / 2]])
-    for point, components in zip(sides, ("xy", "y"), strict=True):
-        for component in components:
-            problem.dirichlet_points(
-                lambda x, p=point: np.isclose(x[:2].T, p).all(axis=1), 0.0, component
-            )
-    vmdg.solve(problem, [S], vmdg.SolveOptions(relative_tolerance=1e-8))
-    state = problem.state[0]
-    A, B = goodier_constants()
-    radial = state.points[:, :2] - size / 2
-    radial /= np.linalg.norm(radial, axis=1, keepdims=True)
-    around = radial[:, ::-1] * (-1, 1)
-    theta = np.arctan2(radial[:, 1], radial[:, 0])
-    normal, shear = A + B * np.cos(2 * theta), -B * np.sin(2 * theta)
-    exact = S / 2 * (normal[:, None] * radial + shear[:, None] * around)
-    error = global_sum(comm, state.weights @ (state.traction - exact) ** 2).sum()
-    norm = global_sum(comm, state.weights @ exact**2).sum()
-    largest = np.linalg.norm(state.traction, axis=1).max(initial=0.0)
-    return np.sqrt(error / norm), S * BOND.strength / global_max(comm, largest)
-
-
-def goodier_constants() -> tuple[float, float]:
-    """A and B of the interface stresses of an inclusion in plane strain."""
-    (E_f, nu_f), (E_m, nu_m) = (40e3, 0.4), (10e3, 0.33)
-    G = E_f / E_m * (1 + nu_m) / (1 + nu_f)
-    k = 3 - 4 * nu_f, 3 - 4 * nu_m
-    return G * (k[1] + 1) / (2 * G + k[0] - 1), G * (k[1] + 1) / (1 + k[1] * G)
-
-
-@BOTH
-def test_goodier(comm, cell):
-    """Interface stresses and onset converge to those of the inclusion in an infinite matrix."""
-    sizes = (0.08, 0.04, 0.02)
-    errors, onset = np.transpose([goodier(comm, cell, h) for h in sizes])
-    exact = 2 * BOND.strength / sum(goodier_constants())
-    assert errors[-1] < 0.04
-    assert np.log(errors[0] / errors[-1]) / np.log(4) > 0.8  # P.N of linear elements: order 1
-    assert (np.diff(errors) < 0).all()
-    assert onset[-1] == pytest.approx(exact, rel=0.02)
 
 
 # The scene

@@ -172,15 +172,6 @@ def test_studies(comm, out, monkeypatch, capsys):
             assert [row.split()[-4] for row in table] == ["nan", "nan"]
 
 
-def test_checkpoint_of_another_problem(comm, out):
-    """A checkpoint of another mesh is refused; where there is none, None says so."""
-    vmdg.write_checkpoint(demo.build(False, 6, 0.5, 0.475, 2500.0).problem, out / "one")
-    other = demo.build(False, 8, 0.5, 0.475, 2500.0).problem
-    with pytest.raises(ValueError, match="number of cells"):
-        vmdg.read_checkpoint(other, out / "one")
-    assert vmdg.read_checkpoint(other, out / "none") is None
-
-
 def test_relative_displacement(comm):
     """The nodes keep the form they have when they are gripped."""
     model = demo.build(False, 6, 0.5, 0.475, 2500.0)

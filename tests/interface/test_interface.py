@@ -1,4 +1,4 @@
-"""Sides, signs and points of an interface, and every refusal of bad input."""
+"""Sides, signs and points of an interface, given by any rank."""
 
 from __future__ import annotations
 
@@ -174,163 +174,6 @@ def test_facet_values_reach_their_facet(comm, cell):
 # Refusals
 
 
-@pytest.fixture(scope="module")
-def scene():
-    """Two blocks of triangles."""
-    return two_blocks(MPI.COMM_WORLD, "triangle", n=2)
-
-
-def interface(**options) -> Interface:
-    """A tied interface."""
-    return Interface(**({"law": vmdg.Bonded()} | options))
-
-
-def problem(scene, *interfaces, materials=None, **options):
-    """Problem of the two blocks."""
-    materials = dict(enumerate(MATERIALS, start=1)) if materials is None else materials
-    return vmdg.Problem(scene.mesh, scene.cell_tags, materials, list(interfaces), **options)
-
-
-def boundary(scene):
-    """Local facets of the left side."""
-    return scene.facet_tags.find(1)
-
-
-NOTHING = np.zeros(0, dtype=np.int32)
-STEEL = vmdg.NeoHookean(E=1.0, nu=0.3)
-
-REFUSED_SCENES = {
-    "facet not interior": (
-        lambda s: problem(s, interface(facets=boundary(s))),
-        r"facet \d+ at \[.*\] lies on the boundary of the mesh",
-    ),
-    "facet does not exist": (
-        lambda s: problem(s, interface(facets=[10**6])),
-        r"facet 1000000 does not exist on this rank",
-    ),
-    "empty interface": (
-        lambda s: problem(s, interface(facets=NOTHING)),
-        r"has no facet: the tags do not touch",
-    ),
-    "unknown tag between": (
-        lambda s: problem(s, interface(between=(1, 5))),
-        r"no cell has tag 5; tags are \[1, 2\]",
-    ),
-    "unknown tag within": (
-        lambda s: problem(s, interface(within=9)),
-        r"no cell has tag 9; tags are \[1, 2\]",
-    ),
-    "material missing": (
-        lambda s: problem(s, interface(between=(1, 2)), materials={1: STEEL}),
-        r"no material for cell tag 2: materials has \[1\], the mesh has \[1, 2\]",
-    ),
-    "material of no cell": (
-        lambda s: problem(s, interface(between=(1, 2)), materials={t: STEEL for t in (1, 2, 3)}),
-        r"materials names cell tag 3, but the mesh has only \[1, 2\]",
-    ),
-    "facet in two interfaces": (
-        lambda s: problem(s, interface(between=(1, 2)), interface(facets=s.facet_tags.find(3))),
-        r"facet \d+ belongs to both Interface\(between.* and Interface\(facets",
-    ),
-    "unknown component": (
-        lambda s: problem(s, interface(between=(1, 2))).dirichlet(boundary(s), 0.0, "z"),
-        r"unknown component 'z'; in 2D it is one of 0\.\.1 or x, y, or None for all",
-    ),
-    "component out of range": (
-        lambda s: problem(s, interface(between=(1, 2))).dirichlet(boundary(s), 0.0, 2),
-        r"unknown component 2; in 2D",
-    ),
-    "value does not fit": (
-        lambda s: problem(s, interface(between=(1, 2))).dirichlet(boundary(s), [0.0] * 3),
-        r"a value of shape \(3,\) does not fit 2 components",
-    ),
-    "nothing prescribed": (
-        lambda s: problem(s, interface(between=(1, 2))).dirichlet(NOTHING, 0.0),
-        r"dirichlet: no facet is selected on any rank",
-    ),
-    "degree 0": (
-        lambda s: problem(s, interface(between=(1, 2)), degree=0),
-        r"degree = 0 must be at least 1",
-    ),
-    "kinematics": (
-        lambda s: problem(s, interface(between=(1, 2)), kinematics="large"),
-        r"kinematics = 'large' must be one of",
-    ),
-    "thickness": (
-        lambda s: problem(s, interface(between=(1, 2)), thickness=0.0),
-        r"thickness = 0.0 must be positive",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED_SCENES)
-def test_refused_scene(scene, name):
-    """Bad input is refused on every rank, by an error that names what is wrong."""
-    build, message = REFUSED_SCENES[name]
-    with pytest.raises(ValueError, match=message):
-        build(scene)
-
-
-REFUSED_ARGUMENTS = {
-    "nothing selected": (
-        lambda: interface(),
-        r"exactly one of facets=, between=\(tag, tag\), within=tag, level_set=phi; given: none",
-    ),
-    "selected twice": (
-        lambda: interface(between=(1, 2), within=1),
-        r"exactly one of .*; given: between, within",
-    ),
-    "one tag between": (
-        lambda: interface(between=(1, 1)),
-        r"between = \(1, 1\) must be two different tags.*within=tag",
-    ),
-    "safety": (lambda: interface(within=1, safety=0.0), r"safety = 0.0 must be positive"),
-    "safety by name": (
-        lambda: interface(within=1, safety="high"),
-        r"safety = 'high' must be positive, or \"auto\"",
-    ),
-    "norm": (lambda: interface(within=1, norm="max"), r"norm = 'max' must be one of"),
-    "frame": (lambda: interface(within=1, frame="moving"), r"frame = 'moving' must be one of"),
-    "incompressible": (
-        lambda: vmdg.NeoHookean(E=1.0, nu=0.5),
-        r"nu = 0.5 must lie in \(-1, 0.5\); .*0.4998",
-    ),
-    "beyond incompressible": (lambda: vmdg.NeoHookean(E=1.0, nu=0.6), r"nu = 0.6 must lie in"),
-    "E": (lambda: vmdg.NeoHookean(E=0.0, nu=0.3), r"E = 0.0 must be positive"),
-    "half a pair": (lambda: vmdg.NeoHookean(E=1.0), r"either E and nu, or mu and lmbda"),
-    "P_c": (
-        lambda: vmdg.Debonding(strength=0.0, critical_gap=0.2),
-        r"strength = 0.0: must be positive",
-    ),
-    "negative P_c": (
-        lambda: vmdg.Debonding(strength=-1.0, critical_gap=0.2),
-        r"strength = -1.0: must be positive",
-    ),
-    "zeta_c": (
-        lambda: vmdg.Debonding(strength=1.0, critical_gap=0.0),
-        r"critical_gap = 0.0: must be positive",
-    ),
-    "negative zeta_c": (
-        lambda: vmdg.Debonding(strength=1.0, critical_gap=-0.2),
-        r"critical_gap = -0.2: must be positive",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED_ARGUMENTS)
-def test_refused_argument(name):
-    """A single value out of range is refused where it is given."""
-    build, message = REFUSED_ARGUMENTS[name]
-    with pytest.raises(ValueError, match=message):
-        build()
-
-
-def test_law_must_be_a_law():
-    """Something that is no interface law is refused by type."""
-    with pytest.raises(TypeError, match=r"law = 'glue' is no interface law; try vmdg.Bonded"):
-        interface(within=1, law="glue")
-
-
 def test_error_is_raised_on_every_rank(comm):
     """A facet that only one rank gets wrong stops all ranks, not this one alone."""
     scene = two_blocks(comm, "triangle", n=4)
@@ -338,7 +181,7 @@ def test_error_is_raised_on_every_rank(comm):
     if comm.rank == comm.size - 1:
         mine = np.append(mine, 10**6)
     with pytest.raises(ValueError, match=r"facet 1000000 does not exist"):
-        problem(scene, interface(facets=mine))
+        joined(scene, vmdg.Bonded(), interface={"between": None, "facets": mine})
 
 
 @pytest.mark.parametrize("cell", CELLS)
@@ -375,7 +218,7 @@ def test_mesh_without_ghosts(comm):
     mesh = unit_box(comm, "triangle", 8, ghosts=GhostMode.none)
     tags = tag_cells(mesh, {1: everywhere})
     with pytest.raises(RuntimeError, match=r"no facet ghosts.*GhostMode.shared_facet"):
-        vmdg.Problem(mesh, tags, {1: STEEL}, [interface(within=1)])
+        vmdg.Problem(mesh, tags, {1: MATERIALS[0]}, [Interface(within=1, law=vmdg.Bonded())])
 
 
 def test_facets_given_by_any_rank(comm):
@@ -397,7 +240,7 @@ def test_facets_given_by_any_rank(comm):
             ghosts.scatter_reverse(la.InsertMode.add)  # to owners: how many others know it
             given = (ghosts.array == 0) | (local >= facets.size_local)
             chosen = chosen[given[chosen]]
-        quadrature = points_of(mesh, tags, interface(facets=chosen))
+        quadrature = points_of(mesh, tags, Interface(facets=chosen, law=vmdg.Bonded()))
         found.append(by_position(comm, quadrature.points, quadrature.weights))
     for points, weights in found:
         assert weights.sum() == pytest.approx(1.0, rel=1e-13)

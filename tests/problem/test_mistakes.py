@@ -285,7 +285,45 @@ def solve_with(**arguments):
     return mistake
 
 
+def interface(**options):
+    """A tied interface with these options."""
+    return lambda _: vmdg.Interface(**({"law": vmdg.Bonded()} | options))
+
+
+def two_interfaces_of_one_facet(tagged):
+    make(interfaces=[TIE, vmdg.Interface(facets=tagged.facet_tags.find(3), law=BOND)])(tagged)
+
+
 REFUSED = {
+    "nothing selected": (
+        ValueError,
+        interface(),
+        r"exactly one of facets=, between=\(tag, tag\), within=tag, level_set=phi; given: none",
+    ),
+    "selected twice": (
+        ValueError,
+        interface(between=(1, 2), within=1),
+        r"exactly one of .*; given: between, within",
+    ),
+    "one tag between": (
+        ValueError,
+        interface(between=(1, 1)),
+        r"between = \(1, 1\) must be two different tags.*within=tag",
+    ),
+    "safety": (ValueError, interface(within=1, safety=0.0), "safety = 0.0 must be positive"),
+    "safety by name": (
+        ValueError,
+        interface(within=1, safety="high"),
+        r"safety = 'high' must be positive, or \"auto\"",
+    ),
+    "norm": (ValueError, interface(within=1, norm="max"), "norm = 'max' must be one of"),
+    "frame": (ValueError, interface(within=1, frame="moving"), "frame = 'moving' must be one of"),
+    "no law": (
+        TypeError,
+        interface(within=1, law="glue"),
+        "law = 'glue' is no interface law; try vmdg.Bonded",
+    ),
+    "half a pair": (ValueError, lambda _: vmdg.NeoHookean(E=1.0), "either E and nu, or mu and lm"),
     "P_c of 0": (
         ValueError,
         lambda _: vmdg.Debonding(strength=0.0, critical_gap=0.2),
@@ -355,7 +393,29 @@ REFUSED = {
     "tags of facets": (ValueError, with_tags_of_facets, "dimension 1, .*tags of facets given"),
     "tags of another mesh": (ValueError, with_tags_of_another_mesh, "belong to another mesh; give"),
     "no tags": (TypeError, make(cell_tags=None), "not dolfinx.mesh.MeshTags; make them by"),
+    "material of no cell": (
+        ValueError,
+        make(materials={tag: STEEL for tag in (1, 2, 3)}),
+        r"materials names cell tag 3, but the mesh has only \[1, 2\]",
+    ),
     "degree 0": (ValueError, make(degree=0), "degree = 0 must be at least 1"),
+    "kinematics": (ValueError, make(kinematics="large"), "kinematics = 'large' must be one of"),
+    "thickness": (ValueError, make(thickness=0.0), r"thickness = 0.0 must be positive"),
+    "unknown tag between": (
+        ValueError,
+        make(interfaces=[vmdg.Interface(between=(1, 5), law=BOND)]),
+        r"no cell has tag 5; tags are \[1, 2\]",
+    ),
+    "unknown tag within": (
+        ValueError,
+        make(interfaces=[vmdg.Interface(within=9, law=BOND)]),
+        r"no cell has tag 9; tags are \[1, 2\]",
+    ),
+    "facet in two interfaces": (
+        ValueError,
+        two_interfaces_of_one_facet,
+        r"facet \d+ belongs to both Interface\(between.* and Interface\(facets",
+    ),
     "facets on the boundary": (
         ValueError,
         with_facets_of_the_boundary,
@@ -382,6 +442,16 @@ REFUSED = {
         "true at all vertices of no facet inside the mesh; compare coordinates by np.isclose",
     ),
     "unknown component": (ValueError, prescribe(0.0, "w"), "component 'w'; in 2D .* x, y, or None"),
+    "component out of range": (
+        ValueError,
+        prescribe(0.0, 2),
+        r"unknown component 2; in 2D it is one of 0\.\.1 or x, y, or None for all",
+    ),
+    "nothing prescribed": (
+        ValueError,
+        lambda tagged: bonded(tagged).dirichlet(np.zeros(0, dtype=np.int32), 0.0),
+        "dirichlet: no facet is selected on any rank",
+    ),
     "value of wrong shape": (ValueError, prescribe([0.0, 0.0, 0.0]), "does not fit 2 components"),
     "value that returns nothing": (ValueError, prescribe(lambda t: None), "must return the displ"),
     "value that is no number": (ValueError, prescribe("0.1 mm"), "'0.1 mm' is no number"),

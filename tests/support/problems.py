@@ -38,7 +38,7 @@ def joined(
         scene.mesh,
         scene.cell_tags,
         dict(enumerate(materials, start=1)),
-        [vmdg.Interface(between=(1, 2), law=law, **{"frame": "reference", **(interface or {})})],
+        [vmdg.Interface(law=law, **{"between": (1, 2), "frame": "reference", **(interface or {})})],
         **options,
     )
 
