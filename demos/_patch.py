@@ -11,7 +11,6 @@ import numpy as np
 
 import vmdg
 from vmdg.meshes import TaggedMesh, blocks
-from vmdg.output.fields import CauchyStress
 from vmdg.plot import cell_means, deformed_polygons, draw_cells
 
 MATERIAL = vmdg.NeoHookean(E=5000.0, nu=0.25)
@@ -34,21 +33,15 @@ class Snapshots:
     """A column of pictures of sigma_xx on the deformed side, one for each chosen load.
 
     Args:
-        problem: The patch.
         tagged: Its mesh.
         titles: Title by load factor.
         limits: Of the colours [MPa].
     """
 
     def __init__(
-        self,
-        problem: vmdg.Problem,
-        tagged: TaggedMesh,
-        titles: Mapping[float, str],
-        limits: tuple[float, float],
+        self, tagged: TaggedMesh, titles: Mapping[float, str], limits: tuple[float, float]
     ):
         self._titles, self._limits = titles, limits
-        self._stress = CauchyStress(problem)
         self._side = tagged.facet_tags.find(BACK)
         mosaic = [["curve", load] for load in titles]
         self.figure, axes = plt.subplot_mosaic(
@@ -63,7 +56,7 @@ class Snapshots:
             if not np.isclose(problem.t, load):
                 continue
             polygons, cells = deformed_polygons(problem, self._side)
-            values = cell_means(self._stress.update(), (0, 0))[cells]
+            values = cell_means(problem.stress(), (0, 0))[cells]
             drawn = draw_cells(ax, problem, polygons, values, self._limits)
             title = self._titles[load]
             ax.set(title=title, ylabel="y [mm]", xlim=(-0.05, 2.45), ylim=(-0.25, 1.05))

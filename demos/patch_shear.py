@@ -51,7 +51,7 @@ def main(
     problem, tagged = build(LAW, (2, 2, 1), (1.0, 1.5), stabilization=stabilization)
     problem.dirichlet(lambda x: np.isclose(x[1], 1) & (x[0] < 1.5 + 1e-6), 0.0, "y")
     problem.dirichlet(tagged.facet_tags.find(6), 0.0, "z")
-    pictures = Snapshots(problem, tagged, SHOWN, (-100, 0)) if plot else None
+    pictures = Snapshots(tagged, SHOWN, (-100, 0)) if plot else None
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         fields.write(-problem.t)

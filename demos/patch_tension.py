@@ -59,7 +59,7 @@ def main(
     problem.dirichlet(tagged.facet_tags.find(6), 0.0, "z")
     problem.compile()
     compiled = perf_counter()
-    pictures = Snapshots(problem, tagged, SHOWN, (0, 100)) if plot else None
+    pictures = Snapshots(tagged, SHOWN, (0, 100)) if plot else None
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         fields.write(problem.t)

@@ -52,7 +52,7 @@ def tear(
     problem.dirichlet(bottom, lambda strain: (0.0, -HEIGHT * strain))
     problem.dirichlet(top, 0.0)
     run = Run()
-    contours = Contours(problem, case.contours, case.limits) if plot else None
+    contours = Contours(case.contours, case.limits) if plot else None
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         if contours:

@@ -39,6 +39,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow the tabl
     from .problem.states import Snapshot as Snapshot
     from .solver.features import switchboard as switchboard
     from .solver.options import SolveOptions as SolveOptions
+    from .solver.result import Counts as Counts
     from .solver.result import Result as Result
     from .solver.result import StepFailure as StepFailure
     from .solver.stepping import solve as solve
@@ -47,6 +48,7 @@ _SUBPACKAGES = ("forms", "laws", "meshes", "plot")
 _HOME = {
     "Bonded": "laws",
     "Contact": "laws",
+    "Counts": "solver.result",
     "Debonding": "laws",
     "Energy": "problem.states",
     "ExponentialDebonding": "laws",

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 import vmdg
 from vmdg.meshes import TaggedMesh
-from vmdg.output.fields import CauchyStress
 from vmdg.plot import cell_means, deformed_polygons, draw_cells, profile
 
 SIZE, RADIUS = 1.0, 0.25  # mm
@@ -84,7 +83,6 @@ class Cell:
         self.gaps: dict[int, tuple[NDArray, NDArray]] = {}
         self._draws = draws
         if draws:
-            self._stress = CauchyStress(problem)
             self.figure, self._axes = plt.subplots(2, 2, figsize=(7, 6.6), layout="constrained")
 
     def skip(self, history: vmdg.History) -> None:
@@ -112,7 +110,7 @@ class Cell:
         number, problem = self.stage, self._problem
         ax, magnify = self._axes.flat[number - 1], MAGNIFY[number - 1]
         polygons, cells = deformed_polygons(problem, magnify=magnify)
-        values = cell_means(self._stress.update(), (0, 0))[cells]
+        values = cell_means(problem.stress(), (0, 0))[cells]
         self._drawn = draw_cells(ax, problem, polygons, values, (0, 30))
         self._drawn.set(linewidth=0.3, cmap="viridis")
         scale = f"displacement x {magnify}" if magnify > 1 else "true scale"

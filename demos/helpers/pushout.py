@@ -21,7 +21,6 @@ from vmdg.meshes.pushout import (
     SYMMETRY_X,
     SYMMETRY_Y,
 )
-from vmdg.output.fields import CauchyStress
 from vmdg.plot import cell_means, deformed_corners, draw_cells, mode_map
 
 RADIUS, OUTER_RADIUS, HEIGHT = 0.95, 4.3, 5.36  # mm
@@ -154,7 +153,6 @@ class Levels:
 
     def __init__(self, model: Model):
         self._model = model
-        self._stress = CauchyStress(model.problem)
         self._kept = {self.NAMES[0]: (model.problem.snapshot(), 0.0)}
         self._peak, self._damaged = -np.inf, False
 
@@ -209,7 +207,7 @@ class Levels:
 
     def _stresses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """sigma_rz and the largest principal stress, cell means [MPa]."""
-        function = self._stress.update()
+        function = self._model.problem.stress()
         sigma = cell_means(function)
         shear = sigma[:, 0, 1]
         if self._model.seen is not None:

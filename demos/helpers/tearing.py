@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 import vmdg
 from vmdg.meshes import TaggedMesh
-from vmdg.output.fields import CauchyStress
 from vmdg.plot import cell_means, deformed_polygons, draw_cells
 
 STYLES = {"coarse": "o", "medium": "x", "fine": "-"}
@@ -92,19 +91,16 @@ class Contours:
     """A row of pictures of sigma_yy on the deformed plates, one for each chosen strain.
 
     Args:
-        problem: The plates.
         strains: When to draw.
         limits: Of the colours [MPa].
     """
 
-    def __init__(
-        self, problem: vmdg.Problem, strains: Sequence[float], limits: tuple[float, float]
-    ):
+    def __init__(self, strains: Sequence[float], limits: tuple[float, float]):
         self.figure, axes = plt.subplots(
             1, len(strains), figsize=(9.5, 3.4), sharey=True, layout="constrained"
         )
         self._axes = dict(zip(strains, axes, strict=True))
-        self._stress, self._limits = CauchyStress(problem), limits
+        self._limits = limits
 
     def take(self, problem: vmdg.Problem) -> None:
         """Draw the current state if its strain is one of the chosen; collective."""
@@ -112,7 +108,7 @@ class Contours:
             if not np.isclose(problem.t, strain):
                 continue
             polygons, cells = deformed_polygons(problem)
-            values = cell_means(self._stress.update(), (1, 1))[cells]
+            values = cell_means(problem.stress(), (1, 1))[cells]
             drawn = draw_cells(ax, problem, polygons, values, self._limits)
             drawn.set(linewidth=0, antialiased=False)
             ax.set(title=f"strain {100 * strain:.3g} %", xlabel="x [mm]")

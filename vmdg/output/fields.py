@@ -1,21 +1,16 @@
-"""Fields for ParaView, and cell values for plots."""
+"""Fields for ParaView."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-import ufl
 from dolfinx import fem
 from dolfinx.io import VTXWriter
 from numpy.typing import NDArray
-from ufl.core.expr import Expr
 
 from .. import compat
-from ..base.kernels import compile_expression
-from ..forms import kinematics
-from ..forms.dilatation import without_dilatation
 from ..interface.interface import Which, interface_names, number_of
 from ..problem.problem import Problem
 from .corners import corners_of_local, positions_and_displacements
@@ -25,55 +20,6 @@ from .values import VECTORS, facet_means, facet_scalar
 DISPLACEMENT, STRESS = "displacement", "stress"
 INTERFACE_FIELDS = (DISPLACEMENT, *VECTORS, "slip", "damage", "mode", "fine_scale")
 FIELDS = tuple(dict.fromkeys((DISPLACEMENT, STRESS, *INTERFACE_FIELDS)))
-
-
-class CauchyStress:
-    """Cauchy stress sigma = P.F^T / J of the bodies, (3, 3) [MPa], discontinuous of degree k.
-
-    In axisymmetry the order is r, z, theta; in plane strain sigma_zz = (dW/dF_33) / J stands at the
-    end.
-
-    Attributes:
-        function: The stress, as of the last :meth:`update`.
-    """
-
-    def __init__(self, problem: Problem):
-        degree = problem.space.ufl_element().degree
-        space = fem.functionspace(problem.mesh, ("DG", degree, (3, 3)))
-        self.function = fem.Function(space, name=STRESS)
-        self._problem = problem
-        self._points = compat.interpolation_points(space)
-        self._u: fem.Function | None = None
-
-    def _make_expressions(self) -> None:
-        self._u = self._problem.u
-        self._expressions = []
-        for region in self._problem.regions:
-            F = ufl.variable(self._problem.geometry.nodal_deformation(self._u))
-            stress = _cauchy(region.body, F)
-            expression = compile_expression(stress, self._points, self._problem.comm)
-            self._expressions.append((expression, region.cells))
-
-    def update(self) -> fem.Function:
-        """Evaluate at the current displacement."""
-        if self._u is not self._problem.u:
-            self._make_expressions()
-        self._problem.discretization.update_dilatation()
-        for expression, cells in self._expressions:
-            self.function.interpolate(expression, cells)
-        self.function.x.scatter_forward()
-        return self.function
-
-
-def _cauchy(body: kinematics.Body, F: Expr) -> Expr:
-    P = kinematics.first_piola(body, F)
-    own = without_dilatation(F) if body.mean_dilatation else F
-    stress = P * own.T / ufl.det(own)
-    if own.ufl_shape[0] == 3:
-        return stress
-    solid = ufl.variable(kinematics.plane_strain_embedding(body.effective(F), 1))
-    out_of_plane = kinematics.first_piola(body.pointwise, solid)[2, 2] / ufl.det(own)
-    return kinematics.plane_strain_embedding(stress, out_of_plane)
 
 
 class Displacement:
@@ -190,28 +136,31 @@ class FieldWriter:
         if problem.comm.rank == 0:
             folder.mkdir(parents=True, exist_ok=True)
         problem.comm.barrier()
-        bodies: list[Displacement | CauchyStress] = []
+        self._updates: list[Callable[[], object]] = []
+        files: dict[str, list[fem.Function]] = {"bodies": []}
         if DISPLACEMENT in names:
-            bodies.append(Displacement(problem))
+            displacement = Displacement(problem)
+            self._updates.append(displacement.update)
+            files["bodies"].append(displacement.function)
         if STRESS in names:
-            bodies.append(CauchyStress(problem))
-        self._fields: list[Displacement | CauchyStress | InterfaceFields] = [*bodies]
-        outputs = [("bodies", [field.function for field in bodies])] if bodies else []
+            self._updates.append(problem.stress)
+            files["bodies"].append(problem.stress())
         chosen = [name for name in names if name in INTERFACE_FIELDS]
         if set(chosen) - {DISPLACEMENT}:
             for name in interface_names(problem.interfaces):
                 interface = InterfaceFields(problem, name, chosen)
-                self._fields.append(interface)
-                outputs.append((name, list(interface.functions.values())))
+                self._updates.append(interface.update)
+                files[name] = list(interface.functions.values())
         self._writers = [
             VTXWriter(functions[0].function_space.mesh.comm, folder / f"{name}.bp", functions)
-            for name, functions in outputs
+            for name, functions in files.items()
+            if functions
         ]
 
     def write(self, t: float) -> None:
         """Write the current state as time ``t``; collective."""
-        for field in self._fields:
-            field.update()
+        for update in self._updates:
+            update()
         for writer in self._writers:
             writer.write(t)
 

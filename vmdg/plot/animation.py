@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from ..base.parallel import raise_together
-from ..output.fields import CauchyStress
 from ..output.history import History
 from ..problem.problem import Problem
 from ..problem.states import Snapshot
@@ -67,9 +66,8 @@ def animate(
     _check(problem, path, snapshots, history)
     rows = np.arange(len(history) - len(snapshots), len(history))
     factors = np.broadcast_to(magnify, len(snapshots))
-    field = CauchyStress(problem)
-    found, low, high = _ranges(problem, snapshots, factors, component, field)
-    options = {"component": component, "limits": limits or found, "field": field, "edges": 0}
+    found, low, high = _ranges(problem, snapshots, factors, component)
+    options = {"component": component, "limits": limits or found, "edges": 0}
     figure = plt.figure(figsize=figsize)
     solid = problem.mesh.geometry.dim == 3
     grid = figure.add_gridspec(1, 2, width_ratios=(1.5, 1))
@@ -155,7 +153,6 @@ def _ranges(
     snapshots: Sequence[Snapshot],
     factors: NDArray[np.float64],
     component: str,
-    field: CauchyStress,
 ) -> tuple[Limits, NDArray[np.float64], NDArray[np.float64]]:
     """Range of the stress, and least and largest coordinates (3,), over all snapshots and ranks.
 
@@ -164,7 +161,7 @@ def _ranges(
     stresses, low, high = [], np.full(3, np.inf), np.full(3, -np.inf)
     for snapshot, factor in zip(snapshots, factors, strict=True):
         problem.return_to(snapshot)
-        stresses.append(np.quantile(stress_means(problem, component, field), (0.005, 0.995)))
+        stresses.append(np.quantile(stress_means(problem, component), (0.005, 0.995)))
         ends = deformed_ends(problem, factor)
         low, high = np.minimum(low, ends[0]), np.maximum(high, ends[1])
     least, largest = np.min(stresses), np.max(stresses)

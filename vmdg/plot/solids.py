@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.parallel import raise_together
-from ..output.fields import CauchyStress
 from ..problem.problem import Problem
 from .stress import (
     Limits,
@@ -50,12 +49,12 @@ def picture(
     pyvista = _pyvista()
     message = None
     if problem.mesh.geometry.dim != 3:
-        message = "plot_3d.picture: the problem is plane; use vmdg.plot.stress"
+        message = "solids.picture: the problem is plane; use vmdg.plot.stress"
     raise_together(problem.comm, message)
     take, _ = component_of(problem, component)
     facets = boundary_facets(problem) if facets is None else facets
     corners, cells = deformed_corners(problem, facets, magnify)
-    values = take(cell_means(CauchyStress(problem).update()))[cells]
+    values = take(cell_means(problem.stress()))[cells]
     corners, values = on_first_rank(problem, corners, values)
     if problem.comm.rank > 0:
         return
@@ -77,7 +76,7 @@ def _pyvista() -> ModuleType:
         import pyvista
     except ImportError as error:
         raise ImportError(
-            f"vmdg.plot_3d needs PyVista ({error}): pip install pyvista, and without a display "
+            f"vmdg.plot.solids needs PyVista ({error}): pip install pyvista, and without a display "
             "the library OSMesa too (Debian: libosmesa6); or use vmdg.plot.stress"
         ) from error
     return pyvista

@@ -22,7 +22,6 @@ from ..output.corners import (
     nodal_means,
     positions_and_displacements,
 )
-from ..output.fields import CauchyStress
 from ..output.history import History
 from ..problem.problem import Problem
 
@@ -72,7 +71,6 @@ def stress(
     ax: Axes | None = None,
     limits: Limits | None = None,
     facets: NDArray[np.int32] | None = None,
-    field: CauchyStress | None = None,
     edges: float = 0.1,
     colorbar: bool = True,
 ) -> Axes:
@@ -89,7 +87,6 @@ def stress(
         ax: Where to draw, with projection "3d" for solids; None for a new figure.
         limits: Stresses at both ends of the colours [MPa]; None for the range that occurs.
         facets: In 3D, the boundary facets to draw; None for all.
-        field: Kept from an earlier picture, so that it need not be set up again.
         edges: Width of the lines between cells [points].
         colorbar: Whether to add one.
 
@@ -100,7 +97,7 @@ def stress(
         ValueError: no such component.
     """
     take, label = component_of(problem, component)
-    sigma = (field or CauchyStress(problem)).update()
+    sigma = problem.stress()
     solid = problem.mesh.geometry.dim == 3
     if ax is None:
         figure = plt.figure(layout="none" if solid else "constrained")
@@ -129,13 +126,11 @@ def axis_names(problem: Problem) -> str:
     return "rzt" if isinstance(problem.geometry, Axisymmetric) else "xyz"
 
 
-def stress_means(
-    problem: Problem, component: str, field: CauchyStress | None = None
-) -> NDArray[np.float64]:
+def stress_means(problem: Problem, component: str) -> NDArray[np.float64]:
     """Cell means of a component of :func:`stress`, of all ranks, on every rank (n,) [MPa]."""
     take, _ = component_of(problem, component)
     owned = problem.mesh.topology.index_map(problem.mesh.topology.dim).size_local
-    own = take(cell_means((field or CauchyStress(problem)).update())[:owned])
+    own = take(cell_means(problem.stress())[:owned])
     return np.concatenate(problem.comm.allgather(own))
 
 

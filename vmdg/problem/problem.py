@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from types import MappingProxyType
 
 from petsc4py import PETSc
@@ -25,6 +26,7 @@ from ..assembly.dirichlet import (
 )
 from ..assembly.discretization import Discretization
 from ..assembly.loads import DeadLoads
+from ..assembly.stress import CauchyStress
 from ..base.parallel import global_any, global_max, global_sum
 from ..domain.cells import check_cells
 from ..domain.geometry import axis_dofs, make_geometry
@@ -761,6 +763,19 @@ class Problem:
         weights = self.state[interface].weights
         integral, area = global_sum(self.comm, [weights @ square, weights.sum()])
         return float(np.sqrt(integral / area)) if area > 0 else 0.0
+
+    @cached_property
+    def _stress(self) -> CauchyStress:
+        return CauchyStress(self.discretization)
+
+    def stress(self) -> fem.Function:
+        """Cauchy stress sigma = P.F^T / J at the current displacement (3, 3) [MPa]; collective.
+
+        Discontinuous of degree k. In axisymmetry the order is r, z, theta; in plane strain sigma_zz
+        stands at the end. Every call returns the same function with new values: copy what is to
+        stay.
+        """
+        return self._stress.update(self.discretization)
 
     def energy(self) -> Energy:
         """Energies at the current state, with what is dissipated as in (34); collective."""

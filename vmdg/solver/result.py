@@ -36,7 +36,12 @@ class Counts:
 
     @classmethod
     def from_timings(cls, timings: Sequence[Timing], krylov: int) -> Counts:
-        """From the runs of the timers around the work, and the Krylov iterations of all steps."""
+        """From what the timers around the work have counted.
+
+        Args:
+            timings: Of the run.
+            krylov: Krylov iterations of all steps.
+        """
         runs = {timing.name: timing.runs for timing in timings}
         counts = {name: sum(runs.get(timer, 0) for timer in of) for name, of in _TIMERS.items()}
         return cls(**counts, krylov=krylov)

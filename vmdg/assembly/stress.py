@@ -1,0 +1,64 @@
+"""Cauchy stress of the bodies as a field."""
+
+from __future__ import annotations
+
+import ufl
+from dolfinx import fem
+from ufl.core.expr import Expr
+
+from .. import compat
+from ..base.kernels import compile_expression
+from ..forms import kinematics
+from ..forms.dilatation import without_dilatation
+from .discretization import Discretization
+
+
+class CauchyStress:
+    """Cauchy stress sigma = P.F^T / J of the bodies, (3, 3) [MPa], discontinuous of degree k.
+
+    In axisymmetry the order is r, z, theta; in plane strain sigma_zz = (dW/dF_33) / J stands at the
+    end.
+
+    Args:
+        discretization: Of the problem; its mesh and degree stay.
+
+    Attributes:
+        function: The stress, as of the last :meth:`update`.
+    """
+
+    def __init__(self, discretization: Discretization):
+        mesh, degree = discretization.mesh, discretization.degree
+        space = fem.functionspace(mesh, ("DG", degree, (3, 3)))
+        self.function = fem.Function(space, name="stress")
+        self._compile(discretization)
+
+    def _compile(self, discretization: Discretization) -> None:
+        self._u = u = discretization.u
+        points = compat.interpolation_points(self.function.function_space)
+        self._expressions = []
+        for region in discretization.bodies.regions:
+            F = ufl.variable(discretization.geometry.nodal_deformation(u))
+            stress = _cauchy(region.body, F)
+            expression = compile_expression(stress, points, discretization.mesh.comm)
+            self._expressions.append((expression, region.cells))
+
+    def update(self, discretization: Discretization) -> fem.Function:
+        """Evaluate at the displacement of a discretization, the first one or a later one."""
+        if self._u is not discretization.u:
+            self._compile(discretization)
+        discretization.update_dilatation()
+        for expression, cells in self._expressions:
+            self.function.interpolate(expression, cells)
+        self.function.x.scatter_forward()
+        return self.function
+
+
+def _cauchy(body: kinematics.Body, F: Expr) -> Expr:
+    P = kinematics.first_piola(body, F)
+    own = without_dilatation(F) if body.mean_dilatation else F
+    stress = P * own.T / ufl.det(own)
+    if own.ufl_shape[0] == 3:
+        return stress
+    solid = ufl.variable(kinematics.plane_strain_embedding(body.effective(F), 1))
+    out_of_plane = kinematics.first_piola(body.pointwise, solid)[2, 2] / ufl.det(own)
+    return kinematics.plane_strain_embedding(stress, out_of_plane)
