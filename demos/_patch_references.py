@@ -45,22 +45,23 @@ def residual_norms(problem: vmdg.Problem, t: float, iterations: int = 5) -> list
     The predictor holds zeta; tau_s is re-evaluated at the predictor and at the first two
     residuals, then frozen.
     """
-    problem.begin_step(t, dt=1.0)
-    fixed, u, K = problem.prescribed, problem.u.x.array, problem.create_matrix()
+    problem.step.begin(t, dt=1.0)
+    fixed, u = problem.loading.prescribed, problem.u.x.array
+    K = problem.discretization.create_matrix()
     free = np.setdiff1d(np.arange(len(u)), fixed)
-    move = problem.prescribed_values(t) - u[fixed]
+    move = problem.loading.prescribed_values(t) - u[fixed]
 
-    residual = problem.assemble_residual(hold=True).copy()
-    problem.assemble_tangent(K, damage=False)
+    residual = problem.step.assemble_residual(hold=True).copy()
+    problem.discretization.assemble_tangent(K, damage=False)
     A = K[:, :][free]
     u[fixed] += move
     u[free] -= np.linalg.solve(A[:, free], residual[free] + A[:, fixed] @ move)
     norms = []
     for iteration in range(iterations):
         if iteration < 2:
-            problem.update_stabilization(dt=1.0)
-        residual = problem.assemble_residual()[free].copy()
+            problem.discretization.update_stabilization(dt=1.0)
+        residual = problem.step.assemble_residual()[free].copy()
         norms.append(float(np.linalg.norm(residual)))
-        problem.assemble_tangent(K)
+        problem.discretization.assemble_tangent(K)
         u[free] -= np.linalg.solve(K[:, :][np.ix_(free, free)], residual)
     return norms

@@ -83,7 +83,7 @@ def main(
         stage = stages.update(force)
         nodes = problem.space.dofmap.index_map.size_global
         if animate:
-            snapshots.append(problem.snapshot())
+            snapshots.append(problem.step.snapshot())
         strain, stress = 2 * problem.t / SIZE, force / SIZE
         row = {"strain [-]": strain, "stress [MPa]": stress}
         return row | {"stage [-]": stage, "nodes [-]": nodes}

@@ -57,7 +57,7 @@ def main(
     problem, tagged = build(LAW)
     problem.dirichlet(tagged.facet_tags.find(5), 0.0, "y")
     problem.dirichlet(tagged.facet_tags.find(6), 0.0, "z")
-    problem.compile()
+    problem.discretization.compile()
     compiled = perf_counter()
     pictures = Snapshots(tagged, SHOWN, (0, 100)) if plot else None
 

@@ -39,7 +39,6 @@ MOST_NAMES = 25
 #: Classes that show more, and why.
 LARGE = {
     "vmdg.assembly.discretization.Discretization": "not yet split",
-    "vmdg.problem.problem.Problem": "not yet split",
 }
 
 

@@ -245,7 +245,7 @@ def check_kernels(comm: MPI.Comm) -> str:
     from .base import kernels
 
     before = len(kernels.requested)
-    blocks(comm).compile()
+    blocks(comm).discretization.compile()
     compiled = comm.bcast(sum(kernel.lines > 0 for kernel in kernels.requested[before:]))
     known = len(kernels.requested) - before - compiled
     return f"{compiled} compiled (once), {known} found in {kernels.cache_folder()}"
@@ -256,7 +256,7 @@ def check_ghosts(comm: MPI.Comm) -> str:
     if comm.size == 1:
         return "one rank has all cells (mpirun -n 2 checks several)"
     problem = blocks(comm)
-    if (problem.interface_facets(0).cells < 0).any():
+    if (problem.step.activation.facets[0].cells < 0).any():
         raise RuntimeError("a rank lacks a cell at the interface")
     if not math.isclose(area := problem.mean(0).area, 1.0, rel_tol=1e-12):
         raise RuntimeError(f"the ranks have {area:.6g} of 1 mm of the interface")

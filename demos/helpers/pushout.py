@@ -153,7 +153,7 @@ class Levels:
 
     def __init__(self, model: Model):
         self._model = model
-        self._kept = {self.NAMES[0]: (model.problem.snapshot(), 0.0)}
+        self._kept = {self.NAMES[0]: (model.problem.step.snapshot(), 0.0)}
         self._peak, self._damaged = -np.inf, False
 
     def skip(self, history: vmdg.History) -> None:
@@ -163,7 +163,7 @@ class Levels:
 
     def update(self, force: float, damaged: float) -> None:
         """Keep the current state where it is one of the four."""
-        state = self._model.problem.snapshot(), force
+        state = self._model.problem.step.snapshot(), force
         if damaged > 0 and not self._damaged:
             self._damaged = True
             self._kept[self.NAMES[1]] = state
@@ -179,7 +179,7 @@ class Levels:
         kept = [(name, self._kept[name]) for name in self.NAMES if name in self._kept]
         axes = [[], []]
         for column, (name, (snapshot, force)) in enumerate(kept, start=1):
-            problem.return_to(snapshot)
+            problem.step.return_to(snapshot)
             corners, cells = deformed_corners(problem, self._model.seen, magnify=MAGNIFY)
             for row, values in enumerate(self._stresses()):
                 place = (3, len(kept), column + len(kept) * row)

@@ -101,7 +101,7 @@ def pull(law: vmdg.Law, degree: int, element_size: float, steps: int, **options:
         options: Further ones of :class:`vmdg.SolveOptions`.
     """
     problem, right = build(law, degree, element_size)
-    problem.compile()
+    problem.discretization.compile()
     loads = np.linspace(0, END, steps + 1)[1:] if law.inelastic else [END / steps]
     options = vmdg.SolveOptions(relative_tolerance=1e-6, **options)
     start = process_time()

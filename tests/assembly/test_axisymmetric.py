@@ -50,10 +50,10 @@ def test_volume_and_area_of_a_cone(comm, cell):
     problem.body_force([0.0, -3.0])
     problem.traction(scene.facet_tags.find(TOP), [0.0, -2.0])
     problem.traction(scene.facet_tags.find(OUTER), [5.0, 0.0])
-    problem.apply_loads(0.0)
-    problem.assemble_residual()
+    problem.loading.apply(0.0)
+    problem.step.assemble_residual()
     end = np.pi * (2.0**2 - 0.5**2)
-    everything = problem.forces.x.array.reshape(-1, 2)
+    everything = problem.discretization.forces.x.array.reshape(-1, 2)
     count = problem.space.dofmap.index_map.size_local
     total = comm.allreduce(everything[:count].sum(axis=0))
     assert total == pytest.approx(
@@ -176,11 +176,11 @@ def moved(comm, cell, degree, motion, law=None, materials=MATERIALS, jump=False,
     interface = {"traction_jump": jump, "frame": frame}
     problem = revolved(scene, law, materials, interface, degree=degree)
     for t, move in ((1.0, first), (2.0, second)):
-        problem.begin_step(t, 1.0)
+        problem.step.begin(t, 1.0)
         put(problem, scene, move, 0.05 * t)
-        problem.assemble_residual()
+        problem.step.assemble_residual()
         if t == 1.0:
-            problem.commit()
+            problem.step.commit()
     return problem
 
 
@@ -192,7 +192,7 @@ def test_tangent(comm, cell, degree, motion, frame):
     """The staged tangent is the derivative of the residual in every branch of the law."""
     problem = moved(comm, cell, degree, motion, frame=frame)
     assert tangent_error(problem) < 1e-7
-    problem.commit()
+    problem.step.commit()
     assert (gather(comm, problem.state[0].mode) == MOTIONS[motion][-1]).all()
 
 
@@ -214,9 +214,9 @@ def test_bonded_tangent_is_symmetric(comm, kinematics):
     scene = section(comm, "quadrilateral", (2, 2), distortion=0.05)
     problem = revolved(scene, STRONG, kinematics=kinematics)
     put(problem, scene, (0.01, 0.02))
-    problem.assemble_residual()
-    matrix = problem.create_matrix()
-    problem.assemble_tangent(matrix)
+    problem.step.assemble_residual()
+    matrix = problem.discretization.create_matrix()
+    problem.discretization.assemble_tangent(matrix)
     assert matrix.isSymmetric(1e-12 * matrix.norm())
     assert tangent_error(problem) < 1e-7
 
@@ -361,9 +361,10 @@ def test_axis_is_held(comm):
     X = problem.space.tabulate_dof_coordinates()
     on_axis = np.flatnonzero(np.abs(X[:, 0]) < 1e-9)
     assert comm.allreduce(len(on_axis)) > 0
-    assert (problem.prescribed == 2 * on_axis).all()
+    assert (problem.loading.prescribed == 2 * on_axis).all()
     problem.dirichlet(scene.facet_tags.find(TOP), (0.3, 0.1))
-    values = dict(zip(problem.prescribed.tolist(), problem.prescribed_values(1.0), strict=True))
+    prescribed, values = problem.loading.prescribed, problem.loading.prescribed_values(1.0)
+    values = dict(zip(prescribed.tolist(), values, strict=True))
     assert all(values[2 * node] == 0 for node in on_axis)
     assert all(values.get(2 * node + 1, 0.1) == 0.1 for node in on_axis)
 
@@ -420,9 +421,9 @@ def test_coercive_rings(comm):
     for safety in (1.0, "auto"):
         scene = section(comm, "quadrilateral", (1, 3), (0.95, 1.0, 1.05), 1.5)
         problem = revolved(scene, vmdg.Bonded(), nearly, interface={"safety": safety})
-        matrix = problem.create_matrix()
-        problem.assemble_residual()
-        problem.assemble_tangent(matrix)
+        matrix = problem.discretization.create_matrix()
+        problem.step.assemble_residual()
+        problem.discretization.assemble_tangent(matrix)
         dense = matrix[:, :]
         scale = np.sqrt(np.diag(dense))
         values = np.linalg.eigvalsh(dense / scale / scale[:, None])

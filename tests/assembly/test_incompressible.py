@@ -122,7 +122,7 @@ def shear_pressure(n: int):
     grid = np.empty((n, n))
     midpoints = compute_midpoints(mesh, 2, np.arange(n * n, dtype=np.int32))
     i, j, _ = (n * midpoints).astype(int).T
-    grid[i, j] = problem.geometry.pressure.x.array
+    grid[i, j] = problem.discretization.geometry.pressure.x.array
     return grid
 
 
@@ -166,7 +166,7 @@ def test_patch(comm, cell, kinematics):
     error = np.abs(problem.u.x.array.reshape(-1, d) - exact).max(initial=0)
     assert comm.allreduce(error, op=MPI.MAX) < 1e-12
     J = 1 + np.trace(H) if kinematics == "small" else np.linalg.det(np.eye(d) + H)
-    theta = gather(comm, problem.geometry.theta.x.array)
+    theta = gather(comm, problem.discretization.geometry.theta.x.array)
     assert np.abs(theta - J).max() < 1e-12
     jump = global_norm(comm, problem.state[0].opening)
     assert jump < 1e-12
@@ -181,10 +181,17 @@ def test_stress_of_uniform_deformation(comm, cell):
         scene = two_blocks(comm, cell, n=1, distortion=0.05)
         problem = joined(scene, vmdg.Bonded(), volumetric=volumetric)
         problem.u.interpolate(lambda x: H @ x[:d])
-        problem.update_stabilization(1.0)
-        problem.assemble_residual()
+        problem.discretization.update_stabilization(1.0)
+        problem.step.assemble_residual()
         stress = problem.stress().x.array.copy()
-        found.append((problem.energy().stored, problem.state[0].traction, stress, problem.forces))
+        found.append(
+            (
+                problem.energy().stored,
+                problem.state[0].traction,
+                stress,
+                problem.discretization.forces,
+            )
+        )
     for pointwise, mean in zip(*(values[:3] for values in found), strict=True):
         assert mean == pytest.approx(pointwise, rel=1e-12, abs=1e-9)
     pointwise, mean = (values[3].x.array for values in found)
@@ -242,11 +249,11 @@ def test_tangent_in_a_turning_frame(comm, materials, swelling):
         volumetric="mean",
         eigenstrain=swelling,
     )
-    problem.begin_step(1.0, 1.0)
+    problem.step.begin(1.0, 1.0)
     displace(problem, scene, 0.7)
-    problem.assemble_residual()
-    problem.commit()
-    problem.begin_step(2.0, 1.0)
+    problem.step.assemble_residual()
+    problem.step.commit()
+    problem.step.begin(2.0, 1.0)
     displace(problem, scene, 0.75)
     assert tangent_error(problem, tangent_matrix(problem)) < 1e-7
 
@@ -268,10 +275,12 @@ def test_invariants_give_the_energy_of_f_bar(comm, swelling):
         if user:
             materials = [vmdg.Hyperelastic(energy_of_a_user, m.parameters) for m in materials]
         problem = joined(scene, vmdg.Bonded(), materials, volumetric="mean", eigenstrain=swelling)
-        problem.apply_loads(1.0)
+        problem.loading.apply(1.0)
         displace(problem, scene, 1.0)
         matrix = tangent_matrix(problem)
-        found.append((problem.energy().stored, problem.forces.x.array.copy(), matrix))
+        found.append(
+            (problem.energy().stored, problem.discretization.forces.x.array.copy(), matrix)
+        )
     (energy, forces, matrix), (expected, reference, other) = found
     assert energy == pytest.approx(expected, rel=1e-12)
     assert np.abs(forces - reference).max() < 1e-11 * np.abs(reference).max()
@@ -297,7 +306,7 @@ def test_blocks_are_ufl_derivatives(comm, kinematics):
     problem = joined(scene, law, kinematics=kinematics, volumetric="mean")
     displace(problem, scene, 1.0)
     tangent_matrix(problem)
-    parts, theta = problem.discretization, problem.geometry.theta
+    parts, theta = problem.discretization, problem.discretization.geometry.theta
     of_u, of_theta = (ufl.TestFunction(f.function_space) for f in (problem.u, theta))
     for eta in (of_u, of_theta):
         residual = problem.discretization.residual_ufl(eta)
@@ -321,7 +330,7 @@ def test_residual_is_derivative_of_energy(comm, cell, kinematics):
         volumetric="mean",
     )  # fmt: skip
     displace(problem, scene, 1.0)
-    residual = problem.assemble_residual(hold=True).copy()
+    residual = problem.step.assemble_residual(hold=True).copy()
     u = problem.u.x.array
     start, e = u.copy(), 1e-3
 
@@ -446,7 +455,7 @@ def test_rings(comm):
     scene = section(comm, "quadrilateral", (2, 2), (0.5, 1.0, 2.0), distortion=0.05)
     problem = revolved(scene, vmdg.Bonded(), [rubber(), rubber(200.0)], volumetric="mean")
     problem.u.interpolate(lambda x: 0.05 * np.sin(2 * x[:2] + x[1::-1]))
-    problem.update_stabilization(1.0)
+    problem.discretization.update_stabilization(1.0)
     matrix = tangent_matrix(problem)
     assert tangent_error(problem, matrix) < 1e-8
     assert matrix.isSymmetric(1e-12 * matrix.norm())
@@ -491,7 +500,7 @@ def test_off_by_default(comm):
     """Without the option no form has a dilatation."""
     problem = joined(two_blocks(comm, "quadrilateral"), vmdg.Bonded())
     assert problem.discretization.dilatation is None
-    names = {f.name for f in problem.residual_ufl().coefficients()}
+    names = {f.name for f in problem.discretization.residual_ufl().coefficients()}
     assert not names & {"dilatation", "pressure"}
 
 
@@ -502,7 +511,7 @@ def test_small_strain_is_linear(comm, kinematics):
     problem = joined(scene, vmdg.Bonded(), kinematics=kinematics, volumetric="mean")
     displace(problem, scene, 1.0)
     matrix = tangent_matrix(problem)
-    residual = problem.assemble_residual().copy()
+    residual = problem.step.assemble_residual().copy()
     product = multiply(matrix, problem.u.x.array[: len(residual)])
     error = global_norm(comm, product - residual) / global_norm(comm, residual)
     assert (error < 1e-12) == (kinematics == "small")

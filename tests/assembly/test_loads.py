@@ -13,9 +13,9 @@ import vmdg
 
 def resultants(problem: vmdg.Problem, t: float) -> tuple[np.ndarray, float]:
     """Total external force (2,) and its moment about the origin, the same on every rank."""
-    problem.apply_loads(t)
+    problem.loading.apply(t)
     problem.u.x.array[:] = 0
-    forces = -problem.assemble_residual().reshape(-1, 2)
+    forces = -problem.step.assemble_residual().reshape(-1, 2)
     x = problem.space.tabulate_dof_coordinates()[: len(forces)]
     moment = x[:, 0] @ forces[:, 1] - x[:, 1] @ forces[:, 0]
     total = problem.comm.allreduce(np.append(forces.sum(axis=0), moment))

@@ -124,7 +124,7 @@ def test_state_intact(run, what):
     active = run.problem.discretization.active[0]
     array = {
         "u": run.problem.u.x.array,
-        "forces": run.problem.forces.x.array,
+        "forces": run.problem.discretization.forces.x.array,
         "gap": active.values.gap,
         "softening": active.history.softening,
     }[what]
@@ -135,16 +135,16 @@ def test_state_intact(run, what):
 def test_equilibrium(run):
     """A millionth of the opening more at a free node; a lost reaction; a force that turns."""
     u = run.problem.u.x.array
-    free = np.setdiff1d(np.arange(len(u)), run.problem.prescribed)[0]
+    free = np.setdiff1d(np.arange(len(u)), run.problem.loading.prescribed)[0]
     u[free] += 1e-6 * LAW.critical_gap
     found = checks.equilibrium(run)
     assert "residual" in found[0]
     u[free] -= 1e-6 * LAW.critical_gap
     del run.new
-    largest = np.abs(run.problem.forces.x.array).argmax()
-    run.problem.forces.x.array[largest] *= 1 + 1e-5
+    largest = np.abs(run.problem.discretization.forces.x.array).argmax()
+    run.problem.discretization.forces.x.array[largest] *= 1 + 1e-5
     assert "reported" in checks.equilibrium(run)[0]
-    run.new.forces.x.array[largest] *= 1 + 1e-5
+    run.new.discretization.forces.x.array[largest] *= 1 + 1e-5
     found = checks.equilibrium(run)
     assert any("add up" in text for text in found)
     assert any("moments" in text for text in found)
@@ -271,7 +271,7 @@ def test_exact(t):
     run = execute(case)
     assert not checks.exact(run)
     run.problem.u.x.array[:] *= 1 + 1e-4
-    run.problem.assemble_residual()
+    run.problem.step.assemble_residual()
     assert checks.exact(run)
 
 
@@ -281,7 +281,7 @@ def test_closed_form_of_the_patch():
     assert not checks.exact(run)
     u = run.problem.u.x.array
     u[0] += 1e-5 * np.abs(u).max()
-    run.problem.assemble_residual(hold=True)
+    run.problem.step.assemble_residual(hold=True)
     assert checks.exact(run)
 
 

@@ -145,7 +145,7 @@ def test_names_in_files(comm, out, cell, kind):
     assert read.cell_tags.names == {"fibre": 1, "matrix": 2}
     assert read.facet_tags.names["interface"] == 3
     problem = make(read, {"fibre": STEEL, "matrix": SOFT}, between=("fibre", "matrix"))
-    facets = comm.allreduce(len(problem.interface_facets(0).facets))
+    facets = comm.allreduce(len(problem.step.activation.facets[0].facets))
     assert facets > 5
     assert comm.allreduce(len(read.facet_tags.find("interface"))) >= facets
 

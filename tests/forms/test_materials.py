@@ -385,8 +385,8 @@ def test_constants_of_a_material_may_change(comm):
 
     problem = joined(scene, vmdg.Bonded(), [vmdg.Hyperelastic(energy, {"b": -1.0})] * 2)
     problem.u.interpolate(lambda x: np.stack([0.1 * x[0] * x[1], 0.05 * x[0] ** 2]))
-    problem.assemble_residual()
-    first = problem.bulk_forces().copy()
+    problem.step.assemble_residual()
+    first = problem.discretization.bulk_forces().copy()
     stiffness.value *= 2
-    problem.assemble_residual()
-    assert problem.bulk_forces() == pytest.approx(2 * first, rel=1e-13, abs=1e-13)
+    problem.step.assemble_residual()
+    assert problem.discretization.bulk_forces() == pytest.approx(2 * first, rel=1e-13, abs=1e-13)

@@ -140,7 +140,7 @@ def test_fully_open(runs, cell):
     """Apart, the interface carries nothing, both blocks are at rest and every point is OPEN."""
     run = runs(cell)
     state, comm = run.problem.state[0], run.problem.comm
-    forces = run.problem.forces.x.array
+    forces = run.problem.discretization.forces.x.array
     assert np.abs(gather(comm, state.traction)).max() < 1e-9
     assert (gather(comm, state.mode) == Mode.OPEN).all()
     assert np.abs(run.problem.reaction(run.right)).max() < 1e-9
@@ -189,7 +189,7 @@ def snapshot(problem):
     history = problem.discretization.active[0].history
     return {
         "u": problem.u.x.array.copy(),
-        "forces": problem.forces.x.array.copy(),
+        "forces": problem.discretization.forces.x.array.copy(),
         "gap": history.gap.copy(),
         "softening": history.softening.copy(),
         "mode": history.mode.copy(),

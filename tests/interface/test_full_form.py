@@ -105,13 +105,13 @@ def moved(comm, cell, law, jump, frame="corotating"):
     """Two different blocks after two motions: damaged where the law can be."""
     scene = two_blocks(comm, cell, 2 if cell == "quadrilateral" else 1)
     problem = couple(scene, law, MATERIALS, traction_jump=jump, frame=frame)
-    problem.begin_step(0.5, 1.0)
+    problem.step.begin(0.5, 1.0)
     put(problem, scene, (0.03, 0.01, 0.02), 0.4)
-    problem.assemble_residual()
-    problem.commit()
-    problem.begin_step(1.0, 1.0)
+    problem.step.assemble_residual()
+    problem.step.commit()
+    problem.step.begin(1.0, 1.0)
     put(problem, scene, (0.06, 0.04, 0.01), 0.5)
-    problem.assemble_residual()
+    problem.step.assemble_residual()
     return problem
 
 
@@ -137,7 +137,8 @@ def test_tangent_of_full_form(comm, cell, law):
 def test_traction_jump_changes_the_form(comm):
     """The two forms differ where the tractions jump, or the tests above would show nothing."""
     forces = [
-        moved(comm, "quadrilateral", LAW, jump).assemble_residual().copy() for jump in (False, True)
+        moved(comm, "quadrilateral", LAW, jump).step.assemble_residual().copy()
+        for jump in (False, True)
     ]
     change, size = (
         comm.allreduce(np.abs(f).max(initial=0), op=MPI.MAX)
@@ -174,8 +175,8 @@ def test_fine_scales(comm, cell):
     set_displacement(
         problem.u, scene.cell_tags, lambda x, tag: gradient[tag] @ x[:d] + (tag == 2) * move
     )
-    problem.update_stabilization(1.0)
-    problem.assemble_residual()
+    problem.discretization.update_stabilization(1.0)
+    problem.step.assemble_residual()
     state, stabilization = problem.state[0], problem.stabilization[0]
     facet = problem.discretization.active[0].quadrature.facet
 

@@ -102,7 +102,7 @@ def test_opening_is_positive_along_the_normal(comm, cell):
         scene.cell_tags,
         lambda x, tag: np.outer(push if tag == 2 else 0 * push, np.ones(x.shape[1])),
     )
-    problem.assemble_residual()
+    problem.step.assemble_residual()
     state = problem.state[0]
     normal, opening = gather(comm, state.normal), gather(comm, state.opening)
     traction = gather(comm, state.traction)

@@ -125,14 +125,14 @@ def test_tangent_in_every_mode(comm, cell, frame, branch):
     scene = two_blocks(comm, cell, 1 if cell == "tetrahedron" else 2)
     problem = couple(scene, law, MATERIALS, frame=frame)
     angles = (0.4, 0.9) if frame == "corotating" else (0.0, 0.0)
-    problem.begin_step(0.5, 1.0)
+    problem.step.begin(0.5, 1.0)
     put(problem, scene, branch.before, angles[0])
-    problem.assemble_residual()
-    problem.commit()
-    problem.begin_step(1.0, 1.0)
+    problem.step.assemble_residual()
+    problem.step.commit()
+    problem.step.begin(1.0, 1.0)
     put(problem, scene, branch.after, angles[1])
     error = tangent_error(problem)
-    problem.commit()
+    problem.step.commit()
     assert (problem.state[0].mode == branch.mode).all()
     assert error < 1e-7
 
@@ -225,13 +225,13 @@ class Scout:
 
     def mode(self, t, keep=False):
         """Mode after a step to ``t``, which is taken back unless it is to be kept."""
-        problem, start = self.problem, self.problem.snapshot()
-        problem.begin_step(t, abs(t - problem.t))
+        problem, start = self.problem, self.problem.step.snapshot()
+        problem.step.begin(t, abs(t - problem.t))
         assert self.newton.step(abs(t - problem.t)).converged
-        problem.commit()
+        problem.step.commit()
         mode = int(problem.state[0].mode[0])
         if not keep:
-            problem.return_to(start)
+            problem.step.return_to(start)
         return mode
 
     def to(self, t):
@@ -368,7 +368,7 @@ def test_viscosity_admits_a_steep_softening(comm):
         driven(comm, "quadrilateral", vmdg.Debonding(**steep), path)
     problem, _ = driven(comm, "quadrilateral", vmdg.Debonding(**steep, viscosity=1e6), path)
     assert (problem.stabilization[0].norm < 1e6).all()
-    problem.begin_step(0.1, 0.5)
-    problem.cancel_step()
+    problem.step.begin(0.1, 0.5)
+    problem.step.cancel()
     with pytest.raises(ValueError, match="softening modulus"):
-        problem.begin_step(0.1, 100.0)
+        problem.step.begin(0.1, 100.0)

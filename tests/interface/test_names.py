@@ -53,12 +53,14 @@ def test_problem_and_pictures(comm):
     cracks = vmdg.Interface(within=2, law=LAW, activate="on-demand")
     problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [cracks, bond])
     problem.u.interpolate(lambda x: 0.01 * x[:2] ** 2)
-    problem.assemble_residual()
+    problem.step.assemble_residual()
     for which in (1, "bond", bond):
         assert problem.mean(which).area == pytest.approx(1.0)
         assert problem.state[which].gap.shape == problem.state[1].gap.shape
         assert (problem.stabilization[which].norm == problem.stabilization[1].norm).all()
-        assert (problem.interface_facets(which).facets == problem.interface_facets(1).facets).all()
+        assert (
+            problem.step.activation.facets[which].facets == problem.step.activation.facets[1].facets
+        ).all()
         assert (problem.fine_scale(which) == problem.fine_scale(1)).all()
         assert (problem.error_indicator(which) == problem.error_indicator(1)).all()
         assert problem.fine_scale_error(which) == problem.fine_scale_error(1) > 0

@@ -42,9 +42,9 @@ def test_active_damage(comm, cell, degree):
     active = modes(problem)
     assert set(active) == {Mode.ELASTIC, Mode.TENSION}
     # Damage matters: without its part the tangent is another one.
-    problem.assemble_residual()
-    held = problem.create_matrix()
-    problem.assemble_tangent(held, damage=False)
+    problem.step.assemble_residual()
+    held = problem.discretization.create_matrix()
+    problem.discretization.assemble_tangent(held, damage=False)
     du = next(directions(problem))[: held.getLocalSize()[0]]
     with_damage, without = multiply(matrix, du), multiply(held, du)
     assert global_norm(comm, with_damage - without) > 1e-3 * global_norm(comm, without)
@@ -67,10 +67,10 @@ def test_small_strain(comm, law):
     """kinematics="small": the residual is linear in u, and K is its matrix."""
     scene = two_blocks(comm, "quadrilateral", distortion=0.05)
     problem = joined(scene, law, kinematics="small")
-    rest = problem.assemble_residual().copy()
+    rest = problem.step.assemble_residual().copy()
     displace(problem, scene, 1.0)
     matrix = tangent_matrix(problem)
-    residual = problem.assemble_residual().copy()
+    residual = problem.step.assemble_residual().copy()
     product = multiply(matrix, problem.u.x.array[: len(residual)])
     # Linear: no difference quotient is needed, so only rounding separates the two.
     assert global_norm(comm, rest) < 1e-12 * global_norm(comm, residual)
@@ -82,7 +82,7 @@ def symbolic_damage(problem, du):
     active, d = problem.discretization.active[0], problem.mesh.geometry.dim
     (pair,) = active.terms.pairs
     q, r = active.quadrature, active.stabilization.norm
-    problem.assemble_residual(hold=True)
+    problem.step.assemble_residual(hold=True)
     state = problem.state[0]
     update = active.law.return_map(
         state.traction, state.normal, state.gap, state.softening, r[q.facet]
@@ -129,11 +129,11 @@ def test_staged_tangent_is_the_symbolic_one(comm, cell, degree):
 
     # Before the residual, which sets zeta: a coefficient of the second form only.
     damage_part = assembled(symbolic_damage(problem, du))
-    problem.assemble_residual()
-    symbolic = assembled(ufl.derivative(problem.residual_ufl(), problem.u, du))
+    problem.step.assemble_residual()
+    symbolic = assembled(ufl.derivative(problem.discretization.residual_ufl(), problem.u, du))
     for damage in (False, True):
-        staged = problem.create_matrix()
-        problem.assemble_tangent(staged, damage)
+        staged = problem.discretization.create_matrix()
+        problem.discretization.assemble_tangent(staged, damage)
         if damage:
             assert damage_part.norm() > 1e-3 * symbolic.norm()
             symbolic.axpy(1.0, damage_part, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)

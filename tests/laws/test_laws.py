@@ -668,7 +668,7 @@ def test_contact_has_no_strength():
     assert not law.symmetric
     assert law.admissible(1e-30)
     assert law.with_viscosity(5.0) is law
-    assert np.isinf(law.nearness(np.zeros(2), np.zeros(2))).all()
+    assert np.isinf(law.utilization(np.zeros(2), np.zeros(2))).all()
     with pytest.raises(ValueError, match=r"friction = -1\.0: must be zero or positive"):
         Contact(-1.0)
 

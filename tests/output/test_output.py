@@ -102,7 +102,7 @@ def test_interface_fields(comm, cell):
     d = problem.mesh.geometry.dim
     H = np.array([[0.1, 0.2, 0.0], [0.0, -0.1, 0.3], [0.2, 0.0, 0.1]])[:d, :d]
     problem.u.interpolate(lambda x: H @ x[:d])
-    facets, dofs = problem.interface_facets(0), problem.space.dofmap.list
+    facets, dofs = problem.step.activation.facets[0], problem.space.dofmap.list
     only_two = np.setdiff1d(dofs[facets.cells[:, 1]], dofs[facets.cells[:, 0]])
     problem.u.x.array.reshape(-1, d)[only_two] = 7.0
     fields.update()
@@ -175,8 +175,8 @@ def test_fine_scale_error(comm):
         interface = vmdg.Interface(between=(1, 2), law=vmdg.Bonded())
         problem = vmdg.Problem(mesh, cells, {1: MATERIAL, 2: MATERIAL}, [interface])
         problem.u.interpolate(lambda x: 0.01 * np.stack([np.sin(x[0] + x[1]), np.cos(x[0] * x[1])]))
-        problem.update_stabilization(None)
-        problem.assemble_residual()
+        problem.discretization.update_stabilization(None)
+        problem.step.assemble_residual()
         errors.append(problem.fine_scale_error(0))
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.2)
 

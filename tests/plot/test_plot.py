@@ -48,8 +48,8 @@ def cell_with_fibres(comm, centres, radius: float = 0.2) -> vmdg.Problem:
 def with_opening(problem: vmdg.Problem, field) -> vmdg.Problem:
     """The values at the points after the displacement ``field``."""
     problem.u.interpolate(field)
-    problem.update_stabilization(1.0)
-    problem.assemble_residual()
+    problem.discretization.update_stabilization(1.0)
+    problem.step.assemble_residual()
     return problem
 
 
@@ -240,7 +240,7 @@ def test_animation(comm, out):
     snapshots = []
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
-        snapshots.append(problem.snapshot())
+        snapshots.append(problem.step.snapshot())
         return {"force": problem.reaction(facets.find(2))[0]}
 
     history = vmdg.solve(problem, [0.05, 0.1, 0.2], monitor=monitor).history

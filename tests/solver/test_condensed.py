@@ -46,7 +46,10 @@ def run(problem, loads, condensed, **options):
     state = problem.state[0]
     energy = problem.energy()
     values = [problem.u.x.array.copy(), state.gap, state.traction, state.softening]
-    values += [problem.forces.x.array.copy(), np.array([energy.stored, energy.external])]
+    values += [
+        problem.discretization.forces.x.array.copy(),
+        np.array([energy.stored, energy.external]),
+    ]
     values += [np.array([row["damage"] for row in result.history.rows])]
     return values, result
 
@@ -65,20 +68,20 @@ def test_compliance_matrix(comm, cell):
     The problem is linear with the gap held, so the differences are exact to rounding.
     """
     problem = sheared(comm, cell, 1)
-    problem.begin_step(0.1, 1.0)
-    matrix = problem.create_matrix()
-    problem.assemble_tangent(matrix, damage=False)
+    problem.step.begin(0.1, 1.0)
+    matrix = problem.discretization.create_matrix()
+    problem.discretization.assemble_tangent(matrix, damage=False)
     N = problem.discretization.owned
     K = np.column_stack([multiply(matrix, e) for e in np.eye(N)])
     active = problem.discretization.active[0]
 
     def trial(u):
         problem.u.x.array[:] = u
-        problem.assemble_residual(hold=True)
+        problem.step.assemble_residual(hold=True)
         return active.values.traction.ravel().copy()
 
     B = np.column_stack([trial(e) - trial(np.zeros(N)) for e in np.eye(N)])
-    free = np.setdiff1d(np.arange(N), problem.prescribed)
+    free = np.setdiff1d(np.arange(N), problem.loading.prescribed)
     flexibility = Flexibility(problem)
     W = np.repeat(active.quadrature.weights, problem.mesh.geometry.dim)
     expected = B[:, free] @ np.linalg.solve(K[np.ix_(free, free)], B[:, free].T * W)
@@ -302,7 +305,7 @@ def test_same_corrections(comm):
         problem = sheared(comm, "quadrilateral", 4)
         arguments = (problem, 1e-9, 20) + ((None,) if kind is Newton else ())
         newton = kind(*arguments)
-        problem.begin_step(0.5, 1.0)
+        problem.step.begin(0.5, 1.0)
         report = newton.step(1.0, predictor="elastic")
         assert report.converged
         norms.append([norm for norm in report.norms if norm > 1e-6 * report.norms[0]])

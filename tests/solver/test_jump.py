@@ -126,13 +126,13 @@ def test_failed_jump_restores_the_stabilization(comm):
     problem = bar(comm, linear(0.01))
     stepper = Stepper(problem, vmdg.SolveOptions(max_jump_steps=3))
     assert stepper.step(0.9 * onset()).converged
-    tau, forces = problem.stabilization[0].tau, problem.forces.x.array.copy()
+    tau, forces = problem.stabilization[0].tau, problem.discretization.forces.x.array.copy()
     report, _ = stepper.jump(1.1 * onset())
     assert "JUMP_FAILED" in report.reason
     assert np.array_equal(problem.stabilization[0].tau, tau)
-    problem.assemble_residual(hold=True)
+    problem.step.assemble_residual(hold=True)
     largest = global_max(comm, np.abs(forces).max(initial=0))
-    assert problem.forces.x.array == pytest.approx(forces, abs=1e-9 * largest)
+    assert problem.discretization.forces.x.array == pytest.approx(forces, abs=1e-9 * largest)
     stepper.close()
 
 

@@ -38,13 +38,13 @@ def move(problem, scale, seed):
     u = problem.u.x
     u.array[:] += scale * np.random.default_rng(seed).uniform(-1, 1, len(u.array))
     u.scatter_forward()
-    problem.assemble_residual(1.0)
+    problem.step.assemble_residual(1.0)
 
 
 def error(problem, matrix, damage=True):
     """|A - K| / |K| in the Frobenius norm, K assembled anew."""
-    new = problem.create_matrix()
-    problem.assemble_tangent(new, damage)
+    new = problem.discretization.create_matrix()
+    problem.discretization.assemble_tangent(new, damage)
     rest = matrix.copy()
     rest.axpy(-1.0, new)
     return rest.norm() / new.norm()
@@ -55,8 +55,8 @@ def error(problem, matrix, damage=True):
 def test_linear_bodies_are_assembled_once(comm, cell, damage):
     """At small strain the kept part is right wherever the bodies go: the tangent is the new one."""
     problem = opened(comm, cell, "small")
-    problem.begin_step(1.0, 1.0)
-    matrix = problem.create_matrix()
+    problem.step.begin(1.0, 1.0)
+    matrix = problem.discretization.create_matrix()
     tangent, before = KeptBulk(problem, matrix), timings()
     for seed in range(3):
         move(problem, 0.02, seed)
@@ -70,8 +70,8 @@ def test_linear_bodies_are_assembled_once(comm, cell, damage):
 def test_curved_bodies_are_assembled_again(comm, cell):
     """A strain that changes the stiffness makes the kept part stale, a small one does not."""
     problem = opened(comm, cell)
-    problem.begin_step(1.0, 1.0)
-    matrix = problem.create_matrix()
+    problem.step.begin(1.0, 1.0)
+    matrix = problem.discretization.create_matrix()
     tangent = KeptBulk(problem, matrix)
     for scale, renewed in ((0.0, True), (1e-7, False), (0.02, True), (1e-7, False)):
         move(problem, scale, 1)
@@ -87,10 +87,10 @@ def test_bulk_forces(comm, cell):
     Central differences with h = 1e-5 are exact to h^2 and to rounding over h.
     """
     problem = opened(comm, cell)
-    problem.begin_step(1.0, 1.0)
+    problem.step.begin(1.0, 1.0)
     move(problem, 0.02, 3)
     u, h = problem.u.x, 1e-5
-    forces, start = problem.bulk_forces(), u.array.copy()
+    forces, start = problem.discretization.bulk_forces(), u.array.copy()
     v = np.random.default_rng(comm.rank).uniform(-1, 1, len(u.array))
     direction = fem.Function(problem.space)
     direction.x.array[:] = v

@@ -64,8 +64,8 @@ def tangent_asymmetry(comm, law: vmdg.Law, opening: float = -0.01) -> float:
     """|K x - K^T x| / |K x| for a random x, after a step that damages and slides."""
     problem = pressed(comm, "hexahedron", law, 2, opening)
     vmdg.solve(problem, [0.5, 1.0])
-    matrix = problem.create_matrix()
-    problem.assemble_tangent(matrix)
+    matrix = problem.discretization.create_matrix()
+    problem.discretization.assemble_tangent(matrix)
     x, once, transposed = (matrix.createVecRight() for _ in range(3))
     x.array[:] = np.random.default_rng(0).uniform(-1, 1, x.getLocalSize())
     matrix.mult(x, once)

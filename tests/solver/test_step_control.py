@@ -58,16 +58,16 @@ def test_rotation_in_coarse_steps(comm, degrees):
 def test_inverted_cells_are_refused(comm):
     """A body that is given as a start turned inside out is noticed, and no step ends so."""
     problem = squares(comm, vmdg.Bonded(), 0.0, lambda t: np.array([0.1 * t, 0.0]))
-    assert not problem.inverted()
+    assert not problem.step.inverted()
     x = problem.space.tabulate_dof_coordinates()
     start = problem.u.x.array.copy()
     problem.u.x.array[::2] = -1.5 * x[:, 0]
-    assert problem.inverted()
+    assert problem.step.inverted()
     problem.u.x.array[:] = start
     stepper = Stepper(problem, vmdg.SolveOptions())
     assert stepper.step(1.0).converged
     before = problem.u.x.array.copy()
-    problem.inverted = lambda: True
+    problem.step.inverted = lambda: True
     report = stepper.step(2.0)
     stepper.close()
     assert (report.converged, report.reason) == (False, "CELLS_INVERTED")
@@ -82,10 +82,10 @@ def test_outgrown_stabilization_is_refused(comm):
     norm = problem.stabilization[0].norm.copy()
     for stretch, outgrown in ((0.01, False), (1.0, True)):
         problem.u.interpolate(lambda x, s=stretch: np.stack([0 * x[0], s * x[1] ** 2]))
-        assert problem.outgrown() == outgrown
+        assert problem.step.stabilization_suffices() != outgrown
         assert np.array_equal(problem.stabilization[0].norm, norm)
-    problem.update_stabilization(None)
-    assert not problem.outgrown()
+    problem.discretization.update_stabilization(None)
+    assert problem.step.stabilization_suffices()
 
 
 def test_residual_is_small_against_a_weak_bond(comm):
@@ -99,8 +99,8 @@ def test_residual_is_small_against_a_weak_bond(comm):
     stepper = Stepper(problem, vmdg.SolveOptions())
     for t in (0.05, 0.1):
         assert stepper.step(t).converged
-        free = np.setdiff1d(np.arange(problem.discretization.owned), problem.prescribed)
-        residual = problem.assemble_residual(hold=True)[free]
+        free = np.setdiff1d(np.arange(problem.discretization.owned), problem.loading.prescribed)
+        residual = problem.step.assemble_residual(hold=True)[free]
         assert np.abs(residual).max(initial=0.0) < 1e-6 * law.strength
     stepper.close()
 
@@ -122,8 +122,8 @@ def test_absurd_trial_is_not_evaluated(comm):
     """A displacement of more than a million times the body gives no number, and changes nothing."""
     problem = squares(comm, vmdg.Debonding(strength=10.0, critical_gap=0.1), 0.0, 0.01)
     newton = Newton(problem, 1e-9, 20, None)
-    problem.begin_step(1.0, 1.0)
-    x, f = problem.create_matrix().createVecs()
+    problem.step.begin(1.0, 1.0)
+    x, f = problem.discretization.create_matrix().createVecs()
     for size, known in ((1e-3, True), (1e7, False)):
         x.set(size)
         newton._snes[BACKTRACK].computeFunction(x, f)

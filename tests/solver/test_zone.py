@@ -88,13 +88,13 @@ def test_fewer_iterations_with_old_factors(comm):
     Both find the same solution, to 1e-6 of it.
     """
     problem = sheared(comm, "quadrilateral", 8, shear=0.2)
-    matrices = [problem.create_matrix() for _ in range(2)]
-    problem.assemble_residual()
-    problem.assemble_tangent(matrices[0])
+    matrices = [problem.discretization.create_matrix() for _ in range(2)]
+    problem.step.assemble_residual()
+    problem.discretization.assemble_tangent(matrices[0])
     vmdg.solve(problem, np.linspace(0.25, 1.0, 4))
-    problem.assemble_tangent(matrices[1])
+    problem.discretization.assemble_tangent(matrices[1])
     for matrix in matrices:
-        matrix.zeroRowsColumnsLocal(problem.owned_prescribed, 1.0)
+        matrix.zeroRowsColumnsLocal(problem.loading.owned_prescribed, 1.0)
     effort, ends = [], []
     for zone in (interface_zone(problem, share=0.9), None):
         matrix, outer = matrices[0].copy(), PETSc.KSP().create(comm)
@@ -120,10 +120,10 @@ def test_fewer_iterations_with_old_factors(comm):
 def test_factors_of_nan_are_made_anew(comm):
     """A trial state with NaN, whose factorizations fail, does not spoil the solver."""
     problem = sheared(comm, "quadrilateral", 3)
-    matrix, outer = problem.create_matrix(), PETSc.KSP().create(comm)
-    problem.begin_step(0.1, 1.0)
-    problem.assemble_residual(1.0)
-    problem.assemble_tangent(matrix)
+    matrix, outer = problem.discretization.create_matrix(), PETSc.KSP().create(comm)
+    problem.step.begin(0.1, 1.0)
+    problem.step.assemble_residual(1.0)
+    problem.discretization.assemble_tangent(matrix)
     matrix.shift(1.0)
     solver = LinearSolver(matrix, GMRES_LU, LU, interface_zone(problem, share=0.9))
     good = matrix.copy()

@@ -64,7 +64,7 @@ def in_frame(problem: vmdg.Problem) -> tuple[NDArray, NDArray, NDArray]:
 def modes(problem):
     """Branches of the return maps of the current step, at all points of all ranks."""
     state = problem.state[0]
-    problem.assemble_residual(hold=True)
+    problem.step.assemble_residual(hold=True)
     trial = problem.state[0].traction
     active = problem.discretization.active[0]
     r = active.stabilization.norm[active.quadrature.facet]
@@ -74,9 +74,9 @@ def modes(problem):
 
 def tangent_matrix(problem: vmdg.Problem, damage: bool = True) -> PETSc.Mat:
     """The assembled tangent at the current displacement."""
-    problem.assemble_residual()
-    matrix = problem.create_matrix()
-    problem.assemble_tangent(matrix, damage)
+    problem.step.assemble_residual()
+    matrix = problem.discretization.create_matrix()
+    problem.discretization.assemble_tangent(matrix, damage)
     return matrix
 
 
@@ -104,7 +104,7 @@ def tangent_error(problem: vmdg.Problem, matrix: PETSc.Mat | None = None) -> flo
 
     def residual_at(step, v):
         u[:] = start + step * v
-        return problem.assemble_residual().copy()
+        return problem.step.assemble_residual().copy()
 
     for v in directions(problem):
         one = residual_at(e, v) - residual_at(-e, v)
@@ -113,7 +113,7 @@ def tangent_error(problem: vmdg.Problem, matrix: PETSc.Mat | None = None) -> flo
         error = global_norm(problem.comm, multiply(matrix, v[: len(one)]) - difference)
         worst = max(worst, error / global_norm(problem.comm, difference))
     u[:] = start
-    problem.assemble_residual()
+    problem.step.assemble_residual()
     return worst
 
 
@@ -126,7 +126,7 @@ def assert_residual_is_energy_derivative(problem: vmdg.Problem) -> None:
     eta = ufl.TestFunction(problem.space)
     expected, found = (
         fem.assemble_vector(parts.compile_form(form)).array
-        for form in (ufl.derivative(energy, problem.u, eta), problem.residual_ufl())
+        for form in (ufl.derivative(energy, problem.u, eta), problem.discretization.residual_ufl())
     )
     scale = problem.comm.allreduce(np.abs(found).max(initial=0), op=MPI.MAX)
     assert scale > 10

@@ -172,7 +172,7 @@ def partly_damaged(comm, cell: str, degree: int, **options):
     fixed = {"safety": 4.0}  # the probe must have the r of the problem, whose H is another
     probe = joined(scene, STRONG, interface=fixed, **options)
     displace(probe, scene, 1.0)
-    probe.assemble_residual(hold=True)
+    probe.step.assemble_residual(hold=True)
     sizes = np.sort(np.linalg.norm(gather(comm, probe.state[0].traction), axis=1))
     # Strength inside the widest gap between two points, near its upper end: no point is at a
     # switch, and the second step, a little further, turns no whole point into a damaged one.
@@ -181,10 +181,10 @@ def partly_damaged(comm, cell: str, degree: int, **options):
     # H = 1000 MPa/mm, below every r here; no point is near separation at these openings.
     law = vmdg.Debonding(strength=strength, critical_gap=strength / 1000.0)
     problem = joined(scene, law, interface=fixed, **options)
-    problem.begin_step(1.0, 1.0)
+    problem.step.begin(1.0, 1.0)
     displace(problem, scene, 1.0)
-    problem.assemble_residual()
-    problem.commit()
-    problem.begin_step(2.0, 1.0)
+    problem.step.assemble_residual()
+    problem.step.commit()
+    problem.step.begin(2.0, 1.0)
     displace(problem, scene, 1.02)
     return problem

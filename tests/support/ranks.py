@@ -107,7 +107,7 @@ def solve(problem: vmdg.Problem, loads: NDArray) -> dict:
 
     def look(problem: vmdg.Problem) -> None:
         # Facets that open renumber the dofs.
-        reactions = problem.forces.x.array[problem.owned_prescribed]
+        reactions = problem.discretization.forces.x.array[problem.loading.owned_prescribed]
         forces.append(global_norm(problem.comm, reactions))
 
     # Condensed steps are for one rank.

@@ -229,7 +229,7 @@ class DirichletConditions:
         result[np.searchsorted(self.dofs, self._held)] = 0
         return result
 
-    def contradiction(self, t: float) -> str | None:
+    def conflict(self, t: float) -> str | None:
         """Two conditions that give a dof different values at load factor ``t``, in words.
 
         A condition relative to the present displacement takes the place of those before it.

@@ -111,6 +111,16 @@ class Discretization:
         """Whether tau_s and delta are the same at every displacement."""
         return self._stabilizers.constant
 
+    @property
+    def can_fail(self) -> bool:
+        """Whether an active interface has a law that can fail."""
+        return any(active.law.inelastic for active in self.active.values())
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the tangent is symmetric: the laws of all active interfaces say so."""
+        return all(active.law.symmetric for active in self.active.values())
+
     # Forms
 
     def _make_dx(self) -> ufl.Measure:
@@ -199,6 +209,11 @@ class Discretization:
     @staticmethod
     def _tangent_of(eta: Expr, du: Expr) -> Callable[[InterfaceTerms, RegionPair], Expr]:
         return lambda terms, pair: terms.tangent(eta, du)
+
+    def compile(self) -> None:
+        """Compile all kernels of a solve now, or load them from the cache; collective."""
+        self.compile_residual()
+        self.compile_tangent()
 
     def compile_residual(self) -> None:
         """Compile the residual, or load it from the cache; collective."""
@@ -319,7 +334,7 @@ class Discretization:
         facets = np.concatenate([np.zeros(0, dtype=np.int32), *everything])
         return compat.create_matrix(self.space, np.arange(cells, dtype=np.int32), facets)
 
-    def assemble_tangent(self, matrix: PETSc.Mat, damage: bool) -> None:
+    def assemble_tangent(self, matrix: PETSc.Mat, damage: bool = True) -> None:
         """Tangent at the state of the last :meth:`assemble_residual`, prescribed rows included.
 
         Args:

@@ -66,7 +66,7 @@ def write_checkpoint(problem: Problem, folder: str | Path, history: History | No
         OSError: the folder cannot be written to or the disk is full; on all ranks, and the former
             checkpoint is still valid.
     """
-    comm, snapshot = problem.comm, problem.snapshot()
+    comm, snapshot = problem.comm, problem.step.snapshot()
     interfaces = {
         _name(i): facet_records(active) for i, active in problem.discretization.active.items()
     }
@@ -86,7 +86,7 @@ def write_checkpoint(problem: Problem, folder: str | Path, history: History | No
         "history": [] if history is None else history.rows,
         "units": {} if history is None else history.units,
     }
-    cells = cell_records(problem.u, problem.forces)
+    cells = cell_records(problem.u, problem.discretization.forces)
     write_files(comm, Path(folder), about, {_CELLS: cells} | interfaces)
 
 
@@ -121,7 +121,7 @@ def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
             f"the checkpoint in {folder} belongs to another problem ({'; '.join(lines)}); set up "
             "the problem as the run that wrote it, or give another folder"
         )
-    problem.return_to(_read_state(problem, slot, about))
+    problem.step.return_to(_read_state(problem, slot, about))
     problem.step.scales = RunScales(**about["scales"])
     history = History()
     history.rows, history.units = about["history"], about["units"]
@@ -155,9 +155,9 @@ def _read_state(problem: Problem, slot: Path, about: dict[str, Any]) -> Snapshot
     """The state of a checkpoint; the problem itself is not changed."""
     comm, mesh, counts = problem.comm, problem.mesh, about["facets"]
     arrays = open_arrays(comm, slot, [_CELLS, *counts])
-    records, marks = {}, list(problem.snapshot().open)
+    records, marks = {}, list(problem.step.snapshot().open)
     for i, interface in enumerate(problem.interfaces):
-        facets, count = problem.interface_facets(i), counts.get(_name(i), 0)
+        facets, count = problem.step.activation.facets[i], counts.get(_name(i), 0)
         positions = np.zeros(0, dtype=np.intp)
         if count:
             stored, keys = arrays[_name(i)], facet_keys(mesh, facets)
@@ -166,7 +166,7 @@ def _read_state(problem: Problem, slot: Path, about: dict[str, Any]) -> Snapshot
             raise ValueError(_numbered_otherwise(slot))
         if interface.activate == "on-demand":
             marks[i] = mark_everywhere(mesh, mesh.topology.dim - 1, facets.facets[positions])
-    discretization = problem.discretization_of(marks)
+    discretization = problem.step.discretization_of(marks)
     interfaces, message = [], None
     try:
         u, forces = restore_fields(discretization.space, arrays[_CELLS])

@@ -32,15 +32,15 @@ def identity(problem: Problem) -> dict[str, Any]:
         "sum of node coordinates": global_sum(mesh.comm, x.sum(axis=0)).tolist(),
         "sum of squared node coordinates": global_sum(mesh.comm, (x**2).sum(axis=0)).tolist(),
         "degree": problem.discretization.degree,
-        "kinematics": "small" if problem.small_strain else "finite",
-        "geometry": type(problem.geometry).__name__,
-        "thickness": float(problem.geometry.thickness),
+        "kinematics": "small" if problem.discretization.bodies.small else "finite",
+        "geometry": type(problem.discretization.geometry).__name__,
+        "thickness": float(problem.discretization.geometry.thickness),
         "number of interfaces": len(problem.interfaces),
     }
     for tag, material in sorted(problem.materials.items()):
         result[f"material {tag}"] = _described(material, material.parameters)
     for i, interface in enumerate(problem.interfaces):
-        count = int(global_sum(mesh.comm, len(problem.interface_facets(i).facets)))
+        count = int(global_sum(mesh.comm, len(problem.step.activation.facets[i].facets)))
         result[f"facets of interface {i}"] = count
         result |= {f"interface {i}: {name}": v for name, v in _options(interface).items()}
     return result

@@ -44,6 +44,9 @@ class Bodies:
         mean_dilatation: J of a cell is one number.
 
     Attributes:
+        tags: As given.
+        cells_of: Local cells of every tag, ghosts included.
+        small: As given.
         regions: All regions.
         region: Region of every local cell.
 
@@ -62,7 +65,9 @@ class Bodies:
     ):
         _check_tags(mesh, tags, materials, eigenstrain)
         space = fem.functionspace(mesh, ("DG", 0))
-        self._cells_of = {tag: np.flatnonzero(tags == tag) for tag in materials}
+        self.tags = tags
+        self.small = small
+        self.cells_of = {tag: np.flatnonzero(tags == tag) for tag in materials}
         self._eigenstrain = dict(eigenstrain or {})
         self._swelling = fem.Function(space) if self._eigenstrain else None
         self.regions: list[Region] = []
@@ -74,8 +79,8 @@ class Bodies:
             parameters = {name: fem.Function(space) for name in representative.parameters}
             for tag, material in members.items():
                 for name, value in material.parameters.items():
-                    parameters[name].x.array[self._cells_of[tag]] = value
-                self.region[self._cells_of[tag]] = len(self.regions)
+                    parameters[name].x.array[self.cells_of[tag]] = value
+                self.region[self.cells_of[tag]] = len(self.regions)
             cells = np.flatnonzero(self.region[:owned] == len(self.regions))
             body = Body(representative, parameters, small, self._swelling, mean_dilatation)
             self.regions.append(Region(body, cells.astype(np.int32)))
@@ -83,7 +88,7 @@ class Bodies:
     def apply_eigenstrain(self, t: float) -> None:
         """Set theta to its value at load factor ``t``."""
         for tag, theta in self._eigenstrain_at(t).items():
-            self._swelling.x.array[self._cells_of[tag]] = theta
+            self._swelling.x.array[self.cells_of[tag]] = theta
 
     @property
     def swelling(self) -> NDArray[np.float64]:

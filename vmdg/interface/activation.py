@@ -3,27 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 
-from ..base.parallel import global_any, global_max
+from ..base.parallel import global_max
 from ..base.quadrature import facet_degree
 from ..domain.materials import Bodies
 from ..domain.topology import mark_everywhere
 from ..forms import kinematics
 from ..forms.geometry import Geometry
 from .facets import InterfaceFacets
-from .interface import Interface
+from .interface import Interface, InterfaceList
 from .quadrature import FacetQuadrature, SideEvaluators, side_evaluators
 from .stabilization import Stabilizer
 
-#: Nearness is relative to ``Interface.activate_at``. A facet at NEAR is opened after the step, and
-#: with it all facets above COMPANY, so that facets open in batches; a step that brings one above
-#: TOO_LATE is done again with it open.
-NEAR, COMPANY, TOO_LATE = 1.0, 0.75, 1.5
+#: Utilization above which a facet is opened after the step; above which others are opened with it,
+#: so that facets open in batches; and above which the step is repeated with the facet open.
+OPENS, OPENS_WITH_OTHERS, REPEATS_STEP = 1.0, 0.75, 1.5
+
+
+@dataclass(frozen=True)
+class Utilization:
+    """Traction on closed facets relative to the one at which they are to be opened.
+
+    Attributes:
+        facets: Of the owned facets of every interface that opens on demand, by its number (nf,);
+            zero on open facets.
+        largest: On all ranks; zero where no interface opens on demand.
+    """
+
+    facets: dict[int, NDArray[np.float64]]
+    largest: float
 
 
 class PotentialFacets:
@@ -63,7 +77,7 @@ class PotentialFacets:
             "traction",
         )
 
-    def nearness(self) -> NDArray[np.float64]:
+    def utilization(self) -> NDArray[np.float64]:
         """Largest traction of every facet relative to where it is to be opened (nf,)."""
         q = self._quadrature
         delta = self._delta[q.facet]
@@ -73,7 +87,7 @@ class PotentialFacets:
         T -= np.einsum("pij,pj->pi", delta[:, 1], second)
         normal = np.einsum("pi,pi->p", T, q.normal)
         shear = np.linalg.norm(T - normal[:, None] * q.normal, axis=1)
-        ratio = self.interface.law.nearness(normal, shear) / self.interface.activate_at
+        ratio = self.interface.law.utilization(normal, shear) / self.interface.activate_at
         return ratio[q.points_of_facet].max(axis=1, initial=0.0)
 
 
@@ -81,6 +95,8 @@ class Activation:
     """Which facets of every interface are open.
 
     Attributes:
+        interfaces: What the user described.
+        facets: All facets of every interface on this rank, open or not.
         open: For every interface, a mark on all local facets of the mesh.
     """
 
@@ -95,6 +111,8 @@ class Activation:
     ):
         self._mesh = mesh
         self._bodies = bodies
+        self.interfaces = interfaces
+        self.facets = InterfaceList(interfaces, facets)
         self.open: list[NDArray[np.bool_]] = []
         self._potential: dict[int, PotentialFacets] = {}
         fdim = mesh.topology.dim - 1
@@ -122,29 +140,24 @@ class Activation:
         """
         return self._potential[i].area if i in self._potential else None
 
-    def nearness(self) -> dict[int, NDArray[np.float64]]:
-        """How near the owned facets of every potential interface are to being opened.
+    def facets_among(self, marks: Sequence[NDArray[np.bool_]]) -> list[InterfaceFacets]:
+        """Those facets of every interface that are marked, marks as in :attr:`open`."""
+        return [facets.among(mark) for facets, mark in zip(self.facets, marks, strict=True)]
 
-        Open facets count as zero.
-        """
-        return {
-            i: np.where(self.open[i][potential.facets.facets], 0.0, potential.nearness())
+    def utilization(self) -> Utilization:
+        """Of all closed facets at the current displacement; collective."""
+        facets = {
+            i: np.where(self.open[i][potential.facets.facets], 0.0, potential.utilization())
             for i, potential in self._potential.items()
         }
+        here = max((values.max(initial=0.0) for values in facets.values()), default=0.0)
+        largest = global_max(self._mesh.comm, float(here)) if facets else 0.0
+        return Utilization(facets, largest)
 
-    def largest(self, nearness: dict[int, NDArray[np.float64]]) -> float:
-        """Largest value on any rank."""
-        here = max((values.max(initial=0.0) for values in nearness.values()), default=0.0)
-        return global_max(self._mesh.comm, float(here))
-
-    def mark(self, nearness: dict[int, NDArray[np.float64]]) -> bool:
-        """Open the facets above COMPANY; whether there were any on any rank."""
-        changed = False
-        for i, values in nearness.items():
-            chosen = self._potential[i].facets.facets[values > COMPANY]
-            changed |= len(chosen) > 0
-            # A copy: snapshots keep the marks of their time.
-            self.open[i] = self.open[i] | mark_everywhere(
-                self._mesh, self._mesh.topology.dim - 1, chosen
-            )
-        return global_any(self._mesh.comm, changed)
+    def marks_to_open(self, utilization: Utilization) -> list[NDArray[np.bool_]]:
+        """:attr:`open` with the facets above ``OPENS_WITH_OTHERS``; collective."""
+        marks, fdim = list(self.open), self._mesh.topology.dim - 1
+        for i, values in utilization.facets.items():
+            chosen = self._potential[i].facets.facets[values > OPENS_WITH_OTHERS]
+            marks[i] = marks[i] | mark_everywhere(self._mesh, fdim, chosen)
+        return marks

@@ -146,8 +146,8 @@ class Law(ABC):
             raise ValueError(f"dt = {dt}: a law with viscosity needs a positive time step")
         return self.viscosity / dt
 
-    def nearness(self, normal: Array, shear: Array) -> Array:
-        """How near an intact point is to damage (n,), 1 at the strength.
+    def utilization(self, normal: Array, shear: Array) -> Array:
+        """Traction on an intact point relative to its strength (n,).
 
         Args:
             normal: T.N (n,), MPa.

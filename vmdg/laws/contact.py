@@ -35,7 +35,7 @@ class Contact(RadialLaw):
         """Zero: nothing softens."""
         return 0.0
 
-    def nearness(self, normal: Array, shear: Array) -> Array:
+    def utilization(self, normal: Array, shear: Array) -> Array:
         """Infinite: there is no strength to wait for."""
         return np.full_like(normal, np.inf)
 

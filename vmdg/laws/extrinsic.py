@@ -51,7 +51,7 @@ class ExtrinsicLaw(Law):
             shear: |T_T| (n,), MPa.
         """
 
-    def nearness(self, normal: Array, shear: Array) -> Array:
+    def utilization(self, normal: Array, shear: Array) -> Array:
         """T_eq/P_c."""
         return self.equivalent(np.maximum(normal, 0.0), shear) / self.strength
 

@@ -58,7 +58,7 @@ class InterfaceFields:
 
     def __init__(self, problem: Problem, interface: Which, names: Sequence[str]):
         self._problem, self._i = problem, number_of(problem.interfaces, interface)
-        self._facets = problem.interface_facets(interface)
+        self._facets = problem.step.activation.facets[interface]
         submesh = compat.facet_submesh(problem.mesh, self._facets.facets)
         self._mesh = submesh.mesh
         self.cell_of_facet = np.argsort(submesh.facets[: len(self._facets.facets)])

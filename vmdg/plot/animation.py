@@ -40,7 +40,7 @@ def animate(
 ) -> None:
     """Write an animation of stress on the deformed shape and of a curve; collective.
 
-    Take a snapshot in the monitor of every step (``problem.snapshot()``, a copy of the state); the
+    Take a snapshot in the monitor of every step (``problem.step.snapshot()``, a copy of the state); the
     problem is in its last one afterwards.
 
     Args:
@@ -78,7 +78,7 @@ def animate(
     writer = (FFMpegWriter if path.suffix == ".mp4" else GifWriter)(fps)
     with writer.saving(figure, str(path), dpi) if rank == 0 else nullcontext():
         for row, snapshot, factor in zip(rows, snapshots, factors, strict=True):
-            problem.return_to(snapshot)
+            problem.step.return_to(snapshot)
             shape.clear()
             stress(problem, ax=shape, magnify=factor, colorbar=row == rows[0], **options)
             shape.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
@@ -160,7 +160,7 @@ def _ranges(
     """
     stresses, low, high = [], np.full(3, np.inf), np.full(3, -np.inf)
     for snapshot, factor in zip(snapshots, factors, strict=True):
-        problem.return_to(snapshot)
+        problem.step.return_to(snapshot)
         stresses.append(np.quantile(stress_means(problem, component), (0.005, 0.995)))
         ends = deformed_ends(problem, factor)
         low, high = np.minimum(low, ends[0]), np.maximum(high, ends[1])

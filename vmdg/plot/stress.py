@@ -123,7 +123,7 @@ def stress(
 
 def axis_names(problem: Problem) -> str:
     """x, y and z; r, z and t (for theta) in axisymmetry."""
-    return "rzt" if isinstance(problem.geometry, Axisymmetric) else "xyz"
+    return "rzt" if isinstance(problem.discretization.geometry, Axisymmetric) else "xyz"
 
 
 def stress_means(problem: Problem, component: str) -> NDArray[np.float64]:

@@ -32,7 +32,7 @@ class ModelWarning(UserWarning):
 
 
 def check_model(problem: Problem, loads: NDArray[np.float64]) -> None:
-    """Look for supports that are missing, contradict each other, and numbers out of proportion.
+    """Look for supports that are missing or in conflict, and numbers out of proportion.
 
     Args:
         problem: The problem, about to be solved.
@@ -42,8 +42,8 @@ def check_model(problem: Problem, loads: NDArray[np.float64]) -> None:
         ValueError: nothing holds a part of the problem, whatever its interfaces do.
     """
     _check_supports(problem)
-    contradictions = [problem.contradiction(float(t)) for t in (loads[0], loads[-1])]
-    _warn(problem.comm, contradictions[0] or contradictions[1])
+    first, last = (problem.loading.conflict(float(t)) for t in (loads[0], loads[-1]))
+    _warn(problem.comm, first or last)
     for active in problem.discretization.active.values():
         if active.law.inelastic:
             _check_proportions(problem, active)
@@ -115,8 +115,7 @@ def _check_supports(problem: Problem) -> None:
             )
     # Cracks within a body leave it in one piece, as far as is known before.
     lasting = [c for c in interfaces if not c.law.inelastic or c.interface.within is not None]
-    loaded = np.zeros(len(problem.tags), dtype=bool)
-    loaded[problem.loaded_cells] = True
+    loaded = problem.loading.loaded
     if len(lasting) == len(interfaces) or not global_any(problem.comm, bool(loaded.any())):
         return
     for part in loose_parts(problem, lasting):

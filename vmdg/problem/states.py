@@ -108,10 +108,39 @@ class RunScales:
 
 @dataclass(frozen=True)
 class Start:
-    """State at the start of a step."""
+    """State in which a step begins.
+
+    Attributes:
+        t: Load factor.
+        u: Displacement [mm], ghosts included.
+        forces: Nodal forces of bodies and interfaces [N], ghosts included.
+        loads: Dead loads [N], ghosts still to be added to their owners.
+    """
 
     t: float
     u: NDArray[np.float64]
     forces: NDArray[np.float64]
-    loads: NDArray[np.float64] | None
-    stored: float
+    loads: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """Energies that the whole body exchanges in a step [N mm].
+
+    Attributes:
+        created: What the step would have to create: dissipated + stored - external.
+        external: Work of prescribed displacements and loads.
+        dissipated: Damage, friction and viscosity.
+        before: External work of the run before the step.
+    """
+
+    created: float
+    external: float
+    dissipated: float
+    before: float
+
+    @property
+    def unaccounted(self) -> float:
+        """Energy created or lost, relative to the external work and the dissipation."""
+        exchanged = abs(self.external) + self.dissipated
+        return abs(self.created) / max(exchanged, np.finfo(float).tiny)

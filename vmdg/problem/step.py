@@ -1,16 +1,230 @@
-"""The protocol of a load step."""
+"""The protocol of a load step: what solvers and checkpoints do with a problem."""
 
 from __future__ import annotations
 
-from .states import RunScales
+from collections.abc import Sequence
+
+import numpy as np
+from dolfinx import fem
+from dolfinx.la import InsertMode
+from numpy.typing import NDArray
+
+from ..assembly.discretization import Discretization
+from ..base.parallel import global_any, global_max, global_sum
+from ..interface.activation import Activation, Utilization
+from .loading import Loading
+from .states import Exchange, RunScales, Snapshot, Start
 
 
 class Step:
-    """What a solver does with a problem in a load step.
+    """Load steps of a problem: a step begins, is iterated on, and is committed or cancelled.
+
+    Args:
+        discretization: Of the facets that are open.
+        activation: Which facets are open.
+        loading: Loads and prescribed displacements.
 
     Attributes:
-        scales: Largest forces and work of the run so far; the solver updates them.
+        discretization: Of the facets that are open now; another one after some have opened.
+        activation: Facets of the interfaces, and which of them are open.
+        scales: Largest forces and work of the run so far, which the solver updates.
+        start: Where the last step began.
+        dissipated: Damage, friction and viscous work so far (3,), this rank's [N mm].
+        external: Work of loads and prescribed displacements so far, this rank's [N mm].
     """
 
-    def __init__(self):
+    def __init__(self, discretization: Discretization, activation: Activation, loading: Loading):
+        self.discretization = discretization
+        self.activation = activation
+        self._loading = loading
+        self._comm = discretization.mesh.comm
         self.scales = RunScales()
+        self.dissipated = np.zeros(3)
+        self.external = 0.0
+        activation.follow(discretization.u)
+        self.start = self._state()
+
+    def _state(self) -> Start:
+        u, forces = self.discretization.u.x.array, self.discretization.forces.x.array
+        return Start(self._loading.t, u.copy(), forces.copy(), self._loading.vector)
+
+    # The course of a step
+
+    def begin(self, t: float, dt: float, overstress: float = 0.0) -> None:
+        """Remember the converged state, then set loads and stabilization for a step to ``t``.
+
+        Args:
+            t: Load factor.
+            dt: Time step [s].
+            overstress: Viscous regularisation of the step: overstress per gap increment in
+                multiples of the softening modulus H.
+
+        Raises:
+            ValueError: r <= H - eta on a facet; the converged state is kept.
+        """
+        self.start = self._state()
+        for active in self.discretization.active.values():
+            active.begin_step(overstress, dt)
+        try:
+            self.discretization.update_stabilization(dt)
+        except ValueError:
+            self.cancel()
+            raise
+        self._loading.apply(t)
+
+    def assemble_residual(self, dt: float = 1.0, hold: bool = False) -> NDArray[np.float64]:
+        """Return maps, then internal minus external forces at the current displacement.
+
+        Args:
+            dt: Time step of the return maps [s].
+            hold: Keep zeta at its converged value instead of mapping back.
+
+        Returns:
+            Owned dofs, nothing removed at prescribed ones [N].
+        """
+        return self.discretization.assemble_residual(dt, hold, self._loading.vector)
+
+    def inverted(self) -> bool:
+        """Whether cells are turned inside out, det F <= 0; collective."""
+        return global_any(self._comm, self.discretization.inverted())
+
+    def stabilization_suffices(self) -> bool:
+        """Whether the step has ended where its tau_s is enough for coercivity; collective."""
+        return not global_any(self._comm, not self.discretization.stabilization_suffices())
+
+    def overstress(self) -> float:
+        """Largest viscous overstress of the step relative to the strength; collective."""
+        here = [active.overstress() for active in self.discretization.active.values()]
+        return global_max(self._comm, max(here, default=0.0))
+
+    def commit(self) -> None:
+        """Take the current state as converged: history, dissipation and external work."""
+        self.external += self._external_work()
+        self.dissipated += self._dissipation()
+        for active in self.discretization.active.values():
+            active.commit()
+
+    def cancel(self) -> None:
+        """Return to the state before :meth:`begin`: a failed step leaves no trace."""
+        self.discretization.u.x.array[:] = self.start.u
+        self.discretization.forces.x.array[:] = self.start.forces
+        self._loading.apply(self.start.t)
+        for active in self.discretization.active.values():
+            active.cancel_step()
+
+    # Energies of a step
+
+    def stored_energy(self) -> float:
+        """Energy of bodies and interfaces at the current state, this rank's [N mm]."""
+        return float(self.discretization.stored_energy().sum())
+
+    def exchange(self, stored: float) -> Exchange:
+        """Energies of the step that has converged and is not committed yet; collective.
+
+        Nothing counts as created where bodies swell in the step, whose work is not counted.
+
+        Args:
+            stored: :meth:`stored_energy` at the start of the step [N mm].
+        """
+        external, dissipated = self._external_work(), self._dissipation().sum()
+        created = dissipated + self.stored_energy() - stored - external
+        if self.discretization.bodies.swell_between(self.start.t, self._loading.t):
+            created = 0.0
+        values = [created, external, dissipated, self.external]
+        return Exchange(*(float(value) for value in global_sum(self._comm, values)))
+
+    def _dissipation(self) -> NDArray[np.float64]:
+        """Damage, friction and viscous work of the step (3,), this rank's [N mm]."""
+        works = [active.works() for active in self.discretization.active.values()]
+        return float(self.discretization.geometry.thickness) * sum(works, start=np.zeros(3))
+
+    def _external_work(self) -> float:
+        """Trapezoidal work of prescribed displacements and dead loads in the step, this rank's."""
+        now, start = self.discretization, self.start
+        owned, prescribed = slice(now.owned), self._loading.owned_prescribed
+        loads = fem.Function(now.space)
+        loads.x.array[:] = self._loading.vector + start.loads
+        loads.x.scatter_reverse(InsertMode.add)
+        forces = loads.x.array[owned]
+        forces[prescribed] += (now.forces.x.array + start.forces)[prescribed]
+        return float(forces @ (now.u.x.array - start.u)[owned]) / 2
+
+    # States
+
+    def snapshot(self) -> Snapshot:
+        """The converged state as it can be returned to later."""
+        now = self.discretization
+        return Snapshot(
+            self._loading.t,
+            now,
+            now.u.x.array.copy(),
+            now.forces.x.array.copy(),
+            [active.snapshot() for active in now.active.values()],
+            list(self.activation.open),
+            self.dissipated.copy(),
+            self.external,
+        )
+
+    def return_to(self, snapshot: Snapshot) -> None:
+        """Go back to a converged state, to its set of open facets too.
+
+        Args:
+            snapshot: From :meth:`snapshot`.
+        """
+        if snapshot.discretization is not self.discretization:
+            self.activation.open = list(snapshot.open)
+            self._follow(snapshot.discretization)
+        now = self.discretization
+        now.u.x.array[:] = snapshot.u
+        now.forces.x.array[:] = snapshot.forces
+        self.dissipated = snapshot.dissipated.copy()
+        self.external = snapshot.external
+        for active, interface in zip(now.active.values(), snapshot.interfaces, strict=True):
+            active.return_to(interface)
+        self._loading.apply(snapshot.t)
+
+    # Facets that open on demand
+
+    def discretization_of(self, marks: Sequence[NDArray[np.bool_]]) -> Discretization:
+        """The discretization with these open facets: the present one where it has them.
+
+        Args:
+            marks: For every interface, a mark on all local facets of the mesh.
+        """
+        now = self.discretization
+        same = all(map(np.array_equal, marks, self.activation.open))
+        if not global_any(self._comm, not same):
+            return now
+        facets = self.activation.facets_among(marks)
+        return Discretization(
+            now.mesh, now.bodies, self.activation.interfaces, facets, now.degree, now.geometry
+        )
+
+    def open_facets(self, utilization: Utilization) -> bool:
+        """Open the closed facets whose utilization is high enough; collective.
+
+        The state is carried over exactly: the new facets start bonded, with no opening.
+
+        Args:
+            utilization: Of the activation.
+
+        Returns:
+            Whether there were any.
+        """
+        marks = self.activation.marks_to_open(utilization)
+        before, after = self.discretization, self.discretization_of(marks)
+        if after is before:
+            return False
+        self.activation.open = marks
+        self._follow(after)
+        after.continue_from(before)
+        after.update_stabilization(None)
+        # The force on a node is now shared by its duplicates.
+        self.assemble_residual(hold=True)
+        return True
+
+    def _follow(self, discretization: Discretization) -> None:
+        """Work with another discretization from now on."""
+        self.discretization = discretization
+        self.activation.follow(discretization.u)
+        self._loading.follow(discretization)

@@ -55,7 +55,9 @@ def loose_parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> list
     label = _parts(problem, interfaces)
     owned = mesh.topology.index_map(mesh.topology.dim).size_local
     # Part and tag in one number, which is faster to sort.
-    code = np.unique((label[:owned] << 32) | (problem.tags[:owned].astype(np.int64) & _LOW))
+    code = np.unique(
+        (label[:owned] << 32) | (problem.discretization.bodies.tags[:owned].astype(np.int64) & _LOW)
+    )
     code = np.unique(np.concatenate(comm.allgather(code)))
     part_of, tag_of = code >> 32, (code & _LOW).astype(np.uint32).view(np.int32)
     parts = np.unique(part_of)
@@ -105,13 +107,15 @@ def _gram(
     d = space.dofmap.index_map_bs
     part_of_node = np.zeros(space.tabulate_dof_coordinates().shape[0], dtype=np.int64)
     part_of_node[space.dofmap.list] = np.searchsorted(parts, label)[:, None]
-    prescribed = problem.owned_prescribed
+    prescribed = problem.loading.owned_prescribed
     node, component = prescribed // d, prescribed % d
     x = problem.mesh.geometry.x
     size = max(global_max(problem.comm, float(np.abs(x).max(initial=0.0))), np.finfo(float).tiny)
     points = space.tabulate_dof_coordinates()[node, :d] / size
     # One component of every motion at each prescribed dof (n, modes).
-    modes = rigid_motions(points, problem.geometry)[:, np.arange(len(node)), component].T
+    modes = rigid_motions(points, problem.discretization.geometry)[
+        :, np.arange(len(node)), component
+    ].T
     gram = np.zeros((len(parts), modes.shape[1], modes.shape[1]))
     np.add.at(gram, part_of_node[node], modes[:, :, None] * modes[:, None, :])
     return gram
@@ -125,7 +129,7 @@ def _free_motions(gram: NDArray[np.float64], problem: Problem) -> str:
         return ""
     d = problem.mesh.geometry.dim
     held = np.diag(gram) > _FREE * max(values[-1], np.finfo(float).tiny)
-    if isinstance(problem.geometry, Axisymmetric):
+    if isinstance(problem.discretization.geometry, Axisymmetric):
         return "translation along y"
     names = [f"translation along {_AXES[k]}" for k in range(d) if not held[k]]
     if free > len(names):

@@ -137,7 +137,7 @@ class CondensedNewton(Iteration):
         self._solver = CondensedSolver(self.flexibility)
         norm = self.flexibility.stiffness.norm(PETSc.NormType.NORM_INFINITY)
         self._criterion.floor = self._rounding(norm)
-        self._prescribed = problem.prescribed
+        self._prescribed = problem.loading.prescribed
         self._forget()
 
     def restart(self) -> None:
@@ -167,9 +167,9 @@ class CondensedNewton(Iteration):
         """Balance the loads of the step with the gaps held."""
         problem, flexibility = self._problem, self.flexibility
         u, prescribed = problem.u.x.array, self._prescribed
-        residual = problem.assemble_residual(self._dt, hold=True)
+        residual = problem.step.assemble_residual(self._dt, hold=True)
         trial = np.concatenate([c.values.traction.ravel() for c in self._interfaces])
-        target = problem.prescribed_values(problem.t)
+        target = problem.loading.prescribed_values(problem.t)
         shift = target - u[prescribed]
         with timer("bonded response"):
             free = residual + flexibility.lift(shift)
@@ -188,7 +188,7 @@ class CondensedNewton(Iteration):
             float(np.linalg.norm(reactions)),
             float(np.linalg.norm(free)),
             self._free_norm(residual),
-            bool(np.any(shift)) or problem.t != problem.start_of_step[0],
+            bool(np.any(shift)) or problem.t != problem.step.start.t,
         )
 
     def _free_norm(self, forces: NDArray[np.float64]) -> float:
@@ -280,13 +280,15 @@ class CondensedNewton(Iteration):
         problem.u.x.array[:] = held.u + du
         # Without rounding, or the next step would find them moved.
         problem.u.x.array[self._prescribed] = held.target
-        problem.assemble_residual(self._dt)
-        forces = problem.forces.x.array
+        problem.step.assemble_residual(self._dt)
+        forces = problem.discretization.forces.x.array
         return self._free_norm(forces), float(np.linalg.norm(forces[self._prescribed]))
 
     def _refined(self, held: _Held, gaps: Gaps) -> _Held:
         """Without what the last residual has besides that of the gaps: rounding of the bodies."""
-        lost = self._problem.forces.x.array - self.flexibility.gap_forces(gaps.excess)
+        lost = self._problem.discretization.forces.x.array - self.flexibility.gap_forces(
+            gaps.excess
+        )
         du = self.flexibility.relax(-lost)
         return replace(held, u=held.u + du, trial=held.trial + self.flexibility.tractions(du))
 

@@ -42,10 +42,13 @@ def switchboard(problem: Problem, options: SolveOptions | None = None) -> list[S
     parts = problem.discretization
     interfaces = parts.active.values()
     tied = sum(not active.law.inelastic for active in interfaces)
-    failing = problem.can_fail, "an interface can fail" if problem.can_fail else "tied only"
+    failing = (
+        problem.discretization.can_fail,
+        "an interface can fail" if problem.discretization.can_fail else "tied only",
+    )
     rubbing = any(active.law.friction > 0 for active in interfaces)
     turning = any(active.turns for active in interfaces)
-    small, constant = problem.small_strain, parts.constant_stabilization
+    small, constant = problem.discretization.bodies.small, parts.constant_stabilization
     condensed, why = condensation(problem, options)
     linear = linear_options(problem, options.petsc if options is not None else None)
     solver = _name(linear.solver) if linear.automatic else "options.petsc"
@@ -57,7 +60,11 @@ def switchboard(problem: Problem, options: SolveOptions | None = None) -> list[S
         Switch("damage tangent", *failing),
         Switch("tensor tau_s", tied > 0, f"{tied} of {len(interfaces)} interfaces are ties"),
         Switch("friction", rubbing, "in a law" if rubbing else "in no law"),
-        Switch("unsymmetric tangent", not problem.symmetric, "by the laws of the interfaces"),
+        Switch(
+            "unsymmetric tangent",
+            not problem.discretization.symmetric,
+            "by the laws of the interfaces",
+        ),
         Switch("turning frame", turning, "finite strain" if turning else still),
         Switch("terms K of (85)", not small, "the moduli are constant" if small else "slip"),
         Switch("tau_s every step", not constant, "once: small strain" if constant else "moduli"),
@@ -117,9 +124,9 @@ def gap_components(problem: Problem) -> int:
 
 def _refusal(problem: Problem, options: SolveOptions | None) -> str:
     """Why the condensed iteration does not serve this problem, or nothing."""
-    if not problem.small_strain:
+    if not problem.discretization.bodies.small:
         return "finite strain: the tangent of the bodies changes"
-    if not problem.can_fail:
+    if not problem.discretization.can_fail:
         return "tied only: nothing is left to iterate"
     if problem.comm.size > 1:
         return f"{problem.comm.size} ranks: dense matrices are for one"
@@ -127,7 +134,7 @@ def _refusal(problem: Problem, options: SolveOptions | None) -> str:
         return "mean dilatation"
     if not problem.discretization.constant_stabilization:
         return "a stabilization of the user's own may change"
-    if problem.opens_on_demand:
+    if problem.step.activation:
         return "facets open on demand"
     if options is not None and options.petsc is not None:
         return "options.petsc are for the whole problem"

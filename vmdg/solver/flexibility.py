@@ -49,9 +49,9 @@ class Flexibility:
 
     def __init__(self, problem: Problem):
         with timer("factorize bonded bodies"):
-            self.prescribed = problem.prescribed
-            self.stiffness = problem.create_matrix()
-            problem.assemble_tangent(self.stiffness, damage=False)
+            self.prescribed = problem.loading.prescribed
+            self.stiffness = problem.discretization.create_matrix()
+            problem.discretization.assemble_tangent(self.stiffness, damage=False)
             self._held = self.stiffness.copy()
             self._held.zeroRowsColumnsLocal(self.prescribed, 1.0)
             self._held.setOption(PETSc.Mat.Option.SYMMETRIC, True)
@@ -65,7 +65,9 @@ class Flexibility:
         tractions = _stack([forms.traction_matrix(c) for c in interfaces])
         jumps = _stack([forms.jump_matrix(c) for c in interfaces])
         areas = np.concatenate([c.quadrature.weights for c in interfaces])
-        self.areas = np.repeat(areas, problem.mesh.geometry.dim) * float(problem.geometry.thickness)
+        self.areas = np.repeat(areas, problem.mesh.geometry.dim) * float(
+            problem.discretization.geometry.thickness
+        )
         self.size = len(self.areas)
         # Tractions are those of any displacement, forces act on the dofs that may move.
         self._tractions = csr_array(tractions.multiply(1 / self.areas[:, None]))

@@ -199,7 +199,7 @@ class Iteration(ABC):
         once: bool = False,
         rough: bool = False,
     ) -> StepReport:
-        """Solve for the loads that ``Problem.begin_step`` has set; collective.
+        """Solve for the loads that ``Step.begin`` has set; collective.
 
         Args:
             dt: Time step of the return maps [s].
@@ -213,10 +213,10 @@ class Iteration(ABC):
         self._dt = dt
         criterion.slack = ROUGH if rough else 1.0
         scales = criterion.scale, criterion.borne
-        start, end = along or (self._problem.start_of_step[0], self._problem.t)
+        start, end = along or (self._problem.step.start.t, self._problem.t)
         ahead = self._begin(start, end)
         second = None
-        if self._problem.can_fail and not once:
+        if self._problem.discretization.can_fail and not once:
             second = FULL if along is None else ENERGY
         before = self.krylov
         report = self._search(ahead, predictor, second)
@@ -244,10 +244,10 @@ class Iteration(ABC):
             return first
         problem.u.x.array[:] = start
         self._criterion.scale = scale
-        problem.assemble_residual(self._dt, hold=True)
-        problem.watch_energy()
+        problem.step.assemble_residual(self._dt, hold=True)
+        stored = problem.step.stored_energy()
         report = replace(self._attempt(second, [], ELASTIC), former=first)
-        if report.converged and problem.unaccounted_energy() > DISTANT:
+        if report.converged and problem.step.exchange(stored).unaccounted > DISTANT:
             return report.failed("DISTANT_EQUILIBRIUM")
         return report
 

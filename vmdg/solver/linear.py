@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..base.parallel import global_sum
 from ..base.timers import timer
 from ..domain.rigid_motions import rigid_motions
+from ..forms.geometry import Geometry
 from ..problem.problem import Problem
 
 Options = Mapping[str, str | int | float | bool | None]
@@ -87,13 +88,13 @@ def automatic_options(
         max_direct: Dofs up to which every tangent is factorized.
         max_factored: Dofs in 3D up to which factors are used at all.
     """
-    direct, kept = (LDLT, GMRES_LDLT) if problem.symmetric else (LU, GMRES_LU)
+    direct, kept = (LDLT, GMRES_LDLT) if problem.discretization.symmetric else (LU, GMRES_LU)
     size = problem.space.dofmap.index_map.size_global * problem.space.dofmap.index_map_bs
     if size <= max_direct:
         return direct, direct
     if problem.mesh.topology.dim < 3 or size <= max_factored:
         return kept, direct
-    return (GMRES_GAMG if problem.can_fail else CG_GAMG), direct
+    return (GMRES_GAMG if problem.discretization.can_fail else CG_GAMG), direct
 
 
 class LinearOptions(NamedTuple):
@@ -385,17 +386,16 @@ def destroy(item: PETSc.KSP | PETSc.SNES) -> None:
     item.destroy()
 
 
-def set_rigid_modes(problem: Problem, matrix: PETSc.Mat) -> None:
+def set_rigid_modes(space: fem.FunctionSpace, geometry: Geometry, matrix: PETSc.Mat) -> None:
     """Tell multigrid the motions without strain: translations, rotations, along z in axisymmetry.
 
     One set of modes serves all bodies: an aggregate that lies in one body sees the rigid motions
     of this body.
     """
-    space = problem.space
     d, owned = space.dofmap.index_map_bs, space.dofmap.index_map.size_local
     x = space.tabulate_dof_coordinates()[:owned]
     basis: list[PETSc.Vec] = []
-    for mode in rigid_motions(x[:, :d], problem.geometry):
+    for mode in rigid_motions(x[:, :d], geometry):
         vector = matrix.createVecRight()
         vector.array[:] = mode.ravel()
         for other in (*basis, *basis):  # twice: rounding of far-off origins

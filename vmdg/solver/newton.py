@@ -100,11 +100,11 @@ class Newton(Iteration):
         matrix = self._tangent.matrix
         self._x, self._f = matrix.createVecs()
         self._owned = self._x.getLocalSize()
-        self._prescribed = problem.owned_prescribed
+        self._prescribed = problem.loading.owned_prescribed
         self._searches = BACKTRACK
 
         iterative = linear.automatic and is_iterative(linear.solver)
-        zone = interface_zone(problem) if iterative and problem.can_fail else None
+        zone = interface_zone(problem) if iterative and problem.discretization.can_fail else None
         self.linear = LinearSolver(matrix, linear.solver, linear.fallback, zone)
         if self.linear.multigrid:
             set_rigid_modes(problem, matrix)
@@ -146,7 +146,7 @@ class Newton(Iteration):
         return self.linear.iterations
 
     def _begin(self, start: float, end: float) -> list[NDArray[np.float64]]:
-        self._path.start(start, self._problem.start_of_step[1])
+        self._path.start(start, self._problem.step.start.u)
         return self._path.ahead(end)
 
     def _attempt(self, search: str, ahead: list[NDArray[np.float64]], predictor: str) -> StepReport:
@@ -166,7 +166,7 @@ class Newton(Iteration):
 
     def _reaction(self) -> float:
         """Norm of the reactions of the last assembly [N]."""
-        forces = self._problem.forces.x.array[: self._owned][self._prescribed]
+        forces = self._problem.discretization.forces.x.array[: self._owned][self._prescribed]
         return global_norm(self._problem.comm, forces)
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
@@ -177,8 +177,8 @@ class Newton(Iteration):
         u = self._problem.u.x
         u.array[: self._owned] = x.array_r
         u.scatter_forward()
-        self._problem.assemble_residual(self._dt)
-        f.array[:] = self._problem.forces.x.array[: self._owned]
+        self._problem.step.assemble_residual(self._dt)
+        f.array[:] = self._problem.discretization.forces.x.array[: self._owned]
         f.array[self._prescribed] = 0
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:

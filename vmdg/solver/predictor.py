@@ -107,7 +107,7 @@ class Predictor:
         self._ksp = ksp
         self._x, self._f = tangent.matrix.createVecs()
         self._owned = self._x.getLocalSize()
-        self._prescribed = problem.owned_prescribed
+        self._prescribed = problem.loading.owned_prescribed
         self._dt = 1.0
 
     def __call__(self, predictor: str, ahead: list[NDArray[np.float64]], dt: float) -> Norms:
@@ -127,7 +127,7 @@ class Predictor:
         self._dt = dt
         if predictor == PATH and self._follow(ahead):
             return Norms(0.0, 0.0)
-        if predictor == ELASTIC or not self._problem.can_fail:
+        if predictor == ELASTIC or not self._problem.discretization.can_fail:
             return self._solve(damage=False)
         u = self._problem.u.x.array
         start = u.copy()
@@ -149,10 +149,10 @@ class Predictor:
             False, and nothing has changed, if this leaves too much of the imbalance.
         """
         problem = self._problem
-        u, prescribed = problem.u.x.array, problem.prescribed
-        start, target = u.copy(), problem.prescribed_values(problem.t)
+        u, prescribed = problem.u.x.array, problem.loading.prescribed
+        start, target = u.copy(), problem.loading.prescribed_values(problem.t)
         shift = global_max(problem.comm, np.abs(target - u[prescribed]).max(initial=0.0))
-        moved = shift > 0 or problem.t != problem.start_of_step[0]
+        moved = shift > 0 or problem.t != problem.step.start.t
         candidates = ahead if moved else [start, *ahead]
         if not candidates:
             return False
@@ -173,7 +173,7 @@ class Predictor:
 
     def _residual_norm(self, hold: bool = False) -> float:
         """Norm of the residual on the free dofs at the current displacement [N]."""
-        residual = self._problem.assemble_residual(self._dt, hold).copy()
+        residual = self._problem.step.assemble_residual(self._dt, hold).copy()
         residual[self._prescribed] = 0
         return global_norm(self._problem.comm, residual)
 
@@ -181,10 +181,12 @@ class Predictor:
         """u += du with K du = -R, du prescribed where the displacement is."""
         problem, tangent = self._problem, self._tangent
         loads = self._residual_norm(hold=True)
-        residual = problem.forces.x.array[: self._owned]
+        residual = problem.discretization.forces.x.array[: self._owned]
         tangent.assemble(damage)
         increment = np.zeros(self._owned)
-        target = problem.prescribed_values(problem.t)[problem.prescribed < self._owned]
+        target = problem.loading.prescribed_values(problem.t)[
+            problem.loading.prescribed < self._owned
+        ]
         increment[self._prescribed] = target - problem.u.x.array[: self._owned][self._prescribed]
         self._x.array[:] = increment
         tangent.matrix.mult(self._x, self._f)

@@ -70,7 +70,7 @@ class Progress:
         """
         if not self._options.progress:
             return
-        debonded = self._problem.debonded() if self._problem.can_fail else None
+        debonded = self._problem.debonded() if self._problem.discretization.can_fail else None
         row, columns = history.rows[-1], shown(history, self._options.show)
         if not self._speaks:
             return

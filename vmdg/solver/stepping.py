@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..base.timers import timer, timings, timings_since
 from ..checkpoint.checkpoint import write_checkpoint
-from ..interface.activation import NEAR, TOO_LATE
+from ..interface.activation import OPENS, REPEATS_STEP
 from ..output.history import History
 from ..output.history_file import HistoryFile
 from ..problem.checks import check_model, checked_loads, checked_row
@@ -258,7 +258,7 @@ class Stepper:
 
         Args:
             t: Load factor.
-            overstress: Viscous regularisation, see :meth:`Problem.begin_step`.
+            overstress: Viscous regularisation, see :meth:`Step.begin`.
             along: Path parameter at the start and the end of the step; None for the load factor.
             once: Without the second attempt of the iteration.
             rough: The state is only on the way to an equilibrium, and need not be exact.
@@ -275,38 +275,43 @@ class Stepper:
         once: bool,
         rough: bool,
     ) -> StepReport:
+        step, guards = self.problem.step, self._guards and not overstress
         while True:
+            stored = step.stored_energy() if guards else 0.0
             report = self._try(t, overstress, along, once, rough)
             if not report.converged:
-                self.problem.cancel_step()
+                step.cancel()
                 return report
-            if self.problem.inverted():
-                self.problem.cancel_step()
+            if step.inverted():
+                step.cancel()
                 return report.failed("CELLS_INVERTED")
-            if self.problem.outgrown():
-                self.problem.cancel_step()
+            if not step.stabilization_suffices():
+                step.cancel()
                 return report.failed("STABILIZATION_OUTGROWN")
-            if (
-                self._guards
-                and not overstress
-                and self.problem.created_energy() > self.options.energy_guard
-            ):
-                self.problem.cancel_step()
+            if guards and self._created_energy(stored) > self.options.energy_guard:
+                step.cancel()
                 return report.failed("ENERGY_CREATED")
-            nearness = self.problem.nearness()
-            if nearness > TOO_LATE:
-                self.problem.cancel_step()
-                self.problem.open_facets()
+            utilization = step.activation.utilization()
+            if utilization.largest > REPEATS_STEP:
+                step.cancel()
+                step.open_facets(utilization)
                 self._progress.say(f"step to load {t:.8g} again: facets open within it")
                 continue
-            self.problem.commit()
-            scales = replace(
-                self.problem.step.scales, force=self._newton.scale, reaction=self._newton.borne
+            step.commit()
+            step.scales = replace(
+                step.scales, force=self._newton.scale, reaction=self._newton.borne
             )
-            self.problem.step.scales = scales
-            if nearness > NEAR:
-                self.problem.open_facets()
+            if utilization.largest > OPENS:
+                step.open_facets(utilization)
             return report
+
+    def _created_energy(self, stored: float) -> float:
+        """Energy that the step would have to create, relative to the work of the run."""
+        step = self.problem.step
+        exchange = step.exchange(stored)
+        work = max(step.scales.work, abs(exchange.before + exchange.external))
+        step.scales = replace(step.scales, work=work)
+        return exchange.created / max(work, np.finfo(float).tiny)
 
     def _try(
         self,
@@ -324,7 +329,7 @@ class Stepper:
         # A step of no length is at rest: rate effects vanish for infinite time.
         dt = abs(t - problem.t) * options.duration or (1.0 if overstress else np.inf)
         try:
-            problem.begin_step(t, dt, overstress, self._guards)
+            problem.step.begin(t, dt, overstress)
         except ValueError as error:
             if not (overstress or self._viscous):
                 raise
@@ -345,7 +350,7 @@ class Stepper:
             problem is back where it was.
         """
         options = self.options
-        before = self.problem.snapshot()
+        before = self.problem.step.snapshot()
         # The time that passes, relative to the viscosity: the path goes on in it.
         factor, elapsed, steps, rest = 4.0, 0.0, 0, 1
         report, rough, again = StepReport(False, [], ""), True, False
@@ -363,7 +368,7 @@ class Stepper:
             # A state that has hardly left the equilibrium would be taken for the next one.
             arrived = report.iterations == 0 and not rough
             rough = rough and report.iterations > 0
-            if (arrived or steps >= rest) and self.problem.largest_overstress() < options.jump_rest:
+            if (arrived or steps >= rest) and self.problem.step.overstress() < options.jump_rest:
                 # While the state moves, more steps are the cheaper second attempt here too.
                 report = self.step(t, along=(elapsed, elapsed), once=not arrived)
                 if report.converged:
@@ -373,6 +378,6 @@ class Stepper:
                 rest = 2 * steps
             if report.iterations <= EASY:
                 factor /= 2
-        self.problem.return_to(before)
+        self.problem.step.return_to(before)
         self._newton.forget_path()
         return report.failed(f"JUMP_FAILED after {steps} steps"), steps

@@ -24,7 +24,7 @@ def keeps_bulk(problem: Problem, linear: Options) -> bool:
     fails a step has few tangents; the mean dilatation couples the bodies' part to the rest.
     """
     mean_dilatation = problem.discretization.dilatation is not None
-    return is_iterative(linear) and problem.can_fail and not mean_dilatation
+    return is_iterative(linear) and problem.discretization.can_fail and not mean_dilatation
 
 
 class KeptBulk:
@@ -49,7 +49,7 @@ class KeptBulk:
         self._u: NDArray[np.float64] | None = None
         self._forces: NDArray[np.float64] | None = None
         self._du, self._product = matrix.createVecs()
-        self._prescribed = problem.owned_prescribed
+        self._prescribed = problem.loading.owned_prescribed
         self._owned = problem.discretization.owned
 
     def assemble(self, damage: bool = True) -> None:
@@ -58,7 +58,7 @@ class KeptBulk:
         Args:
             damage: False holds zeta: the damage part of (84) is left out.
         """
-        forces = self._problem.bulk_forces()
+        forces = self._problem.discretization.bulk_forces()
         u = self._problem.u.x.array[: self._owned].copy()
         if self._bulk is None or self._stale(u, forces):
             self._renew(damage)
@@ -87,7 +87,7 @@ class KeptBulk:
         return global_norm(self._problem.comm, forces)
 
     def _renew(self, damage: bool) -> None:
-        self._problem.assemble_tangent(self._matrix, damage)
+        self._problem.discretization.assemble_tangent(self._matrix, damage)
         if self._bulk is None:
             self._bulk = self._matrix.duplicate()
         self._bulk.zeroEntries()
@@ -114,7 +114,7 @@ class Tangent:
     """
 
     def __init__(self, problem: Problem, keeps_bulk: bool):
-        self.matrix = problem.create_matrix()
+        self.matrix = problem.discretization.create_matrix()
         self.matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self.norm = 0.0
         self.bulk = KeptBulk(problem, self.matrix) if keeps_bulk else None
@@ -127,7 +127,7 @@ class Tangent:
             damage: False holds zeta: the damage part of (84) is left out.
         """
         if self.bulk is None:
-            self._problem.assemble_tangent(self.matrix, damage)
+            self._problem.discretization.assemble_tangent(self.matrix, damage)
         else:
             self.bulk.assemble(damage)
         if self.norm == 0.0:
@@ -135,7 +135,7 @@ class Tangent:
 
     def constrain(self) -> None:
         """Rows and columns of prescribed dofs become those of the identity; collective."""
-        self.matrix.zeroRowsColumnsLocal(self._problem.owned_prescribed, 1.0)
+        self.matrix.zeroRowsColumnsLocal(self._problem.loading.owned_prescribed, 1.0)
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""

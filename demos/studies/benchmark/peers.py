@@ -174,7 +174,7 @@ def run(
     least = np.inf
     for _ in range(repeats):
         problem, top = build(scene, law, kinematics)
-        problem.compile()
+        problem.discretization.compile()
         even_loads = np.linspace(0, scene.end, steps + 1)[1:]
         path = even_loads if even else loads(scene, steps)
         start = process_time()

@@ -80,7 +80,7 @@ def measure(cell: str, degree: int, n: int, repeats: int) -> list[Point]:
         interpolate(plain.u, model.tagged, model.exact)
         plain.prescribe(model.sides)
         starts[name] = plain.u.x.array.copy()
-    model.problem.compile()
+    model.problem.discretization.compile()
     options = vmdg.SolveOptions(relative_tolerance=TOLERANCE, petsc=LDLT)
     least = dict.fromkeys(METHODS, np.inf)
     for _ in range(repeats):
@@ -91,7 +91,7 @@ def measure(cell: str, degree: int, n: int, repeats: int) -> list[Point]:
             if name in plains:
                 plains[name].solve(LDLT, TOLERANCE)
             else:
-                model.problem.apply_loads(0.0)
+                model.problem.loading.apply(0.0)
                 counts = vmdg.solve(model.problem, [1.0], options).counts
             least[name] = min(least[name], process_time() - start)
     points = []

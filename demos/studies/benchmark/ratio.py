@@ -101,35 +101,40 @@ def measure(dimension: str, damage: bool, direct: bool, repeats: int, refine: fl
     plain.prescribe(ends)
     problem = _problem(tagged, material, damage)
     problem.dirichlet(ends, 0.0)
-    matrix = problem.create_matrix()
+    matrix = problem.discretization.create_matrix()
     matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
     plain.assemble_residual()
     plain.assemble_tangent()
-    residual = problem.assemble_residual().copy()
-    problem.assemble_tangent(matrix)
+    residual = problem.step.assemble_residual().copy()
+    problem.discretization.assemble_tangent(matrix)
     if direct:
-        options = LDLT if problem.symmetric else LU
+        options = LDLT if problem.discretization.symmetric else LU
     else:
-        options = CG_GAMG if problem.symmetric else GMRES_GAMG
+        options = CG_GAMG if problem.discretization.symmetric else GMRES_GAMG
         for space, A in ((plain.space, plain.matrix), (problem.space, matrix)):
-            set_rigid_modes(_Modes(space, problem.geometry), A)
-    residual[problem.prescribed] = 0
+            set_rigid_modes(space, problem.discretization.geometry, A)
+    residual[problem.loading.prescribed] = 0
     solvers = [
         _Solver(A, options, b)
         for A, b in ((plain.matrix, plain.assemble_residual()), (matrix, residual))
     ]
     steps = {
-        "plain": (plain.assemble_residual, plain.assemble_tangent, plain.hold, solvers[0]),
+        "plain": (
+            plain.assemble_residual,
+            plain.assemble_tangent,
+            plain.hold,
+            solvers[0],
+        ),
         "vmdg": (
-            problem.assemble_residual,
-            lambda: problem.assemble_tangent(matrix),
-            lambda: matrix.zeroRowsColumnsLocal(problem.prescribed, 1.0),
+            problem.step.assemble_residual,
+            lambda: problem.discretization.assemble_tangent(matrix),
+            lambda: matrix.zeroRowsColumnsLocal(problem.loading.prescribed, 1.0),
             solvers[1],
         ),
     }
     named = {name: dict(zip(STEPS, actions, strict=True)) for name, actions in steps.items()}
     times = least_times(named, repeats)
-    once = {"vmdg": {"step": lambda: problem.update_stabilization(1.0)}}
+    once = {"vmdg": {"step": lambda: problem.discretization.update_stabilization(1.0)}}
     active = 0.0
     if damage:
         problem.discretization.active[0].commit()
@@ -157,14 +162,6 @@ def _problem(tagged: TaggedMesh, material: vmdg.Material, damage: bool) -> vmdg.
     for tag, jump in ((LOWER, 0.0), (UPPER, float(damage))):
         problem.u.interpolate(_field(d, jump), np.flatnonzero(tags == tag).astype(np.int32))
     return problem
-
-
-@dataclass(frozen=True)
-class _Modes:
-    """What the rigid modes of a space depend on."""
-
-    space: object
-    geometry: object
 
 
 class _Solver:

@@ -92,7 +92,7 @@ def run(way: Way, scene: Scene, steps: int) -> tuple[float, NDArray[np.float64]]
     if not way.crack:
         scene = replace(scene, crack=0.0)
     problem, top = build(scene, way.law, way.kinematics, **way.interface)
-    problem.compile()
+    problem.discretization.compile()
     options = vmdg.SolveOptions(**way.options)
     start = process_time()
     with patch.object(tangent, "STALE", way.stale):

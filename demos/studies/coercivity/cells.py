@@ -196,7 +196,7 @@ class Configurations:
         copy = self._copy_of_dofs(problem)
         H = self._F[copy] - np.eye(d)
         problem.u.x.array[:] = np.einsum("nij,nj->ni", H, X).ravel()
-        problem.update_stabilization(1.0)
+        problem.discretization.update_stabilization(1.0)
         return problem
 
     def _copy_of_dofs(self, problem: vmdg.Problem) -> NDArray[np.int64]:
@@ -207,9 +207,9 @@ class Configurations:
 
     def lowest(self, problem: vmdg.Problem) -> NDArray[np.float64]:
         """Smallest eigenvalue of every copy's tangent scaled to a unit diagonal (count,)."""
-        problem.assemble_residual(hold=True)
-        matrix = problem.create_matrix()
-        problem.assemble_tangent(matrix, damage=False)
+        problem.step.assemble_residual(hold=True)
+        matrix = problem.discretization.create_matrix()
+        problem.discretization.assemble_tangent(matrix, damage=False)
         rows, columns, values = matrix.getValuesCSR()
         matrix.destroy()
         dense = csr_matrix((values, columns, rows))

@@ -139,7 +139,7 @@ def measure(
 ) -> Row:
     """Two steps to a share of the load; collective."""
     problem, top = build(n, comm)
-    problem.compile()
+    problem.discretization.compile()
     comm.barrier()
     start = perf_counter()
     options = vmdg.SolveOptions(relative_tolerance=1e-10, verbose=verbose)
@@ -149,7 +149,7 @@ def measure(
     measured = {timing.name: timing.seconds for timing in result.timings}
     parts = {name: global_max(comm, measured.get(what, 0.0)) for name, what in TIMERS.items()}
     nodes = problem.space.dofmap.index_map
-    facets = len(problem.interface_facets(0).facets)
+    facets = len(problem.step.activation.facets[0].facets)
     return Row(
         comm.size,
         n,

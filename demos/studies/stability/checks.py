@@ -67,8 +67,8 @@ class Record:
         return cls(
             problem.t,
             problem.u.x.array.copy(),
-            problem.forces.x.array.copy(),
-            problem.prescribed,
+            problem.discretization.forces.x.array.copy(),
+            problem.loading.prescribed,
             [state.softening.copy() for state in states],
             [in_frame(state.gap, state.rotation) for state in states],
             [in_frame(state.traction, state.rotation) for state in states],
@@ -131,15 +131,15 @@ class Run:
             past = theirs.history
             mine.history = replace(mine.history, gap=past.gap, softening=past.softening)
         new.u.x.array[:] = problem.u.x.array
-        new.apply_loads(problem.t)
-        new.assemble_residual(hold=True)
+        new.loading.apply(problem.t)
+        new.step.assemble_residual(hold=True)
         return new
 
     @cached_property
     def rounding(self) -> float:
         """Bound of the rounding of nodal forces [N]: eps |K| times the size of the body."""
-        matrix = self.new.create_matrix()
-        self.new.assemble_tangent(matrix, damage=False)
+        matrix = self.new.discretization.create_matrix()
+        self.new.discretization.assemble_tangent(matrix, damage=False)
         result = EPS * self.reach * matrix.norm(PETSc.NormType.NORM_INFINITY)
         matrix.destroy()
         return result
@@ -198,12 +198,12 @@ def equilibrium(run: Run) -> list[str]:
     if run.unsettled:
         return []
     new, limit = run.new, run.tolerance
-    forces, d = new.forces.x.array, run.case.mesh.d
-    free = np.setdiff1d(np.arange(len(forces)), new.prescribed)
+    forces, d = new.discretization.forces.x.array, run.case.mesh.d
+    free = np.setdiff1d(np.arange(len(forces)), new.loading.prescribed)
     found = []
     if (left := np.linalg.norm(forces[free])) > limit:
         found.append(f"residual {left:.2e} N of {run.force:.2e} N")
-    if (off := np.abs(forces - run.problem.forces.x.array).max()) > limit:
+    if (off := np.abs(forces - run.problem.discretization.forces.x.array).max()) > limit:
         found.append(f"reported forces are off by {off:.2e} N")
     axes = slice(1, None) if run.case.symmetry else slice(None)
     total = (forces.reshape(-1, d).sum(axis=0) + run.case.load(run.problem.t))[axes]
@@ -233,7 +233,7 @@ def positive_volume(run: Run) -> list[str]:
         return []
     problem, d = run.problem, run.case.mesh.d
     mesh = problem.mesh
-    shapes = CellGeometry(mesh, problem.geometry, run.case.degree)
+    shapes = CellGeometry(mesh, problem.discretization.geometry, run.case.degree)
     cells = np.arange(mesh.topology.index_map(d).size_local, dtype=np.int32)
     gradients, _ = shapes.in_cells(cells)
     u = problem.u.x.array.reshape(-1, d)[problem.space.dofmap.list[cells]]
@@ -433,7 +433,7 @@ def energy_balance(run: Run) -> list[str]:
     )
     jumps = [0, *run.history["jump_steps"]] if len(run.history) else [0]
     for before, after, jumped in zip(run.records, run.records[1:], jumps[1:], strict=False):
-        values = [run.problem.prescribed_values(record.t) for record in (before, after)]
+        values = [run.problem.loading.prescribed_values(record.t) for record in (before, after)]
         moved = np.abs(values[1] - values[0])
         reactions = [np.abs(record.forces[record.prescribed]) for record in run.records]
         if len({len(forces) for forces in reactions}) == 1:
