@@ -8,6 +8,7 @@ shear-lag estimate. Drawn and computed in 3D (a quarter) or as an axisymmetric s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -65,7 +66,8 @@ def main(
     if study:
         given = {"solid": solid, "layers": layers, "refine": refine, "steps": steps, "end": end}
         given |= {"friction": friction, "fibre_modulus": fibre_modulus, "verbose": verbose}
-        return studied(study, out, plot, checkpoint_every, resume, **given)
+        values = STUDIES[study][2]
+        return studied(study, values, out, plot, checkpoint_every, resume, **given)
     model, folder = build(solid, layers, refine, friction, fibre_modulus), Path(out)
     problem, rank = model.problem, MPI.COMM_WORLD.rank
     checkpoint, cure = folder / "checkpoint", folder / "checkpoint_cure"
@@ -104,10 +106,16 @@ def main(
 
 
 def studied(
-    name: str, out: str, plot: bool, every: int, resume: bool, **options: float | bool
+    name: str,
+    values: Sequence[float],
+    out: str,
+    plot: bool = True,
+    every: int = 0,
+    resume: bool = False,
+    **options: float | bool,
 ) -> dict[str, vmdg.History]:
     """One run a value, one table and one picture."""
-    argument, label, values = STUDIES[name]
+    argument, label, _ = STUDIES[name]
     first, runs = MPI.COMM_WORLD.rank == 0, {}
     for value in values:
         if first:

@@ -148,15 +148,12 @@ def test_resume(comm, out):
         assert parts[name] == pytest.approx(whole[name], rel=1e-8, abs=1e-8)
 
 
-def test_studies(comm, out, monkeypatch, capsys):
+def test_studies(comm, out, capsys):
     """One run a value, with its argument changed; a row of the table and a picture for all."""
     small = {"modulus": (0.625, 2.5), "mesh": (0.3, 0.4), "steps": (2, 4)}
     for study, values in small.items():
-        argument, label, _ = demo.STUDIES[study]
-        monkeypatch.setitem(demo.STUDIES, study, (argument, label, values))
-        settings = {"refine": 0.3, "steps": 2, "end": 0.004, "checkpoint_every": 0}
-        runs = demo.main(study=study, out=str(out), **settings)
-        assert list(runs) == [label.format(value) for value in values]
+        runs = demo.studied(study, values, str(out), refine=0.3, steps=2, end=0.004)
+        assert list(runs) == [demo.STUDIES[study][1].format(value) for value in values]
         first, second = runs.values()
         if study == "steps":
             assert (len(first), len(second)) == values

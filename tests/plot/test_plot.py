@@ -15,7 +15,7 @@ from vmdg import compat, plot
 from vmdg.meshes import blocks, fibre_matrix, pushout
 from vmdg.output.corners import nodal_means
 from vmdg.output.values import scalar
-from vmdg.plot.interface import _unrolled
+from vmdg.plot.interface import unrolled
 from vmdg.plot.stress import stress_means
 
 LAW = vmdg.Debonding(strength=100.0, critical_gap=0.2)
@@ -138,7 +138,7 @@ def test_unrolled_cylinder():
                   for f in zip(low, high, high, low, strict=True)]  # fmt: skip
         middle = (ends[1:] + ends[:-1]) / 2
         normals = np.column_stack([np.sin(middle), 0 * middle, np.cos(middle)])
-        polygons, names = _unrolled(np.array(points), normals, "y")
+        polygons, names = unrolled(np.array(points), normals, "y")
         assert names == ("angle [°]", "y [mm]")
         width = np.ptp(polygons[..., 0], axis=1)
         assert width == pytest.approx(np.degrees(sweep) / count)

@@ -111,7 +111,7 @@ def mode_map(
     elif axis is None:
         polygons, names = _projected(corners, normals)
     else:
-        polygons, names = _unrolled(corners, normals, axis)
+        polygons, names = unrolled(corners, normals, axis)
     drawn = PolyCollection(polygons, array=values, edgecolors="face", linewidths=0.2)
     if quantity == "mode":
         drawn.set_norm(BoundaryNorm(np.arange(len(MODES) + 1) - 0.5, len(MODES)))
@@ -164,7 +164,7 @@ def _projected(corners: NDArray, normals: NDArray) -> tuple[NDArray, tuple[str, 
     return corners[:, :, [first, second]], (f"{'xyz'[first]} [mm]", f"{'xyz'[second]} [mm]")
 
 
-def _unrolled(corners: NDArray, normals: NDArray, axis: str) -> tuple[NDArray, tuple[str, str]]:
+def unrolled(corners: NDArray, normals: NDArray, axis: str) -> tuple[NDArray, tuple[str, str]]:
     """A cylinder, its axis where the normals of all facets meet, as angle and axial position."""
     k = "xyz".index(axis)
     a, b = (k + 1) % 3, (k + 2) % 3
