@@ -382,7 +382,7 @@ def test_every_element(comm, cell, degree):
 
 # Killed runs
 
-KILLS = int(os.environ.get("VMDG_KILLS", "4"))
+KILLS = int(os.environ.get("VMDG_KILLS", "2"))
 
 
 def start(folder: Path, log: Path) -> subprocess.Popen:
