@@ -40,8 +40,8 @@ def animate(
 ) -> None:
     """Write an animation of stress on the deformed shape and of a curve; collective.
 
-    Take a snapshot in the monitor of every step (``problem.step.snapshot()``, a copy of the state); the
-    problem is in its last one afterwards.
+    Take a snapshot in the monitor of every step (``problem.step.snapshot()``, a copy of the state);
+    the problem is in its last one afterwards.
 
     Args:
         path: Its folder is made if missing. Ends in .gif, or in .mp4 where ffmpeg is installed.
