@@ -142,7 +142,6 @@ USERS = sorted(
 #: Files that still do.
 LATER = {
     "demos/studies/benchmark/switches.py",
-    "tests/output/test_history.py",
     "tests/solver/test_condensed.py",
     "tests/solver/test_jump.py",
     "tests/solver/test_progress.py",
@@ -151,12 +150,12 @@ LATER = {
 }
 #: Methods of monkeypatch and of unittest.mock.patch.
 PATCHES = {"setattr", "setitem", "object", "dict"}
-#: Methods of named tuples begin with an underscore and are public.
-TUPLES = {"_replace", "_asdict", "_fields", "_make"}
+#: Of named tuples, and what notebooks call: names that begin with an underscore and are public.
+PUBLIC = {"_replace", "_asdict", "_fields", "_make", "_repr_html_"}
 
 
 def is_private(name: str) -> bool:
-    return name.startswith("_") and not name.endswith("__") and name not in TUPLES
+    return name.startswith("_") and not name.endswith("__") and name not in PUBLIC
 
 
 def root_name(node: ast.expr) -> str:

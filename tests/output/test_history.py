@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from support.problems import joined
 from support.scenes import two_blocks
 
 import vmdg
-from vmdg.output.history_file import HistoryFile
+from vmdg.output.history import HistoryFile
 
 LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05)
 OWN = [
@@ -74,6 +75,35 @@ def test_csv_and_back(tmp_path):
     assert "name" not in found.rows[1]
     assert found.rows[2] == {"step": 3, "x": 1e-300, "flag": False}
     assert isinstance(found.rows[2]["step"], int)
+
+
+def test_shown(monkeypatch):
+    """In a line, and as a table of few rows in a notebook."""
+    history = vmdg.History()
+    assert repr(history) == "<History: 0 rows x 0 columns>"
+    for step in range(30):
+        history.append({"step [-]": step, "force [N]": step / 3, "note": "a<b"})
+    size, last = "30 rows x 3 columns", "step=29, force=9.66667, note=a<b"
+    assert repr(history) == f"<History: {size}; last row: {last}>"
+    table = history._repr_html_()
+    assert table.startswith("<table><tr><th>step [-]</th><th>force [N]</th><th>note</th></tr>")
+    assert table.count("<tr>") == 1 + 10 + 1 + 10
+    assert "<td>29</td><td>9.66667</td><td>a&lt;b</td>" in table
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(ImportError, match="pip install pandas; or use to_csv"):
+        history.to_pandas()
+
+
+def test_data_frame():
+    """Columns by their names, units beside them; what a row does not have is NaN."""
+    pytest.importorskip("pandas")
+    history = vmdg.History()
+    history.append({"step [-]": 1, "force [N]": 0.5})
+    history.append({"step [-]": 2})
+    frame = history.to_pandas()
+    assert frame["step"].tolist() == [1, 2]
+    assert frame["force"].isna().tolist() == [False, True]
+    assert frame.attrs["units"] == {"step": "-", "force": "N"}
 
 
 def test_killed_run_leaves_all_rows(comm, out):
@@ -147,25 +177,3 @@ def test_file_that_cannot_be_written(comm, out):
     comm.barrier()
     with pytest.raises(OSError, match=r"table .*history\.csv cannot be written"):
         vmdg.solve(pulled(comm), [0.01], vmdg.SolveOptions(csv=out / "file" / "history.csv"))
-
-
-@pytest.mark.parametrize(("name", "rows"), [("load_cycle", 20), ("patch_tension", 5)])
-def test_killed_demo(comm, out, monkeypatch, name, rows):
-    """The tables of demos too have a row for every step that was complete."""
-    demo = __import__(name)
-    mean, calls = vmdg.Problem.mean, []
-
-    def ends(problem: vmdg.Problem, i: int):
-        calls.append(i)
-        if len(calls) > 4:
-            raise KeyboardInterrupt
-        return mean(problem, i)
-
-    monkeypatch.setattr(vmdg.Problem, "mean", ends)
-    with pytest.raises(KeyboardInterrupt):
-        demo.main(steps=rows, out=str(out), plot=False)
-    comm.barrier()
-    header, *found = lines(comm, out / "history.csv")
-    assert len(found) == 4
-    assert all("[" in column for column in header)
-    assert not list(out.glob("*.png"))

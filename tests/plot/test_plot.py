@@ -126,7 +126,7 @@ def test_what_has_no_profile(comm):
 # Maps
 
 
-def test_unrolled_cylinder():
+def testunrolled_cylinder():
     """Any cylinder, a quarter or a whole: the axis is found, no facet is cut by the jump."""
     centre, count = np.array([3.0, -2.0]), 12
     for sweep in (np.pi / 2, 2 * np.pi):

@@ -1,16 +1,24 @@
-"""The table of a run: one row a converged load step."""
+"""The table of a run, one row a converged load step, and its file."""
 
 from __future__ import annotations
 
 import csv
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TextIO
+
+from mpi4py import MPI
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ..base.parallel import raise_together
+from ..base.tables import html_table, short
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 _WITH_UNIT = re.compile(r"(.*\S)\s+\[([^\[\]]*)\]")
 
@@ -82,6 +90,34 @@ class History:
             raise KeyError(f"history has no column {column!r}; it has {self.columns}")
         return np.array([row.get(name, np.nan) for row in self.rows])
 
+    def __repr__(self) -> str:
+        size = f"{len(self)} rows x {len(self.columns)} columns"
+        last = [f"{name}={short(value)}" for row in self.rows[-1:] for name, value in row.items()]
+        return f"<History: {size}{'; last row: ' if last else ''}{', '.join(last)}>"
+
+    def _repr_html_(self) -> str:
+        """Table for notebooks: of a long run the first and the last ten rows."""
+        rows = [[row.get(name, "") for name in self.columns] for row in self.rows]
+        if len(rows) > 21:
+            rows[10:-10] = [["..."] * len(self.columns)]
+        return html_table(self.header, rows)
+
+    def to_pandas(self) -> DataFrame:
+        """The table as a data frame of pandas, its units in ``attrs["units"]``.
+
+        Raises:
+            ImportError: pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise ImportError(
+                f"History.to_pandas needs pandas ({error}): pip install pandas; or use to_csv"
+            ) from error
+        frame = pandas.DataFrame(self.rows, columns=self.columns)
+        frame.attrs["units"] = dict(self.units)
+        return frame
+
     def to_csv(self, path: str | Path) -> None:
         """Write the table with a header line, "force [N]" where a unit is known.
 
@@ -93,7 +129,7 @@ class History:
         with open(path, "w", newline="") as file:
             writer = csv.writer(file)
             writer.writerow(self.header)
-            writer.writerows(lines(self.rows, self.columns))
+            writer.writerows(_lines(self.rows, self.columns))
 
     @classmethod
     def from_csv(cls, path: str | Path) -> History:
@@ -111,7 +147,7 @@ class History:
         return history
 
 
-def lines(rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> Iterator[list[str]]:
+def _lines(rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> Iterator[list[str]]:
     """Rows as a CSV file with these columns has them."""
     for row in rows:
         yield [_text(row[name]) if name in row else "" for name in columns]
@@ -128,3 +164,84 @@ def _value(text: str) -> Any:
         return json.loads(text)
     except ValueError:
         return text
+
+
+class HistoryFile:
+    """A CSV file that follows a table: whenever a run is killed, all its rows are there.
+
+    A row is one line, written and flushed at once. A column that appears later changes the header:
+    then the file is written anew beside the old one and takes its place in one move. So it does at
+    the start, where a run that goes on from a checkpoint finds rows that it will do again.
+
+    Args:
+        comm: Communicator; its rank 0 writes.
+        path: Of the file; None for none.
+        history: The table.
+
+    Raises:
+        OSError: the file cannot be written; on all ranks.
+    """
+
+    def __init__(self, comm: MPI.Comm, path: str | Path | None, history: History):
+        self._comm = comm
+        self._path = None if path is None else Path(path)
+        self._history = history
+        self._file: TextIO | None = None
+        self._columns: list[str] = []
+        self._units: dict[str, str] = {}
+        self._written = 0
+        self._do(self._replace)
+
+    def update(self) -> None:
+        """Add the rows that have come since the last time; collective.
+
+        Raises:
+            OSError: they cannot be written; on all ranks.
+        """
+        self._do(self._extend)
+
+    def _do(self, action: Callable[[], None]) -> None:
+        if self._path is None:
+            return
+        message = None
+        if self._comm.rank == 0:
+            try:
+                action()
+            except OSError as error:
+                message = (
+                    f"the table {self._path} cannot be written: {error}; make room or name a file "
+                    "in a folder that can be written to"
+                )
+        raise_together(self._comm, message, OSError)
+
+    def _extend(self) -> None:
+        rows = self._history.rows[self._written :]
+        named = {name for row in rows for name in row} <= set(self._columns)
+        if not named or self._history.units != self._units:
+            self._replace()
+            return
+        csv.writer(self._file).writerows(_lines(rows, self._columns))
+        self._file.flush()
+        self._written += len(rows)
+
+    def _replace(self) -> None:
+        self.close()
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        partial = self._path.with_name(f"{self._path.name}.partial")
+        self._history.to_csv(partial)
+        partial.replace(self._path)
+        self._file = open(self._path, "a", newline="")  # closed by close()
+        self._columns, self._units = self._history.columns, dict(self._history.units)
+        self._written = len(self._history)
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def __enter__(self) -> HistoryFile:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 
+from ..base.tables import html_table
 from ..base.timers import Timing
 from ..output.history import History
 from .features import Switch
@@ -89,15 +90,26 @@ class Result:
 
     def summary(self) -> str:
         """Steps, corrections and work of the run, a line for every switch and every timer."""
-        steps = len(self.residuals)
-        corrections = sum(max(len(norms) - 1, 0) for norms in self.residuals)
-        head = f"{steps} steps, {corrections} corrections, {len(self.failures)} attempts failed"
         width = max((len(switch.name) for switch in self.switches), default=0)
         lines = [
             f"  {switch.name:{width}}  {'on' if switch.on else 'off':3}  {switch.reason}"
             for switch in self.switches
         ]
-        return "\n".join([head, f"  {self.counts}", *lines, *self._timing_lines()])
+        return "\n".join([self._head(), f"  {self.counts}", *lines, *self._timing_lines()])
+
+    def _head(self) -> str:
+        steps = len(self.residuals)
+        corrections = sum(max(len(norms) - 1, 0) for norms in self.residuals)
+        return f"{steps} steps, {corrections} corrections, {len(self.failures)} attempts failed"
+
+    def __repr__(self) -> str:
+        return f"<Result: {self._head()}; {self.counts}>"
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the work, what failed, and the history."""
+        names = ("load", "failed attempt")
+        failures = html_table(names, self.failures) if self.failures else ""
+        return f"<p>{self._head()}; {self.counts}</p>{failures}{self.history._repr_html_()}"
 
     def _timing_lines(self) -> list[str]:
         if not self.timings:

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 from ..base.timers import timer, timings, timings_since
 from ..checkpoint.checkpoint import write_checkpoint
 from ..interface.activation import OPENS, REPEATS_STEP
-from ..output.history import History
-from ..output.history_file import HistoryFile
+from ..output.history import History, HistoryFile
 from ..problem.checks import check_model, checked_loads, checked_row
 from ..problem.problem import Problem
 from ..problem.states import RunScales

@@ -1,0 +1,27 @@
+"""Values as text, and tables for notebooks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import Any
+
+
+def short(value: Any) -> str:
+    """A value as text, numbers with six digits."""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def html_table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """A table in HTML.
+
+    Args:
+        header: Names of the columns.
+        rows: Values, as many a row.
+    """
+    lines = [("th", header), *(("td", row) for row in rows)]
+    body = (
+        "".join(f"<{cell}>{escape(short(value))}</{cell}>" for value in values)
+        for cell, values in lines
+    )
+    return f"<table>{''.join(f'<tr>{line}</tr>' for line in body)}</table>"
