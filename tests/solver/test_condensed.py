@@ -11,14 +11,11 @@ from support.problems import MATERIALS, joined
 from support.scenes import everywhere, tag_cells, two_blocks, unit_box
 
 import vmdg
-from vmdg.solver import condensed_newton, condensed_solver
 from vmdg.solver.condensed_newton import CondensedNewton, backtrack, full_step, least_energy
 from vmdg.solver.condensed_solver import CondensedSolver
-from vmdg.solver.flexibility import Flexibility
+from vmdg.solver.flexibility import Flexibility, Superposition
 from vmdg.solver.gap_equation import Direction
-from vmdg.solver.kept_responses import KeptResponses
 from vmdg.solver.newton import Newton
-from vmdg.solver.stepping import Stepper
 
 LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.4)
 ONE_RANK = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="condensed on one rank only")
@@ -96,7 +93,7 @@ def test_compliance_matrix(comm, cell):
 @ONE_RANK
 @pytest.mark.parametrize("damaged", [0.0, 2 / 3, 1.0])
 @TWO_CELLS
-def test_solver(comm, monkeypatch, cell, damaged):
+def test_solver(comm, cell, damaged):
     """Directly, iteratively in few steps and in double precision: the solution of the dense system.
 
     What is refined once has a residual of 1e-8 at most.
@@ -127,56 +124,11 @@ def test_solver(comm, monkeypatch, cell, damaged):
     solver = CondensedSolver(flexibility)
     assert_solves(solver, 1e-9)
     assert solver.iterations == 0
-    monkeypatch.setattr(condensed_solver, "DIRECT", -1)
-    monkeypatch.setattr(condensed_solver, "PATIENCE", 12)
+    solver = CondensedSolver(flexibility, max_direct=-1, max_iterations=12)
     assert_solves(solver, 1e-6)
     assert (solver.iterations > 0) == (damaged > 0)
-    monkeypatch.setattr(condensed_solver, "ENOUGH", 0.0)
-    assert_solves(solver, 1e-12)
-    flexibility.destroy()
-
-
-@ONE_RANK
-@TWO_CELLS
-def test_kept_factors(comm, monkeypatch, cell):
-    """They serve while few points change branch or all change a little, and give the same."""
-    problem = sheared(comm, cell, 4)
-    flexibility, d = Flexibility(problem), problem.mesh.geometry.dim
-    n, factorize, made = flexibility.size, condensed_solver._factorized, []
-
-    def counted(matrix):
-        made.append(len(matrix))
-        return factorize(matrix)
-
-    monkeypatch.setattr(condensed_solver, "_factorized", counted)
-    rng = np.random.default_rng(6)
-    first = np.tile(np.eye(d) / (1.1 * problem.stabilization[0].norm.min()), (n // d, 1, 1))
-    first[: n // d // 2] = 0
-    little = first * rng.uniform(0.95, 1.05, (n // d, 1, 1))
-    few = first.copy()
-    few[[0, -1]] = first[-1], 0 * first[-1]
-    many = first[::-1].copy()
-    solver = CondensedSolver(flexibility)
-    stiffness = flexibility.matrix / flexibility.areas[:, None]
-
-    def made_for(C):
-        """Number of factorizations, where the solution has been compared with that of LAPACK."""
-        right, before = rng.uniform(-1, 1, n), len(made)
-        value, response = solver.solve(C, right)
-        rows = (C @ stiffness.reshape(-1, d, n)).reshape(n, n)
-        expected = np.linalg.solve(np.eye(n) - rows, right)
-        assert np.linalg.norm(value - expected) <= 1e-9 * np.linalg.norm(expected)
-        assert response == pytest.approx(flexibility.response(value), rel=1e-9, abs=1e-9)
-        return len(made) - before
-
-    assert [made_for(C) for C in (first, first, little, few, many, many)] == [1, 0, 0, 0, 1, 0]
-    assert solver.tolerance == condensed_solver.CLOSE
-    solver.forget()
-    assert made_for(many) == 1
-    # Where GMRES fails new factors are made.
-    monkeypatch.setattr(condensed_solver, "PATIENCE", 1)
-    assert made_for(0.9 * many) == 1
-    solver.destroy()
+    # Where one iteration is not enough.
+    assert_solves(CondensedSolver(flexibility, max_direct=-1, max_iterations=1), 1e-2)
     flexibility.destroy()
 
 
@@ -196,7 +148,7 @@ def test_almost_singular_system(comm):
     flexibility.destroy()
 
 
-def test_kept_responses():
+def test_superposition():
     """Combinations of loads that were solved for need no solve; small rests are left out."""
     rng = np.random.default_rng(4)
     inverse, solved = np.diag(rng.uniform(1, 2, 5)), []
@@ -205,7 +157,7 @@ def test_kept_responses():
         solved.append(forces)
         return inverse @ forces
 
-    respond = KeptResponses(solve)
+    respond = Superposition(solve)
     first, second, noise = np.eye(5)[0] + np.eye(5)[1], np.eye(5)[1], 1e-9 * np.eye(5)[4]
     for forces in (first, second, 2 * first - 3 * second, first + noise):
         assert respond(forces, 1e-8) == pytest.approx(inverse @ forces, rel=1e-12, abs=3e-9)
@@ -315,15 +267,20 @@ def test_same_corrections(comm):
 
 
 @ONE_RANK
-def test_bodies_out_of_balance(comm, monkeypatch):
+def test_bodies_out_of_balance(comm):
     """What the condensed state misses shows in the residual of the whole, and is made good."""
     loads = np.linspace(0.25, 1.0, 4)
     expected, _ = run(sheared(comm, "quadrilateral"), loads, False)
+    problem = sheared(comm, "quadrilateral")
     # No load is ever solved for before the step.
-    monkeypatch.setattr(condensed_newton, "NEGLIGIBLE", 1e15)
-    found, result = run(sheared(comm, "quadrilateral"), loads, True)
-    assert_same(expected[:4], found[:4])
-    assert not result.failures
+    newton = CondensedNewton(problem, 1e-11, 20, negligible=1e15)
+    for t in loads:
+        problem.begin_step(t, 1.0)
+        assert newton.step(1.0).converged
+        problem.commit()
+    newton.destroy()
+    state = problem.state[0]
+    assert_same(expected[:4], [problem.u.x.array, state.gap, state.traction, state.softening])
 
 
 @ONE_RANK
@@ -361,12 +318,9 @@ def test_continues_the_other(comm, out):
 def test_elastic_steps_need_no_flexibility(comm):
     """Below the strength a step takes no correction and the dense matrix is never made."""
     problem = sheared(comm, "hexahedron")
-    stepper = Stepper(problem, vmdg.SolveOptions(condensed=True))
-    newton = stepper._newton
-    for t in (1e-3, 2e-3):
-        assert stepper.step(t).iterations == 0
-    assert "matrix" not in vars(newton.flexibility)
-    stepper.close()
+    result = vmdg.solve(problem, [1e-3, 2e-3], vmdg.SolveOptions(condensed=True))
+    assert not result.history["iterations"].any()
+    assert not any(timing.name == "flexibility at points" for timing in result.timings)
 
 
 @ONE_RANK

@@ -13,7 +13,6 @@ from support.scenes import two_blocks
 import vmdg
 from vmdg.base.timers import timer, timings, timings_since
 from vmdg.solver import progress
-from vmdg.solver.condensed_solver import CondensedSolver
 from vmdg.solver.iteration import Solve, StepReport
 from vmdg.solver.progress import described, shown
 
@@ -169,33 +168,13 @@ def test_table_of_two_attempts():
 
 
 def test_krylov_iterations(comm):
-    """None of direct solvers; of an iterative one those that PETSc counts; of the condensed one."""
+    """None of direct solvers; of an iterative one those that PETSc counts."""
     direct = solve(pulled(comm), [0.01, 0.1])
     assert not direct.history["krylov"].any()
+    assert direct.counts.krylov == 0
     iterative = solve(pulled(comm), [0.01, 0.1], petsc=ITERATIVE)
     assert (iterative.history["krylov"] > iterative.history["iterations"]).all()
-
-
-@pytest.mark.parametrize(("limit", "few"), [(0, 0), (10_000, 100), (10_000, -1)])
-def test_krylov_iterations_of_condensed_steps(comm, monkeypatch, limit, few):
-    """Systems of the gaps count where GMRES solves them, not where new factors do it."""
-    if comm.size > 1:
-        pytest.skip("condensed on one rank only")
-    monkeypatch.setattr("vmdg.solver.condensed_solver.DIRECT", limit)
-    monkeypatch.setattr("vmdg.solver.condensed_solver.FEW", few)
-    original, counted = CondensedSolver.solve, []
-
-    def watched(solver, *arguments):
-        before = solver.iterations
-        value = original(solver, *arguments)
-        counted.append(solver.iterations - before)
-        return value
-
-    monkeypatch.setattr(CondensedSolver, "solve", watched)
-    problem = pulled(comm, kinematics="small")
-    result = solve(problem, [0.01, 0.05, 0.1], condensed=True)
-    assert result.history["krylov"].sum() == sum(counted)
-    assert (sum(counted) > 0) == (few >= 0)
+    assert iterative.counts.krylov == iterative.history["krylov"].sum()
 
 
 def test_debonded(comm):

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from ..base.timers import timer
 from ..problem.problem import Problem
-from .condensed_solver import CondensedSolver
-from .flexibility import Flexibility
+from .condensed_solver import RTOL, CondensedSolver
+from .flexibility import Flexibility, Superposition
 from .gap_equation import Direction, GapEquation, Gaps
 from .iteration import BACKTRACK, ENERGY, FULL, HALVINGS, Iteration, StepReport, Trace
-from .kept_responses import KeptResponses
 from .predictor import ASTRAY, ELASTIC, PATH, POOR
 
 LineSearch = Callable[[GapEquation, Gaps, Direction], Gaps]
@@ -121,6 +120,8 @@ class CondensedNewton(Iteration):
         max_iterations: Corrections before an attempt is given up.
         scale: Largest force seen before [N].
         borne: Largest reaction or load seen before [N].
+        negligible: Imbalance of the bodies that is left to the end of the step, relative to what
+            may be left there.
     """
 
     def __init__(
@@ -130,6 +131,7 @@ class CondensedNewton(Iteration):
         max_iterations: int,
         scale: float = 0.0,
         borne: float = 0.0,
+        negligible: float = NEGLIGIBLE,
     ):
         super().__init__(problem, relative_tolerance, max_iterations, scale, borne)
         self._interfaces = [c for c in problem.discretization.active.values() if c.law.inelastic]
@@ -138,6 +140,7 @@ class CondensedNewton(Iteration):
         norm = self.flexibility.stiffness.norm(PETSc.NormType.NORM_INFINITY)
         self._criterion.floor = self._rounding(norm)
         self._prescribed = problem.loading.prescribed
+        self._negligible = negligible
         self._forget()
 
     def restart(self) -> None:
@@ -148,9 +151,8 @@ class CondensedNewton(Iteration):
         self._forget()
 
     def _forget(self) -> None:
-        self._responses = KeptResponses(self.flexibility.relax)
+        self._relax = Superposition(self.flexibility.relax)
         self._rest = np.zeros(self.flexibility.size)
-        self._solver.forget()
 
     @property
     def krylov(self) -> int:
@@ -175,7 +177,7 @@ class CondensedNewton(Iteration):
             free = residual + flexibility.lift(shift)
             free[prescribed] = 0
             loads = free - flexibility.gap_forces(self._rest)
-            du = -self._responses(loads, NEGLIGIBLE * self._criterion.goal(0.0))
+            du = -self._relax(loads, self._negligible * self._criterion.goal(0.0))
             du[prescribed] = shift
             bonded = flexibility.tractions(du) - flexibility.response(self._rest)
             reactions = residual[prescribed] + flexibility.reactions(du)
@@ -257,7 +259,7 @@ class CondensedNewton(Iteration):
         start, seen = len(trace.norms), equation.evaluations
         for iteration in range(self._max_iterations + 1):
             trials, seen = equation.evaluations - seen, equation.evaluations
-            trace.note(gaps.norm, trials, self.krylov, self._solver.tolerance)
+            trace.note(gaps.norm, trials, self.krylov, RTOL)
             if not np.isfinite(gaps.norm):
                 return gaps, "DIVERGED_FNORM_NAN"
             if gaps.norm <= goal:

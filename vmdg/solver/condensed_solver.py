@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import NamedTuple
 
 from petsc4py import PETSc
 
@@ -22,17 +21,11 @@ Solve = Callable[[Array], Array]
 
 #: Gap components with damage up to which the system is solved directly: 640 take 11 ms, iteratively
 #: 13 ms in 2D; in 3D, among 3,600, 720 take 45 against 50 ms and 1,224 take 88 against 57 ms.
-DIRECT = 900
+MAX_DIRECT = 900
 
 #: Relative residual that is aimed at, by the iterative solver within so many iterations, and one
 #: that still makes a good Newton correction.
-EXACT, PATIENCE, ENOUGH = 1e-8, 50, 1e-2
-
-#: Factors of earlier compliances serve as long as no more points than these have a compliance that
-#: differs by more than this share of the largest: each costs two iterations or so. Relative
-#: residual that is aimed at with them, nearly that of a direct solution, and one that will do.
-FEW, MOVED = 6, 0.2
-CLOSE, CLOSE_ENOUGH = 1e-12, 1e-10
+RTOL, MAX_ITERATIONS, ENOUGH = 1e-8, 50, 1e-2
 
 #: What a direct solution in single precision is refined to, as if it were a double one, in so many
 #: steps.
@@ -47,11 +40,10 @@ class CondensedSolver:
 
     The laws are linear between their kinks, where an exact correction is the last one. Where few
     points take part, directly in their rows: by factors of single precision, in half the time, for
-    b and for what is left of it; next to a singular stage in double precision. The factors are kept
-    while few points change branch: GMRES with them takes 4 to 20 iterations, in half of the time of
-    new ones. Where many points take part, iteratively: S is stiff for gaps that the displacement of
-    the nodes can follow, and small for all others (3,600 gap components of the push-out in 3D
-    belong to 1,014 jumps of nodes). The preconditioner takes it as S ~ W.P.Gamma.P^T.W, with P the
+    b and for what is left of it; next to a singular stage in double precision. Where many points
+    take part, iteratively: S is stiff for gaps that the displacement of the nodes can follow, and
+    small for all others (3,600 gap components of the push-out in 3D belong to 1,014 jumps of
+    nodes). The preconditioner takes it as S ~ W.P.Gamma.P^T.W, with P the
     interpolation from the nodes to the points and Gamma the projection
     (P^T.W.P)^-1.(P^T.S.P).(P^T.W.P)^-1, whence by the formula of Woodbury
 
@@ -62,22 +54,24 @@ class CondensedSolver:
 
     Args:
         flexibility: Gives S, W and P.
+        max_direct: Gap components with damage up to which the system is solved directly.
+        max_iterations: Krylov iterations before an iterative solution is given up for a direct one.
 
     Attributes:
         iterations: Krylov iterations so far.
-        tolerance: Relative residual that the last of them aimed at.
     """
 
-    def __init__(self, flexibility: Flexibility):
+    def __init__(
+        self,
+        flexibility: Flexibility,
+        max_direct: int = MAX_DIRECT,
+        max_iterations: int = MAX_ITERATIONS,
+    ):
         self._flexibility = flexibility
+        self._max_direct = max_direct
+        self._max_iterations = max_iterations
         self._krylov: _Krylov | None = None
-        self._kept: _Kept | None = None
         self.iterations = 0
-        self.tolerance = EXACT
-
-    def forget(self) -> None:
-        """Go on as one that has solved nothing: S and what follows from it stay."""
-        self._kept = None
 
     def solve(self, compliance: Array, right: Array) -> tuple[Array, Array]:
         """x from C (number of points, d, d) [mm3/N] and b (n,) [mm], and W^-1.S.x (n,) [MPa].
@@ -90,12 +84,10 @@ class CondensedSolver:
             return right.copy(), self._flexibility.response(right)
         rows = (points[:, None] * compliance.shape[1] + np.arange(compliance.shape[1])).ravel()
         try:
-            if len(rows) > DIRECT:
-                found = self._solve_nodal(compliance, right)
+            if len(rows) > self._max_direct:
+                found = self._solve_iteratively(compliance, right)
             else:
-                found = self._solve_kept(compliance, right) or self._solve_single(
-                    compliance, points, rows, right
-                )
+                found = self._solve_single(compliance, points, rows, right)
         except np.linalg.LinAlgError:
             found = None
         if found is None:
@@ -108,25 +100,11 @@ class CondensedSolver:
         if self._krylov is not None:
             self._krylov.free()
 
-    def _solve_nodal(self, compliance: Array, right: Array) -> tuple[Array, Array] | None:
-        """By GMRES with the preconditioner of the nodes; None where it does not converge."""
-        nodal = self._nodal_preconditioner(_block_diagonal(compliance))
-        return self._iterate(compliance, right, nodal, EXACT, ENOUGH)
-
-    def _solve_kept(self, compliance: Array, right: Array) -> tuple[Array, Array] | None:
-        """By GMRES with the last factors; None where they are of no use any more."""
-        if self._kept is None:
-            return None
-        change = np.abs(compliance - self._kept.compliance).max(axis=(1, 2))
-        if np.count_nonzero(change > MOVED * np.abs(compliance).max()) > FEW:
-            return None
-        return self._iterate(compliance, right, self._kept.solve, CLOSE, CLOSE_ENOUGH)
-
     def _solve_single(
         self, compliance: Array, points: NDArray[np.intp], rows: NDArray[np.intp], right: Array
     ) -> tuple[Array, Array] | None:
         """By factors of single precision, also of what they leave; None where that is much."""
-        solve, self._kept = self._direct(compliance[points], rows), None
+        solve = self._direct(compliance[points], rows)
         response, size = self._flexibility.response, np.linalg.norm(right)
         value = solve(right)
         caused = response(value)
@@ -138,10 +116,7 @@ class CondensedSolver:
             more = solve(rest)
             value += more
             caused += response(more)
-        if not left <= ENOUGH * size:
-            return None
-        self._kept = _Kept(compliance, solve)
-        return value, caused
+        return (value, caused) if left <= ENOUGH * size else None
 
     def _direct(self, C: Array, rows: NDArray[np.intp]) -> Solve:
         """Factors of the rows of the points with damage, whose compliances are C."""
@@ -195,21 +170,20 @@ class CondensedSolver:
         values = np.maximum(values, REGULAR * values[-1])
         return ((vectors / values) @ vectors.T).astype(np.float32)
 
-    def _iterate(
-        self, compliance: Array, right: Array, precondition: Solve, aim: float, enough: float
-    ) -> tuple[Array, Array] | None:
-        """By GMRES to the relative residual ``aim``; None where it is not even ``enough``."""
-        self.tolerance = aim
+    def _solve_iteratively(self, compliance: Array, right: Array) -> tuple[Array, Array] | None:
+        """By GMRES with the preconditioner of the nodes; None where it does not converge."""
         if self._krylov is None:
-            self._krylov = _Krylov(len(right))
+            self._krylov = _Krylov(len(right), self._max_iterations)
         response = self._flexibility.response
         value, iterations = self._krylov.solve(
-            lambda x: x - _times(compliance, response(x)), precondition, right, aim
+            lambda x: x - _times(compliance, response(x)),
+            self._nodal_preconditioner(_block_diagonal(compliance)),
+            right,
         )
         self.iterations += iterations
         caused = response(value)
         rest = np.linalg.norm(right - value + _times(compliance, caused))
-        return (value, caused) if rest <= enough * np.linalg.norm(right) else None
+        return (value, caused) if rest <= ENOUGH * np.linalg.norm(right) else None
 
     def _nodal_preconditioner(self, C: csr_array) -> Solve:
         """Raises np.linalg.LinAlgError where its matrix is singular."""
@@ -221,40 +195,27 @@ class CondensedSolver:
         return lambda x: x + CP @ solve(self._weighted @ x)
 
 
-class _Kept(NamedTuple):
-    """Factors in single precision.
-
-    Attributes:
-        compliance: The compliances they were made for (number of points, d, d) [mm3/N].
-        solve: Solves the system with these.
-    """
-
-    compliance: Array
-    solve: Solve
-
-
 class _Krylov:
     """PETSc's FGMRES, which needs no product besides those of its iterations.
 
     Args:
         size: Number of unknowns.
+        max_iterations: Before it gives up.
     """
 
-    def __init__(self, size: int):
+    def __init__(self, size: int, max_iterations: int):
         matrix = PETSc.Mat().createPython((size, size), self, comm=PETSc.COMM_SELF)
         matrix.setUp()
         self._ksp = make_ksp(matrix, {**GMRES, "ksp_type": "fgmres", "pc_type": "python"})
         self._ksp.getPC().setPythonContext(self)
+        self._ksp.setTolerances(rtol=RTOL, max_it=max_iterations)
         self._x, self._b = matrix.createVecs()
         self._matrix = matrix
 
-    def solve(
-        self, product: Solve, precondition: Solve, right: Array, tolerance: float
-    ) -> tuple[Array, int]:
-        """x to a relative residual and the number of iterations."""
+    def solve(self, product: Solve, precondition: Solve, right: Array) -> tuple[Array, int]:
+        """x and the number of iterations."""
         self._product, self._precondition = product, precondition
         self._b.array[:] = right
-        self._ksp.setTolerances(rtol=tolerance, max_it=PATIENCE)
         self._ksp.solve(self._b, self._x)
         return self._x.array.copy(), self._ksp.getIterationNumber()
 
