@@ -275,9 +275,9 @@ def test_bodies_out_of_balance(comm):
     # No load is ever solved for before the step.
     newton = CondensedNewton(problem, 1e-11, 20, negligible=1e15)
     for t in loads:
-        problem.begin_step(t, 1.0)
+        problem.step.begin(t, 1.0)
         assert newton.step(1.0).converged
-        problem.commit()
+        problem.step.commit()
     newton.destroy()
     state = problem.state[0]
     assert_same(expected[:4], [problem.u.x.array, state.gap, state.traction, state.softening])

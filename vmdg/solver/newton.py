@@ -107,7 +107,8 @@ class Newton(Iteration):
         zone = interface_zone(problem) if iterative and problem.discretization.can_fail else None
         self.linear = LinearSolver(matrix, linear.solver, linear.fallback, zone)
         if self.linear.multigrid:
-            set_rigid_modes(problem, matrix)
+            parts = problem.discretization
+            set_rigid_modes(parts.space, parts.geometry, matrix)
         own = {name: value for name, value in (petsc or {}).items() if name.startswith("snes_")}
         self._snes = {
             BACKTRACK: self._make_snes({**LINE_SEARCH, **own}),
