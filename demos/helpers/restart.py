@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import vmdg
-from vmdg.checkpoint.checkpoint import discard_checkpoint
 
 
 def files(folder: Path, every: int) -> dict[str, Any]:
@@ -27,5 +26,5 @@ def resumed(problem: vmdg.Problem, resume: bool, *folders: Path) -> vmdg.History
     """
     if not resume:
         for folder in reversed(folders):
-            discard_checkpoint(problem.comm, folder)
+            vmdg.discard_checkpoint(problem.comm, folder)
     return vmdg.read_checkpoint(problem, folders[0])

@@ -23,7 +23,7 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, GhostMode, create_rectangle
 from support import killed_run
 from support.checks import by_position
-from support.problems import MATERIALS, set_displacement
+from support.problems import MATERIALS, joined, set_displacement
 from support.scenes import EVERY_CELL, everywhere, interior_facets, tag_cells, two_blocks
 
 import vmdg
@@ -37,22 +37,18 @@ SAME = 1e-10
 ENERGIES = ("bulk", "interface", "damage", "friction", "viscosity", "external")
 BOND = vmdg.Debonding(strength=60.0, critical_gap=0.2, friction=0.3)
 MATERIAL = vmdg.NeoHookean(E=1000.0, nu=0.3)
-
+TURNING = {"frame": "corotating"}
 
 #: A problem and the facets at which it is held.
 Held = tuple[vmdg.Problem, Any]
 
 
-def sheared(cell: str, degree: int = 1, **options):
+def sheared(cell: str, **options):
     """Two different blocks pulled apart off their axis: some points fail, others do not."""
 
     def build(comm: MPI.Comm) -> Held:
         scene = two_blocks(comm, cell, n=2, distortion=0.03)
-        interface = vmdg.Interface(between=(1, 2), law=BOND)
-        bodies = dict(enumerate(MATERIALS, start=1))
-        problem = vmdg.Problem(
-            scene.mesh, scene.cell_tags, bodies, [interface], degree=degree, **options
-        )
+        problem = joined(scene, BOND, interface=TURNING, **options)
         d = problem.mesh.geometry.dim
         problem.dirichlet(scene.facet_tags.find(1), 0.0)
         problem.dirichlet(
@@ -228,25 +224,20 @@ def test_what_else_a_state_has(comm, out, name):
 # What is refused, and what a failure leaves
 
 
-def small(comm: MPI.Comm, divisions: int = 2, degree: int = 1, **options) -> vmdg.Problem:
+def small(comm: MPI.Comm, cell="triangle", n=2, law=BOND, **options) -> vmdg.Problem:
     """Two blocks at rest."""
-    options = dict(options)
-    scene = two_blocks(comm, options.pop("cell", "triangle"), n=divisions)
-    law = options.pop("law", BOND)
-    interface = vmdg.Interface(between=(1, 2), law=law)
-    bodies = options.pop("bodies", dict(enumerate(MATERIALS, start=1)))
-    return vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [interface], degree=degree, **options)
+    return joined(two_blocks(comm, cell, n), law, interface=TURNING, **options)
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"divisions": 3}, "number of cells: "),
+        ({"n": 3}, "number of cells: "),
         ({"degree": 2}, "degree: 1 there, 2 here"),
         ({"kinematics": "small"}, "kinematics: finite there, small here"),
         ({"thickness": 2.0}, "thickness: 1.0 there, 2.0 here"),
         ({"law": vmdg.Debonding(strength=61.0, critical_gap=0.2)}, "strength': 61.0"),
-        ({"bodies": dict(enumerate(MATERIALS[::-1], start=1))}, "material 1: "),
+        ({"materials": MATERIALS[::-1]}, "material 1: "),
     ],
 )
 def test_another_problem(comm, out, options, message):
@@ -296,9 +287,13 @@ def test_format(comm, out):
     assert vmdg.read_checkpoint(problem, out) is None
 
 
+#: Calls that the system may refuse.
+FAULTS = {"folder": "pathlib.Path.mkdir", "flush": "os.fsync", "name": "pathlib.Path.replace"}
+
+
 @contextmanager
-def disk(monkeypatch, fault: str) -> Iterator[None]:
-    """A disk on which rank 0 cannot write a checkpoint."""
+def faulty_disk(monkeypatch, fault: str) -> Iterator[None]:
+    """One of FAULTS, or the number of bytes at which files end."""
 
     def full(*_, **__):
         raise OSError("No space left on device")
@@ -309,12 +304,10 @@ def disk(monkeypatch, fault: str) -> Iterator[None]:
             patch.setattr(FAULTS[fault], full)
         else:
             resource.setrlimit(resource.RLIMIT_FSIZE, (int(fault), before[1]))
-        yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
-#: What the system refuses; else the number of bytes at which a file ends.
-FAULTS = {"folder": "pathlib.Path.mkdir", "flush": "os.fsync", "name": "pathlib.Path.replace"}
+        try:
+            yield
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 @pytest.mark.parametrize("fault", ["100", "2000", *FAULTS])
@@ -328,9 +321,9 @@ def test_failure_leaves_the_former(comm, out, monkeypatch, fault):
     history.append({"load": 1.0})
     vmdg.write_checkpoint(problem, out, history)
     problem.u.x.array[:] = 1e-3
-    with disk(monkeypatch, fault):
-        with pytest.raises(OSError, match="former one, if any, is still valid"):
-            vmdg.write_checkpoint(problem, out)
+    told = pytest.raises(OSError, match="former one, if any, is still valid")
+    with faulty_disk(monkeypatch, fault), told:
+        vmdg.write_checkpoint(problem, out)
     assert vmdg.read_checkpoint(problem, out).rows == history.rows
     assert not problem.u.x.array.any()
     problem.u.x.array[:] = 1e-3
