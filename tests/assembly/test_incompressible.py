@@ -283,7 +283,7 @@ def test_invariants_give_the_energy_of_f_bar(comm, swelling):
 
 def assembled(problem, form):
     """Matrix of a form of the problem."""
-    matrix = fem_petsc.assemble_matrix(problem.discretization.compile_form(form))
+    matrix = fem_petsc.assemble_matrix(problem.discretization.weak_form.compile(form))
     matrix.assemble()
     return matrix
 
@@ -299,14 +299,14 @@ def test_blocks_are_ufl_derivatives(comm, kinematics):
     problem = joined(scene, law, kinematics=kinematics, volumetric="mean")
     displace(problem, scene, 1.0)
     tangent_matrix(problem)
-    parts, theta = problem.discretization, problem.discretization.geometry.theta
+    weak_form, theta = problem.discretization.weak_form, problem.discretization.geometry.theta
     of_u, of_theta = (ufl.TestFunction(f.function_space) for f in (problem.u, theta))
     for eta in (of_u, of_theta):
-        residual = problem.discretization.residual_ufl(eta)
+        residual = weak_form.residual(eta)
         for field in (problem.u, theta):
             step = ufl.TrialFunction(field.function_space)
             expected = assembled(problem, ufl.derivative(residual, field, step))
-            staged = assembled(problem, parts.tangent_ufl(eta, step))
+            staged = assembled(problem, weak_form.tangent(eta, step))
             size = expected.norm()
             staged.axpy(-1.0, expected)
             assert size > 1
@@ -492,8 +492,8 @@ def test_cells_it_is_not_for(comm, cell, degree):
 def test_off_by_default(comm):
     """Without the option no form has a dilatation."""
     problem = joined(two_blocks(comm, "quadrilateral"), vmdg.Bonded())
-    assert problem.discretization.dilatation is None
-    names = {f.name for f in problem.discretization.residual_ufl().coefficients()}
+    assert not problem.discretization.bodies.mean_dilatation
+    names = {f.name for f in problem.discretization.weak_form.residual().coefficients()}
     assert not names & {"dilatation", "pressure"}
 
 

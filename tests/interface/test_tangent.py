@@ -130,7 +130,7 @@ def test_staged_tangent_is_the_symbolic_one(comm, cell, degree):
     # Before the residual, which sets zeta: a coefficient of the second form only.
     damage_part = assembled(symbolic_damage(problem, du))
     problem.step.assemble_residual()
-    symbolic = assembled(ufl.derivative(problem.discretization.residual_ufl(), problem.u, du))
+    symbolic = assembled(ufl.derivative(problem.discretization.weak_form.residual(), problem.u, du))
     for damage in (False, True):
         staged = problem.discretization.create_matrix()
         problem.discretization.assemble_tangent(staged, damage)

@@ -119,14 +119,12 @@ def tangent_error(problem: vmdg.Problem, matrix: PETSc.Mat | None = None) -> flo
 
 def assert_residual_is_energy_derivative(problem: vmdg.Problem) -> None:
     """The residual equals d/du of the stored energies with zeta held, to rounding."""
-    parts = problem.discretization
-    energy = parts.bulk(lambda body, F: body.energy(F)) + parts._interface_form(
-        lambda terms, pair: terms.energy(pair.bodies)
-    )
-    eta = ufl.TestFunction(problem.space)
+    weak_form = problem.discretization.weak_form
+    energy = sum(weak_form.energy(), start=ufl.Form([]))
+    eta = ufl.TestFunction(weak_form.space)
     expected, found = (
-        fem.assemble_vector(parts.compile_form(form)).array
-        for form in (ufl.derivative(energy, problem.u, eta), problem.discretization.residual_ufl())
+        fem.assemble_vector(weak_form.compile(form)).array
+        for form in (ufl.derivative(energy, problem.u, eta), weak_form.residual())
     )
     scale = problem.comm.allreduce(np.abs(found).max(initial=0), op=MPI.MAX)
     assert scale > 10

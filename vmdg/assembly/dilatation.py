@@ -17,7 +17,7 @@ joins all nodes of its two cells, which is as far as the products reach.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import cached_property
 
 from petsc4py import PETSc
 
@@ -27,56 +27,58 @@ from dolfinx.fem import petsc as fem_petsc
 from dolfinx.la import InsertMode
 
 from ..base.timers import timer
-
-if TYPE_CHECKING:
-    from .discretization import Discretization
+from .weak_form import WeakForm
 
 SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 
 
 class Dilatation:
-    """theta and p of a discretization, and the products of K with D.
+    """theta and p of a displacement, and the products of K with D.
 
     Args:
-        discretization: Gives the forms; its geometry holds theta and p.
+        weak_form: The forms; its geometry holds theta and p.
     """
 
-    def __init__(self, discretization: Discretization):
-        self._forms = discretization
-        self._geometry = discretization.geometry
-        self._theta, self._pressure = self._geometry.theta, self._geometry.pressure
-        self._space = self._theta.function_space
-        self._test = ufl.TestFunction(self._space)
-        self._volume = fem.Function(self._space)
-        self._vectors: tuple[fem.Form, fem.Form] | None = None
-        self._matrices: _Products | None = None
+    def __init__(self, weak_form: WeakForm):
+        self._weak_form = weak_form
+        geometry = weak_form.geometry
+        self._theta, self._pressure = geometry.theta, geometry.pressure
+        self._test = ufl.TestFunction(self._theta.function_space)
 
-    def compile_residual(self) -> None:
-        """Compile what theta and p need, or load it from the cache; collective."""
-        if self._vectors is not None:
-            return
-        forms, q = self._forms, self._test
-        ratio = forms.bulk(lambda body, F: q * body.volume_ratio(F))
-        integrands = ratio, forms.residual_ufl(q)
-        self._vectors = tuple(forms.compile_form(form, "dilatation") for form in integrands)
-        volume = forms.compile_form(forms.bulk(lambda body, F: q), "dilatation")
-        fem.assemble_vector(self._volume.x.array, volume)
-        self._volume.x.scatter_forward()
+    def compile(self) -> None:
+        """Compile all of it now, or load it from the cache; collective."""
+        _ = self._ratio, self._pressures, self._products
 
-    def compile_tangent(self) -> None:
-        """Compile the blocks of the tangent, or load them from the cache; collective."""
-        if self._matrices is None:
-            self.compile_residual()
-            self._matrices = _Products(self._forms, self._space, self._volume)
+    @cached_property
+    def _ratio(self) -> fem.Form:
+        weak, q = self._weak_form, self._test
+        ratio = weak.over_bodies(lambda body, F: q * body.volume_ratio(F))
+        return weak.compile(ratio, "dilatation")
+
+    @cached_property
+    def _pressures(self) -> fem.Form:
+        return self._weak_form.compile(self._weak_form.residual(self._test), "dilatation")
+
+    @cached_property
+    def _volume(self) -> fem.Function:
+        """V of every cell."""
+        weak, result = self._weak_form, fem.Function(self._theta.function_space)
+        form = weak.compile(weak.over_bodies(lambda body, F: self._test), "dilatation")
+        fem.assemble_vector(result.x.array, form)
+        result.x.scatter_forward()
+        return result
+
+    @cached_property
+    def _products(self) -> _Products:
+        return _Products(self._weak_form, self._volume)
 
     def update_dilatation(self) -> None:
         """theta = 1/V int_K J dV at the current displacement; collective."""
-        self.compile_residual()
-        self._average(self._theta, self._vectors[0])
+        self._average(self._theta, self._ratio)
 
     def update_pressure(self) -> None:
         """p = 1/V dPi/dtheta at the current displacement, dilatation and gap; collective."""
-        self._average(self._pressure, self._vectors[1])
+        self._average(self._pressure, self._pressures)
 
     def _average(self, function: fem.Function, form: fem.Form) -> None:
         values = function.x
@@ -88,28 +90,29 @@ class Dilatation:
 
     def add_to(self, matrix: PETSc.Mat) -> None:
         """Add the terms with D to d2Pi/du2 + p d2J/du2; collective."""
-        self.compile_tangent()
+        products = self._products
         with timer("eliminate dilatation"):
-            self._matrices.add_to(matrix)
+            products.add_to(matrix)
 
 
 class _Products:
     """D, the blocks of the two-field tangent that have theta, and their products."""
 
-    def __init__(self, forms: Discretization, space: fem.FunctionSpace, volume: fem.Function):
+    def __init__(self, weak_form: WeakForm, volume: fem.Function):
+        space = volume.function_space
         q, p = ufl.TestFunction(space), ufl.TrialFunction(space)
-        eta, du = ufl.TestFunction(forms.space), ufl.TrialFunction(forms.space)
-        gradient = forms.geometry.gradient(du)
-        ratio = forms.bulk(
+        eta, du = ufl.TestFunction(weak_form.space), ufl.TrialFunction(weak_form.space)
+        gradient = weak_form.geometry.gradient(du)
+        ratio = weak_form.over_bodies(
             lambda body, F: q * ufl.inner(ufl.diff(body.volume_ratio(F), F), gradient)
         )
         blocks = (
             ratio,
-            forms.tangent_ufl(eta, p),
-            forms.tangent_ufl(q, du),
-            forms.tangent_ufl(q, p),
+            weak_form.tangent(eta, p),
+            weak_form.tangent(q, du),
+            weak_form.tangent(q, p),
         )
-        self._forms = [forms.compile_form(block, "dilatation") for block in blocks]
+        self._forms = [weak_form.compile(block, "dilatation") for block in blocks]
         self._matrices = [fem_petsc.create_matrix(form) for form in self._forms]
         self._inverse_volume = self._matrices[0].createVecLeft()
         self._inverse_volume.array[:] = 1 / volume.x.array[: self._inverse_volume.getLocalSize()]

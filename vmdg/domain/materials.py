@@ -47,6 +47,7 @@ class Bodies:
         tags: As given.
         cells_of: Local cells of every tag, ghosts included.
         small: As given.
+        mean_dilatation: As given.
         regions: All regions.
         region: Region of every local cell.
 
@@ -67,6 +68,7 @@ class Bodies:
         space = fem.functionspace(mesh, ("DG", 0))
         self.tags = tags
         self.small = small
+        self.mean_dilatation = mean_dilatation
         self.cells_of = {tag: np.flatnonzero(tags == tag) for tag in materials}
         self._eigenstrain = dict(eigenstrain or {})
         self._swelling = fem.Function(space) if self._eigenstrain else None

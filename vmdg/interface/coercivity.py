@@ -269,7 +269,7 @@ class CellProblems:
         self._mean_dilatation = isinstance(geometry, MeanDilatation)
         self._volume_gradient: dict[int, fem.Expression] = {}
         # At small strain dJ/dF is the identity, which is no expression on a mesh.
-        if self._mean_dilatation and not bodies.regions[0].body.small:
+        if self._mean_dilatation and not bodies.small:
             self._volume_gradient = compiled(
                 lambda body, F: kinematics.volume_gradient(body, F, entries), shapes.bulk_points
             )

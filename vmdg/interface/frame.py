@@ -26,8 +26,7 @@ _EPSILON[[0, 2, 1], [2, 1, 0], [1, 0, 2]] = -1
 def turns(interface: Interface, bodies: Bodies) -> bool:
     """Whether the law of an interface works in a frame that turns: not for ties, nor at small
     strain."""
-    small = bodies.regions[0].body.small
-    return interface.law.inelastic and interface.frame == "corotating" and not small
+    return interface.law.inelastic and interface.frame == "corotating" and not bodies.small
 
 
 def rotation(F: Array, N: Array) -> Array:

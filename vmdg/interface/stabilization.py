@@ -325,9 +325,9 @@ class Stabilizers:
     ):
         self._interfaces = interfaces
         self._place = u, bodies, geometry, degree
-        self._small = bodies.regions[0].body.small
+        self._small = bodies.small
         derived = all(one.interface.stabilization is None for one in interfaces)
-        self.constant = self._small and derived
+        self.constant = bodies.small and derived
         self._coercivity: Coercivity | None = None
         self._constants: list[Stabilization] | None = None
 

@@ -58,7 +58,7 @@ class StagedTangent:
         self._jump = [fem.Function(space) for _ in range(2)] if jump else []
         self._third: list[fem.Function] = []
         # At small strain the moduli do not change with the deformation: K of (85) is zero.
-        if not bodies.regions[0].body.small:
+        if not bodies.small:
             vectors = quadrature.space((d,))
             self._directions = [fem.Function(vectors) for _ in range(2)]
             count = len(self._entries)

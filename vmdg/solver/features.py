@@ -130,7 +130,7 @@ def _refusal(problem: Problem, options: SolveOptions | None) -> str:
         return "tied only: nothing is left to iterate"
     if problem.comm.size > 1:
         return f"{problem.comm.size} ranks: dense matrices are for one"
-    if problem.discretization.dilatation is not None:
+    if problem.discretization.bodies.mean_dilatation:
         return "mean dilatation"
     if not problem.discretization.constant_stabilization:
         return "a stabilization of the user's own may change"

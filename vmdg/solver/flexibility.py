@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import dsymv
 from scipy.sparse import csr_array, vstack
 
+from ..assembly.point_matrices import jump_matrix, traction_matrix
 from ..base.timers import timer
 from ..problem.problem import Problem
 from .linear import LDLT, destroy, make_ksp
@@ -64,10 +65,11 @@ class Flexibility:
         self._x, self._b = self.stiffness.createVecs()
         self._rows = self._prescribed_rows()
         self._columns = csr_array(self._rows.T)
-        forms = problem.discretization
-        interfaces = [c for c in forms.active.values() if c.law.inelastic]
-        tractions = _stack([forms.traction_matrix(c) for c in interfaces])
-        jumps = _stack([forms.jump_matrix(c) for c in interfaces])
+        weak_form = problem.discretization.weak_form
+        active = problem.discretization.active.values()
+        interfaces = [c for c in active if c.law.inelastic]
+        tractions = _stack([traction_matrix(weak_form, c) for c in interfaces])
+        jumps = _stack([jump_matrix(weak_form, c) for c in interfaces])
         areas = np.concatenate([c.quadrature.weights for c in interfaces])
         self.areas = np.repeat(areas, problem.mesh.geometry.dim) * float(
             problem.discretization.geometry.thickness

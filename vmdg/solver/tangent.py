@@ -23,7 +23,7 @@ def keeps_bulk(problem: Problem, linear: Options) -> bool:
     A direct solver factorizes every tangent, which costs more than assembling it; where nothing
     fails a step has few tangents; the mean dilatation couples the bodies' part to the rest.
     """
-    mean_dilatation = problem.discretization.dilatation is not None
+    mean_dilatation = problem.discretization.bodies.mean_dilatation
     return is_iterative(linear) and problem.discretization.can_fail and not mean_dilatation
 
 

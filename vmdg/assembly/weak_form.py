@@ -1,0 +1,145 @@
+"""The weak form (27) and its tangent (85) in UFL: sums over the bodies and the interfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import ufl
+from dolfinx import fem
+from ufl.core.expr import Expr
+
+from ..base.kernels import JIT_OPTIONS, VECTORIZED, compile_form
+from ..base.quadrature import bulk_degree, facet_degree
+from ..domain.materials import Bodies
+from ..forms import kinematics
+from ..forms.geometry import Geometry
+from ..forms.kinematics import Body
+from ..interface.active import ActiveInterface
+from ..interface.terms import InterfaceTerms, RegionPair
+
+
+class WeakForm:
+    """The forms of a displacement with given open facets.
+
+    Args:
+        u: Displacement.
+        bodies: Materials.
+        active: Interfaces with open facets.
+        degree: Degree of the displacement.
+        geometry: Gradient and measure.
+
+    Attributes:
+        u: As given.
+        space: Of the displacement.
+        geometry: As given.
+    """
+
+    def __init__(
+        self,
+        u: fem.Function,
+        bodies: Bodies,
+        active: Sequence[ActiveInterface],
+        degree: int,
+        geometry: Geometry,
+    ):
+        self.u = u
+        self.space = u.function_space
+        self.geometry = geometry
+        self._bodies = bodies
+        self._active = active
+        self._mesh = mesh = self.space.mesh
+        self._facet_degree = facet_degree(degree)
+        self._dx = ufl.Measure(
+            "dx",
+            domain=mesh,
+            subdomain_data=[(i, region.cells) for i, region in enumerate(bodies.regions)],
+            metadata={
+                "quadrature_degree": bulk_degree(mesh.topology.cell_name(), degree, geometry)
+            },
+        )
+
+    def residual(self, eta: Expr | None = None) -> ufl.Form:
+        """The stabilized residual (27) without dead loads.
+
+        Args:
+            eta: Test function; that of the displacement, or with mean dilatation of the dilatation.
+        """
+        eta = ufl.TestFunction(self.space) if eta is None else eta
+        return self.bulk_residual(eta) + self.interface_residual(eta)
+
+    def tangent(self, eta: Expr | None = None, du: Expr | None = None) -> ufl.Form:
+        """The tangent (85), the interfaces in staged coefficients.
+
+        Args:
+            eta: Test function, as for :meth:`residual`.
+            du: Trial function.
+        """
+        eta = ufl.TestFunction(self.space) if eta is None else eta
+        du = ufl.TrialFunction(self.space) if du is None else du
+        return self.bulk_tangent(eta, du) + self.interface_tangent(eta, du)
+
+    def energy(self) -> tuple[ufl.Form, ufl.Form]:
+        """Stored energy of the bodies, and of the interfaces (30)."""
+        stored = self.over_interfaces(lambda terms, pair: terms.energy(pair.bodies))
+        return self.over_bodies(lambda body, F: body.energy(F)), stored
+
+    # Parts
+
+    def bulk_residual(self, eta: Expr) -> ufl.Form:
+        """First term of (27)."""
+        virtual = self.geometry.gradient(eta)
+        return self.over_bodies(
+            lambda body, F: ufl.inner(virtual, kinematics.bulk_stress(body, self.geometry, F))
+        )
+
+    def interface_residual(
+        self, eta: Expr, interfaces: Sequence[ActiveInterface] | None = None
+    ) -> ufl.Form:
+        """The other terms of (27), of all interfaces or of these."""
+        return self.over_interfaces(
+            lambda terms, pair: terms.residual(eta, pair.bodies), interfaces
+        )
+
+    def bulk_tangent(self, eta: Expr, du: Expr) -> ufl.Form:
+        """First term of (85)."""
+        return self.over_bodies(
+            lambda body, F: kinematics.stiffness(body, self.geometry, F, eta, du)
+        )
+
+    def interface_tangent(
+        self, eta: Expr, du: Expr, interfaces: Sequence[ActiveInterface] | None = None
+    ) -> ufl.Form:
+        """The other terms of (85), of all interfaces or of these."""
+        return self.over_interfaces(lambda terms, pair: terms.tangent(eta, du), interfaces)
+
+    def over_bodies(self, integrand: Callable[[Body, Expr], Expr]) -> ufl.Form:
+        """Sum over the regions of ``integrand(body, F)``."""
+        F = ufl.variable(self.geometry.deformation(self.u))
+        terms = [
+            self.geometry.weight * integrand(region.body, F) * self._dx(i)
+            for i, region in enumerate(self._bodies.regions)
+        ]
+        return sum(terms, start=ufl.Form([]))
+
+    def over_interfaces(
+        self,
+        integrand: Callable[[InterfaceTerms, RegionPair], Expr],
+        interfaces: Sequence[ActiveInterface] | None = None,
+    ) -> ufl.Form:
+        """Sum over all interfaces, or over these, of ``integrand(terms, pair)``."""
+        chosen = self._active if interfaces is None else interfaces
+        pairs = [(active.terms, pair) for active in chosen for pair in active.terms.pairs]
+        dS = ufl.Measure(
+            "dS",
+            domain=self._mesh,
+            subdomain_data=[(i, pair.rows) for i, (_, pair) in enumerate(pairs)],
+            metadata={"quadrature_degree": self._facet_degree},
+        )
+        terms = [self.geometry.weight * integrand(*pair) * dS(i) for i, pair in enumerate(pairs)]
+        return sum(terms, start=ufl.Form([]))
+
+    def compile(self, form: ufl.Form, name: str = "form") -> fem.Form:
+        """Compile a form that may have coefficients of the interfaces; collective."""
+        submeshes = [active.terms.submesh for active in self._active]
+        options = VECTORIZED if self._mesh.topology.dim == 3 else JIT_OPTIONS
+        return compile_form(form, submeshes, self._mesh.comm, options, name)
