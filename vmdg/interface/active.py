@@ -64,7 +64,6 @@ class ActiveInterface:
         count = len(self.quadrature.weights) if self.law.inelastic else 0
         self.history = PointHistory.start(count, self.quadrature.d)
         self.values = self._return_map.start()
-        self._start = self.snapshot()
         self._law_of_step, self._dt = self.law, 1.0
 
     @property
@@ -152,22 +151,17 @@ class ActiveInterface:
     # Steps
 
     def begin_step(self, overstress: float, dt: float) -> None:
-        """Remember the converged state and choose the law of the step.
+        """Choose the law of the step.
 
         Args:
             overstress: Added to the overstress per gap increment, in multiples of H, to carry an
                 unstable stage over; 0 for the law as it is.
             dt: Time step [s].
         """
-        self._start, self._dt = self.snapshot(), dt
-        self._law_of_step = self.law
+        self._law_of_step, self._dt = self.law, dt
         if self.law.inelastic and overstress > 0:
             viscosity = self.law.viscosity + overstress * self.law.softening_modulus * dt
             self._law_of_step = self.law.with_viscosity(viscosity)
-
-    def cancel_step(self) -> None:
-        """Return to the state of :meth:`begin_step`."""
-        self.return_to(self._start)
 
     def commit(self) -> None:
         """Take the last return map as the converged history."""

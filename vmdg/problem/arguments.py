@@ -74,11 +74,13 @@ def checked_materials(materials: Mapping[Group, Material]) -> Mapping[Group, Mat
 
 
 def check_mesh(mesh: Mesh, cell_tags: MeshTags) -> None:
-    """A mesh, and tags of its cells.
+    """A mesh of real numbers in double precision, and tags of its cells.
 
     Raises:
         TypeError: one of them is something else.
-        ValueError: the tags are of facets, or of another mesh.
+        ValueError: the tags are of facets or of another mesh, coordinates are in single precision
+            or too many, or the cells are of another type.
+        RuntimeError: PETSc computes with complex numbers.
     """
     if not isinstance(mesh, Mesh):
         raise TypeError(
@@ -99,15 +101,6 @@ def check_mesh(mesh: Mesh, cell_tags: MeshTags) -> None:
         raise ValueError(
             "Problem: cell_tags belong to another mesh; give mesh and tags that were made together"
         )
-
-
-def check_numbers(mesh: Mesh) -> None:
-    """Real numbers in double precision.
-
-    Raises:
-        RuntimeError: PETSc computes with complex numbers.
-        ValueError: coordinates in single precision.
-    """
     if np.issubdtype(PETSc.ScalarType, np.complexfloating):
         raise RuntimeError(
             "Problem: this PETSc computes with complex numbers, vmdg with real ones; choose the "
@@ -118,14 +111,6 @@ def check_numbers(mesh: Mesh) -> None:
             f"Problem: the coordinates of the mesh are {mesh.geometry.x.dtype}; create it with "
             "dtype=numpy.float64"
         )
-
-
-def check_arguments(mesh: Mesh, degree: int, kinematics: str) -> None:
-    """Cells, degree and kinematics that exist.
-
-    Raises:
-        ValueError: one of them does not.
-    """
     cell = mesh.topology.cell_name()
     if cell not in CELLS:
         raise ValueError(f"Problem: cells of type {cell} are not supported; use one of {CELLS}")
@@ -134,6 +119,14 @@ def check_arguments(mesh: Mesh, degree: int, kinematics: str) -> None:
             f"Problem: the mesh has {mesh.geometry.dim} coordinates for cells of dimension "
             f"{mesh.topology.dim}; pass gdim={mesh.topology.dim} when reading it"
         )
+
+
+def check_approximation(degree: int, kinematics: str) -> None:
+    """A degree and kinematics that exist.
+
+    Raises:
+        ValueError: one of them does not.
+    """
     if degree < 1:
         raise ValueError(f"Problem: degree = {degree} must be at least 1")
     if kinematics not in KINEMATICS:

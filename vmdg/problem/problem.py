@@ -28,9 +28,8 @@ from ..interface.interface import Interface, InterfaceList, Which, number_of
 from ..interface.points import InterfaceState
 from ..interface.stabilization import Stabilization
 from .arguments import (
-    check_arguments,
+    check_approximation,
     check_mesh,
-    check_numbers,
     check_overlap,
     checked_interfaces,
     checked_materials,
@@ -97,8 +96,7 @@ class Problem:
     ):
         self.interfaces = checked_interfaces(interfaces)
         check_mesh(mesh, cell_tags)
-        check_numbers(mesh)
-        check_arguments(mesh, degree, kinematics)
+        check_approximation(degree, kinematics)
         geometry = make_geometry(mesh, symmetry, thickness, volumetric, degree)
         check_ghosts(mesh)
         check_cells(mesh)
@@ -119,8 +117,6 @@ class Problem:
         self.loading = Loading(discretization, activation, names)
         self.load_factor = self.loading.load_factor
         self.step = Step(discretization, activation, self.loading)
-        self.loading.apply(0.0)
-        discretization.update_stabilization(None)
 
     @property
     def discretization(self) -> Discretization:

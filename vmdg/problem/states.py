@@ -107,23 +107,6 @@ class RunScales:
 
 
 @dataclass(frozen=True)
-class Start:
-    """State in which a step begins.
-
-    Attributes:
-        t: Load factor.
-        u: Displacement [mm], ghosts included.
-        forces: Nodal forces of bodies and interfaces [N], ghosts included.
-        loads: Dead loads [N], ghosts still to be added to their owners.
-    """
-
-    t: float
-    u: NDArray[np.float64]
-    forces: NDArray[np.float64]
-    loads: NDArray[np.float64]
-
-
-@dataclass(frozen=True)
 class Exchange:
     """Energies that the whole body exchanges in a step [N mm].
 

@@ -13,7 +13,7 @@ from ..assembly.discretization import Discretization
 from ..base.parallel import global_any, global_max, global_sum
 from ..interface.activation import Activation, Utilization
 from .loading import Loading
-from .states import Exchange, RunScales, Snapshot, Start
+from .states import Exchange, RunScales, Snapshot
 
 
 class Step:
@@ -28,7 +28,7 @@ class Step:
         discretization: Of the facets that are open now; another one after some have opened.
         activation: Facets of the interfaces, and which of them are open.
         scales: Largest forces and work of the run so far, which the solver updates.
-        start: Where the last step began.
+        start: State in which the last step began.
         dissipated: Damage, friction and viscous work so far (3,), this rank's [N mm].
         external: Work of loads and prescribed displacements so far, this rank's [N mm].
     """
@@ -42,11 +42,9 @@ class Step:
         self.dissipated = np.zeros(3)
         self.external = 0.0
         activation.follow(discretization.u)
-        self.start = self._state()
-
-    def _state(self) -> Start:
-        u, forces = self.discretization.u.x.array, self.discretization.forces.x.array
-        return Start(self._loading.t, u.copy(), forces.copy(), self._loading.vector)
+        loading.apply(0.0)
+        discretization.update_stabilization(None)
+        self.start, self._loads_at_start = self.snapshot(), loading.vector
 
     # The course of a step
 
@@ -62,7 +60,7 @@ class Step:
         Raises:
             ValueError: r <= H - eta on a facet; the converged state is kept.
         """
-        self.start = self._state()
+        self.start, self._loads_at_start = self.snapshot(), self._loading.vector
         for active in self.discretization.active.values():
             active.begin_step(overstress, dt)
         try:
@@ -106,11 +104,7 @@ class Step:
 
     def cancel(self) -> None:
         """Return to the state before :meth:`begin`: a failed step leaves no trace."""
-        self.discretization.u.x.array[:] = self.start.u
-        self.discretization.forces.x.array[:] = self.start.forces
-        self._loading.apply(self.start.t)
-        for active in self.discretization.active.values():
-            active.cancel_step()
+        self.return_to(self.start)
 
     # Energies of a step
 
@@ -143,7 +137,7 @@ class Step:
         now, start = self.discretization, self.start
         owned, prescribed = slice(now.owned), self._loading.owned_prescribed
         loads = fem.Function(now.space)
-        loads.x.array[:] = self._loading.vector + start.loads
+        loads.x.array[:] = self._loading.vector + self._loads_at_start
         loads.x.scatter_reverse(InsertMode.add)
         forces = loads.x.array[owned]
         forces[prescribed] += (now.forces.x.array + start.forces)[prescribed]
