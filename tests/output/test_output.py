@@ -5,6 +5,8 @@ from __future__ import annotations
 import adios2
 import numpy as np
 import pytest
+from support.problems import couple
+from support.scenes import LEFT, RIGHT, two_blocks
 
 import vmdg
 from vmdg.base.parallel import global_max, global_sum
@@ -13,29 +15,20 @@ from vmdg.output.fields import INTERFACE_FIELDS, FieldWriter, InterfaceFields
 from vmdg.output.values import VECTORS, facet_modes, scalar
 
 LAW = vmdg.Debonding(strength=100.0, critical_gap=0.2, friction=0.3)
-MU, LMBDA = 2000.0, 3000.0
-MATERIAL = vmdg.NeoHookean(mu=MU, lmbda=LMBDA)
 CELLS = pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
-
-
-def bonded(comm, cell: str, name: str | None = None, **options) -> tuple[vmdg.Problem, object]:
-    """Two blocks, and the tags of their sides."""
-    divisions = (2, 2, 1) if cell in ("hexahedron", "tetrahedron") else (2, 2)
-    mesh, cells, facets = blocks(comm, cell, divisions)
-    interface = vmdg.Interface(between=(1, 2), law=LAW, name=name)
-    return vmdg.Problem(mesh, cells, {1: MATERIAL, 2: MATERIAL}, [interface], **options), facets
 
 
 def torn(comm, cell: str) -> vmdg.Problem:
     """The bond is damaged, more so at the top, and slides."""
-    problem, facets = bonded(comm, cell)
+    scene = blocks(comm, cell, (2, 2, 1))
+    problem = couple(scene, LAW)
 
     def pull(x: np.ndarray, t: float) -> np.ndarray:
         parts = [0.06 + 0.1 * x[1], np.full(x.shape[1], 0.02), np.zeros(x.shape[1])]
         return t * np.stack(parts[: problem.mesh.geometry.dim])
 
-    problem.dirichlet(facets.find(1), 0.0)
-    problem.dirichlet(facets.find(2), pull)
+    problem.dirichlet(scene.facet_tags.find(LEFT), 0.0)
+    problem.dirichlet(scene.facet_tags.find(RIGHT), pull)
     vmdg.solve(problem, [0.2, 0.4, 0.6, 0.8, 1.0])
     damage = global_max(comm, scalar(problem, 0, "damage").max(initial=0.0))
     assert 0.2 < damage < 1
@@ -114,7 +107,7 @@ def test_interface_fields(comm, cell):
 @CELLS
 def test_chosen_fields(comm, out, cell):
     """Only what is asked for is written, and an unknown name is told with the known ones."""
-    problem, _ = bonded(comm, cell, name="bond")
+    problem = couple(two_blocks(comm, cell), LAW, name="bond")
     with FieldWriter(problem, out / "a", fields=["stress"]) as fields:
         fields.write(0.0)
     with FieldWriter(problem, out / "b", fields=["damage", "mode"]) as fields:
@@ -127,58 +120,6 @@ def test_chosen_fields(comm, out, cell):
         assert not {"traction", "displacement"} & set(read(out / "b" / "bond.bp"))
     with pytest.raises(ValueError, match=r"no field 'strain'; choose from \('displacement'"):
         FieldWriter(problem, out / "c", fields=["strain"])
-
-
-@pytest.mark.parametrize("volumetric", ["pointwise", "mean"])
-@pytest.mark.parametrize("kinematics", ["finite", "small"])
-def test_stress_out_of_the_plane(comm, kinematics, volumetric):
-    """All of sigma in plane strain of a body that swells by theta, against the closed form.
-
-    sigma = mu/J_e (b_e - I) + lambda (J_e - 1) I with F_e = F / (1 + theta), F_33 = 1.
-    """
-    theta = 0.02 if kinematics == "finite" else 1e-3
-    H = np.array([[0.1, 0.05], [-0.02, -0.05]]) * (1 if kinematics == "finite" else 1e-2)
-    problem, _ = bonded(
-        comm,
-        "quadrilateral",
-        kinematics=kinematics,
-        volumetric=volumetric,
-        eigenstrain={1: theta, 2: theta},
-    )
-    problem.u.interpolate(lambda x: H @ x[:2])
-    found = problem.stress().x.array.reshape(-1, 3, 3)
-    F = np.eye(3)
-    F[:2, :2] += H
-    if kinematics == "finite":
-        F /= 1 + theta
-        J = np.linalg.det(F)
-        exact = MU / J * (F @ F.T - np.eye(3)) + LMBDA * (J - 1) * np.eye(3)
-    else:
-        strain = (F + F.T) / 2 - (1 + theta) * np.eye(3)
-        stress = 2 * MU * strain + LMBDA * np.trace(strain) * np.eye(3)
-        F_33 = F  # sigma = P.F^T / J with the displacement's own F, as at finite strain
-        exact = stress @ F_33.T / np.linalg.det(F_33)
-    assert found == pytest.approx(np.broadcast_to(exact, found.shape), rel=1e-10, abs=1e-9)
-
-
-def test_fine_scale_error(comm):
-    """Zero where the elements have the solution, of order h^(k+1) where they do not."""
-    problem, facets = bonded(comm, "quadrilateral")
-    problem.dirichlet(facets.find(1), 0.0, "x")
-    problem.dirichlet(facets.find(2), lambda t: t, "x")
-    problem.dirichlet(facets.find("bottom"), 0.0, "y")
-    vmdg.solve(problem, [0.01], vmdg.SolveOptions(relative_tolerance=1e-12))
-    assert problem.fine_scale_error(0) < 1e-12
-    errors = []
-    for n in (4, 8):
-        mesh, cells, facets = blocks(comm, "quadrilateral", (n, n))
-        interface = vmdg.Interface(between=(1, 2), law=vmdg.Bonded())
-        problem = vmdg.Problem(mesh, cells, {1: MATERIAL, 2: MATERIAL}, [interface])
-        problem.u.interpolate(lambda x: 0.01 * np.stack([np.sin(x[0] + x[1]), np.cos(x[0] * x[1])]))
-        problem.discretization.update_stabilization(None)
-        problem.step.assemble_residual()
-        errors.append(problem.fine_scale_error(0))
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.2)
 
 
 def test_mode_of_a_facet():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from html import escape
 from types import MappingProxyType
 
 import numpy as np
@@ -16,6 +17,7 @@ from ..assembly.dirichlet import Value, Where, find_boundary_facets
 from ..assembly.discretization import Discretization
 from ..assembly.stress import CauchyStress
 from ..base.parallel import global_sum
+from ..base.tables import html_table
 from ..domain.cells import check_cells
 from ..domain.geometry import make_geometry
 from ..domain.materials import Bodies, LoadFactor
@@ -24,7 +26,7 @@ from ..domain.topology import Locator, tags_of_cells
 from ..forms.materials import Material
 from ..interface.activation import Activation
 from ..interface.facets import check_ghosts, find_facets
-from ..interface.interface import Interface, InterfaceList, Which, number_of
+from ..interface.interface import Interface, InterfaceList, Which, interface_names, number_of
 from ..interface.points import InterfaceState
 from ..interface.stabilization import Stabilization
 from .arguments import (
@@ -137,6 +139,24 @@ class Problem:
     def t(self) -> float:
         """Load factor of the current state."""
         return self.loading.t
+
+    def __repr__(self) -> str:
+        topology, dofmap = self.mesh.topology, self.space.dofmap
+        cells = f"{topology.index_map(topology.dim).size_global} cells ({topology.cell_name()})"
+        dofs = dofmap.index_map.size_global * dofmap.index_map_bs
+        bodies = ", ".join(f"{tag}: {type(m).__name__}" for tag, m in self.materials.items())
+        names = ", ".join(interface_names(self.interfaces)) or "none"
+        return (
+            f"<Problem: {cells}, {dofs} dofs; materials {bodies}; interfaces {names}; "
+            f"t = {self.t:.6g}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the line, and a table of the interfaces."""
+        names = interface_names(self.interfaces)
+        rows = [(i, names[i], interface) for i, interface in enumerate(self.interfaces)]
+        table = html_table(("number", "name", "interface"), rows)
+        return f"<p>{escape(repr(self))}</p>{table}"
 
     # Loads
 
