@@ -8,7 +8,14 @@ from pathlib import Path
 import vmdg
 
 #: Modules for users, in the order of the reference.
-MODULES = ("vmdg", "vmdg.laws", "vmdg.meshes", "vmdg.plot", "vmdg.forms.materials")
+MODULES = (
+    "vmdg",
+    "vmdg.laws",
+    "vmdg.meshes",
+    "vmdg.plot",
+    "vmdg.plot.solids",
+    "vmdg.forms.materials",
+)
 
 
 def main(tools: str, out: str) -> None:

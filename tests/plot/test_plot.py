@@ -9,10 +9,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from PIL import Image
+from support.problems import couple
+from support.scenes import LEFT, RIGHT, two_blocks
 
 import vmdg
 from vmdg import compat, plot
-from vmdg.meshes import blocks, fibre_matrix, pushout
+from vmdg.meshes import fibre_matrix, pushout
 from vmdg.output.corners import nodal_means
 from vmdg.output.values import scalar
 from vmdg.plot.interface import unrolled
@@ -29,20 +31,15 @@ def closed_figures():
     plt.close("all")
 
 
-def bonded(comm, cell: str = "quadrilateral", materials=(SOFT, STIFF), n: int = 2):
-    """Two blocks side by side, and the tags of their sides."""
-    divisions = (n, n) if cell in ("quadrilateral", "triangle") else (n, n, n)
-    mesh, cells, facets = blocks(comm, cell, divisions)
-    interface = vmdg.Interface(between=(1, 2), law=LAW)
-    bodies = dict(enumerate(materials, start=1))
-    return vmdg.Problem(mesh, cells, bodies, [interface]), facets
+def bonded(comm, cell: str = "quadrilateral", n: int = 2) -> vmdg.Problem:
+    """Two blocks side by side."""
+    return couple(two_blocks(comm, cell, n), LAW, (SOFT, STIFF))
 
 
 def cell_with_fibres(comm, centres, radius: float = 0.2) -> vmdg.Problem:
     """Fibres in a square of matrix."""
-    mesh, cells, _ = fibre_matrix(comm, "triangle", 1.0, radius, centres, element_size=0.08)
-    interface = vmdg.Interface(between=(1, 2), law=LAW)
-    return vmdg.Problem(mesh, cells, {1: STIFF, 2: SOFT}, [interface])
+    scene = fibre_matrix(comm, "triangle", 1.0, radius, centres, element_size=0.08)
+    return couple(scene, LAW, (STIFF, SOFT))
 
 
 def with_opening(problem: vmdg.Problem, field) -> vmdg.Problem:
@@ -89,7 +86,7 @@ def test_arc_length_of_circles(comm):
 
 def test_profile_of_a_line(comm):
     """Along an open interface the arc length is the way from its lower end; values belong to it."""
-    problem, _ = bonded(comm, "triangle")
+    problem = bonded(comm, "triangle")
     with_opening(problem, lambda x: np.stack([0.01 * x[0] * x[1], 0 * x[0]]))
     (arc,), (y,) = (plot.profile(problem, 0, "traction", along=s) for s in ("arc", "y"))
     assert arc == pytest.approx(y, abs=1e-12)
@@ -104,20 +101,18 @@ def test_profile_of_a_line(comm):
 
 def test_what_has_no_profile(comm):
     """The messages say what to do instead."""
-    problem, _ = bonded(comm, "tetrahedron", n=1)
+    problem = bonded(comm, "tetrahedron", n=1)
     with pytest.raises(ValueError, match="a surface has no arc length; use 'angle'"):
         plot.profile(problem, 0, "traction")
     with pytest.raises(ValueError, match="along = 'r' must be one of"):
         plot.profile(problem, 0, "traction", along="r")
     with pytest.raises(ValueError, match="'force' is no scalar of an interface; use one of"):
         plot.profile(problem, 0, "force", along="x")
-    mesh, cells, _ = blocks(comm, "triangle", (2, 2))
-    everywhere = vmdg.Interface(within=1, law=LAW)
-    problem = vmdg.Problem(mesh, cells, {1: SOFT, 2: SOFT}, [everywhere])
+    scene, inside = two_blocks(comm, "triangle", 2), {"between": None, "within": 1}
+    problem = couple(scene, LAW, **inside)
     with pytest.raises(ValueError, match="branches and has no arc length"):
         plot.profile(problem, 0, "traction")
-    sleeping = vmdg.Interface(within=1, law=LAW, activate="on-demand")
-    problem = vmdg.Problem(mesh, cells, {1: SOFT, 2: SOFT}, [sleeping])
+    problem = couple(scene, LAW, **inside, activate="on-demand")
     assert plot.profile(problem, 0, "fine_scale") == []
     assert problem.fine_scale_error(0) == 0
     plot.mode_map(problem, 0, axis="y")
@@ -150,19 +145,18 @@ def testunrolled_cylinder():
 
 def test_mode_map_in_3d(comm):
     """The quarter of a fibre becomes the rectangle of 90 degrees and its length."""
-    mesh, cells, _ = pushout(layers=2, around=2, fibre_rings=1, hole_rings=1, matrix_rings=2)
-    interface = vmdg.Interface(between=(1, 2), law=LAW)
-    problem = vmdg.Problem(mesh, cells, {1: STIFF, 2: SOFT}, [interface])
-    height = comm.allreduce(mesh.geometry.x[:, 2].max(), max)
+    scene = pushout(layers=2, around=2, fibre_rings=1, hole_rings=1, matrix_rings=2)
+    problem = couple(scene, LAW, (STIFF, SOFT))
+    height = comm.allreduce(scene.mesh.geometry.x[:, 2].max(), max)
     ax = plot.mode_map(problem, 0, axis="z")
     boxes = [path.get_extents() for path in ax.collections[0].get_paths()]
     assert sum(box.width * box.height for box in boxes) == pytest.approx(90 * height, rel=1e-6)
     assert [text.get_text() for text in ax.get_legend().get_texts()] == ["bonded or stuck"]
-    flat, _ = bonded(comm, "hexahedron")
+    flat = bonded(comm, "hexahedron")
     ax = plot.mode_map(flat, 0, "damage")
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("y [mm]", "z [mm]")
     with pytest.raises(ValueError, match="axis = None must be 'x', 'y' or 'z'"):
-        plot.mode_map(bonded(comm)[0], 0)
+        plot.mode_map(bonded(comm), 0)
 
 
 # Stress
@@ -170,7 +164,7 @@ def test_mode_map_in_3d(comm):
 
 def test_stress_of_bodies(comm):
     """Uniform in each body, although nodes of both lie at the interface; as by hand."""
-    problem, _ = bonded(comm)
+    problem = bonded(comm)
     H = np.array([[0.1, 0.05], [0.0, -0.04]])
     with_opening(problem, lambda x: H @ x[:2])
     F = np.eye(3)
@@ -202,7 +196,7 @@ def test_stress_of_bodies(comm):
 
 def test_nodal_means(comm):
     """Of a linear field sampled in the cells: exact inside, jumps at the interface stay."""
-    problem, _ = bonded(comm, "quadrilateral", n=4)
+    problem = bonded(comm, n=4)
     with_opening(problem, lambda x: np.stack([np.where(x[0] < 1 - 1e-9, 0.0, x[0]), 0 * x[1]]))
     mesh = problem.mesh
     owned = mesh.topology.index_map(2).size_local
@@ -218,7 +212,7 @@ def test_nodal_means(comm):
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron", "hexahedron"])
 def test_stress_picture(comm, out, cell):
     """Plane and solid bodies, to a file."""
-    problem, _ = bonded(comm, cell, n=1)
+    problem = bonded(comm, cell, n=1)
     with_opening(problem, lambda x: 0.01 * x[: problem.mesh.geometry.dim])
     ax = plot.stress(problem, "xx", magnify=3, limits=(0, 50))
     if comm.rank == 0:
@@ -234,14 +228,15 @@ def test_stress_picture(comm, out, cell):
 
 def test_animation(comm, out):
     """One picture a snapshot and a rest at the end, of which the problem is in the last state."""
-    problem, facets = bonded(comm, n=1)
-    problem.dirichlet(facets.find(1), 0.0)
-    problem.dirichlet(facets.find(2), lambda t: (t, 0.0))
+    scene = two_blocks(comm, "quadrilateral")
+    problem, right = couple(scene, LAW, (SOFT, STIFF)), scene.facet_tags.find(RIGHT)
+    problem.dirichlet(scene.facet_tags.find(LEFT), 0.0)
+    problem.dirichlet(right, lambda t: (t, 0.0))
     snapshots = []
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         snapshots.append(problem.step.snapshot())
-        return {"force": problem.reaction(facets.find(2))[0]}
+        return {"force": problem.reaction(right)[0]}
 
     history = vmdg.solve(problem, [0.05, 0.1, 0.2], monitor=monitor).history
     end = problem.u.x.array.copy()
@@ -281,23 +276,19 @@ def renderer():
 
 def test_solid_picture(comm, out, renderer):
     """A picture of several colours is written."""
-    from vmdg.plot import solids as plot_3d
-
-    problem, _ = bonded(comm, "hexahedron")
+    problem = bonded(comm, "hexahedron")
     with_opening(problem, lambda x: np.stack([0.02 * x[0] * x[1], 0 * x[0], 0 * x[0]]))
-    plot_3d.picture(out / "a" / "solid.png", problem, "xx", magnify=3, size=(300, 200))
+    plot.solids.picture(out / "a" / "solid.png", problem, "xx", magnify=3, size=(300, 200))
     if comm.rank == 0:
         with Image.open(out / "a" / "solid.png") as picture:
             assert picture.size == (300, 200)
             assert len(set(picture.convert("RGB").getdata())) > 50
     with pytest.raises(ValueError, match=r"the problem is plane; use vmdg.plot.stress"):
-        plot_3d.picture(out / "solid.png", bonded(comm)[0])
+        plot.solids.picture(out / "solid.png", bonded(comm))
 
 
 def test_without_pyvista(comm, monkeypatch):
     """The message names the cure."""
-    from vmdg.plot import solids as plot_3d
-
     monkeypatch.setitem(sys.modules, "pyvista", None)
     with pytest.raises(ImportError, match="pip install pyvista"):
-        plot_3d.picture("solid.png", bonded(comm, "hexahedron", n=1)[0])
+        plot.solids.picture("solid.png", bonded(comm, "hexahedron", n=1))

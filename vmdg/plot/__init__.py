@@ -1,9 +1,11 @@
 """Pictures with matplotlib: curves, interfaces, stress, animations.
 
 Functions of a problem are collective: every rank calls them, rank 0 draws and saves.
+:mod:`vmdg.plot.solids` shades solids by PyVista, where it is installed.
 """
 
 from ..output.profile import profile
+from . import solids as solids
 from .animation import animate
 from .interface import interface_profile, mode_map
 from .stress import cell_means, curve, deformed_corners, deformed_polygons, draw_cells, stress
