@@ -124,8 +124,8 @@ def test_chosen_fields(comm, out, cell):
 
 def test_mode_of_a_facet():
     """The mode of the larger part; of halves that differ by rounding the later one."""
-    mode = np.array([0, 3, 3, 0, 2, 0, 0, 2, 4, 4], dtype=float)
-    weights = np.array([0.3, 0.1, 0.1, 0.5, 0.5 - 1e-16, 0.5, 0.2, 0.2 + 1e-17, 1.0, 1.0])
-    facet = np.array([0, 0, 0, 1, 1, 2, 3, 3, 4, 4])
-    assert facet_modes(mode, weights, facet, 5).tolist() == [0, 2, 0, 2, 4]
-    assert facet_modes(mode[:0], weights[:0], facet[:0], 2).tolist() == [0, 0]
+    mode = np.array([[0, 3, 3], [0, 2, 2], [0, 2, 4], [0, 0, 2], [4, 4, 4]], dtype=float)
+    halves = [0.5, 0.25, 0.25 - 1e-16]
+    weights = np.array([[0.3, 0.1, 0.1], halves, halves, [0.2, 0.1, 0.3 + 1e-17], halves])
+    assert facet_modes(mode, weights).tolist() == [0, 2, 0, 2, 4]
+    assert facet_modes(mode[:0], weights[:0]).tolist() == []

@@ -117,6 +117,12 @@ class FacetQuadrature:
         size = dofmap.index_map_bs  # not -1: a rank may hold no facet
         function.x.array.reshape(-1, size)[dofs] = values.reshape(-1, size)
 
+    def facet_means(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Means over the facets, (nf, ...) of values at the points (nq, ...), weighted by area."""
+        points = self.points_of_facet
+        integral = np.einsum("fp,fp...->f...", self.weights[points], values[points])
+        return (integral.T / self.area).T
+
     def evaluator(
         self,
         shape: tuple[int, ...],

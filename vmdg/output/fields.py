@@ -14,7 +14,7 @@ from .. import compat
 from ..interface.interface import Which, interface_names, number_of
 from ..problem.problem import Problem
 from .corners import corners_of_local, positions_and_displacements
-from .values import VECTORS, facet_means, facet_scalar
+from .values import VECTORS, facet_scalar
 
 #: Fields of the bodies, and of the interfaces.
 DISPLACEMENT, STRESS = "displacement", "stress"
@@ -84,9 +84,8 @@ class InterfaceFields:
         """Of the open facets, (nf,) or (nf, d)."""
         if name not in VECTORS:
             return facet_scalar(self._problem, self._i, name)
-        q = self._problem.discretization.active[self._i].quadrature
-        values = getattr(self._problem.state[self._i], name)
-        return facet_means(values, q.weights, q.facet, len(q.area))
+        quadrature = self._problem.discretization.active[self._i].quadrature
+        return quadrature.facet_means(getattr(self._problem.state[self._i], name))
 
     def _displacement(self) -> NDArray[np.float64]:
         """Of side 1 at the corners of all facets, in the order of their cells (nf, corners, d)."""

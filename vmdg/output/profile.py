@@ -115,8 +115,8 @@ def _arc_length(
     else:
         first = used[np.argmax(nodes[used, 0])]
         closing = _closing_facet(nodes, facets, first)
-    kept = np.arange(len(lengths)) != closing
-    graph = coo_matrix((lengths[kept], facets[:, kept]), shape=(len(nodes), len(nodes)))
+    chain = np.arange(len(lengths)) != closing
+    graph = coo_matrix((lengths[chain], facets[:, chain]), shape=(len(nodes), len(nodes)))
     distance = dijkstra(graph, directed=False, indices=first)[facets]
     if closing >= 0:  # a loop ends with this facet, which goes on from its far end
         distance[facets[:, closing] == first, closing] = np.inf

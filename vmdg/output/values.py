@@ -72,27 +72,20 @@ def _along(vector: NDArray[np.float64], state: InterfaceState) -> NDArray[np.flo
     return np.einsum("pi,pi->p", vector, _normal(state))
 
 
-def facet_means(
-    values: NDArray[np.float64], weights: NDArray[np.float64], facet: NDArray[np.int32], count: int
-) -> NDArray[np.float64]:
-    """Means over the facets, (nf, ...) of (nq, ...), weighted by area."""
-    total = np.zeros((count, *values.shape[1:]))
-    np.add.at(total, facet, (values.T * weights).T)
-    area = np.bincount(facet, weights, minlength=count)
-    return (total.T / area).T
+def facet_modes(mode: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The mode that holds on most of each facet (nf,), of several the one that comes later.
 
-
-def facet_modes(
-    mode: NDArray[np.float64], weights: NDArray[np.float64], facet: NDArray[np.int32], count: int
-) -> NDArray[np.float64]:
-    """The mode that holds on most of each facet (nf,), of several the one that comes later."""
+    Args:
+        mode: At the points of every facet (nf, n).
+        weights: Their areas (nf, n).
+    """
     kinds = np.unique(mode)
     if not len(kinds):
-        return np.zeros(count)
-    shares = np.array([np.bincount(facet, weights * (mode == kind), count) for kind in kinds])
+        return np.zeros(len(mode))
+    shares = np.einsum("fpk,fp->fk", mode[..., None] == kinds, weights)
     # Halves of a facet are equal but for rounding.
-    most = shares >= (1 - 1e-6) * shares.max(axis=0)
-    return kinds[len(kinds) - 1 - np.argmax(most[::-1], axis=0)]
+    most = shares >= (1 - 1e-6) * shares.max(axis=1, keepdims=True)
+    return kinds[len(kinds) - 1 - np.argmax(most[:, ::-1], axis=1)]
 
 
 def facet_scalar(problem: Problem, interface: Which, name: str) -> NDArray[np.float64]:
@@ -111,5 +104,6 @@ def facet_scalar(problem: Problem, interface: Which, name: str) -> NDArray[np.fl
         return problem.error_indicator(i)
     values = scalar(problem, i, name)
     q = problem.discretization.active[i].quadrature
-    reduce = facet_modes if name == "mode" else facet_means
-    return reduce(values, q.weights, q.facet, len(q.area))
+    if name == "mode":
+        return facet_modes(values[q.points_of_facet], q.weights[q.points_of_facet])
+    return q.facet_means(values)

@@ -15,7 +15,7 @@ from ..interface.interface import Which, number_of
 from ..laws import Mode
 from ..output.corners import corners_of_local, positions_and_displacements
 from ..output.profile import profile
-from ..output.values import LABELS, facet_means, facet_scalar
+from ..output.values import LABELS, facet_scalar
 from ..problem.problem import Problem
 from .stress import axis_names
 
@@ -142,10 +142,10 @@ def _open_facets(
     d, active = problem.mesh.geometry.dim, problem.discretization.active.get(i)
     if active is None:
         return np.zeros((0, d, 3)), np.zeros((0, d)), np.zeros(0)
-    facets, q = active.facets, active.quadrature
+    facets, quadrature = active.facets, active.quadrature
     corners = corners_of_local(problem.mesh, facets.local[:, 0])
     X, _ = positions_and_displacements(problem, facets.cells[:, 0], corners)
-    normals = facet_means(q.normal, q.weights, q.facet, len(q.area))
+    normals = quadrature.facet_means(quadrature.normal)
     gathered = problem.comm.allgather((X, normals, facet_scalar(problem, i, quantity)))
     return tuple(np.concatenate(parts) for parts in zip(*gathered, strict=True))
 

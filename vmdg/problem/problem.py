@@ -331,12 +331,8 @@ class Problem:
         i = number_of(self.interfaces, interface)
         if i not in self.discretization.active:
             return np.zeros(0)
-        quadrature = self.discretization.active[i].quadrature
         square = (self.fine_scale(i) ** 2).sum(axis=(1, 2))
-        integral = np.bincount(
-            quadrature.facet, quadrature.weights * square, minlength=len(quadrature.area)
-        )
-        return np.sqrt(integral / quadrature.area)
+        return np.sqrt(self.discretization.active[i].quadrature.facet_means(square))
 
     def fine_scale_error(self, interface: Which) -> float:
         """Size of the fine scales of an interface in one number [mm]; collective.
