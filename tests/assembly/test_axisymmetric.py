@@ -4,9 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import ufl
 from support.checks import assert_residual_is_energy_derivative, gather, tangent_error
-from support.problems import MATERIALS, PRECISE, hold, revolved, set_displacement
+from support.problems import (
+    MATERIALS,
+    PRECISE,
+    hold,
+    revolved,
+    set_displacement,
+    through,
+    user_energy,
+)
 from support.scenes import BOTTOM, INNER, OUTER, TOP, everywhere, section, tag_cells, unit_box
 
 import vmdg
@@ -21,15 +28,6 @@ BOTH_FORMS = pytest.mark.parametrize("jump", [False, True], ids=["(27)", "(26)"]
 STRONG = vmdg.Debonding(strength=1e5, critical_gap=1e3)
 LAW = vmdg.Debonding(strength=100.0, critical_gap=0.2, friction=0.4)
 OGDEN = vmdg.Ogden(c=(6300.0, 12.0, -10.0), m=(1.3, 5.0, -2.0), kappa=16000.0)
-
-
-def user_energy(F, parameters):
-    """Eq. (86) as a user would write it."""
-    J = ufl.det(F)
-    return (
-        parameters["mu"] / 2 * (ufl.tr(F.T * F) - 3 - 2 * ufl.ln(J))
-        + parameters["lmbda"] / 2 * (J - 1) ** 2
-    )
 
 
 USER = vmdg.Hyperelastic(user_energy, MATERIALS[0].parameters)
@@ -175,13 +173,8 @@ def moved(comm, cell, degree, motion, law=None, materials=MATERIALS, jump=False,
     scene = section(comm, cell, (1, 2), (0.5, 1.2, 2.0), distortion=0.03)
     interface = {"traction_jump": jump, "frame": frame}
     problem = revolved(scene, law, materials, interface, degree=degree)
-    for t, move in ((1.0, first), (2.0, second)):
-        problem.step.begin(t, 1.0)
-        put(problem, scene, move, 0.05 * t)
-        problem.step.assemble_residual()
-        if t == 1.0:
-            problem.step.commit()
-    return problem
+    motions = (first, 0.05), (second, 0.1)
+    return through(problem, *(lambda m=m: put(problem, scene, *m) for m in motions))
 
 
 @BOTH_FRAMES

@@ -247,10 +247,10 @@ def test_tubes_in_3d(comm):
 def test_any_partition_gives_the_same(comm):
     """Force, damage and friction on all ranks together and on one, to the solver's tolerance."""
     tables = []
-    for group in (comm, MPI.COMM_SELF):
+    for group in (comm, MPI.COMM_SELF)[: comm.size]:
         scene = section(group, "quadrilateral", (3, 4), RADII, HEIGHT)
         tables.append(squeezed_and_pushed(revolved(scene, BOND, TUBES), lambda x: x[0], 1))
-    together, alone = tables
+    together, alone = tables[0], tables[-1]
     assert (alone[2:, -1] > 1).all()
     assert (np.abs(together - alone) < 1e-7 * np.abs(alone).max(axis=1, keepdims=True)).all()
 

@@ -21,7 +21,16 @@ from support.checks import (
     tangent_error,
     tangent_matrix,
 )
-from support.problems import PRECISE, displace, hold, joined, partly_damaged, revolved
+from support.problems import (
+    PRECISE,
+    displace,
+    hold,
+    joined,
+    partly_damaged,
+    revolved,
+    through,
+    user_energy,
+)
 from support.scenes import (
     DIMENSION,
     INNER,
@@ -75,9 +84,9 @@ def membrane(comm, n: int, volumetric: str, degree: int = 1, tied: bool = False)
 def test_cooks_membrane(comm):
     """n = 4, 8, 16 cells a side: 10, 3 and 1 % below the reference; pointwise J leaves a third.
 
-    Reference: degree 2, n = 32. An interface across the membrane changes nothing.
+    Reference: degree 2, n = 32, computed once. An interface across the membrane changes nothing.
     """
-    reference = membrane(comm, 32, "pointwise", degree=2)
+    reference = 6.86638
     mean = np.array([membrane(comm, n, "mean") for n in (4, 8, 16)])
     tied = np.array([membrane(comm, n, "mean", tied=True) for n in (4, 8, 16)])
     locked = membrane(comm, 16, "pointwise")
@@ -235,28 +244,10 @@ def test_tangent_in_a_turning_frame(comm, materials, swelling):
     """Friction and damage in the turning frame, on either material, with a body that swells."""
     scene = two_blocks(comm, "quadrilateral", n=2, distortion=0.05)
     law = vmdg.Debonding(strength=20.0, critical_gap=0.3, friction=0.4)
-    problem = vmdg.Problem(
-        scene.mesh,
-        scene.cell_tags,
-        dict(enumerate(materials, start=1)),
-        [vmdg.Interface(between=(1, 2), law=law)],
-        volumetric="mean",
-        eigenstrain=swelling,
-    )
-    problem.step.begin(1.0, 1.0)
-    displace(problem, scene, 0.7)
-    problem.step.assemble_residual()
-    problem.step.commit()
-    problem.step.begin(2.0, 1.0)
-    displace(problem, scene, 0.75)
-    assert tangent_error(problem, tangent_matrix(problem)) < 1e-7
-
-
-def energy_of_a_user(F, parameters):
-    """Eq. (86) without invariants."""
-    mu, lmbda = parameters["mu"], parameters["lmbda"]
-    J = ufl.det(F)
-    return mu / 2 * (ufl.inner(F, F) - 3) - mu * ufl.ln(J) + lmbda / 2 * (J - 1) ** 2
+    turning = {"frame": "corotating"}
+    problem = joined(scene, law, materials, turning, volumetric="mean", eigenstrain=swelling)
+    through(problem, *(lambda s=s: displace(problem, scene, s) for s in (0.7, 0.75)))
+    assert tangent_error(problem) < 1e-7
 
 
 @pytest.mark.parametrize("swelling", [None, {1: 0.05}], ids=["", "swelling"])
@@ -267,7 +258,7 @@ def test_invariants_give_the_energy_of_f_bar(comm, swelling):
         scene = two_blocks(comm, "quadrilateral", n=2, distortion=0.05)
         materials = [rubber(), rubber(200.0)]
         if user:
-            materials = [vmdg.Hyperelastic(energy_of_a_user, m.parameters) for m in materials]
+            materials = [vmdg.Hyperelastic(user_energy, m.parameters) for m in materials]
         problem = joined(scene, vmdg.Bonded(), materials, volumetric="mean", eigenstrain=swelling)
         problem.loading.apply(1.0)
         displace(problem, scene, 1.0)
@@ -423,12 +414,12 @@ def pulled_apart(where, cell: str):
 def test_debonding_on_any_number_of_ranks(comm, cell):
     """The bond breaks, its energy is the law's, and the partition changes nothing."""
     seen = []
-    for where in (comm, MPI.COMM_SELF):
+    for where in (comm, MPI.COMM_SELF)[: comm.size]:
         problem, result, right = pulled_apart(where, cell)
         state, energy = problem.state[0], problem.energy()
         points = by_position(where, state.points, state.opening, state.softening)
         seen.append((points, problem.reaction(right), energy, result))
-    (points, force, energy, result), (expected, reaction, alone, _) = seen
+    (points, force, energy, result), (expected, reaction, alone, _) = seen[0], seen[-1]
     area = problem.state[0].weights.sum()  # of the run on every rank
     assert (points[2] >= 20.0).all()
     assert energy.damage == pytest.approx(20.0 * 0.5 / 2 * area)

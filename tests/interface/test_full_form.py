@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 from support.checks import assert_residual_is_energy_derivative, gather, tangent_error
-from support.problems import MATERIALS, couple, joined, put, set_displacement
+from support.problems import MATERIALS, couple, joined, put, set_displacement, through
 from support.scenes import DIMENSION, two_blocks
 
 import vmdg
@@ -105,14 +105,8 @@ def moved(comm, cell, law, jump, frame="corotating"):
     """Two different blocks after two motions: damaged where the law can be."""
     scene = two_blocks(comm, cell, 2 if cell == "quadrilateral" else 1)
     problem = couple(scene, law, MATERIALS, traction_jump=jump, frame=frame)
-    problem.step.begin(0.5, 1.0)
-    put(problem, scene, (0.03, 0.01, 0.02), 0.4)
-    problem.step.assemble_residual()
-    problem.step.commit()
-    problem.step.begin(1.0, 1.0)
-    put(problem, scene, (0.06, 0.04, 0.01), 0.5)
-    problem.step.assemble_residual()
-    return problem
+    motions = ((0.03, 0.01, 0.02), 0.4), ((0.06, 0.04, 0.01), 0.5)
+    return through(problem, *(lambda m=m: put(problem, scene, *m) for m in motions))
 
 
 @BOTH_FORMS

@@ -10,7 +10,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from support.checks import in_frame, tangent_error
-from support.problems import MATERIALS, couple, driven, put
+from support.problems import MATERIALS, couple, driven, put, through
 from support.scenes import two_blocks
 
 import vmdg
@@ -125,12 +125,8 @@ def test_tangent_in_every_mode(comm, cell, frame, branch):
     scene = two_blocks(comm, cell, 1 if cell == "tetrahedron" else 2)
     problem = couple(scene, law, MATERIALS, frame=frame)
     angles = (0.4, 0.9) if frame == "corotating" else (0.0, 0.0)
-    problem.step.begin(0.5, 1.0)
-    put(problem, scene, branch.before, angles[0])
-    problem.step.assemble_residual()
-    problem.step.commit()
-    problem.step.begin(1.0, 1.0)
-    put(problem, scene, branch.after, angles[1])
+    motions = (branch.before, angles[0]), (branch.after, angles[1])
+    through(problem, *(lambda m=m: put(problem, scene, *m) for m in motions))
     error = tangent_error(problem)
     problem.step.commit()
     assert (problem.state[0].mode == branch.mode).all()

@@ -136,12 +136,12 @@ def test_energies_of_any_partition_are_those_of_one_rank(comm):
         return (np.array([0.1 * min(t, 1) - 0.15 * max(t - 1, 0), 0.25 * max(t - 1, 0)]), 0.2 * t)
 
     tables = []
-    for group in (comm, MPI.COMM_SELF):
+    for group in (comm, MPI.COMM_SELF)[: comm.size]:
         problem, _ = driven(group, "quadrilateral", law, path, n=2)
         options = vmdg.SolveOptions(relative_tolerance=1e-13, energy=True)
         history = vmdg.solve(problem, np.arange(1, 13) / 6, options).history
         tables.append(np.array([history[name] for name in COLUMNS]))
-    together, alone = tables
+    together, alone = tables[0], tables[-1]
     assert alone[:5, -1].min() > 0
     assert together == pytest.approx(alone, abs=1e-9 * np.abs(alone).max())
     assert (gather(comm, together.ravel()[None]) == together.ravel()).all()

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from mpi4py import MPI
 
 import numpy as np
+import ufl
 from dolfinx import fem
 from dolfinx.mesh import MeshTags
 from numpy.typing import NDArray
@@ -165,6 +166,26 @@ def put(problem: vmdg.Problem, scene: TaggedMesh, move: Sequence[float], angle: 
     set_displacement(problem.u, scene.cell_tags, field)
 
 
+def user_energy(F, parameters):
+    """Eq. (86) as a user would write it."""
+    J = ufl.det(F)
+    return (
+        parameters["mu"] / 2 * (ufl.tr(F.T * F) - 3 - 2 * ufl.ln(J))
+        + parameters["lmbda"] / 2 * (J - 1) ** 2
+    )
+
+
+def through(problem: vmdg.Problem, *motions: Callable[[], None]) -> vmdg.Problem:
+    """Steps that end in these displacements, without equilibrium; the last is not committed."""
+    for t, move in enumerate(motions, start=1):
+        if t > 1:
+            problem.step.commit()
+        problem.step.begin(t, 1.0)
+        move()
+        problem.step.assemble_residual()
+    return problem
+
+
 def partly_damaged(comm, cell: str, degree: int, **options):
     """Second step of a state in which some points were damaged and go on, and others are whole."""
     options["degree"] = degree
@@ -181,10 +202,4 @@ def partly_damaged(comm, cell: str, degree: int, **options):
     # H = 1000 MPa/mm, below every r here; no point is near separation at these openings.
     law = vmdg.Debonding(strength=strength, critical_gap=strength / 1000.0)
     problem = joined(scene, law, interface=fixed, **options)
-    problem.step.begin(1.0, 1.0)
-    displace(problem, scene, 1.0)
-    problem.step.assemble_residual()
-    problem.step.commit()
-    problem.step.begin(2.0, 1.0)
-    displace(problem, scene, 1.02)
-    return problem
+    return through(problem, *(lambda s=s: displace(problem, scene, s) for s in (1.0, 1.02)))
