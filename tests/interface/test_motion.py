@@ -15,6 +15,7 @@ from support.scenes import two_blocks
 
 import vmdg
 from vmdg import Mode
+from vmdg.solver.iteration import LoadStep
 from vmdg.solver.linear import LU
 from vmdg.solver.newton import Newton
 
@@ -223,7 +224,7 @@ class Scout:
         """Mode after a step to ``t``, which is taken back unless it is to be kept."""
         problem, start = self.problem, self.problem.step.snapshot()
         problem.step.begin(t, abs(t - problem.t))
-        assert self.newton.step(abs(t - problem.t)).converged
+        assert self.newton.step(LoadStep(t), abs(t - problem.t)).converged
         problem.step.commit()
         mode = int(problem.state[0].mode[0])
         if not keep:

@@ -15,6 +15,7 @@ from vmdg.solver.condensed_newton import CondensedNewton, backtrack, full_step, 
 from vmdg.solver.condensed_solver import CondensedSolver
 from vmdg.solver.flexibility import Flexibility, Superposition
 from vmdg.solver.gap_equation import Direction
+from vmdg.solver.iteration import LoadStep
 from vmdg.solver.newton import Newton
 
 LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.4)
@@ -258,7 +259,7 @@ def test_same_corrections(comm):
         arguments = (problem, 1e-9, 20) + ((None,) if kind is Newton else ())
         newton = kind(*arguments)
         problem.step.begin(0.5, 1.0)
-        report = newton.step(1.0, predictor="elastic")
+        report = newton.step(LoadStep(0.5), 1.0, predictor="elastic")
         assert report.converged
         norms.append([norm for norm in report.norms if norm > 1e-6 * report.norms[0]])
         newton.destroy()
@@ -276,7 +277,7 @@ def test_bodies_out_of_balance(comm):
     newton = CondensedNewton(problem, 1e-11, 20, negligible=1e15)
     for t in loads:
         problem.step.begin(t, 1.0)
-        assert newton.step(1.0).converged
+        assert newton.step(LoadStep(t), 1.0).converged
         problem.step.commit()
     newton.destroy()
     state = problem.state[0]

@@ -12,9 +12,11 @@ from scipy.optimize import brentq
 import vmdg
 from vmdg.base.parallel import global_max
 from vmdg.meshes import blocks
-from vmdg.solver.newton import StepReport
+from vmdg.solver.control import advance
+from vmdg.solver.iteration import LoadStep, StepReport
+from vmdg.solver.jump import FIRST_OVERSTRESS, GROWTH, jump
 from vmdg.solver.result import Result
-from vmdg.solver.stepping import SLOWER, Stepper, _advance
+from vmdg.solver.stepper import Stepper
 
 E, NU, STRENGTH = 5000.0, 0.25, 100.0
 LOADS = 0.002 * np.arange(1, 31)
@@ -76,13 +78,13 @@ def test_snap_back(comm, critical_gap):
     """
     options = vmdg.SolveOptions(energy=True, jump_after=6)
     history = vmdg.solve(bar(comm, linear(critical_gap)), LOADS, options, mean).history
-    (jump,) = np.flatnonzero(history["jump_steps"])
-    assert history["load"][jump - 1] <= onset() * (1 + 1e-6)
-    assert history["load"][jump - 1] == pytest.approx(onset(), rel=1e-3)
-    assert onset() <= history["load"][jump] < onset() + LOADS[1] - LOADS[0]
-    assert (history["gap"][:jump] == 0).all()
-    assert np.abs(history["traction"][jump:]).max() < 1e-6 * STRENGTH
-    assert history["gap"][jump:] == pytest.approx(history["load"][jump:], abs=1e-9)
+    (jumped,) = np.flatnonzero(history["jump_steps"])
+    assert history["load"][jumped - 1] <= onset() * (1 + 1e-6)
+    assert history["load"][jumped - 1] == pytest.approx(onset(), rel=1e-3)
+    assert onset() <= history["load"][jumped] < onset() + LOADS[1] - LOADS[0]
+    assert (history["gap"][:jumped] == 0).all()
+    assert np.abs(history["traction"][jumped:]).max() < 1e-6 * STRENGTH
+    assert history["gap"][jumped:] == pytest.approx(history["load"][jumped:], abs=1e-9)
     assert history["damage"][-1] == pytest.approx(STRENGTH * critical_gap / 2, rel=1e-9)
     assert history["viscosity"][-1] > 0
     assert abs(history["imbalance"][-1]) < 0.01 * history["external"][-1]
@@ -125,9 +127,9 @@ def test_failed_jump_restores_the_stabilization(comm):
     """In equilibrium again: with tau_s of its own step, not with that of the states on the way."""
     problem = bar(comm, linear(0.01))
     stepper = Stepper(problem, vmdg.SolveOptions(max_jump_steps=3))
-    assert stepper.step(0.9 * onset()).converged
+    assert stepper.step(LoadStep(0.9 * onset())).converged
     tau, forces = problem.stabilization[0].tau, problem.discretization.forces.x.array.copy()
-    report, _ = stepper.jump(1.1 * onset())
+    report, _ = jump(stepper, 1.1 * onset())
     assert "JUMP_FAILED" in report.reason
     assert np.array_equal(problem.stabilization[0].tau, tau)
     problem.step.assemble_residual(hold=True)
@@ -139,78 +141,82 @@ def test_failed_jump_restores_the_stabilization(comm):
 def test_overstress_is_no_measure_of_residuals(comm):
     """What the bond bears with an overstress only, here four times its strength, is forgotten."""
     stepper = Stepper(bar(comm, linear(0.01)), vmdg.SolveOptions(max_jump_steps=3))
-    stepper.step(0.9 * onset())
-    borne = stepper._newton._criterion.borne
-    assert borne > 0
-    stepper.jump(4 * onset())
-    assert stepper._newton._criterion.borne == borne
+    stepper.step(LoadStep(0.9 * onset()))
+    largest = stepper.problem.step.scales.reaction
+    assert largest > 0
+    jump(stepper, 4 * onset())
+    assert stepper.problem.step.scales.reaction == largest
     stepper.close()
 
 
-def test_second_attempts_in_a_jump(comm, monkeypatch):
-    """Only where a step has failed with less overstress too, or where the state has come to rest.
+class Failing(Stepper):
+    """Its fourth and fifth steps with overstress fail; keeps what it was asked for."""
 
-    The fourth and fifth steps with overstress, the second time with more, are made to fail.
-    """
-    stepper = Stepper(bar(comm, linear(0.02)), vmdg.SolveOptions(jump_rest=1.0))
-    assert stepper.step(0.99 * onset()).converged
-    take, calls = stepper.step, []
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self.calls: list[SimpleNamespace] = []
 
-    def step(t, overstress=0.0, along=None, once=False, rough=False):
-        fails = overstress > 0 and sum(call.overstress > 0 for call in calls) in (3, 4)
-        report = StepReport(False, [], "") if fails else take(t, overstress, along, once, rough)
-        arrived = report.converged and report.iterations == 0 and not rough
-        calls.append(
-            SimpleNamespace(overstress=overstress, once=once, report=report, arrived=arrived)
-        )
+    def step(self, wanted: LoadStep) -> StepReport:
+        viscous = wanted.overstress > 0
+        fails = viscous and sum(call.step.overstress > 0 for call in self.calls) in (3, 4)
+        report = StepReport(False, [], "") if fails else super().step(wanted)
+        at_rest = report.converged and report.iterations == 0 and wanted.exact
+        self.calls.append(SimpleNamespace(step=wanted, report=report, at_rest=at_rest))
         return report
 
-    monkeypatch.setattr(stepper, "step", step)
-    assert stepper.jump(1.05 * onset())[0].converged
-    assert calls[0].once
-    assert calls[-1].overstress == 0
+
+def test_second_attempts_in_a_jump(comm):
+    """Only where a step with less overstress has failed too, or the state has come to rest."""
+    stepper = Failing(bar(comm, linear(0.02)), vmdg.SolveOptions(jump_rest=1.0))
+    assert stepper.step(LoadStep(0.99 * onset())).converged
+    assert jump(stepper, 1.05 * onset())[0].converged
+    calls = stepper.calls[1:]
+    assert not calls[0].step.second
+    assert calls[-1].step.overstress == 0
     for before, now in pairwise(calls):
-        failed = before.overstress > 0 and not before.report.converged
-        assert now.once != (failed if now.overstress > 0 else before.arrived)
-    factors = [call.overstress for call in calls if call.overstress > 0]
-    assert factors[3:6] == [factors[3], SLOWER * factors[3], SLOWER**2 * factors[3]]
+        failed = before.step.overstress > 0 and not before.report.converged
+        assert now.step.second == (failed if now.step.overstress > 0 else before.at_rest)
+    factors = [call.step.overstress for call in calls if call.step.overstress > 0]
+    assert factors[3:6] == [factors[3], GROWTH * factors[3], GROWTH**2 * factors[3]]
     stepper.close()
 
 
 def test_jump_starts_within_a_quarter_of_the_step(comm):
     """By default two cuts come before the jump."""
     history = vmdg.solve(bar(comm, linear(0.02)), LOADS, monitor=mean).history
-    (jump,) = np.flatnonzero(history["jump_steps"])
+    (jumped,) = np.flatnonzero(history["jump_steps"])
     step = LOADS[1] - LOADS[0]
-    assert onset() - step / 4 <= history["load"][jump - 1] <= onset() * (1 + 1e-6)
+    assert onset() - step / 4 <= history["load"][jumped - 1] <= onset() * (1 + 1e-6)
 
 
 class Halting:
-    """Stands in for a Stepper whose steps converge below a length, and whose jumps all fail."""
+    """Stands in for a Stepper whose steps converge below a length, but not with overstress."""
 
     def __init__(self, longest: float):
-        self.problem = SimpleNamespace(t=0.0)
+        states = SimpleNamespace(snapshot=lambda: None, return_to=lambda state: None)
+        self.problem = SimpleNamespace(t=0.0, step=states)
         self.options = vmdg.SolveOptions()
         self.jumps: list[float] = []
         self._longest = longest
 
-    def step(self, t: float, once: bool) -> StepReport:
+    def step(self, wanted: LoadStep) -> StepReport:
         """Converges if it is short."""
-        converged = t - self.problem.t <= self._longest * (1 + 1e-9)
+        if wanted.overstress == FIRST_OVERSTRESS:
+            self.jumps.append(self.problem.t)
+        short = wanted.t - self.problem.t <= self._longest * (1 + 1e-9)
+        converged = short and not wanted.overstress
         if converged:
-            self.problem.t = t
+            self.problem.t = wanted.t
         return StepReport(converged, [0.0], "too long")
 
-    def jump(self, t: float) -> tuple[StepReport, int]:
-        """Fails."""
-        self.jumps.append(self.problem.t)
-        return StepReport(False, [0.0], "JUMP_FAILED"), 1
+    def forget_path(self) -> None:
+        """Has none."""
 
 
 def test_cuts_go_on_after_a_failed_jump():
     """Steps are halved until they converge, down to 1/2^max_cuts, though jumps fail on the way."""
     stepper = Halting(1 / 16)
-    loads = [part.t for part in _advance(stepper, 1.0, Result())]
+    loads = [part.t for part in advance(stepper, 1.0, Result())]
     assert loads[-1] == 1.0
     assert np.diff(loads, prepend=0.0).max() == pytest.approx(1 / 16)
     # Once from every state: the load at the end is the same.

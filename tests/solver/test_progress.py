@@ -13,7 +13,7 @@ from support.scenes import two_blocks
 import vmdg
 from vmdg.base.timers import timer, timings, timings_since
 from vmdg.solver import progress
-from vmdg.solver.iteration import Solve, StepReport
+from vmdg.solver.iteration import Correction, LoadStep, StepReport
 from vmdg.solver.progress import described, shown
 
 LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.3)
@@ -155,10 +155,12 @@ def test_failures_as_they_happen(comm, capsys):
 
 def test_table_of_two_attempts():
     """The attempt that failed first is shown first; a jump says its overstress."""
-    first = StepReport(False, [2.0, 3.0], "STUCK", [Solve(0, 0, 1e-3), Solve(8, 0, 0.01)], 1e-6)
-    steps = [Solve(0, 7, 1e-3), Solve(3, 12, 0.01)]
+    first = StepReport(
+        False, [2.0, 3.0], "STUCK", [Correction(0, 0, 1e-3), Correction(8, 0, 0.01)], 1e-6
+    )
+    steps = [Correction(0, 7, 1e-3), Correction(3, 12, 0.01)]
     second = StepReport(True, [2.0, 1e-7], "CONVERGED", steps, 1e-6, 19, first)
-    lines = described(0.1, 0.2, second, 4.0).split("\n")
+    lines = described(0.1, LoadStep(0.2, 4.0), second).split("\n")
     assert lines[0] == "step to load 0.2 with overstress 4 H"
     assert lines[3].split() == ["1", "3.000000e+00", "1.5e+00", "8", "-"]
     assert lines[4].split() == ["1.000000e-06", "asked", "for,", "STUCK"]

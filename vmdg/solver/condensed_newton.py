@@ -15,7 +15,7 @@ from ..problem.problem import Problem
 from .condensed_solver import RTOL, CondensedSolver
 from .flexibility import Flexibility, Superposition
 from .gap_equation import Direction, GapEquation, Gaps
-from .iteration import BACKTRACK, ENERGY, FULL, HALVINGS, Iteration, StepReport, Trace
+from .iteration import BACKTRACK, ENERGY, FULL, MAX_HALVINGS, Iteration, StepReport, Trace
 from .predictor import ASTRAY, ELASTIC, PATH, POOR
 
 LineSearch = Callable[[GapEquation, Gaps, Direction], Gaps]
@@ -31,7 +31,7 @@ TRIALS, REST, SHORTEST, LONGEST = 8, 0.1, 1e-12, 1e8
 def backtrack(equation: GapEquation, start: Gaps, direction: Direction) -> Gaps:
     """Halve the step until |R|^2 falls by Armijo's rule; the last trial is taken anyway."""
     length = 1.0
-    for _ in range(HALVINGS + 1):
+    for _ in range(MAX_HALVINGS + 1):
         state = equation.along(start, direction, length)
         # Also with NaN the step is halved.
         if state.norm**2 <= start.norm**2 * (1 - 2 * SUFFICIENT * length):
@@ -118,8 +118,6 @@ class CondensedNewton(Iteration):
         problem: Of small strain, on one rank, see :mod:`vmdg.solver.features`.
         relative_tolerance: Of the residual, see :class:`vmdg.solver.iteration.Criterion`.
         max_iterations: Corrections before an attempt is given up.
-        scale: Largest force seen before [N].
-        borne: Largest reaction or load seen before [N].
         negligible: Imbalance of the bodies that is left to the end of the step, relative to what
             may be left there.
     """
@@ -129,11 +127,9 @@ class CondensedNewton(Iteration):
         problem: Problem,
         relative_tolerance: float,
         max_iterations: int,
-        scale: float = 0.0,
-        borne: float = 0.0,
         negligible: float = NEGLIGIBLE,
     ):
-        super().__init__(problem, relative_tolerance, max_iterations, scale, borne)
+        super().__init__(problem, relative_tolerance, max_iterations)
         self._interfaces = [c for c in problem.discretization.active.values() if c.law.inelastic]
         self.flexibility = Flexibility(problem)
         self._solver = CondensedSolver(self.flexibility)
@@ -145,8 +141,6 @@ class CondensedNewton(Iteration):
 
     def restart(self) -> None:
         """Go on as one that is made for the state of the problem now: the dense matrices stay."""
-        criterion, scales = self._criterion, self._problem.step.scales
-        criterion.scale, criterion.borne = scales.force, scales.reaction
         self.forget_path()
         self._forget()
 
@@ -212,7 +206,7 @@ class CondensedNewton(Iteration):
             trace.norms[-1], reaction = self._finish(held, gaps)
             goal = self._criterion.goal(reaction)
             if trace.norms[-1] <= goal:
-                self._criterion.see(borne=reaction)
+                self._criterion.update(reaction=reaction)
                 self._rest = gaps.excess
                 return trace.report(True, "CONVERGED_FNORM_RELATIVE", goal)
             held = self._refined(held, gaps)
@@ -236,7 +230,7 @@ class CondensedNewton(Iteration):
             states = [state for state in states if state.norm <= limit]
             if states:
                 return min(states, key=lambda state: state.norm)
-        self._criterion.see(held.imbalance, held.loads)
+        self._criterion.update(held.imbalance, held.loads)
         elastic = equation.start(still)
         if predictor == ELASTIC or elastic.norm == 0:
             return elastic
@@ -255,7 +249,7 @@ class CondensedNewton(Iteration):
         goal: float,
         trace: Trace,
     ) -> tuple[Gaps, str]:
-        """Newton's method to a residual norm; norms are taken down, why it failed is returned."""
+        """Newton's method to a residual norm; norms join the trace, why it failed is returned."""
         start, seen = len(trace.norms), equation.evaluations
         for iteration in range(self._max_iterations + 1):
             trials, seen = equation.evaluations - seen, equation.evaluations
@@ -264,7 +258,7 @@ class CondensedNewton(Iteration):
                 return gaps, "DIVERGED_FNORM_NAN"
             if gaps.norm <= goal:
                 return gaps, ""
-            if failure := self._hopeless(search, trace.norms[start:], trials):
+            if failure := self._diverged(search, trace.norms[start:], trials):
                 return gaps, failure
             if iteration < self._max_iterations:
                 try:

@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 
 from ..base.parallel import global_max
 from ..problem.problem import Problem
+from ..problem.step import Step
 from .predictor import ELASTIC, PATH, Path
 
 #: Tolerance of states on the way to an equilibrium, relative to that of the equilibrium.
-ROUGH = 1e3
+SLACK_ON_THE_WAY = 1e3
 
 #: Residual relative to the largest reaction or load so far that is never small enough.
-LOOSE = 1e-6
+MAX_RESIDUAL = 1e-6
 
 
 class Criterion:
@@ -34,33 +35,32 @@ class Criterion:
     magnitude, so that the residual must also be small against forces that were there.
 
     Args:
-        tolerance: Relative to the force scale.
-        scale: Largest force seen before [N].
-        borne: Largest reaction or load seen before [N].
+        tolerance: Relative to the largest force.
+        step: Holds the largest forces of the run, which this updates.
 
     Attributes:
-        scale: Largest force seen so far [N].
-        borne: Largest reaction or load seen so far, borne without the overstress of a jump [N].
         floor: Rounding of the internal forces, below which no residual can come [N].
         slack: Factor on the tolerance of the present step.
     """
 
-    def __init__(self, tolerance: float, scale: float, borne: float = 0.0):
+    def __init__(self, tolerance: float, step: Step):
         self._tolerance = tolerance
-        self.scale = scale
-        self.borne = borne
+        self._step = step
         self.floor = 0.0
         self.slack = 1.0
 
-    def see(self, imbalance: float = 0.0, borne: float = 0.0) -> None:
-        """Take forces into account: an imbalance, and reactions or loads that were borne [N]."""
-        self.borne = max(self.borne, borne)
-        self.scale = max(self.scale, imbalance, self.borne)
+    def update(self, imbalance: float = 0.0, reaction: float = 0.0) -> None:
+        """Take forces into account: an imbalance, and reactions or loads [N]."""
+        scales = self._step.scales
+        reaction = max(scales.reaction, reaction)
+        force = max(scales.force, imbalance, reaction)
+        self._step.scales = replace(scales, force=force, reaction=reaction)
 
     def goal(self, reaction: float) -> float:
         """Residual norm at which a state with this norm of the reactions has converged [N]."""
-        borne = max(self.borne, reaction)
-        small = min(self._tolerance * max(self.scale, borne), LOOSE * borne)
+        scales = self._step.scales
+        reaction = max(scales.reaction, reaction)
+        small = min(self._tolerance * max(scales.force, reaction), MAX_RESIDUAL * reaction)
         return max(self.slack * small, self.floor)
 
 
@@ -69,15 +69,35 @@ BACKTRACK, FULL, ENERGY = "backtrack", "full", "energy"
 
 #: Backtracking halves a correction so often at most. It is stuck at a kink if none of these lengths
 #: has a smaller residual, or if two corrections leave more than this share of the residual.
-HALVINGS, STALL = 8, 0.98
+MAX_HALVINGS, STALLED = 8, 0.98
 
-#: Full steps may lead to a residual of so many times the force scale. A second attempt must end
+#: Full steps may lead to a residual of so many times the largest force. A second attempt must end
 #: where at most this share of the energy it exchanged is unaccounted for: larger releases are
 #: jumps, whose dissipation is to be counted.
-EXCURSION, DISTANT = 5.0, 0.1
+MAX_EXCURSION, MAX_UNACCOUNTED = 5.0, 0.1
 
 
-class Solve(NamedTuple):
+@dataclass(frozen=True)
+class LoadStep:
+    """A step that is to be taken.
+
+    Attributes:
+        t: Load factor.
+        overstress: Viscous overstress per gap increment in multiples of the softening modulus H:
+            that of a jump.
+        path: Path parameter at the start and the end of a step of a jump; None for the load factor.
+        second: Whether a second attempt with another line search may follow.
+        exact: False for a state that is only on the way to an equilibrium.
+    """
+
+    t: float
+    overstress: float = 0.0
+    path: tuple[float, float] | None = None
+    second: bool = True
+    exact: bool = True
+
+
+class Correction(NamedTuple):
     """How a residual norm was reached from the one before, or from the start of the step.
 
     Attributes:
@@ -109,7 +129,7 @@ class StepReport:
     converged: bool
     norms: list[float]
     reason: str
-    solves: list[Solve] = field(default_factory=list)
+    solves: list[Correction] = field(default_factory=list)
     goal: float = math.nan
     krylov: int = 0
     former: StepReport | None = None
@@ -125,7 +145,7 @@ class StepReport:
 
 
 class Trace:
-    """Takes down the residual norms of an attempt and what each of them has cost.
+    """The residual norms of an attempt and what each of them has cost.
 
     Args:
         krylov: Krylov iterations before the attempt.
@@ -137,13 +157,13 @@ class Trace:
 
     def __init__(self, krylov: int):
         self.norms: list[float] = []
-        self.solves: list[Solve] = []
+        self.solves: list[Correction] = []
         self._krylov = krylov
 
     def note(self, norm: float, trials: int, krylov: int, tolerance: float) -> None:
-        """Add a norm [N]; ``krylov`` is the count so far, the others as in :class:`Solve`."""
+        """Add a norm [N]; ``krylov`` is the count so far, the others as in :class:`Correction`."""
         self.norms.append(norm)
-        self.solves.append(Solve(trials, krylov - self._krylov, tolerance))
+        self.solves.append(Correction(trials, krylov - self._krylov, tolerance))
         self._krylov = krylov
 
     def report(self, converged: bool, reason: str, goal: float) -> StepReport:
@@ -158,75 +178,46 @@ class Iteration(ABC):
         problem: The problem.
         relative_tolerance: Of the residual, see :class:`vmdg.solver.iteration.Criterion`.
         max_iterations: Corrections before an attempt is given up.
-        scale: Largest force seen before [N].
-        borne: Largest reaction or load seen before [N].
 
     Attributes:
         discretization: What it was made for.
     """
 
-    def __init__(
-        self,
-        problem: Problem,
-        relative_tolerance: float,
-        max_iterations: int,
-        scale: float,
-        borne: float = 0.0,
-    ):
+    def __init__(self, problem: Problem, relative_tolerance: float, max_iterations: int):
         self.discretization = problem.discretization
         self._problem = problem
-        self._criterion = Criterion(relative_tolerance, scale, borne)
+        self._criterion = Criterion(relative_tolerance, problem.step)
         self._max_iterations = max_iterations
         self._path = Path(problem.comm)
         self._dt = 1.0
         self._size = extent(problem)
 
-    @property
-    def scale(self) -> float:
-        """Largest force seen so far [N]."""
-        return self._criterion.scale
-
-    @property
-    def borne(self) -> float:
-        """Largest reaction or load seen so far, without those of jumps [N]."""
-        return self._criterion.borne
-
-    def step(
-        self,
-        dt: float,
-        predictor: str = PATH,
-        along: tuple[float, float] | None = None,
-        once: bool = False,
-        rough: bool = False,
-    ) -> StepReport:
+    def step(self, wanted: LoadStep, dt: float, predictor: str = PATH) -> StepReport:
         """Solve for the loads that ``Step.begin`` has set; collective.
 
         Args:
+            wanted: The step.
             dt: Time step of the return maps [s].
             predictor: One of :data:`vmdg.solver.predictor.PREDICTORS`.
-            along: Path parameter at the start and the end of a step in a jump; None for the load
-                factor.
-            once: Without the second attempt.
-            rough: The state is only on the way to an equilibrium, and need not be exact.
         """
-        criterion = self._criterion
+        step, discretization = self._problem.step, self._problem.discretization
         self._dt = dt
-        criterion.slack = ROUGH if rough else 1.0
-        scales = criterion.scale, criterion.borne
-        start, end = along or (self._problem.step.start.t, self._problem.t)
+        self._criterion.slack = 1.0 if wanted.exact else SLACK_ON_THE_WAY
+        scales = step.scales
+        start, end = wanted.path or (step.start.t, self._problem.t)
         ahead = self._begin(start, end)
         second = None
-        if self._problem.discretization.can_fail and not once:
-            second = FULL if along is None else ENERGY
+        if discretization.can_fail and wanted.second:
+            second = FULL if wanted.path is None else ENERGY
         before = self.krylov
         report = self._search(ahead, predictor, second)
         report = replace(report, krylov=self.krylov - before)
         if not report.converged:
             # The forces of a state that is given up say nothing about the run.
-            criterion.scale, criterion.borne = scales
-        elif along is not None and start < end:
+            step.scales = scales
+        elif wanted.path is not None and start < end:
             # Nor do those that only the overstress of a jump could bear.
-            criterion.borne = scales[1]
+            step.scales = replace(step.scales, reaction=scales.reaction)
         return report
 
     def forget_path(self) -> None:
@@ -237,21 +228,21 @@ class Iteration(ABC):
         self, ahead: list[NDArray[np.float64]], predictor: str, second: str | None
     ) -> StepReport:
         """The line search; at a kink between branches of a law it can jam where another passes."""
-        problem = self._problem
-        start, scale = problem.u.x.array.copy(), self._criterion.scale
+        problem, step = self._problem, self._problem.step
+        start, force = problem.u.x.array.copy(), step.scales.force
         first = self._attempt(BACKTRACK, ahead, predictor)
         if first.converged or second is None:
             return first
         problem.u.x.array[:] = start
-        self._criterion.scale = scale
-        problem.step.assemble_residual(self._dt, hold=True)
-        stored = problem.step.stored_energy()
+        step.scales = replace(step.scales, force=force)
+        step.assemble_residual(self._dt, hold=True)
+        stored = step.stored_energy()
         report = replace(self._attempt(second, [], ELASTIC), former=first)
-        if report.converged and problem.step.exchange(stored).unaccounted > DISTANT:
+        if report.converged and step.exchange(stored).unaccounted > MAX_UNACCOUNTED:
             return report.failed("DISTANT_EQUILIBRIUM")
         return report
 
-    def _hopeless(self, search: str, norms: list[float], trials: int) -> str:
+    def _diverged(self, search: str, norms: list[float], trials: int) -> str:
         """PETSc's word for why an attempt is given up, or nothing.
 
         Args:
@@ -260,13 +251,13 @@ class Iteration(ABC):
             trials: Residuals that the last search has looked at.
         """
         if search == FULL:
-            if norms[-1] > EXCURSION * self._criterion.scale:
+            if norms[-1] > MAX_EXCURSION * self._problem.step.scales.force:
                 return "DIVERGED_DTOL"
             if np.isclose(norms[-1], norms[-5:-1], rtol=1e-3, atol=0).any():
                 return "DIVERGED_LOCAL_MIN"
         elif search == BACKTRACK:
-            exhausted = trials > HALVINGS and norms[-1] >= norms[-2]
-            if exhausted or (len(norms) > 4 and norms[-1] > STALL * norms[-3]):
+            exhausted = trials > MAX_HALVINGS and norms[-1] >= norms[-2]
+            if exhausted or (len(norms) > 4 and norms[-1] > STALLED * norms[-3]):
                 return "DIVERGED_LOCAL_MIN"
         return ""
 

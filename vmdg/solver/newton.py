@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..base.parallel import global_norm
 from ..base.timers import timer
 from ..problem.problem import Problem
-from .iteration import BACKTRACK, ENERGY, FULL, HALVINGS, Iteration, StepReport, Trace
+from .iteration import BACKTRACK, ENERGY, FULL, MAX_HALVINGS, Iteration, StepReport, Trace
 from .linear import (
     LinearSolver,
     Options,
@@ -32,7 +32,7 @@ LOOSEST, TIGHTEST = 1e-2, 1e-4
 LINE_SEARCH = {
     "snes_linesearch_type": "bt",
     "snes_linesearch_order": 1,
-    "snes_linesearch_max_it": HALVINGS,
+    "snes_linesearch_max_it": MAX_HALVINGS,
 }
 #: The second attempt in a jump looks for the least energy along a correction, where its work falls
 #: to zero. A bond whose overstress exceeds its softening makes the energy of a step convex: this
@@ -81,8 +81,6 @@ class Newton(Iteration):
         relative_tolerance: Of the residual, see :class:`vmdg.solver.iteration.Criterion`.
         max_iterations: Corrections before an attempt is given up.
         petsc: Options of the solver, without prefix.
-        scale: Largest force seen before [N].
-        borne: Largest reaction or load seen before [N].
     """
 
     def __init__(
@@ -91,10 +89,8 @@ class Newton(Iteration):
         relative_tolerance: float,
         max_iterations: int,
         petsc: Options | None,
-        scale: float = 0.0,
-        borne: float = 0.0,
     ):
-        super().__init__(problem, relative_tolerance, max_iterations, scale, borne)
+        super().__init__(problem, relative_tolerance, max_iterations)
         linear = linear_options(problem, petsc)
         self._tangent = Tangent(problem, keeps_bulk(problem, linear.solver))
         matrix = self._tangent.matrix
@@ -156,13 +152,13 @@ class Newton(Iteration):
         self._begin_trace()
         with timer("predictor"):
             imbalance, loads = self._predictor(predictor, ahead, self._dt)
-        self._criterion.see(imbalance, loads)
+        self._criterion.update(imbalance, loads)
         self._x.array[:] = self._problem.u.x.array[: self._owned]
         snes.solve(None, self._x)
         reason = snes.getConvergedReason()
         reaction = self._reaction()
         if reason > 0 and np.isfinite(reaction):
-            self._criterion.see(borne=reaction)
+            self._criterion.update(reaction=reaction)
         return self._trace.report(reason > 0, _REASONS.get(reason, str(reason)), self._goal)
 
     def _reaction(self) -> float:
@@ -197,7 +193,7 @@ class Newton(Iteration):
         self._goal = goal = self._criterion.goal(self._reaction())
         if residual <= goal:
             return PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE
-        if failure := self._hopeless(self._searches, self._trace.norms, trials):
+        if failure := self._diverged(self._searches, self._trace.norms, trials):
             return getattr(PETSc.SNES.ConvergedReason, failure)
         self._tolerance = linear_tolerance(self._trace.norms, goal)
         snes.getKSP().setTolerances(rtol=self._tolerance)

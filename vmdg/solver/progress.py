@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from ..output.history import History, split_unit
 from ..problem.problem import Problem
-from .iteration import StepReport
+from .iteration import LoadStep, StepReport
 from .options import SolveOptions
 
 #: Seconds between two states of the bar on a terminal, and in a file, where each is a new line.
@@ -48,15 +48,16 @@ class Progress:
             disable=not (options.progress and self._speaks and count),
         )
 
-    def attempted(self, t: float, report: StepReport, overstress: float) -> None:
-        """A step to load factor ``t`` has converged or failed."""
+    def attempted(self, step: LoadStep, report: StepReport) -> None:
+        """A step has converged or failed."""
         if not self._speaks:
             return
         if self._options.verbose:
-            self.say(described(self._problem.t, t, report, overstress))
-        if report.converged and not overstress:
+            self.say(described(self._problem.t, step, report))
+        if report.converged and not step.overstress:
             return  # a row follows
-        note = f"jump, overstress {overstress:.3g} H" if overstress else f"step to {t:.4g}"
+        jump = f"jump, overstress {step.overstress:.3g} H"
+        note = jump if step.overstress else f"step to {step.t:.4g}"
         self._show(self._done, note if report.converged else f"{note}: {report.reason}")
 
     def advanced(self, done: float, size: float, report: StepReport, history: History) -> None:
@@ -135,17 +136,16 @@ def shown(history: History, wanted: Sequence[str] | str | None) -> list[str]:
     return names
 
 
-def described(start: float, t: float, report: StepReport, overstress: float) -> str:
+def described(start: float, step: LoadStep, report: StepReport) -> str:
     """A table of the attempts of a step: residual norms and how each of them was reached.
 
     Args:
         start: Load factor where the problem is now.
-        t: That of the step.
+        step: The step.
         report: How it went.
-        overstress: That of a jump, in multiples of H.
     """
-    regularised = f" with overstress {overstress:.3g} H" if overstress else ""
-    lines = [f"step to load {t:.8g}{regularised}"]
+    regularised = f" with overstress {step.overstress:.3g} H" if step.overstress else ""
+    lines = [f"step to load {step.t:.8g}{regularised}"]
     attempts = [report]
     while attempts[0].former is not None:
         attempts.insert(0, attempts[0].former)
