@@ -1,4 +1,4 @@
-"""Looks at a problem before it is solved: mistakes that a run would answer with riddles."""
+"""Checks of a problem before it is solved: mistakes whose effects would be hard to explain."""
 
 from __future__ import annotations
 

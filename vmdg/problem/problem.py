@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from html import escape
 from types import MappingProxyType
+from typing import TypeVar
 
 import numpy as np
 from dolfinx import fem
@@ -25,6 +26,7 @@ from ..domain.tags import Group, by_tag, names_of
 from ..domain.topology import Locator, tags_of_cells
 from ..forms.materials import Material
 from ..interface.activation import Activation
+from ..interface.active import ActiveInterface
 from ..interface.facets import check_ghosts, find_facets
 from ..interface.interface import Interface, InterfaceList, Which, interface_names, number_of
 from ..interface.points import InterfaceState
@@ -39,6 +41,8 @@ from .arguments import (
 from .loading import Loading
 from .states import Energy, InterfaceMean
 from .step import Step
+
+T = TypeVar("T")
 
 #: Share of the strength that a broken bond has lost: an exponential law never quite loses all.
 BROKEN = 0.99
@@ -237,14 +241,8 @@ class Problem:
 
         By number, name or interface, as :attr:`state` is.
         """
-        d, active = self.mesh.geometry.dim, self.discretization.active
-        return InterfaceList(
-            self.interfaces,
-            (
-                active[i].stabilization if i in active else Stabilization.empty(d)
-                for i in range(len(self.interfaces))
-            ),
-        )
+        empty = Stabilization.empty(self.mesh.geometry.dim)
+        return self._of_interfaces(lambda active: active.stabilization, empty)
 
     @property
     def state(self) -> InterfaceList[InterfaceState]:
@@ -252,14 +250,14 @@ class Problem:
 
         ``state[0]``, ``state["bond"]`` by the name, or ``state[interface]``.
         """
-        d, active = self.mesh.geometry.dim, self.discretization.active
-        return InterfaceList(
-            self.interfaces,
-            (
-                active[i].state() if i in active else InterfaceState.empty(d)
-                for i in range(len(self.interfaces))
-            ),
-        )
+        empty = InterfaceState.empty(self.mesh.geometry.dim)
+        return self._of_interfaces(lambda active: active.state(), empty)
+
+    def _of_interfaces(self, value: Callable[[ActiveInterface], T], empty: T) -> InterfaceList[T]:
+        """A value of every active interface; ``empty`` of those without open facets."""
+        active, numbers = self.discretization.active, range(len(self.interfaces))
+        values = (value(active[i]) if i in active else empty for i in numbers)
+        return InterfaceList(self.interfaces, values)
 
     def mean(self, interface: Which) -> InterfaceMean:
         """Averages over an interface, weighted by area, the same on every rank.
@@ -287,12 +285,12 @@ class Problem:
             if not law.inelastic or law.strength <= 0:
                 continue
             if active is not None:
-                weights = active.quadrature.weights
-                areas[0] += weights[active.history.softening >= BROKEN * law.strength].sum()
-            potential = self.step.activation.area(i)
-            areas[1] += weights.sum() if potential is None else potential
-        gone, area = global_sum(self.comm, areas)
-        return float(gone / area) if area > 0 else 0.0
+                broken = active.history.softening >= BROKEN * law.strength
+                areas[0] += active.quadrature.weights[broken].sum()
+            area = self.step.activation.area(i)
+            areas[1] += active.quadrature.weights.sum() if area is None else area
+        broken, area = global_sum(self.comm, areas)
+        return float(broken / area) if area > 0 else 0.0
 
     def reaction(self, facets: Where) -> NDArray[np.float64]:
         """Total force that holds the nodes of boundary facets (d,) [N], the same on every rank.
