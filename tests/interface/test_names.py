@@ -27,13 +27,8 @@ def test_number():
     assert interface_names(both) == ["interface_0", "bond"]
     assert [number_of(both, which) for which in (1, np.int64(1), -1, "bond", bond)] == [1] * 5
     assert number_of(both, "interface_0") == number_of(both, other) == 0
-    known = "the interfaces of the problem are 'interface_0', 'bond'"
-    for which, error, message in (
-        ("bnd", ValueError, f"no interface is called 'bnd'; {known}"),
-        (2, IndexError, f"there is no interface 2; {known}"),
-        (alone, ValueError, f"is not in the problem; {known}"),
-    ):
-        with pytest.raises(error, match=message):
+    for which, error in (("bnd", ValueError), (2, IndexError), (alone, ValueError)):
+        with pytest.raises(error, match=r"no interface .*; the problem has 'interface_0', 'bond'"):
             number_of(both, which)
     with pytest.raises(TypeError):
         number_of(both, 0.5)
@@ -70,7 +65,7 @@ def test_problem_and_pictures(comm):
         assert len(line.get_xdata()) == comm.allreduce(len(problem.state[1].weights))
         assert plot.mode_map(problem, which, axis="y").collections
     assert len(problem.state["interface_0"].weights) == 0
-    with pytest.raises(ValueError, match="no interface is called 'fibre'"):
+    with pytest.raises(ValueError, match="no interface 'fibre'"):
         problem.mean("fibre")
     with pytest.raises(ValueError, match=r"interface 0, .*are both called 'interface_1'"):
         vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [named("interface_1"), cracks])

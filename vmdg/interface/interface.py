@@ -208,18 +208,15 @@ def number_of(interfaces: Sequence[Interface], which: Which) -> int:
         ValueError: there is none of this name, or the problem does not have this interface.
     """
     names = interface_names(interfaces)
-    known = f"the interfaces of the problem are {', '.join(map(repr, names)) or 'none'}"
-    if isinstance(which, Interface):
-        if not any(which is interface for interface in interfaces):
-            raise ValueError(f"{which} is not in the problem; {known}")
-        return next(i for i, interface in enumerate(interfaces) if which is interface)
-    if isinstance(which, str):
-        if which not in names:
-            raise ValueError(f"no interface is called {which!r}; {known}")
-        return names.index(which)
+    missing = f"there is no interface {which!r}; the problem has {', '.join(map(repr, names))}"
+    if isinstance(which, str | Interface):
+        places = names if isinstance(which, str) else list(interfaces)
+        if which not in places:
+            raise ValueError(missing)
+        return places.index(which)
     number = operator.index(which)
     if not -len(names) <= number < len(names):
-        raise IndexError(f"there is no interface {number}; {known}")
+        raise IndexError(missing)
     return number % len(names)
 
 
