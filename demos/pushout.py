@@ -8,7 +8,6 @@ shear-lag estimate. Drawn and computed in 3D (a quarter) or as an axisymmetric s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -16,19 +15,21 @@ from mpi4py import MPI
 
 import numpy as np
 from helpers.options import run
-from helpers.pushout import E_MATRIX, Levels, build, curves, describe
+from helpers.pushout import (
+    FIBRE_MODULUS,
+    FRICTION,
+    STUDIES,
+    Levels,
+    build,
+    curves,
+    describe,
+    studied,
+)
 from helpers.restart import files, resumed
 
 import vmdg
 
-FIBRE_MODULUS, FRICTION, END = 2500.0, 0.475, 0.174  # MPa, -, mm
-# Figures 30 and 31, and what the numbers owe to the mesh and to the steps: argument, label, values.
-STUDIES = {
-    "modulus": ("fibre_modulus", "E_f / E_m = {:g}", (0.625, 2.5, 6.0)),
-    "friction": ("friction", "mu = {:g}", (0.3, 0.475, 0.6)),
-    "mesh": ("refine", "cells x {:g}", (0.5, 1.0, 2.0, 4.0)),
-    "steps": ("steps", "{:d} steps", (50, 100, 200, 400)),
-}
+END = 0.174  # mm
 
 
 def main(
@@ -66,8 +67,8 @@ def main(
     if study:
         given = {"solid": solid, "layers": layers, "refine": refine, "steps": steps, "end": end}
         given |= {"friction": friction, "fibre_modulus": fibre_modulus, "verbose": verbose}
-        values = STUDIES[study][2]
-        return studied(study, values, out, plot, checkpoint_every, resume, **given)
+        given |= {"checkpoint_every": checkpoint_every, "resume": resume}
+        return studied(main, study, STUDIES[study][2], Path(out), plot, **given)
     model, folder = build(solid, layers, refine, friction, fibre_modulus), Path(out)
     problem, rank = model.problem, MPI.COMM_WORLD.rank
     checkpoint, cure = folder / "checkpoint", folder / "checkpoint_cure"
@@ -103,32 +104,6 @@ def main(
             drawn.savefig(folder / "pushout.png", dpi=130)
         print(f"results are in {folder}")
     return history
-
-
-def studied(
-    name: str,
-    values: Sequence[float],
-    out: str,
-    plot: bool = True,
-    every: int = 0,
-    resume: bool = False,
-    **options: float | bool,
-) -> dict[str, vmdg.History]:
-    """One run a value, one table and one picture."""
-    argument, label, _ = STUDIES[name]
-    first, runs = MPI.COMM_WORLD.rank == 0, {}
-    for value in values:
-        if first:
-            print(label.format(value))
-        given = {argument: value * E_MATRIX if name == "modulus" else value}
-        given |= {"checkpoint_every": every, "resume": resume, "out": f"{out}/{name}_{value}"}
-        runs[label.format(value)] = main(**options | given, plot=False)
-    if first:
-        print(describe(runs))
-    if first and plot:
-        figure = curves(runs, FRICTION, FIBRE_MODULUS)
-        figure.savefig(Path(out) / f"pushout_{name}.png", dpi=130)
-    return runs
 
 
 if __name__ == "__main__":

@@ -36,8 +36,6 @@ FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 GROUND = {"laws": {"numpy"}, "forms": {"ufl", "basix", "numpy"}}
 
 MOST_NAMES = 25
-#: Classes that show more, and why.
-LARGE: dict[str, str] = {}
 
 
 def folders() -> Iterator[Path]:
@@ -114,15 +112,14 @@ def public_names(node: ast.ClassDef) -> set[str]:
 
 
 def test_classes_are_small():
-    """No class shows more than a reader can hold in the head, save those with a reason."""
-    classes = [
-        (f"{module}.{node.name}", public_names(node))
+    """No class shows more than a reader can hold in the head."""
+    shown = {
+        f"{module}.{node.name}": len(public_names(node))
         for module, tree in TREES.items()
         for node in ast.walk(tree)
         if isinstance(node, ast.ClassDef)
-    ]
-    large = {name: len(shown) for name, shown in classes if len(shown) > MOST_NAMES}
-    assert large.keys() == LARGE.keys(), large
+    }
+    assert not {name: count for name, count in shown.items() if count > MOST_NAMES}
 
 
 # Users of the package
@@ -136,12 +133,8 @@ USERS = sorted(
 )
 #: Files that still do.
 LATER = {
-    "demos/studies/benchmark/switches.py",
-    "tests/solver/test_condensed.py",
     "tests/solver/test_jump.py",
-    "tests/solver/test_progress.py",
     "tests/solver/test_step_control.py",
-    "tests/support/checks.py",
 }
 #: Methods of monkeypatch and of unittest.mock.patch.
 PATCHES = {"setattr", "setitem", "object", "dict"}

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+
+from mpi4py import MPI
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -25,8 +29,16 @@ from vmdg.plot import cell_means, deformed_corners, draw_cells, mode_map
 
 RADIUS, OUTER_RADIUS, HEIGHT = 0.95, 4.3, 5.36  # mm
 E_MATRIX, NU_MATRIX, NU_FIBRE = 4000.0, 0.33, 0.35  # MPa
+FIBRE_MODULUS, FRICTION = 2500.0, 0.475  # MPa, -
 STRENGTH, CRITICAL_GAP, SHRINKAGE = 22.0, 0.011, 0.0022  # MPa, mm
 MAGNIFY = 5  # of the displacement in pictures
+# Figures 30 and 31, and what the numbers owe to the mesh and to the steps: argument, label, values.
+STUDIES = {
+    "modulus": ("fibre_modulus", "E_f / E_m = {:g}", (0.625, 2.5, 6.0)),
+    "friction": ("friction", "mu = {:g}", (0.3, 0.475, 0.6)),
+    "mesh": ("refine", "cells x {:g}", (0.5, 1.0, 2.0, 4.0)),
+    "steps": ("steps", "{:d} steps", (50, 100, 200, 400)),
+}
 
 
 @dataclass
@@ -265,3 +277,36 @@ def describe(runs: dict[str, vmdg.History]) -> str:
         numbers = [force[0] / punch[0], *starts, force[peak], gone[peak], force[-1]]
         lines.append(f"{label:20}" + "".join(f"{number:14.5g}" for number in numbers))
     return "\n".join(lines)
+
+
+def studied(
+    main: Callable[..., vmdg.History],
+    name: str,
+    values: Sequence[float],
+    out: Path,
+    plot: bool = True,
+    **options: float | bool,
+) -> dict[str, vmdg.History]:
+    """One run of the demo a value, one table and one picture; the histories by label.
+
+    Args:
+        main: Of the demo.
+        name: Of the study.
+        values: Of its argument.
+        out: Folder for the picture; every run has a folder in it.
+        plot: Draw the picture.
+        options: Other arguments of the demo.
+    """
+    argument, label, _ = STUDIES[name]
+    first, runs = MPI.COMM_WORLD.rank == 0, {}
+    for value in values:
+        if first:
+            print(label.format(value))
+        given = {argument: value * E_MATRIX if name == "modulus" else value}
+        given["out"] = str(out / f"{name}_{value}")
+        runs[label.format(value)] = main(**options | given, plot=False)
+    if first:
+        print(describe(runs))
+    if first and plot:
+        curves(runs, FRICTION, FIBRE_MODULUS).savefig(out / f"pushout_{name}.png", dpi=130)
+    return runs

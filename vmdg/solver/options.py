@@ -43,7 +43,8 @@ class SolveOptions:
         energy: Add the energies of every step to the history.
         progress: Show a progress bar and the summary of the run (rank 0): load factor, size,
             iterations of the step, forces, share of the interfaces that is debonded, and with
-            ``energy`` the imbalance relative to the largest work put in.
+            ``energy`` the imbalance relative to the largest work put in. A number is the time
+            between two states of the bar [s].
         show: Names of the columns of the history that the bar shows as forces; None for the first
             three called force or reaction, alone or with more words ("force_x").
         verbose: Print the residual norms of every step, with the ratio to the norm before, the
@@ -69,7 +70,7 @@ class SolveOptions:
     condensed: bool | None = None
     energy_guard: float = math.inf
     energy: bool = False
-    progress: bool = False
+    progress: bool | float = False
     show: Sequence[str] | str | None = None
     verbose: bool = False
     csv: str | Path | None = None

@@ -39,11 +39,12 @@ class Progress:
         self._state = ""
         self._done = 0.0
         self._largest_work = 0.0
+        interval = TERMINAL if sys.stderr.isatty() else FILE
         self._bar = tqdm(
             total=count,
             bar_format=BAR,
             dynamic_ncols=True,
-            mininterval=TERMINAL if sys.stderr.isatty() else FILE,
+            mininterval=interval if options.progress is True else float(options.progress),
             miniters=0,
             disable=not (options.progress and self._speaks and count),
         )

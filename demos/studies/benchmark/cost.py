@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from helpers.pushout import E_MATRIX, NU_FIBRE, NU_MATRIX, build
+from helpers.pushout import E_MATRIX, FIBRE_MODULUS, FRICTION, NU_FIBRE, NU_MATRIX, build
 
 import vmdg
 from studies.benchmark.common import layers
@@ -27,7 +27,6 @@ from vmdg.solver.linear import LU
 
 #: Where the push-out is cut short, load factors (1 is the end of the cure, then the punch in mm).
 LOADS = (0.5, 1.0, 1.01, 1.02)
-FIBRE_MODULUS, FRICTION = 2500.0, 0.475  # MPa, -
 
 
 def two_blocks(
