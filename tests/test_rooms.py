@@ -131,11 +131,6 @@ USERS = sorted(
     for folder in ("tests", "demos")
     for path in (ROOT / folder).rglob("*.py")
 )
-#: Files that still do.
-LATER = {
-    "tests/solver/test_jump.py",
-    "tests/solver/test_step_control.py",
-}
 #: Methods of monkeypatch and of unittest.mock.patch.
 PATCHES = {"setattr", "setitem", "object", "dict"}
 #: Of named tuples, and what notebooks call: names that begin with an underscore and are public.
@@ -182,4 +177,4 @@ def liberties(tree: ast.AST) -> Iterator[str]:
 def test_public_use():
     """Neither a private name nor a patched module of ours."""
     found = {path: list(liberties(ast.parse((ROOT / path).read_text()))) for path in USERS}
-    assert not {path: texts for path, texts in found.items() if texts and path not in LATER}
+    assert not {path: texts for path, texts in found.items() if texts}
