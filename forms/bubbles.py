@@ -1,8 +1,8 @@
-"""Facet bubbles b_s of (17): one function per facet of a cell, zero on its other facets.
+"""Facet bubbles b_s of (17), one function per facet of a cell, and the integrand of (22).
 
 triangle 4 l_a l_b, tetrahedron 27 l_a l_b l_c (l the barycentric coordinates of the facet's
 vertices), quadrilateral 4 x (1 - x) (1 - y), hexahedron 16 x (1 - x) y (1 - y) (1 - z) for the
-facet at y = 0, z = 0; one at the midpoint of the facet.
+facet at y = 0, z = 0; one at the midpoint of the facet, zero on the other facets of the cell.
 """
 
 from __future__ import annotations
@@ -10,7 +10,12 @@ from __future__ import annotations
 import basix
 import basix.ufl
 import numpy as np
+import ufl
 from numpy.typing import NDArray
+from ufl.core.expr import Expr
+
+from .geometry import Geometry
+from .kinematics import Body, acoustic_tensor
 
 # Degree of the polynomial set that holds the bubbles: total for simplices, per direction else.
 _DEGREE = {"triangle": 2, "tetrahedron": 3, "quadrilateral": 2, "hexahedron": 2}
@@ -72,3 +77,13 @@ def element(cell: str) -> basix.ufl._ElementBase:
         0,
         degree,
     )
+
+
+def bubble_stiffness(body: Body, geometry: Geometry, u: Expr, bubble: Expr) -> Expr:
+    """Integrand of (22): GRAD b : A : GRAD b, (d, d) [MPa/mm2].
+
+    With mean dilatation A is that of W at F_bar: bubbles do not share the dilatation of their cell.
+    """
+    F = ufl.variable(body.effective(geometry.deformation(u)))
+    A = acoustic_tensor(body.pointwise, F)
+    return geometry.bubble_stiffness(A, bubble)

@@ -15,8 +15,8 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow the tabl
     from .checkpoint.checkpoint import discard_checkpoint as discard_checkpoint
     from .checkpoint.checkpoint import read_checkpoint as read_checkpoint
     from .checkpoint.checkpoint import write_checkpoint as write_checkpoint
-    from .domain.marking import split_cells as split_cells
     from .domain.tags import NamedTags as NamedTags
+    from .domain.tags import split_cells as split_cells
     from .forms.materials import Hyperelastic as Hyperelastic
     from .forms.materials import Material as Material
     from .forms.materials import NeoHookean as NeoHookean
@@ -74,7 +74,7 @@ _HOME = {
     "discard_checkpoint": "checkpoint.checkpoint",
     "read_checkpoint": "checkpoint.checkpoint",
     "solve": "solver.stepping",
-    "split_cells": "domain.marking",
+    "split_cells": "domain.tags",
     "switchboard": "solver.features",
     "write_checkpoint": "checkpoint.checkpoint",
 }

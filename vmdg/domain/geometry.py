@@ -1,6 +1,8 @@
-"""The geometry of a problem from the user's words, and the axis of a body of revolution."""
+"""The geometry of a problem from the user's words, its axis and its rigid motions."""
 
 from __future__ import annotations
+
+from itertools import combinations
 
 import numpy as np
 import ufl
@@ -95,3 +97,22 @@ def axis_dofs(space: fem.FunctionSpace, geometry: Geometry) -> NDArray[np.int32]
         return np.zeros(0, dtype=np.int32)
     nodes = fem.locate_dofs_geometrical(space, lambda x: x[0] <= geometry.axis)
     return (nodes * space.dofmap.index_map_bs).astype(np.int32)
+
+
+def rigid_motions(x: NDArray[np.float64], geometry: Geometry) -> NDArray[np.float64]:
+    """Translations, then rotations, of small angle (modes, n, d); along z only in axisymmetry.
+
+    Args:
+        x: Points (n, d).
+        geometry: Of the problem.
+    """
+    d = x.shape[1]
+    translations = [np.tile(direction, (len(x), 1)) for direction in np.eye(d)]
+    if isinstance(geometry, Axisymmetric):
+        return np.array(translations[1:])
+    rotations = []
+    for i, j in combinations(range(d), 2):
+        rotation = np.zeros((len(x), d))
+        rotation[:, i], rotation[:, j] = -x[:, j], x[:, i]
+        rotations.append(rotation)
+    return np.array([*translations, *rotations])

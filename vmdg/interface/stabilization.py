@@ -17,7 +17,6 @@ from ..base.timers import timer
 from ..domain.materials import Bodies
 from ..forms import bubbles
 from ..forms.geometry import Geometry
-from ..forms.stabilization import bubble_stiffness
 from ..laws import Law
 from . import frame
 from .coercivity import MARGIN, Coercivity
@@ -108,7 +107,7 @@ class BubbleIntegrals:
                 subdomain_id=0,
                 metadata={"quadrature_degree": bubble_degree(cell_name, geometry)},
             )
-            integrand = bubble_stiffness(region.body, geometry, u, self._bubble)
+            integrand = bubbles.bubble_stiffness(region.body, geometry, u, self._bubble)
             weight = geometry.circumference(ufl.SpatialCoordinate(mesh))
             form = weight * ufl.inner(test, integrand) * dx
             self._forms.append(compile_form(form, [], mesh.comm, name="bubble stiffness"))

@@ -12,7 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..base.parallel import GhostExchange, global_any, global_max
-from ..domain.rigid_motions import rigid_motions
+from ..domain.geometry import rigid_motions
 from ..forms.geometry import Axisymmetric
 from ..interface.active import ActiveInterface
 from .problem import Problem

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..base.parallel import global_sum
 from ..base.timers import timer
-from ..domain.rigid_motions import rigid_motions
+from ..domain.geometry import rigid_motions
 from ..forms.geometry import Geometry
 from ..problem.problem import Problem
 
