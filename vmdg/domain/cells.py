@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import basix
-import basix.ufl
 import numpy as np
 from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 
 from .. import compat
 from ..base.parallel import raise_together
+from .shapes import GeometryMap
 from .topology import facet_cells, local_facets
 
 # det J relative to the lengths of its columns, and edges at a corner relative to the longest, that
@@ -43,19 +43,13 @@ def check_cells(mesh: Mesh) -> None:
 
 def _bad_cell(mesh: Mesh) -> str | None:
     """What is wrong with the first degenerate or inverted cell of this rank."""
-    name, d = mesh.topology.cell_name(), mesh.geometry.dim
-    cell = basix.CellType[name]
-    coordinates = compat.coordinate_element(mesh)
+    cell = mesh.basix_cell()
     corners = basix.geometry(cell)
-    inside, _ = basix.make_quadrature(cell, 2 * coordinates.degree)
-    variant = basix.LagrangeVariant(coordinates.variant)
-    element = basix.ufl.element("Lagrange", cell, coordinates.degree, lagrange_variant=variant)
-    _, *slopes = element.tabulate(1, np.concatenate([corners, inside]))
-    slopes = np.array(slopes)
-    nodes = compat.geometry_dofmap(mesh)
-    for start in range(0, len(nodes), _BATCH):
-        x = mesh.geometry.x[nodes[start : start + _BATCH], :d]
-        J = np.einsum("tqn,cni->cqit", slopes, x - x[:, :1], optimize=True)
+    inside, _ = basix.make_quadrature(cell, 2 * compat.coordinate_element(mesh).degree)
+    geometry_map = GeometryMap(mesh, np.concatenate([corners, inside]))
+    for start in range(0, len(compat.geometry_dofmap(mesh)), _BATCH):
+        x = geometry_map.nodes(slice(start, start + _BATCH))
+        J = geometry_map.jacobians(x - x[:, :1])
         edges = np.linalg.norm(J, axis=2)
         with np.errstate(invalid="ignore"):
             det, size = np.linalg.det(J), edges.prod(axis=2)

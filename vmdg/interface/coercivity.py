@@ -41,21 +41,19 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import basix
-import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem, la
-from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
 from .. import compat
 from ..base.kernels import compile_expression
-from ..base.quadrature import bulk_degree, facet_degree
 from ..domain.materials import Bodies
+from ..domain.shapes import ShapeGradients
 from ..forms import kinematics
 from ..forms.dilatation import MeanDilatation
-from ..forms.geometry import Axisymmetric, Geometry
+from ..forms.geometry import Geometry
 from ..forms.kinematics import Body
 from .facets import InterfaceFacets
 
@@ -72,115 +70,7 @@ _REGULAR_MODULI, _REGULAR_CELL = 1e-13, 1e-11
 _BATCH = 2**22
 
 
-class CellGeometry:
-    """Gradients of the shape functions where the forms integrate over cells and their facets.
-
-    In axisymmetry a column N_a / r follows the derivatives of a shape function N_a, for the hoop
-    entry of GRAD, and the weights count the circumference. With mean dilatation GRAD has the entry
-    of theta besides, whose change :meth:`dilatations` gives.
-
-    Args:
-        mesh: The mesh.
-        geometry: Gradient and measure.
-        degree: Degree of the displacement.
-
-    Attributes:
-        bulk_points: Reference points in a cell.
-        facet_points: Reference points in a facet.
-    """
-
-    def __init__(self, mesh: Mesh, geometry: Geometry, degree: int):
-        self._mesh = mesh
-        self._geometry = geometry
-        name = mesh.topology.cell_name()
-        self._cell = basix.CellType[name]
-        self._d = mesh.geometry.dim
-        self.bulk_points, self._bulk_weights = basix.make_quadrature(
-            self._cell, bulk_degree(name, degree, geometry)
-        )
-        facet = basix.cell.subentity_types(self._cell)[self._d - 1][0]
-        self.facet_points, self._facet_weights = basix.make_quadrature(facet, facet_degree(degree))
-        self._shape = basix.ufl.element("Lagrange", self._cell, degree)
-        coordinates = compat.coordinate_element(mesh)
-        self._map = basix.ufl.element(
-            "Lagrange",
-            self._cell,
-            coordinates.degree,
-            lagrange_variant=basix.LagrangeVariant(coordinates.variant),
-        )
-        self._hoop = isinstance(geometry, Axisymmetric)
-        corners = basix.geometry(self._cell)
-        facets = basix.topology(self._cell)[self._d - 1]
-        #: Edges that span every reference facet (local facets, d - 1, d).
-        self._edges = np.array(
-            [corners[nodes[1 : self._d]] - corners[nodes[0]] for nodes in facets]
-        )
-        self._origins = np.array([corners[nodes[0]] for nodes in facets])
-
-    @property
-    def facets_of_cell(self) -> int:
-        """Number of facets of a cell."""
-        return len(self._origins)
-
-    @property
-    def nodes_of_cell(self) -> int:
-        """Number of shape functions of a cell."""
-        return self._shape.dim
-
-    def _at(
-        self, cells: NDArray[np.int32], points: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """GRAD of the shape functions (cells, points, nodes, d or d + 1), dX/dxi and 2 pi r."""
-        x = self._mesh.geometry.x[compat.geometry_dofmap(self._mesh)[cells]][:, :, : self._d]
-        values, *slopes = self._map.tabulate(1, points)
-        J = np.einsum("tqn,cni->cqit", np.array(slopes), x, optimize=True)
-        around = self._geometry.circumference(np.einsum("qn,cni->icq", values, x))
-        shape, *slopes = self._shape.tabulate(1, points)
-        gradients = np.einsum("tqn,cqti->cqni", np.array(slopes), np.linalg.inv(J), optimize=True)
-        if self._hoop:
-            radius = np.einsum("qn,cn->cq", values, x[..., 0])
-            gradients = np.concatenate([gradients, (shape / radius[..., None])[..., None]], axis=3)
-        return gradients, J, around
-
-    def in_cells(self, cells: NDArray[np.int32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """GRAD of the shape functions and weights (cells, points) in cells."""
-        gradients, J, around = self._at(cells, self.bulk_points)
-        return gradients, np.abs(np.linalg.det(J)) * around * self._bulk_weights
-
-    def dilatations(
-        self, volume_gradient: NDArray[np.float64], cells: tuple[NDArray, NDArray]
-    ) -> NDArray[np.float64]:
-        """Change of theta with every shape function in every direction (cells, nodes, d).
-
-        Args:
-            volume_gradient: dJ/dF at the points (cells, points, entries of GRAD).
-            cells: What :meth:`in_cells` returns.
-        """
-        gradients, weights = cells
-        shares = weights / weights.sum(axis=1, keepdims=True)
-        changes = contract(volume_gradient[..., None], gradients)[:, :, 0]
-        return np.einsum("cq,cqai->cai", shares, changes)
-
-    def on_facets(
-        self, cells: NDArray[np.int32], local: NDArray[np.int32]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The same on facet ``local`` of every cell."""
-        count = len(self.facet_points)
-        columns = self._d + int(self._hoop)
-        gradients = np.empty((len(cells), count, self.nodes_of_cell, columns))
-        weights = np.empty((len(cells), count))
-        for number in range(self.facets_of_cell):
-            chosen = np.flatnonzero(local == number)
-            edges = self._edges[number]
-            points = self._origins[number] + self.facet_points @ edges
-            gradients[chosen], J, around = self._at(cells[chosen], points)
-            tangents = J @ edges.T
-            metric = tangents.transpose(0, 1, 3, 2) @ tangents
-            weights[chosen] = np.sqrt(np.linalg.det(metric)) * around * self._facet_weights
-        return gradients, weights
-
-
-def contract(
+def _contract(
     tensor: NDArray[np.float64],
     gradients: NDArray[np.float64],
     dilatations: NDArray[np.float64] | None = None,
@@ -233,7 +123,7 @@ class CellProblems:
         self._mesh = mesh = u.function_space.mesh
         self._d = d = mesh.geometry.dim
         self._entries = entries = geometry.entries(d)
-        self._shapes = shapes = CellGeometry(mesh, geometry, degree)
+        self._shapes = shapes = ShapeGradients(mesh, geometry, degree)
         self._cells, self._first, self._cell_of_pair = np.unique(
             cells, return_index=True, return_inverse=True
         )
@@ -321,7 +211,10 @@ class CellProblems:
         return more[of_cell] * alone
 
     def _dilatations(self, cells: slice) -> NDArray[np.float64] | None:
-        """Change of theta with the shape functions, where GRAD has an entry of theta."""
+        """Change of theta with every shape function in every direction (cells, nodes, d).
+
+        None where GRAD has no entry of theta.
+        """
         if not self._mean_dilatation:
             return None
         gradients, volumes = (values[cells] for values in self._bulk)
@@ -330,7 +223,9 @@ class CellProblems:
         else:
             identity = [float(i == j) for i, j in self._entries[:-1]]
             dJ = np.broadcast_to(identity, (*volumes.shape, len(identity)))
-        return self._shapes.dilatations(dJ, (gradients, volumes))
+        shares = volumes / volumes.sum(axis=1, keepdims=True)
+        changes = _contract(dJ[..., None], gradients)[:, :, 0]
+        return np.einsum("cq,cqai->cai", shares, changes)
 
     def _energy_factor(
         self, cells: slice, dilatations: NDArray[np.float64] | None
@@ -343,7 +238,7 @@ class CellProblems:
         full = np.empty((*A.shape[:2], size, size))
         full[..., first, second] = full[..., second, first] = A
         L = _square_root(full) * np.sqrt(volumes)[:, :, None, None]
-        Y = contract(L, gradients, dilatations).reshape(len(A), -1, n)
+        Y = _contract(L, gradients, dilatations).reshape(len(A), -1, n)
         scale = _REGULAR_CELL * np.abs(Y).max(axis=(1, 2))
         Y = np.concatenate([Y, scale[:, None, None] * np.eye(n)], axis=1)
         return np.linalg.qr(Y, mode="r")
@@ -365,7 +260,7 @@ class CellProblems:
         root = vectors * np.sqrt(np.maximum(values, 0))[:, None]
         H = np.einsum("pkm,pqke->pqem", root, H, optimize=True)
         H *= np.sqrt(areas)[:, :, None, None]
-        return contract(H, gradients, dilatations).reshape(len(H), -1, gradients.shape[2] * d)
+        return _contract(H, gradients, dilatations).reshape(len(H), -1, gradients.shape[2] * d)
 
     def _evaluate(
         self,

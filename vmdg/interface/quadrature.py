@@ -18,6 +18,7 @@ from ufl.core.expr import Expr
 from .. import compat
 from ..base.kernels import compile_form
 from ..domain.materials import Bodies
+from ..domain.shapes import GeometryMap
 from ..forms.geometry import CARTESIAN, Geometry
 from ..forms.kinematics import Body
 from .facets import InterfaceFacets
@@ -195,20 +196,15 @@ def bubble_integrals(quadrature: FacetQuadrature) -> NDArray[np.float64]:
     geometry may be curved or warped. In axisymmetry dA = 2 pi r ds.
     """
     sub = quadrature.submesh.mesh
-    cell_type = sub.basix_cell()
-    geometry = compat.coordinate_element(sub)
-    order = geometry.degree
-    points, weights = basix.make_quadrature(cell_type, 3 + 2 * order)
-    if cell_type == basix.CellType.triangle:
+    cell = sub.basix_cell()
+    points, weights = basix.make_quadrature(cell, 3 + 2 * compat.coordinate_element(sub).degree)
+    if cell == basix.CellType.triangle:
         bubble = 27 * points[:, 0] * points[:, 1] * (1 - points.sum(axis=1))
     else:
         bubble = np.prod(4 * points * (1 - points), axis=1)
-    variant = basix.LagrangeVariant(geometry.variant)
-    element = basix.ufl.element("Lagrange", cell_type, order, lagrange_variant=variant)
-    tables = element.tabulate(1, points)
-    corners = compat.geometry_dofmap(sub)[quadrature.cell_of_facet]
-    nodes = sub.geometry.x[corners][:, :, : quadrature.d]
-    jacobian = np.einsum("tqn,fnd->fqdt", tables[1:], nodes)
-    metric = np.einsum("fqds,fqdt->fqst", jacobian, jacobian)
-    around = quadrature.geometry.circumference(np.einsum("qn,fnd->dfq", tables[0], nodes))
+    geometry_map = GeometryMap(sub, points)
+    nodes = geometry_map.nodes(quadrature.cell_of_facet)
+    tangents = np.einsum("tqn,fnd->fqdt", geometry_map.slopes, nodes)
+    metric = np.einsum("fqds,fqdt->fqst", tangents, tangents)
+    around = quadrature.geometry.circumference(geometry_map.positions(nodes))
     return (np.sqrt(np.linalg.det(metric)) * around) @ (weights * bubble)

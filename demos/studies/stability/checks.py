@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 import vmdg
 import vmdg.problem.states
 from studies.stability.scenes import Array, Case
-from vmdg.interface.coercivity import MARGIN, CellGeometry
+from vmdg.domain.shapes import ShapeGradients
+from vmdg.interface.coercivity import MARGIN
 from vmdg.laws.extrinsic import RadialLaw
 
 EPS = np.finfo(float).eps
@@ -233,7 +234,7 @@ def positive_volume(run: Run) -> list[str]:
         return []
     problem, d = run.problem, run.case.mesh.d
     mesh = problem.mesh
-    shapes = CellGeometry(mesh, problem.discretization.geometry, run.case.degree)
+    shapes = ShapeGradients(mesh, problem.discretization.geometry, run.case.degree)
     cells = np.arange(mesh.topology.index_map(d).size_local, dtype=np.int32)
     gradients, _ = shapes.in_cells(cells)
     u = problem.u.x.array.reshape(-1, d)[problem.space.dofmap.list[cells]]

@@ -1,0 +1,118 @@
+"""Positions, Jacobians and gradients of shape functions of many cells at reference points."""
+
+from __future__ import annotations
+
+import basix
+import basix.ufl
+import numpy as np
+from dolfinx.mesh import Mesh
+from numpy.typing import NDArray
+
+from .. import compat
+from ..base.quadrature import bulk_degree, facet_degree
+from ..forms.geometry import Axisymmetric, Geometry
+
+Array = NDArray[np.float64]
+
+
+class GeometryMap:
+    """The map X(xi) from the reference cell to the cells of a mesh, at some points.
+
+    Args:
+        mesh: The mesh; of facets of another one, too.
+        points: Reference points (points, t).
+
+    Attributes:
+        values: Its shape functions at the points (points, nodes).
+        slopes: Their derivatives (t, points, nodes).
+    """
+
+    def __init__(self, mesh: Mesh, points: Array):
+        self._mesh = mesh
+        coordinates = compat.coordinate_element(mesh)
+        variant = basix.LagrangeVariant(coordinates.variant)
+        element = basix.ufl.element(
+            "Lagrange", mesh.basix_cell(), coordinates.degree, lagrange_variant=variant
+        )
+        self.values, *slopes = element.tabulate(1, points)
+        self.slopes = np.array(slopes)
+
+    def nodes(self, cells: NDArray[np.int32] | slice) -> Array:
+        """Positions of the nodes of cells (cells, nodes, d) [mm]."""
+        nodes = compat.geometry_dofmap(self._mesh)[cells]
+        return self._mesh.geometry.x[nodes][:, :, : self._mesh.geometry.dim]
+
+    def positions(self, nodes: Array) -> Array:
+        """X of the points, its components first (d, cells, points) [mm]."""
+        return np.einsum("qn,cni->icq", self.values, nodes)
+
+    def jacobians(self, nodes: Array) -> Array:
+        """dX/dxi of the points (cells, points, d, t) [mm]."""
+        return np.einsum("tqn,cni->cqit", self.slopes, nodes, optimize=True)
+
+
+class ShapeGradients:
+    """Gradients of the shape functions where the forms integrate over cells and their facets.
+
+    In axisymmetry a column N_a / r follows the derivatives of a shape function N_a, for the hoop
+    entry of GRAD, and the weights count the circumference.
+
+    Args:
+        mesh: The mesh.
+        geometry: Gradient and measure.
+        degree: Degree of the displacement.
+
+    Attributes:
+        bulk_points: Reference points in a cell.
+        facet_points: Reference points in a facet.
+        nodes_of_cell: Number of shape functions of a cell.
+    """
+
+    def __init__(self, mesh: Mesh, geometry: Geometry, degree: int):
+        self._mesh = mesh
+        self._geometry = geometry
+        cell, d = mesh.basix_cell(), mesh.geometry.dim
+        self.bulk_points, self._bulk_weights = basix.make_quadrature(
+            cell, bulk_degree(mesh.topology.cell_name(), degree, geometry)
+        )
+        facet = basix.cell.subentity_types(cell)[d - 1][0]
+        self.facet_points, self._facet_weights = basix.make_quadrature(facet, facet_degree(degree))
+        self._shape = basix.ufl.element("Lagrange", cell, degree)
+        self.nodes_of_cell = self._shape.dim
+        self._hoop = isinstance(geometry, Axisymmetric)
+        corners, facets = basix.geometry(cell), basix.topology(cell)[d - 1]
+        #: Edges that span every reference facet (local facets, d - 1, d).
+        self._edges = np.array([corners[nodes[1:d]] - corners[nodes[0]] for nodes in facets])
+        self._origins = np.array([corners[nodes[0]] for nodes in facets])
+
+    def _at(self, cells: NDArray[np.int32], points: Array) -> tuple[Array, Array, Array]:
+        """GRAD of the shape functions (cells, points, nodes, d or d + 1), dX/dxi and 2 pi r."""
+        geometry_map = GeometryMap(self._mesh, points)
+        nodes = geometry_map.nodes(cells)
+        J, X = geometry_map.jacobians(nodes), geometry_map.positions(nodes)
+        shape, *slopes = self._shape.tabulate(1, points)
+        gradients = np.einsum("tqn,cqti->cqni", np.array(slopes), np.linalg.inv(J), optimize=True)
+        if self._hoop:
+            hoop = (shape / X[0][..., None])[..., None]
+            gradients = np.concatenate([gradients, hoop], axis=3)
+        return gradients, J, self._geometry.circumference(X)
+
+    def in_cells(self, cells: NDArray[np.int32]) -> tuple[Array, Array]:
+        """GRAD of the shape functions and weights (cells, points) in cells."""
+        gradients, J, around = self._at(cells, self.bulk_points)
+        return gradients, np.abs(np.linalg.det(J)) * around * self._bulk_weights
+
+    def on_facets(self, cells: NDArray[np.int32], local: NDArray[np.int32]) -> tuple[Array, Array]:
+        """The same on facet ``local`` of every cell."""
+        count = len(self.facet_points)
+        columns = self._edges.shape[2] + int(self._hoop)
+        gradients = np.empty((len(cells), count, self.nodes_of_cell, columns))
+        weights = np.empty((len(cells), count))
+        for number, edges in enumerate(self._edges):
+            chosen = np.flatnonzero(local == number)
+            points = self._origins[number] + self.facet_points @ edges
+            gradients[chosen], J, around = self._at(cells[chosen], points)
+            tangents = J @ edges.T
+            metric = tangents.transpose(0, 1, 3, 2) @ tangents
+            weights[chosen] = np.sqrt(np.linalg.det(metric)) * around * self._facet_weights
+        return gradients, weights
