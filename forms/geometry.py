@@ -72,7 +72,7 @@ class Cartesian:
 class Axisymmetric:
     """The half section of a body of revolution, x = r and y = z, without torsion; d = 2, n = 3.
 
-    The third axis is the hoop direction theta: GRAD w = [[w_r,r, w_r,z, 0], [w_z,r, w_z,z, 0],
+    The third axis is the hoop direction: GRAD w = [[w_r,r, w_r,z, 0], [w_z,r, w_z,z, 0],
     [0, 0, w_r/r]]. Integrals are those of the whole body, dV = 2 pi r dr dz and dA = 2 pi r ds.
 
     Attributes:

@@ -34,47 +34,47 @@ class Body:
         material: The strain energy.
         parameters: UFL expressions of the material's parameters (cell-wise constants).
         small: Small strains: the energy is the quadratic one of the symmetric gradient.
-        swelling: Isotropic stress-free strain theta, F = F_e F_th with F_th = (1 + theta) I;
-            None where the scene has none.
+        eigenstrain: Isotropic stress-free strain e, F = F_e F_s with F_s = (1 + e) I; None where
+            the scene has none.
         mean_dilatation: The energy is w(F, theta) of :mod:`forms.dilatation`, theta an entry of F.
     """
 
     material: Material
     parameters: Mapping[str, Expr]
     small: bool = False
-    swelling: Expr | None = None
+    eigenstrain: Expr | None = None
     mean_dilatation: bool = False
 
     def __call__(self, side: str) -> Body:
         """The same body with its parameters restricted to ``side`` ('+' or '-') of a facet."""
         parameters = {name: value(side) for name, value in self.parameters.items()}
-        swelling = None if self.swelling is None else self.swelling(side)
-        return replace(self, parameters=parameters, swelling=swelling)
+        eigenstrain = None if self.eigenstrain is None else self.eigenstrain(side)
+        return replace(self, parameters=parameters, eigenstrain=eigenstrain)
 
     def energy(self, F: Expr) -> Expr:
         """Strain energy W(F) per reference volume [MPa]; F 3 x 3, or 2 x 2 in plane strain.
 
-        With swelling: W = J_th W_e(F F_th^-1); small strains: W = W_lin(sym(F) - I - theta I).
+        With an eigenstrain: W = J_s W_e(F F_s^-1); small strains: W = W_lin(sym(F) - I - e I).
         With mean dilatation F is diag(F, theta) and W that of F_bar.
         """
         if self.mean_dilatation:
             reduced = self.invariant_energy(F)
             return self.pointwise.energy(self.effective(F)) if reduced is None else reduced.energy
         d = F.ufl_shape[0]
-        theta = 0 if self.swelling is None else self.swelling
+        e = 0 if self.eigenstrain is None else self.eigenstrain
         if self.small:
-            strain = ufl.sym(F) - (1 + theta) * ufl.Identity(d)
+            strain = ufl.sym(F) - (1 + e) * ufl.Identity(d)
             if d == 2:
-                strain = plane_strain_embedding(strain, -theta)
+                strain = plane_strain_embedding(strain, -e)
             return self.material.linear_energy(strain, self.parameters)
         reduced = self.invariant_energy(F)
         if reduced is not None:
             return reduced.energy
         if d == 2:
             F = plane_strain_embedding(F, 1)
-        if self.swelling is None:
+        if self.eigenstrain is None:
             return self.material.energy(F, self.parameters)
-        return (1 + theta) ** 3 * self.material.energy(F / (1 + theta), self.parameters)
+        return (1 + e) ** 3 * self.material.energy(F / (1 + e), self.parameters)
 
     @property
     def pointwise(self) -> Body:
@@ -95,19 +95,19 @@ class Body:
         """:meth:`energy` by few invariants, where the material offers that, else None."""
         if self.small:
             return None
-        stretch = 1 if self.swelling is None else 1 / (1 + self.swelling)
+        stretch = 1 if self.eigenstrain is None else 1 / (1 + self.eigenstrain)
         elastic, more = F, {}
         if self.mean_dilatation:
             elastic = without_dilatation(F)
             more["dilatation"] = stretch ** elastic.ufl_shape[0] * dilatation(F)
         out_of_plane = ufl.as_ufl(stretch) if elastic.ufl_shape[0] == 2 else None
-        if self.swelling is not None:
+        if self.eigenstrain is not None:
             d = range(elastic.ufl_shape[0])
             elastic = ufl.as_tensor([[stretch * elastic[i, j] for j in d] for i in d])
         reduced = self.material.invariant_energy(elastic, out_of_plane, self.parameters, **more)
-        if reduced is None or self.swelling is None:
+        if reduced is None or self.eigenstrain is None:
             return reduced
-        return replace(reduced, energy=(1 + self.swelling) ** 3 * reduced.energy)
+        return replace(reduced, energy=(1 + self.eigenstrain) ** 3 * reduced.energy)
 
 
 def _chain(body: Body, F: Expr) -> InvariantChain | None:

@@ -150,18 +150,18 @@ class DirichletConditions:
 
     Args:
         space: Space of the displacement.
-        held: Local dofs (component-wise numbers) that are zero, whatever else is prescribed.
+        zeros: Local dofs (component-wise numbers) that are zero, whatever else is prescribed.
 
     Attributes:
         dofs: Prescribed local dofs (component-wise numbers), ghosts included, ascending.
     """
 
-    def __init__(self, space: fem.FunctionSpace, held: NDArray[np.int32]):
+    def __init__(self, space: fem.FunctionSpace, zeros: NDArray[np.int32]):
         self._space = space
         self._d = space.dofmap.index_map_bs
         self._conditions: list[_Condition] = []
-        self._held = held
-        self.dofs = np.unique(held)
+        self._zeros = zeros
+        self.dofs = np.unique(zeros)
 
     def add(
         self,
@@ -226,7 +226,7 @@ class DirichletConditions:
         for condition in self._conditions:
             dofs, values = condition.at(t, self._d)
             result[np.searchsorted(self.dofs, dofs)] = values
-        result[np.searchsorted(self.dofs, self._held)] = 0
+        result[np.searchsorted(self.dofs, self._zeros)] = 0
         return result
 
     def conflict(self, t: float) -> str | None:
@@ -235,7 +235,7 @@ class DirichletConditions:
         A condition relative to the present displacement takes the place of those before it.
         """
         given = np.full(len(self.dofs), np.nan)
-        given[np.searchsorted(self.dofs, self._held)] = 0
+        given[np.searchsorted(self.dofs, self._zeros)] = 0
         for condition in self._conditions:
             dofs, values = condition.at(t, self._d)
             place = np.searchsorted(self.dofs, dofs)

@@ -16,7 +16,7 @@ from .discretization import Discretization
 class CauchyStress:
     """Cauchy stress sigma = P.F^T / J of the bodies, (3, 3) [MPa], discontinuous of degree k.
 
-    In axisymmetry the order is r, z, theta; in plane strain sigma_zz = (dW/dF_33) / J stands at the
+    In axisymmetry the order is r, z, hoop; in plane strain sigma_zz = (dW/dF_33) / J stands at the
     end.
 
     Args:

@@ -39,8 +39,8 @@ class Bodies:
         tags: Tag of every local cell, ghosts included.
         materials: Material of every tag.
         small: Small-strain kinematics.
-        eigenstrain: Isotropic stress-free strain theta by tag, a number or a function of the load
-            factor; None where no body swells.
+        eigenstrain: Isotropic stress-free strain by tag, a number or a function of the load
+            factor; None where there is none.
         mean_dilatation: J of a cell is one number.
 
     Attributes:
@@ -70,8 +70,8 @@ class Bodies:
         self.small = small
         self.mean_dilatation = mean_dilatation
         self.cells_of = {tag: np.flatnonzero(tags == tag) for tag in materials}
-        self._eigenstrain = dict(eigenstrain or {})
-        self._swelling = fem.Function(space) if self._eigenstrain else None
+        self._eigenstrains = dict(eigenstrain or {})
+        self._eigenstrain = fem.Function(space) if self._eigenstrains else None
         self.regions: list[Region] = []
         self.region = np.full(len(tags), -1, dtype=np.int32)
         owned = mesh.topology.index_map(mesh.topology.dim).size_local
@@ -84,27 +84,22 @@ class Bodies:
                     parameters[name].x.array[self.cells_of[tag]] = value
                 self.region[self.cells_of[tag]] = len(self.regions)
             cells = np.flatnonzero(self.region[:owned] == len(self.regions))
-            body = Body(representative, parameters, small, self._swelling, mean_dilatation)
+            body = Body(representative, parameters, small, self._eigenstrain, mean_dilatation)
             self.regions.append(Region(body, cells.astype(np.int32)))
 
     def apply_eigenstrain(self, t: float) -> None:
-        """Set theta to its value at load factor ``t``."""
-        for tag, theta in self._eigenstrain_at(t).items():
-            self._swelling.x.array[self.cells_of[tag]] = theta
+        """Set the eigenstrains to their values at load factor ``t``."""
+        for tag, value in self._eigenstrains_at(t).items():
+            self._eigenstrain.x.array[self.cells_of[tag]] = value
 
-    @property
-    def swelling(self) -> NDArray[np.float64]:
-        """theta of every local cell now; empty where no body swells."""
-        return np.zeros(0) if self._swelling is None else self._swelling.x.array
-
-    def _eigenstrain_at(self, t: float) -> dict[int, float]:
+    def _eigenstrains_at(self, t: float) -> dict[int, float]:
         return {
-            tag: value(t) if callable(value) else value for tag, value in self._eigenstrain.items()
+            tag: value(t) if callable(value) else value for tag, value in self._eigenstrains.items()
         }
 
-    def swell_between(self, before: float, after: float) -> bool:
+    def eigenstrain_differs(self, before: float, after: float) -> bool:
         """Whether an eigenstrain differs between two load factors."""
-        return self._eigenstrain_at(before) != self._eigenstrain_at(after)
+        return self._eigenstrains_at(before) != self._eigenstrains_at(after)
 
 
 def _check_tags(

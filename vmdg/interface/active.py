@@ -100,9 +100,9 @@ class ActiveInterface:
             dt: Time step [s].
             hold: Keep zeta at its converged value.
         """
-        held = self.values if hold else None
+        last = self.values if hold else None
         self.values = self._return_map.evaluate(
-            self.stabilization, self.history, self._law_of_step, dt, held
+            self.stabilization, self.history, self._law_of_step, dt, last
         )
         self.terms.set_gap(self.values)
 

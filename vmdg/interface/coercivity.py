@@ -15,8 +15,8 @@ So if on every cell the lambda of its interface facets fulfil
 
     sum_f 1/lambda_f int_f h.T_f.h <= E_K(u) for all u,                                       (*)
 
-then tau raised by s = (w_1 lambda_1 + w_2 lambda_2) / (1 - theta) leaves a form not less than
-theta sum_K E_K: rigid motions apart, the form is coercive and keeps the share theta of the bulk
+then tau raised by s = (w_1 lambda_1 + w_2 lambda_2) / (1 - alpha) leaves a form not less than
+alpha sum_K E_K: rigid motions apart, the form is coercive and keeps the share alpha of the bulk
 energy, for any degree, shape and contrast. (*) is a generalised eigenvalue problem of one cell, in
 the basis and at the points that the forms use, so under-integration is no way round it. A cell
 shares its energy among its facets in proportion to what each would take alone: with lambda_f the
@@ -25,7 +25,7 @@ m lambda_f.
 
 E_K cannot bound anything where A is not positive, as in compression, which lets cells rotate to
 lower energies. There GRAD u : A : GRAD u + c |GRAD u|^2 takes its place, c twice the most negative
-eigenvalue of A in the cell, and the interface takes no more than (1 - theta) c |GRAD u|^2 besides:
+eigenvalue of A in the cell, and the interface takes no more than (1 - alpha) c |GRAD u|^2 besides:
 a share of what the bulk itself lacks.
 
 With mean dilatation the forms are those of :mod:`forms.dilatation`: GRAD u has the mean dilatation
@@ -57,7 +57,7 @@ from ..forms.geometry import Geometry
 from ..forms.kinematics import Body
 from .facets import InterfaceFacets
 
-#: theta: share of the bulk energy that the bonded form keeps at least.
+#: alpha: share of the bulk energy that the bonded form keeps at least.
 MARGIN = 0.25
 
 # Relative sizes of what makes factors of semidefinite matrices exist: of A, whose rotations have

@@ -87,7 +87,7 @@ class ReturnMap:
         history: PointHistory,
         law: Law,
         dt: float,
-        held: PointValues | None = None,
+        last: PointValues | None = None,
     ) -> PointValues:
         """T of (31) at the current displacement, by T_tr = {P.N} + r g - r zeta_n of (66).
 
@@ -96,8 +96,8 @@ class ReturnMap:
             history: zeta_n and Q_n.
             law: Law of the step.
             dt: Time step [s].
-            held: Values of the last residual: zeta keeps its converged value, and what the tangent
-                needs is theirs. None maps back.
+            last: Values of the last residual, with the tangent of its return map; given, zeta is
+                zeta_n. None maps back.
         """
         d, facet = self._d, self._quadrature.facet
         flux1, flux2 = self._flux[0](), self._flux[1]()
@@ -114,9 +114,9 @@ class ReturnMap:
         def mapped(total: Array) -> PointValues:
             """Of {P.N} + r g in the frame of the law."""
             trial = total - r[:, None] * history.gap
-            if held is not None:
+            if last is not None:
                 new = {"opening": opening, "jump": jump, "gap": history.gap, "traction": trial}
-                return replace(held, **new, update=None)
+                return replace(last, **new, update=None)
             update = law.return_map(
                 trial, self._quadrature.normal, history.gap, history.softening, r, dt
             )

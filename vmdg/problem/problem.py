@@ -62,8 +62,8 @@ class Problem:
         degree: Degree of the displacement.
         kinematics: "finite", or "small" for linear elasticity.
         thickness: Of a plane body [mm].
-        eigenstrain: Isotropic stress-free strain by tag, a number or a function of the load
-            factor; at finite strain F = F_e (1 + theta).
+        eigenstrain: Isotropic stress-free strain e by tag, a number or a function of the load
+            factor; at finite strain F = F_e (1 + e).
         symmetry: "axisymmetric" makes a 2D mesh the half section of a body of revolution without
             torsion: x = r >= 0, y = z, displacement (u_r, u_z). Forces, energies, load vectors and
             the areas of interface points are those of the whole body; u_r = 0 is imposed on nodes
@@ -353,7 +353,7 @@ class Problem:
     def stress(self) -> fem.Function:
         """Cauchy stress sigma = P.F^T / J at the current displacement (3, 3) [MPa]; collective.
 
-        Discontinuous of degree k. In axisymmetry the order is r, z, theta; in plane strain sigma_zz
+        Discontinuous of degree k. In axisymmetry the order is r, z, hoop; in plane strain sigma_zz
         stands at the end. Every call returns the same function with new values: copy what is to
         stay.
         """

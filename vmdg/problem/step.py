@@ -122,7 +122,7 @@ class Step:
         """
         external, dissipated = self._external_work(), self._dissipation().sum()
         created = dissipated + self.stored_energy() - stored - external
-        if self.discretization.bodies.swell_between(self.start.t, self._loading.t):
+        if self.discretization.bodies.eigenstrain_differs(self.start.t, self._loading.t):
             created = 0.0
         values = [created, external, dissipated, self.external]
         return Exchange(*(float(value) for value in global_sum(self._comm, values)))
