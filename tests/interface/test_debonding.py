@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -75,12 +74,6 @@ def pulled(comm, cell: str, n: int = 1, law=LAW, **options):
     return problem, right
 
 
-MONITORED = {
-    *("zeta", "zeta_spread", "T", "T_spread", "lateral"),
-    *("force", "dissipated", "stored", "external"),
-}
-
-
 def watch(right):
     """Monitor of the gap, the traction and the force at the right end."""
 
@@ -127,6 +120,9 @@ def test_closed_form(runs, cell):
     history = runs(cell).result.history
     exact = np.array([closed_form(load, DIMENSION[cell] == 2) for load in LOADS])
     assert np.array_equal(history["load"], LOADS)
+    assert history["step"].tolist() == list(range(1, len(LOADS) + 1))
+    residuals = runs(cell).result.residuals
+    assert [len(norms) - 1 for norms in residuals] == history["iterations"].tolist()
     assert np.abs(history["zeta"] - exact[:, 0]).max() < 1e-9
     assert np.abs(history["T"] - exact[:, 1]).max() < 1e-9
     assert np.abs(history["force"] - exact[:, 1]).max() < 1e-9  # on an area of 1
@@ -276,27 +272,3 @@ def test_cut_step_ends_where_small_steps_end(comm):
     assert history["T"][-1] == pytest.approx(traction, abs=2e-8)
     for load, gap in zip(history["load"], history["zeta"], strict=True):
         assert gap == pytest.approx(closed_form(load)[0], abs=1e-9)
-
-
-# The table
-
-
-def test_history_table(runs, comm, tmp_path):
-    """One row a step, columns by name, an unknown one refused, and the same table as CSV."""
-    result = runs("hexahedron").result
-    history = result.history
-    path = tmp_path / "history.csv"
-    history.to_csv(path)
-    with open(path, newline="") as file:
-        rows = list(csv.DictReader(file))
-    own = ["step", "load", "iterations", "residual", "cuts"]
-    assert history.columns[: len(own)] == own
-    assert MONITORED < set(history.columns)
-    assert len(history) == len(rows) == len(result.residuals) == len(LOADS)
-    assert history["step"].tolist() == list(range(1, len(LOADS) + 1))
-    assert [len(norms) - 1 for norms in result.residuals] == history["iterations"].tolist()
-    assert np.array([float(row["zeta"]) for row in rows]) == pytest.approx(
-        history["zeta"], rel=1e-15
-    )
-    with pytest.raises(KeyError, match=r"no column 'gap'; it has \['step', 'load'"):
-        history["gap"]

@@ -51,6 +51,8 @@ def test_units():
     assert history.header == ["force [N]", "stage", "ratio [-]", "a [b] c"]
     assert history["force"].tolist() == history["force [N]"].tolist() == [1.0, 2.0]
     assert history["a [b] c"][1] == 3.0
+    with pytest.raises(KeyError, match=r"no column 'gap'; it has \['force', 'stage'"):
+        history["gap"]
     with pytest.raises(ValueError, match="'force' is in N so far, now in kN"):
         history.append({"force [kN]": 1.0})
     with pytest.raises(ValueError, match="two values called 'force'"):
