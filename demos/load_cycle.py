@@ -78,7 +78,9 @@ def main(
 
     loads = np.linspace(0, len(LEGS), steps + 1)[1:]
     shown = {"progress": True, "show": ("normal", "shear"), "verbose": verbose}
-    options = vmdg.SolveOptions(1e-11, energy=True, csv=Path(out) / "history.csv", **shown)
+    options = vmdg.SolveOptions(
+        relative_tolerance=1e-11, energy=True, csv=Path(out) / "history.csv", **shown
+    )
     history = vmdg.solve(problem, loads, options, monitor).history
 
     if problem.comm.rank == 0:

@@ -76,7 +76,9 @@ def main(
         }
 
     table_file = Path(out) / "history.csv"
-    options = vmdg.SolveOptions(1e-11, progress=True, verbose=verbose, csv=table_file)
+    options = vmdg.SolveOptions(
+        relative_tolerance=1e-11, progress=True, verbose=verbose, csv=table_file
+    )
     loads = end / steps * np.arange(1, steps + 1)
     with FieldWriter(problem, Path(out) / "fields") as fields:
         history = vmdg.solve(problem, loads, options, monitor).history

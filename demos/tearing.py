@@ -76,7 +76,9 @@ def tear(
 
     checkpoint = out / f"checkpoint_{mesh}"
     shown = {"progress": True, "verbose": verbose, "csv": out / f"history_{material}_{mesh}.csv"}
-    options = vmdg.SolveOptions(1e-8, energy=True, **shown, **files(checkpoint, every))
+    options = vmdg.SolveOptions(
+        relative_tolerance=1e-8, energy=True, **shown, **files(checkpoint, every)
+    )
     history = resumed(problem, resume, checkpoint)
     # A file of fields is written from its start: those of the first part of a run stay as they are.
     name = f"fields_{mesh}" if history is None else f"fields_{mesh}_from_{problem.t:.6g}"

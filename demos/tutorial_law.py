@@ -171,7 +171,9 @@ def peel(
         return row | {"gap [mm]": gap, "traction [MPa]": traction}
 
     loads = np.linspace(0, opening, steps + 1)[1:]
-    options = vmdg.SolveOptions(1e-8, energy=True, progress=True, verbose=verbose)
+    options = vmdg.SolveOptions(
+        relative_tolerance=1e-8, energy=True, progress=True, verbose=verbose
+    )
     return problem, vmdg.solve(problem, loads, options, monitor).history
 
 

@@ -115,6 +115,16 @@ def test_solvers_agree(comm, law):
         assert np.abs(end - ends[0]).max() < 1e-8
 
 
+def test_options_have_two_names():
+    """``petsc_options`` is ``petsc``; both together are one too many, and all go by name."""
+    assert vmdg.SolveOptions(petsc_options=LU) == vmdg.SolveOptions(petsc=LU)
+    assert vmdg.SolveOptions(petsc_options=LU).petsc == LU
+    with pytest.raises(ValueError, match="petsc and petsc_options are the same"):
+        vmdg.SolveOptions(petsc=LU, petsc_options=LU)
+    with pytest.raises(TypeError, match="positional"):
+        vmdg.SolveOptions(1e-9)
+
+
 def tridiagonal(diagonal: float) -> PETSc.Mat:
     """100 x 100 with the off-diagonals -1 and 2; ILU factorizes it exactly."""
     matrix = PETSc.Mat().createAIJ(100, nnz=3, comm=MPI.COMM_SELF)

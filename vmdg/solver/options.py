@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 from pathlib import Path
 
 from .predictor import PATH
 
+Petsc = Mapping[str, str | int | float | bool | None]
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, kw_only=True)
 class SolveOptions:
-    """How to step.
+    """How to step; all by name.
 
     Attributes:
         relative_tolerance: Residual norm relative to the largest force the run has seen; it never
@@ -31,8 +33,9 @@ class SolveOptions:
             else does as "tangent", the tangent with the damage of the last state; "elastic" holds
             the damage.
         duration: Time for one unit of load factor [s]; matters to laws with viscosity only.
-        petsc: Options for SNES, KSP and PC. Default: a backtracking line search and the linear
-            solver of :func:`vmdg.solver.linear.automatic_options`.
+        petsc: Options for SNES, KSP and PC, without prefix. Default: a backtracking line search and
+            the linear solver of :func:`vmdg.solver.linear.automatic_options`.
+        petsc_options: Another name of ``petsc``, that of DOLFINx.
         condensed: Iterate on the gaps at the interface points alone, the linear bodies of a problem
             of small strain condensed to them: None where that is possible and cheaper, False never,
             True wherever it is possible, see :mod:`vmdg.solver.features`.
@@ -55,6 +58,9 @@ class SolveOptions:
         checkpoint: Folder for a checkpoint of the run, see :func:`vmdg.read_checkpoint`.
         checkpoint_every: Steps between two checkpoints: one is written at the first of the given
             load factors that is reached after so many, and at the end of the run.
+
+    Raises:
+        ValueError: both ``petsc`` and ``petsc_options`` are given.
     """
 
     relative_tolerance: float = 1e-9
@@ -66,7 +72,8 @@ class SolveOptions:
     jump_rest: float = 0.1
     predictor: str = PATH
     duration: float = 1.0
-    petsc: Mapping[str, str | int | float | bool | None] | None = None
+    petsc: Petsc | None = None
+    petsc_options: InitVar[Petsc | None] = None
     condensed: bool | None = None
     energy_guard: float = math.inf
     energy: bool = False
@@ -76,3 +83,10 @@ class SolveOptions:
     csv: str | Path | None = None
     checkpoint: str | Path | None = None
     checkpoint_every: int = 10
+
+    def __post_init__(self, petsc_options: Petsc | None):
+        if petsc_options is None:
+            return
+        if self.petsc is not None:
+            raise ValueError("SolveOptions: petsc and petsc_options are the same; give one of them")
+        object.__setattr__(self, "petsc", petsc_options)

@@ -108,14 +108,14 @@ class Gain:
 def every_tangent(problem: vmdg.Problem) -> vmdg.SolveOptions:
     """The direct solver that fits, LDL^T without friction and else LU, for every tangent."""
     _, direct = automatic_options(problem)
-    return vmdg.SolveOptions(TOLERANCE, petsc=direct, condensed=False)
+    return vmdg.SolveOptions(relative_tolerance=TOLERANCE, petsc=direct, condensed=False)
 
 
 EVERY, KEPT, CONDENSED = "every tangent factorized", "factors kept", "condensed"
 WAYS: dict[str, Callable[[vmdg.Problem], vmdg.SolveOptions]] = {
     EVERY: every_tangent,
-    KEPT: lambda problem: vmdg.SolveOptions(TOLERANCE, condensed=False),
-    CONDENSED: lambda problem: vmdg.SolveOptions(TOLERANCE, condensed=True),
+    KEPT: lambda problem: vmdg.SolveOptions(relative_tolerance=TOLERANCE, condensed=False),
+    CONDENSED: lambda problem: vmdg.SolveOptions(relative_tolerance=TOLERANCE, condensed=True),
 }
 
 
