@@ -16,16 +16,16 @@ from .condensed_solver import RTOL, CondensedSolver
 from .flexibility import Flexibility, Superposition
 from .gap_equation import Direction, GapEquation, Gaps
 from .iteration import BACKTRACK, ENERGY, FULL, MAX_HALVINGS, Iteration, StepReport, Trace
-from .predictor import ASTRAY, ELASTIC, PATH, POOR
+from .predictor import ELASTIC, MAX_LEFT_BY_DAMAGE, MAX_LEFT_BY_PATH, PATH
 
 LineSearch = Callable[[GapEquation, Gaps, Direction], Gaps]
 
 #: Share of the reduction of |R|^2/2 by the linear model that backtracking must meet.
-SUFFICIENT = 1e-4
+ARMIJO = 1e-4
 
 #: Trials of the search for the least energy, share of the work at the start to which it reduces it,
 #: and the shortest and longest step of that search.
-TRIALS, REST, SHORTEST, LONGEST = 8, 0.1, 1e-12, 1e8
+MAX_TRIALS, ENERGY_RTOL, SHORTEST, LONGEST = 8, 0.1, 1e-12, 1e8
 
 
 def backtrack(equation: GapEquation, start: Gaps, direction: Direction) -> Gaps:
@@ -34,7 +34,7 @@ def backtrack(equation: GapEquation, start: Gaps, direction: Direction) -> Gaps:
     for _ in range(MAX_HALVINGS + 1):
         state = equation.along(start, direction, length)
         # Also with NaN the step is halved.
-        if state.norm**2 <= start.norm**2 * (1 - 2 * SUFFICIENT * length):
+        if state.norm**2 <= start.norm**2 * (1 - 2 * ARMIJO * length):
             break
         length /= 2
     return state
@@ -53,10 +53,10 @@ def least_energy(equation: GapEquation, start: Gaps, direction: Direction) -> Ga
     """
     before, after = 0.0, 1.0
     first = former = -equation.work(start, direction)
-    for _ in range(TRIALS):
+    for _ in range(MAX_TRIALS):
         state = equation.along(start, direction, after)
         now = -equation.work(state, direction)
-        if abs(now) < REST * abs(first) or abs(after - before) < SHORTEST * after:
+        if abs(now) < ENERGY_RTOL * abs(first) or abs(after - before) < SHORTEST * after:
             return state
         slope = -abs((now - former) / (after - before))
         change = now / slope if slope != 0 else np.nan
@@ -72,14 +72,14 @@ def least_energy(equation: GapEquation, start: Gaps, direction: Direction) -> Ga
 SEARCHES = {BACKTRACK: backtrack, FULL: full_step, ENERGY: least_energy}
 
 #: How often the displacement is corrected by what rounding has left of the bodies' balance.
-REFINEMENTS = 3
+MAX_REFINEMENTS = 3
 
 #: Imbalance of the bodies that is left to the end of the step, relative to what may be left there.
 NEGLIGIBLE = 0.1
 
 
 @dataclass(frozen=True)
-class _Held:
+class _Balance:
     """The equilibrium of a step with the gaps held as they were.
 
     What the step before has left, B^T.rest, is balanced by gap increments of -rest: no solve.
@@ -156,11 +156,11 @@ class CondensedNewton(Iteration):
     def _begin(self, start: float, end: float) -> list[NDArray[np.float64]]:
         gap = np.concatenate([active.history.gap.ravel() for active in self._interfaces])
         self._path.start(start, gap)
-        self._held = self._hold()
+        self._balance = self._balance_loads()
         return [place - gap for place in self._path.ahead(end)]
 
-    def _hold(self) -> _Held:
-        """Balance the loads of the step with the gaps held."""
+    def _balance_loads(self) -> _Balance:
+        """Balance the loads of the step with the gaps of its start."""
         problem, flexibility = self._problem, self.flexibility
         u, prescribed = problem.u.x.array, self._prescribed
         residual = problem.step.assemble_residual(self._dt, hold=True)
@@ -175,7 +175,7 @@ class CondensedNewton(Iteration):
             du[prescribed] = shift
             bonded = flexibility.tractions(du) - flexibility.response(self._rest)
             reactions = residual[prescribed] + flexibility.reactions(du)
-        return _Held(
+        return _Balance(
             u + du,
             target,
             self._rest,
@@ -194,51 +194,53 @@ class CondensedNewton(Iteration):
         return float(np.linalg.norm(forces))
 
     def _attempt(self, search: str, ahead: list[NDArray[np.float64]], predictor: str) -> StepReport:
-        held, trace = self._held, Trace(self.krylov)
-        equation = self._equation(held)
+        balance, trace = self._balance, Trace(self.krylov)
+        equation = self._equation(balance)
         with timer("predictor"):
-            gaps = self._predict(equation, held, ahead, predictor)
-        goal = self._criterion.goal(held.reaction)
-        for _ in range(REFINEMENTS):
+            gaps = self._predict(equation, balance, ahead, predictor)
+        goal = self._criterion.goal(balance.reaction)
+        for _ in range(MAX_REFINEMENTS):
             gaps, failure = self._iterate(equation, gaps, search, goal, trace)
             if failure:
                 return trace.report(False, failure, goal)
-            trace.norms[-1], reaction = self._finish(held, gaps)
+            trace.norms[-1], reaction = self._finish(balance, gaps)
             goal = self._criterion.goal(reaction)
             if trace.norms[-1] <= goal:
                 self._criterion.update(reaction=reaction)
                 self._rest = gaps.excess
                 return trace.report(True, "CONVERGED_FNORM_RELATIVE", goal)
-            held = self._refined(held, gaps)
-            equation = self._equation(held)
+            balance = self._refined(balance, gaps)
+            equation = self._equation(balance)
             gaps = equation.start(gaps.value)
         return trace.report(False, "CONDENSATION_LOST", goal)
 
-    def _equation(self, held: _Held) -> GapEquation:
-        return GapEquation(self.flexibility, self._solver, self._interfaces, held.trial, self._dt)
+    def _equation(self, balance: _Balance) -> GapEquation:
+        return GapEquation(
+            self.flexibility, self._solver, self._interfaces, balance.trial, self._dt
+        )
 
     def _predict(
-        self, equation: GapEquation, held: _Held, ahead: list[NDArray], predictor: str
+        self, equation: GapEquation, balance: _Balance, ahead: list[NDArray], predictor: str
     ) -> Gaps:
         """Where the iteration starts, as :class:`vmdg.solver.predictor.Predictor` says."""
         still = np.zeros(self.flexibility.size)
         if predictor == PATH:
-            places = ahead if held.moved else [still, *ahead]
+            places = ahead if balance.moved else [still, *ahead]
             states = [equation.start(place) for place in places]
-            limit = ASTRAY * held.imbalance if held.moved else np.inf
+            limit = MAX_LEFT_BY_PATH * balance.imbalance if balance.moved else np.inf
             # A comparison that also leaves out NaN.
             states = [state for state in states if state.norm <= limit]
             if states:
                 return min(states, key=lambda state: state.norm)
-        self._criterion.update(held.imbalance, held.loads)
+        self._criterion.update(balance.imbalance, balance.loads)
         elastic = equation.start(still)
         if predictor == ELASTIC or elastic.norm == 0:
             return elastic
         compliance = np.concatenate([active.values.compliance for active in self._interfaces])
-        bonded = held.bonded.reshape(len(compliance), -1)
+        bonded = balance.bonded.reshape(len(compliance), -1)
         grown = np.einsum("pij,pj->pi", compliance, bonded).ravel()
         damaged = equation.start(equation.solve(compliance, grown).value)
-        good = damaged.norm <= POOR * held.imbalance or damaged.norm < elastic.norm
+        good = damaged.norm <= MAX_LEFT_BY_DAMAGE * balance.imbalance or damaged.norm < elastic.norm
         return damaged if good else elastic
 
     def _iterate(
@@ -268,25 +270,27 @@ class CondensedNewton(Iteration):
                 gaps = SEARCHES[search](equation, gaps, direction)
         return gaps, "DIVERGED_MAX_IT"
 
-    def _finish(self, held: _Held, gaps: Gaps) -> tuple[float, float]:
+    def _finish(self, balance: _Balance, gaps: Gaps) -> tuple[float, float]:
         """Give the problem this state; norms of its residual and of its reactions [N]."""
         problem = self._problem
         with timer("recover displacement"):
-            du = self.flexibility.relax(self.flexibility.gap_forces(gaps.value - held.rest))
-        problem.u.x.array[:] = held.u + du
+            du = self.flexibility.relax(self.flexibility.gap_forces(gaps.value - balance.rest))
+        problem.u.x.array[:] = balance.u + du
         # Without rounding, or the next step would find them moved.
-        problem.u.x.array[self._prescribed] = held.target
+        problem.u.x.array[self._prescribed] = balance.target
         problem.step.assemble_residual(self._dt)
         forces = problem.discretization.forces.x.array
         return self._free_norm(forces), float(np.linalg.norm(forces[self._prescribed]))
 
-    def _refined(self, held: _Held, gaps: Gaps) -> _Held:
+    def _refined(self, balance: _Balance, gaps: Gaps) -> _Balance:
         """Without what the last residual has besides that of the gaps: rounding of the bodies."""
         lost = self._problem.discretization.forces.x.array - self.flexibility.gap_forces(
             gaps.excess
         )
         du = self.flexibility.relax(-lost)
-        return replace(held, u=held.u + du, trial=held.trial + self.flexibility.tractions(du))
+        return replace(
+            balance, u=balance.u + du, trial=balance.trial + self.flexibility.tractions(du)
+        )
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""

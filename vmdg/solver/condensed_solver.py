@@ -25,14 +25,14 @@ MAX_DIRECT = 900
 
 #: Relative residual that is aimed at, by the iterative solver within so many iterations, and one
 #: that still makes a good Newton correction.
-RTOL, MAX_ITERATIONS, ENOUGH = 1e-8, 50, 1e-2
+RTOL, MAX_ITERATIONS, ACCEPTED_RTOL = 1e-8, 50, 1e-2
 
 #: What a direct solution in single precision is refined to, as if it were a double one, in so many
 #: steps.
-REFINED, REFINEMENTS = 1e-15, 3
+REFINED_RTOL, MAX_REFINEMENTS = 1e-15, 3
 
 #: Smallest eigenvalues of Gamma relative to its largest, for its inverse in single precision.
-REGULAR = 1e-4
+MIN_EIGENVALUE = 1e-4
 
 
 class CondensedSolver:
@@ -108,15 +108,17 @@ class CondensedSolver:
         response, size = self._flexibility.response, np.linalg.norm(right)
         value = solve(right)
         caused = response(value)
-        for number in range(REFINEMENTS + 1):
+        for number in range(MAX_REFINEMENTS + 1):
             rest = right - value + _times(compliance, caused)
             left = np.linalg.norm(rest)
-            if number == REFINEMENTS or not (REFINED * size < left <= ENOUGH * size):
+            if number == MAX_REFINEMENTS or not (
+                REFINED_RTOL * size < left <= ACCEPTED_RTOL * size
+            ):
                 break
             more = solve(rest)
             value += more
             caused += response(more)
-        return (value, caused) if left <= ENOUGH * size else None
+        return (value, caused) if left <= ACCEPTED_RTOL * size else None
 
     def _direct(self, C: Array, rows: NDArray[np.intp]) -> Solve:
         """Factors of the rows of the points with damage, whose compliances are C."""
@@ -167,7 +169,7 @@ class CondensedSolver:
         inverse = np.linalg.inv((self._weighted @ P).toarray())
         gamma = inverse @ (P.T @ (P.T @ self._flexibility.matrix).T) @ inverse
         values, vectors = np.linalg.eigh((gamma + gamma.T) / 2)
-        values = np.maximum(values, REGULAR * values[-1])
+        values = np.maximum(values, MIN_EIGENVALUE * values[-1])
         return ((vectors / values) @ vectors.T).astype(np.float32)
 
     def _solve_iteratively(self, compliance: Array, right: Array) -> tuple[Array, Array] | None:
@@ -183,7 +185,7 @@ class CondensedSolver:
         self.iterations += iterations
         caused = response(value)
         rest = np.linalg.norm(right - value + _times(compliance, caused))
-        return (value, caused) if rest <= ENOUGH * np.linalg.norm(right) else None
+        return (value, caused) if rest <= ACCEPTED_RTOL * np.linalg.norm(right) else None
 
     def _nodal_preconditioner(self, C: csr_array) -> Solve:
         """Raises np.linalg.LinAlgError where its matrix is singular."""

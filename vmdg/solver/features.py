@@ -7,12 +7,12 @@ from typing import NamedTuple
 from ..problem.problem import Problem
 from .linear import MAX_FACTORED, LinearOptions, Options, is_iterative, linear_options
 from .options import SolveOptions
-from .tangent import keeps_bulk
+from .tangent import lags_bulk
 
-#: Components of gaps n against dofs N beyond which the condensed iteration, with dense matrices, is
-#: no longer cheaper: n^2 < CHEAPER N. The push-out in 3D has 306, a mesh of which every facet is an
-#: interface thousands.
-CHEAPER = 500
+#: Squared number of gap components over that of the dofs beyond which the condensed iteration, with
+#: dense matrices, is no longer cheaper. The push-out in 3D has 306, a mesh of which every facet is
+#: an interface thousands.
+MAX_GAPS_SQUARED = 500
 
 
 class Switch(NamedTuple):
@@ -78,8 +78,8 @@ def _bodies(problem: Problem, linear: LinearOptions, condensed: bool) -> tuple[b
     """Whether the bodies are assembled during the run, and for which tangents."""
     if condensed:
         return False, "once: small strain"
-    if keeps_bulk(problem, linear.solver):
-        return True, "where a kept tangent goes stale"
+    if lags_bulk(problem, linear.solver):
+        return True, "where an older tangent goes stale"
     return True, "for every tangent"
 
 
@@ -110,7 +110,7 @@ def condensation(problem: Problem, options: SolveOptions | None = None) -> tuple
         return True, "options.condensed = True"
     if problem.mesh.topology.dim == 3 and N > MAX_FACTORED:
         return False, f"{N} dofs are more than are factorized in 3D"
-    if n * n > CHEAPER * N:
+    if n * n > MAX_GAPS_SQUARED * N:
         return False, f"{n} gap components are too many for {N} dofs"
     return True, f"small strain: {n} gap components for {N} dofs"
 

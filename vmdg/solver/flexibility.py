@@ -57,10 +57,10 @@ class Flexibility:
             self.prescribed = problem.loading.prescribed
             self.stiffness = problem.discretization.create_matrix()
             problem.discretization.assemble_tangent(self.stiffness, damage=False)
-            self._held = self.stiffness.copy()
-            self._held.zeroRowsColumnsLocal(self.prescribed, 1.0)
-            self._held.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-            self._solver = make_ksp(self._held, LDLT)
+            self._constrained = self.stiffness.copy()
+            self._constrained.zeroRowsColumnsLocal(self.prescribed, 1.0)
+            self._constrained.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+            self._solver = make_ksp(self._constrained, LDLT)
             self._solver.setUp()
         self._x, self._b = self.stiffness.createVecs()
         self._rows = self._prescribed_rows()
@@ -158,7 +158,7 @@ class Flexibility:
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
         destroy(self._solver)
-        for item in (self._x, self._b, self._held, self.stiffness):
+        for item in (self._x, self._b, self._constrained, self.stiffness):
             item.destroy()
 
 

@@ -1,4 +1,4 @@
-"""Linear solves of Newton's method: direct, or Krylov with kept factors or multigrid."""
+"""Linear solves of Newton's method: direct, or Krylov with lagged factors or multigrid."""
 
 from __future__ import annotations
 
@@ -60,15 +60,15 @@ CG_GAMG = {
     "ksp_max_it": 100,
 }
 
-#: Dofs beyond which factors are kept, and those in 3D beyond which they cost more than multigrid.
+#: Dofs beyond which factors are lagged, and those in 3D beyond which they cost more than multigrid.
 MAX_DIRECT, MAX_FACTORED = 3_000, 60_000
 
 #: Share of the dofs up to which the zone at the interfaces is factorized for every tangent.
-ZONE = 0.3
+MAX_ZONE = 0.3
 
 #: What a factorization, or the set-up of multigrid, costs in Krylov iterations; measured at 42,000
 #: dofs in 3D: 41 of 49 ms and 26 of 30 ms.
-SETUP = 30
+SETUP_ITERATIONS = 30
 
 
 def automatic_options(
@@ -88,12 +88,12 @@ def automatic_options(
         max_direct: Dofs up to which every tangent is factorized.
         max_factored: Dofs in 3D up to which factors are used at all.
     """
-    direct, kept = (LDLT, GMRES_LDLT) if problem.discretization.symmetric else (LU, GMRES_LU)
+    direct, lagged = (LDLT, GMRES_LDLT) if problem.discretization.symmetric else (LU, GMRES_LU)
     size = problem.space.dofmap.index_map.size_global * problem.space.dofmap.index_map_bs
     if size <= max_direct:
         return direct, direct
     if problem.mesh.topology.dim < 3 or size <= max_factored:
-        return kept, direct
+        return lagged, direct
     return (GMRES_GAMG if problem.discretization.can_fail else CG_GAMG), direct
 
 
@@ -123,7 +123,7 @@ def is_iterative(options: Options) -> bool:
     return options.get("ksp_type") != "preonly"
 
 
-def interface_zone(problem: Problem, share: float = ZONE) -> NDArray[np.int32] | None:
+def interface_zone(problem: Problem, share: float = MAX_ZONE) -> NDArray[np.int32] | None:
     """Owned dofs of the cells at active interfaces, where damage changes the tangent; collective.
 
     None if these are more than a ``share`` of the dofs, or none.
@@ -144,7 +144,7 @@ class ZoneCorrection:
     """Preconditioner: an older one of the whole tangent K, corrected where the tangent changes.
 
     Damage changes the rows of the cells at the interfaces, the bodies hardly change. So the
-    residual that the kept preconditioner B leaves lies in this zone, and a solve with the current
+    residual that the lagged preconditioner B leaves lies in this zone, and a solve with the current
     tangent of the zone, its surroundings held, removes it:
 
         z <- B^-1.r,    z <- z + R^T.(R.K.R^T)^-1.R.(r - K.z),
@@ -155,13 +155,13 @@ class ZoneCorrection:
 
     Args:
         matrix: The tangent K.
-        kept: Applies B^-1.
+        lagged: Applies B^-1.
         zone: Owned dofs of the zone.
     """
 
-    def __init__(self, matrix: PETSc.Mat, kept: PETSc.PC, zone: NDArray[np.int32]):
+    def __init__(self, matrix: PETSc.Mat, lagged: PETSc.PC, zone: NDArray[np.int32]):
         self._matrix = matrix
-        self._kept = kept
+        self._lagged = lagged
         self._zone = zone
         first = matrix.getOwnershipRange()[0]
         self._rows = PETSc.IS().createGeneral(first + zone, comm=matrix.comm)
@@ -188,7 +188,7 @@ class ZoneCorrection:
 
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """z from r; called by PETSc."""
-        self._kept.apply(r, z)
+        self._lagged.apply(r, z)
         self._strip.mult(z, self._b)
         self._b.array[:] = r.array_r[self._zone] - self._b.array_r
         self._direct.solve(self._b, self._x)
@@ -204,7 +204,7 @@ class ZoneCorrection:
             item.destroy()
 
 
-class KeptKrylov:
+class LaggedKrylov:
     """A Krylov solver that keeps its preconditioner over Newton iterations and steps.
 
     It is made anew where the iterations that a fresh one would have spared add up to what it costs,
@@ -214,7 +214,7 @@ class KeptKrylov:
     Args:
         matrix: The tangent.
         options: Of KSP and PC.
-        zone: Owned dofs where the kept preconditioner is corrected, see :class:`ZoneCorrection`.
+        zone: Owned dofs where the lagged preconditioner is corrected, see :class:`ZoneCorrection`.
 
     Attributes:
         iterations: Of all systems so far.
@@ -232,11 +232,11 @@ class KeptKrylov:
         self._follows_tolerance = "ksp_rtol" not in options
         self._fresh_effort = 0.0
         self._excess = math.inf
-        self._kept = self.ksp.getPC()
+        self._lagged = self.ksp.getPC()
         self._correction: ZoneCorrection | None = None
         if zone is not None:
             pc = PETSc.PC().create(matrix.comm)
-            self._correction = ZoneCorrection(matrix, self._kept, zone)
+            self._correction = ZoneCorrection(matrix, self._lagged, zone)
             pc.setType(PETSc.PC.Type.PYTHON)
             pc.setPythonContext(self._correction)
             self.ksp.setPC(pc)
@@ -247,20 +247,20 @@ class KeptKrylov:
             self.ksp.setTolerances(rtol=tolerance)
         if self._correction is not None:
             self._correction.set_up()
-        if self._excess < SETUP and self._iterate(b, x, reuse=True):
+        if self._excess < SETUP_ITERATIONS and self._iterate(b, x, reuse=True):
             return True
         return self._iterate(b, x, reuse=False)
 
     def _iterate(self, b: PETSc.Vec, x: PETSc.Vec, reuse: bool) -> bool:
-        reset_failed(self._kept)
+        reset_failed(self._lagged)
         self.ksp.setOperators(self._matrix)
-        self._kept.setOperators(self._matrix)
-        self._kept.setReusePreconditioner(reuse)
+        self._lagged.setOperators(self._matrix)
+        self._lagged.setReusePreconditioner(reuse)
         if reuse:
-            self._kept.setUp()
+            self._lagged.setUp()
         else:
             with timer("set up preconditioner"):
-                self._kept.setUp()
+                self._lagged.setUp()
         self.ksp.solve(b, x)
         iterations = self.ksp.getIterationNumber()
         self.iterations += iterations
@@ -279,7 +279,7 @@ class KeptKrylov:
         """Free the PETSc objects; collective."""
         destroy(self.ksp)
         if self._correction is not None:
-            self._kept.destroy()
+            self._lagged.destroy()
             self._correction.free()
 
 
@@ -293,7 +293,7 @@ class LinearSolver:
         matrix: The tangent.
         options: Of KSP and PC; a ``ksp_type`` other than "preonly" is iterative.
         fallback: Options of the direct solver.
-        zone: Owned dofs where an iterative solver corrects a kept preconditioner.
+        zone: Owned dofs where an iterative solver corrects a lagged preconditioner.
 
     Attributes:
         multigrid: Whether it asks for the rigid modes.
@@ -309,7 +309,7 @@ class LinearSolver:
         self.multigrid = options.get("pc_type") == "gamg"
         self._matrix = matrix
         iterative = is_iterative(options)
-        self._krylov = KeptKrylov(matrix, options, zone) if iterative else None
+        self._krylov = LaggedKrylov(matrix, options, zone) if iterative else None
         self._direct_options = fallback if iterative else options
         self._direct: PETSc.KSP | None = None
         self._factorized = -1
@@ -347,7 +347,7 @@ class LinearSolver:
             self._krylov.free()
         if self._direct is not None:
             destroy(self._direct)
-        give_back()
+        return_memory()
 
 
 def reset_failed(pc: PETSc.PC) -> None:
@@ -405,7 +405,7 @@ def set_rigid_modes(space: fem.FunctionSpace, geometry: Geometry, matrix: PETSc.
     matrix.setNearNullSpace(PETSc.NullSpace().create(vectors=basis, comm=matrix.comm))
 
 
-def give_back() -> None:
+def return_memory() -> None:
     """Return freed memory to the system, where the C library knows how (glibc).
 
     Without it the pages of freed factors stay with the process, in pieces that the next ones may

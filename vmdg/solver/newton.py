@@ -21,11 +21,11 @@ from .linear import (
     set_options,
     set_rigid_modes,
 )
-from .predictor import FIRST, Predictor
-from .tangent import Tangent, keeps_bulk
+from .predictor import PREDICTOR_RTOL, Predictor
+from .tangent import Tangent, lags_bulk
 
 #: Relative tolerances of iterative linear solves in the iteration: loosest and tightest.
-LOOSEST, TIGHTEST = 1e-2, 1e-4
+MAX_RTOL, MIN_RTOL = 1e-2, 1e-4
 
 #: A backtracking line search on the residual norm, which carries the iteration over the kinks
 #: where points change branch.
@@ -49,7 +49,7 @@ FULL_STEPS = {"snes_linesearch_type": "basic"}
 
 #: Displacements in sizes of the body beyond which a trial state is given up as it is. The secant of
 #: a line search may lead anywhere, also to where products of numbers are no numbers any more.
-ABSURD = 1e6
+MAX_DISPLACEMENT = 1e6
 
 _REASONS = {
     value: name
@@ -68,9 +68,9 @@ def linear_tolerance(norms: list[float], goal: float) -> float:
         norms: Residual norms of the step so far.
         goal: Residual norm at which the step has converged.
     """
-    eta = FIRST if len(norms) < 2 else 0.9 * (norms[-1] / norms[-2]) ** 2
+    eta = PREDICTOR_RTOL if len(norms) < 2 else 0.9 * (norms[-1] / norms[-2]) ** 2
     needed = 0.3 * goal / norms[-1]
-    return max(min(max(eta, TIGHTEST), LOOSEST), min(needed, 0.1))
+    return max(min(max(eta, MIN_RTOL), MAX_RTOL), min(needed, 0.1))
 
 
 class Newton(Iteration):
@@ -92,7 +92,7 @@ class Newton(Iteration):
     ):
         super().__init__(problem, relative_tolerance, max_iterations)
         linear = linear_options(problem, petsc)
-        self._tangent = Tangent(problem, keeps_bulk(problem, linear.solver))
+        self._tangent = Tangent(problem, lags_bulk(problem, linear.solver))
         matrix = self._tangent.matrix
         self._x, self._f = matrix.createVecs()
         self._owned = self._x.getLocalSize()
@@ -117,7 +117,7 @@ class Newton(Iteration):
 
     def _begin_trace(self) -> None:
         self._trace = Trace(self.krylov)
-        self._trials, self._tolerance, self._goal = 0, FIRST, np.nan
+        self._trials, self._tolerance, self._goal = 0, PREDICTOR_RTOL, np.nan
 
     def _make_snes(self, options: Options) -> PETSc.SNES:
         snes = PETSc.SNES().create(self._problem.comm)
@@ -131,11 +131,6 @@ class Newton(Iteration):
         snes.setConvergenceTest(self._test)
         set_options(snes, options)
         return snes
-
-    @property
-    def keeps_bulk(self) -> bool:
-        """Whether the bodies' part of the tangent may be older than the interfaces'."""
-        return self._tangent.bulk is not None
 
     @property
     def krylov(self) -> int:
@@ -168,7 +163,7 @@ class Newton(Iteration):
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
         self._trials += 1
-        if x.norm(PETSc.NormType.NORM_INFINITY) > ABSURD * self._size:
+        if x.norm(PETSc.NormType.NORM_INFINITY) > MAX_DISPLACEMENT * self._size:
             f.set(np.nan)
             return
         u = self._problem.u.x

@@ -14,8 +14,8 @@ from ..base.parallel import global_any, global_max, global_norm
 from ..problem.problem import Problem
 from .tangent import Tangent
 
-#: States that are kept, and the longest step relative to the last one that is extrapolated.
-KEPT, REACH = 3, 4.0
+#: States of a path, and the longest step relative to the last one that is extrapolated.
+MAX_STATES, MAX_REACH = 3, 4.0
 
 
 class Path:
@@ -39,7 +39,7 @@ class Path:
             if global_any(self._comm, not np.array_equal(self._states[-1][1], u)):
                 self._states = [(t, u.copy())]
             return
-        self._states = [*self._states, (t, u.copy())][-KEPT:]
+        self._states = [*self._states, (t, u.copy())][-MAX_STATES:]
 
     def ahead(self, t: float) -> list[NDArray[np.float64]]:
         """Displacement at parameter ``t`` by the polynomials through two and three states.
@@ -47,7 +47,7 @@ class Path:
         By Lagrange's formula; none where the path turns back or the step is much longer.
         """
         times = [state[0] for state in self._states]
-        if len(times) < 2 or not 0 < (t - times[-1]) / (times[-1] - times[-2]) <= REACH:
+        if len(times) < 2 or not 0 < (t - times[-1]) / (times[-1] - times[-2]) <= MAX_REACH:
             return []
         steps = np.diff(times)
         most = len(times) if (steps * steps[-1] > 0).all() else 2
@@ -69,10 +69,10 @@ PREDICTORS = (PATH, TANGENT, ELASTIC)
 
 #: A tangent with damage that leaves more than this share of the imbalance is compared with one that
 #: holds zeta, and a path that leaves more than this is not followed.
-POOR, ASTRAY = 1e-2, 0.1
+MAX_LEFT_BY_DAMAGE, MAX_LEFT_BY_PATH = 1e-2, 0.1
 
 #: Relative tolerance of iterative linear solves, since the predictor is not exact anyway.
-FIRST = 1e-3
+PREDICTOR_RTOL = 1e-3
 
 
 class Norms(NamedTuple):
@@ -134,7 +134,7 @@ class Predictor:
         norms = self._solve(damage=True)
         left = self._residual_norm()
         # A comparison that also catches NaN.
-        if not left <= POOR * norms.imbalance:
+        if not left <= MAX_LEFT_BY_DAMAGE * norms.imbalance:
             best = u.copy()
             u[:] = start
             self._solve(damage=False)
@@ -157,7 +157,7 @@ class Predictor:
         if not candidates:
             return False
         u[prescribed] = target
-        limit = ASTRAY * self._residual_norm(hold=True) if moved else np.finfo(float).max
+        limit = MAX_LEFT_BY_PATH * self._residual_norm(hold=True) if moved else np.finfo(float).max
         left = []
         for candidate in candidates:
             u[:] = candidate
@@ -196,7 +196,7 @@ class Predictor:
         self._f.array[self._prescribed] = increment[self._prescribed]
         tangent.constrain()
         self._ksp.setOperators(tangent.matrix)
-        self._ksp.setTolerances(rtol=FIRST)
+        self._ksp.setTolerances(rtol=PREDICTOR_RTOL)
         self._ksp.solve(self._f, self._x)
         problem.u.x.array[: self._owned] += self._x.array_r
         problem.u.x.array[: self._owned][self._prescribed] = target

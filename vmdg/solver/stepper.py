@@ -48,7 +48,7 @@ class Stepper:
     def restart(self) -> None:
         """Go on as a run that is resumed from a checkpoint of this state; collective.
 
-        Factors, kept tangents and the path of the last states speed a run up and change its
+        Factors, older tangents and the path of the last states speed a run up and change its
         iterations within the tolerance. A resumed run has none of them.
         """
         if isinstance(self._newton, CondensedNewton):

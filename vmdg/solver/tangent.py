@@ -12,13 +12,13 @@ from ..base.timers import timer
 from ..problem.problem import Problem
 from .linear import Options, is_iterative
 
-#: Error of the forces that a kept tangent foresees, relative to the forces of the correction, which
-#: is the factor by which the next correction can reduce the residual.
-STALE = 3e-3
+#: Error of the forces that an older tangent foresees, relative to the forces of the correction: the
+#: factor by which the next correction can reduce the residual.
+MAX_LAG_ERROR = 3e-3
 
 
-def keeps_bulk(problem: Problem, linear: Options) -> bool:
-    """Whether a run with this linear solver keeps the bodies' part of the tangent.
+def lags_bulk(problem: Problem, linear: Options) -> bool:
+    """Whether a run with this linear solver lags the bodies' part of the tangent.
 
     A direct solver factorizes every tangent, which costs more than assembling it; where nothing
     fails a step has few tangents; the mean dilatation couples the bodies' part to the rest.
@@ -27,13 +27,13 @@ def keeps_bulk(problem: Problem, linear: Options) -> bool:
     return is_iterative(linear) and problem.discretization.can_fail and not mean_dilatation
 
 
-class KeptBulk:
+class LaggedBulk:
     """Assembles the tangent with a part of the bodies that may be older.
 
     While interfaces fail, the bodies between them hardly strain from one iteration to the next:
     12,000 hexahedra are assembled again for nothing. Between the states u_1 and u_2 of two tangents
-    the forces of the bodies have changed by R(u_2) - R(u_1), of which the kept part K_b foresees
-    K_b.(u_2 - u_1). It is kept as long as the difference is below ``STALE`` times
+    the forces of the bodies have changed by R(u_2) - R(u_1), of which the older part K_b foresees
+    K_b.(u_2 - u_1). It serves as long as the difference is below ``MAX_LAG_ERROR`` times
     |K.(u_2 - u_1)|, the residual that the correction was to remove: Newton's method then loses no
     more than one iteration in many.
 
@@ -68,12 +68,12 @@ class KeptBulk:
         self._u, self._forces = u, forces
 
     def _stale(self, u: NDArray[np.float64], forces: NDArray[np.float64]) -> bool:
-        """Whether the forces have changed otherwise than the kept tangent foresees."""
-        with timer("judge bulk tangent"):
+        """Whether the forces have changed otherwise than the older tangent foresees."""
+        with timer("check bulk tangent"):
             du = u - self._u
             du[self._prescribed] = 0
             return self._size(forces - self._forces - self._times(self._bulk, u - self._u)) > (
-                STALE * self._size(self._times(self._matrix, du))
+                MAX_LAG_ERROR * self._size(self._times(self._matrix, du))
             )
 
     def _times(self, matrix: PETSc.Mat, du: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -106,18 +106,18 @@ class Tangent:
 
     Args:
         problem: The problem.
-        keeps_bulk: Whether the bodies' part may be older, see :class:`KeptBulk`.
+        lags_bulk: Whether the bodies' part may be older, see :class:`LaggedBulk`.
 
     Attributes:
         matrix: K.
         norm: Infinity norm of the first one, prescribed rows included [N/mm].
     """
 
-    def __init__(self, problem: Problem, keeps_bulk: bool):
+    def __init__(self, problem: Problem, lags_bulk: bool):
         self.matrix = problem.discretization.create_matrix()
         self.matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self.norm = 0.0
-        self.bulk = KeptBulk(problem, self.matrix) if keeps_bulk else None
+        self.bulk = LaggedBulk(problem, self.matrix) if lags_bulk else None
         self._problem = problem
 
     def assemble(self, damage: bool = True) -> None:
