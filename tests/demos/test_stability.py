@@ -22,7 +22,7 @@ from studies.stability.cases import (
     two_materials,
 )
 from studies.stability.checks import Points, Run
-from studies.stability.runner import BAD, execute, judge, stress
+from studies.stability.runner import BAD, examine, execute, stress
 from studies.stability.scenes import Bond, Case
 
 import vmdg
@@ -115,7 +115,7 @@ def test_finite(run):
     run.history.rows.pop()
     run.problem.u.x.array[0] = np.inf
     assert checks.finite(run)
-    assert judge(run)[0] == "not finite"
+    assert examine(run)[0] == "not finite"
 
 
 @pytest.mark.parametrize("what", ["u", "forces", "gap", "softening"])
@@ -309,10 +309,10 @@ def test_stopped():
     """A step that fails leaves the last converged state; left as it failed, it is found."""
     run = execute(stopped_case())
     assert len(run.records) == 2
-    assert judge(run)[0] == "stopped"
-    assert "0.05" in judge(run)[1]
+    assert examine(run)[0] == "stopped"
+    assert "0.05" in examine(run)[1]
     run.problem.u.x.array[:] *= 1 + 1e-12
-    assert judge(run)[0] == "wrong"
+    assert examine(run)[0] == "wrong"
 
 
 def test_hang():
@@ -351,4 +351,4 @@ def test_an_error_must_be_due():
 def test_a_flaw_must_be_refused():
     """A run through inverted cells would be wrong, whatever it gave."""
     case = cracked(must_refuse=True)
-    assert judge(execute(case)) == ("wrong", "went through; ")
+    assert examine(execute(case)) == ("wrong", "went through; ")

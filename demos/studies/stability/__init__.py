@@ -1,1 +1,1 @@
-"""Random scenes far from ordinary, run and judged."""
+"""Random scenes far from ordinary, run and examined."""

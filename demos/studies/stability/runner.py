@@ -1,4 +1,4 @@
-"""Runs stress cases one after the other, judges how they end, and counts."""
+"""Runs stress cases one after the other, examines how they end, and counts."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def settle(problem: vmdg.Problem, case: Case, monitor: Monitor, history: vmdg.Hi
         vmdg.solve(problem, case.loads[-1:], case.options, monitor, history)
 
 
-def judge(run: Run, files: bool = False) -> tuple[str, str]:
+def examine(run: Run, files: bool = False) -> tuple[str, str]:
     """Verdict and detail of a run that has ended.
 
     Args:
@@ -154,7 +154,7 @@ def judge(run: Run, files: bool = False) -> tuple[str, str]:
 def stress(
     number: int, patience: float = PATIENCE, execute: Callable[[Case], Run] = execute
 ) -> Outcome:
-    """Draw, run and judge one case.
+    """Draw, run and examine one case.
 
     Args:
         number: Of the case.
@@ -170,7 +170,7 @@ def stress(
         try:
             with time_limit(patience):
                 run = execute(case)
-                verdict, detail = judge(run, files=number % FILES_EVERY == 0)
+                verdict, detail = examine(run, files=number % FILES_EVERY == 0)
         except Refused as refusal:
             verdict, detail = "refused", str(refusal)
         except Hang:
