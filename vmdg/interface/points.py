@@ -14,12 +14,14 @@ from ..laws import Update
 class InterfaceState:
     """Converged values at the facet points this rank owns, side 1 first.
 
+    The gap is zeta, the inelastic part of the opening g; what contact mechanics calls the gap is g.
+
     Attributes:
         points: Reference positions (nq, 3) [mm].
         weights: Reference area of the points (nq,) [mm2; mm in plane strain], that of the
             whole circle in axisymmetry.
         normal: Reference normal N outward from side 1 (nq, d).
-        opening: g = phi_2 - phi_1 (nq, d) [mm].
+        opening: g = phi_2 - phi_1, positive along N (nq, d) [mm].
         gap: Inelastic gap zeta (nq, d) [mm].
         softening: Q (nq,) [MPa].
         traction: T = {P.N} + tau_s.(g - zeta) (nq, d) [MPa].

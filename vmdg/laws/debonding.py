@@ -14,6 +14,9 @@ from .extrinsic import RadialLaw
 class Debonding(RadialLaw):
     """Debonding with linear softening, contact, friction and rate dependence.
 
+    The gap is zeta, the inelastic part of the opening g = phi_2 - phi_1, as in the report; what
+    contact mechanics calls the gap is g.
+
     R = P_c - Q with Q = min(Q_n + H dgamma, P_c), H = P_c/zeta_c, eta = viscosity/dt:
 
     * tension, T_tr.N >= 0: |T| <= R + eta dgamma, dgamma = (|T_tr| - R_n)/(r - H + eta), and
