@@ -301,7 +301,7 @@ class Discretization:
         """Continue from the state of a discretization with fewer open facets, exactly.
 
         A field that is continuous across a facet is one of those that may jump there, so every
-        cell keeps its values; history is kept point by point and starts at zero on new facets.
+        cell keeps its values; history goes on point by point and starts at zero on new facets.
         """
         mine, theirs = self.space.dofmap.list, other.space.dofmap.list
         bs = self.space.dofmap.index_map_bs

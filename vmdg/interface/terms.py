@@ -64,6 +64,7 @@ class InterfaceTerms:
         self._inelastic, self._turns = interface.law.inelastic, turns
         self._traction_jump = interface.traction_jump
         self._quadrature, self._u, self._bodies = quadrature, u, bodies
+        self._geometry = quadrature.geometry
         self._N = ufl.FacetNormal(quadrature.mesh)("+")
         self.submesh = quadrature.submesh
         region_of = bodies.region[facets.cells]
@@ -101,10 +102,6 @@ class InterfaceTerms:
     def traction(self, q: Expr, du: Expr) -> Expr:
         """q.Tt(du) of (84) in the staged coefficients."""
         return self._staged.traction_term(q, du, self._tau("+"))
-
-    @property
-    def _geometry(self):
-        return self._quadrature.geometry
 
     def _coefficients(self) -> tuple[Expr, Expr, Expr | None, Expr | None]:
         """delta_1, tau_s, zeta and delta_s on the facets, None where the form has none."""
