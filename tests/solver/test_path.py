@@ -10,15 +10,15 @@ from support.problems import FRICTION, pressed
 
 import vmdg
 from vmdg.solver.newton import MAX_RTOL, MIN_RTOL, linear_tolerance
-from vmdg.solver.predictor import PREDICTORS, Path
+from vmdg.solver.predictor import PREDICTORS, EquilibriumPath
 
 
 def on_a_parabola(t: float) -> np.ndarray:
     return np.array([1.0 - 2 * t + 3 * t**2, 4 * t])
 
 
-def walked(*times: float) -> Path:
-    path = Path(MPI.COMM_SELF)
+def walked(*times: float) -> EquilibriumPath:
+    path = EquilibriumPath(MPI.COMM_SELF)
     for t in times:
         path.start(t, on_a_parabola(t))
     return path
@@ -52,7 +52,7 @@ def test_cut_steps_and_jumps():
 
 def test_ranks_leave_the_path_together(comm):
     """A state that differs on one rank only ends the path on all."""
-    path = Path(comm)
+    path = EquilibriumPath(comm)
     for t in (0.0, 0.1):
         path.start(t, on_a_parabola(t))
     path.start(0.1, on_a_parabola(0.1) + (comm.rank == 0))

@@ -72,7 +72,7 @@ def least_energy(equation: GapEquation, start: Gaps, direction: Direction) -> Ga
 SEARCHES = {BACKTRACK: backtrack, FULL: full_step, ENERGY: least_energy}
 
 #: How often the displacement is corrected by what rounding has left of the bodies' balance.
-MAX_REFINEMENTS = 3
+MAX_BODY_CORRECTIONS = 3
 
 #: Imbalance of the bodies that is left to the end of the step, relative to what may be left there.
 NEGLIGIBLE = 0.1
@@ -199,7 +199,7 @@ class CondensedNewton(Iteration):
         with timer("predictor"):
             gaps = self._predict(equation, balance, ahead, predictor)
         goal = self._criterion.goal(balance.reaction)
-        for _ in range(MAX_REFINEMENTS):
+        for _ in range(MAX_BODY_CORRECTIONS):
             gaps, failure = self._iterate(equation, gaps, search, goal, trace)
             if failure:
                 return trace.report(False, failure, goal)

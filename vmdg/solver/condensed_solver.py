@@ -21,7 +21,7 @@ Solve = Callable[[Array], Array]
 
 #: Gap components with damage up to which the system is solved directly: 640 take 11 ms, iteratively
 #: 13 ms in 2D; in 3D, among 3,600, 720 take 45 against 50 ms and 1,224 take 88 against 57 ms.
-MAX_DIRECT = 900
+MAX_DENSE = 900
 
 #: Relative residual that is aimed at, by the iterative solver within so many iterations, and one
 #: that still makes a good Newton correction.
@@ -64,7 +64,7 @@ class CondensedSolver:
     def __init__(
         self,
         flexibility: Flexibility,
-        max_direct: int = MAX_DIRECT,
+        max_direct: int = MAX_DENSE,
         max_iterations: int = MAX_ITERATIONS,
     ):
         self._flexibility = flexibility

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..base.parallel import global_max
 from ..problem.problem import Problem
 from ..problem.step import Step
-from .predictor import ELASTIC, PATH, Path
+from .predictor import ELASTIC, PATH, EquilibriumPath
 
 #: Tolerance of states on the way to an equilibrium, relative to that of the equilibrium.
 SLACK_ON_THE_WAY = 1e3
@@ -188,7 +188,7 @@ class Iteration(ABC):
         self._problem = problem
         self._criterion = Criterion(relative_tolerance, problem.step)
         self._max_iterations = max_iterations
-        self._path = Path(problem.comm)
+        self._path = EquilibriumPath(problem.comm)
         self._dt = 1.0
         self._size = extent(problem)
 
@@ -222,7 +222,7 @@ class Iteration(ABC):
 
     def forget_path(self) -> None:
         """The next step does not continue the path of the last ones."""
-        self._path = Path(self._problem.comm)
+        self._path = EquilibriumPath(self._problem.comm)
 
     def _search(
         self, ahead: list[NDArray[np.float64]], predictor: str, second: str | None

@@ -18,7 +18,7 @@ from .tangent import Tangent
 MAX_STATES, MAX_REACH = 3, 4.0
 
 
-class Path:
+class EquilibriumPath:
     """The states at which the last steps started, as long as they follow each other.
 
     A step that is cut and tried again starts where it started before. One that starts elsewhere at
