@@ -93,7 +93,7 @@ def main(
     # Fragments that hang on a last point invite distant equilibria: watch the energy.
     checkpoint = Path(out) / "checkpoint"
     options = vmdg.SolveOptions(
-        1e-8,
+        relative_tolerance=1e-8,
         energy_guard=0.05,
         energy=True,
         progress=True,
