@@ -21,7 +21,7 @@ Value = float | ArrayLike | Callable[..., Any]
 _AXES = ("x", "y", "z")
 
 #: Prescribed values agree to rounding.
-SAME = 1e-12
+ROUNDING = 1e-12
 
 
 def find_boundary_facets(mesh, where: Where, what: str) -> NDArray[np.int32]:
@@ -240,7 +240,9 @@ class DirichletConditions:
             dofs, values = condition.at(t, self._d)
             place = np.searchsorted(self.dofs, dofs)
             scale = np.abs(values).max(initial=0.0)
-            differ = np.abs(given[place] - values) > SAME * np.maximum(np.abs(given[place]), scale)
+            differ = np.abs(given[place] - values) > ROUNDING * np.maximum(
+                np.abs(given[place]), scale
+            )
             if differ.any() and not condition.replaces:
                 i, k = np.argwhere(differ)[0]
                 axis = _AXES[dofs[i, k] % self._d]

@@ -13,7 +13,7 @@ from ..interface.interface import Interface
 from ..problem.problem import Problem
 
 #: Sums over the mesh agree to rounding between partitions, relative to the sum of the sizes.
-SAME = 1e-9
+PARTITION_ROUNDING = 1e-9
 
 
 def identity(problem: Problem) -> dict[str, Any]:
@@ -79,5 +79,5 @@ def differences(stored: Mapping[str, Any], present: Mapping[str, Any]) -> list[s
 def _same(a: Any, b: Any) -> bool:
     if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
         size = max(map(abs, [*a, *b]), default=0.0)
-        return bool(np.allclose(a, b, rtol=0, atol=SAME * size))
+        return bool(np.allclose(a, b, rtol=0, atol=PARTITION_ROUNDING * size))
     return a == b
