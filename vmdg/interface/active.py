@@ -208,7 +208,7 @@ class ActiveInterface:
         return works(self.history, update, self.law, self._law_of_step, q.normal, r) @ q.weights
 
     def recoverable_energy(self) -> float:
-        """What the law of this rank's points can give back of the work in the gap [N mm]."""
+        """Work in the gap that the law of this rank's points stores and can return [N mm]."""
         if not self.law.inelastic:
             return 0.0
         stored = self.law.stored_energy(self.history.gap, self.history.softening)

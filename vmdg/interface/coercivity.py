@@ -32,7 +32,7 @@ With mean dilatation the forms are those of :mod:`forms.dilatation`: GRAD u has 
 of the cell as one more entry, A and the fluxes have the derivatives by theta, and A that of p J.
 
 The form is (27) while everything is bonded, at a state without slip. The further term of (26)
-takes energy of the cells that no tau gives back. A facet whose safety is a number takes its share
+takes energy of the cells that no tau returns. A facet whose safety is a number takes its share
 of a cell's energy like any other.
 """
 

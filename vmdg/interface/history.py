@@ -106,7 +106,7 @@ def _overstress_between(before: PointHistory, update: Update, law: Law, works: A
     """Work of the overstress by the mean traction of both ends of the step (nq,) [N/mm].
 
     The integral of T.dzeta by the trapezoidal rule, exact for linear bodies, less what the bond
-    can give back and what bond and friction take.
+    can return and what bond and friction take.
     """
     mean = (before.traction + update.traction) / 2
     total = np.einsum("pi,pi->p", mean, update.gap - before.gap)

@@ -17,7 +17,7 @@ class Energy:
 
     Attributes:
         bulk: Strain energy of the bodies.
-        interface: Stored by the interfaces: (30), and what an intrinsic law can give back.
+        interface: Stored by the interfaces: (30), and what an intrinsic law can return.
         damage: Spent on bonds since the start.
         friction: Spent on sliding since the start.
         viscosity: Spent on the overstress since the start [N mm].
