@@ -4,10 +4,12 @@ The public names are loaded when they are first used, so that ``vmdg.laws`` can 
 only numpy is installed.
 """
 
+import ast
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:  # for editors and type checkers, which do not follow the table below
+if TYPE_CHECKING:  # the public names, as editors and type checkers read them
     from . import forms as forms
     from . import laws as laws
     from . import meshes as meshes
@@ -44,52 +46,22 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow the tabl
     from .solver.result import StepFailure as StepFailure
     from .solver.stepping import solve as solve
 
-_SUBPACKAGES = ("forms", "laws", "meshes", "plot")
-_HOME = {
-    "Bonded": "laws",
-    "Contact": "laws",
-    "Counts": "solver.result",
-    "Debonding": "laws",
-    "Energy": "problem.states",
-    "ExponentialDebonding": "laws",
-    "FieldWriter": "output.fields",
-    "History": "output.history",
-    "Hyperelastic": "forms.materials",
-    "Interface": "interface.interface",
-    "InterfaceState": "interface.points",
-    "IntrinsicExponential": "laws",
-    "Law": "laws",
-    "Material": "forms.materials",
-    "MixedModeDebonding": "laws",
-    "Mode": "laws",
-    "ModelWarning": "problem.checks",
-    "NamedTags": "domain.tags",
-    "NeoHookean": "forms.materials",
-    "Ogden": "forms.ogden",
-    "Problem": "problem.problem",
-    "Result": "solver.result",
-    "Snapshot": "problem.states",
-    "SolveOptions": "solver.options",
-    "StepFailure": "solver.result",
-    "discard_checkpoint": "checkpoint.checkpoint",
-    "read_checkpoint": "checkpoint.checkpoint",
-    "solve": "solver.stepping",
-    "split_cells": "domain.tags",
-    "switchboard": "solver.features",
-    "write_checkpoint": "checkpoint.checkpoint",
-}
+# The same imports, made when a name is first used: subpackages have no module here.
+_SOURCE = ast.parse(Path(__file__).read_bytes()).body
+_IMPORTS = next(part.body for part in _SOURCE if isinstance(part, ast.If))
+_HOME = {item.name: line.module for line in _IMPORTS for item in line.names}
 
-__all__ = [*_HOME]
+__all__ = [name for name, module in _HOME.items() if module]
 __version__ = "0.1.0"
 
 
 def __getattr__(name: str):
-    if name in _SUBPACKAGES:
-        return import_module(f"{__name__}.{name}")
     if name not in _HOME:
         raise AttributeError(f"module 'vmdg' has no attribute {name!r}")
+    if _HOME[name] is None:
+        return import_module(f"{__name__}.{name}")
     return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_SUBPACKAGES, *_HOME])
+    return sorted([*globals(), *_HOME])
