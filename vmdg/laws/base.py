@@ -89,7 +89,7 @@ class Law(ABC):
 
     A new law is one class. With one softening curve for all directions derive from `RadialLaw`;
     with another yield surface from `ExtrinsicLaw`; with a law of its own kind from this class,
-    whose contract is `return_map` and the attributes below.
+    whose contract is `_advance` and the attributes below.
     """
 
     inelastic: bool = True  #: False: a tie, no history is kept and `return_map` is never needed
@@ -107,7 +107,8 @@ class Law(ABC):
         """Whether the tangent is symmetric in every branch."""
         return self.friction == 0.0
 
-    @abstractmethod
+    # Tiny strengths and far tails of exponentials underflow to zero, which is what is meant.
+    @np.errstate(under="ignore")
     def return_map(
         self,
         trial: ArrayLike,
@@ -130,6 +131,14 @@ class Law(ABC):
         Raises:
             ValueError: shapes do not match, dt <= 0 with viscosity > 0, or r <= H - eta at a point.
         """
+        points = self._checked(dt, trial, normal, gap, softening, penalty)
+        return self._advance(*points, self.overstress(dt))
+
+    def _advance(
+        self, trial: Array, normal: Array, gap: Array, softening: Array, penalty: Array, eta: float
+    ) -> Update:
+        """`return_map` with arguments of matching shapes, r admissible, eta of `overstress`."""
+        raise NotImplementedError
 
     def overstress(self, dt: float) -> float:
         """eta = viscosity/dt, MPa/mm: overstress per gap increment of the step.
@@ -187,19 +196,9 @@ class Law(ABC):
         """
         return np.zeros(len(softening))
 
-    def _checked(
-        self,
-        trial: ArrayLike,
-        normal: ArrayLike,
-        gap: ArrayLike,
-        softening: ArrayLike,
-        penalty: ArrayLike,
-        dt: float,
-    ) -> tuple[Array, Array, Array, Array, Array]:
+    def _checked(self, dt: float, *arrays: ArrayLike) -> tuple[Array, ...]:
         """The inputs of `return_map` as float arrays of matching shapes, r admissible."""
-        trial, normal, gap, softening = (
-            np.asarray(array, dtype=float) for array in (trial, normal, gap, softening)
-        )
+        trial, normal, gap, softening, penalty = (np.asarray(a, dtype=float) for a in arrays)
         if trial.ndim != 2 or trial.shape[1] not in (2, 3):
             raise ValueError(f"trial has shape {trial.shape}: it must be (n, 2) or (n, 3)")
         for name, array, shape in (
@@ -209,11 +208,11 @@ class Law(ABC):
         ):
             if array.shape != shape:
                 raise ValueError(f"{name} has shape {array.shape}: trial asks for {shape}")
-        if np.shape(penalty) not in ((), softening.shape):
+        if penalty.shape not in ((), softening.shape):
             raise ValueError(
-                f"penalty has shape {np.shape(penalty)}: it must be () or {softening.shape}"
+                f"penalty has shape {penalty.shape}: it must be () or {softening.shape}"
             )
-        penalty = np.broadcast_to(np.asarray(penalty, dtype=float), softening.shape)
+        penalty = np.broadcast_to(penalty, softening.shape)
         admissible = self.admissible(penalty, dt)
         if not admissible.all():
             worst = int(np.argmin(admissible))

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from numpy.typing import ArrayLike
-
-from .base import Law, Update
+from .base import Array, Law, Update
 
 
 @dataclass(frozen=True)
@@ -22,15 +20,8 @@ class Bonded(Law):
         """Zero: a tie does not soften, any positive penalty will do."""
         return 0.0
 
-    def return_map(
-        self,
-        trial: ArrayLike,
-        normal: ArrayLike,
-        gap: ArrayLike,
-        softening: ArrayLike,
-        penalty: ArrayLike,
-        dt: float = 1.0,
+    def _advance(
+        self, trial: Array, normal: Array, gap: Array, softening: Array, penalty: Array, eta: float
     ) -> Update:
-        """Every point is elastic; arguments and errors as in `Law.return_map`."""
-        trial, _, gap, softening, _ = self._checked(trial, normal, gap, softening, penalty, dt)
+        """Every point is elastic."""
         return Update.elastic(trial, gap, softening)

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from .base import (
     Array,
@@ -166,20 +165,11 @@ class IntrinsicExponential(Law):
         """K (1 - d) |zeta|^2/2 (n,), N/mm."""
         return 0.5 * self.stiffness * self._integrity(softening) * dot(gap, gap)
 
-    @np.errstate(under="ignore")
-    def return_map(
-        self,
-        trial: ArrayLike,
-        normal: ArrayLike,
-        gap: ArrayLike,
-        softening: ArrayLike,
-        penalty: ArrayLike,
-        dt: float = 1.0,
+    def _advance(
+        self, trial: Array, normal: Array, gap: Array, softening: Array, penalty: Array, eta: float
     ) -> Update:
-        """Solve T_tr - r (zeta - zeta_n) = T(zeta); arguments and errors as in `Law.return_map`."""
-        trial, normal, gap, softening, r = self._checked(trial, normal, gap, softening, penalty, dt)
-        stiffness, scale, weight = self.stiffness, self.gap_scale, self.shear_weight**2
-        eta = self.overstress(dt)
+        """Solve T_tr - r (zeta - zeta_n) = T(zeta)."""
+        r, stiffness, scale, weight = penalty, self.stiffness, self.gap_scale, self.shear_weight**2
 
         b = trial + r[:, None] * gap
         b_n = dot(b, normal)

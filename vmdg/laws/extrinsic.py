@@ -6,7 +6,7 @@ from abc import abstractmethod
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from .base import Array, Law, Mode, Update, add_to_diagonal, dot, outer, unit
 from .compression import Closure, Slide, SofteningCurve, close, slide
@@ -59,25 +59,13 @@ class ExtrinsicLaw(Law):
     def _open(self, update: Update, at: Points, eta: float) -> None:
         """Write the return of points with T_tr.N >= 0, T_eq >= R_n into the rows of `update`."""
 
-    # Tiny strengths and far tails of exponentials underflow to zero, which is what is meant.
-    @np.errstate(under="ignore")
-    def return_map(
-        self,
-        trial: ArrayLike,
-        normal: ArrayLike,
-        gap: ArrayLike,
-        softening: ArrayLike,
-        penalty: ArrayLike,
-        dt: float = 1.0,
+    def _advance(
+        self, trial: Array, normal: Array, gap: Array, softening: Array, penalty: Array, eta: float
     ) -> Update:
-        """Boxes 2 and 3, completed; arguments and errors as in `Law.return_map`.
+        """Boxes 2 and 3, completed.
 
         A point yields where (67) is positive, so that (55) holds at the end.
         """
-        trial, normal, gap, softening, penalty = self._checked(
-            trial, normal, gap, softening, penalty, dt
-        )
-        eta = self.overstress(dt)
         update = Update.elastic(trial, gap, softening)
 
         trial_n = dot(trial, normal)
