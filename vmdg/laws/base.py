@@ -89,7 +89,7 @@ class Law(ABC):
 
     A new law is one class. With one softening curve for all directions derive from `RadialLaw`;
     with another yield surface from `ExtrinsicLaw`; with a law of its own kind from this class,
-    whose contract is `_advance` and the attributes below.
+    whose contract is `return_map` (or `_advance`, for arguments in order) and the attributes below.
     """
 
     inelastic: bool = True  #: False: a tie, no history is kept and `return_map` is never needed

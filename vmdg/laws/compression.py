@@ -6,7 +6,8 @@ meets the stronger of bond and friction (Box 3 of the report, completed: see `sl
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from abc import ABC, abstractmethod
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,26 +15,46 @@ from numpy.typing import NDArray
 from .base import Array
 
 
-class SofteningCurve(Protocol):
+class SofteningCurve(ABC):
     """Resistance R (MPa) of a bond against the slip x (mm) since R was R_n."""
 
     strength: float  #: R of the intact bond, MPa
 
+    @abstractmethod
     def slip(self, load: Array, resistance: Array, stiffness: Array) -> Array:
-        """Root x of load - stiffness x = R(x), where load >= R_n and stiffness > H."""
-        ...
+        """Root x (m,), mm, of load - stiffness x = R(x), (64) for any curve.
 
+        Args:
+            load: |T_tr| (m,), MPa, not less than R_n.
+            resistance: R_n (m,), MPa.
+            stiffness: r + eta (m,), MPa/mm, more than H.
+        """
+
+    @abstractmethod
     def soften(self, resistance: Array, slip: Array) -> tuple[Array, Array]:
-        """R(x) and its slope dR/dx."""
-        ...
+        """R(x), MPa, and its slope dR/dx, MPa/mm.
 
+        Args:
+            resistance: R_n (m,), MPa.
+            slip: x (m,), mm, since R was R_n.
+        """
+
+    @abstractmethod
     def slip_to(self, resistance: Array, target: Array) -> Array:
-        """Slip x at which R(x) has fallen from R_n to target; 0 where R_n <= target."""
-        ...
+        """Slip x, mm, at which R(x) has fallen from R_n to a target; 0 where R_n <= target.
 
+        Args:
+            resistance: R_n (m,), MPa.
+            target: R (m,), MPa.
+        """
+
+    @abstractmethod
     def bond_energy(self, resistance: Array) -> Array:
-        """Energy left in the bond, N/mm: the integral of R(x) from here to separation."""
-        ...
+        """Energy left in the bond, N/mm: the integral of R(x) from here to separation.
+
+        Args:
+            resistance: R_n (m,), MPa.
+        """
 
 
 class Closure(NamedTuple):

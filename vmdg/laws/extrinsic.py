@@ -143,7 +143,7 @@ class ExtrinsicLaw(Law):
         return tangent
 
 
-class RadialLaw(ExtrinsicLaw):
+class RadialLaw(ExtrinsicLaw, SofteningCurve):
     """Law with one softening curve R(x) for all directions: |T| <= R, flow along T (53).
 
     A new law of this kind supplies the four methods of `SofteningCurve` and `softening_modulus`.
@@ -157,42 +157,6 @@ class RadialLaw(ExtrinsicLaw):
     def equivalent(self, normal: Array, shear: Array) -> Array:
         """T_eq = |T|, so that the yield function is (56)."""
         return np.sqrt(normal * normal + shear * shear)
-
-    @abstractmethod
-    def slip(self, load: Array, resistance: Array, stiffness: Array) -> Array:
-        """Root x (m,), mm, of load - stiffness x = R(x), (64) for any curve.
-
-        Args:
-            load: |T_tr| (m,), MPa, not less than R_n.
-            resistance: R_n (m,), MPa.
-            stiffness: r + eta (m,), MPa/mm, more than H.
-        """
-
-    @abstractmethod
-    def soften(self, resistance: Array, slip: Array) -> tuple[Array, Array]:
-        """R(x), MPa, and its slope, MPa/mm.
-
-        Args:
-            resistance: R_n (m,), MPa.
-            slip: x (m,), mm, since R was R_n.
-        """
-
-    @abstractmethod
-    def slip_to(self, resistance: Array, target: Array) -> Array:
-        """Slip, mm, at which R has fallen to a target.
-
-        Args:
-            resistance: R_n (m,), MPa.
-            target: R (m,), MPa.
-        """
-
-    @abstractmethod
-    def bond_energy(self, resistance: Array) -> Array:
-        """Energy left in the bond, N/mm: the integral of R(x) from here to separation.
-
-        Args:
-            resistance: R_n (m,), MPa.
-        """
 
     def _open(self, update: Update, at: Points, eta: float) -> None:
         """Box 2, (66)-(71): dgamma is the root of |T_tr| - (r + eta) dgamma = R(dgamma).
