@@ -226,18 +226,33 @@ class Law(ABC):
         return trial, normal, gap, softening, penalty
 
 
-def require_positive(remedy: str, **parameters: float) -> None:
-    """Raise ValueError naming the first parameter that is not positive and finite."""
-    for name, value in parameters.items():
-        if not (math.isfinite(value) and value > 0.0):
-            raise ValueError(f"{name} = {value}: must be positive and finite; {remedy}")
+#: Parameters of laws that must be positive, and what they are or what else to use.
+_POSITIVE = {
+    **dict.fromkeys(
+        ("strength", "normal_strength", "shear_strength"),
+        "for an interface that never opens use Bonded()",
+    ),
+    **dict.fromkeys(
+        ("fracture_energy", "normal_energy", "shear_energy"),
+        "it is the energy in N/mm to separate a unit area",
+    ),
+    "critical_gap": "it is the gap in mm at which the bond is gone",
+    "shear_weight": "use 1 for equal weights",
+}
+
+#: Those that may be zero.
+_NOT_NEGATIVE = {"friction": "use 0 for no friction", "viscosity": "use 0 for no rate dependence"}
 
 
-def require_not_negative(remedy: str, **parameters: float) -> None:
-    """Raise ValueError naming the first parameter that is negative or not finite."""
-    for name, value in parameters.items():
-        if not (math.isfinite(value) and value >= 0.0):
-            raise ValueError(f"{name} = {value}: must be zero or positive and finite; {remedy}")
+def check_parameters(law: Law) -> None:
+    """Raise ValueError naming the first parameter of a data class that is out of range."""
+    for name, value in vars(law).items():
+        if name in _POSITIVE and not 0.0 < value < math.inf:
+            raise ValueError(f"{name} = {value}: must be positive and finite; {_POSITIVE[name]}")
+        if name in _NOT_NEGATIVE and not 0.0 <= value < math.inf:
+            raise ValueError(
+                f"{name} = {value}: must be zero or positive and finite; {_NOT_NEGATIVE[name]}"
+            )
 
 
 def dot(a: Array, b: Array) -> Array:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .base import Array, require_not_negative
+from .base import Array, check_parameters
 from .extrinsic import RadialLaw
 
 
@@ -28,7 +28,7 @@ class Contact(RadialLaw):
     strength = 0.0
 
     def __post_init__(self) -> None:
-        require_not_negative("use 0 for no friction", friction=self.friction)
+        check_parameters(self)
 
     @property
     def softening_modulus(self) -> float:

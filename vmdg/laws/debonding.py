@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .base import Array, require_not_negative, require_positive
+from .base import Array, check_parameters
 from .extrinsic import RadialLaw
 
 
@@ -44,12 +44,7 @@ class Debonding(RadialLaw):
     viscosity: float = 0.0
 
     def __post_init__(self) -> None:
-        require_positive("for an interface that never opens use Bonded()", strength=self.strength)
-        require_positive(
-            "it is the gap in mm at which the bond is gone", critical_gap=self.critical_gap
-        )
-        require_not_negative("use 0 for no friction", friction=self.friction)
-        require_not_negative("use 0 for no rate dependence", viscosity=self.viscosity)
+        check_parameters(self)
 
     @property
     def softening_modulus(self) -> float:

@@ -13,10 +13,9 @@ from .base import (
     Mode,
     Update,
     add_to_diagonal,
+    check_parameters,
     dot,
     outer,
-    require_not_negative,
-    require_positive,
 )
 from .extrinsic import RadialLaw
 from .roots import increasing_root
@@ -47,12 +46,7 @@ class ExponentialDebonding(RadialLaw):
     viscosity: float = 0.0
 
     def __post_init__(self) -> None:
-        require_positive("for an interface that never opens use Bonded()", strength=self.strength)
-        require_positive(
-            "it is the energy in N/mm to separate a unit area", fracture_energy=self.fracture_energy
-        )
-        require_not_negative("use 0 for no friction", friction=self.friction)
-        require_not_negative("use 0 for no rate dependence", viscosity=self.viscosity)
+        check_parameters(self)
 
     @property
     def gap_scale(self) -> float:
@@ -134,12 +128,7 @@ class IntrinsicExponential(Law):
     viscosity: float = 0.0
 
     def __post_init__(self) -> None:
-        require_positive("for an interface that never opens use Bonded()", strength=self.strength)
-        require_positive(
-            "it is the energy in N/mm to separate a unit area", fracture_energy=self.fracture_energy
-        )
-        require_positive("use 1 for equal weights", shear_weight=self.shear_weight)
-        require_not_negative("use 0 for no rate dependence", viscosity=self.viscosity)
+        check_parameters(self)
 
     @property
     def gap_scale(self) -> float:

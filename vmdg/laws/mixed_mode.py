@@ -13,10 +13,9 @@ from .base import (
     Mode,
     Update,
     add_to_diagonal,
+    check_parameters,
     dot,
     outer,
-    require_not_negative,
-    require_positive,
     unit,
 )
 from .debonding import Debonding
@@ -68,18 +67,7 @@ class MixedModeDebonding(ExtrinsicLaw):
     viscosity: float = 0.0
 
     def __post_init__(self) -> None:
-        require_positive(
-            "for an interface that never opens use Bonded()",
-            normal_strength=self.normal_strength,
-            shear_strength=self.shear_strength,
-        )
-        require_positive(
-            "it is the energy in N/mm to separate a unit area",
-            normal_energy=self.normal_energy,
-            shear_energy=self.shear_energy,
-        )
-        require_not_negative("use 0 for no friction", friction=self.friction)
-        require_not_negative("use 0 for no rate dependence", viscosity=self.viscosity)
+        check_parameters(self)
 
     @property
     def strength(self) -> float:
