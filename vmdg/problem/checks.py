@@ -42,7 +42,7 @@ def check_model(problem: Problem, loads: NDArray[np.float64]) -> None:
         ValueError: nothing holds a part of the problem, whatever its interfaces do.
     """
     _check_supports(problem)
-    first, last = (problem.loading.conflict(float(t)) for t in (loads[0], loads[-1]))
+    first, last = (problem.loading.dirichlet.conflict(float(t)) for t in (loads[0], loads[-1]))
     _warn(problem.comm, first or last)
     for active in problem.discretization.active.values():
         if active.law.inelastic:
@@ -136,8 +136,14 @@ def _named(part: LoosePart) -> str:
 
 
 def _check_proportions(problem: Problem, active: ActiveInterface) -> None:
-    law, comm = active.law, problem.comm
-    _warn(comm, _too_rough(active) if law.friction > ROUGHEST else None)
+    law, comm, message = active.law, problem.comm, None
+    if law.friction > ROUGHEST:
+        message = (
+            f"{active.interface}: friction = {law.friction:g} is Coulomb's coefficient mu, the "
+            "tangent of the angle of friction, usually below 1; it is neither in degrees nor in "
+            "percent"
+        )
+    _warn(comm, message)
     if not (law.strength > 0 and law.softening_modulus > 0):
         return
     stiffness = active.stabilization.norm / active.stabilization.safety
@@ -164,11 +170,3 @@ def _check_proportions(problem: Problem, active: ActiveInterface) -> None:
             "the bond will hardly soften. Give both in the same unit (mm with N and MPa)"
         )
     _warn(comm, message)
-
-
-def _too_rough(active: ActiveInterface) -> str:
-    return (
-        f"{active.interface}: friction = {active.law.friction:g} is Coulomb's coefficient mu, "
-        "the tangent of the angle of friction, usually below 1; it is neither in degrees nor in "
-        "percent"
-    )

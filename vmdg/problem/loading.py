@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from functools import partial
 
 import numpy as np
 from dolfinx import fem
@@ -25,24 +25,6 @@ from ..domain.topology import Locator, facet_cells
 from ..interface.activation import Activation
 
 
-class _Prescription(NamedTuple):
-    """A prescribed displacement on facets, or at nodes that a predicate selects."""
-
-    what: str
-    where: NDArray[np.int32] | Locator
-    value: Value
-    component: int | str | None
-    relative: bool = False
-
-
-class _Load(NamedTuple):
-    """A dead load on facets or cells, and how it is added to others."""
-
-    add: Callable[[DeadLoads, NDArray[np.int32], Value | Expr], None]
-    entities: NDArray[np.int32]
-    value: Value | Expr
-
-
 class Loading:
     """Prescribed displacements, dead loads and eigenstrains, as functions of the load factor.
 
@@ -55,6 +37,7 @@ class Loading:
 
     Attributes:
         load_factor: t as a UFL constant.
+        dirichlet: What is prescribed in the space that is loaded now.
         loaded: Whether dead loads act on a cell, for every local cell.
     """
 
@@ -65,8 +48,7 @@ class Loading:
         self._bodies = discretization.bodies
         self._activation = activation
         self._names = names
-        self._prescriptions: list[_Prescription] = []
-        self._dead_loads: list[_Load] = []
+        self._given: list[Callable[[], None]] = []
         self.load_factor = fem.Constant(mesh, 0.0)
         self.loaded = np.zeros(len(self._bodies.tags), dtype=bool)
         self.follow(discretization)
@@ -75,12 +57,16 @@ class Loading:
         """Load the space of another discretization from now on."""
         self._discretization, space = discretization, discretization.space
         self._vector: NDArray[np.float64] | None = None
-        self._dirichlet = DirichletConditions(space, axis_dofs(space, discretization.geometry))
-        for prescription in self._prescriptions:
-            self._prescribe(prescription)
+        self.dirichlet = DirichletConditions(space, axis_dofs(space, discretization.geometry))
         self._loads = DeadLoads(space, discretization.geometry)
-        for load in self._dead_loads:
-            load.add(self._loads, load.entities, load.value)
+        for impose in self._given:
+            impose()
+
+    def _add(self, impose: Callable[[], None]) -> None:
+        """Impose a load or prescribed displacement now, and on every space that follows."""
+        impose()
+        self._given.append(impose)
+        self._vector = None
 
     # Prescribed displacements
 
@@ -106,32 +92,34 @@ class Loading:
                 "dirichlet: relative=True does not go with activate='on-demand'; prescribe the "
                 "displacement from the start"
             )
-        self._add(_Prescription("dirichlet", facets, value, component, relative))
+        self._add(partial(self._prescribe, "dirichlet", facets, value, component, relative))
 
     def add_dirichlet_points(
         self, where: Locator, value: Value, component: int | str | None = None
     ) -> None:
         """See :meth:`vmdg.Problem.dirichlet_points`."""
-        self._add(_Prescription("dirichlet_points", where, value, component))
+        self._add(partial(self._prescribe, "dirichlet_points", where, value, component))
 
-    def _add(self, prescription: _Prescription) -> None:
-        self._prescribe(prescription)
-        self._prescriptions.append(prescription)
-
-    def _prescribe(self, prescription: _Prescription) -> None:
-        what, where, value, component, relative = prescription
+    def _prescribe(
+        self,
+        what: str,
+        where: NDArray[np.int32] | Locator,
+        value: Value,
+        component: int | str | None,
+        relative: bool = False,
+    ) -> None:
         space = self._discretization.space
         if callable(where):
             dofs = fem.locate_dofs_geometrical(space, where)
         else:
             dofs = fem.locate_dofs_topological(space, self._mesh.topology.dim - 1, where)
         u = self._discretization.u.x.array.reshape(-1, space.dofmap.index_map_bs)
-        self._dirichlet.add(dofs, value, component, what, u[dofs] if relative else None)
+        self.dirichlet.add(dofs, value, component, what, u[dofs] if relative else None)
 
     @property
     def prescribed(self) -> NDArray[np.int32]:
         """Prescribed local dofs (component-wise numbers), ghosts included."""
-        return self._dirichlet.dofs
+        return self.dirichlet.dofs
 
     @property
     def owned_prescribed(self) -> NDArray[np.int32]:
@@ -140,15 +128,7 @@ class Loading:
 
     def prescribed_values(self, t: float) -> NDArray[np.float64]:
         """Prescribed displacement of :attr:`prescribed` at load factor ``t`` [mm]."""
-        return self._dirichlet.values(t)
-
-    def conflict(self, t: float) -> str | None:
-        """Prescribed displacements that differ at a node of this rank, in words; None if none do.
-
-        Args:
-            t: Load factor.
-        """
-        return self._dirichlet.conflict(t)
+        return self.dirichlet.values(t)
 
     # Dead loads
 
@@ -161,7 +141,7 @@ class Loading:
         )
         cells = facet_cells(self._mesh)
         refuse_facets(self._mesh, facets, (cells >= 0).all(axis=1), "traction", reason)
-        self._add_load(_Load(DeadLoads.add_traction, facets, value))
+        self._add(lambda: self._loads.add_traction(facets, value))
         self.loaded[cells[facets, 0]] = True
 
     def add_body_force(self, value: Value | Expr, tag: Group | None = None) -> None:
@@ -172,13 +152,8 @@ class Loading:
         if tag is not None and tag not in cells_of:
             raise ValueError(f"body_force: no cell has tag {tag}; tags are {sorted(cells_of)}")
         cells = np.arange(len(self._bodies.tags)) if tag is None else cells_of[tag]
-        self._add_load(_Load(DeadLoads.add_body_force, cells.astype(np.int32), value))
+        self._add(lambda: self._loads.add_body_force(cells.astype(np.int32), value))
         self.loaded[cells] = True
-
-    def _add_load(self, load: _Load) -> None:
-        load.add(self._loads, load.entities, load.value)
-        self._dead_loads.append(load)
-        self._vector = None
 
     @property
     def vector(self) -> NDArray[np.float64]:
