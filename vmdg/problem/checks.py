@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.parallel import global_any, global_max, raise_together
 from ..interface.active import ActiveInterface
 from .problem import Problem
-from .supports import LoosePart, loose_parts
+from .supports import loose_parts
 
 #: Strength relative to r h, the stiffness of the cells at an interface: the least that is believed
 #: (a modulus in Pa beside a strength in MPa is below), and the largest that is usual.
@@ -99,7 +99,7 @@ def _check_supports(problem: Problem) -> None:
     interfaces, message = problem.discretization.active.values(), None
     for part in loose_parts(problem, interfaces):
         message = (
-            f"nothing holds the body of {_named(part)} against {part.motions}: the equations have "
+            f"nothing holds the body of {part.body} against {part.motions}: the equations have "
             "no single solution. Prescribe displacements by problem.dirichlet(facets, 0.0), or of "
             "a symmetric body those of its planes of symmetry, dirichlet(facets, 0.0, 'x')"
         )
@@ -109,7 +109,7 @@ def _check_supports(problem: Problem) -> None:
         for part in loose_parts(problem, bonded):
             _warn(
                 problem.comm,
-                f"only contact holds the body of {_named(part)} against {part.motions}, and "
+                f"only contact holds the body of {part.body} against {part.motions}, and "
                 "contact that is not pressed holds nothing: prescribe displacements, or press the "
                 "body by them",
             )
@@ -122,14 +122,10 @@ def _check_supports(problem: Problem) -> None:
         if global_any(problem.comm, bool(loaded[part.cells].any())):
             _warn(
                 problem.comm,
-                f"the body of {_named(part)} bears a load, and against {part.motions} only bonds "
+                f"the body of {part.body} bears a load, and against {part.motions} only bonds "
                 "hold it: once they break there is no equilibrium, and no step will converge. "
                 "Prescribe a displacement instead of the load to go on",
             )
-
-
-def _named(part: LoosePart) -> str:
-    return f"tag{'s' if len(part.tags) > 1 else ''} {', '.join(map(str, part.tags))}"
 
 
 # Proportions

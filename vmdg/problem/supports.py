@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import basix
 import numpy as np
@@ -27,19 +27,18 @@ _AXES = "xyz"
 _LOW = 0xFFFFFFFF
 
 
-@dataclass(frozen=True)
-class LoosePart:
+class LoosePart(NamedTuple):
     """A part of a problem that can move as a rigid body.
 
     Attributes:
-        tags: Tags of its cells.
+        body: Tags of its cells, in words.
         motions: What is free, in words.
         cells: Its cells on this rank, ghosts included.
     """
 
-    tags: list[int]
+    body: str
     motions: str
-    cells: NDArray[np.int32]
+    cells: NDArray[np.intp]
 
 
 def loose_parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> list[LoosePart]:
@@ -65,8 +64,9 @@ def loose_parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> list
     result = []
     for part, matrix in zip(parts, gram, strict=True):
         if motions := _free_motions(matrix, problem):
-            tags = tag_of[part_of == part].tolist()
-            result.append(LoosePart(tags, motions, np.flatnonzero(label == part).astype(np.int32)))
+            tags = tag_of[part_of == part]
+            body = f"tag{'s' if len(tags) > 1 else ''} {', '.join(map(str, tags))}"
+            result.append(LoosePart(body, motions, np.flatnonzero(label == part)))
     return result
 
 
