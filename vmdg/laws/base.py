@@ -246,7 +246,8 @@ _NOT_NEGATIVE = {"friction": "use 0 for no friction", "viscosity": "use 0 for no
 
 def check_parameters(law: Law) -> None:
     """Raise ValueError naming the first parameter of a data class that is out of range."""
-    for name, value in vars(law).items():
+    for name in (field.name for field in fields(law)):
+        value = getattr(law, name)
         if name in _POSITIVE and not 0.0 < value < math.inf:
             raise ValueError(f"{name} = {value}: must be positive and finite; {_POSITIVE[name]}")
         if name in _NOT_NEGATIVE and not 0.0 <= value < math.inf:
