@@ -31,11 +31,10 @@ def test_public_names():
 
 
 def test_names_for_editors():
-    """What editors read is what is loaded."""
-    tree = ast.parse(Path(vmdg.__file__).read_text())
-    block = next(node for node in tree.body if isinstance(node, ast.If))
+    """What editors read in the stub is what is loaded, under the same name."""
+    tree = ast.parse(Path(vmdg.__file__).with_suffix(".pyi").read_text())
     found = {}
-    for node in block.body:
+    for node in (node for node in tree.body if isinstance(node, ast.ImportFrom)):
         home = import_module("vmdg." + node.module if node.module else "vmdg")
         found |= {alias.asname: getattr(home, alias.name) for alias in node.names}
     assert set(found) == {*vmdg.__all__, *PACKAGES}
@@ -82,4 +81,8 @@ def test_wheel(tmp_path):
         found = {name for name in wheel.namelist() if ".dist-info/" not in name}
     folders = [ROOT / "vmdg", *(path for path in (ROOT / "vmdg").iterdir() if path.is_dir())]
     modules = [path for folder in folders for path in folder.glob("*.py")]
-    assert found == {"vmdg/py.typed", *(str(path.relative_to(ROOT)) for path in modules)}
+    assert found == {
+        "vmdg/py.typed",
+        "vmdg/__init__.pyi",
+        *(str(path.relative_to(ROOT)) for path in modules),
+    }
