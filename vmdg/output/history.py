@@ -187,8 +187,7 @@ class HistoryFile:
         self._path = None if path is None else Path(path)
         self._history = history
         self._file: TextIO | None = None
-        self._columns: list[str] = []
-        self._units: dict[str, str] = {}
+        self._header: list[str] = []
         self._written = 0
         self._do(self._replace)
 
@@ -215,12 +214,11 @@ class HistoryFile:
         raise_together(self._comm, message, OSError)
 
     def _extend(self) -> None:
-        rows = self._history.rows[self._written :]
-        named = {name for row in rows for name in row} <= set(self._columns)
-        if not named or self._history.units != self._units:
+        if self._history.header != self._header:
             self._replace()
             return
-        csv.writer(self._file).writerows(_lines(rows, self._columns))
+        rows = self._history.rows[self._written :]
+        csv.writer(self._file).writerows(_lines(rows, self._history.columns))
         self._file.flush()
         self._written += len(rows)
 
@@ -231,8 +229,7 @@ class HistoryFile:
         self._history.to_csv(partial)
         partial.replace(self._path)
         self._file = open(self._path, "a", newline="")  # closed by close()
-        self._columns, self._units = self._history.columns, dict(self._history.units)
-        self._written = len(self._history)
+        self._header, self._written = self._history.header, len(self._history)
 
     def close(self) -> None:
         """Close the file."""
