@@ -10,7 +10,6 @@ from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 
 from .. import compat
-from ..domain.topology import facet_cells, local_facets
 from ..problem.problem import Problem
 
 
@@ -20,19 +19,11 @@ def cell_corners(mesh: Mesh) -> NDArray[np.int32]:
     return np.tile(_around(basix.topology(mesh.basix_cell())[2]), (owned, 1))
 
 
-def facet_corners(
-    mesh: Mesh, facets: NDArray[np.int32]
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """First cell of every facet (n,), and the numbers of the facet's corners in it (n, c).
+def corners_of_local(mesh: Mesh, local: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Numbers of the corners of facets that have the number ``local`` in their cell (n, c).
 
     Corners of faces are in order around them.
     """
-    cells = facet_cells(mesh)[facets, 0]
-    return cells, corners_of_local(mesh, local_facets(mesh, cells, facets))
-
-
-def corners_of_local(mesh: Mesh, local: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Numbers of the corners of facets that have the number ``local`` in their cell (n, c)."""
     return _around(basix.topology(mesh.basix_cell())[mesh.topology.dim - 1])[local]
 
 

@@ -14,11 +14,12 @@ from matplotlib.tri import Triangulation
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
+from ..domain.topology import facet_cells, local_facets
 from ..forms.geometry import Axisymmetric
 from ..output.corners import (
     cell_corners,
     corner_dofs,
-    facet_corners,
+    corners_of_local,
     nodal_means,
     positions_and_displacements,
 )
@@ -199,7 +200,8 @@ def deformed_corners(
         cells = np.arange(len(corners), dtype=np.int32)
     else:
         facets = facets[facets < mesh.topology.index_map(2).size_local]
-        cells, corners = facet_corners(mesh, facets)
+        cells = facet_cells(mesh)[facets, 0]
+        corners = corners_of_local(mesh, local_facets(mesh, cells, facets))
     positions, u = positions_and_displacements(problem, cells, corners)
     positions[..., :d] += magnify * u
     return positions, cells
