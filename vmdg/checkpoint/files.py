@@ -55,7 +55,8 @@ def write_files(
         parts = {name: _of_all_ranks(comm, rows) for name, rows in arrays.items()}
         try:
             slot = _empty_slot(folder)
-            _write(slot / _ABOUT, [json.dumps(about, default=_plain).encode()])
+            plain = json.dumps(about, default=lambda value: value.tolist())  # numpy's too
+            _write(slot / _ABOUT, [plain.encode()])
             for name, rows in arrays.items():
                 _write(_file(slot, name), chain([_header(rows, counts[name])], parts[name]))
             _sync(slot)
@@ -167,8 +168,3 @@ def _sync(folder: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-def _plain(value: Any) -> Any:
-    """numpy's numbers and arrays as Python's."""
-    return value.tolist()

@@ -11,9 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -72,7 +70,10 @@ def animate(
     solid = problem.mesh.geometry.dim == 3
     grid = figure.add_gridspec(1, 2, width_ratios=(1.5, 1))
     shape = figure.add_subplot(grid[0], projection="3d" if solid else None)
-    line, point = _draw_curve(figure.add_subplot(grid[1]), history, x, y)
+    # The whole curve in grey; a line and a point will follow it.
+    ax = curve(history, x, y, figure.add_subplot(grid[1]), origin=True, color="0.85")
+    (line,) = ax.plot([], [], color="black")
+    (point,) = ax.plot([], [], "o", color="C3", clip_on=False, zorder=3)
     if rank == 0:
         path.parent.mkdir(parents=True, exist_ok=True)
     writer = (FFMpegWriter if path.suffix == ".mp4" else GifWriter)(fps)
@@ -138,14 +139,6 @@ def _check(problem: Problem, path: Path, snapshots: Sequence[Snapshot], history:
             "take one in the monitor of every step"
         )
     raise_together(problem.comm, message)
-
-
-def _draw_curve(ax: Axes, history: History, x: str, y: str) -> tuple[Line2D, Line2D]:
-    """The whole curve in grey; a line and a point that will follow it."""
-    curve(history, x, y, ax, origin=True, color="0.85")
-    (line,) = ax.plot([], [], color="black")
-    (point,) = ax.plot([], [], "o", color="C3", clip_on=False, zorder=3)
-    return line, point
 
 
 def _ranges(

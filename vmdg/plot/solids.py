@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +45,13 @@ def picture(
         ImportError: PyVista is not installed.
         ValueError: a plane problem, or no such component.
     """
-    pyvista = _pyvista()
+    try:
+        import pyvista
+    except ImportError as error:
+        raise ImportError(
+            f"vmdg.plot.solids needs PyVista ({error}): pip install pyvista, and without a display "
+            "the library OSMesa too (Debian: libosmesa6); or use vmdg.plot.stress"
+        ) from error
     message = None
     if problem.mesh.geometry.dim != 3:
         message = "solids.picture: the problem is plane; use vmdg.plot.stress"
@@ -69,14 +74,3 @@ def picture(
     plotter.view_vector(view)
     plotter.screenshot(path)
     plotter.close()
-
-
-def _pyvista() -> ModuleType:
-    try:
-        import pyvista
-    except ImportError as error:
-        raise ImportError(
-            f"vmdg.plot.solids needs PyVista ({error}): pip install pyvista, and without a display "
-            "the library OSMesa too (Debian: libosmesa6); or use vmdg.plot.stress"
-        ) from error
-    return pyvista
