@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,21 +23,17 @@ INTERFACE_FIELDS = (DISPLACEMENT, *VECTORS, "slip", "damage", "mode", "fine_scal
 FIELDS = tuple(dict.fromkeys((DISPLACEMENT, STRESS, *INTERFACE_FIELDS)))
 
 
-class Displacement:
-    """The displacement in a discontinuous space that stays when facets open on demand."""
+def discontinuous(problem: Problem) -> fem.Function:
+    """A displacement cell by cell, in a space that stays when facets open on demand."""
+    degree, shape = problem.space.ufl_element().degree, (problem.mesh.geometry.dim,)
+    return fem.Function(fem.functionspace(problem.mesh, ("DG", degree, shape)), name=DISPLACEMENT)
 
-    def __init__(self, problem: Problem):
-        self._problem = problem
-        element = problem.space.ufl_element()
-        shape = (problem.mesh.geometry.dim,)
-        space = fem.functionspace(problem.mesh, ("DG", element.degree, shape))
-        self.function = fem.Function(space, name="displacement")
 
-    def update(self) -> None:
-        """Take the current displacement, cell by cell."""
-        u, d = self._problem.u, self._problem.mesh.geometry.dim
-        mine, theirs = self.function.function_space.dofmap.list, u.function_space.dofmap.list
-        self.function.x.array.reshape(-1, d)[mine] = u.x.array.reshape(-1, d)[theirs]
+def copy_displacement(problem: Problem, function: fem.Function) -> None:
+    """Set a function of :func:`discontinuous` to the current displacement."""
+    u, d = problem.u, problem.mesh.geometry.dim
+    mine, theirs = function.function_space.dofmap.list, u.function_space.dofmap.list
+    function.x.array.reshape(-1, d)[mine] = u.x.array.reshape(-1, d)[theirs]
 
 
 class InterfaceFields:
@@ -138,9 +135,9 @@ class FieldWriter:
         self._updates: list[Callable[[], object]] = []
         files: dict[str, list[fem.Function]] = {"bodies": []}
         if DISPLACEMENT in names:
-            displacement = Displacement(problem)
-            self._updates.append(displacement.update)
-            files["bodies"].append(displacement.function)
+            displacement = discontinuous(problem)
+            self._updates.append(partial(copy_displacement, problem, displacement))
+            files["bodies"].append(displacement)
         if STRESS in names:
             self._updates.append(problem.stress)
             files["bodies"].append(problem.stress())
