@@ -71,11 +71,7 @@ class Loading:
     # Prescribed displacements
 
     def add_dirichlet(
-        self,
-        facets: Where,
-        value: Value,
-        component: int | str | None = None,
-        relative: bool = False,
+        self, facets: Where, value: Value, component: int | str | None, relative: bool
     ) -> None:
         """See :meth:`vmdg.Problem.dirichlet`."""
         facets = find_boundary_facets(self._mesh, facets, "dirichlet")
@@ -95,7 +91,7 @@ class Loading:
         self._add(partial(self._prescribe, "dirichlet", facets, value, component, relative))
 
     def add_dirichlet_points(
-        self, where: Locator, value: Value, component: int | str | None = None
+        self, where: Locator, value: Value, component: int | str | None
     ) -> None:
         """See :meth:`vmdg.Problem.dirichlet_points`."""
         self._add(partial(self._prescribe, "dirichlet_points", where, value, component))
@@ -144,7 +140,7 @@ class Loading:
         self._add(lambda: self._loads.add_traction(facets, value))
         self.loaded[cells[facets, 0]] = True
 
-    def add_body_force(self, value: Value | Expr, tag: Group | None = None) -> None:
+    def add_body_force(self, value: Value | Expr, tag: Group | None) -> None:
         """See :meth:`vmdg.Problem.body_force`."""
         if np.ndim(tag) != 0:
             raise ValueError(f"body_force: tag = {tag} must be one tag; call it once for each")
