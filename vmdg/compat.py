@@ -103,12 +103,6 @@ def evaluate(
     return expression.eval(mesh, entities if _NEW else entities.ravel())
 
 
-def sharing_ranks(index_map: Any) -> NDArray[np.int32]:
-    """Ranks that hold ghosts of this rank's indices, ascending; collective."""
-    ranks = index_map.index_to_dest_ranks(*_TAG)  # of ghosts too, which other ranks may share
-    return np.unique(ranks.array[: ranks.offsets[index_map.size_local]])
-
-
 def index_map(
     comm: MPI.Comm, size_local: int, ghosts: NDArray[np.int64], owners: NDArray[np.int32]
 ) -> IndexMap:

@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from .. import compat
-from ..base.parallel import GhostExchange, global_any
+from ..base.parallel import global_any, group_maxima
 from ..domain.topology import facet_cells, local_facets
 
 
@@ -38,7 +38,9 @@ def broken_space(mesh: Mesh, degree: int, cut: NDArray[np.int32]) -> fem.Functio
     if not global_any(mesh.comm, len(cut) > 0):
         return space
     pairs = facet_cells(mesh)
-    split = _dofs_on(space, cut, pairs)
+    dofs = space.dofmap.index_map
+    split = np.zeros(dofs.size_local + dofs.num_ghosts, dtype=bool)
+    split[fem.locate_dofs_topological(space, mesh.topology.dim - 1, cut)] = True
     nodes = split[space.dofmap.list]
     component = _components(space, nodes, split, cut, pairs)
     global_dofs, size_local = _number(space, nodes, split, component)
@@ -69,20 +71,6 @@ def _facet_closure(space: fem.FunctionSpace) -> NDArray[np.int32]:
     return np.array(
         [layout.entity_closure_dofs(fdim, f) for f in range(len(facets))], dtype=np.int32
     )
-
-
-def _dofs_on(
-    space: fem.FunctionSpace, cut: NDArray[np.int32], pairs: NDArray[np.int32]
-) -> NDArray[np.bool_]:
-    """Dofs of the continuous space (owned and ghosts) that lie on cut facets of any rank."""
-    marks = la.vector(space.dofmap.index_map, dtype=np.int32)
-    marks.array[:] = 0
-    cells = pairs[cut, 0]
-    on_facet = _facet_closure(space)[local_facets(space.mesh, cells, cut)]
-    marks.array[space.dofmap.list[cells[:, None], on_facet]] = 1
-    marks.scatter_reverse(la.InsertMode.add)
-    marks.scatter_forward()
-    return marks.array > 0
 
 
 def _components(
@@ -128,9 +116,7 @@ def _number(
     cells = mesh.topology.index_map(mesh.topology.dim)
     local_cells = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
     names = cells.local_to_global(local_cells)[:, None] * dofs.shape[1] + np.arange(dofs.shape[1])
-    exchange = GhostExchange(mesh.comm, cells)
-
-    smallest = _agree(mesh, exchange, names, nodes, component, np.minimum)
+    smallest = -group_maxima(mesh.comm, cells, -names, nodes, component)
     is_root = nodes & (smallest == names)
     is_root[cells.size_local :] = False
 
@@ -148,29 +134,5 @@ def _number(
     numbers = np.full(names.shape, -1, dtype=np.int64)
     numbers[is_root] = number[kept.sum() :]
     _, group = np.unique(smallest[nodes], return_inverse=True)
-    numbers = _agree(mesh, exchange, numbers, nodes, group, np.maximum)
-    exchange.free()
+    numbers = group_maxima(mesh.comm, cells, numbers, nodes, group)
     return np.where(nodes, numbers, unsplit.array[dofs]), size_local
-
-
-def _agree(
-    mesh: Mesh,
-    exchange: GhostExchange,
-    values: NDArray[np.int64],
-    nodes: NDArray[np.bool_],
-    group: NDArray,
-    operation: np.ufunc,
-) -> NDArray[np.int64]:
-    """Give all nodes of a group, over all ranks, the ``operation`` of their values."""
-    values = values.copy()
-    while True:
-        before = values.copy()
-        if len(group):
-            extreme = values[nodes].copy()
-            order = np.argsort(group, kind="stable")
-            starts = np.flatnonzero(np.diff(group[order], prepend=-1))
-            extreme = operation.reduceat(extreme[order], starts)
-            values[nodes] = extreme[group]
-        exchange.combine(values, operation)
-        if not global_any(mesh.comm, not np.array_equal(values, before)):
-            return values

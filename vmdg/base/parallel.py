@@ -1,14 +1,13 @@
-"""The one place where ranks talk: global scalars, and values exchanged between owner and ghosts."""
+"""The one place where ranks talk: global scalars, and maxima of groups that ranks share."""
 
 from __future__ import annotations
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 from dolfinx.common import IndexMap
 from numpy.typing import ArrayLike, NDArray
-
-from .. import compat
 
 
 def global_sum(comm: MPI.Comm, value: ArrayLike) -> NDArray:
@@ -40,54 +39,42 @@ def raise_together(
         raise error(messages[0])
 
 
-class GhostExchange:
-    """Combines what owner and ghosts know of the indices of an IndexMap.
+def group_maxima(
+    comm: MPI.Comm,
+    index_map: IndexMap,
+    values: NDArray[np.int64],
+    members: NDArray[np.bool_],
+    group: NDArray[np.integer],
+) -> NDArray[np.int64]:
+    """Give all members of a group, over all ranks, the largest of their values; collective.
 
-    DOLFINx scatters from owner to ghosts, and back with addition or insertion only; labelling
-    needs the minimum or the maximum over all ranks that hold an index.
+    Groups of two ranks are one where a row of both, an owner's and a ghost's, is a member of them:
+    values travel between owners and ghosts until nothing changes.
+
+    Args:
+        comm: Of the index map.
+        index_map: Of the rows.
+        values: One row an index, owned ones first, then ghosts; below 2^53, which doubles hold.
+        members: Which of the values belong to a group.
+        group: Number of the group on this rank, for each of these.
     """
-
-    def __init__(self, comm: MPI.Comm, index_map: IndexMap):
-        self._size_local = index_map.size_local
-        owners = np.asarray(index_map.owners)
-        # Sorted by owner, the ghosts of one neighbour are contiguous in the messages.
-        self._order = np.argsort(owners, kind="stable")
-        sources, self._ghost_counts = np.unique(owners, return_counts=True)
-        destinations = compat.sharing_ranks(index_map)
-        self._to_owners = comm.Create_dist_graph_adjacent(destinations, sources)
-        self._to_ghosts = comm.Create_dist_graph_adjacent(sources, destinations)
-        self._shared_counts = np.empty(len(destinations), dtype=self._ghost_counts.dtype)
-        self._to_owners.Neighbor_alltoall(self._ghost_counts, self._shared_counts)
-        ghosts = np.asarray(index_map.ghosts)[self._order]
-        shared = self._send(self._to_owners, ghosts, self._ghost_counts, self._shared_counts)
-        self._shared = shared - index_map.local_range[0]
-
-    @staticmethod
-    def _send(graph: MPI.Comm, values: NDArray, send: NDArray, receive: NDArray) -> NDArray:
-        width = int(np.prod(values.shape[1:]))
-        result = np.empty((int(receive.sum()), *values.shape[1:]), dtype=values.dtype)
-        graph.Neighbor_alltoallv(
-            [np.ascontiguousarray(values), send * width], [result, receive * width]
-        )
-        return result
-
-    def combine(self, values: NDArray, operation: np.ufunc) -> None:
-        """Give owner and ghosts the ``operation`` of all their values.
-
-        Args:
-            values: One row an index, owned ones first, then ghosts; changed in place.
-            operation: np.minimum or np.maximum.
-        """
-        ghosts = values[self._size_local :]
-        received = self._send(
-            self._to_owners, ghosts[self._order], self._ghost_counts, self._shared_counts
-        )
-        operation.at(values, self._shared, received)
-        ghosts[self._order] = self._send(
-            self._to_ghosts, values[self._shared], self._shared_counts, self._ghost_counts
-        )
-
-    def free(self) -> None:
-        """Free the communicators; collective."""
-        self._to_owners.Free()
-        self._to_ghosts.Free()
+    result = values.astype(PETSc.ScalarType)
+    rows, columns = index_map.size_local, values.shape[1]
+    vector = PETSc.Vec().createGhostWithArray(
+        index_map.ghosts.astype(PETSc.IntType),
+        result.reshape(-1),
+        size=(rows * columns, None),
+        bsize=columns,
+        comm=comm,
+    )
+    while True:
+        before = result.copy()
+        largest = np.full(group.max(initial=-1) + 1, -np.inf)
+        np.maximum.at(largest, group, result[members])
+        result[members] = largest[group]
+        vector.ghostUpdate(PETSc.InsertMode.MAX, PETSc.ScatterMode.REVERSE)
+        vector.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
+        if not global_any(comm, not np.array_equal(result, before)):
+            break
+    vector.destroy()
+    return result.astype(np.int64)

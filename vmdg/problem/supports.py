@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from ..base.parallel import GhostExchange, global_any, global_max
+from ..base.parallel import global_max, group_maxima
 from ..domain.geometry import rigid_motions
 from ..forms.geometry import Axisymmetric
 from ..interface.active import ActiveInterface
@@ -83,20 +83,10 @@ def _parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> NDArray[n
     second = np.concatenate([nodes.ravel(), *(c[:, 1] for c in joined)])
     size = int(second.max(initial=count)) + 1
     graph = coo_array((np.ones(len(first), dtype=np.int8), (first, second)), shape=(size, size))
-    number, component = connected_components(graph, directed=False)
-    component = component[:count]
-    label = cells.local_to_global(np.arange(count, dtype=np.int32))
-    exchange = GhostExchange(mesh.comm, cells)
-    while True:
-        before = label.copy()
-        least = np.full(number, np.iinfo(np.int64).max)
-        np.minimum.at(least, component, label)
-        label = least[component]
-        exchange.combine(label, np.minimum)
-        if not global_any(mesh.comm, not np.array_equal(label, before)):
-            break
-    exchange.free()
-    return label
+    component = connected_components(graph, directed=False)[1][:count]
+    names = cells.local_to_global(np.arange(count, dtype=np.int32))[:, None]
+    members = np.ones(names.shape, dtype=bool)
+    return -group_maxima(mesh.comm, cells, -names, members, component)[:, 0]
 
 
 def _gram(
