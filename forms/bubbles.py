@@ -24,8 +24,6 @@ _DEGREE = {"triangle": 2, "tetrahedron": 3, "quadrilateral": 2, "hexahedron": 2}
 # on quadrilaterals and hexahedra costs nothing more for an odd degree.
 STIFFNESS_DEGREE = {"triangle": 2, "tetrahedron": 4, "quadrilateral": 5, "hexahedron": 5}
 
-FACET_DEGREE = {"triangle": 2, "tetrahedron": 3, "quadrilateral": 2, "hexahedron": 2}
-
 
 def tabulate(cell: str, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Values (number of points, number of facets) of the bubbles at reference ``points``."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
 
+import numpy as np
 import ufl
 from ufl.core.expr import Expr
 
@@ -114,10 +115,6 @@ def _chain(body: Body, F: Expr) -> InvariantChain | None:
     return None if body.invariant_energy(F) is None else InvariantChain(body.invariant_energy, F)
 
 
-def _unit_vectors(d: int) -> list[list[int]]:
-    return [[int(i == j) for j in range(d)] for i in range(d)]
-
-
 def _conjugate_stress(body: Body, F: Expr) -> Expr:
     """dW/dF, of the shape of F [MPa]; with mean dilatation dw/dtheta stands in its last entry."""
     chain = _chain(body, F)
@@ -187,7 +184,7 @@ def traction_moduli(body: Body, F: Expr, N: Expr) -> Expr:
     chain = _chain(body, F)
     if chain is None:
         return ufl.diff(traction(body, F, N), F)
-    units = _unit_vectors(len(N))
+    units = np.eye(len(N), dtype=int).tolist()
     return ufl.as_tensor([_TractionChain(chain, body, F, N, e).moduli() for e in units])
 
 
@@ -231,8 +228,8 @@ def acoustic_tensor(body: Body, F: Expr) -> Expr:
     if chain is None:
         return ufl.diff(_conjugate_stress(body, F), F)
     n = F.ufl_shape[0]
-    rows = [[int(p == q) for q in range(n * n)] for p in range(n * n)]
-    return ufl.as_tensor([[chain.moduli(rows[n * i + j]) for j in range(n)] for i in range(n)])
+    rows = np.eye(n * n, dtype=int).reshape(n, n, n * n).tolist()
+    return ufl.as_tensor([[chain.moduli(weights) for weights in row] for row in rows])
 
 
 def bulk_stress(body: Body, geometry: Geometry, F: Expr) -> Expr:

@@ -119,11 +119,8 @@ def _check_tags(
             f"no material for cell tag {missing[0]}: materials has {sorted(materials)}, the mesh "
             f"has {sorted(present)}"
         )
-    if unknown := sorted(set(materials) - present):
-        raise ValueError(
-            f"materials names cell tag {unknown[0]}, but the mesh has only {sorted(present)}"
-        )
-    if unknown := sorted(set(eigenstrain or {}) - present):
-        raise ValueError(
-            f"eigenstrain names cell tag {unknown[0]}, but the mesh has only {sorted(present)}"
-        )
+    for what, given in (("materials", materials), ("eigenstrain", eigenstrain or {})):
+        if unknown := sorted(set(given) - present):
+            raise ValueError(
+                f"{what} names cell tag {unknown[0]}, but the mesh has only {sorted(present)}"
+            )

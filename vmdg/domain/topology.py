@@ -26,11 +26,10 @@ def facet_cells(mesh: Mesh) -> NDArray[np.int32]:
     mesh.topology.create_connectivity(tdim - 1, tdim)
     connectivity = mesh.topology.connectivity(tdim - 1, tdim)
     offsets, cells = connectivity.offsets, connectivity.array
-    count = np.diff(offsets)
-    pairs = np.full((len(count), 2), -1, dtype=np.int32)
-    for column in range(2):
-        has = count > column
-        pairs[has, column] = cells[offsets[:-1][has] + column]
+    two = np.diff(offsets) == 2
+    pairs = np.full((len(two), 2), -1, dtype=np.int32)
+    pairs[:, 0] = cells[offsets[:-1]]
+    pairs[two, 1] = cells[offsets[1:][two] - 1]
     return pairs
 
 
@@ -59,7 +58,6 @@ def tags_of_cells(mesh: Mesh, cell_tags: MeshTags) -> NDArray[np.int32]:
 def mark_everywhere(mesh: Mesh, dim: int, entities: NDArray[np.int32]) -> NDArray[np.bool_]:
     """Mark entities on every rank that holds them, given on any of these ranks."""
     marks = la.vector(mesh.topology.index_map(dim), dtype=np.int32)
-    marks.array[:] = 0
     marks.array[entities] = 1
     marks.scatter_reverse(la.InsertMode.add)
     marks.scatter_forward()

@@ -123,7 +123,7 @@ class CellProblems:
         self._mesh = mesh = u.function_space.mesh
         self._d = d = mesh.geometry.dim
         self._entries = entries = geometry.entries(d)
-        self._shapes = shapes = ShapeGradients(mesh, geometry, degree)
+        shapes = ShapeGradients(mesh, geometry, degree)
         self._cells, self._first, self._cell_of_pair = np.unique(
             cells, return_index=True, return_inverse=True
         )
@@ -333,7 +333,6 @@ class Coercivity:
         """Values (nf, 2, n) of the sides of facets, by cell and facet in it (slots, n)."""
         size = values[0].shape[2]
         vector = la.vector(self._cell_map, self._facets_of_cell * size)
-        vector.array[:] = 0
         by_slot = vector.array.reshape(-1, size)
         for slots, value in zip(self._slots, values, strict=True):
             by_slot[slots] = value

@@ -130,10 +130,8 @@ class BubbleIntegrals:
 def _occurrence(values: NDArray[np.int32]) -> NDArray[np.int64]:
     """How many times each entry occurs before itself."""
     order = np.argsort(values, kind="stable")
-    starts = np.flatnonzero(np.diff(values[order], prepend=-1))
-    count = np.diff(np.append(starts, len(values)))
     result = np.empty(len(values), dtype=np.int64)
-    result[order] = np.arange(len(values)) - np.repeat(starts, count)
+    result[order] = np.arange(len(values)) - np.searchsorted(values[order], values[order])
     return result
 
 
