@@ -21,7 +21,6 @@ from .. import compat
 from ..base.parallel import global_sum
 from ..base.timers import timer
 from ..domain.materials import Bodies
-from ..forms.geometry import Geometry
 from ..forms.kinematics import Body
 from ..interface.active import ActiveInterface
 from ..interface.facets import InterfaceFacets
@@ -56,13 +55,12 @@ class Discretization:
         interfaces: What the user described.
         facets: Open facets of every interface, on this rank.
         degree: Degree of the displacement.
-        geometry: Gradient and measure.
 
     Attributes:
         mesh: As given.
         bodies: As given.
         degree: As given.
-        geometry: As given.
+        geometry: Gradient and measure.
         space: Broken space.
         u: Displacement [mm].
         forces: Internal minus external forces of the last assembly, owned and ghost dofs [N].
@@ -78,12 +76,11 @@ class Discretization:
         interfaces: Sequence[Interface],
         facets: Sequence[InterfaceFacets],
         degree: int,
-        geometry: Geometry,
     ):
         self.mesh = mesh
         self.bodies = bodies
         self.degree = degree
-        self.geometry = geometry
+        self.geometry = bodies.geometry
         cut = np.concatenate([f.everywhere for f in facets] or [np.zeros(0, dtype=np.int32)])
         self.space = broken_space(mesh, degree, cut.astype(np.int32))
         self.u = fem.Function(self.space, name="displacement")
@@ -91,15 +88,14 @@ class Discretization:
         self._bulk_forces = np.zeros_like(self.forces.x.array)
         sizes = global_sum(mesh.comm, [len(f.facets) for f in facets]) if facets else []
         self.active = {
-            i: ActiveInterface(interface, f, self.u, bodies, degree, geometry)
+            i: ActiveInterface(interface, f, self.u, bodies)
             for i, (interface, f, size) in enumerate(zip(interfaces, facets, sizes, strict=True))
             if size
         }
         self.owned = self.space.dofmap.index_map.size_local * self.space.dofmap.index_map_bs
         active = list(self.active.values())
-        stabilizers = [one.stabilizer for one in active]
-        self._stabilizers = Stabilizers(stabilizers, self.u, bodies, geometry, degree)
-        self.weak_form = WeakForm(self.u, bodies, active, degree, geometry)
+        self._stabilizers = Stabilizers([one.stabilizer for one in active], self.u, bodies)
+        self.weak_form = WeakForm(self.u, bodies, active)
         self._dilatation = Dilatation(self.weak_form) if bodies.mean_dilatation else None
 
     @property

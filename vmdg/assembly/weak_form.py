@@ -12,7 +12,6 @@ from ..base.kernels import JIT_OPTIONS, VECTORIZED, compile_form
 from ..base.quadrature import bulk_degree, facet_degree
 from ..domain.materials import Bodies
 from ..forms import kinematics
-from ..forms.geometry import Geometry
 from ..forms.kinematics import Body
 from ..interface.active import ActiveInterface
 from ..interface.terms import InterfaceTerms, RegionPair
@@ -25,36 +24,28 @@ class WeakForm:
         u: Displacement.
         bodies: Materials.
         active: Interfaces with open facets.
-        degree: Degree of the displacement.
-        geometry: Gradient and measure.
 
     Attributes:
         u: As given.
         space: Of the displacement.
-        geometry: As given.
+        geometry: Gradient and measure.
     """
 
-    def __init__(
-        self,
-        u: fem.Function,
-        bodies: Bodies,
-        active: Sequence[ActiveInterface],
-        degree: int,
-        geometry: Geometry,
-    ):
+    def __init__(self, u: fem.Function, bodies: Bodies, active: Sequence[ActiveInterface]):
         self.u = u
         self.space = u.function_space
-        self.geometry = geometry
+        self.geometry = bodies.geometry
         self._bodies = bodies
         self._active = active
         self._mesh = mesh = self.space.mesh
+        degree = self.space.ufl_element().degree
         self._facet_degree = facet_degree(degree)
         self._dx = ufl.Measure(
             "dx",
             domain=mesh,
             subdomain_data=[(i, region.cells) for i, region in enumerate(bodies.regions)],
             metadata={
-                "quadrature_degree": bulk_degree(mesh.topology.cell_name(), degree, geometry)
+                "quadrature_degree": bulk_degree(mesh.topology.cell_name(), degree, self.geometry)
             },
         )
 

@@ -11,6 +11,8 @@ from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 
 from ..base.parallel import raise_together
+from ..forms.dilatation import MeanDilatation
+from ..forms.geometry import Geometry
 from ..forms.kinematics import Body
 from ..forms.materials import Material
 from .topology import UNTAGGED
@@ -41,13 +43,14 @@ class Bodies:
         small: Small-strain kinematics.
         eigenstrain: Isotropic stress-free strain by tag, a number or a function of the load
             factor; None where there is none.
-        mean_dilatation: J of a cell is one number.
+        geometry: Gradient and measure.
 
     Attributes:
         tags: As given.
         cells_of: Local cells of every tag, ghosts included.
         small: As given.
-        mean_dilatation: As given.
+        geometry: As given.
+        mean_dilatation: J of a cell is one number, as the geometry says.
         regions: All regions.
         region: Region of every local cell.
 
@@ -62,13 +65,14 @@ class Bodies:
         materials: Mapping[int, Material],
         small: bool,
         eigenstrain: Mapping[int, LoadFactor] | None,
-        mean_dilatation: bool = False,
+        geometry: Geometry,
     ):
         _check_tags(mesh, tags, materials, eigenstrain)
         space = fem.functionspace(mesh, ("DG", 0))
         self.tags = tags
         self.small = small
-        self.mean_dilatation = mean_dilatation
+        self.geometry = geometry
+        self.mean_dilatation = isinstance(geometry, MeanDilatation)
         self.cells_of = {tag: np.flatnonzero(tags == tag) for tag in materials}
         self._eigenstrains = dict(eigenstrain or {})
         self._eigenstrain = fem.Function(space) if self._eigenstrains else None
@@ -84,7 +88,7 @@ class Bodies:
                     parameters[name].x.array[self.cells_of[tag]] = value
                 self.region[self.cells_of[tag]] = len(self.regions)
             cells = np.flatnonzero(self.region[:owned] == len(self.regions))
-            body = Body(representative, parameters, small, self._eigenstrain, mean_dilatation)
+            body = Body(representative, parameters, small, self._eigenstrain, self.mean_dilatation)
             self.regions.append(Region(body, cells.astype(np.int32)))
 
     def apply_eigenstrain(self, t: float) -> None:

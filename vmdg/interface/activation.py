@@ -15,7 +15,6 @@ from ..base.quadrature import facet_degree
 from ..domain.materials import Bodies
 from ..domain.topology import mark_everywhere
 from ..forms import kinematics
-from ..forms.geometry import Geometry
 from .facets import InterfaceFacets
 from .interface import Interface, InterfaceList
 from .quadrature import FacetQuadrature, SideEvaluators, side_evaluators
@@ -46,32 +45,26 @@ class PotentialFacets:
     The traction is {P.N} with the weights delta of (23) at F = I: the softer side counts more.
     """
 
-    def __init__(
-        self,
-        mesh: Mesh,
-        interface: Interface,
-        facets: InterfaceFacets,
-        degree: int,
-        geometry: Geometry,
-    ):
+    def __init__(self, interface: Interface, quadrature: FacetQuadrature, bodies: Bodies):
         self.interface = interface
-        self.facets = facets
-        self._quadrature = FacetQuadrature(mesh, facets, facet_degree(degree), geometry)
+        self.facets = quadrature.facets
+        self._quadrature = quadrature
+        self._bodies = bodies
         #: Of all facets on this rank [mm2; mm in plane strain].
-        self.area = float(self._quadrature.area.sum())
+        self.area = float(quadrature.area.sum())
         self._delta: NDArray[np.float64] | None = None
         self._tractions: SideEvaluators | None = None
 
-    def follow(self, u: fem.Function, bodies: Bodies) -> None:
+    def follow(self, u: fem.Function) -> None:
         """Evaluate with this displacement from now on."""
         if self._delta is None:
-            stabilizer = Stabilizer(self.interface, self.facets, self._quadrature, u, bodies)
+            stabilizer = Stabilizer(self.interface, self._quadrature, u, self._bodies)
             self._delta = stabilizer.derive().delta
         d = self._quadrature.d
         self._tractions = side_evaluators(
             self._quadrature,
             u,
-            bodies,
+            self._bodies,
             (d,),
             lambda body, F, N, a: kinematics.traction(body, F, N),
             "traction",
@@ -107,10 +100,8 @@ class Activation:
         facets: Sequence[InterfaceFacets],
         bodies: Bodies,
         degree: int,
-        geometry: Geometry,
     ):
         self._mesh = mesh
-        self._bodies = bodies
         self.interfaces = interfaces
         self.facets = InterfaceList(interfaces, facets)
         self.open: list[NDArray[np.bool_]] = []
@@ -123,7 +114,8 @@ class Activation:
             on_demand = interface.activate == "on-demand"
             self.open.append(np.full(count, not on_demand))
             if on_demand:
-                self._potential[i] = PotentialFacets(mesh, interface, selected, degree, geometry)
+                quadrature = FacetQuadrature(mesh, selected, facet_degree(degree), bodies.geometry)
+                self._potential[i] = PotentialFacets(interface, quadrature, bodies)
 
     def __bool__(self) -> bool:
         return bool(self._potential)
@@ -131,7 +123,7 @@ class Activation:
     def follow(self, u: fem.Function) -> None:
         """Evaluate closed facets with this displacement from now on."""
         for potential in self._potential.values():
-            potential.follow(u, self._bodies)
+            potential.follow(u)
 
     def area(self, i: int) -> float | None:
         """Of all facets of interface ``i`` on this rank [mm2; mm in plane strain].

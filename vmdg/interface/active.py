@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from ..base.quadrature import facet_degree
 from ..domain.materials import Bodies
-from ..forms.geometry import Geometry
 from ..laws import Mode, Update
 from .facets import InterfaceFacets
 from .history import InterfaceSnapshot, PointHistory, with_rows, works
@@ -28,8 +27,6 @@ class ActiveInterface:
         facets: Its facets on this rank.
         u: Displacement, changed by the solver.
         bodies: Materials.
-        degree: Degree of the displacement.
-        geometry: Gradient and measure.
 
     Attributes:
         interface: As given.
@@ -44,20 +41,16 @@ class ActiveInterface:
     """
 
     def __init__(
-        self,
-        interface: Interface,
-        facets: InterfaceFacets,
-        u: fem.Function,
-        bodies: Bodies,
-        degree: int,
-        geometry: Geometry,
+        self, interface: Interface, facets: InterfaceFacets, u: fem.Function, bodies: Bodies
     ):
-        mesh = u.function_space.mesh
+        space = u.function_space
         self.interface = interface
         self.facets = facets
         self.law = interface.law
-        self.quadrature = FacetQuadrature(mesh, facets, facet_degree(degree), geometry)
-        self.stabilizer = Stabilizer(interface, facets, self.quadrature, u, bodies)
+        self.quadrature = FacetQuadrature(
+            space.mesh, facets, facet_degree(space.ufl_element().degree), bodies.geometry
+        )
+        self.stabilizer = Stabilizer(interface, self.quadrature, u, bodies)
         self._return_map = ReturnMap(interface, self.quadrature, u, bodies)
         self.terms = InterfaceTerms(interface, self.quadrature, u, bodies, self.turns)
         self.stabilization: Stabilization | None = None

@@ -52,8 +52,6 @@ from ..base.kernels import compile_expression
 from ..domain.materials import Bodies
 from ..domain.shapes import ShapeGradients
 from ..forms import kinematics
-from ..forms.dilatation import MeanDilatation
-from ..forms.geometry import Geometry
 from ..forms.kinematics import Body
 from .facets import InterfaceFacets
 
@@ -105,8 +103,6 @@ class CellProblems:
     Args:
         u: Displacement at which A is taken.
         bodies: Materials.
-        geometry: Gradient and measure.
-        degree: Degree of the displacement.
         cells: Local cells, ascending; one that has several interface facets occurs several times.
         local: Number of the interface facet within its cell.
     """
@@ -115,15 +111,14 @@ class CellProblems:
         self,
         u: fem.Function,
         bodies: Bodies,
-        geometry: Geometry,
-        degree: int,
         cells: NDArray[np.int32],
         local: NDArray[np.int32],
     ):
-        self._mesh = mesh = u.function_space.mesh
+        space, geometry = u.function_space, bodies.geometry
+        self._mesh = mesh = space.mesh
         self._d = d = mesh.geometry.dim
         self._entries = entries = geometry.entries(d)
-        shapes = ShapeGradients(mesh, geometry, degree)
+        shapes = ShapeGradients(mesh, geometry, space.ufl_element().degree)
         self._cells, self._first, self._cell_of_pair = np.unique(
             cells, return_index=True, return_inverse=True
         )
@@ -156,7 +151,7 @@ class CellProblems:
             ),
             shapes.bulk_points,
         )
-        self._mean_dilatation = isinstance(geometry, MeanDilatation)
+        self._mean_dilatation = bodies.mean_dilatation
         self._volume_gradient: dict[int, fem.Expression] = {}
         # At small strain dJ/dF is the identity, which is no expression on a mesh.
         if self._mean_dilatation and not bodies.small:
@@ -303,19 +298,10 @@ class Coercivity:
     Args:
         u: Displacement.
         bodies: Materials.
-        geometry: Gradient and measure.
-        degree: Degree of the displacement.
         interfaces: Open facets of every interface on this rank.
     """
 
-    def __init__(
-        self,
-        u: fem.Function,
-        bodies: Bodies,
-        geometry: Geometry,
-        degree: int,
-        interfaces: Sequence[InterfaceFacets],
-    ):
+    def __init__(self, u: fem.Function, bodies: Bodies, interfaces: Sequence[InterfaceFacets]):
         mesh = u.function_space.mesh
         self._d = mesh.geometry.dim
         self._cell_map = mesh.topology.index_map(mesh.topology.dim)
@@ -325,9 +311,7 @@ class Coercivity:
         marks = self._to_owners([np.ones((*slots.shape, 1)) for slots in self._slots])
         self._solved = np.flatnonzero(marks[: self._cell_map.size_local * self._facets_of_cell, 0])
         cells, local = np.divmod(self._solved, self._facets_of_cell)
-        self._problems = CellProblems(
-            u, bodies, geometry, degree, cells.astype(np.int32), local.astype(np.int32)
-        )
+        self._problems = CellProblems(u, bodies, cells.astype(np.int32), local.astype(np.int32))
 
     def _to_owners(self, values: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
         """Values (nf, 2, n) of the sides of facets, by cell and facet in it (slots, n)."""

@@ -16,11 +16,9 @@ from ..base.quadrature import bubble_degree
 from ..base.timers import timer
 from ..domain.materials import Bodies
 from ..forms import bubbles
-from ..forms.geometry import Geometry
 from ..laws import Law
 from . import frame
 from .coercivity import MARGIN, Coercivity
-from .facets import InterfaceFacets
 from .interface import AUTO, Interface, StabilizationContext
 from .quadrature import FacetQuadrature, bubble_integrals
 
@@ -80,11 +78,10 @@ class BubbleIntegrals:
         self,
         u: fem.Function,
         bodies: Bodies,
-        geometry: Geometry,
         cells: NDArray[np.int32],
         local_facets: NDArray[np.int32],
     ):
-        mesh = u.function_space.mesh
+        mesh, geometry = u.function_space.mesh, bodies.geometry
         cell_name = mesh.topology.cell_name()
         self._d = mesh.geometry.dim
         self._cells = cells
@@ -151,33 +148,25 @@ class Stabilizer:
 
     Args:
         interface: The user's description.
-        facets: Its facets on this rank.
-        quadrature: Of these facets.
+        quadrature: Of its facets on this rank.
         u: Displacement.
         bodies: Materials.
 
     Attributes:
         interface: As given.
-        facets: As given.
+        facets: Those of the quadrature.
         automatic: Whether tau_s is raised facet by facet, ``safety="auto"``.
     """
 
     def __init__(
-        self,
-        interface: Interface,
-        facets: InterfaceFacets,
-        quadrature: FacetQuadrature,
-        u: fem.Function,
-        bodies: Bodies,
+        self, interface: Interface, quadrature: FacetQuadrature, u: fem.Function, bodies: Bodies
     ):
         self.interface = interface
-        self.facets = facets
+        self.facets = facets = quadrature.facets
         self.automatic = interface.safety == AUTO and interface.stabilization is None
         self._quadrature = quadrature
         self._turns = frame.turns(interface, bodies)
-        self._stiffness = BubbleIntegrals(
-            u, bodies, quadrature.geometry, facets.cells.T.ravel(), facets.local.T.ravel()
-        )
+        self._stiffness = BubbleIntegrals(u, bodies, facets.cells.T.ravel(), facets.local.T.ravel())
         area = quadrature.area
         self._factor = bubble_integrals(quadrature) ** 2 / area
         N = np.zeros((len(area), quadrature.d))
@@ -303,8 +292,6 @@ class Stabilizers:
         interfaces: The stabilizer of each.
         u: Displacement.
         bodies: Materials.
-        geometry: Gradient and measure.
-        degree: Degree of the displacement.
 
     Attributes:
         constant: Whether tau_s and delta are the same at every displacement. At small strain the
@@ -312,17 +299,9 @@ class Stabilizers:
             on the displacement all the same.
     """
 
-    def __init__(
-        self,
-        interfaces: Sequence[Stabilizer],
-        u: fem.Function,
-        bodies: Bodies,
-        geometry: Geometry,
-        degree: int,
-    ):
+    def __init__(self, interfaces: Sequence[Stabilizer], u: fem.Function, bodies: Bodies):
         self._interfaces = interfaces
-        self._place = u, bodies, geometry, degree
-        self._small = bodies.small
+        self._u, self._bodies = u, bodies
         derived = all(one.interface.stabilization is None for one in interfaces)
         self.constant = bodies.small and derived
         self._coercivity: Coercivity | None = None
@@ -349,7 +328,7 @@ class Stabilizers:
         At finite strain a step that goes far from where tau_s was evaluated may end in an
         equilibrium that only the lack of it makes possible.
         """
-        if self._small:
+        if self._bodies.small:
             return True
         derived = self.derive()
         factors = self.coercivity(derived)
@@ -376,7 +355,7 @@ class Stabilizers:
         ]
         if self._coercivity is None:
             facets = [self._interfaces[i].facets for i in chosen]
-            self._coercivity = Coercivity(*self._place, facets)
+            self._coercivity = Coercivity(self._u, self._bodies, facets)
         with timer("coercivity"):
             found = self._coercivity(
                 [self._interfaces[i].penalty(derived[i]) for i in chosen],

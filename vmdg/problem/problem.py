@@ -113,13 +113,12 @@ class Problem:
         eigenstrain = by_tag(eigenstrain or {}, names, "eigenstrain")
         self.materials = MappingProxyType(materials)
         tags = tags_of_cells(mesh, cell_tags)
-        mean_dilatation = volumetric == "mean"
-        bodies = Bodies(mesh, tags, materials, kinematics == "small", eigenstrain, mean_dilatation)
+        bodies = Bodies(mesh, tags, materials, kinematics == "small", eigenstrain, geometry)
         facets = [find_facets(mesh, tags, interface, names) for interface in self.interfaces]
         check_overlap(mesh, self.interfaces, facets)
-        activation = Activation(mesh, self.interfaces, facets, bodies, degree, geometry)
+        activation = Activation(mesh, self.interfaces, facets, bodies, degree)
         opened = activation.facets_among(activation.open)
-        discretization = Discretization(mesh, bodies, self.interfaces, opened, degree, geometry)
+        discretization = Discretization(mesh, bodies, self.interfaces, opened, degree)
         self.loading = Loading(discretization, activation, names)
         self.load_factor = self.loading.load_factor
         self.step = Step(discretization, activation, self.loading)

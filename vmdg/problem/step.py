@@ -190,9 +190,7 @@ class Step:
         if not global_any(self._comm, not same):
             return now
         facets = self.activation.facets_among(marks)
-        return Discretization(
-            now.mesh, now.bodies, self.activation.interfaces, facets, now.degree, now.geometry
-        )
+        return Discretization(now.mesh, now.bodies, self.activation.interfaces, facets, now.degree)
 
     def open_facets(self, utilization: Utilization) -> bool:
         """Open the closed facets whose utilization is high enough; collective.
