@@ -23,28 +23,8 @@ from ..forms.geometry import CARTESIAN, Geometry
 from ..forms.kinematics import Body
 from .facets import InterfaceFacets
 
-
-class Evaluator:
-    """Evaluates UFL expressions at the facet points of one side of an interface.
-
-    The one-sided expression is tested with every point's own test function and divided by the
-    weight, so any expression that FFCx compiles can be evaluated, by one kernel for both sides.
-    """
-
-    def __init__(self, forms: Sequence[fem.Form], space: fem.FunctionSpace, weights: NDArray):
-        self._forms = forms
-        self._space = space
-        self._weights = weights[:, None]
-
-    def __call__(self) -> NDArray[np.float64]:
-        """Values (number of points, number of components)."""
-        imap, bs = self._space.dofmap.index_map, self._space.dofmap.index_map_bs
-        result = np.zeros((imap.size_local + imap.num_ghosts) * bs)
-        for form in self._forms:
-            fem.assemble_vector(result, form)
-        values = result[: imap.size_local * bs].reshape(-1, bs)
-        values /= self._weights
-        return values
+#: Gives values at the facet points of one side (number of points, number of components).
+Evaluator = Callable[[], NDArray[np.float64]]
 
 
 class FacetQuadrature:
@@ -90,8 +70,9 @@ class FacetQuadrature:
 
         N, X = ufl.FacetNormal(mesh), ufl.SpatialCoordinate(mesh)
         parts = [(0, np.ones(len(facets.facets), dtype=bool), ufl.as_vector([1, *N, *X]))]
-        integrals = self.evaluator((1 + 2 * self.d,), parts, np.ones(dofs.size))()
-        # Weights of the points in the mesh, by which evaluators divide.
+        # Weights of the points in the mesh, by which evaluators divide; so far they integrate.
+        self._weights = np.ones(dofs.size)
+        integrals = self.evaluator((1 + 2 * self.d,), parts)()
         self._weights = integrals[:, 0].copy()
         self.normal = integrals[:, 1 : 1 + self.d] / self._weights[:, None]
         self.normal /= np.linalg.norm(self.normal, axis=1, keepdims=True)
@@ -128,15 +109,16 @@ class FacetQuadrature:
         self,
         shape: tuple[int, ...],
         parts: Sequence[tuple[int, NDArray[np.bool_], Expr]],
-        weights: NDArray[np.float64] | None = None,
         name: str = "facet points",
     ) -> Evaluator:
-        """Evaluate one-sided expressions of the given shape.
+        """Evaluate one-sided expressions of the given shape, again at every call of the result.
+
+        They are tested with every point's own test function and divided by its weight, so any
+        expression that FFCx compiles can be evaluated, by one kernel for both sides.
 
         Args:
             shape: Shape of the expressions.
             parts: (side 0 or 1, facets of the interface, expression on them).
-            weights: What to divide by; the quadrature weights in the mesh.
             name: What for.
         """
         space = self.space(shape)
@@ -153,7 +135,16 @@ class FacetQuadrature:
             )
             integrand = ufl.inner(test, expression) * ds
             forms.append(compile_form(integrand, [self.submesh], self.mesh.comm, name=name))
-        return Evaluator(forms, space, self._weights if weights is None else weights)
+        imap, bs = space.dofmap.index_map, space.dofmap.index_map_bs
+        weights = self._weights[:, None]
+
+        def evaluate() -> NDArray[np.float64]:
+            result = np.zeros((imap.size_local + imap.num_ghosts) * bs)
+            for form in forms:
+                fem.assemble_vector(result, form)
+            return result[: imap.size_local * bs].reshape(-1, bs) / weights
+
+        return evaluate
 
 
 SideEvaluators = tuple[Evaluator, Evaluator]
