@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 from dolfinx import fem
-from dolfinx.mesh import compute_midpoints, locate_entities_boundary
+from dolfinx.mesh import locate_entities_boundary
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.parallel import global_sum, raise_together
-from ..domain.topology import Locator
+from ..domain.topology import Locator, checked_facets
 
 Where = ArrayLike | Locator
 Value = float | ArrayLike | Callable[..., Any]
@@ -34,56 +34,10 @@ def find_boundary_facets(mesh, where: Where, what: str) -> NDArray[np.int32]:
     if callable(where):
         facets = locate_entities_boundary(mesh, mesh.topology.dim - 1, where)
     else:
-        facets = _checked_indices(mesh, where, what)
+        facets = checked_facets(mesh, where, what)
     if global_sum(mesh.comm, len(facets)) == 0:
         raise ValueError(f"{what}: no facet is selected on any rank")
     return facets
-
-
-def _checked_indices(mesh, where: ArrayLike, what: str) -> NDArray[np.int32]:
-    facets = np.asarray(where)
-    if facets.ndim != 1 or (facets.size and facets.dtype.kind not in "iu"):
-        raise TypeError(
-            f"{what}: facets = {where!r} must be an array of local facets, as "
-            "facet_tags.find(group) gives them, or a predicate on coordinates"
-        )
-    fdim = mesh.topology.dim - 1
-    mesh.topology.create_entities(fdim)
-    imap = mesh.topology.index_map(fdim)
-    number = imap.size_local + imap.num_ghosts
-    outside = facets[(facets < 0) | (facets >= number)]
-    message = None
-    if len(outside):
-        message = (
-            f"{what}: facet {outside[0]} does not exist on this rank, which has {number}; facets "
-            "are local, as facet_tags.find gives them, and belong to the mesh of the problem"
-        )
-    raise_together(mesh.comm, message)
-    return facets.astype(np.int32)
-
-
-def refuse_facets(
-    mesh, facets: NDArray[np.int32], refused: NDArray[np.bool_], what: str, reason: str
-) -> None:
-    """Raise on all ranks if one of the owned ``facets`` is marked; collective.
-
-    Args:
-        mesh: The mesh.
-        facets: Local facets.
-        refused: Marks of all local facets.
-        what: Name of the load for the message.
-        reason: What is wrong and the cure, said after the place of the facet.
-
-    Raises:
-        ValueError: one is marked.
-    """
-    fdim = mesh.topology.dim - 1
-    owned = facets[facets < mesh.topology.index_map(fdim).size_local]
-    bad, message = owned[refused[owned]], None
-    if len(bad):
-        place = compute_midpoints(mesh, fdim, bad[:1])[0].round(6).tolist()
-        message = f"{what}: facet {bad[0]} at {place} {reason}"
-    raise_together(mesh.comm, message)
 
 
 def component_index(component: int | str | None, d: int, what: str) -> int | None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from dolfinx import la
 from dolfinx.mesh import Mesh, MeshTags, compute_midpoints
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..base.parallel import raise_together
 
@@ -86,3 +86,55 @@ def cells_inside(mesh: Mesh, level_set: LevelSet) -> NDArray[np.bool_]:
     inside.array[: cells.size_local] = values < 0
     inside.scatter_forward()
     return inside.array > 0
+
+
+def checked_facets(mesh: Mesh, where: ArrayLike, what: str) -> NDArray[np.int32]:
+    """Local facets as given by a user; collective.
+
+    Raises:
+        TypeError: a tag or a mask in place of facets.
+        ValueError: a facet does not exist.
+    """
+    facets = np.asarray(where)
+    if facets.ndim != 1 or (facets.size and facets.dtype.kind not in "iu"):
+        raise TypeError(
+            f"{what}: facets = {where!r} must be an array of local facets, as "
+            "facet_tags.find(group) gives them, or a predicate on coordinates"
+        )
+    fdim = mesh.topology.dim - 1
+    mesh.topology.create_entities(fdim)
+    imap = mesh.topology.index_map(fdim)
+    number = imap.size_local + imap.num_ghosts
+    outside = facets[(facets < 0) | (facets >= number)]
+    message = None
+    if len(outside):
+        message = (
+            f"{what}: facet {outside[0]} does not exist on this rank, which has {number}; facets "
+            "are local, as facet_tags.find gives them, and belong to the mesh of the problem"
+        )
+    raise_together(mesh.comm, message)
+    return facets.astype(np.int32)
+
+
+def refuse_facets(
+    mesh: Mesh, facets: NDArray[np.int32], refused: NDArray[np.bool_], what: str, reason: str
+) -> None:
+    """Raise on all ranks if one of the owned ``facets`` is marked; collective.
+
+    Args:
+        mesh: The mesh.
+        facets: Local facets.
+        refused: Marks of all local facets.
+        what: Name of the load for the message.
+        reason: What is wrong and the cure, said after the place of the facet.
+
+    Raises:
+        ValueError: one is marked.
+    """
+    fdim = mesh.topology.dim - 1
+    owned = facets[facets < mesh.topology.index_map(fdim).size_local]
+    bad, message = owned[refused[owned]], None
+    if len(bad):
+        place = compute_midpoints(mesh, fdim, bad[:1])[0].round(6).tolist()
+        message = f"{what}: facet {bad[0]} at {place} {reason}"
+    raise_together(mesh.comm, message)

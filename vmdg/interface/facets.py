@@ -9,9 +9,17 @@ import numpy as np
 from dolfinx.mesh import GhostMode, Mesh, compute_midpoints, locate_entities
 from numpy.typing import NDArray
 
-from ..base.parallel import global_sum, raise_together
+from ..base.parallel import global_sum
 from ..domain.tags import group_tag
-from ..domain.topology import UNTAGGED, cells_inside, facet_cells, local_facets, mark_everywhere
+from ..domain.topology import (
+    UNTAGGED,
+    cells_inside,
+    checked_facets,
+    facet_cells,
+    local_facets,
+    mark_everywhere,
+    refuse_facets,
+)
 from .interface import Interface
 
 
@@ -151,28 +159,13 @@ def _why_empty(interface: Interface) -> str:
 def _given_facets(
     mesh: Mesh, interface: Interface, interior: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    facets = interface.facets
-    message = None
-    outside = (facets < 0) | (facets >= len(interior))
-    if outside.any():
-        message = f"{interface}: facet {facets[outside][0]} does not exist on this rank"
-        facets = facets[~outside]
+    facets = checked_facets(mesh, interface.facets, f"{interface}")
     chosen = mark_everywhere(mesh, mesh.topology.dim - 1, facets)
     # A ghost facet may have one cell here; its owner sees both.
-    owned = mesh.topology.index_map(mesh.topology.dim - 1).size_local
-    boundary = np.flatnonzero(chosen[:owned] & ~interior[:owned])
-    if len(boundary) and message is None:
-        midpoint = _midpoints(mesh, mesh.topology.dim - 1, boundary[:1])[0]
-        message = (
-            f"{interface}: facet {boundary[0]} at {np.round(midpoint, 6).tolist()} lies on the "
-            "boundary of the mesh; an interface takes interior facets only"
-        )
-    raise_together(mesh.comm, message)
+    reason = "lies on the boundary of the mesh; an interface takes interior facets only"
+    everywhere = np.flatnonzero(chosen).astype(np.int32)
+    refuse_facets(mesh, everywhere, ~interior, f"{interface}", reason)
     return chosen & interior
-
-
-def _midpoints(mesh: Mesh, dim: int, entities: NDArray[np.int32]) -> NDArray[np.float64]:
-    return compute_midpoints(mesh, dim, np.asarray(entities, dtype=np.int32))
 
 
 def _reversed(
@@ -185,9 +178,9 @@ def _reversed(
     first, second = cell_tags[cells].T
     if inside is not None:
         return (first > second) | ((first == second) & ~inside[cells[:, 0]])
-    apart = _midpoints(mesh, mesh.topology.dim, cells[:, 1]) - _midpoints(
-        mesh, mesh.topology.dim, cells[:, 0]
-    )
+    dim = mesh.topology.dim
+    one, two = (compute_midpoints(mesh, dim, np.ascontiguousarray(side)) for side in cells.T)
+    apart = two - one
     # Midpoints are sums of the same coordinates on every rank up to rounding: compare coarsely.
     apart[np.abs(apart) < 1e-6 * np.abs(apart).max(axis=1, keepdims=True, initial=0.0)] = 0
     leading = apart[np.arange(len(apart)), np.argmax(apart != 0, axis=1)]

@@ -10,18 +10,12 @@ from dolfinx import fem
 from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
-from ..assembly.dirichlet import (
-    DirichletConditions,
-    Value,
-    Where,
-    find_boundary_facets,
-    refuse_facets,
-)
+from ..assembly.dirichlet import DirichletConditions, Value, Where, find_boundary_facets
 from ..assembly.discretization import Discretization
 from ..assembly.loads import DeadLoads
 from ..domain.geometry import axis_dofs
 from ..domain.tags import Group, group_tag
-from ..domain.topology import Locator, facet_cells
+from ..domain.topology import Locator, facet_cells, refuse_facets
 from ..interface.activation import Activation
 
 
