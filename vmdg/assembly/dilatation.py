@@ -29,8 +29,6 @@ from dolfinx.la import InsertMode
 from ..base.timers import timer
 from .weak_form import WeakForm
 
-SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
-
 
 class Dilatation:
     """theta and p of a displacement, and the products of K with D.
@@ -44,10 +42,11 @@ class Dilatation:
         geometry = weak_form.geometry
         self._theta, self._pressure = geometry.theta, geometry.pressure
         self._test = ufl.TestFunction(self._theta.function_space)
+        self._products: list[PETSc.Mat | None] = [None, None, None]
 
     def compile(self) -> None:
         """Compile all of it now, or load it from the cache; collective."""
-        _ = self._ratio, self._pressures, self._products
+        _ = self._ratio, self._pressures, self._volume, self._blocks
 
     @cached_property
     def _ratio(self) -> fem.Form:
@@ -69,8 +68,18 @@ class Dilatation:
         return result
 
     @cached_property
-    def _products(self) -> _Products:
-        return _Products(self._weak_form, self._volume)
+    def _blocks(self) -> list[tuple[fem.Form, PETSc.Mat]]:
+        """V D and the blocks of the two-field tangent that have theta."""
+        weak, q = self._weak_form, self._test
+        p = ufl.TrialFunction(self._theta.function_space)
+        eta, du = ufl.TestFunction(weak.space), ufl.TrialFunction(weak.space)
+        gradient = weak.geometry.gradient(du)
+        ratio = weak.over_bodies(
+            lambda body, F: q * ufl.inner(ufl.diff(body.volume_ratio(F), F), gradient)
+        )
+        blocks = ratio, weak.tangent(eta, p), weak.tangent(q, du), weak.tangent(q, p)
+        forms = [weak.compile(block, "dilatation") for block in blocks]
+        return [(form, fem_petsc.create_matrix(form)) for form in forms]
 
     def update_dilatation(self) -> None:
         """theta = 1/V int_K J dV at the current displacement; collective."""
@@ -89,50 +98,25 @@ class Dilatation:
         values.scatter_forward()
 
     def add_to(self, matrix: PETSc.Mat) -> None:
-        """Add the terms with D to d2Pi/du2 + p d2J/du2; collective."""
-        products = self._products
+        """Add A_ut.D + D^T.(A_tu + A_tt.D) to d2Pi/du2 + p d2J/du2; collective."""
+        blocks = self._blocks
         with timer("eliminate dilatation"):
-            products.add_to(matrix)
-
-
-class _Products:
-    """D, the blocks of the two-field tangent that have theta, and their products."""
-
-    def __init__(self, weak_form: WeakForm, volume: fem.Function):
-        space = volume.function_space
-        q, p = ufl.TestFunction(space), ufl.TrialFunction(space)
-        eta, du = ufl.TestFunction(weak_form.space), ufl.TrialFunction(weak_form.space)
-        gradient = weak_form.geometry.gradient(du)
-        ratio = weak_form.over_bodies(
-            lambda body, F: q * ufl.inner(ufl.diff(body.volume_ratio(F), F), gradient)
-        )
-        blocks = (
-            ratio,
-            weak_form.tangent(eta, p),
-            weak_form.tangent(q, du),
-            weak_form.tangent(q, p),
-        )
-        self._forms = [weak_form.compile(block, "dilatation") for block in blocks]
-        self._matrices = [fem_petsc.create_matrix(form) for form in self._forms]
-        self._inverse_volume = self._matrices[0].createVecLeft()
-        self._inverse_volume.array[:] = 1 / volume.x.array[: self._inverse_volume.getLocalSize()]
-        self._products: list[PETSc.Mat | None] = [None, None, None]
-
-    def add_to(self, matrix: PETSc.Mat) -> None:
-        """Add A_ut.D + D^T.(A_tu + A_tt.D)."""
-        for form, block in zip(self._forms, self._matrices, strict=True):
-            block.zeroEntries()
-            fem_petsc.assemble_matrix(block, form)
-            block.assemble()
-        D, A_ut, A_tu, A_tt = self._matrices
-        D.diagonalScale(L=self._inverse_volume)
-        first, inner, second = self._products
-        first = A_ut.matMult(D, result=first)
-        inner = A_tt.matMult(D, result=inner)
-        total = inner.copy()
-        total.axpy(1.0, A_tu, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        second = D.transposeMatMult(total, result=second)
-        total.destroy()
-        self._products = [first, inner, second]
-        for product in (first, second):
-            matrix.axpy(1.0, product, SUBSET)
+            for form, block in blocks:
+                block.zeroEntries()
+                fem_petsc.assemble_matrix(block, form)
+                block.assemble()
+            D, A_ut, A_tu, A_tt = (block for _, block in blocks)
+            inverse_volume = D.createVecLeft()
+            inverse_volume.array[:] = 1 / self._volume.x.array[: inverse_volume.getLocalSize()]
+            D.diagonalScale(L=inverse_volume)
+            inverse_volume.destroy()
+            first, inner, second = self._products
+            first = A_ut.matMult(D, result=first)
+            inner = A_tt.matMult(D, result=inner)
+            total = inner.copy()
+            total.axpy(1.0, A_tu, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+            second = D.transposeMatMult(total, result=second)
+            total.destroy()
+            self._products = [first, inner, second]
+            for product in (first, second):
+                matrix.axpy(1.0, product, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
