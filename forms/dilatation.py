@@ -32,19 +32,7 @@ from dataclasses import dataclass
 import ufl
 from ufl.core.expr import Expr
 
-from .geometry import Axisymmetric, Cartesian, Entries
-
-
-def with_dilatation(tensor: Expr, theta: Expr | int) -> Expr:
-    """``tensor`` (n, n) with ``theta`` as one more diagonal entry, (n + 1, n + 1)."""
-    n = range(tensor.ufl_shape[0])
-    return ufl.as_tensor([[*(tensor[i, j] for j in n), 0] for i in n] + [[*(0 for _ in n), theta]])
-
-
-def without_dilatation(tensor: Expr) -> Expr:
-    """The (n, n) part of a tensor (n + 1, n + 1) that belongs to the displacement."""
-    n = range(tensor.ufl_shape[0] - 1)
-    return ufl.as_tensor([[tensor[i, j] for j in n] for i in n])
+from .geometry import Axisymmetric, Cartesian, Entries, with_entry
 
 
 def dilatation(tensor: Expr) -> Expr:
@@ -89,17 +77,17 @@ class MeanDilatation:
     def gradient(self, w: Expr) -> Expr:
         """GRAD w of a displacement, or of a dilatation, a scalar, (n + 1, n + 1)."""
         if w.ufl_shape:
-            return with_dilatation(super().gradient(w), 0)
+            return with_entry(super().gradient(w), 0)
         n = super().size(len(ufl.grad(w)))
-        return with_dilatation(ufl.zero((n, n)), w)
+        return with_entry(ufl.zero((n, n)), w)
 
     def deformation(self, u: Expr) -> Expr:
         """diag(F, theta)."""
-        return with_dilatation(super().deformation(u), self.theta)
+        return with_entry(super().deformation(u), self.theta)
 
     def nodal_deformation(self, u: Expr) -> Expr:
         """diag(F, theta) for points that may be nodes."""
-        return with_dilatation(super().nodal_deformation(u), self.theta)
+        return with_entry(super().nodal_deformation(u), self.theta)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,18 @@ from ufl.core.expr import Expr
 Entries = list[tuple[int, int]]
 
 
+def with_entry(tensor: Expr, value: Expr | float) -> Expr:
+    """``tensor`` (n, n) with ``value`` as one more diagonal entry, (n + 1, n + 1)."""
+    n = range(tensor.ufl_shape[0])
+    return ufl.as_tensor([[*(tensor[i, j] for j in n), 0] for i in n] + [[*(0 for _ in n), value]])
+
+
+def without_entry(tensor: Expr) -> Expr:
+    """The leading (n, n) part of a tensor (n + 1, n + 1)."""
+    n = range(tensor.ufl_shape[0] - 1)
+    return ufl.as_tensor([[tensor[i, j] for j in n] for i in n])
+
+
 def _plus_identity(gradient: Expr) -> Expr:
     return ufl.Identity(gradient.ufl_shape[0]) + gradient
 
@@ -107,11 +119,11 @@ class Axisymmetric:
 
     def gradient(self, w: Expr) -> Expr:
         """GRAD w, (3, 3); regular at Gauss points, where r > 0."""
-        return self._with_hoop(ufl.grad(w), w[0] / self.x[0])
+        return with_entry(ufl.grad(w), w[0] / self.x[0])
 
     def deformation(self, u: Expr) -> Expr:
         """F = I + GRAD u, (3, 3); regular at Gauss points, where r > 0."""
-        return _plus_identity(self._with_hoop(ufl.grad(u), u[0] / self.x[0]))
+        return _plus_identity(with_entry(ufl.grad(u), u[0] / self.x[0]))
 
     def nodal_deformation(self, u: Expr) -> Expr:
         """F, (3, 3), with the limit u_r,r of u_r/r on the axis."""
@@ -119,17 +131,7 @@ class Axisymmetric:
         radius = ufl.conditional(off, self.x[0], 1.0)
         section = ufl.grad(u)
         hoop = ufl.conditional(off, u[0] / radius, section[0, 0])
-        return _plus_identity(self._with_hoop(section, hoop))
-
-    @staticmethod
-    def _with_hoop(section: Expr, hoop: Expr) -> Expr:
-        return ufl.as_tensor(
-            [
-                [section[0, 0], section[0, 1], 0],
-                [section[1, 0], section[1, 1], 0],
-                [0, 0, hoop],
-            ]
-        )
+        return _plus_identity(with_entry(section, hoop))
 
     def bubble_stiffness(self, A: Expr, bubble: Expr) -> Expr:
         """GRAD b : A : GRAD b of (22) with the hoop part of GRAD b, (2, 2) [MPa/mm2].

@@ -10,21 +10,10 @@ import numpy as np
 import ufl
 from ufl.core.expr import Expr
 
-from .dilatation import dilatation, mean_dilated, volume_ratio, without_dilatation
-from .geometry import Entries, Geometry
+from .dilatation import dilatation, mean_dilated, volume_ratio
+from .geometry import Entries, Geometry, with_entry, without_entry
 from .invariants import InvariantChain, Invariants
 from .materials import Material
-
-
-def plane_strain_embedding(tensor: Expr, out_of_plane: float) -> Expr:
-    """3 x 3 tensor with ``tensor`` in the plane and ``out_of_plane`` in its last diagonal entry."""
-    return ufl.as_tensor(
-        [
-            [tensor[0, 0], tensor[0, 1], 0],
-            [tensor[1, 0], tensor[1, 1], 0],
-            [0, 0, out_of_plane],
-        ]
-    )
 
 
 @dataclass(frozen=True)
@@ -66,13 +55,13 @@ class Body:
         if self.small:
             strain = ufl.sym(F) - (1 + e) * ufl.Identity(d)
             if d == 2:
-                strain = plane_strain_embedding(strain, -e)
+                strain = with_entry(strain, -e)
             return self.material.linear_energy(strain, self.parameters)
         reduced = self.invariant_energy(F)
         if reduced is not None:
             return reduced.energy
         if d == 2:
-            F = plane_strain_embedding(F, 1)
+            F = with_entry(F, 1)
         if self.eigenstrain is None:
             return self.material.energy(F, self.parameters)
         return (1 + e) ** 3 * self.material.energy(F / (1 + e), self.parameters)
@@ -86,11 +75,11 @@ class Body:
         """The deformation gradient (n, n) that :attr:`pointwise` sees, F_bar of diag(F, theta)."""
         if not self.mean_dilatation:
             return F
-        return mean_dilated(without_dilatation(F), dilatation(F), self.small)
+        return mean_dilated(without_entry(F), dilatation(F), self.small)
 
     def volume_ratio(self, F: Expr) -> Expr:
         """J of the displacement in diag(F, theta)."""
-        return volume_ratio(without_dilatation(F), self.small)
+        return volume_ratio(without_entry(F), self.small)
 
     def invariant_energy(self, F: Expr) -> Invariants | None:
         """:meth:`energy` by few invariants, where the material offers that, else None."""
@@ -99,7 +88,7 @@ class Body:
         stretch = 1 if self.eigenstrain is None else 1 / (1 + self.eigenstrain)
         elastic, more = F, {}
         if self.mean_dilatation:
-            elastic = without_dilatation(F)
+            elastic = without_entry(F)
             more["dilatation"] = stretch ** elastic.ufl_shape[0] * dilatation(F)
         out_of_plane = ufl.as_ufl(stretch) if elastic.ufl_shape[0] == 2 else None
         if self.eigenstrain is not None:
@@ -129,7 +118,7 @@ def first_piola(body: Body, F: Expr) -> Expr:
     P = _conjugate_stress(body, F)
     if not body.mean_dilatation:
         return P
-    return without_dilatation(P + dilatation(P) * ufl.diff(body.volume_ratio(F), F))
+    return without_entry(P + dilatation(P) * ufl.diff(body.volume_ratio(F), F))
 
 
 def traction(body: Body, F: Expr, N: Expr) -> Expr:
@@ -137,10 +126,8 @@ def traction(body: Body, F: Expr, N: Expr) -> Expr:
 
     F may have a hoop direction besides, in which neither N nor P.N has a component.
     """
-    P, d = first_piola(body, F), range(len(N))
-    if P.ufl_shape[0] > len(N):
-        P = ufl.as_tensor([[P[i, j] for j in d] for i in d])
-    return ufl.dot(P, N)
+    P = first_piola(body, F)
+    return ufl.dot(without_entry(P) if P.ufl_shape[0] > len(N) else P, N)
 
 
 class _TractionChain:

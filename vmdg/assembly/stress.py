@@ -9,7 +9,7 @@ from ufl.core.expr import Expr
 from .. import compat
 from ..base.kernels import compile_expression
 from ..forms import kinematics
-from ..forms.dilatation import without_dilatation
+from ..forms.geometry import with_entry, without_entry
 from .discretization import Discretization
 
 
@@ -55,10 +55,10 @@ class CauchyStress:
 
 def _cauchy(body: kinematics.Body, F: Expr) -> Expr:
     P = kinematics.first_piola(body, F)
-    own = without_dilatation(F) if body.mean_dilatation else F
+    own = without_entry(F) if body.mean_dilatation else F
     stress = P * own.T / ufl.det(own)
     if own.ufl_shape[0] == 3:
         return stress
-    solid = ufl.variable(kinematics.plane_strain_embedding(body.effective(F), 1))
+    solid = ufl.variable(with_entry(body.effective(F), 1))
     out_of_plane = kinematics.first_piola(body.pointwise, solid)[2, 2] / ufl.det(own)
-    return kinematics.plane_strain_embedding(stress, out_of_plane)
+    return with_entry(stress, out_of_plane)
