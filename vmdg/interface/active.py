@@ -33,6 +33,7 @@ class ActiveInterface:
         facets: As given.
         law: Its law.
         quadrature: Its points.
+        turns: Whether the law works in a frame that turns with the interface.
         stabilizer: Derives and raises tau_s.
         terms: Its integrands.
         stabilization: What the forms have; None before the first :meth:`apply`.
@@ -52,17 +53,13 @@ class ActiveInterface:
         )
         self.stabilizer = Stabilizer(interface, self.quadrature, u, bodies)
         self._return_map = ReturnMap(interface, self.quadrature, u, bodies)
+        self.turns = self._return_map.turns
         self.terms = InterfaceTerms(interface, self.quadrature, u, bodies, self.turns)
         self.stabilization: Stabilization | None = None
         count = len(self.quadrature.weights) if self.law.inelastic else 0
         self.history = PointHistory.start(count, self.quadrature.d)
         self.values = self._return_map.start()
         self._law_of_step, self._dt = self.law, 1.0
-
-    @property
-    def turns(self) -> bool:
-        """Whether the law works in a frame that turns with the interface."""
-        return self._return_map.turns
 
     # At the current displacement
 
@@ -112,7 +109,7 @@ class ActiveInterface:
             damage: Include C = d zeta/dT; without it zeta is kept.
         """
         changes = self._return_map.tangent(self.values) if damage else (None, None)
-        self.terms.stage_tangent(self.stabilization, self.values, *changes)
+        self.terms.staged.fill(self.stabilization, self.values, *changes)
 
     def fine_scales(self) -> NDArray[np.float64]:
         """Fine-scale displacement (24) of sides 1 and 2 at the points (nq, 2, d) [mm].

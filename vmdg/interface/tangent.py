@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import ufl
@@ -13,7 +13,10 @@ from ufl.core.expr import Expr
 
 from ..domain.materials import Bodies
 from ..forms import kinematics, tangent
-from .quadrature import FacetQuadrature, SideEvaluators, side_evaluators
+from .points import PointValues
+from .quadrature import FacetQuadrature, side_evaluators
+from .return_map import TurningTangent
+from .stabilization import Stabilization
 
 
 class StagedTangent:
@@ -38,13 +41,11 @@ class StagedTangent:
         turns: bool,
         jump: bool,
     ):
-        def evaluators(shape: tuple[int, ...], expression: Callable, name: str) -> SideEvaluators:
-            return side_evaluators(quadrature, u, bodies, shape, expression, name)
-
+        evaluators = partial(side_evaluators, quadrature, u, bodies)
         d, geometry = quadrature.d, quadrature.geometry
         n = geometry.size(d)
         self._shape, self._entries = (d, n, n), geometry.entries(d)
-        self._geometry = geometry
+        self._quadrature, self._geometry = quadrature, geometry
         self._evaluate_moduli = evaluators(
             self._shape, lambda body, F, N, a: kinematics.traction_moduli(body, F, N), "H"
         )
@@ -102,28 +103,32 @@ class StagedTangent:
 
     def fill(
         self,
-        delta: NDArray,
-        directions: NDArray,
-        delta_s: NDArray | None,
+        stabilization: Stabilization,
+        values: PointValues,
         compliance: NDArray | None,
-        turning: tuple[NDArray, NDArray, NDArray] | None,
+        turning: TurningTangent | None,
     ) -> None:
-        """Evaluate the coefficients at the current displacement.
+        """First stage: evaluate the coefficients at the current displacement.
 
         Args:
-            delta: Flux weights delta_1, delta_2 at the points (nq, 2, d, d).
-            directions: v_1, v_2 with which the adjoint term of (27) or (26) tests (nq, 2, d) [mm].
-            delta_s: Stability tensor of the traction jump (nq, d, d) [mm3/N]; None for (27).
+            stabilization: As the forms have it.
+            values: At the points.
             compliance: C = d zeta/dT (nq, d, d) [mm3/N]; None keeps zeta.
-            turning: Where the frame turns: Z, the change of zeta with the gradient of either side
-                (nq, d, d, d), and the changes of the couple M with the traction (nq, d, d, d) and
-                with that gradient (nq, d, d, d, d); None keeps the frame.
+            turning: Where the frame turns; None keeps the frame.
         """
+        facet = self._quadrature.facet
+        delta, factor = stabilization.weights[facet], None
+        # v_1, v_2 with which the adjoint term of (27) or (26) tests (nq, 2, d) [mm].
+        directions = np.einsum("paji,pj->pai", delta, values.slip)
+        if self._jump:
+            delta_s = stabilization.delta_s[facet]
+            more = np.einsum("pij,pj->pi", delta_s, values.jump)
+            directions += np.stack([-more, more], axis=1)
+            factor = np.linalg.cholesky(delta_s).transpose(0, 2, 1)
         if self._compliance is not None:
             self._compliance.x.array[:] = 0 if compliance is None else compliance.ravel()
         for n, function in enumerate(self._turning):
             function.x.array[:] = 0 if turning is None else turning[n].ravel()
-        factor = None if delta_s is None else np.linalg.cholesky(delta_s).transpose(0, 2, 1)
         # The kernels take the outward normal of their own side, -N on side 2.
         for a, sign in enumerate((1, -1)):
             H = self._evaluate_moduli[a]().reshape(-1, *self._shape)

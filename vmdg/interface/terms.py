@@ -97,11 +97,11 @@ class InterfaceTerms:
 
     def tangent(self, eta: Expr, du: Expr) -> Expr:
         """Interface integrand of (84)-(85) in the staged coefficients."""
-        return self._staged.integrand(eta, du, self._tau("+"))
+        return self.staged.integrand(eta, du, self._tau("+"))
 
     def traction(self, q: Expr, du: Expr) -> Expr:
         """q.Tt(du) of (84) in the staged coefficients."""
-        return self._staged.traction_term(q, du, self._tau("+"))
+        return self.staged.traction_term(q, du, self._tau("+"))
 
     def _coefficients(self) -> tuple[Expr, Expr, Expr | None, Expr | None]:
         """delta_1, tau_s, zeta and delta_s on the facets, None where the form has none."""
@@ -110,7 +110,8 @@ class InterfaceTerms:
         return self._delta("+"), self._tau("+"), zeta, delta_s
 
     @cached_property
-    def _staged(self) -> StagedTangent:
+    def staged(self) -> StagedTangent:
+        """Coefficients of the tangent."""
         return StagedTangent(
             self._quadrature,
             self._u,
@@ -136,27 +137,3 @@ class InterfaceTerms:
             self._zeta.x.array[:] = values.gap.ravel()
         if self._moment is not None:
             self._moment.x.array[:] = values.moment.ravel()
-
-    def stage_tangent(
-        self,
-        stabilization: Stabilization,
-        values: PointValues,
-        compliance: NDArray[np.float64] | None,
-        turning: tuple[NDArray, NDArray, NDArray] | None,
-    ) -> None:
-        """First stage of the tangent: its coefficients at the current displacement.
-
-        Args:
-            stabilization: As set.
-            values: At the points.
-            compliance: C = d zeta/dT (nq, d, d) [mm3/N]; None keeps zeta.
-            turning: Where the frame turns, see :meth:`StagedTangent.fill`.
-        """
-        facet = self._quadrature.facet
-        delta, delta_s = stabilization.weights[facet], None
-        directions = np.einsum("paji,pj->pai", delta, values.slip)
-        if self._traction_jump:
-            delta_s = stabilization.delta_s[facet]
-            more = np.einsum("pij,pj->pi", delta_s, values.jump)
-            directions += np.stack([-more, more], axis=1)
-        self._staged.fill(delta, directions, delta_s, compliance, turning)
