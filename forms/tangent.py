@@ -73,54 +73,37 @@ def jump_tangent(geometry: Geometry, eta: Expr, du: Expr, moduli: tuple[Expr, Ex
     return -ufl.dot(flux_variation(geometry, eta, moduli), flux_variation(geometry, du, moduli))
 
 
-def gap_variation(
-    geometry: Geometry,
-    du: Expr,
-    moduli: tuple[Expr, Expr],
-    tau: Expr,
-    compliance: Expr,
-    spin: Expr | None,
-) -> Expr:
-    """d zeta = C.Tt(du) + Z:(GRAD du_1 + GRAD du_2); Z where the law's frame turns with F.
-
-    The frame turns in the section of an axisymmetric body: GRAD is that of the section there.
-    """
-    change = ufl.dot(compliance, traction_variation(geometry, du, moduli, tau))
-    if spin is None:
-        return change
-    i, j, m = ufl.indices(3)
-    both = section_gradients(du)
-    return change + ufl.as_vector(spin[m, i, j] * both[i, j], m)
-
-
 def damage_tangent(
-    geometry: Geometry,
-    eta: Expr,
-    du: Expr,
-    moduli: tuple[Expr, Expr],
-    tau: Expr,
-    compliance: Expr,
-    spin: Expr | None = None,
+    test: Expr, trial: Expr, du: Expr, compliance: Expr, spin: Expr | None = None
 ) -> Expr:
-    """-Tt(eta).d zeta, eq. (84), with C = d zeta/dT the consistent tangent of the return map."""
-    change = gap_variation(geometry, du, moduli, tau, compliance, spin)
-    return -ufl.dot(traction_variation(geometry, eta, moduli, tau), change)
+    """-Tt(eta).d zeta, eq. (84), with C = d zeta/dT the consistent tangent of the return map.
+
+    d zeta = C.Tt(du) + Z:(GRAD du_1 + GRAD du_2); Z where the law's frame turns with F. The frame
+    turns in the section of an axisymmetric body: GRAD is that of the section there.
+
+    Args:
+        test: Tt(eta).
+        trial: Tt(du).
+        du: Trial function.
+        compliance: C (d, d).
+        spin: Z (d, d, d).
+    """
+    change = ufl.dot(compliance, trial)
+    if spin is not None:
+        i, j, m = ufl.indices(3)
+        both = section_gradients(du)
+        change += ufl.as_vector(spin[m, i, j] * both[i, j], m)
+    return -ufl.dot(test, change)
 
 
 def frame_couple_tangent(
-    geometry: Geometry,
-    eta: Expr,
-    du: Expr,
-    moduli: tuple[Expr, Expr],
-    tau: Expr,
-    by_traction: Expr,
-    by_gradient: Expr,
+    eta: Expr, du: Expr, trial: Expr, by_traction: Expr, by_gradient: Expr
 ) -> Expr:
-    """Derivative of ``interface.frame_couple``: -S(eta):(dM/dT.Tt(du) + dM/dS:S(du)).
+    """Derivative of ``residual.frame_couple``: -S(eta):(dM/dT.Tt(du) + dM/dS:S(du)).
 
-    S(w) = GRAD w_1 + GRAD w_2; dM/dT (d, d, d) and dM/dS (d, d, d, d) from the points.
+    S(w) = GRAD w_1 + GRAD w_2; dM/dT (d, d, d) and dM/dS (d, d, d, d) from the points, ``trial`` is
+    Tt(du).
     """
     i, j, k, m = ufl.indices(4)
-    test, trial = section_gradients(eta), section_gradients(du)
-    flux = traction_variation(geometry, du, moduli, tau)
-    return -test[i, j] * (by_traction[i, j, m] * flux[m] + by_gradient[i, j, k, m] * trial[k, m])
+    left, right = section_gradients(eta), section_gradients(du)
+    return -left[i, j] * (by_traction[i, j, m] * trial[m] + by_gradient[i, j, k, m] * right[k, m])

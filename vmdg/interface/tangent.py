@@ -82,16 +82,18 @@ class StagedTangent:
                 for function in self._third
             )
         geometry = self._geometry
+
+        def flux(w: Expr) -> Expr:
+            return tangent.traction_variation(geometry, w, moduli, tau)
+
         result = tangent.bonded_tangent(geometry, eta, du, moduli, tau, third)
         if self._compliance is not None:
             spin = self._turning[0]("+") if self._turning else None
             compliance = self._compliance("+")
-            result += tangent.damage_tangent(geometry, eta, du, moduli, tau, compliance, spin)
+            result += tangent.damage_tangent(flux(eta), flux(du), du, compliance, spin)
         if self._turning:
             _, by_traction, by_gradient = (function("+") for function in self._turning)
-            result += tangent.frame_couple_tangent(
-                geometry, eta, du, moduli, tau, by_traction, by_gradient
-            )
+            result += tangent.frame_couple_tangent(eta, du, flux(du), by_traction, by_gradient)
         if self._jump:
             result += tangent.jump_tangent(geometry, eta, du, tuple(f("+") for f in self._jump))
         return result
