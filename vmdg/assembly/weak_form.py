@@ -58,15 +58,13 @@ class WeakForm:
         eta = ufl.TestFunction(self.space) if eta is None else eta
         return self.bulk_residual(eta) + self.interface_residual(eta)
 
-    def tangent(self, eta: Expr | None = None, du: Expr | None = None) -> ufl.Form:
+    def tangent(self, eta: Expr, du: Expr) -> ufl.Form:
         """The tangent (85), the interfaces in staged coefficients.
 
         Args:
             eta: Test function, as for :meth:`residual`.
             du: Trial function.
         """
-        eta = ufl.TestFunction(self.space) if eta is None else eta
-        du = ufl.TrialFunction(self.space) if du is None else du
         return self.bulk_tangent(eta, du) + self.interface_tangent(eta, du)
 
     def energy(self) -> tuple[ufl.Form, ufl.Form]:

@@ -125,12 +125,10 @@ class Interface:
             )
         if safety != AUTO and (isinstance(safety, str) or not (np.isfinite(safety) and safety > 0)):
             raise ValueError(f'Interface: safety = {safety!r} must be positive, or "{AUTO}"')
-        if norm not in NORMS:
-            raise ValueError(f"Interface: norm = {norm!r} must be one of {NORMS}")
-        if frame not in FRAMES:
-            raise ValueError(f"Interface: frame = {frame!r} must be one of {FRAMES}")
-        if activate not in ACTIVATIONS:
-            raise ValueError(f"Interface: activate = {activate!r} must be one of {ACTIVATIONS}")
+        words = ("norm", norm, NORMS), ("frame", frame, FRAMES), ("activate", activate, ACTIVATIONS)
+        for what, word, known in words:
+            if word not in known:
+                raise ValueError(f"Interface: {what} = {word!r} must be one of {known}")
         if not 0 < activate_at <= 1:
             raise ValueError(f"Interface: activate_at = {activate_at} must lie in (0, 1]")
         if activate == "on-demand" and not law.inelastic:
