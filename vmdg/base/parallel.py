@@ -1,4 +1,4 @@
-"""The one place where ranks talk: global scalars, and maxima of groups that ranks share."""
+"""The one place where ranks talk: global scalars, and the maxima of groups that ranks share."""
 
 from __future__ import annotations
 

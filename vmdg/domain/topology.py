@@ -1,4 +1,4 @@
-"""Vectorised questions to a mesh: cells of facets, local facet numbers, tags of cells."""
+"""Vectorised questions to a mesh: cells of facets, tags of cells, and facets that users give."""
 
 from __future__ import annotations
 
