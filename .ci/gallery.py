@@ -88,33 +88,35 @@ def run_one(file: Path, demo: str, options: list[str]) -> None:
 
 def compare(before: Path, after: Path) -> None:
     """Print a line a scene."""
-    print("| scene | rows | iterations | failed before, after | largest difference | in |")
-    print("|---|---|---|---|---|---|")
+    print("| scene | rows | iterations | failed, before and after | Krylov | difference | in |")
+    print("|---|---|---|---|---|---|---|")
     names = sorted(file.name for file in before.glob("*.json") if (after / file.name).is_file())
     for name in names:
         old, new = (json.loads((folder / name).read_text())["calls"] for folder in (before, after))
         rows = [[row for call in calls for row in call["rows"]] for calls in (old, new)]
         iterations = [[row["iterations"] for row in table] for table in rows]
+        krylov = [sum(row.get("krylov", 0) for row in table) for table in rows]
         failed = [sum(len(call["failures"]) for call in calls) for calls in (old, new)]
         same = "=" if iterations[0] == iterations[1] else f"{sum(iterations[0])} before,"
         shapes = [[len(call["rows"]) for call in calls] for calls in (old, new)]
         worst, column = difference(old, new) if shapes[0] == shapes[1] else (np.inf, "rows")
         print(
             f"| {Path(name).stem} | {len(rows[1])} | {same} {sum(iterations[1])} "
-            f"| {failed[0]}, {failed[1]} | {worst:.1e} | {column} |"
+            f"| {failed[0]}, {failed[1]} | {krylov[0]}, {krylov[1]} | {worst:.1e} | {column} |"
         )
 
 
 def difference(old: list[dict], new: list[dict]) -> tuple[float, str]:
     """Largest difference of a column relative to its largest value, and its name.
 
-    Residuals and imbalances are differences of large numbers and left out, as are seconds.
+    Residuals and imbalances are differences of large numbers and left out, as are seconds;
+    Krylov iterations are counted.
     """
     worst, where = 0.0, ""
     for first, second in zip(old, new, strict=True):
         names = dict.fromkeys(chain.from_iterable(row for row in first["rows"]))
         for name in names:
-            if name in ("residual", "imbalance") or "second" in name:
+            if name in ("residual", "imbalance", "krylov") or "second" in name:
                 continue
             a, b = (
                 np.concatenate([np.ravel(row.get(name, np.nan)) for row in call["rows"]])
