@@ -9,7 +9,7 @@ from dolfinx import la
 from dolfinx.mesh import Mesh, MeshTags, compute_midpoints
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.parallel import raise_together
+from ..base.parallel import global_max, raise_together
 
 #: Whether points x (3, n) are meant, n values.
 Locator = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
@@ -138,3 +138,11 @@ def refuse_facets(
         place = compute_midpoints(mesh, fdim, bad[:1])[0].round(6).tolist()
         message = f"{what}: facet {bad[0]} at {place} {reason}"
     raise_together(mesh.comm, message)
+
+
+def box_sides(mesh: Mesh) -> NDArray[np.float64]:
+    """Sides of the box around the mesh along x, y and z (3,) [mm]; collective."""
+    x = mesh.geometry.x
+    bounds = np.stack([x, -x]).max(axis=1, initial=-np.inf)  # a rank may have no cells
+    sides = [global_max(mesh.comm, bound) for bound in bounds.ravel()]
+    return np.add(sides[:3], sides[3:])

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.parallel import global_any, global_max, raise_together
+from ..domain.topology import box_sides
 from ..interface.active import ActiveInterface
 from .problem import Problem
 from .supports import loose_parts
@@ -145,12 +146,7 @@ def _check_proportions(problem: Problem, active: ActiveInterface) -> None:
     stiffness = active.stabilization.norm / active.stabilization.safety
     stiffness = stiffness * active.quadrature.extent
     softest = -global_max(comm, float(-stiffness.min(initial=np.inf)))
-    x = problem.mesh.geometry.x
-    size = max(
-        global_max(comm, float(x[:, k].max(initial=-np.inf)))
-        + global_max(comm, float(-x[:, k].min(initial=np.inf)))
-        for k in range(problem.mesh.geometry.dim)
-    )
+    size = box_sides(problem.mesh).max()
     gap = law.strength / law.softening_modulus
     message = None
     if law.strength < WEAKEST * softest:

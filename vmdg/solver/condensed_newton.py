@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from petsc4py import PETSc
@@ -17,8 +16,6 @@ from .flexibility import Flexibility, Superposition
 from .gap_equation import Direction, GapEquation, Gaps
 from .iteration import BACKTRACK, ENERGY, FULL, MAX_HALVINGS, Iteration, StepReport, Trace
 from .predictor import ELASTIC, MAX_LEFT_BY_DAMAGE, MAX_LEFT_BY_PATH, PATH
-
-LineSearch = Callable[[GapEquation, Gaps, Direction], Gaps]
 
 #: Share of the reduction of |R|^2/2 by the linear model that backtracking must meet.
 ARMIJO = 1e-4

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.parallel import global_max
+from ..domain.topology import box_sides
 from ..problem.problem import Problem
 from ..problem.step import Step
 from .predictor import ELASTIC, PATH, EquilibriumPath
@@ -190,7 +190,7 @@ class Iteration(ABC):
         self._max_iterations = max_iterations
         self._path = EquilibriumPath(problem.comm)
         self._dt = 1.0
-        self._size = extent(problem)
+        self._size = float(np.linalg.norm(box_sides(problem.mesh)))
 
     def step(self, wanted: LoadStep, dt: float, predictor: str = PATH) -> StepReport:
         """Solve for the loads that ``Step.begin`` has set; collective.
@@ -281,11 +281,3 @@ class Iteration(ABC):
     @abstractmethod
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
-
-
-def extent(problem: Problem) -> float:
-    """Diagonal of the box around the mesh [mm]; collective."""
-    x = problem.mesh.geometry.x
-    bounds = np.stack([x, -x]).max(axis=1, initial=-np.inf)  # a rank may have no cells
-    sides = [global_max(problem.comm, bound) for bound in bounds.ravel()]
-    return float(np.linalg.norm(np.add(sides[:3], sides[3:])))
