@@ -14,6 +14,7 @@ import json
 import runpy
 import subprocess
 import sys
+from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
 from time import perf_counter
@@ -64,7 +65,7 @@ def run_one(file: Path, demo: str, options: list[str]) -> None:
     solve, runs = vmdg.solve, []
 
     def recorded(*arguments: Any, **others: Any) -> vmdg.Result:
-        result = None
+        result, before = None, perf_counter()
         try:
             result = solve(*arguments, **others)
         except vmdg.StepFailure as failure:
@@ -75,7 +76,15 @@ def run_one(file: Path, demo: str, options: list[str]) -> None:
                 rows = [
                     {k: np.asarray(v).tolist() for k, v in r.items()} for r in result.history.rows
                 ]
-                runs.append({"rows": rows, "failures": [str(why) for _, why in result.failures]})
+                runs.append(
+                    {
+                        "rows": rows,
+                        "failures": [str(why) for _, why in result.failures],
+                        "counts": asdict(result.counts),
+                        "imbalance": _imbalance(arguments[0], result),
+                        "seconds": perf_counter() - before,
+                    }
+                )
         return result
 
     vmdg.solve = recorded
@@ -86,10 +95,21 @@ def run_one(file: Path, demo: str, options: list[str]) -> None:
     file.write_text(json.dumps({"seconds": perf_counter() - start, "calls": runs}))
 
 
+def _imbalance(problem: vmdg.Problem, result: vmdg.Result) -> float:
+    """Energy that is not accounted for, relative to what the bodies store and have dissipated."""
+    energy = problem.energy()
+    stored = [row["stored"] for row in result.history.rows if "stored" in row]
+    size = max(energy.dissipated + energy.stored, *stored, abs(energy.external), 1e-300)
+    return energy.imbalance / size
+
+
 def compare(before: Path, after: Path) -> None:
     """Print a line a scene."""
-    print("| scene | rows | iterations | failed, before and after | Krylov | difference | in |")
-    print("|---|---|---|---|---|---|---|")
+    print(
+        "| scene | rows | iterations | failed, before and after | Krylov | residuals | solves "
+        "| seconds | imbalance | difference | in |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
     names = sorted(file.name for file in before.glob("*.json") if (after / file.name).is_file())
     for name in names:
         old, new = (json.loads((folder / name).read_text())["calls"] for folder in (before, after))
@@ -99,10 +119,17 @@ def compare(before: Path, after: Path) -> None:
         failed = [sum(len(call["failures"]) for call in calls) for calls in (old, new)]
         same = "=" if iterations[0] == iterations[1] else f"{sum(iterations[0])} before,"
         shapes = [[len(call["rows"]) for call in calls] for calls in (old, new)]
+        residuals, solves = (
+            ", ".join(str(sum(call["counts"][what] for call in calls)) for calls in (old, new))
+            for what in ("residuals", "solves")
+        )
+        seconds = ", ".join(f"{sum(c['seconds'] for c in calls):.1f}" for calls in (old, new))
+        lost = ", ".join(f"{max(abs(c['imbalance']) for c in calls):.0e}" for calls in (old, new))
         worst, column = difference(old, new) if shapes[0] == shapes[1] else (np.inf, "rows")
         print(
             f"| {Path(name).stem} | {len(rows[1])} | {same} {sum(iterations[1])} "
-            f"| {failed[0]}, {failed[1]} | {krylov[0]}, {krylov[1]} | {worst:.1e} | {column} |"
+            f"| {failed[0]}, {failed[1]} | {krylov[0]}, {krylov[1]} | {residuals} | {solves} "
+            f"| {seconds} | {lost} | {worst:.1e} | {column} |"
         )
 
 
