@@ -59,7 +59,7 @@ def residual_norms(problem: vmdg.Problem, t: float, iterations: int = 5) -> list
     norms = []
     for iteration in range(iterations):
         if iteration < 2:
-            problem.discretization.update_stabilization(dt=1.0)
+            problem.discretization.update_stabilization()
         residual = problem.step.assemble_residual()[free].copy()
         norms.append(float(np.linalg.norm(residual)))
         problem.discretization.assemble_tangent(K)

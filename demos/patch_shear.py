@@ -28,7 +28,7 @@ SHOWN = {-0.04: "d = -0.04 mm, bonded", -0.06: "d = -0.06 mm, damage", -0.10: "d
 
 def facet_norms(problem: vmdg.Problem) -> dict[str, float]:
     """|tau_s| [MPa/mm] of the facets A (lower) and B (upper) at the current state."""
-    problem.discretization.update_stabilization(None)
+    problem.discretization.update_stabilization()
     active = problem.discretization.active[0]
     quadrature = active.quadrature
     heights = quadrature.points[quadrature.points_of_facet, 1].mean(axis=1)

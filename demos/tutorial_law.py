@@ -42,7 +42,7 @@ class BridgedDebonding(RadialLaw):
         knee: Gap at which the matrix has parted [mm].
         critical_gap: Gap at which the last bridge has gone [mm].
         friction: Coulomb coefficient.
-        viscosity: Overstress per rate of the gap [MPa s/mm]; the solver uses it to jump over snaps.
+        viscosity: Overstress per rate of the gap [MPa s/mm].
     """
 
     strength: float

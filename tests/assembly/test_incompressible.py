@@ -190,7 +190,7 @@ def test_stress_of_uniform_deformation(comm, cell):
         scene = two_blocks(comm, cell, n=1, distortion=0.05)
         problem = joined(scene, vmdg.Bonded(), volumetric=volumetric)
         problem.u.interpolate(lambda x: H @ x[:d])
-        problem.discretization.update_stabilization(1.0)
+        problem.discretization.update_stabilization()
         problem.step.assemble_residual()
         stress = problem.stress().x.array.copy()
         forces = problem.discretization.forces
@@ -439,7 +439,7 @@ def test_rings(comm):
     scene = section(comm, "quadrilateral", (2, 2), (0.5, 1.0, 2.0), distortion=0.05)
     problem = revolved(scene, vmdg.Bonded(), [rubber(), rubber(200.0)], volumetric="mean")
     problem.u.interpolate(lambda x: 0.05 * np.sin(2 * x[:2] + x[1::-1]))
-    problem.discretization.update_stabilization(1.0)
+    problem.discretization.update_stabilization()
     matrix = tangent_matrix(problem)
     assert tangent_error(problem, matrix) < 1e-8
     assert matrix.isSymmetric(1e-12 * matrix.norm())

@@ -114,7 +114,7 @@ def test_compression(comm, cell):
     factors = []
     for stretch in (1.0, 1 - 1e-6, 1 + 1e-6, 0.5):
         problem.u.interpolate(lambda x, s=stretch: (s - 1) * x[: DIMENSION[cell]])
-        problem.discretization.update_stabilization(1.0)
+        problem.discretization.update_stabilization()
         factors.append(gather(comm, problem.stabilization[0].safety))
     whole, pressed, pulled, crushed = factors
     assert pressed == pytest.approx(whole, rel=1e-3)
@@ -161,7 +161,7 @@ def test_factors_do_not_depend_on_ranks(comm, cell):
         )
         problem.u.interpolate(lambda x: 0.1 * np.sin(3 * x[: DIMENSION[cell]]))
         problem.u.x.scatter_forward()
-        problem.discretization.update_stabilization(1.0)
+        problem.discretization.update_stabilization()
         quadrature = problem.discretization.active[0].quadrature
         points = quadrature.points[quadrature.points_of_facet].mean(axis=1)
         return by_position(comm, points, problem.stabilization[0].safety)

@@ -169,7 +169,7 @@ def test_fine_scales(comm, cell):
     set_displacement(
         problem.u, scene.cell_tags, lambda x, tag: gradient[tag] @ x[:d] + (tag == 2) * move
     )
-    problem.discretization.update_stabilization(1.0)
+    problem.discretization.update_stabilization()
     problem.step.assemble_residual()
     state, stabilization = problem.state[0], problem.stabilization[0]
     facet = problem.discretization.active[0].quadrature.facet

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from mpi4py import MPI
 
 import numpy as np
 import pytest
-from support.checks import in_frame, tangent_error
+from support.checks import gather, in_frame, tangent_error
 from support.problems import MATERIALS, couple, driven, put, through
 from support.scenes import two_blocks
 
 import vmdg
 from vmdg import Mode
+from vmdg.meshes import beams
+from vmdg.meshes.beams import INTERFACE, LOWER_LEFT, RIGHT, UPPER_LEFT
 from vmdg.solver.iteration import LoadStep
 from vmdg.solver.linear import LU
 from vmdg.solver.newton import Newton
@@ -357,15 +359,86 @@ def test_viscous_law_approaches_the_rate_independent_one(comm):
         assert (ratios > 8).all() and (ratios < 12).all(), values
 
 
-def test_viscosity_admits_a_steep_softening(comm):
-    """r <= H is refused, r > H - viscosity/dt is not: the check counts the overstress."""
-    steep = {"strength": 1e4, "critical_gap": 0.01}
-    path = along([(0.0, 0.0), (0.01, 0.0)], (0.0, 0.0))
+@pytest.mark.parametrize("viscosity", [0.0, 10.0, 50.0])
+def test_overstress_ends_with_the_bond_of_a_bar(comm, viscosity):
+    """T = R (1 + eta dgamma/P_c) to its end without a jump; parted by 2.9 mm blocks are free."""
+    law = vmdg.Debonding(strength=100.0, critical_gap=0.2, viscosity=viscosity)
+    problem, scene = driven(comm, "quadrilateral", law, lambda t: ((t, 0.0), 0.0))
+    step = 0.005
+    loads = [*np.arange(1, 60) * step, 2.9]
+    history = vmdg.solve(problem, loads, monitor=normal_values).history
+    T, gap = history["traction"], history["gap"]
+    opens = (gap > 0) & (history["load"] < 1)
+    rate = np.diff(gap, prepend=0)[opens] / step
+    left = np.maximum(100.0 - 500.0 * gap[opens], 0.0)
+    assert T[opens] == pytest.approx(left * (1 + viscosity * rate / 100.0), rel=1e-6, abs=1e-6)
+    assert np.diff(T).min() > -10.0
+    assert T[-1] == 0
+    assert np.abs(problem.reaction(scene.facet_tags.find(1))).max() < 1e-9 * law.strength
+    assert problem.energy().damage == pytest.approx(10.0, rel=1e-9)
+
+
+def normal_values(problem: vmdg.Problem) -> dict[str, float]:
+    """Means of T and zeta along x."""
+    values = problem.mean(0)
+    return {"traction": values.traction[0], "gap": values.gap[0]}
+
+
+def test_wake_of_a_viscous_beam_is_free(comm):
+    """Parted points of a DCB bear nothing, so that a rate hardly shows in its force."""
+    force = []
+    for viscosity in (0.0, 10.0):
+        scene = beams(comm, "quadrilateral", (0.0, 10.0, 40.0), (10, 60), precrack=10.0)
+        law = vmdg.Debonding(strength=30.0, critical_gap=0.04, viscosity=viscosity)
+        bond = vmdg.Interface(scene.facet_tags.find(INTERFACE), law=law)
+        arms = dict.fromkeys((1, 2), vmdg.NeoHookean(E=50e3, nu=0.3))
+        problem = vmdg.Problem(scene.mesh, scene.cell_tags, arms, [bond], kinematics="small")
+        upper, lower, end = map(scene.facet_tags.find, (UPPER_LEFT, LOWER_LEFT, RIGHT))
+        problem.dirichlet(end, 0.0)
+        problem.dirichlet(upper, lambda t: t / 2, "y")
+        problem.dirichlet(lower, lambda t: -t / 2, "y")
+        vmdg.solve(problem, np.linspace(0.1, 3.0, 30))
+        softening, traction = (
+            gather(comm, getattr(problem.state[0], name)) for name in ("softening", "traction")
+        )
+        parted = softening == law.strength
+        assert parted.sum() > 20
+        assert not traction[parted].any()
+        force.append(problem.reaction(upper)[1])
+    assert force[1] == pytest.approx(force[0], rel=0.04)
+
+
+@pytest.mark.parametrize("viscosity", [0.0, 1e6])
+def test_steep_softening_is_refused_whatever_the_viscosity(comm, viscosity):
+    """r <= H: the last part of a bond softens by H, and bears no overstress any more."""
+    law = vmdg.Debonding(strength=1e4, critical_gap=0.01, viscosity=viscosity)
     with pytest.raises(ValueError, match="softening modulus"):
-        driven(comm, "quadrilateral", vmdg.Debonding(**steep), path)
-    problem, _ = driven(comm, "quadrilateral", vmdg.Debonding(**steep, viscosity=1e6), path)
-    assert (problem.stabilization[0].norm < 1e6).all()
-    problem.step.begin(0.1, 0.5)
-    problem.step.cancel()
-    with pytest.raises(ValueError, match="softening modulus"):
-        problem.step.begin(0.1, 100.0)
+        driven(comm, "quadrilateral", law, along([(0.0, 0.0), (0.01, 0.0)], (0.0, 0.0)))
+
+
+def test_drag_slows_the_bonded_points_of_a_step(comm):
+    """T = T_law + k dzeta and dzeta = C dT_tr where a bond is left; parted points are free."""
+    problem, _ = driven(comm, "quadrilateral", LAW, lambda t: ((0.0, 0.0), 0.0), n=8)
+    active, rng = problem.discretization.active[0], np.random.default_rng(4)
+    count, k = len(active.quadrature.weights), 3 * LAW.softening_modulus
+    parted = np.arange(count) % 2 == 0
+    Q = np.where(parted, LAW.strength, 40.0)
+    active.history = replace(active.history, softening=Q)
+    r = active.stabilization.norm[active.quadrature.facet][:, None]
+    trial = np.abs(rng.normal(scale=100.0, size=(count, 2))) + 60.0
+
+    def mapped(load):
+        return active.map_back(load, 1.0)
+
+    active.begin_step(3.0)
+    update = mapped(trial)
+    assert not update.traction[parted].any()
+    dragged = (update.traction - k * update.gap)[~parted]
+    left = LAW.strength - update.softening[~parted]
+    assert np.linalg.norm(dragged, axis=1) == pytest.approx(left, rel=1e-9)
+    assert update.traction == pytest.approx(trial - r * update.gap, rel=1e-10, abs=1e-9)
+    change = 1e-5 * rng.normal(size=trial.shape)
+    moved = (mapped(trial + change).gap - mapped(trial - change).gap) / 2
+    assert moved == pytest.approx(np.einsum("pij,pj->pi", update.tangent, change), abs=1e-12)
+    active.begin_step(0.0)
+    assert np.linalg.norm(mapped(trial).traction[~parted], axis=1).max() <= 60.0

@@ -102,7 +102,7 @@ def test_equal_modes_are_debonding(d, seed, ratio, mu, eta):
     plain = Debonding(100.0, 0.2, mu, eta)
     mixed = MixedModeDebonding(100.0, 100.0, 10.0, 10.0, mu, eta)
     assert mixed.softening_modulus == pytest.approx(plain.softening_modulus, rel=1e-15)
-    state = oracle.random_state(np.random.default_rng(seed), plain, 200, d, ratio, eta)
+    state = oracle.random_state(np.random.default_rng(seed), plain, 200, d, ratio)
     one, other = mixed.return_map(*state), plain.return_map(*state)
     loose = 1e-12 * max(1.0, 0.1 / (ratio - 1.0))
     for name, scale in (

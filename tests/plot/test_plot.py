@@ -45,7 +45,7 @@ def cell_with_fibres(comm, centres, radius: float = 0.2) -> vmdg.Problem:
 def with_opening(problem: vmdg.Problem, field) -> vmdg.Problem:
     """The values at the points after the displacement ``field``."""
     problem.u.interpolate(field)
-    problem.discretization.update_stabilization(1.0)
+    problem.discretization.update_stabilization()
     problem.step.assemble_residual()
     return problem
 

@@ -71,7 +71,7 @@ def test_fine_scale_error(comm):
     for n in (4, 8):
         problem = couple(two_blocks(comm, "quadrilateral", n), vmdg.Bonded(), BODIES)
         problem.u.interpolate(lambda x: 0.01 * np.stack([np.sin(x[0] + x[1]), np.cos(x[0] * x[1])]))
-        problem.discretization.update_stabilization(None)
+        problem.discretization.update_stabilization()
         problem.step.assemble_residual()
         errors.append(problem.fine_scale_error(0))
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.2)

@@ -83,7 +83,7 @@ def test_outgrown_stabilization_is_refused(comm):
         problem.u.interpolate(lambda x, s=stretch: np.stack([0 * x[0], s * x[1] ** 2]))
         assert problem.step.stabilization_suffices() == suffices
         assert np.array_equal(problem.stabilization[0].norm, norm)
-    problem.discretization.update_stabilization(None)
+    problem.discretization.update_stabilization()
     assert problem.step.stabilization_suffices()
 
 

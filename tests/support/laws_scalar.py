@@ -64,6 +64,9 @@ class Linear:
     def after(self, resistance, x):
         return max(resistance - self.strength / self.critical_gap * x, 0.0)
 
+    def steepest(self):
+        return self.strength / self.critical_gap
+
 
 @dataclass
 class Exponential:
@@ -73,8 +76,16 @@ class Exponential:
     def after(self, resistance, x):
         return resistance * math.exp(-x * self.strength / self.energy)
 
+    def steepest(self):
+        return self.strength**2 / self.energy
 
-def pressed(curve, mu, eta, trial, normal, gap, r, resistance):
+
+def borne(curve, eta, fade, resistance, x):
+    """Overstress after the slip x in this step: that of the bond that is left."""
+    return curve.after(resistance, x) * min(eta * x / curve.strength, fade / curve.steepest())
+
+
+def pressed(curve, mu, eta, fade, trial, normal, gap, r, resistance):
     """Closing and shear for T_tr.N < 0: gap, traction, slip, R, mode and the three works."""
     trial_n, gap_n = dot(trial, normal), dot(gap, normal)
     closed_by = min(max(gap_n, 0.0), -trial_n / r)
@@ -83,24 +94,26 @@ def pressed(curve, mu, eta, trial, normal, gap, r, resistance):
     s = math.sqrt(dot(shear, shear))
     cap = mu * -traction_n
 
-    def held(x, rate):
-        return max(curve.after(resistance, x) + eta * rate, cap)
+    def held(x, overstress):
+        return max(curve.after(resistance, x) + overstress, cap)
 
     slip = 0.0
     if s > held(0.0, 0.0):
-        slip = bisect(lambda x: held(x, x) - (s - r * x), 0.0, s / r)
-    left = curve.after(resistance, slip)
+        slip = bisect(
+            lambda x: held(x, borne(curve, eta, fade, resistance, x)) - (s - r * x), 0.0, s / r
+        )
+    left, overstress = curve.after(resistance, slip), borne(curve, eta, fade, resistance, slip)
     mode = "ELASTIC"
     if slip > 0.0:
-        mode = "FRICTION" if cap >= left + eta * slip else "SHEAR"
+        mode = "FRICTION" if cap >= left + overstress else "SHEAR"
     if closed_by > 1e-12:
         mode = "CLOSING"
     direction = combine((1.0 / s if s else 0.0, shear))
     bond = trapezoids(lambda x: curve.after(resistance, x), slip)
     viscous = trapezoids(
-        lambda x: eta * slip if curve.after(resistance, x) + eta * slip > cap else 0.0, slip
+        lambda x: overstress if curve.after(resistance, x) + overstress > cap else 0.0, slip
     )
-    total = trapezoids(lambda x: held(x, slip), slip)
+    total = trapezoids(lambda x: held(x, overstress), slip)
     new_gap = combine((1.0, gap), (-closed_by, normal), (slip, direction))
     traction = combine((traction_n, normal), (s - r * slip, direction))
     return new_gap, traction, slip, left, mode, (bond, total - bond - viscous, viscous)
@@ -109,15 +122,24 @@ def pressed(curve, mu, eta, trial, normal, gap, r, resistance):
 def radial(curve, mu, eta, trial, normal, gap, softening, r):
     """`Debonding` (curve Linear) and `ExponentialDebonding` (curve Exponential)."""
     resistance = max(curve.strength - softening, 0.0)
+    fade = 0.5 * (r - curve.steepest())
     if dot(trial, normal) < 0.0:
         new_gap, traction, slip, left, mode, works = pressed(
-            curve, mu, eta, trial, normal, gap, r, resistance
+            curve, mu, eta, fade, trial, normal, gap, r, resistance
         )
     else:
         s = math.sqrt(dot(trial, trial))
         slip = 0.0
         if s > resistance:
-            slip = bisect(lambda x: curve.after(resistance, x) + eta * x - (s - r * x), 0.0, s / r)
+            slip = bisect(
+                lambda x: (
+                    curve.after(resistance, x)
+                    + borne(curve, eta, fade, resistance, x)
+                    - (s - r * x)
+                ),
+                0.0,
+                s / r,
+            )
         left = curve.after(resistance, slip)
         n = combine((1.0 / s if s else 0.0, trial))
         new_gap = combine((1.0, gap), (slip, n))
@@ -126,7 +148,7 @@ def radial(curve, mu, eta, trial, normal, gap, softening, r):
         if curve.strength - left >= curve.strength:
             mode = "OPEN"
         bond = trapezoids(lambda x: curve.after(resistance, x), slip)
-        works = (bond, 0.0, eta * slip * slip)
+        works = (bond, 0.0, borne(curve, eta, fade, resistance, slip) * slip)
     return Step(traction, new_gap, max(softening, curve.strength - left), slip, mode, *works)
 
 
@@ -136,26 +158,32 @@ def mixed(law, eta, trial, normal, gap, softening, r):
     z_n, z_s = 2.0 * law.normal_energy / p_n, 2.0 * law.shear_energy / p_s
     rho_n = max(1.0 - softening / p_n, 0.0)
     trial_n = dot(trial, normal)
+    fade = 0.5 * (r - max(p_n / z_n, p_s / z_s))
     if trial_n < 0.0:
         new_gap, traction, slip, left, mode, works = pressed(
-            Linear(p_s, z_s), law.friction, eta, trial, normal, gap, r, p_s * rho_n
+            Linear(p_s, z_s), law.friction, eta, fade, trial, normal, gap, r, p_s * rho_n
         )
         return Step(traction, new_gap, max(softening, p_n * (1 - left / p_s)), slip, mode, *works)
 
     shear = combine((1.0, trial), (-trial_n, normal))
     t = math.sqrt(dot(shear, shear))
-    k = r + eta
+
+    def borne_by_rate(g):
+        return (rho_n - g) * min(eta * g, fade)
 
     def angle(g):
         """(cos th, sin th) that the trial traction asks for, not yet of length one."""
-        rho = rho_n - g
-        return trial_n / (p_n * rho + k * z_n * g), t / (p_s * rho + k * z_s * g)
+        rho, v = rho_n - g, borne_by_rate(g)
+        return (
+            trial_n / (p_n * rho + (r * g + v) * z_n),
+            t / (p_s * rho + (r * g + v) * z_s),
+        )
 
     if math.hypot(trial_n / p_n, t / p_s) <= rho_n and rho_n > 0.0:
         return Step(list(trial), list(gap), softening, 0.0, "ELASTIC", 0.0, 0.0, 0.0)
-    if math.hypot(trial_n / (k * z_n), t / (k * z_s)) >= rho_n:
-        step = combine((1.0 / k, trial))
-        rho, mode = 0.0, "OPEN"
+    if math.hypot(trial_n / (r * z_n), t / (r * z_s)) >= rho_n:
+        step = combine((1.0 / r, trial))
+        rho, mode, viscous = 0.0, "OPEN", 0.0
         cos, sin = trial_n / z_n, t / z_s
         length = math.hypot(cos, sin) or 1.0
         cos, sin = cos / length, sin / length
@@ -164,6 +192,7 @@ def mixed(law, eta, trial, normal, gap, softening, r):
         rho, mode = rho_n - g, "TENSION"
         cos, sin = angle(g)
         step = combine((g * z_n * cos, normal), (g * z_s * sin / t if t else 0.0, shear))
+        viscous = borne_by_rate(g) * g * ((z_n * cos) ** 2 + (z_s * sin) ** 2)
     length = math.sqrt(dot(step, step))
     work = trapezoids(
         lambda g: 2 * (rho_n - g) * (law.normal_energy * cos**2 + law.shear_energy * sin**2),
@@ -177,7 +206,7 @@ def mixed(law, eta, trial, normal, gap, softening, r):
         mode,
         work,
         0.0,
-        eta * length**2,
+        viscous,
     )
 
 
@@ -201,8 +230,15 @@ def intrinsic(law, eta, trial, normal, gap, softening, r):
 
     x_n = -math.log(max(1.0 - d_n, 1e-300)) * scale / per_length
 
+    steepest = law.strength**2 / law.fracture_energy
+
+    def drag(x):
+        """Only where damage grows, and it ends with the bond."""
+        rated = eta * max(x - x_n, 0.0)
+        return (1 - damage(x)) * min(rated, 0.5 * (r / steepest - 1) * stiffness * x)
+
     def bond(x):
-        return stiffness * (1 - damage(x)) * x + eta * max(x - x_n, 0.0)
+        return stiffness * (1 - damage(x)) * x + drag(x)
 
     x = bisect(lambda x: r * x + bond(x) - length, 0.0, length / r)
     d = damage(x)
@@ -224,8 +260,8 @@ def intrinsic(law, eta, trial, normal, gap, softening, r):
         mode = "OPEN"
     softening = law.strength * d if grows else softening
     slip = math.sqrt(dot(step, step)) if grows else 0.0
-    drag = eta * (x - x_n) ** 2 if grows else 0.0
-    return Step(traction, new_gap, softening, slip, mode, work, 0.0, drag)
+    viscous = drag(x) * (x - x_n) if grows else 0.0
+    return Step(traction, new_gap, softening, slip, mode, work, 0.0, viscous)
 
 
 class State(NamedTuple):
@@ -238,8 +274,8 @@ class State(NamedTuple):
     penalty: np.ndarray
 
 
-def random_state(rng, law, n, d, ratio, eta=0.0):
-    """n points that visit every branch: r = ratio (H - eta) or, if that is not positive, H.
+def random_state(rng, law, n, d, ratio):
+    """n points that visit every branch, with r = ratio H.
 
     Loads reach three strengths, a third of the points each is intact, partly worn and debonded, and
     half of the gaps are open in the normal direction.
@@ -250,7 +286,7 @@ def random_state(rng, law, n, d, ratio, eta=0.0):
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     trial = direction * (law.strength * 3.0 * rng.random(n))[:, None]
     modulus = law.softening_modulus
-    penalty = np.full(n, ratio * (modulus - eta if modulus > eta else modulus))
+    penalty = np.full(n, ratio * modulus)
     gap = rng.normal(size=(n, d)) * law.strength / (3.0 * modulus)
     opening = np.einsum("ij,ij->i", gap, normal)
     wanted = np.where(rng.random(n) < 0.5, 0.0, np.abs(opening))

@@ -155,22 +155,18 @@ class Discretization:
 
     # Assembly
 
-    def update_stabilization(self, dt: float | None) -> None:
+    def update_stabilization(self) -> None:
         """Evaluate tau_s and delta of every interface at the current displacement; collective.
 
-        Args:
-            dt: Time step [s]; None where it is not known yet, then laws with viscosity are not
-                checked.
-
         Raises:
-            ValueError: the softening of a law is too steep for the mesh (r <= H - eta).
+            ValueError: the softening of a law is too steep for the mesh (r <= H).
         """
         self.update_dilatation()
         self._update_pressure()
         with timer("stabilization"):
             raised = self._stabilizers.raised()
             for active, stabilization in zip(self.active.values(), raised, strict=True):
-                active.apply(stabilization, dt)
+                active.apply(stabilization)
 
     def stabilization_suffices(self) -> bool:
         """Whether tau_s of the step is what coercivity asks for now too, on this rank; collective.

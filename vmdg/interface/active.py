@@ -59,25 +59,19 @@ class ActiveInterface:
         count = len(self.quadrature.weights) if self.law.inelastic else 0
         self.history = PointHistory.start(count, self.quadrature.d)
         self.values = self._return_map.start()
-        self._law_of_step, self._dt = self.law, 1.0
+        self._drag: NDArray[np.float64] | None = None
 
     # At the current displacement
 
-    def apply(self, stabilization: Stabilization, dt: float | None) -> None:
+    def apply(self, stabilization: Stabilization) -> None:
         """Give tau_s and the flux weights to the forms, for a step; collective.
 
-        Args:
-            stabilization: Of the step.
-            dt: Time step [s]; None where it is not known yet, then only a law without viscosity
-                is checked.
-
         Raises:
-            ValueError: r <= H - eta on a facet: the softening is too steep for the mesh.
+            ValueError: r <= H on a facet: the softening is too steep for the mesh.
         """
         self._set_stabilization(stabilization)
-        law = self._law_of_step
-        if law.inelastic and (dt is not None or law.viscosity == 0):
-            self.stabilizer.check_softening(stabilization, law, 1.0 if dt is None else dt)
+        if self.law.inelastic:
+            self.stabilizer.check_softening(stabilization)
 
     def _set_stabilization(self, stabilization: Stabilization) -> None:
         self.stabilization = stabilization
@@ -92,15 +86,13 @@ class ActiveInterface:
         """
         last = self.values if hold else None
         self.values = self._return_map.evaluate(
-            self.stabilization, self.history, self._law_of_step, dt, last
+            self.stabilization, self.history, dt, self._drag, last
         )
         self.terms.set_gap(self.values)
 
     def map_back(self, trial: NDArray[np.float64], dt: float) -> Update:
         """The return map of the step on trial tractions (nq, d) [MPa]; nothing is changed."""
-        r, N = self.stabilization.norm[self.quadrature.facet], self.quadrature.normal
-        history = self.history
-        return self._law_of_step.return_map(trial, N, history.gap, history.softening, r, dt)
+        return self._return_map.map_back(trial, self.stabilization, self.history, dt, self._drag)
 
     def stage_tangent(self, damage: bool = True) -> None:
         """First stage of the tangent: H, K and C at the points.
@@ -140,18 +132,17 @@ class ActiveInterface:
 
     # Steps
 
-    def begin_step(self, overstress: float, dt: float) -> None:
-        """Choose the law of the step.
+    def begin_step(self, overstress: float) -> None:
+        """Choose what slows the gap of the step down.
 
         Args:
-            overstress: Added to the overstress per gap increment, in multiples of H, to carry an
-                unstable stage over; 0 for the law as it is.
-            dt: Time step [s].
+            overstress: Drag on the points that are bonded at the start, in multiples of H, to carry
+                an unstable stage over; 0 for the law as it is.
         """
-        self._law_of_step, self._dt = self.law, dt
+        self._drag = None
         if self.law.inelastic and overstress > 0:
-            viscosity = self.law.viscosity + overstress * self.law.softening_modulus * dt
-            self._law_of_step = self.law.with_viscosity(viscosity)
+            bonded = self.history.softening < self.law.strength
+            self._drag = overstress * self.law.softening_modulus * bonded
 
     def commit(self) -> None:
         """Take the last return map as the converged history."""
@@ -180,11 +171,10 @@ class ActiveInterface:
             self.history = with_rows(self.history, mine, other.history, theirs)
 
     def overstress(self) -> float:
-        """Largest viscous overstress of the last step on this rank, relative to the strength."""
-        update, eta = self.values.update, self._law_of_step.overstress(self._dt)
-        if update is None or len(update.multiplier) == 0 or eta == 0:
+        """Largest traction of the drag of the last step on this rank, relative to the strength."""
+        if self._drag is None or not self._drag.any():
             return 0.0
-        return float(eta * update.multiplier.max() / self.law.strength)
+        return float((self._drag * self.values.update.multiplier).max() / self.law.strength)
 
     def works(self) -> NDArray[np.float64]:
         """What this rank's points dissipate in the step, (39), by damage, friction and viscosity.
@@ -195,7 +185,8 @@ class ActiveInterface:
         if update is None:
             return np.zeros(3)
         r = self.stabilization.norm[q.facet]
-        return works(self.history, update, self.law, self._law_of_step, q.normal, r) @ q.weights
+        dragged = self._drag is not None
+        return works(self.history, update, self.law, dragged, q.normal, r) @ q.weights
 
     def recoverable_energy(self) -> float:
         """Work in the gap that the law of this rank's points stores and can return [N mm]."""

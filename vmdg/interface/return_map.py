@@ -14,7 +14,7 @@ from ufl.core.expr import Expr
 from ..domain.materials import Bodies
 from ..forms import kinematics
 from ..forms.kinematics import Body
-from ..laws import Law
+from ..laws import Update
 from . import frame
 from .history import PointHistory
 from .interface import Interface
@@ -45,7 +45,7 @@ class ReturnMap:
     def __init__(
         self, interface: Interface, quadrature: FacetQuadrature, u: fem.Function, bodies: Bodies
     ):
-        self._inelastic = interface.law.inelastic
+        self._law = interface.law
         self._quadrature = quadrature
         self._d = d = quadrature.d
         self._u = u
@@ -66,7 +66,7 @@ class ReturnMap:
         d, count = self._d, len(self._quadrature.weights)
         zero, tensor = np.zeros((count, d)), np.zeros((count, d, d))
         values = PointValues(zero, zero, None, zero)
-        if self._inelastic:
+        if self._law.inelastic:
             values = replace(values, gap=zero, compliance=tensor)
         if self.turns:
             one = np.tile(np.eye(d), (count, 1, 1))
@@ -85,8 +85,8 @@ class ReturnMap:
         self,
         stabilization: Stabilization,
         history: PointHistory,
-        law: Law,
         dt: float,
+        drag: Array | None,
         last: PointValues | None = None,
     ) -> PointValues:
         """T of (31) at the current displacement, by T_tr = {P.N} + r g - r zeta_n of (66).
@@ -94,8 +94,8 @@ class ReturnMap:
         Args:
             stabilization: tau_s and the flux weights.
             history: zeta_n and Q_n.
-            law: Law of the step.
             dt: Time step [s].
+            drag: Of :meth:`map_back`.
             last: Values of the last residual, with the tangent of its return map; given, zeta is
                 zeta_n. None maps back.
         """
@@ -106,7 +106,7 @@ class ReturnMap:
         mean = apply(delta[:, 0], flux1[:, :d]) - apply(delta[:, 1], flux2[:, :d])
         jump = flux1[:, :d] + flux2[:, :d]
         opening = flux2[:, d : 2 * d] - flux1[:, d : 2 * d]
-        if not self._inelastic:
+        if not self._law.inelastic:
             traction = mean + apply(stabilization.tau[facet], opening)
             return PointValues(opening, jump, None, traction)
         r = stabilization.norm[facet]
@@ -117,9 +117,7 @@ class ReturnMap:
             if last is not None:
                 new = {"opening": opening, "jump": jump, "gap": history.gap, "traction": trial}
                 return replace(last, **new, update=None)
-            update = law.return_map(
-                trial, self._quadrature.normal, history.gap, history.softening, r, dt
-            )
+            update = self.map_back(trial, stabilization, history, dt, drag)
             return PointValues(
                 opening, jump, update.gap, update.traction, update.tangent, update=update
             )
@@ -129,6 +127,34 @@ class ReturnMap:
             return mapped(total)
         F = np.eye(d) + (flux1[:, 2 * d :] + flux2[:, 2 * d :]).reshape(-1, d, d) / 2
         return self._in_frame(F, total, mapped)
+
+    def map_back(
+        self,
+        trial: Array,
+        stabilization: Stabilization,
+        history: PointHistory,
+        dt: float,
+        drag: Array | None,
+    ) -> Update:
+        """The return map of the law, with or without a drag on the gap.
+
+        T_tr - r dzeta = T(dzeta) + k dzeta is the law's equation with r + k in place of r. With k
+        beyond H the step has one solution also where the bodies follow a bond that softens.
+
+        Args:
+            trial: T_tr (nq, d) [MPa].
+            stabilization: r.
+            history: zeta_n and Q_n.
+            dt: Time step [s].
+            drag: k (nq,) [MPa/mm]; None for the law as it is.
+        """
+        r, N = stabilization.norm[self._quadrature.facet], self._quadrature.normal
+        known = N, history.gap, history.softening
+        if drag is None:
+            return self._law.return_map(trial, *known, r, dt)
+        update = self._law.return_map(trial, *known, r + drag, dt)
+        borne = drag[:, None] * (update.gap - history.gap)
+        return replace(update, traction=update.traction + borne)
 
     def _in_frame(
         self, F: Array, total: Array, mapped: Callable[[Array], PointValues]

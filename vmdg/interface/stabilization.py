@@ -16,7 +16,6 @@ from ..base.quadrature import bubble_degree
 from ..base.timers import timer
 from ..domain.materials import Bodies
 from ..forms import bubbles
-from ..laws import Law
 from . import frame
 from .coercivity import MARGIN, Coercivity
 from .interface import AUTO, Interface, StabilizationContext
@@ -251,20 +250,15 @@ class Stabilizer:
         needed = (1 - MARGIN) * factor * derived.norm
         return not (applied.norm < needed).any()
 
-    def check_softening(self, stabilization: Stabilization, law: Law, dt: float) -> None:
+    def check_softening(self, stabilization: Stabilization) -> None:
         """Refuse a penalty at which the bond breaks faster than the bodies unload; collective.
 
-        Args:
-            stabilization: Of the step.
-            law: Law of the step.
-            dt: Time step [s].
-
         Raises:
-            ValueError: r <= H - eta on a facet: the softening is too steep for the mesh.
+            ValueError: r <= H on a facet: the softening is too steep for the mesh.
         """
         comm = self._quadrature.mesh.comm
-        r, H = stabilization.norm, law.softening_modulus
-        bad = np.flatnonzero(~law.admissible(r, dt))
+        r, H = stabilization.norm, self.interface.law.softening_modulus
+        bad = np.flatnonzero(~self.interface.law.admissible(r))
         message = None
         worst = -global_max(comm, -r[bad].min(initial=np.inf))
         if len(bad) and r[bad].min() == worst:
@@ -272,10 +266,9 @@ class Stabilizer:
             size = self._quadrature.extent[f]
             message = (
                 f"{self.interface}: facet {self.facets.facets[f]} has r = |tau_s| = {r[f]:.6g} "
-                f"MPa/mm, not above the softening modulus H = {H:.6g} MPa/mm (dt = {dt:g}): the "
-                f"bond would break faster than the element can unload. Refine the facet from "
-                f"{size:.3g} to below {size * r[f] / H:.3g} mm, raise the critical gap, or give "
-                "the law a viscosity"
+                f"MPa/mm, not above the softening modulus H = {H:.6g} MPa/mm: the bond would "
+                f"break faster than the element can unload. Refine the facet from {size:.3g} to "
+                f"below {size * r[f] / H:.3g} mm, or raise the critical gap"
             )
             if H > SUSPICIOUS_RATIO * r[f]:
                 message += (

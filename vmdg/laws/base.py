@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields
 from enum import IntEnum
 
 import numpy as np
@@ -100,7 +100,10 @@ class Law(ABC):
     @property
     @abstractmethod
     def softening_modulus(self) -> float:
-        """H, the steepest descent of traction against gap, MPa/mm; the penalty must exceed it."""
+        """H, the steepest descent of traction against gap, MPa/mm; the penalty must exceed it.
+
+        Viscosity does not help: it ends with the bond, and what is left of a bond softens by H.
+        """
 
     @property
     def symmetric(self) -> bool:
@@ -129,9 +132,9 @@ class Law(ABC):
             dt: time step, s; only used where viscosity > 0.
 
         Raises:
-            ValueError: shapes do not match, dt <= 0 with viscosity > 0, or r <= H - eta at a point.
+            ValueError: shapes do not match, dt <= 0 with viscosity > 0, or r <= H at a point.
         """
-        points = self._checked(dt, trial, normal, gap, softening, penalty)
+        points = self._checked(trial, normal, gap, softening, penalty)
         return self._advance(*points, self.overstress(dt))
 
     def _advance(
@@ -164,28 +167,16 @@ class Law(ABC):
         """
         return np.sqrt(np.maximum(normal, 0.0) ** 2 + shear**2) / self.strength
 
-    def with_viscosity(self, viscosity: float) -> Law:
-        """The same law with another viscosity; the law itself where it takes none.
-
-        Args:
-            viscosity: MPa s/mm.
-        """
-        if is_dataclass(self) and any(field.name == "viscosity" for field in fields(self)):
-            return replace(self, viscosity=viscosity)
-        return self
-
-    def admissible(self, penalty: ArrayLike, dt: float = 1.0) -> NDArray[np.bool_]:
-        """Where r > H - eta, so that the step has one solution only.
+    def admissible(self, penalty: ArrayLike) -> NDArray[np.bool_]:
+        """Where r > H, so that the step has one solution only.
 
         Args:
             penalty: r, MPa/mm.
-            dt: time step, s.
 
         Returns:
             Marks shaped like `penalty`.
         """
-        penalty = np.asarray(penalty, dtype=float)
-        return (penalty > self.softening_modulus - self.overstress(dt)) & (penalty > 0.0)
+        return np.asarray(penalty, dtype=float) > self.softening_modulus
 
     def stored_energy(self, gap: Array, softening: Array) -> Array:
         """Recoverable energy (n,), N/mm, in the gap; zero unless part of the gap is elastic.
@@ -196,7 +187,7 @@ class Law(ABC):
         """
         return np.zeros(len(softening))
 
-    def _checked(self, dt: float, *arrays: ArrayLike) -> tuple[Array, ...]:
+    def _checked(self, *arrays: ArrayLike) -> tuple[Array, ...]:
         """The inputs of `return_map` as float arrays of matching shapes, r admissible."""
         trial, normal, gap, softening, penalty = (np.asarray(a, dtype=float) for a in arrays)
         if trial.ndim != 2 or trial.shape[1] not in (2, 3):
@@ -213,15 +204,14 @@ class Law(ABC):
                 f"penalty has shape {penalty.shape}: it must be () or {softening.shape}"
             )
         penalty = np.broadcast_to(penalty, softening.shape)
-        admissible = self.admissible(penalty, dt)
+        admissible = self.admissible(penalty)
         if not admissible.all():
             worst = int(np.argmin(admissible))
             raise ValueError(
-                f"penalty r = {penalty[worst]:.6g} MPa/mm at point {worst} does not exceed "
-                f"H - eta, with the softening modulus H = {self.softening_modulus:.6g} and "
-                f"eta = {self.overstress(dt):.6g} MPa/mm: the step would not have one solution "
-                "only. Use smaller elements at the interface (r grows as 1/h), a tougher or "
-                "weaker bond (smaller H), or viscosity"
+                f"penalty r = {penalty[worst]:.6g} MPa/mm at point {worst} does not exceed the "
+                f"softening modulus H = {self.softening_modulus:.6g} MPa/mm: the step would not "
+                "have one solution only. Use smaller elements at the interface (r grows as 1/h), "
+                "or a tougher or weaker bond (smaller H)"
             )
         return trial, normal, gap, softening, penalty
 

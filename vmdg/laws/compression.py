@@ -1,7 +1,8 @@
-"""Points under compression, for every law that starts from a bonded interface.
+"""Softening curves, and points under compression, for laws that start from a bonded interface.
 
-Two mechanisms in this order: the normal residual gap closes at zero normal traction, then shear
-meets the stronger of bond and friction (Box 3 of the report, completed: see `slide`).
+Compression has two mechanisms in this order: the normal residual gap closes at zero normal
+traction, then shear meets the stronger of bond and friction (Box 3 of the report, completed: see
+`slide`).
 """
 
 from __future__ import annotations
@@ -13,12 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .base import Array
+from .roots import increasing_root
 
 
 class SofteningCurve(ABC):
     """Resistance R (MPa) of a bond against the slip x (mm) since R was R_n."""
 
     strength: float  #: R of the intact bond, MPa
+
+    @property
+    @abstractmethod
+    def softening_modulus(self) -> float:
+        """H, the steepest descent of the curve, MPa/mm."""
 
     @abstractmethod
     def slip(self, load: Array, resistance: Array, stiffness: Array) -> Array:
@@ -55,6 +62,71 @@ class SofteningCurve(ABC):
         Args:
             resistance: R_n (m,), MPa.
         """
+
+
+class Yielding(NamedTuple):
+    """What a load does to a bond in one step."""
+
+    slip: Array  #: x, mm
+    resistance: Array  #: R(x), MPa
+    overstress: Array  #: V(x), MPa
+    slope: Array  #: dx/d load, mm/MPa
+
+
+def give(
+    bond: SofteningCurve, load: Array, resistance: Array, penalty: Array, eta: float, fade: Array
+) -> Yielding:
+    """Root x of load - r x = R(x) + V(x), with the overstress V = R min(eta x/strength, p/H).
+
+    The viscosity is that of the bond that is left, so that the overstress ends with it: where the
+    bond is gone, x = load/r and nothing is borne. Were V given up all at once there, loads in a
+    range would have two roots. The bound p/H with p = (r - H)/2 is for the same end: V then falls
+    by p at most, and r x + R + V grows by r - H - p = p at least, so there is one root whatever
+    the viscosity and the load.
+
+    Args:
+        bond: softening curve.
+        load: trial traction (m,), MPa, not less than R_n.
+        resistance: R_n (m,), MPa.
+        penalty: r (m,), MPa/mm.
+        eta: viscosity/dt, MPa/mm.
+        fade: p (m,), MPa/mm.
+    """
+    slip = bond.slip(load, resistance, penalty)
+    if eta > 0.0:
+        # V <= eta x, and the bond goes at the same load as without viscosity.
+        lower = bond.slip(load, resistance, penalty + eta)
+        lower = np.where(bond.soften(resistance, slip)[0] > 0.0, np.minimum(lower, slip), slip)
+
+        def imbalance(x: Array) -> tuple[Array, Array]:
+            left, descent = bond.soften(resistance, x)
+            V, V_slope = overstress(bond, x, left, descent, eta, fade)
+            return penalty * x + left + V - load, penalty + descent + V_slope
+
+        slip = increasing_root(imbalance, lower, slip, start=lower)
+    left, descent = bond.soften(resistance, slip)
+    V, V_slope = overstress(bond, slip, left, descent, eta, fade)
+    return Yielding(slip, left, V, 1.0 / (penalty + descent + V_slope))
+
+
+def overstress(
+    bond: SofteningCurve, slip: Array, left: Array, descent: Array, eta: float, fade: Array
+) -> tuple[Array, Array]:
+    """V of `give` (m,), MPa, and dV/dx, MPa/mm.
+
+    Args:
+        bond: softening curve.
+        slip: x (m,), mm.
+        left, descent: R(x) (m,), MPa, and its slope, MPa/mm.
+        eta: viscosity/dt, MPa/mm.
+        fade: p (m,), MPa/mm.
+    """
+    if eta == 0.0:
+        return np.zeros_like(left), np.zeros_like(left)
+    rate = eta / bond.strength
+    bound = fade / bond.softening_modulus
+    share = np.minimum(rate * slip, bound)
+    return share * left, share * descent + np.where(rate * slip < bound, rate * left, 0.0)
 
 
 class Closure(NamedTuple):
@@ -98,9 +170,15 @@ class Slide(NamedTuple):
 
 
 def slide(
-    bond: SofteningCurve, shear: Array, cap: Array, resistance: Array, penalty: Array, eta: float
+    bond: SofteningCurve,
+    shear: Array,
+    cap: Array,
+    resistance: Array,
+    penalty: Array,
+    eta: float,
+    fade: Array,
 ) -> Slide:
-    """Shear return (75)-(83): |T_T| = |T_tr,T| - r dgamma meets max(R + eta dgamma, mu |T_N|).
+    """Shear return (75)-(83): |T_T| = |T_tr,T| - r dgamma meets max(R + V, mu |T_N|), V of `give`.
 
     Yields along T_tr,T (73), only if f_d = |T_tr,T| - R_n (72) and f_mu = |T_tr,T| - mu |T_N| (74)
     are both positive; of the two roots (80) and (79) the smaller is taken, which is the root for
@@ -108,9 +186,9 @@ def slide(
     bond: friction is rate independent, so that sliding under pressure settles at mu |T_N| whatever
     the viscosity.
 
-    The work is the integral of max(R(x) + eta dgamma, mu |T_N|) over x from 0 to dgamma. The bond
-    takes the integral of R; of the rest, viscosity takes eta dgamma as long as the bond holds (x <
-    x*, R(x*) + eta dgamma = mu |T_N|) and friction takes mu |T_N| - R(x) after it.
+    The work is the integral of max(R(x) + V, mu |T_N|) over x from 0 to dgamma, with V of the end.
+    The bond takes the integral of R; of the rest, viscosity takes V as long as the bond holds (x <
+    x*, R(x*) + V = mu |T_N|) and friction takes mu |T_N| - R(x) after it.
 
     Args:
         bond: softening curve in shear.
@@ -119,31 +197,33 @@ def slide(
         resistance: R_n (n,), MPa.
         penalty: r (n,), MPa/mm.
         eta: viscosity/dt, MPa/mm.
+        fade: p of `give` (n,), MPa/mm.
     """
     # A debonded point without pressure slips freely even at zero load: its tangent must not be the
     # bonded one.
     slipping = ((shear > resistance) | (resistance == 0.0)) & ((shear > cap) | (cap == 0.0))
-    by_bond = bond.slip(np.maximum(shear, resistance), resistance, penalty + eta)
+    by_bond = give(bond, np.maximum(shear, resistance), resistance, penalty, eta, fade)
     by_cap = np.maximum(shear - cap, 0.0) / penalty
-    by_friction = slipping & (by_cap <= by_bond)
-    slip = np.where(slipping, np.minimum(by_bond, by_cap), 0.0)
-    left, softening_slope = bond.soften(resistance, slip)
+    by_friction = slipping & (by_cap <= by_bond.slip)
+    slip = np.where(slipping, np.minimum(by_bond.slip, by_cap), 0.0)
+    left, descent = bond.soften(resistance, slip)
+    V, _ = overstress(bond, slip, left, descent, eta, fade)
 
     held_by_bond = np.where(
-        by_friction, np.clip(bond.slip_to(resistance, cap - eta * slip), 0.0, slip), slip
+        by_friction, np.clip(bond.slip_to(resistance, cap - V), 0.0, slip), slip
     )
     left_at_hand_over, _ = bond.soften(resistance, held_by_bond)
     after_hand_over = bond.bond_energy(left_at_hand_over) - bond.bond_energy(left)
     return Slide(
         slip=slip,
-        traction=np.where(slipping, np.where(by_friction, cap, left + eta * slip), shear),
+        traction=np.where(slipping, np.where(by_friction, cap, left + V), shear),
         resistance=left,
         lost=resistance - left,
-        slope=slipping / np.where(by_friction, penalty, penalty + eta + softening_slope),
+        slope=slipping * np.where(by_friction, 1.0 / penalty, by_bond.slope),
         cap_slope=-(by_friction / penalty),
         slipping=slipping,
         by_friction=by_friction,
         damage_work=bond.bond_energy(resistance) - bond.bond_energy(left),
         friction_work=np.maximum(cap * (slip - held_by_bond) - after_hand_over, 0.0),
-        viscous_work=eta * slip * held_by_bond,
+        viscous_work=V * held_by_bond,
     )

@@ -17,15 +17,16 @@ class Debonding(RadialLaw):
     The gap is zeta, the inelastic part of the opening g = phi_2 - phi_1, as in the report; what
     contact mechanics calls the gap is g.
 
-    R = P_c - Q with Q = min(Q_n + H dgamma, P_c), H = P_c/zeta_c, eta = viscosity/dt:
+    R = P_c - Q with Q = min(Q_n + H dgamma, P_c), H = P_c/zeta_c. The overstress is that of the
+    bond that is left, V = eta dgamma R/P_c with eta = viscosity/dt, at most R (r - H)/(2H):
 
-    * tension, T_tr.N >= 0: |T| <= R + eta dgamma, dgamma = (|T_tr| - R_n)/(r - H + eta), and
-      dgamma = |T_tr|/(r + eta) once the bond is gone, so T = 0 without viscosity;
+    * tension, T_tr.N >= 0: |T| <= R + V; without viscosity dgamma = (|T_tr| - R_n)/(r - H); once
+      the bond is gone dgamma = |T_tr|/r and T = 0, whatever the viscosity;
     * contact, T_tr.N < 0: the normal gap closes at T_N = 0, then
-      |T_T| <= max(R + eta dgamma, mu |T_N|), and Q advances in friction too.
+      |T_T| <= max(R + V, mu |T_N|), and Q advances in friction too.
 
     The equation for dgamma is one continuous, strictly decreasing function in all branches
-    (r > H - eta), so T is continuous in all inputs. A step spends (R_n^2 - R_{n+1}^2)/(2H) on the
+    (r > H), so T is continuous in all inputs. A step spends (R_n^2 - R_{n+1}^2)/(2H) on the
     bond: P_c zeta_c/2 to separation in any number of steps. Friction does not depend on the rate.
 
     Attributes:

@@ -27,7 +27,7 @@ class ExponentialDebonding(RadialLaw):
 
     R(kappa) = P_c exp(-kappa P_c/G_c), with kappa the accumulated length of the inelastic gap; the
     area under the curve is G_c. Everything else is as in `Debonding`; dgamma is the root of
-    |T_tr| - (r + eta) dgamma = R_n exp(-dgamma P_c/G_c). The bond is gone (Q = P_c) when R/P_c
+    |T_tr| - r dgamma = R + V, R = R_n exp(-dgamma P_c/G_c). The bond is gone (Q = P_c) when R/P_c
     falls to round-off.
 
     Attributes:
@@ -101,12 +101,17 @@ class IntrinsicExponential(Law):
     <= 0 free where zeta_N = 0; no friction.
 
     Viscosity resists the growth of damage: with y = delta/delta_0, y_n the y that belongs to d_n
-    and eta = viscosity/dt, T has the further part eta (1 - y_n/y) zeta while y > y_n.
+    and eta = viscosity/dt, T has the further part exp(-y) min(eta (1 - y_n/y), a K) zeta while y >
+    y_n, which ends with the bond.
 
     With b = T_tr + r zeta_n (without its normal part in contact, b.N < 0) zeta_{n+1} is parallel to
-    b, and one equation is left: (r + K exp(-y)) y + eta (y - y_n) = delta(b)/delta_0. Its slope is
-    positive for all y if r > K/e^2 - eta, K/e^2 = strength^2/G_c (the inflection at y = 2), which
-    is `softening_modulus`.
+    b, and one equation is left:
+
+        r y + exp(-y) (K y + min(eta (y - y_n), a K y)) = delta(b)/delta_0.
+
+    K exp(-y) y falls by H = K/e^2 = strength^2/G_c at most (the inflection at y = 2), which is
+    `softening_modulus`, and with the overstress by (1 + a) H at most. So with a = (r - H)/(2H) the
+    left-hand side grows for all y if r > H.
 
     The history Q = strength d (MPa) plays the part that P_c - R plays in the other laws.
     `Update.damage_work` is the dissipation, the integral of K |zeta|^2/2 over d along the ray of b;
@@ -177,11 +182,15 @@ class IntrinsicExponential(Law):
         growing = -np.expm1(-y) > softening / self.strength
         rows = np.flatnonzero(growing)
         y_n = self._opening_of(integrity_n[rows])
-        y[rows] = self._grown_opening(load[rows], r[rows], y_n, eta)
+        limit = 0.5 * (r[rows] / self.softening_modulus - 1.0)
+        y[rows] = self._grown_opening(load[rows], r[rows], y_n, eta, limit)
         decay = np.exp(-y[rows])
         integrity = integrity_n.copy()
         integrity[rows] = np.minimum(decay, integrity_n[rows])
-        drag = eta * (1.0 - y_n / y[rows])
+        # V = drag zeta, and the change of drag with y
+        share = np.minimum(eta * (1.0 - y_n / y[rows]), limit * stiffness)
+        share_slope = np.where(share < limit * stiffness, eta * y_n / y[rows] ** 2, 0.0)
+        drag, drag_slope = decay * share, decay * (share_slope - share)
 
         bonded = stiffness * integrity
         bonded[rows] += drag
@@ -198,8 +207,8 @@ class IntrinsicExponential(Law):
         add_to_diagonal(update.tangent, 1.0 / secant)
         held = normal[pressed]
         update.tangent[pressed] -= outer(held / secant[pressed, None], held)
-        slope = r[rows] + stiffness * decay * (1.0 - y[rows]) + eta
-        steepening = stiffness * decay - eta * y_n / y[rows] ** 2
+        steepening = stiffness * decay - drag_slope
+        slope = r[rows] + stiffness * decay * (1.0 - y[rows]) + (drag + y[rows] * drag_slope)
         growth = steepening / (scale * secant[rows] ** 2 * slope * delta_b[rows])
         update.tangent[rows] += outer(growth[:, None] * b[rows], weighted[rows])
 
@@ -209,7 +218,7 @@ class IntrinsicExponential(Law):
         ray2 = dot(b[rows], b[rows]) / delta_b[rows] ** 2
         spent = self._undissipated(integrity_n[rows]) - self._undissipated(integrity[rows])
         update.damage_work[rows] = np.maximum(ray2 * spent, 0.0)
-        update.viscous_work[rows] = eta * ray2 * (scale * (y[rows] - y_n)) ** 2
+        update.viscous_work[rows] = drag * ray2 * scale**2 * y[rows] * (y[rows] - y_n)
         return update
 
     def _integrity(self, softening: Array) -> Array:
@@ -220,14 +229,19 @@ class IntrinsicExponential(Law):
         """y with exp(-y) = 1 - d."""
         return -np.log(np.maximum(integrity, np.finfo(float).tiny))
 
-    def _grown_opening(self, load: Array, r: Array, y_n: Array, eta: float) -> Array:
-        """y = delta/delta_0 with (r + K exp(-y)) y + eta (y - y_n) = load, where damage grows."""
+    def _grown_opening(self, load: Array, r: Array, y_n: Array, eta: float, limit: Array) -> Array:
+        """Root y of the equation of the class docstring, a = `limit`, where damage grows."""
 
         def imbalance(y: Array) -> tuple[Array, Array]:
-            elastic = self.stiffness * np.exp(-y)
-            return (r + elastic) * y + eta * (y - y_n) - load, r + elastic * (1.0 - y) + eta
+            decay = np.exp(-y)
+            elastic = self.stiffness * decay
+            rated, bound = eta * (y - y_n), limit * self.stiffness * y
+            V = np.minimum(rated, bound)
+            V_slope = np.where(rated < bound, eta, limit * self.stiffness) - V
+            value = (r + elastic) * y + decay * V - load
+            return value, r + elastic * (1.0 - y) + decay * V_slope
 
-        upper = (load + eta * y_n) / (r + eta)
+        upper = load / r
         return increasing_root(imbalance, load / (r + self.stiffness + eta), upper, start=upper)
 
     def _undissipated(self, integrity: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .base import Array, Law, Mode, Update, add_to_diagonal, dot, outer, unit
-from .compression import Closure, Slide, SofteningCurve, close, slide
+from .compression import Closure, Slide, SofteningCurve, close, give, slide
 
 # A closure this small against the load over r is what round-off left of a closed gap, not a branch.
 _ROUND_OFF = 1e-12
@@ -33,7 +33,7 @@ class ExtrinsicLaw(Law):
     """Elastic domain (33): T_eq(T) <= R = strength - Q, T_eq the equivalent traction of the law.
 
     T_tr.N >= 0: `_open`, the law's own return. T_tr.N < 0: the residual gap closes, then the shear
-    law `in_shear` slides with friction (module `contact`). Both agree at T_tr.N = 0, so T is
+    law `in_shear` slides with friction (module `compression`). Both agree at T_tr.N = 0, so T is
     continuous across the switch.
     """
 
@@ -89,6 +89,10 @@ class ExtrinsicLaw(Law):
                 branch(update, Points(rows, *(array[rows] for array in everywhere)), eta)
         return update
 
+    def _fade(self, penalty: Array) -> Array:
+        """p of `give` (m,), MPa/mm, the same in all directions: half of r - H."""
+        return 0.5 * (penalty - self.softening_modulus)
+
     def _softened(self, at: Points, left: Array, lost: Array) -> Array:
         """Q_{n+1} = Q_n + lost, (54), MPa; exactly the strength where nothing is left."""
         return np.where(left > 0.0, np.minimum(at.softening + lost, self.strength), self.strength)
@@ -99,7 +103,8 @@ class ExtrinsicLaw(Law):
         ratio = 1.0 if bond is self else bond.strength / self.strength
         closure = close(at.trial_n, dot(at.gap, at.normal), at.penalty)
         cap = -self.friction * closure.traction
-        sliding = slide(bond, at.shear, cap, ratio * at.resistance, at.penalty, eta)
+        fade = self._fade(at.penalty)
+        sliding = slide(bond, at.shear, cap, ratio * at.resistance, at.penalty, eta, fade)
 
         direction = unit(at.trial - at.trial_n[:, None] * at.normal, at.shear)
 
@@ -159,20 +164,20 @@ class RadialLaw(ExtrinsicLaw, SofteningCurve):
         return np.sqrt(normal * normal + shear * shear)
 
     def _open(self, update: Update, at: Points, eta: float) -> None:
-        """Box 2, (66)-(71): dgamma is the root of |T_tr| - (r + eta) dgamma = R(dgamma).
+        """Box 2, (66)-(71): dgamma is the root of |T_tr| - r dgamma = R + V, V of `give`.
 
         The tangent is (90) for any slope of R: there slope = 1/(r - H) and per_load = slope (1 -
         R_n/|T_tr|).
         """
         load = self.equivalent(at.trial_n, at.shear)
-        dgamma = self.slip(load, at.resistance, at.penalty + eta)
-        left, softening_slope = self.soften(at.resistance, dgamma)
-        slope = 1.0 / (at.penalty + eta + softening_slope)
+        dgamma, left, V, slope = give(
+            self, load, at.resistance, at.penalty, eta, self._fade(at.penalty)
+        )
         per_load = _per_load(dgamma, load, slope)
         n = unit(at.trial, load)
 
         rows = at.rows
-        update.traction[rows] = (left + eta * dgamma)[:, None] * n
+        update.traction[rows] = (left + V)[:, None] * n
         update.gap[rows] = at.gap + dgamma[:, None] * n
         update.softening[rows] = self._softened(at, left, at.resistance - left)
         update.multiplier[rows] = dgamma
@@ -183,7 +188,7 @@ class RadialLaw(ExtrinsicLaw, SofteningCurve):
             update.softening[rows] < self.strength, Mode.TENSION, Mode.OPEN
         )
         update.damage_work[rows] = self.bond_energy(at.resistance) - self.bond_energy(left)
-        update.viscous_work[rows] = eta * dgamma * dgamma
+        update.viscous_work[rows] = V * dgamma
 
 
 def _per_load(slip: Array, load: Array, slope: Array) -> Array:

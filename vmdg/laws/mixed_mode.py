@@ -39,15 +39,17 @@ class MixedModeDebonding(ExtrinsicLaw):
     and the tangent symmetric, exactly when G_n = G_s; equal strengths and energies give
     `Debonding`.
 
-    Viscosity acts beside the bond, T = T_bond + eta (zeta_{n+1} - zeta_n), eta = viscosity/dt, so k
-    = r + eta takes the place of r. With a = T_tr.N/P_n, b = |T_tr,T|/P_s, H_n = P_n/zeta_n, H_s =
-    P_s/zeta_s and g = d_{n+1} - d_n,
+    With g = d_{n+1} - d_n, viscosity acts beside the bond, T = T_bond + v (zeta_n cos th N + zeta_s
+    sin th t), v = rho min(eta g, p), eta = viscosity/dt, p = (r - H)/2, H = max(H_n, H_s) =
+    `softening_modulus`, H_n = P_n/zeta_n, H_s = P_s/zeta_s: the overstress ends with the bond. With
+    a = T_tr.N/P_n, b = |T_tr,T|/P_s,
 
-        A = rho_n + (k/H_n - 1) g,  B = rho_n + (k/H_s - 1) g,  (a/A)^2 + (b/B)^2 = 1
+        A = rho_n + (r/H_n - 1) g + v/H_n,  B = rho_n + (r/H_s - 1) g + v/H_s,
+        (a/A)^2 + (b/B)^2 = 1
 
-    is one equation for g; cos th = a/A, sin th = b/B. A and B grow with g, so the root is unique,
-    for k > max(H_n, H_s) = `softening_modulus`. In contact the law is `Debonding` with P_s and
-    zeta_s. The history is Q = P_n d (MPa).
+    is one equation for g; cos th = a/A, sin th = b/B. A and B grow with g, by (r + H)/(2 H_n) - 1
+    and (r + H)/(2 H_s) - 1 at least, so the root is unique for r > H. In contact the law is
+    `Debonding` with P_s, zeta_s and the same p. The history is Q = P_n d (MPa).
 
     Attributes:
         normal_strength, shear_strength: P_n and P_s, MPa.
@@ -110,60 +112,66 @@ class MixedModeDebonding(ExtrinsicLaw):
 
     def _open(self, update: Update, at: Points, eta: float) -> None:
         """The return of the class docstring, for T_tr.N >= 0."""
-        k = at.penalty + eta
         rho_n = at.resistance / self.strength
-        # dzeta = T_tr/k if the bond fails within the step; d advances by its length in units of the
+        # dzeta = T_tr/r if the bond fails within the step; d advances by its length in units of the
         # critical gaps.
-        opening = at.trial_n / (k * self.in_opening.critical_gap)
-        sliding = at.shear / (k * self.in_shear.critical_gap)
+        opening = at.trial_n / (at.penalty * self.in_opening.critical_gap)
+        sliding = at.shear / (at.penalty * self.in_shear.critical_gap)
         fails = np.sqrt(opening * opening + sliding * sliding) >= rho_n
-        for branch, mask in ((self._separate, fails), (self._soften, ~fails)):
-            rows = np.flatnonzero(mask)
-            if rows.size:
-                branch(update, Points(*(array[rows] for array in at)), eta)
+        gone, left = (Points(*(array[mask] for array in at)) for mask in (fails, ~fails))
+        if gone.rows.size:
+            self._separate(update, gone)
+        if left.rows.size:
+            self._soften(update, left, eta)
 
-    def _separate(self, update: Update, at: Points, eta: float) -> None:
-        """No bond at the end of the step: dzeta = T_tr/(r + eta), T = eta dzeta."""
-        compliance = 1.0 / (at.penalty + eta)
+    def _separate(self, update: Update, at: Points) -> None:
+        """No bond at the end of the step: dzeta = T_tr/r, T = 0."""
+        compliance = 1.0 / at.penalty
         step = compliance[:, None] * at.trial
-        length2 = dot(step, step)
         # The mixity is that of the moment of failure on the ray of T_tr.
         opening = at.trial_n / self.in_opening.critical_gap
         sliding = at.shear / self.in_shear.critical_gap
         mixity = np.arctan2(sliding, opening)
 
         rows = at.rows
-        update.traction[rows] = eta * step
+        update.traction[rows] = 0.0
         update.gap[rows] = at.gap + step
         update.softening[rows] = self.strength
-        update.multiplier[rows] = np.sqrt(length2)
+        update.multiplier[rows] = np.sqrt(dot(step, step))
         update.tangent[rows] = compliance[:, None, None] * np.eye(step.shape[1])
         update.mode[rows] = Mode.OPEN
         rho_n = at.resistance / self.strength
         update.damage_work[rows] = rho_n * rho_n * self.energy_at(mixity)
-        update.viscous_work[rows] = eta * length2
 
     def _soften(self, update: Update, at: Points, eta: float) -> None:
         """Some bond left at the end of the step."""
-        k = at.penalty + eta
+        r, p = at.penalty, self._fade(at.penalty)
         h_n, h_s = self.in_opening.softening_modulus, self.in_shear.softening_modulus
         rho_n = at.resistance / self.strength
         a, b = at.trial_n / self.normal_strength, at.shear / self.shear_strength
-        slope_a, slope_b = k / h_n - 1.0, k / h_s - 1.0
+
+        def sizes(g: Array) -> tuple[Array, ...]:
+            """A and B, and their slopes."""
+            bounded = eta * g > p
+            share = np.where(bounded, p, eta * g)
+            v, v_slope = share * (rho_n - g), np.where(bounded, 0.0, eta * (rho_n - g)) - share
+            A = rho_n + (r / h_n - 1.0) * g + v / h_n
+            B = rho_n + (r / h_s - 1.0) * g + v / h_s
+            return A, B, (r + v_slope) / h_n - 1.0, (r + v_slope) / h_s - 1.0
 
         def yield_function(g: Array) -> tuple[Array, Array]:
-            # 1/|(a/A, b/B)| - 1 is concave and nearly linear in g, where the equation as printed is
-            # neither
-            cos, sin = a / (rho_n + slope_a * g), b / (rho_n + slope_b * g)
+            # 1/|(a/A, b/B)| - 1 is nearly linear in g, where the equation as printed is not
+            A, B, slope_a, slope_b = sizes(g)
+            cos, sin = a / A, b / B
             inverse = 1.0 / np.sqrt(cos * cos + sin * sin)
-            bend = cos * cos * slope_a / (rho_n + slope_a * g)
-            bend += sin * sin * slope_b / (rho_n + slope_b * g)
+            bend = cos * cos * slope_a / A + sin * sin * slope_b / B
             return inverse - 1.0, inverse**3 * bend
 
         g = increasing_root(yield_function, np.zeros_like(rho_n), rho_n, start=np.zeros_like(rho_n))
-        A, B = rho_n + slope_a * g, rho_n + slope_b * g
+        A, B, slope_a, slope_b = sizes(g)
         cos, sin = a / A, b / B
         rho = np.maximum(rho_n - g, 0.0)
+        v = rho * np.minimum(eta * g, p)
 
         # dzeta = (k_n N (x) N + k_t (I - N (x) N)) T_tr
         k_n, k_t = g / (h_n * A), g / (h_s * B)
@@ -178,14 +186,16 @@ class MixedModeDebonding(ExtrinsicLaw):
         g_by_trial = (cos / (A * self.normal_strength))[:, None] * at.normal
         g_by_trial += (sin / (B * self.shear_strength))[:, None] * direction
         g_by_trial /= denominator[:, None]
-        opening_by_g = self.in_opening.critical_gap * cos * rho_n / A
-        sliding_by_g = self.in_shear.critical_gap * sin * rho_n / B
+        # A - g dA/dg = rho_n + (v - g dv/dg)/H_n
+        rest = np.where(eta * g > p, p * rho_n, eta * g * g)
+        opening_by_g = self.in_opening.critical_gap * cos * (rho_n + rest / h_n) / A
+        sliding_by_g = self.in_shear.critical_gap * sin * (rho_n + rest / h_s) / B
         step_by_g = opening_by_g[:, None] * at.normal + sliding_by_g[:, None] * direction
 
         rows = at.rows
-        update.traction[rows] = (
-            (rho / A)[:, None] * trial_normal + (rho / B)[:, None] * trial_shear + eta * step
-        )
+        update.traction[rows] = ((rho + v / h_n) / A)[:, None] * trial_normal + (
+            (rho + v / h_s) / B
+        )[:, None] * trial_shear
         update.gap[rows] = at.gap + step
         update.softening[rows] = self._softened(at, rho, self.strength * g)
         update.multiplier[rows] = np.sqrt(length2)
@@ -200,4 +210,4 @@ class MixedModeDebonding(ExtrinsicLaw):
         update.damage_work[rows] = spent * (
             self.normal_energy * cos * cos + self.shear_energy * sin * sin
         )
-        update.viscous_work[rows] = eta * length2
+        update.viscous_work[rows] = v * length2 / np.where(g > 0.0, g, 1.0)

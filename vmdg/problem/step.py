@@ -43,7 +43,7 @@ class Step:
         self.external = 0.0
         activation.follow(discretization.u)
         loading.apply(0.0)
-        discretization.update_stabilization(None)
+        discretization.update_stabilization()
         self.start, self._loads_at_start = self.snapshot(), loading.vector
 
     # The course of a step
@@ -54,17 +54,17 @@ class Step:
         Args:
             t: Load factor.
             dt: Time step [s].
-            overstress: Viscous regularisation of the step: overstress per gap increment in
-                multiples of the softening modulus H.
+            overstress: Regularisation of the step: drag on the gap of bonded points in multiples
+                of the softening modulus H.
 
         Raises:
-            ValueError: r <= H - eta on a facet; the converged state is kept.
+            ValueError: r <= H on a facet; the converged state is kept.
         """
         self.start, self._loads_at_start = self.snapshot(), self._loading.vector
         for active in self.discretization.active.values():
-            active.begin_step(overstress, dt)
+            active.begin_step(overstress)
         try:
-            self.discretization.update_stabilization(dt)
+            self.discretization.update_stabilization()
         except ValueError:
             self.cancel()
             raise
@@ -91,7 +91,7 @@ class Step:
         return not global_any(self._comm, not self.discretization.stabilization_suffices())
 
     def overstress(self) -> float:
-        """Largest viscous overstress of the step relative to the strength; collective."""
+        """Largest traction of the drag of the step relative to the strength; collective."""
         here = [active.overstress() for active in self.discretization.active.values()]
         return global_max(self._comm, max(here, default=0.0))
 
@@ -210,7 +210,7 @@ class Step:
         self.activation.open = marks
         self._follow(after)
         after.continue_from(before)
-        after.update_stabilization(None)
+        after.update_stabilization()
         # The force on a node is now shared by its duplicates.
         self.assemble_residual(hold=True)
         return True

@@ -44,7 +44,7 @@ def solve(
     Raises:
         StepFailure: a step fails although it was cut ``max_cuts`` times.
         ValueError: no load factors (and no history), a body that nothing holds, the softening of a
-            law is too steep for the mesh (r <= H - eta), an unknown predictor, ``condensed=True``
+            law is too steep for the mesh (r <= H), an unknown predictor, ``condensed=True``
             where that is not possible, no steps between checkpoints, or columns of the history that
             have the same name, change their unit, or are to be shown and do not exist.
         TypeError: ``options`` or what the monitor returns is of the wrong kind.

@@ -134,7 +134,7 @@ def measure(dimension: str, damage: bool, direct: bool, repeats: int, refine: fl
     }
     named = {name: dict(zip(STEPS, actions, strict=True)) for name, actions in steps.items()}
     times = least_times(named, repeats)
-    once = {"vmdg": {"step": lambda: problem.discretization.update_stabilization(1.0)}}
+    once = {"vmdg": {"step": lambda: problem.discretization.update_stabilization()}}
     active = 0.0
     if damage:
         problem.discretization.active[0].commit()

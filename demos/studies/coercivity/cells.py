@@ -196,7 +196,7 @@ class Configurations:
         copy = self._copy_of_dofs(problem)
         H = self._F[copy] - np.eye(d)
         problem.u.x.array[:] = np.einsum("nij,nj->ni", H, X).ravel()
-        problem.discretization.update_stabilization(1.0)
+        problem.discretization.update_stabilization()
         return problem
 
     def _copy_of_dofs(self, problem: vmdg.Problem) -> NDArray[np.int64]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.random import Generator
@@ -713,11 +714,11 @@ def viscous(rng: Generator) -> Case:
         law = random_law(rng, E, 1.0, any_kind=False)
         nu = rng.uniform(0.0, 0.4)
         loads = bar_loads(law, (E, E), size, nu, int(rng.integers(2, 15)))
-        law = law.with_viscosity(ratio * law.softening_modulus * loads[0])
+        law = replace(law, viscosity=ratio * law.softening_modulus * loads[0])
         inputs = bar(mesh, tags, (E, E), nu, law, loads)
     else:
         law = random_law(rng, E, 1.0)
-        law = law.with_viscosity(ratio * law.softening_modulus / 5)
+        law = replace(law, viscosity=ratio * law.softening_modulus / 5)
         reach = 1.5 * opening_scale(law)
         inputs = pulled(rng, mesh, tags, two_materials(rng), (Bond(law, (1, 2)),), reach)
     # A step of no length lasts for ever.
