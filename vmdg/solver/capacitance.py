@@ -1,0 +1,400 @@
+"""Newton's systems at small strain: bodies factorized once, damage by a capacitance matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+from scipy.linalg.blas import dsymv
+from scipy.sparse import bsr_array, csr_array, vstack
+from scipy.sparse.linalg import LinearOperator, gmres
+
+from ..assembly.point_matrices import jump_matrix, traction_matrix
+from ..assembly.weak_form import WeakForm
+from ..base.parallel import global_any
+from ..base.timers import timer
+from ..interface.active import ActiveInterface
+from ..problem.problem import Problem
+from .linear import LDLT, destroy, make_ksp
+
+Array = NDArray[np.float64]
+Solve = Callable[[Array], Array]
+Integrate = Callable[[WeakForm, ActiveInterface], PETSc.Mat]
+
+#: Columns of S that are solved for together: one then costs a twentieth of a single solve.
+BLOCK = 128
+
+#: Gap components with damage up to which their system is solved directly.
+MAX_DIRECT = 1200
+
+#: Relative residual of an iterative solution, and the iterations it may take.
+RTOL, MAX_ITERATIONS = 1e-9, 50
+
+#: Smallest eigenvalues of Gamma relative to its largest, for its inverse.
+MIN_EIGENVALUE = 1e-4
+
+
+class Capacitance:
+    """Solves with the tangent of bodies whose own stiffness never changes.
+
+    At small strain damage changes the tangent at the points of the interfaces only,
+
+        K = K_0 - B^T.D.B,    B_pi = int q_p.Tt(eta_i) dA,    D = C.W^-1,
+
+    with K_0 the bonded tangent, zeta held, Tt of (84), C = d zeta/dT of the return maps and W the
+    areas of the points. By the formula of Woodbury, with y = K_0^-1.b,
+
+        K^-1.b = y + K_0^-1.B^T.z,    (I - D.S).z = D.B.y,    S = B.K_0^-1.B^T.
+
+    The gap increments z are zero at points without damage. K_0 is factorized once; S, symmetric and
+    dense, is made when a point has damage for the first time. The first rank has it and solves the
+    systems of the gaps for all ranks.
+
+    Prescribed rows and columns are those of the identity: x is b there, and what this does to the
+    other rows is taken to the right.
+
+    Args:
+        problem: Of small strain; its prescribed dofs are those of now. Collective.
+        max_direct: Gap components with damage up to which their system is solved directly.
+
+    Attributes:
+        norm: Infinity norm of K_0, prescribed rows included [N/mm].
+        iterations: Krylov iterations so far, on systems of many gaps.
+    """
+
+    def __init__(self, problem: Problem, max_direct: int = MAX_DIRECT):
+        self._problem, self._comm, self._max_direct = problem, problem.comm, max_direct
+        active = problem.discretization.active.values()
+        self._interfaces = [one for one in active if one.law.inelastic]
+        self._prescribed = problem.loading.owned_prescribed
+        with timer("factorize bonded bodies"):
+            self._stiffness = problem.discretization.create_matrix()
+            problem.discretization.assemble_tangent(self._stiffness, damage=False)
+            self.norm = self._stiffness.norm(PETSc.NormType.NORM_INFINITY)
+            self._lift = self._prescribed_columns()
+            self._stiffness.zeroRowsColumnsLocal(self._prescribed, 1.0)
+            self._stiffness.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+            self._ksp = make_ksp(self._stiffness, LDLT)
+            self._ksp.setUp()
+        self._tractions = self._over_points(traction_matrix)
+        self._forces = self._free_columns(self._tractions).transpose()
+        self._damaged = False
+        self._system: GapSystem | None = None
+        self.iterations = 0
+
+    # Matrices
+
+    def _prescribed_columns(self) -> PETSc.Mat:
+        """Columns of K_0 of the prescribed dofs: its rows, since it is symmetric."""
+        first = self._stiffness.getOwnershipRange()[0]
+        chosen = PETSc.IS().createGeneral(first + self._prescribed, comm=self._comm)
+        rows = self._stiffness.createSubMatrix(chosen)
+        chosen.destroy()
+        return rows.transpose()
+
+    def _over_points(self, integrate: Integrate) -> PETSc.Mat:
+        """A matrix of all interfaces with a row for every gap component, of the points here."""
+        rows = []
+        for active in self._interfaces:
+            matrix = integrate(self._problem.discretization.weak_form, active)
+            rows.append(_rows_here(matrix))
+            matrix.destroy()
+        columns = self._stiffness.getSizes()[1]
+        return _distributed(csr_array(vstack(rows)), columns[0], self._comm)
+
+    def _free_columns(self, matrix: PETSc.Mat) -> PETSc.Mat:
+        """A copy without the columns of the prescribed dofs."""
+        free = self._stiffness.createVecRight()
+        free.set(1.0)
+        free.array[self._prescribed] = 0.0
+        copy = matrix.copy()
+        copy.diagonalScale(None, free)
+        free.destroy()
+        return copy
+
+    def _make_system(self) -> GapSystem:
+        """S and what else its system needs, on the first rank; empty on the others."""
+        size, first = self._forces.getSize()[1], self._comm.rank == 0
+        owned, total = self._stiffness.getSizes()[1]
+        rows = self._gathered(self._forces.transpose(PETSc.Mat()))
+        S = np.empty((rows.shape[0], rows.shape[0]))
+        factors = self._ksp.getPC().getFactorMatrix()
+        factors.setMumpsIcntl(27, BLOCK)
+        with timer("flexibility at points"):
+            for start in range(0, size, BLOCK):
+                # MUMPS takes sparse right-hand sides from the first rank.
+                here = csr_array(rows[start : start + BLOCK])
+                right = _distributed(here, total if first else 0, self._comm)
+                columns = PETSc.Mat().createTranspose(right)
+                count = right.getSize()[0]
+                solution = _dense(np.zeros((owned, count)), self._comm)
+                factors.matSolve(columns, solution)
+                product = self._tractions.matMult(solution)
+                parts = self._comm.gather(product.getDenseArray())
+                if parts is not None:
+                    # S is symmetric: its rows are its columns.
+                    S[start : start + count] = np.concatenate(parts).T
+                for item in (columns, right, solution, product):
+                    item.destroy()
+        jumps = self._gathered(self._over_points(jump_matrix))
+        areas = np.repeat(self._areas(), self._problem.mesh.geometry.dim)
+        everywhere = np.concatenate(self._comm.allgather(areas))
+        return GapSystem(S, jumps, everywhere[: len(S)], self._max_direct)
+
+    def _gathered(self, matrix: PETSc.Mat) -> csr_array:
+        """Rows of all ranks on the first, none on the others; the matrix is destroyed."""
+        rows = _rows_here(matrix)
+        matrix.destroy()
+        parts = self._comm.gather(rows)
+        return csr_array(vstack(parts)) if parts is not None else rows[:0]
+
+    def _areas(self) -> Array:
+        """Areas of the points here (points,) [mm2; times the thickness in plane strain]."""
+        areas = np.concatenate([active.quadrature.weights for active in self._interfaces])
+        return areas * float(self._problem.discretization.geometry.thickness)
+
+    # Systems
+
+    def assemble(self) -> None:
+        """Take C of the last return maps; collective."""
+        C = np.concatenate([active.values.compliance for active in self._interfaces])
+        D = C / self._areas()[:, None, None]
+        self._damaged = global_any(self._comm, D.any())
+        if not self._damaged:
+            return
+        if self._system is None:
+            self._system = self._make_system()
+        parts = self._comm.gather(D)
+        if parts is not None:
+            self._system.assemble(np.concatenate(parts))
+
+    def solve(self, b: Sequence[PETSc.Vec], x: Sequence[PETSc.Vec]) -> bool:
+        """Solve K x = b for several b, of which a second costs a third of the first; collective.
+
+        Args:
+            b: With the prescribed values at the prescribed dofs.
+            x: Filled with the solutions.
+
+        Returns:
+            Whether K is regular; x is of no use where it is not.
+        """
+        with timer("linear solve"):
+            found = self._relax(self._lifted(np.column_stack([one.array_r for one in b])))
+            regular = True
+            if self._damaged:
+                gaps = self._solve_gaps(_times(self._tractions, found, self._comm))
+                regular = gaps is not None
+            if self._damaged and regular:
+                found += self._relax(_times(self._forces, gaps, self._comm))
+        for one, values in zip(x, found.T, strict=True):
+            one.array[:] = values
+        return regular
+
+    def _lifted(self, right: Array) -> Array:
+        """Right-hand sides of K_0 with its prescribed columns moved to them (owned dofs, k) [N]."""
+        lifted = right - _times(self._lift, right[self._prescribed], self._comm)
+        lifted[self._prescribed] = right[self._prescribed]
+        return lifted
+
+    def _relax(self, right: Array) -> Array:
+        """K_0^-1.right (owned dofs, k)."""
+        b = _dense(right, self._comm)
+        x = b.duplicate()
+        self._ksp.matSolve(b, x)
+        found = x.getDenseArray().copy()
+        b.destroy()
+        x.destroy()
+        return found
+
+    def _solve_gaps(self, tractions: Array) -> Array | None:
+        """z from B.y (gap components here, k), or None where their system is singular."""
+        with timer("condensed solve"):
+            rows, answers = self._comm.gather(tractions), None
+            if rows is not None:
+                gaps = self._system.solve(np.concatenate(rows))
+                ends = np.cumsum([len(part) for part in rows])[:-1]
+                parts = [None] * len(rows) if gaps is None else np.split(gaps, ends)
+                answers = [(part, self._system.iterations) for part in parts]
+            gaps, self.iterations = self._comm.scatter(answers)
+        return gaps
+
+    def free(self) -> None:
+        """Free the PETSc objects; collective."""
+        destroy(self._ksp)
+        for item in (self._stiffness, self._lift, self._tractions, self._forces):
+            item.destroy()
+
+
+class GapSystem:
+    """Solves (I - D.S).z = D.t, for any number of t at once.
+
+    Where few points have damage, directly in their rows. Where many have, iteratively: S is stiff
+    for gaps that the displacement of the nodes can follow, and small for all others (3,600 gap
+    components of the push-out in 3D belong to 1,014 jumps of nodes). The preconditioner takes it as
+    S ~ J.Gamma.J^T, with J_pi = int q_p.eta_i dA over side 2 and Gamma its projection,
+
+        Gamma = M^-1.P^T.S.P.M^-1,    P = W^-1.J,    M = J^T.P,
+
+    whence by the formula of Woodbury
+
+        (I - D.J.Gamma.J^T)^-1 = I + D.J.(Gamma^-1 - J^T.D.J)^-1.J^T.
+
+    It takes 6 to 8 iterations in all states of the push-out. Made for an earlier D it would take
+    many more: it is made anew for every D.
+
+    Args:
+        S: (n, n) [N/mm].
+        jumps: J, with columns for all dofs (n, N) [mm2].
+        areas: W (n,) [mm2].
+        max_direct: Gap components with damage up to which the system is solved directly.
+
+    Attributes:
+        iterations: Krylov iterations so far.
+    """
+
+    def __init__(self, S: Array, jumps: csr_array, areas: Array, max_direct: int):
+        self._S, self._max_direct = S, max_direct
+        self._jumps, self._areas = jumps, areas
+        self.iterations = 0
+
+    def assemble(self, blocks: Array) -> None:
+        """Take the diagonal blocks of D (points, d, d) [mm/N]."""
+        count, d, _ = blocks.shape
+        starts = np.arange(count + 1)
+        self._D = csr_array(bsr_array((blocks, starts[:-1], starts), shape=(count * d,) * 2))
+        damaged = np.flatnonzero(blocks.any(axis=(1, 2)))
+        self._rows = (damaged[:, None] * d + np.arange(d)).ravel()
+        self._solve: Solve | None = None
+
+    def solve(self, tractions: Array) -> Array | None:
+        """z (n, k) [mm] from t (n, k) [N]; None where the matrix is singular."""
+        right = self._D @ tractions
+        try:
+            if self._solve is None:
+                few = len(self._rows) <= self._max_direct
+                self._solve = self._direct() if few else self._iterative()
+            return self._solve(right)
+        except np.linalg.LinAlgError:
+            return None
+
+    def _direct(self) -> Solve:
+        rows = self._rows
+        matrix = -(self._D[rows][:, rows] @ self._S[np.ix_(rows, rows)])
+        np.einsum("ii->i", matrix)[...] += 1
+        solve = _factorized(matrix)
+
+        def direct(right: Array) -> Array:
+            gaps = np.zeros_like(right)
+            gaps[rows] = solve(right[rows])
+            return gaps
+
+        return direct
+
+    def _iterative(self) -> Solve:
+        D, J = self._D, self._nodal
+        DJ = csr_array(D @ J)
+        inner, nodal = self._coarse.copy(), (J.T @ DJ).tocoo()
+        inner[nodal.row, nodal.col] -= nodal.data
+        solve = _factorized(inner)
+
+        def product(x: Array) -> Array:
+            # S is symmetric: half of it is read, which is what takes the time.
+            return x - D @ dsymv(1.0, self._S.T, x)
+
+        def precondition(x: Array) -> Array:
+            return x + DJ @ solve(J.T @ x)
+
+        def iterative(right: Array) -> Array:
+            gaps = np.empty_like(right)
+            for k, column in enumerate(right.T):
+                found = self._krylov(lambda x: product(precondition(x)), column)
+                if found is None:
+                    self._solve = self._direct()
+                    return self._solve(right)
+                gaps[:, k] = precondition(found)
+            return gaps
+
+        return iterative
+
+    def _krylov(self, product: Solve, right: Array) -> Array | None:
+        """x of the system with this product, None where GMRES does not converge."""
+
+        def count(_: float) -> None:
+            self.iterations += 1
+
+        # A second start is for a residual that rounding has left just above the tolerance.
+        limits = {"rtol": RTOL, "atol": 0.0, "restart": MAX_ITERATIONS, "maxiter": 2}
+        system = LinearOperator((len(right),) * 2, product, dtype=float)
+        found, failed = gmres(system, right, callback=count, callback_type="pr_norm", **limits)
+        return None if failed else found
+
+    @cached_property
+    def _nodal(self) -> csr_array:
+        """J of the dofs of nodes on the interface (n, m)."""
+        largest = abs(self._jumps).max(axis=0).toarray().ravel()
+        # The shape functions of others are zero there but for rounding.
+        return csr_array(self._jumps[:, np.flatnonzero(largest > 1e-12 * largest.max())])
+
+    @cached_property
+    def _coarse(self) -> Array:
+        """Gamma^-1 (m, m).
+
+        Where the displacement of a node is prescribed Gamma may have hardly any stiffness, which is
+        raised a little.
+        """
+        P = csr_array(self._nodal.multiply(1 / self._areas[:, None]))
+        inverse = np.linalg.inv((self._nodal.T @ P).toarray())
+        gamma = inverse @ (P.T @ (P.T @ self._S).T) @ inverse
+        values, vectors = np.linalg.eigh((gamma + gamma.T) / 2)
+        values = np.maximum(values, MIN_EIGENVALUE * values[-1])
+        return (vectors / values) @ vectors.T
+
+
+def _rows_here(matrix: PETSc.Mat) -> csr_array:
+    """Rows of a distributed matrix that this rank has, with all columns."""
+    starts, columns, values = matrix.getValuesCSR()
+    return csr_array((values, columns, starts), shape=(len(starts) - 1, matrix.getSize()[1]))
+
+
+def _distributed(rows: csr_array, columns: int, comm: MPI.Comm) -> PETSc.Mat:
+    """A distributed matrix from the rows of this rank and its number of columns."""
+    starts, indices = (x.astype(PETSc.IntType) for x in (rows.indptr, rows.indices))
+    size = ((rows.shape[0], None), (columns, rows.shape[1]))
+    return PETSc.Mat().createAIJ(size, csr=(starts, indices, rows.data), comm=comm)
+
+
+def _dense(rows: Array, comm: MPI.Comm) -> PETSc.Mat:
+    """A distributed dense matrix from the rows of this rank."""
+    size = ((rows.shape[0], None), (None, rows.shape[1]))
+    matrix = PETSc.Mat().createDense(size, array=np.asfortranarray(rows), comm=comm)
+    matrix.assemble()
+    return matrix
+
+
+def _times(matrix: PETSc.Mat, columns: Array, comm: MPI.Comm) -> Array:
+    """Product with columns of which this rank has its rows (rows here, k)."""
+    right = _dense(columns, comm)
+    product = matrix.matMult(right)
+    found = product.getDenseArray().copy()
+    right.destroy()
+    product.destroy()
+    return found
+
+
+def _factorized(matrix: Array) -> Solve:
+    """Solves with a matrix, which is overwritten.
+
+    Raises:
+        np.linalg.LinAlgError: it is singular.
+    """
+    # LAPACK finds the transpose of rows that lie one after the other.
+    factors, pivots, singular = lapack.dgetrf(matrix.T, overwrite_a=True)
+    if singular:
+        raise np.linalg.LinAlgError("singular matrix")
+    return lambda right: lapack.dgetrs(factors, pivots, right, trans=1)[0]
