@@ -188,6 +188,13 @@ class Discretization:
         if self._dilatation is not None:
             self._dilatation.update_pressure()
 
+    def update_points(self, dt: float, hold: bool = False) -> None:
+        """Return maps at the current displacement, see :meth:`assemble_residual`."""
+        self.update_dilatation()
+        with timer("return map"):
+            for active in self.active.values():
+                active.update_points(dt, hold)
+
     def assemble_residual(
         self, dt: float, hold: bool, loads: NDArray[np.float64] | None
     ) -> NDArray[np.float64]:
@@ -202,10 +209,7 @@ class Discretization:
             Owned dofs, nothing removed at prescribed ones [N].
         """
         forces, forms = self.forces.x, self._residual_forms
-        self.update_dilatation()
-        with timer("return map"):
-            for active in self.active.values():
-                active.update_points(dt, hold)
+        self.update_points(dt, hold)
         self._update_pressure()
         with timer("assemble residual"):
             forces.array[:] = 0 if loads is None else -loads

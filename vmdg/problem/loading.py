@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from dolfinx import fem
@@ -13,10 +14,41 @@ from ufl.core.expr import Expr
 from ..assembly.dirichlet import DirichletConditions, Value, Where, find_boundary_facets
 from ..assembly.discretization import Discretization
 from ..assembly.loads import DeadLoads
+from ..base.parallel import global_any
 from ..domain.geometry import axis_dofs
 from ..domain.tags import Group, group_tag
 from ..domain.topology import Locator, facet_cells, refuse_facets
 from ..interface.activation import Activation
+
+Array = NDArray[np.float64]
+
+#: Where a programme between two load factors is compared with a straight one, and how exactly.
+PROBES, STRAIGHT = (0.382, 0.5), 1e-9
+
+
+class Ray(NamedTuple):
+    """Loads and prescribed displacements that are linear in the load factor.
+
+    Attributes:
+        start: Load factor.
+        end: Another one.
+        prescribed: Prescribed displacements at both [mm].
+        vectors: Dead loads over local dofs at both [N].
+    """
+
+    start: float
+    end: float
+    prescribed: tuple[Array, Array]
+    vectors: tuple[Array, Array]
+
+    def at(self, ends: tuple[Array, Array], t: float) -> Array:
+        """Values at load factor ``t``, also beyond the ends."""
+        share = (t - self.start) / (self.end - self.start)
+        return (1 - share) * ends[0] + share * ends[1]
+
+    def rate(self, ends: tuple[Array, Array]) -> Array:
+        """Derivative by the load factor."""
+        return (ends[1] - ends[0]) / (self.end - self.start)
 
 
 class Loading:
@@ -43,6 +75,7 @@ class Loading:
         self._activation = activation
         self._names = names
         self._given: list[Callable[[], None]] = []
+        self._ray: Ray | None = None
         self.load_factor = fem.Constant(mesh, 0.0)
         self.loaded = np.zeros(len(self._bodies.tags), dtype=bool)
         self.follow(discretization)
@@ -55,6 +88,8 @@ class Loading:
         self._loads = DeadLoads(space, discretization.geometry)
         for impose in self._given:
             impose()
+        if self._ray is not None:
+            self._ray = self._ray_between(self._ray.start, self._ray.end)
 
     def _add(self, impose: Callable[[], None]) -> None:
         """Impose a load or prescribed displacement now, and on every space that follows."""
@@ -118,6 +153,8 @@ class Loading:
 
     def prescribed_values(self, t: float) -> NDArray[np.float64]:
         """Prescribed displacement of :attr:`prescribed` at load factor ``t`` [mm]."""
+        if self._ray is not None:
+            return self._ray.at(self._ray.prescribed, t)
         return self.dirichlet.values(t)
 
     # Dead loads
@@ -150,20 +187,72 @@ class Loading:
         """Dead loads at the load factor over local dofs, ghosts still to be added to their owners
         [N]; collective."""
         if self._vector is None:
-            nothing = np.zeros_like(self._discretization.u.x.array)
-            self._vector = self._loads.vector(self.t) if self._loads else nothing
+            ray, t = self._ray, self.t
+            self._vector = self._vector_at(t) if ray is None else ray.at(ray.vectors, t)
         return self._vector
 
+    def _vector_at(self, t: float) -> Array:
+        """Dead loads that were given for load factor ``t``."""
+        if not self._loads:
+            return np.zeros_like(self._discretization.u.x.array)
+        now, self.load_factor.value = self.t, t
+        vector = self._loads.vector(t).copy()
+        self.load_factor.value = now
+        return vector
+
     # Load factor
+
+    @property
+    def ray(self) -> Ray | None:
+        """Along which the load factor moves now; None where loads are as they were given."""
+        return self._ray
+
+    def set_ray(self, start: float, end: float) -> bool:
+        """Take loads as linear between two load factors from now on, if they are; collective.
+
+        Returns:
+            False, and loads are as they were given, where they are not linear, do not change, or
+            an eigenstrain changes.
+        """
+        self.clear_ray()
+        if start == end or self._bodies.eigenstrain_differs(start, end):
+            return False
+        ray = self._ray_between(start, end)
+        changes, straight = False, True
+        parts = ((ray.prescribed, self.dirichlet.values), (ray.vectors, self._vector_at))
+        for ends, given in parts:
+            change = np.abs(ends[1] - ends[0]).max(initial=0.0)
+            changes |= change > 0
+            for share in PROBES:
+                t = start + share * (end - start)
+                off = np.abs(given(t) - ray.at(ends, t)).max(initial=0.0)
+                straight &= off <= STRAIGHT * np.abs(ends).max(initial=0.0)
+        comm = self._mesh.comm
+        if not global_any(comm, changes) or global_any(comm, not straight):
+            return False
+        self._ray, self._vector = ray, None
+        return True
+
+    def clear_ray(self) -> None:
+        """Take loads as they were given from now on."""
+        self._ray, self._vector = None, None
+
+    def _ray_between(self, start: float, end: float) -> Ray:
+        values = tuple(self.dirichlet.values(t) for t in (start, end))
+        return Ray(start, end, values, tuple(self._vector_at(t) for t in (start, end)))
 
     @property
     def t(self) -> float:
         """Load factor."""
         return float(self.load_factor.value)
 
+    def move(self, t: float) -> None:
+        """Go to load factor ``t`` of the present ray; prescribed displacements are not imposed."""
+        self.load_factor.value = t
+        self._vector = None
+
     def apply(self, t: float) -> None:
         """Set loads and eigenstrains to load factor ``t``; prescribed displacements are not
-        imposed here but by the solver's predictor."""
-        self.load_factor.value = t
+        imposed here but by the solver."""
+        self.move(t)
         self._bodies.apply_eigenstrain(t)
-        self._vector = None

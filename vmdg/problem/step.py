@@ -82,6 +82,27 @@ class Step:
         """
         return self.discretization.assemble_residual(dt, hold, self._loading.vector)
 
+    def damage_work(self, dt: float | None = None) -> float:
+        """Work on bonds of the step so far; collective [N mm].
+
+        Args:
+            dt: Time step of the return maps, which are asked again at the current displacement;
+                None where the last residual has done that [s].
+        """
+        if dt is not None:
+            self.discretization.update_points(dt)
+        return float(global_sum(self._comm, self._dissipation()[0]))
+
+    def load_rate(self) -> NDArray[np.float64]:
+        """Change of the dead loads with the load factor along the present ray, owned dofs [N]."""
+        ray, now = self._loading.ray, self.discretization
+        loads = fem.Function(now.space)
+        loads.x.array[:] = ray.rate(ray.vectors)
+        loads.x.scatter_reverse(InsertMode.add)
+        forces = loads.x.array[: now.owned]
+        forces[self._loading.owned_prescribed] = 0
+        return forces
+
     def inverted(self) -> bool:
         """Whether cells are turned inside out, det F <= 0; collective."""
         return global_any(self._comm, self.discretization.inverted())

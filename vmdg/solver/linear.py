@@ -284,7 +284,7 @@ class LaggedKrylov:
 
 
 class LinearSolver:
-    """Solves with the tangent: the context of a PETSc KSP of type "python".
+    """Solves with the tangent.
 
     Where a Krylov solver does not converge with a fresh preconditioner, which happens near a limit
     point, the system is solved directly.
@@ -319,16 +319,13 @@ class LinearSolver:
         """Krylov iterations so far."""
         return 0 if self._krylov is None else self._krylov.iterations
 
-    def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Solve A x = b with the current values of the tangent; called by PETSc."""
+    def solve(self, b: PETSc.Vec, x: PETSc.Vec, rtol: float) -> None:
+        """Solve A x = b with the current values of the tangent, to a relative tolerance."""
         with timer("linear solve"):
-            if self._krylov is not None and self._krylov.solve(b, x, ksp.getTolerances()[0]):
-                solver = self._krylov.ksp
-            else:
-                solver = self._solve_directly(b, x)
-        ksp.setConvergedReason(solver.getConvergedReason())
+            if self._krylov is None or not self._krylov.solve(b, x, rtol):
+                self._solve_directly(b, x)
 
-    def _solve_directly(self, b: PETSc.Vec, x: PETSc.Vec) -> PETSc.KSP:
+    def _solve_directly(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
         if self._direct is None:
             self._direct = make_ksp(self._matrix, self._direct_options)
         reset_failed(self._direct.getPC())
@@ -339,7 +336,6 @@ class LinearSolver:
             with timer("factorize"):
                 self._direct.setUp()
         self._direct.solve(b, x)
-        return self._direct
 
     def free(self) -> None:
         """Free the PETSc objects; collective."""

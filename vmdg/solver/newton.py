@@ -1,4 +1,13 @@
-"""Newton's method on the whole problem: a predictor that carries the load, then PETSc SNES."""
+"""Newton's method for a load step: PETSc SNES on displacement and load factor.
+
+The unknowns are (u, lambda), lambda the load factor t. With R(u, lambda) = 0 of (46) one more
+equation says how far the step goes, see :mod:`vmdg.solver.control`. Block elimination: with the
+tangent K and f_lambda = -dR/dlambda two systems with the same matrix,
+
+    K.du_0 = -R,    K.du_1 = f_lambda,
+
+give the correction du = du_0 + dlambda du_1, which keeps the linearised R zero for every dlambda.
+"""
 
 from __future__ import annotations
 
@@ -9,47 +18,31 @@ from numpy.typing import NDArray
 
 from ..base.parallel import global_norm
 from ..base.timers import timer
+from ..domain.topology import box_sides
 from ..problem.problem import Problem
-from .iteration import BACKTRACK, ENERGY, FULL, MAX_HALVINGS, Iteration, StepReport, Trace
-from .linear import (
-    LinearSolver,
-    Options,
-    destroy,
-    interface_zone,
-    is_iterative,
-    linear_options,
-    set_options,
-    set_rigid_modes,
-)
-from .predictor import PREDICTOR_RTOL, Predictor
-from .tangent import Tangent, lags_bulk
+from .control import Control, Direction
+from .criterion import Criterion
+from .linear import destroy, set_options
+from .options import Petsc
+from .report import StepReport, Trace
+from .system import System
 
-#: Relative tolerances of iterative linear solves in the iteration: loosest and tightest.
-MAX_RTOL, MIN_RTOL = 1e-2, 1e-4
+Array = NDArray[np.float64]
+
+#: Relative tolerances of iterative linear solves: loosest, tightest, and that of the first one.
+MAX_RTOL, MIN_RTOL, FIRST_RTOL = 1e-2, 1e-4, 1e-3
 
 #: A backtracking line search on the residual norm, which carries the iteration over the kinks
 #: where points change branch.
 LINE_SEARCH = {
-    "snes_linesearch_type": "bt",
-    "snes_linesearch_order": 1,
-    "snes_linesearch_max_it": MAX_HALVINGS,
+    "snes_linesearch_type": "basic",
 }
-#: The second attempt in a jump looks for the least energy along a correction, where its work falls
-#: to zero. A bond whose overstress exceeds its softening makes the energy of a step convex: this
-#: leads to its minimum, while the residual norm has a minimum of its own at many a kink.
-LEAST_ENERGY = {
-    "snes_linesearch_type": "cp",
-    "snes_linesearch_order": 1,
-    "snes_linesearch_max_it": 8,
-    "snes_linesearch_rtol": 0.1,
-    "snes_linesearch_atol": 0.0,  # or it calls a small F.Y convergence
-}
-#: Else the second attempt takes full steps.
-FULL_STEPS = {"snes_linesearch_type": "basic"}
 
-#: Displacements in sizes of the body beyond which a trial state is given up as it is. The secant of
-#: a line search may lead anywhere, also to where products of numbers are no numbers any more.
+#: Displacements in sizes of the body beyond which a trial state is given up as it is.
 MAX_DISPLACEMENT = 1e6
+
+#: An attempt is given up if two corrections leave more than this share of the residual.
+STALLED = 0.98
 
 _REASONS = {
     value: name
@@ -68,19 +61,26 @@ def linear_tolerance(norms: list[float], goal: float) -> float:
         norms: Residual norms of the step so far.
         goal: Residual norm at which the step has converged.
     """
-    eta = PREDICTOR_RTOL if len(norms) < 2 else 0.9 * (norms[-1] / norms[-2]) ** 2
+    if not norms:
+        return FIRST_RTOL
+    eta = FIRST_RTOL if len(norms) < 2 else 0.9 * (norms[-1] / norms[-2]) ** 2
     needed = 0.3 * goal / norms[-1]
     return max(min(max(eta, MIN_RTOL), MAX_RTOL), min(needed, 0.1))
 
 
-class Newton(Iteration):
+class Newton:
     """Newton's method on a problem, with one matrix and one solver for all steps.
 
     Args:
         problem: The problem.
-        relative_tolerance: Of the residual, see :class:`vmdg.solver.iteration.Criterion`.
+        relative_tolerance: Of the residual, see :class:`vmdg.solver.criterion.Criterion`.
         max_iterations: Corrections before an attempt is given up.
         petsc: Options of the solver, without prefix.
+
+    Attributes:
+        discretization: What it was made for.
+        owned: Number of component-wise dofs of this rank.
+        residual: Of the last assembly, zero on prescribed dofs [N].
     """
 
     def __init__(
@@ -88,46 +88,37 @@ class Newton(Iteration):
         problem: Problem,
         relative_tolerance: float,
         max_iterations: int,
-        petsc: Options | None,
+        petsc: Petsc | None,
     ):
-        super().__init__(problem, relative_tolerance, max_iterations)
-        linear = linear_options(problem, petsc)
-        self._tangent = Tangent(problem, lags_bulk(problem, linear.solver))
-        matrix = self._tangent.matrix
-        self._x, self._f = matrix.createVecs()
-        self._owned = self._x.getLocalSize()
+        self.discretization = problem.discretization
+        self._problem = problem
+        self._comm = problem.comm
+        self._criterion = Criterion(relative_tolerance, problem.step)
+        self._size = float(np.linalg.norm(box_sides(problem.mesh)))
+        self.owned = problem.discretization.owned
         self._prescribed = problem.loading.owned_prescribed
-        self._searches = BACKTRACK
-
-        iterative = linear.automatic and is_iterative(linear.solver)
-        zone = interface_zone(problem) if iterative and problem.discretization.can_fail else None
-        self.linear = LinearSolver(matrix, linear.solver, linear.fallback, zone)
-        if self.linear.multigrid:
-            parts = problem.discretization
-            set_rigid_modes(parts.space, parts.geometry, matrix)
+        self._system = System(problem, petsc)
+        local = self.owned + (problem.comm.rank == 0)
+        self._x = PETSc.Vec().createMPI((local, None), comm=problem.comm)
+        self.residual = self._x.duplicate()
+        sizes = ((local, None), (local, None))
+        self._matrix = PETSc.Mat().createPython(sizes, _Bordered(self), comm=problem.comm)
+        self._matrix.setUp()
         own = {name: value for name, value in (petsc or {}).items() if name.startswith("snes_")}
-        self._snes = {
-            BACKTRACK: self._make_snes({**LINE_SEARCH, **own}),
-            FULL: self._make_snes({**own, **FULL_STEPS}),
-            ENERGY: self._make_snes({**own, **LEAST_ENERGY}),
-        }
-        ksp = self._snes[BACKTRACK].getKSP()
-        self._predictor = Predictor(problem, self._tangent, ksp)
-        self._begin_trace()
+        self._snes = self._make_snes({**LINE_SEARCH, **own}, max_iterations)
+        self._control, self._dt = Control(0.0), 1.0
+        self._trace, self._goal = Trace(0), np.nan
+        self._trials, self._tolerance = 0, FIRST_RTOL
 
-    def _begin_trace(self) -> None:
-        self._trace = Trace(self.krylov)
-        self._trials, self._tolerance, self._goal = 0, PREDICTOR_RTOL, np.nan
-
-    def _make_snes(self, options: Options) -> PETSc.SNES:
-        snes = PETSc.SNES().create(self._problem.comm)
-        snes.setFunction(self._function, self._f)
-        snes.setJacobian(self._jacobian, self._tangent.matrix)
+    def _make_snes(self, options: Petsc, max_iterations: int) -> PETSc.SNES:
+        snes = PETSc.SNES().create(self._comm)
+        snes.setFunction(self._function, self.residual)
+        snes.setJacobian(lambda *_: None, self._matrix)
         ksp = snes.getKSP()
         ksp.setType(PETSc.KSP.Type.PYTHON)
-        ksp.setPythonContext(self.linear)
+        ksp.setPythonContext(_Bordered(self))
         ksp.getPC().setType(PETSc.PC.Type.NONE)
-        snes.setTolerances(max_it=self._max_iterations)
+        snes.setTolerances(max_it=max_iterations)
         snes.setConvergenceTest(self._test)
         set_options(snes, options)
         return snes
@@ -135,71 +126,164 @@ class Newton(Iteration):
     @property
     def krylov(self) -> int:
         """Krylov iterations of all steps so far; 0 where systems are solved directly."""
-        return self.linear.iterations
+        return self._system.iterations
 
-    def _begin(self, start: float, end: float) -> list[NDArray[np.float64]]:
-        self._path.start(start, self._problem.step.start.u)
-        return self._path.ahead(end)
+    def solve(self, control: Control, dt: float, ahead: Direction | None = None) -> StepReport:
+        """Find the equilibrium that a control asks for; collective.
 
-    def _attempt(self, search: str, ahead: list[NDArray[np.float64]], predictor: str) -> StepReport:
-        snes = self._snes[search]
-        self._searches = search
-        self._begin_trace()
+        Args:
+            control: How far to go from the present state.
+            dt: Time step of the return maps [s].
+            ahead: Increment of the last step, if the path goes on as it was; None predicts with
+                the tangent of the present state.
+        """
+        problem, krylov = self._problem, self.krylov
+        self._control, self._dt = control, dt
+        self._trace, self._trials, scales = Trace(self.krylov), 0, problem.step.scales
+        self._tolerance = FIRST_RTOL
         with timer("predictor"):
-            imbalance, loads = self._predictor(predictor, ahead, self._dt)
-        self._criterion.update(imbalance, loads)
-        self._x.array[:] = self._problem.u.x.array[: self._owned]
-        snes.solve(None, self._x)
-        reason = snes.getConvergedReason()
-        reaction = self._reaction()
-        if reason > 0 and np.isfinite(reaction):
+            self._predict(ahead)
+        self._x.array[: self.owned] = problem.u.x.array[: self.owned]
+        self._x.array[self.owned :] = problem.t
+        self._snes.solve(None, self._x)
+        reason, reaction = self._snes.getConvergedReason(), self._reaction()
+        converged = reason > 0 and bool(np.isfinite(reaction))
+        if converged:
             self._criterion.update(reaction=reaction)
-        return self._trace.report(reason > 0, _REASONS.get(reason, str(reason)), self._goal)
+        else:
+            # The forces of a state that is given up say nothing about the run.
+            problem.step.scales = scales
+        name = _REASONS.get(reason, str(reason))
+        norms, solves = self._trace.norms, self._trace.solves
+        return StepReport(converged, norms, name, solves, self._goal, self.krylov - krylov)
+
+    def _predict(self, ahead: Direction | None) -> None:
+        """Go on as in the last step, or along the tangent of the present state."""
+        if ahead is not None and self._control.extrapolate(self, ahead):
+            return
+        self._problem.step.assemble_residual(self._dt, hold=True)
+        free = self._free_forces()
+        self._criterion.update(global_norm(self._comm, free))
+        self.go(self.place(), self._balance(-free, FIRST_RTOL), 1.0)
+
+    # Trial states
+
+    def place(self) -> Direction:
+        """Displacement and load factor now."""
+        return Direction(self._problem.u.x.array[: self.owned].copy(), self._problem.t)
+
+    def go(self, start: Direction, direction: Direction, length: float) -> None:
+        """Change displacement and load factor."""
+        u, loading = self._problem.u.x, self._problem.loading
+        u.array[: self.owned] = start.u + length * direction.u
+        u.scatter_forward()
+        if direction.t != 0:
+            loading.move(self._control.snapped(start.t + length * direction.t))
+
+    def size(self, direction: Direction) -> float:
+        return global_norm(self._comm, direction.u)
+
+    def damage_work(self, start: Direction, direction: Direction, length: float) -> float:
+        """Work on bonds in the step if it ended there; the state is moved there [N mm]."""
+        self.go(start, direction, length)
+        return self._problem.step.damage_work(self._dt)
 
     def _reaction(self) -> float:
         """Norm of the reactions of the last assembly [N]."""
-        forces = self._problem.discretization.forces.x.array[: self._owned][self._prescribed]
-        return global_norm(self._problem.comm, forces)
+        forces = self._problem.discretization.forces.x.array[: self.owned][self._prescribed]
+        return global_norm(self._comm, forces)
+
+    def _free_forces(self) -> Array:
+        """Residual of the last assembly on owned dofs, zero on prescribed ones [N]."""
+        forces = self._problem.discretization.forces.x.array[: self.owned].copy()
+        forces[self._prescribed] = 0
+        return forces
+
+    # Called by PETSc
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
         self._trials += 1
         if x.norm(PETSc.NormType.NORM_INFINITY) > MAX_DISPLACEMENT * self._size:
             f.set(np.nan)
             return
-        u = self._problem.u.x
-        u.array[: self._owned] = x.array_r
+        problem = self._problem
+        u, t = problem.u.x, self._comm.bcast(x.array_r[-1] if self._comm.rank == 0 else None)
+        if problem.loading.ray is not None:
+            problem.loading.move(self._control.snapped(t))
+        u.array[: self.owned] = x.array_r[: self.owned]
         u.scatter_forward()
-        self._problem.step.assemble_residual(self._dt)
-        f.array[:] = self._problem.discretization.forces.x.array[: self._owned]
-        f.array[self._prescribed] = 0
+        problem.step.assemble_residual(self._dt)
+        f.set(0.0)
+        f.array[: self.owned] = self._free_forces()
 
-    def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
-        self._tangent.assemble()
-        self._tangent.constrain()
+    def correct(self, right: Array) -> Direction:
+        """Correction that takes the residual ``right`` away and meets the control; collective."""
+        return self._balance(-right, self._tolerance)
+
+    def _balance(self, forces: Array, rtol: float) -> Direction:
+        """du and dlambda that balance forces and meet the control."""
+        problem, control = self._problem, self._control
+        loading, owned = problem.loading, self.owned
+        t, prescribed = problem.t, loading.prescribed
+        # What prescribed displacements are still away from the load factor, and their rate.
+        away, rate = np.zeros_like(problem.u.x.array), np.zeros_like(problem.u.x.array)
+        away[prescribed] = loading.prescribed_values(t) - problem.u.x.array[prescribed]
+        ray = loading.ray
+        if ray is not None:
+            rate[prescribed] = ray.rate(ray.prescribed)
+        balance = self._system.assemble([away[:owned], rate[:owned]])
+        du = balance(forces, 0, rtol)
+        start, zero = self.place(), Direction(du, 0.0)
+        if ray is None or control.work is None and t == control.target:
+            return zero
+        loads = problem.step.load_rate()
+        direction = Direction(balance(loads, 1, rtol), 1.0)
+        dt = control.length(self, start, zero, direction)
+        self.go(start, zero, 0.0)
+        loading.move(start.t)
+        return Direction(du + dt * direction.u, dt)
 
     def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
-        residual = norms[2]
+        reasons, residual = PETSc.SNES.ConvergedReason, norms[2]
         trials = self._trials if iteration else 0
         self._trace.note(residual, trials, self.krylov, self._tolerance)
         self._trials = 0
         if not np.isfinite(residual):
-            return PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN
-        self._criterion.floor = self._rounding(self._tangent.norm)
+            return reasons.DIVERGED_FNORM_NAN
+        self._criterion.floor = float(np.finfo(float).eps) * self._size * self._system.norm
         self._goal = goal = self._criterion.goal(self._reaction())
-        if residual <= goal:
-            return PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE
-        if failure := self._diverged(self._searches, self._trace.norms, trials):
-            return getattr(PETSc.SNES.ConvergedReason, failure)
-        self._tolerance = linear_tolerance(self._trace.norms, goal)
-        snes.getKSP().setTolerances(rtol=self._tolerance)
-        return PETSc.SNES.ConvergedReason.ITERATING
+        if residual <= goal and self._control.met(self._problem):
+            return reasons.CONVERGED_FNORM_RELATIVE
+        if getattr(self._control, "given_up", False):
+            return reasons.DIVERGED_DTOL
+        norms = self._trace.norms
+        if len(norms) > 4 and abs(norms[-1]/norms[-3] - 1) < 1e-3:
+            return reasons.DIVERGED_LOCAL_MIN
+        self._tolerance = linear_tolerance(norms, goal)
+        return reasons.ITERATING
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
-        self.linear.free()
-        self._predictor.destroy()
-        self._tangent.destroy()
-        for snes in self._snes.values():
-            destroy(snes)
-        for item in (self._x, self._f):
+        self._system.free()
+        destroy(self._snes)
+        for item in (self._x, self.residual, self._matrix):
             item.destroy()
+
+
+class _Bordered:
+    """What PETSc asks of the matrix and the linear solver of (u, lambda)."""
+
+    def __init__(self, newton: Newton):
+        self._newton = newton
+
+    def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """J.x = b by block elimination; PETSc subtracts x."""
+        owned = self._newton.owned
+        du, dt = self._newton.correct(b.array_r[:owned].copy())
+        x.array[:owned] = -du
+        x.array[owned:] = -dt
+        ksp.setConvergedReason(PETSc.KSP.ConvergedReason.CONVERGED_ITS)
+
+    def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """J.x; a line search asks for it for the correction, of which it is the residual."""
+        self._newton.residual.copy(y)

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import InitVar, dataclass
 from pathlib import Path
 
-from .predictor import PATH
 
 Petsc = Mapping[str, str | int | float | bool | None]
 
@@ -70,7 +69,7 @@ class SolveOptions:
     jump_after: int = 2
     max_jump_steps: int = 200
     jump_rest: float = 0.1
-    predictor: str = PATH
+    control: str = "auto"
     duration: float = 1.0
     petsc: Petsc | None = None
     petsc_options: InitVar[Petsc | None] = None

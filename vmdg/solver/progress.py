@@ -11,8 +11,9 @@ from tqdm import tqdm
 
 from ..output.history import History, split_unit
 from ..problem.problem import Problem
-from .iteration import LoadStep, StepReport
+from .control import Control
 from .options import SolveOptions
+from .report import StepReport
 
 #: Seconds between two states of the bar on a terminal, and in a file, where each is a new line.
 TERMINAL, FILE = 0.1, 30.0
@@ -49,16 +50,16 @@ class Progress:
             disable=not (options.progress and self._speaks and count),
         )
 
-    def attempted(self, step: LoadStep, report: StepReport) -> None:
+    def attempted(self, control: Control, overstress: float, report: StepReport) -> None:
         """A step has converged or failed."""
         if not self._speaks:
             return
         if self._options.verbose:
-            self.say(described(self._problem.t, step, report))
-        if report.converged and not step.overstress:
+            self.say(described(self._problem.t, control, overstress, report))
+        if report.converged and not overstress:
             return  # a row follows
-        jump = f"jump, overstress {step.overstress:.3g} H"
-        note = jump if step.overstress else f"step to {step.t:.4g}"
+        jump = f"jump, overstress {overstress:.3g} H"
+        note = jump if overstress else f"step to {control.target:.4g}"
         self._show(self._done, note if report.converged else f"{note}: {report.reason}")
 
     def advanced(self, done: float, size: float, report: StepReport, history: History) -> None:
@@ -137,7 +138,7 @@ def shown(history: History, wanted: Sequence[str] | str | None) -> list[str]:
     return names
 
 
-def described(start: float, step: LoadStep, report: StepReport) -> str:
+def described(start: float, control: Control, overstress: float, report: StepReport) -> str:
     """A table of the attempts of a step: residual norms and how each of them was reached.
 
     Args:
@@ -145,13 +146,11 @@ def described(start: float, step: LoadStep, report: StepReport) -> str:
         step: The step.
         report: How it went.
     """
-    regularised = f" with overstress {step.overstress:.3g} H" if step.overstress else ""
-    lines = [f"step to load {step.t:.8g}{regularised}"]
-    attempts = [report]
-    while attempts[0].former is not None:
-        attempts.insert(0, attempts[0].former)
-    for attempt in attempts:
-        lines += _table(attempt)
+    regularised = f" with overstress {overstress:.3g} H" if overstress else ""
+    lines = [f"step to load {control.target:.8g}, work {control.work}{regularised}"]
+    lines += _table(report)
+    if report.converged:
+        lines.append(f"  at load {start:.8g}, work {report.work:.4g}")
     if not report.converged:
         lines.append(f"  failed: {report.reason}; the problem is at load {start:.8g}")
     return "\n".join(lines)

@@ -13,10 +13,9 @@ from ..checkpoint.checkpoint import write_checkpoint
 from ..output.history import History, HistoryFile
 from ..problem.checks import check_model, checked_loads, checked_row
 from ..problem.problem import Problem
-from .control import Part, advance
 from .features import switchboard
 from .options import SolveOptions
-from .predictor import PREDICTORS
+from .path import Part, Path
 from .progress import Progress
 from .result import Counts, Result
 from .stepper import Stepper
@@ -54,10 +53,6 @@ def solve(
     options = options or SolveOptions()
     if not isinstance(options, SolveOptions):
         raise TypeError(f"solve: options = {options!r} must be SolveOptions(...)")
-    if options.predictor not in PREDICTORS:
-        raise ValueError(
-            f"SolveOptions: predictor = {options.predictor!r} must be one of {PREDICTORS}"
-        )
     if options.checkpoint_every < 1:
         raise ValueError(
             f"SolveOptions: checkpoint_every = {options.checkpoint_every} must be at least 1; "
@@ -77,8 +72,9 @@ def solve(
             Progress(problem, len(loads), options) as progress,
         ):
             stepper = Stepper(problem, options, progress)
+            path = Path(stepper)
             for number, target in enumerate(loads):
-                for part in advance(stepper, float(target), result):
+                for part in path.advance(float(target), result):
                     _add_row(part, problem, options, monitor, result)
                     file.update()
                     progress.advanced(number + part.done, part.size, part.report, result.history)
