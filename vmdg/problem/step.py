@@ -82,7 +82,7 @@ class Step:
         """
         return self.discretization.assemble_residual(dt, hold, self._loading.vector)
 
-    def damage_work(self, dt: float | None = None) -> float:
+    def bond_work(self, dt: float | None = None) -> float:
         """Work on bonds of the step so far; collective [N mm].
 
         Args:

@@ -1,21 +1,20 @@
-"""How far a step goes: to a load factor, or until it has done so much damage work.
+"""How far a step goes: to a load factor, or until it has done so much work on bonds.
 
 Load control is the wrong parameter once bonds break: every point that breaks is a small limit
-point. The damage work D only grows along an equilibrium path, so it passes limit points, snap-backs
-and separations as ordinary steps (Gutierrez 2004; Verhoosel, Remmers and Gutierrez 2009). A step
-ends at the first of two events,
+point. The work on bonds D only grows along an equilibrium path, so it passes limit points,
+snap-backs and separations as ordinary steps (Gutierrez 2004; Verhoosel, Remmers and Gutierrez
+2009). A step is given
 
-    lambda = target    or    D(u) - D_n = dD.
+    lambda = target    or    D(u) - D_n = dD,
 
-In the iteration D is not linearised: along du_0 + alpha du_1 the return maps at the points give it
-exactly, also where points change branch, for any law and before anything is damaged (Lorentz and
-Badel 2004). What this costs is a fraction of a residual.
+and where a load factor is to be met while bonds break, dD is the unknown of the secant method on
+lambda(D), which is continuous. Before anything is damaged D has no gradient: then the return maps
+along du_0 + alpha du_1 tell where D reaches dD (as PRED_ELAS of Lorentz and Badel 2004).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -23,20 +22,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from ..problem.problem import Problem
+#: Share of dD by which a step may miss it, and a first guess of the load factor.
+MISSED, GUESSED = 0.1, 1e-2
 
-#: Share of dD by which a step may miss it, and by which a correction may.
-MISSED, AIMED = 0.1, 0.01
+#: Increment for the directional derivative of D, relative to the size of the direction [mm].
+INCREMENT = 1e-7
 
-#: Share of a stage at which the change of D is probed.
-PROBE = 1e-3
+#: How often the last step an extrapolation may be.
+MAX_REACH = 4.0
 
-#: How often the last step an extrapolation may be, and how often a bracket is doubled.
-MAX_REACH, MAX_DOUBLINGS = 4.0, 12
-
-NEAR = 1e-6
-#: Rounding of load factors relative to the stage.
-ROUNDING = 1e-11
+#: Differences of load factors, relative to the stage, that are rounding, and those from which on
+#: the tangent leads to the target.
+ROUNDING, NEAR = 1e-11, 1e-6
 
 
 class Direction(NamedTuple):
@@ -55,131 +52,174 @@ class Trials(Protocol):
     def go(self, start: Direction, direction: Direction, length: float) -> None:
         """Change displacement and load factor."""
 
-    def damage_work(self, start: Direction, direction: Direction, length: float) -> float:
-        """Damage work of the step if it ended there [N mm]."""
+    def bond_work(self, start: Direction, direction: Direction, length: float) -> float:
+        """Work on bonds if the step ended there; collective [N mm]."""
+
+    def size(self, direction: Direction) -> float:
+        """Norm of the displacement; collective [mm]."""
 
 
 @dataclass
 class Control:
-    """Where a step ends: at a load factor, or where it has done so much damage work.
+    """Load control: the step ends at the target.
 
     Attributes:
-        target: Load factor; with ``work`` the one the path leads to, for the first guess.
-        work: Damage work dD at which the step ends, wherever lambda is then [N mm]; None for load
-            control.
-        span: Load factors of the present stage, the scale of changes.
+        target: Load factor.
+        span: Load factors of the present stage, the scale of differences.
     """
 
     target: float
-    work: float | None = None
     span: float = 1.0
 
+    @property
+    def loaded(self) -> bool:
+        """Whether the load factor itself is prescribed."""
+        return True
+
     def snapped(self, t: float) -> float:
-        """The target where a load factor is as near to it as rounding."""
+        """The target where a load factor differs from it by rounding."""
         return self.target if abs(t - self.target) <= ROUNDING * self.span else t
 
-    def met(self, problem: Problem) -> bool:
-        """Whether the equilibrium of the last residual ends the step; collective."""
-        if self.work is None:
-            return problem.t == self.target
-        return abs(problem.step.damage_work() - self.work) <= MISSED * self.work
+    def met(self, t: float, work: float) -> bool:
+        """Whether an equilibrium ends the step.
 
-    def length(self, trials: Trials, start: Direction, zero: Direction, direction: Direction) -> float:
-        """Change of the load factor with which a correction ends the step; collective.
+        Args:
+            t: Load factor.
+            work: Work on bonds in the step [N mm].
+        """
+        return t == self.target
+
+    def change(self, trials: Trials, start: Direction, zero: Direction, one: Direction) -> float:
+        """Change of the load factor in a correction; collective.
 
         Args:
             trials: Gives D.
             start: u and lambda.
             zero: du_0.
-            direction: du_1, for a unit of lambda.
+            one: du_1, for a unit of lambda.
         """
-        left = self.target - start.t
-        if self.work is None:
-            return left
-        D = trials.damage_work(start, zero, 0.0)
-
-        def slope(d: Direction) -> float:
-            size = trials.size(d)
-            if size == 0:
-                return 0.0
-            return (trials.damage_work(start, d, 1e-7 / size) - D) / (1e-7 / size)
-
-        slopes = slope(zero), slope(direction)
-        if slopes[1] != 0:
-            return (self.work - D - slopes[0]) / slopes[1]
-        # Nothing is damaged yet.
-        middle = Direction(start.u + zero.u, start.t)
-        return self._reach(trials, middle, direction, left if left else self.span)
-
-    def _reach(self, trials: Trials, start: Direction, direction: Direction, end: float) -> float:
-        def excess(length: float) -> float:
-            return trials.damage_work(start, direction, length) - self.work
-
-        if (now := excess(0.0)) >= 0:
-            return 0.0
-        if excess(end) <= 0:
-            return end
-        return brentq(
-            lambda x: now if x == 0.0 else excess(x), 0.0, end, xtol=AIMED * abs(end) / 4
-        )
+        return self.target - start.t
 
     def extrapolate(self, trials: Trials, ahead: Direction) -> bool:
-        """Go on as in the last step until the control is met; collective.
+        """Go on as in the last step, as far as the control asks for; collective.
 
         Returns:
-            False, and nothing has changed, where this is too far.
+            False, and nothing has changed, where this is too far or leads elsewhere.
         """
         start = trials.place()
-        if self.work is not None:
-            trials.go(start, ahead, self._reach(trials, start, ahead, MAX_REACH))
-            return True
         left = self.target - start.t
-        if not 0 < left * ahead.t or left / ahead.t > MAX_REACH:
+        if left * ahead.t <= 0 or left / ahead.t > MAX_REACH:
             return False
         trials.go(start, ahead, left / ahead.t)
         return True
 
 
 @dataclass
-class Arrival(Control):
-    """A step that ends at the target and gets there by damage work.
+class Work(Control):
+    """Control by the work on bonds: the step ends where it is dD, whatever lambda is there.
 
-    Where points break one by one load control near the target has no equilibrium nearby more often
-    than not. So dD is what the iteration looks for, by the secant method: the path lambda(D) is
-    continuous.
+    Attributes:
+        target: Load factor to which the load goes before anything is damaged.
+        work: dD; None where the target is met without so much work: load control [N mm].
+    """
+
+    work: float | None = None
+
+    @property
+    def loaded(self) -> bool:
+        """Whether the load factor itself is prescribed."""
+        return self.work is None
+
+    def met(self, t: float, work: float) -> bool:
+        """Whether an equilibrium ends the step."""
+        if self.work is None:
+            return t == self.target
+        return abs(work - self.work) <= MISSED * self.work
+
+    def change(self, trials: Trials, start: Direction, zero: Direction, one: Direction) -> float:
+        """Change of the load factor in a correction, by D linearised in du_0 and du_1."""
+        if self.work is None:
+            return self.target - start.t
+        D = trials.bond_work(start, zero, 0.0)
+
+        def slope(direction: Direction) -> float:
+            size = trials.size(direction)
+            if not 0 < size < np.inf:
+                return size - size
+            length = INCREMENT / size
+            return (trials.bond_work(start, direction, length) - D) / length
+
+        gradient = slope(one)
+        if gradient != 0:
+            return (self.work - D - slope(zero)) / gradient
+        middle = Direction(start.u + zero.u, start.t)
+        left = self.target - start.t
+        length = self._reach(trials, middle, one, left)
+        if length == left:
+            self.work = None
+        return length
+
+    def extrapolate(self, trials: Trials, ahead: Direction) -> bool:
+        """Go on as in the last step until D is dD."""
+        start = trials.place()
+        trials.go(start, ahead, self._reach(trials, start, ahead, MAX_REACH))
+        return True
+
+    def _reach(self, trials: Trials, start: Direction, direction: Direction, end: float) -> float:
+        """Length of a direction at which D is dD, at most ``end``."""
+
+        def excess(length: float) -> float:
+            return trials.bond_work(start, direction, length) - self.work
+
+        first = excess(0.0)
+        if first >= 0 or end == 0:
+            return 0.0
+        if excess(end) <= 0:
+            return end
+        return brentq(
+            lambda x: excess(x) if x else first, 0.0, end, xtol=GUESSED * abs(end), rtol=GUESSED
+        )
+
+
+@dataclass
+class Arrival(Work):
+    """A step that ends at the target, controlled by the work on bonds on the way.
+
+    Attributes:
+        before: D and lambda of the last equilibrium before the target.
+        beyond: Those of one beyond it, if there is one.
+        most: Work at which the target is given up [N mm].
+        failed: Whether it is.
     """
 
     before: tuple[float, float] = (0.0, 0.0)
     beyond: tuple[float, float] | None = None
-    limit: float = math.inf
+    most: float = math.inf
+    failed: bool = False
 
-    def met(self, problem: Problem) -> bool:
-        """Whether the equilibrium of the last residual ends the step; else dD is another one."""
+    def met(self, t: float, work: float) -> bool:
+        """Whether an equilibrium ends the step; if not, dD is another one."""
         if self.work is None:
-            return problem.t == self.target
-        here = problem.step.damage_work(), problem.t
-        left = self.target - here[1]
+            return t == self.target
+        left = self.target - t
         if abs(left) <= NEAR * self.span:
             self.work = None
-            return problem.t == self.target
-        sense = math.copysign(1.0, self.span_sense)
-        if left * sense > 0:
-            last = self.before
-            self.before = here
+            return left == 0
+        last = self.before
+        if left * (self.target - self.start) > 0:
+            self.before = work, t
         else:
-            last = self.before
-            self.beyond = here
-        if self.beyond is not None:
-            (D0, t0), (D1, t1) = self.before, self.beyond
-            self.work = D0 + (D1 - D0) * min(max((self.target - t0) / (t1 - t0), 0.05), 0.95)
+            self.beyond = work, t
+        (D, t), (D_next, t_next) = self.before, self.beyond or self.before
+        if self.beyond is None:
+            # Not there yet: as the last two equilibria lead, but no more than twice as far.
+            D_last, t_last = last
+            slope = (t - t_last) / max(D - D_last, np.finfo(float).tiny)
+            self.work = D + min(left / slope, D) if slope * left > 0 else 2 * D
+            self.failed = self.work > self.most
         else:
-            (D0, t0), (D1, t1) = last, here
-            slope = (t1 - t0) / (D1 - D0)
-            more = left / slope if slope * sense > 0 else D1
-            self.work = D1 + min(more, D1)
-        if self.work > self.limit:
-            self.given_up = True
+            share = (self.target - t) / (t_next - t)
+            self.work = D + (D_next - D) * min(max(share, 0.05), 0.95)
         return False
 
-    span_sense: float = 1.0
-    given_up: bool = False
+    start: float = 0.0

@@ -90,9 +90,9 @@ def automatic_options(
     """
     direct, lagged = (LDLT, GMRES_LDLT) if problem.discretization.symmetric else (LU, GMRES_LU)
     size = problem.space.dofmap.index_map.size_global * problem.space.dofmap.index_map_bs
-    if size <= max_direct:
+    if size <= max_direct or problem.mesh.topology.dim < 3:
         return direct, direct
-    if problem.mesh.topology.dim < 3 or size <= max_factored:
+    if size <= max_factored:
         return lagged, direct
     return (GMRES_GAMG if problem.discretization.can_fail else CG_GAMG), direct
 

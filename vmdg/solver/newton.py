@@ -30,12 +30,14 @@ from .system import System
 Array = NDArray[np.float64]
 
 #: Relative tolerances of iterative linear solves: loosest, tightest, and that of the first one.
-MAX_RTOL, MIN_RTOL, FIRST_RTOL = 1e-2, 1e-4, 1e-3
+MAX_RTOL, MIN_RTOL, FIRST_RTOL = 1e-4, 1e-6, 1e-6
 
 #: A backtracking line search on the residual norm, which carries the iteration over the kinks
 #: where points change branch.
 LINE_SEARCH = {
     "snes_linesearch_type": "basic",
+    "snes_linesearch_order": 1,
+    "snes_linesearch_max_it": 8,
 }
 
 #: Displacements in sizes of the body beyond which a trial state is given up as it is.
@@ -118,7 +120,8 @@ class Newton:
         ksp.setType(PETSc.KSP.Type.PYTHON)
         ksp.setPythonContext(_Bordered(self))
         ksp.getPC().setType(PETSc.PC.Type.NONE)
-        snes.setTolerances(max_it=max_iterations)
+        snes.setTolerances(max_it=20 * max_iterations)
+        self._max = max_iterations
         snes.setConvergenceTest(self._test)
         set_options(snes, options)
         return snes
@@ -141,8 +144,13 @@ class Newton:
         self._control, self._dt = control, dt
         self._trace, self._trials, scales = Trace(self.krylov), 0, problem.step.scales
         self._tolerance = FIRST_RTOL
+        self._since = 0
         with timer("predictor"):
             self._predict(ahead)
+        self._backtracks = control.loaded
+        database = PETSc.Options(self._snes.getOptionsPrefix())
+        database["snes_linesearch_type"] = "bt" if control.loaded else "basic"
+        self._snes.setFromOptions()
         self._x.array[: self.owned] = problem.u.x.array[: self.owned]
         self._x.array[self.owned :] = problem.t
         self._snes.solve(None, self._x)
@@ -183,10 +191,10 @@ class Newton:
     def size(self, direction: Direction) -> float:
         return global_norm(self._comm, direction.u)
 
-    def damage_work(self, start: Direction, direction: Direction, length: float) -> float:
+    def bond_work(self, start: Direction, direction: Direction, length: float) -> float:
         """Work on bonds in the step if it ended there; the state is moved there [N mm]."""
         self.go(start, direction, length)
-        return self._problem.step.damage_work(self._dt)
+        return self._problem.step.bond_work(self._dt)
 
     def _reaction(self) -> float:
         """Norm of the reactions of the last assembly [N]."""
@@ -234,11 +242,11 @@ class Newton:
         balance = self._system.assemble([away[:owned], rate[:owned]])
         du = balance(forces, 0, rtol)
         start, zero = self.place(), Direction(du, 0.0)
-        if ray is None or control.work is None and t == control.target:
+        if ray is None or control.loaded and t == control.target:
             return zero
         loads = problem.step.load_rate()
         direction = Direction(balance(loads, 1, rtol), 1.0)
-        dt = control.length(self, start, zero, direction)
+        dt = control.change(self, start, zero, direction)
         self.go(start, zero, 0.0)
         loading.move(start.t)
         return Direction(du + dt * direction.u, dt)
@@ -252,12 +260,20 @@ class Newton:
             return reasons.DIVERGED_FNORM_NAN
         self._criterion.floor = float(np.finfo(float).eps) * self._size * self._system.norm
         self._goal = goal = self._criterion.goal(self._reaction())
-        if residual <= goal and self._control.met(self._problem):
-            return reasons.CONVERGED_FNORM_RELATIVE
-        if getattr(self._control, "given_up", False):
+        if residual <= goal:
+            self._since = 0
+            if self._control.met(self._problem.t, self._problem.step.bond_work()):
+                return reasons.CONVERGED_FNORM_RELATIVE
+        self._since += 1
+        if self._since > self._max + 1:
+            return reasons.DIVERGED_MAX_IT
+        if getattr(self._control, "failed", False):
             return reasons.DIVERGED_DTOL
         norms = self._trace.norms
-        if len(norms) > 4 and abs(norms[-1]/norms[-3] - 1) < 1e-3:
+        if len(norms) > 4 and (
+            abs(norms[-1] / norms[-3] - 1) < 1e-3
+            or self._backtracks and norms[-1] > STALLED * norms[-3]
+        ):
             return reasons.DIVERGED_LOCAL_MIN
         self._tolerance = linear_tolerance(norms, goal)
         return reasons.ITERATING

@@ -70,6 +70,7 @@ class SolveOptions:
     max_jump_steps: int = 200
     jump_rest: float = 0.1
     control: str = "auto"
+    unstable: str = "jump"
     duration: float = 1.0
     petsc: Petsc | None = None
     petsc_options: InitVar[Petsc | None] = None

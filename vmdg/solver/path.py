@@ -1,31 +1,35 @@
-"""The equilibrium path to given load factors: how far steps go, cuts, snaps."""
+"""The equilibrium path to given load factors: how far steps go, where they are cut, snaps."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from ..base.parallel import global_sum
+from ..base.parallel import global_any, global_sum
+from ..problem.loading import Ray
 from ..problem.problem import Problem
-from .control import Arrival, Control, Direction
+from ..problem.states import Snapshot
+from .control import Arrival, Control, Direction, Work
+from .jump import jump
 from .report import StepReport
 from .result import Result, StepFailure
 from .stepper import Stepper
 
-#: A step spends at most this share of all bonds.
-MAX_SHARE = 0.1
+#: Share of all bonds that a step breaks at most, and facets of which the first one breaks the bond.
+MAX_SHARE, FIRST_FACETS = 0.1, 5.0
 
 #: Corrections that a step should take: with fewer the next one goes further.
 AIM = 5
 
 #: Largest growth of a step, and what a failed one is cut by.
-GROWTH, CUT = 1.5, 0.25
-import os
-FIRST = float(os.environ.get('FIRST', 5))
-AIM=float(os.environ.get('AIM', 5))
-GROWTH=float(os.environ.get('GROWTH', 1.5))
+GROWTH, CUT = 2.0, 0.25
+
+#: How exactly a limit point is found, relative to the stage, and in how many steps at most.
+LIMIT, MAX_REFINEMENTS = 1e-6, 12
 
 
 class Part(NamedTuple):
@@ -36,7 +40,7 @@ class Part(NamedTuple):
         done: Share of the way that is done.
         size: Change of the load factor in the step.
         report: How it went.
-        cuts: How often the way had been cut.
+        cuts: How many attempts had failed.
         jumps: Steps with overstress of a jump.
     """
 
@@ -48,135 +52,276 @@ class Part(NamedTuple):
     jumps: int
 
 
-def bond_energy(problem: Problem) -> float:
-    """Energy that breaking all intact bonds of open facets takes, about; collective [N mm]."""
-    energy = 0.0
-    for active in problem.discretization.active.values():
-        law = active.law
-        if law.inelastic and law.strength > 0:
-            per_area = law.strength**2 / (2 * law.softening_modulus)
-            energy += per_area * active.quadrature.weights.sum()
-    thickness = float(problem.discretization.geometry.thickness)
-    return thickness * float(global_sum(problem.comm, energy))
+class Bonds(NamedTuple):
+    """What there is to break.
+
+    Attributes:
+        energy: Of all intact bonds, P_c^2/(2 H) times their area [N mm].
+        facets: Number of facets.
+    """
+
+    energy: float
+    facets: int
+
+    @classmethod
+    def of(cls, problem: Problem) -> Bonds:
+        """Of the open facets of a problem; collective."""
+        found = np.zeros(2)
+        for active in problem.discretization.active.values():
+            law = active.law
+            if law.inelastic and law.strength > 0:
+                per_area = law.strength**2 / (2 * law.softening_modulus)
+                found += per_area * active.quadrature.weights.sum(), len(active.facets.facets)
+        energy, facets = global_sum(problem.comm, found)
+        return cls(float(problem.discretization.geometry.thickness) * energy, int(facets))
 
 
-def facet_energy(problem: Problem) -> float:
-    n = sum(len(a.facets.facets) for a in problem.discretization.active.values() if a.law.inelastic and a.law.strength > 0)
-    return bond_energy(problem)/max(int(global_sum(problem.comm, n)), 1)
+@dataclass
+class Stage:
+    """The way to a given load factor.
+
+    Attributes:
+        start: Load factor.
+        target: Load factor.
+        follows: Whether the load may be controlled by the work on bonds.
+        limit: State of the largest load so far, where the path has turned back after it.
+        after: States behind it, which become rows if the load grows beyond the limit again.
+    """
+
+    start: float
+    target: float
+    follows: bool
+    limit: Snapshot | None = None
+    after: list[tuple[Part, Snapshot]] | None = None
+
+    @property
+    def span(self) -> float:
+        """Size of the stage."""
+        return abs(self.target - self.start)
+
+    def ahead(self, t: float, other: float) -> float:
+        """How much further ``t`` is than another load factor."""
+        return (t - other) * math.copysign(1.0, self.target - self.start)
+
+    def done(self, t: float) -> float:
+        """Share of the way."""
+        if t == self.target:
+            return 1.0
+        return min(max((t - self.start) / (self.target - self.start), 0.0), 1.0)
+
 
 class Path:
     """Follows the equilibrium path of a problem.
 
     Args:
         stepper: Takes the steps.
+        result: Takes the failures.
     """
 
-    def __init__(self, stepper: Stepper):
+    def __init__(self, stepper: Stepper, result: Result):
         self._stepper = stepper
         self._problem = stepper.problem
-        self._work = FIRST * facet_energy(self._problem)
-        self._limit = 0.1 * bond_energy(self._problem)
-        self._last = 0.0
-        self._path_mode = False
+        self._result = result
+        bonds = Bonds.of(self._problem)
+        self._most = MAX_SHARE * bonds.energy
+        self._work = min(FIRST_FACETS * bonds.energy / max(bonds.facets, 1), self._most)
+        self._ray: Ray | None = None
+        # Whether load control has failed while bonds were breaking, and the last step.
+        self._breaking = False
+        self._forget()
+
+    def _forget(self) -> None:
+        """The next step does not go on as the last one."""
         self._ahead: Direction | None = None
-        self._rates: tuple[np.ndarray, ...] | None = None
+        self._spent = 0.0
 
-    def _set_out(self, target: float) -> bool:
-        """Whether the way to a load factor can be followed by damage work."""
-        loading, t = self._problem.loading, self._problem.t
-        dissipates = self._work > 0 and not self._stepper.viscous
-        if self._stepper.options.control == "load" or not dissipates:
-            loading.clear_ray()
-            return False
-        if not loading.set_ray(t, target):
-            self._ahead, self._rates = None, None
-            return False
-        ray = loading.ray
-        rates = ray.rate(ray.prescribed), ray.rate(ray.vectors)
-        if self._rates is not None:
-            for old, new in zip(self._rates, rates, strict=True):
-                if len(old) != len(new) or not np.allclose(old, new, rtol=1e-6, atol=1e-9 * np.abs(new).max(initial=0.0)):
-                    self._ahead = None
-        self._rates = rates
-        return True
+    def advance(self, target: float) -> Iterator[Part]:
+        """Steps until ``target`` is reached.
 
-    def advance(self, target: float, result: Result) -> Iterator[Part]:
-        """Reach ``target``; failures join the result."""
-        problem, options = self._problem, self._stepper.options
-        start, share, cuts, passed = problem.t, 1.0, 0, None
-        follows = self._set_out(target)
-        span = abs(target - start)
-        sense = np.sign(target - start)
-        tried_arrival = False
+        Raises:
+            StepFailure: a step fails although it was cut as often as the options allow.
+        """
+        stage = self._set_out(target)
+        traces = self._stepper.options.unstable == "trace"
         while True:
-            t = problem.t
-            end = target if share == 1 else t + share * (target - t)
-            ahead = self._ahead
-            if passed is not None:
-                # Between here and a state beyond the target.
-                part = (target - t) / passed.change.t
-                control = Arrival(target, part * passed.work, span, (0.0, t), (passed.work, t + passed.change.t), np.inf, sense)
-                ahead = passed.change
-            elif follows and self._path_mode and self._last > 0 and not tried_arrival and self._leads_to(end, sense):
-                control = Arrival(target, (target - t) / self._ahead.t * self._last, span, (0.0, t), None, 2 * self._work, sense)
-            elif follows and self._path_mode:
-                control = Control(end, self._work, span)
+            before = self._problem.step.snapshot()
+            part = self._next(stage)
+            if traces or not stage.follows:
+                yield part
+            elif stage.limit is None and stage.ahead(part.t, before.t) >= 0:
+                yield part
             else:
-                control = Control(end, None, span)
-            before = problem.step.snapshot()
-            report = self._stepper.step(control, ahead)
-            if report.converged and control.work is None and follows and report.work > self._limit:
-                problem.step.return_to(before)
-                report = report.failed("JUMPED")
-            if report.converged and (problem.t - target) * sense > 0:
-                # Passed on the way: the state in between is asked for.
-                problem.step.return_to(before)
-                passed = report
-                continue
-            if not report.converged:
-                result.failures.append((end, type(control).__name__ + report.reason))
-                cuts += 1
-                if passed is not None:
-                    self._work = passed.work / 2
-                    passed = None
-                elif isinstance(control, Arrival):
-                    tried_arrival = True
-                elif control.work is None and follows:
-                    self._path_mode = True
-                else:
-                    share /= 2
-                    self._work *= CUT
-                if cuts > 2*options.max_cuts:
-                    norms = ", ".join(f"{norm:.3g}" for norm in report.norms[-4:]) or "none"
-                    raise StepFailure(
-                        f"the step from load factor {t:.8g} to {end:.8g} failed "
-                        f"({report.reason}, residuals {norms}) although it was cut "
-                        f"{options.max_cuts} times; the problem is in its state at {t:.8g}",
-                        result,
-                    )
-                continue
-            passed = None
-            self._ahead = report.change
-            self._last = report.work
-            self._adapt(report, problem.t == target)
-            share, tried_arrival = min(2 * share, 1.0), False
-            done = 1.0 if problem.t == target else (problem.t - start) / (target - start)
-            yield Part(problem.t, min(max(done, 0), 1), problem.t - t, report, cuts, 0)
-            cuts = max(cuts - 1, 0)
-            if problem.t == target:
+                yield from self._behind_limit(stage, before, part)
+            if self._problem.t == target:
                 return
 
-    def _leads_to(self, end: float, sense: float) -> bool:
-        """Whether the path as it was leads to a load factor within the work of a step."""
-        if self._ahead is None or self._last == 0:
-            return True
-        return (self._problem.t + self._work / self._last * self._ahead.t - end) * sense >= 0
+    def _set_out(self, target: float) -> Stage:
+        """The stage to a load factor."""
+        loading, start = self._problem.loading, self._problem.t
+        by_load = self._stepper.options.control == "load" or self._stepper.viscous
+        follows = not by_load and self._most > 0 and loading.set_ray(start, target)
+        if not follows:
+            loading.clear_ray()
+        ray = loading.ray
+        turns = True
+        if follows and self._ray is not None:
+            pairs = (
+                (ray.rate(ends), old.rate(others))
+                for old in (self._ray,)
+                for ends, others in ((ray.prescribed, old.prescribed), (ray.vectors, old.vectors))
+            )
+            turns = any(not _same(*pair) for pair in pairs)
+        if global_any(self._problem.comm, turns) and follows:
+            self._forget()
+        self._ray = ray
+        return Stage(start, target, follows)
 
-    def _adapt(self, report: StepReport, arrived: bool) -> None:
+    # One step
+
+    def _next(self, stage: Stage) -> Part:
+        """A converged step, after as many attempts as it takes."""
+        problem, options = self._problem, self._stepper.options
+        share, cuts, passed, start = 1.0, 0, None, problem.t
+        while True:
+            end = stage.target if share == 1 else start + share * (stage.target - start)
+            control, ahead = self._control(stage, end, cuts, passed)
+            before = problem.step.snapshot()
+            report = self._stepper.step(control, ahead)
+            if report.converged and stage.follows:
+                if stage.ahead(problem.t, stage.target) > 0:
+                    # The target was passed on the way: look for the state in between.
+                    problem.step.return_to(before)
+                    passed = report
+                    continue
+                if type(control) is Control and report.work > self._most:
+                    problem.step.return_to(before)
+                    report = report.failed("JUMPED")
+            if report.converged:
+                break
+            self._result.failures.append((end, report.reason))
+            cuts += 1
+            if cuts > options.max_cuts:
+                raise StepFailure(self._complaint(start, end, report), self._result)
+            if passed is not None:
+                self._work, passed = passed.work / 2, None
+            elif type(control) is Work:
+                self._work *= CUT
+            elif not stage.follows or cuts > 2:
+                share /= 2
+        self._breaking |= stage.follows and cuts > 0
+        self._ahead, self._spent = report.change, report.work
+        self._adapt(report)
+        return Part(problem.t, stage.done(problem.t), problem.t - start, report, cuts, 0)
+
+    def _control(
+        self, stage: Stage, end: float, cuts: int, passed: StepReport | None
+    ) -> tuple[Control, Direction | None]:
+        """How the next attempt is controlled, and where its first guess leads.
+
+        Args:
+            stage: The stage.
+            end: Where the attempt ends by load control.
+            cuts: Attempts that have failed.
+            passed: A step from here that went beyond the target.
+        """
+        t, ahead = self._problem.t, self._ahead
+        if passed is not None:
+            beyond = passed.work, t + passed.change.t
+            first = (stage.target - t) / passed.change.t * passed.work
+            most = 2 * passed.work
+            arrival = Arrival(stage.target, stage.span, first, (0.0, t), beyond, most, start=t)
+            return arrival, passed.change
+        if not stage.follows or cuts % 2 == 0 and (cuts > 0 or not self._breaking):
+            return Control(end, stage.span), ahead
+        if self._spent == 0 or ahead is None:
+            return Work(end, stage.span, self._work), None
+        if cuts == 0 and ahead.t * (stage.target - t) > 0:
+            needed = (stage.target - t) / ahead.t * self._spent
+            if needed <= self._work:
+                most = 4 * self._work
+                arrival = Arrival(stage.target, stage.span, needed, (0.0, t), None, most, start=t)
+                return arrival, ahead
+        return Work(end, stage.span, self._work), ahead
+
+    def _adapt(self, report: StepReport) -> None:
         """Choose the work of the next step."""
         growth = min(AIM / max(report.iterations, 1), GROWTH)
-        if not arrived:
+        if report.work >= self._work / 2:
             self._work *= growth
         elif growth > 1:
             self._work = max(self._work, growth * report.work)
-        self._work = min(self._work, MAX_SHARE * bond_energy(self._problem))
+        self._work = min(self._work, self._most)
+
+    def _complaint(self, start: float, end: float, report: StepReport) -> str:
+        norms = ", ".join(f"{norm:.3g}" for norm in report.norms[-4:]) or "none"
+        return (
+            f"the step from load factor {start:.8g} to {end:.8g} failed ({report.reason}, "
+            f"residuals {norms}) although it was cut {self._stepper.options.max_cuts} times; the "
+            f"problem is in its state at {start:.8g}"
+        )
+
+    # Snaps
+
+    def _behind_limit(self, stage: Stage, before: Snapshot, part: Part) -> Iterator[Part]:
+        """Steps behind a limit point: kept back until it is clear whether it is a real snap."""
+        step = self._problem.step
+        if stage.limit is None:
+            stage.limit, stage.after = before, []
+        now = step.snapshot()
+        if stage.ahead(now.t, stage.limit.t) > 0:
+            # The load has grown again: points have broken one by one.
+            for kept, state in stage.after:
+                step.return_to(state)
+                yield kept
+            step.return_to(now)
+            stage.limit, stage.after = None, None
+            yield part
+            return
+        stage.after.append((part, now))
+        if stage.ahead(stage.limit.t, now.t) > stage.span:
+            yield self._jump(stage)
+
+    def _jump(self, stage: Stage) -> Part:
+        """From the limit point to the next equilibrium at its load."""
+        step = self._problem.step
+        self._refine(stage)
+        t = stage.limit.t
+        report, steps = jump(self._stepper, t, stage.span)
+        stage.limit, stage.after = None, None
+        self._forget()
+        if not report.converged:
+            self._result.failures.append((t, report.reason))
+            raise StepFailure(
+                f"the snap at load factor {t:.8g} leads to no equilibrium ({report.reason}); "
+                'unstable="trace" follows the path behind it; the problem is in its state at '
+                f"{step.start.t:.8g}",
+                self._result,
+            )
+        return Part(t, stage.done(t), 0.0, report, 0, steps)
+
+    def _refine(self, stage: Stage) -> None:
+        """Find the limit point and a state just behind it, by steps of half the work."""
+        step = self._problem.step
+        part, state = stage.after[0]
+        work = part.report.work / 2
+        for _ in range(MAX_REFINEMENTS):
+            if stage.ahead(stage.limit.t, state.t) <= LIMIT * stage.span:
+                break
+            step.return_to(stage.limit)
+            report = self._stepper.step(Work(stage.target, stage.span, work), None)
+            if not report.converged:
+                break
+            now = step.snapshot()
+            if stage.ahead(now.t, stage.limit.t) > 0:
+                stage.limit = now
+            else:
+                state = now
+            work /= 2
+        step.return_to(state)
+
+
+def _same(rate: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two rates of loads are the same but for rounding."""
+    if rate.shape != other.shape:
+        return False
+    return np.allclose(rate, other, rtol=1e-6, atol=1e-9 * np.abs(rate).max(initial=0.0))

@@ -96,7 +96,7 @@ class Stepper:
             change = self.problem.u.x.array[:owned] - start.u[:owned]
             report = replace(
                 report,
-                work=step.damage_work(),
+                work=step.bond_work(),
                 change=Direction(change, self.problem.t - start.t),
             )
             step.commit()

@@ -72,9 +72,9 @@ def solve(
             Progress(problem, len(loads), options) as progress,
         ):
             stepper = Stepper(problem, options, progress)
-            path = Path(stepper)
+            path = Path(stepper, result)
             for number, target in enumerate(loads):
-                for part in path.advance(float(target), result):
+                for part in path.advance(float(target)):
                     _add_row(part, problem, options, monitor, result)
                     file.update()
                     progress.advanced(number + part.done, part.size, part.report, result.history)
