@@ -94,7 +94,6 @@ def main(
     checkpoint = Path(out) / "checkpoint"
     options = vmdg.SolveOptions(
         relative_tolerance=1e-8,
-        energy_guard=0.05,
         energy=True,
         progress=True,
         show=("stress", "stage"),

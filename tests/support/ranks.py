@@ -112,7 +112,7 @@ def solve(problem: vmdg.Problem, loads: NDArray) -> dict:
 
     # Condensed steps are for one rank.
     options = vmdg.SolveOptions(
-        relative_tolerance=1e-11, energy_guard=0.05, energy=True, condensed=False
+        relative_tolerance=1e-11, energy=True, condensed=False
     )
     iterations = vmdg.solve(problem, loads, options, look).history["iterations"].tolist()
     size = problem.space.dofmap.index_map.size_global

@@ -45,7 +45,7 @@ from .records import (
 )
 
 #: Changed whenever older files can no longer be read as they are.
-FORMAT = 3
+FORMAT = 4
 
 _CELLS = "cells"
 

@@ -93,37 +93,16 @@ class Snapshot:
 
 @dataclass(frozen=True)
 class RunScales:
-    """Largest values of a run so far, to which residuals and energies are compared.
+    """What a run has found out about the sizes of its problem.
 
     Attributes:
         force: Reaction, load, or imbalance at the start of a step [N].
         reaction: Reaction or load, without those of jumps [N].
-        work: External work [N mm].
+        work: Work on bonds that the next step may do; 0 before the first step [N mm].
+        breaking: Whether load control has failed while bonds were breaking.
     """
 
     force: float = 0.0
     reaction: float = 0.0
     work: float = 0.0
-
-
-@dataclass(frozen=True)
-class Exchange:
-    """Energies that the whole body exchanges in a step [N mm].
-
-    Attributes:
-        created: What the step would have to create: dissipated + stored - external.
-        external: Work of prescribed displacements and loads.
-        dissipated: Damage, friction and viscosity.
-        before: External work of the run before the step.
-    """
-
-    created: float
-    external: float
-    dissipated: float
-    before: float
-
-    @property
-    def unaccounted(self) -> float:
-        """Energy created or lost, relative to the external work and the dissipation."""
-        exchanged = abs(self.external) + self.dissipated
-        return abs(self.created) / max(exchanged, np.finfo(float).tiny)
+    breaking: bool = False

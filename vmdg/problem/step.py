@@ -13,7 +13,7 @@ from ..assembly.discretization import Discretization
 from ..base.parallel import global_any, global_max, global_sum
 from ..interface.activation import Activation, Utilization
 from .loading import Loading
-from .states import Exchange, RunScales, Snapshot
+from .states import RunScales, Snapshot
 
 
 class Step:
@@ -27,7 +27,7 @@ class Step:
     Attributes:
         discretization: Of the facets that are open now; another one after some have opened.
         activation: Facets of the interfaces, and which of them are open.
-        scales: Largest forces and work of the run so far, which the solver updates.
+        scales: Sizes of the run so far, which the solver updates.
         start: State in which the last step began.
         dissipated: Damage, friction and viscous work so far (3,), this rank's [N mm].
         external: Work of loads and prescribed displacements so far, this rank's [N mm].
@@ -128,25 +128,6 @@ class Step:
         self.return_to(self.start)
 
     # Energies of a step
-
-    def stored_energy(self) -> float:
-        """Energy of bodies and interfaces at the current state, this rank's [N mm]."""
-        return float(self.discretization.stored_energy().sum())
-
-    def exchange(self, stored: float) -> Exchange:
-        """Energies of the step that has converged and is not committed yet; collective.
-
-        Nothing counts as created where bodies swell in the step, whose work is not counted.
-
-        Args:
-            stored: :meth:`stored_energy` at the start of the step [N mm].
-        """
-        external, dissipated = self._external_work(), self._dissipation().sum()
-        created = dissipated + self.stored_energy() - stored - external
-        if self.discretization.bodies.eigenstrain_differs(self.start.t, self._loading.t):
-            created = 0.0
-        values = [created, external, dissipated, self.external]
-        return Exchange(*(float(value) for value in global_sum(self._comm, values)))
 
     def _dissipation(self) -> NDArray[np.float64]:
         """Damage, friction and viscous work of the step (3,), this rank's [N mm]."""

@@ -15,7 +15,7 @@ along du_0 + alpha du_1 tell where D reaches dD (as PRED_ELAS of Lorentz and Bad
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -66,10 +66,12 @@ class Control:
     Attributes:
         target: Load factor.
         span: Load factors of the present stage, the scale of differences.
+        failed: Whether the step is given up at an equilibrium on its way.
     """
 
     target: float
     span: float = 1.0
+    failed: bool = field(default=False, init=False)
 
     @property
     def loaded(self) -> bool:
@@ -189,13 +191,13 @@ class Arrival(Work):
         before: D and lambda of the last equilibrium before the target.
         beyond: Those of one beyond it, if there is one.
         most: Work at which the target is given up [N mm].
-        failed: Whether it is.
+        start: lambda at the start of the step.
     """
 
     before: tuple[float, float] = (0.0, 0.0)
     beyond: tuple[float, float] | None = None
     most: float = math.inf
-    failed: bool = False
+    start: float = 0.0
 
     def met(self, t: float, work: float) -> bool:
         """Whether an equilibrium ends the step; if not, dD is another one."""
@@ -221,5 +223,3 @@ class Arrival(Work):
             share = (self.target - t) / (t_next - t)
             self.work = D + (D_next - D) * min(max(share, 0.05), 0.95)
         return False
-
-    start: float = 0.0

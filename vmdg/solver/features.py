@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ..problem.problem import Problem
-from .linear import MAX_FACTORED, LinearOptions, Options, is_iterative, linear_options
+from .linear import MAX_FACTORED, LinearOptions, Petsc, is_iterative, linear_options
 from .options import SolveOptions
 from .tangent import lags_bulk
 
@@ -83,7 +83,7 @@ def _bodies(problem: Problem, linear: LinearOptions, condensed: bool) -> tuple[b
     return True, "for every tangent"
 
 
-def _name(linear: Options) -> str:
+def _name(linear: Petsc) -> str:
     kind = {"lu": "LU", "cholesky": "LDL^T", "gamg": "multigrid"}[linear["pc_type"]]
     return f"{linear['ksp_type'].upper()} with {kind}" if is_iterative(linear) else kind
 

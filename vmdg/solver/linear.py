@@ -21,7 +21,7 @@ from ..domain.geometry import rigid_motions
 from ..forms.geometry import Geometry
 from ..problem.problem import Problem
 
-Options = Mapping[str, str | int | float | bool | None]
+Petsc = Mapping[str, str | int | float | bool | None]
 
 #: Of the objects that options have configured.
 _numbers = count()
@@ -73,7 +73,7 @@ SETUP_ITERATIONS = 30
 
 def automatic_options(
     problem: Problem, max_direct: int = MAX_DIRECT, max_factored: int = MAX_FACTORED
-) -> tuple[Options, Options]:
+) -> tuple[Petsc, Petsc]:
     """Options of the solver that fits a problem, and of the one to fall back on.
 
     Small problems are solved directly: LDL^T where the tangent is symmetric (no friction), else LU.
@@ -101,24 +101,24 @@ class LinearOptions(NamedTuple):
     """The linear solver of a problem.
 
     Attributes:
-        solver: Options of KSP and PC.
+        solver: Petsc of KSP and PC.
         fallback: Those of the direct solver where an iterative one does not converge.
         automatic: Whether both were chosen by :func:`automatic_options`.
     """
 
-    solver: Options
-    fallback: Options
+    solver: Petsc
+    fallback: Petsc
     automatic: bool
 
 
-def linear_options(problem: Problem, petsc: Options | None) -> LinearOptions:
+def linear_options(problem: Problem, petsc: Petsc | None) -> LinearOptions:
     """The user's linear solver, or the one that fits if ``petsc`` only has options of SNES."""
     solver, fallback = automatic_options(problem)
     own = {name: value for name, value in (petsc or {}).items() if not name.startswith("snes_")}
     return LinearOptions(own or solver, fallback, not own)
 
 
-def is_iterative(options: Options) -> bool:
+def is_iterative(options: Petsc) -> bool:
     """Whether these options are of a Krylov solver; PETSc's default is one."""
     return options.get("ksp_type") != "preonly"
 
@@ -223,7 +223,7 @@ class LaggedKrylov:
     def __init__(
         self,
         matrix: PETSc.Mat,
-        options: Options,
+        options: Petsc,
         zone: NDArray[np.int32] | None = None,
     ):
         self._matrix = matrix
@@ -292,7 +292,7 @@ class LinearSolver:
     Args:
         matrix: The tangent.
         options: Of KSP and PC; a ``ksp_type`` other than "preonly" is iterative.
-        fallback: Options of the direct solver.
+        fallback: Petsc of the direct solver.
         zone: Owned dofs where an iterative solver corrects a lagged preconditioner.
 
     Attributes:
@@ -302,8 +302,8 @@ class LinearSolver:
     def __init__(
         self,
         matrix: PETSc.Mat,
-        options: Options,
-        fallback: Options,
+        options: Petsc,
+        fallback: Petsc,
         zone: NDArray[np.int32] | None = None,
     ):
         self.multigrid = options.get("pc_type") == "gamg"
@@ -352,7 +352,7 @@ def reset_failed(pc: PETSc.PC) -> None:
         pc.reset()
 
 
-def make_ksp(matrix: PETSc.Mat, options: Options) -> PETSc.KSP:
+def make_ksp(matrix: PETSc.Mat, options: Petsc) -> PETSc.KSP:
     """A solver with its own options."""
     ksp = PETSc.KSP().create(matrix.comm)
     ksp.setOperators(matrix)
@@ -360,7 +360,7 @@ def make_ksp(matrix: PETSc.Mat, options: Options) -> PETSc.KSP:
     return ksp
 
 
-def set_options(item: PETSc.KSP | PETSc.SNES, options: Options) -> None:
+def set_options(item: PETSc.KSP | PETSc.SNES, options: Petsc) -> None:
     """Configure a PETSc object by options named without prefix.
 
     They stay in PETSc's database under a prefix of the object: what is made when it is first used,

@@ -1,12 +1,12 @@
 """Newton's method for a load step: PETSc SNES on displacement and load factor.
 
-The unknowns are (u, lambda), lambda the load factor t. With R(u, lambda) = 0 of (46) one more
-equation says how far the step goes, see :mod:`vmdg.solver.control`. Block elimination: with the
-tangent K and f_lambda = -dR/dlambda two systems with the same matrix,
+The unknowns are (u, lambda), lambda the load factor t. Beside R(u, lambda) = 0 of (46) a control
+says how far the step goes, see :mod:`vmdg.solver.control`. Block elimination: with the tangent K
+and the loads f_lambda = -dR/dlambda of a unit of lambda, two systems with the same matrix,
 
     K.du_0 = -R,    K.du_1 = f_lambda,
 
-give the correction du = du_0 + dlambda du_1, which keeps the linearised R zero for every dlambda.
+give the correction du = du_0 + dlambda du_1, which takes the linearised R away for every dlambda.
 """
 
 from __future__ import annotations
@@ -22,29 +22,28 @@ from ..domain.topology import box_sides
 from ..problem.problem import Problem
 from .control import Control, Direction
 from .criterion import Criterion
-from .linear import destroy, set_options
-from .options import Petsc
+from .linear import Petsc, destroy, set_options
 from .report import StepReport, Trace
 from .system import System
 
 Array = NDArray[np.float64]
 
-#: Relative tolerances of iterative linear solves: loosest, tightest, and that of the first one.
-MAX_RTOL, MIN_RTOL, FIRST_RTOL = 1e-4, 1e-6, 1e-6
+#: Loosest and tightest relative tolerance of iterative linear solves. Where points change branch a
+#: correction that is not exact leads to another branch.
+MAX_RTOL, MIN_RTOL = 1e-4, 1e-6
 
-#: A backtracking line search on the residual norm, which carries the iteration over the kinks
-#: where points change branch.
-LINE_SEARCH = {
-    "snes_linesearch_type": "basic",
-    "snes_linesearch_order": 1,
-    "snes_linesearch_max_it": 8,
-}
+#: Under load control a backtracking line search on the residual norm carries the iteration over
+#: the kinks where points change branch. Where the work on bonds is given full steps do better.
+BACKTRACKING = {"snes_linesearch_type": "bt"}
+FULL_STEPS = {"snes_linesearch_type": "basic"}
+LINE_SEARCH = {"snes_linesearch_order": 1, "snes_linesearch_max_it": 8}
 
 #: Displacements in sizes of the body beyond which a trial state is given up as it is.
 MAX_DISPLACEMENT = 1e6
 
-#: An attempt is given up if two corrections leave more than this share of the residual.
-STALLED = 0.98
+#: An attempt is given up if two corrections leave more than this share of the residual by
+#: backtracking, or all of it by full steps, which then go round in circles.
+STALLED, CYCLE = 0.98, 1e-3
 
 _REASONS = {
     value: name
@@ -63,11 +62,9 @@ def linear_tolerance(norms: list[float], goal: float) -> float:
         norms: Residual norms of the step so far.
         goal: Residual norm at which the step has converged.
     """
-    if not norms:
-        return FIRST_RTOL
-    eta = FIRST_RTOL if len(norms) < 2 else 0.9 * (norms[-1] / norms[-2]) ** 2
+    eta = MAX_RTOL if len(norms) < 2 else 0.9 * (norms[-1] / norms[-2]) ** 2
     needed = 0.3 * goal / norms[-1]
-    return max(min(max(eta, MIN_RTOL), MAX_RTOL), min(needed, 0.1))
+    return max(min(max(eta, MIN_RTOL), MAX_RTOL), min(needed, MAX_RTOL))
 
 
 class Newton:
@@ -76,13 +73,13 @@ class Newton:
     Args:
         problem: The problem.
         relative_tolerance: Of the residual, see :class:`vmdg.solver.criterion.Criterion`.
-        max_iterations: Corrections before an attempt is given up.
+        max_iterations: Corrections from one equilibrium to the next before an attempt is given up.
         petsc: Options of the solver, without prefix.
 
     Attributes:
         discretization: What it was made for.
         owned: Number of component-wise dofs of this rank.
-        residual: Of the last assembly, zero on prescribed dofs [N].
+        residual: Of the last assembly, zero on prescribed dofs, and a zero for lambda [N].
     """
 
     def __init__(
@@ -93,38 +90,36 @@ class Newton:
         petsc: Petsc | None,
     ):
         self.discretization = problem.discretization
+        self.owned = problem.discretization.owned
         self._problem = problem
         self._comm = problem.comm
         self._criterion = Criterion(relative_tolerance, problem.step)
+        self._max_iterations = max_iterations
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))
-        self.owned = problem.discretization.owned
         self._prescribed = problem.loading.owned_prescribed
         self._system = System(problem, petsc)
+        # lambda is the last unknown of the first rank.
         local = self.owned + (problem.comm.rank == 0)
         self._x = PETSc.Vec().createMPI((local, None), comm=problem.comm)
         self.residual = self._x.duplicate()
-        sizes = ((local, None), (local, None))
-        self._matrix = PETSc.Mat().createPython(sizes, _Bordered(self), comm=problem.comm)
+        bordered, sizes = _Bordered(self), ((local, None), (local, None))
+        self._matrix = PETSc.Mat().createPython(sizes, bordered, comm=problem.comm)
         self._matrix.setUp()
-        own = {name: value for name, value in (petsc or {}).items() if name.startswith("snes_")}
-        self._snes = self._make_snes({**LINE_SEARCH, **own}, max_iterations)
-        self._control, self._dt = Control(0.0), 1.0
-        self._trace, self._goal = Trace(0), np.nan
-        self._trials, self._tolerance = 0, FIRST_RTOL
-
-    def _make_snes(self, options: Petsc, max_iterations: int) -> PETSc.SNES:
-        snes = PETSc.SNES().create(self._comm)
+        self._snes = snes = PETSc.SNES().create(problem.comm)
         snes.setFunction(self._function, self.residual)
         snes.setJacobian(lambda *_: None, self._matrix)
-        ksp = snes.getKSP()
-        ksp.setType(PETSc.KSP.Type.PYTHON)
-        ksp.setPythonContext(_Bordered(self))
-        ksp.getPC().setType(PETSc.PC.Type.NONE)
-        snes.setTolerances(max_it=20 * max_iterations)
-        self._max = max_iterations
+        snes.getKSP().setType(PETSc.KSP.Type.PYTHON)
+        snes.getKSP().setPythonContext(bordered)
+        snes.getKSP().getPC().setType(PETSc.PC.Type.NONE)
         snes.setConvergenceTest(self._test)
-        set_options(snes, options)
-        return snes
+        self._own = {k: v for k, v in (petsc or {}).items() if k.startswith("snes_")}
+        set_options(snes, LINE_SEARCH | self._own)
+        self._begin(Control(0.0), 1.0)
+
+    def _begin(self, control: Control, dt: float) -> None:
+        self._control, self._dt = control, dt
+        self._trace, self._goal = Trace(self.krylov), np.nan
+        self._trials, self._corrections, self._tolerance = 0, 0, MAX_RTOL
 
     @property
     def krylov(self) -> int:
@@ -137,20 +132,14 @@ class Newton:
         Args:
             control: How far to go from the present state.
             dt: Time step of the return maps [s].
-            ahead: Increment of the last step, if the path goes on as it was; None predicts with
-                the tangent of the present state.
+            ahead: Change in the last step, where the path goes on as it was; None begins with the
+                tangent of the present state.
         """
-        problem, krylov = self._problem, self.krylov
-        self._control, self._dt = control, dt
-        self._trace, self._trials, scales = Trace(self.krylov), 0, problem.step.scales
-        self._tolerance = FIRST_RTOL
-        self._since = 0
+        problem, krylov, scales = self._problem, self.krylov, self._problem.step.scales
+        self._begin(control, dt)
         with timer("predictor"):
             self._predict(ahead)
-        self._backtracks = control.loaded
-        database = PETSc.Options(self._snes.getOptionsPrefix())
-        database["snes_linesearch_type"] = "bt" if control.loaded else "basic"
-        self._snes.setFromOptions()
+        self._search(BACKTRACKING if control.loaded else FULL_STEPS)
         self._x.array[: self.owned] = problem.u.x.array[: self.owned]
         self._x.array[self.owned :] = problem.t
         self._snes.solve(None, self._x)
@@ -161,9 +150,17 @@ class Newton:
         else:
             # The forces of a state that is given up say nothing about the run.
             problem.step.scales = scales
-        name = _REASONS.get(reason, str(reason))
-        norms, solves = self._trace.norms, self._trace.solves
-        return StepReport(converged, norms, name, solves, self._goal, self.krylov - krylov)
+        trace, name = self._trace, _REASONS.get(reason, str(reason))
+        krylov = self.krylov - krylov
+        return StepReport(converged, trace.norms, name, trace.solves, self._goal, krylov)
+
+    def _search(self, options: Petsc) -> None:
+        """Choose the line search, where the user has not."""
+        self._backtracks = options is BACKTRACKING
+        database = PETSc.Options(self._snes.getOptionsPrefix())
+        for name, value in (options | self._own).items():
+            database[name] = value
+        self._snes.setFromOptions()
 
     def _predict(self, ahead: Direction | None) -> None:
         """Go on as in the last step, or along the tangent of the present state."""
@@ -172,9 +169,9 @@ class Newton:
         self._problem.step.assemble_residual(self._dt, hold=True)
         free = self._free_forces()
         self._criterion.update(global_norm(self._comm, free))
-        self.go(self.place(), self._balance(-free, FIRST_RTOL), 1.0)
+        self.go(self.place(), self._correction(-free, MAX_RTOL), 1.0)
 
-    # Trial states
+    # Trial states, see vmdg.solver.control.Trials
 
     def place(self) -> Direction:
         """Displacement and load factor now."""
@@ -185,16 +182,44 @@ class Newton:
         u, loading = self._problem.u.x, self._problem.loading
         u.array[: self.owned] = start.u + length * direction.u
         u.scatter_forward()
-        if direction.t != 0:
+        if loading.ray is not None:
             loading.move(self._control.snapped(start.t + length * direction.t))
-
-    def size(self, direction: Direction) -> float:
-        return global_norm(self._comm, direction.u)
+        else:
+            # Not along a line: as prescribed at the end.
+            u.array[loading.prescribed] = loading.prescribed_values(self._problem.t)
 
     def bond_work(self, start: Direction, direction: Direction, length: float) -> float:
-        """Work on bonds in the step if it ended there; the state is moved there [N mm]."""
+        """Work on bonds if the step ended there; the state is moved there [N mm]."""
         self.go(start, direction, length)
         return self._problem.step.bond_work(self._dt)
+
+    def size(self, direction: Direction) -> float:
+        """Norm of the displacement [mm]."""
+        return global_norm(self._comm, direction.u)
+
+    # Corrections
+
+    def correct(self, right: Array) -> Direction:
+        """Correction that takes the residual ``right`` away and follows the control; collective."""
+        return self._correction(-right, self._tolerance)
+
+    def _correction(self, forces: Array, rtol: float) -> Direction:
+        problem, control = self._problem, self._control
+        loading, start = problem.loading, self.place()
+        ray, prescribed = loading.ray, loading.prescribed
+        # What prescribed displacements are away from their load factor, and their rates.
+        away, rate = np.zeros_like(problem.u.x.array), np.zeros_like(problem.u.x.array)
+        away[prescribed] = loading.prescribed_values(start.t) - problem.u.x.array[prescribed]
+        if ray is not None:
+            rate[prescribed] = ray.rate(ray.prescribed)
+        solve = self._system.assemble([away[: self.owned], rate[: self.owned]])
+        zero = Direction(solve(forces, 0, rtol), 0.0)
+        if ray is None or (control.loaded and start.t == control.target):
+            return zero
+        one = Direction(solve(problem.step.load_rate(), 1, rtol), 1.0)
+        dt = control.change(self, start, zero, one)
+        self.go(start, zero, 0.0)
+        return Direction(zero.u + dt * one.u, dt)
 
     def _reaction(self) -> float:
         """Norm of the reactions of the last assembly [N]."""
@@ -214,8 +239,8 @@ class Newton:
         if x.norm(PETSc.NormType.NORM_INFINITY) > MAX_DISPLACEMENT * self._size:
             f.set(np.nan)
             return
-        problem = self._problem
-        u, t = problem.u.x, self._comm.bcast(x.array_r[-1] if self._comm.rank == 0 else None)
+        problem, u = self._problem, self._problem.u.x
+        t = self._comm.bcast(x.array_r[-1] if self._comm.rank == 0 else None)
         if problem.loading.ray is not None:
             problem.loading.move(self._control.snapped(t))
         u.array[: self.owned] = x.array_r[: self.owned]
@@ -224,59 +249,38 @@ class Newton:
         f.set(0.0)
         f.array[: self.owned] = self._free_forces()
 
-    def correct(self, right: Array) -> Direction:
-        """Correction that takes the residual ``right`` away and meets the control; collective."""
-        return self._balance(-right, self._tolerance)
-
-    def _balance(self, forces: Array, rtol: float) -> Direction:
-        """du and dlambda that balance forces and meet the control."""
-        problem, control = self._problem, self._control
-        loading, owned = problem.loading, self.owned
-        t, prescribed = problem.t, loading.prescribed
-        # What prescribed displacements are still away from the load factor, and their rate.
-        away, rate = np.zeros_like(problem.u.x.array), np.zeros_like(problem.u.x.array)
-        away[prescribed] = loading.prescribed_values(t) - problem.u.x.array[prescribed]
-        ray = loading.ray
-        if ray is not None:
-            rate[prescribed] = ray.rate(ray.prescribed)
-        balance = self._system.assemble([away[:owned], rate[:owned]])
-        du = balance(forces, 0, rtol)
-        start, zero = self.place(), Direction(du, 0.0)
-        if ray is None or control.loaded and t == control.target:
-            return zero
-        loads = problem.step.load_rate()
-        direction = Direction(balance(loads, 1, rtol), 1.0)
-        dt = control.change(self, start, zero, direction)
-        self.go(start, zero, 0.0)
-        loading.move(start.t)
-        return Direction(du + dt * direction.u, dt)
-
     def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         reasons, residual = PETSc.SNES.ConvergedReason, norms[2]
-        trials = self._trials if iteration else 0
-        self._trace.note(residual, trials, self.krylov, self._tolerance)
+        self._trace.note(residual, self._trials if iteration else 0, self.krylov, self._tolerance)
         self._trials = 0
         if not np.isfinite(residual):
             return reasons.DIVERGED_FNORM_NAN
         self._criterion.floor = float(np.finfo(float).eps) * self._size * self._system.norm
         self._goal = goal = self._criterion.goal(self._reaction())
+        control, step = self._control, self._problem.step
         if residual <= goal:
-            self._since = 0
-            if self._control.met(self._problem.t, self._problem.step.bond_work()):
+            # At an equilibrium, which may be one on the way.
+            self._corrections = 0
+            if control.met(self._problem.t, step.bond_work()):
                 return reasons.CONVERGED_FNORM_RELATIVE
-        self._since += 1
-        if self._since > self._max + 1:
+            if control.failed:
+                return reasons.DIVERGED_DTOL
+        self._corrections += 1
+        if self._corrections > self._max_iterations + 1:
             return reasons.DIVERGED_MAX_IT
-        if getattr(self._control, "failed", False):
-            return reasons.DIVERGED_DTOL
-        norms = self._trace.norms
-        if len(norms) > 4 and (
-            abs(norms[-1] / norms[-3] - 1) < 1e-3
-            or self._backtracks and norms[-1] > STALLED * norms[-3]
-        ):
+        if self._stalled():
             return reasons.DIVERGED_LOCAL_MIN
-        self._tolerance = linear_tolerance(norms, goal)
+        self._tolerance = linear_tolerance(self._trace.norms, goal)
         return reasons.ITERATING
+
+    def _stalled(self) -> bool:
+        """Whether two corrections have changed nothing."""
+        norms = self._trace.norms
+        if len(norms) < 5 or self._corrections < 4:
+            return False
+        if self._backtracks:
+            return norms[-1] > STALLED * norms[-3]
+        return abs(norms[-1] - norms[-3]) < CYCLE * norms[-3]
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
@@ -287,13 +291,13 @@ class Newton:
 
 
 class _Bordered:
-    """What PETSc asks of the matrix and the linear solver of (u, lambda)."""
+    """What PETSc asks of the matrix and of the linear solver of (u, lambda)."""
 
     def __init__(self, newton: Newton):
         self._newton = newton
 
     def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """J.x = b by block elimination; PETSc subtracts x."""
+        """J.x = b; PETSc subtracts x."""
         owned = self._newton.owned
         du, dt = self._newton.correct(b.array_r[:owned].copy())
         x.array[:owned] = -du
@@ -301,5 +305,5 @@ class _Bordered:
         ksp.setConvergedReason(PETSc.KSP.ConvergedReason.CONVERGED_ITS)
 
     def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """J.x; a line search asks for it for the correction, of which it is the residual."""
+        """J.x, which a line search asks for the x that takes the residual away: the residual."""
         self._newton.residual.copy(y)

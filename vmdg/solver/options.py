@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import InitVar, dataclass
 from pathlib import Path
 
+from .linear import Petsc
 
-Petsc = Mapping[str, str | int | float | bool | None]
+
+CONTROLS, UNSTABLE = ("auto", "load", "dissipation"), ("jump", "trace")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,18 +20,17 @@ class SolveOptions:
         relative_tolerance: Residual norm relative to the largest force the run has seen; it never
             exceeds 1e-6 of the largest reaction or load.
         max_iterations: Newton corrections before a step is cut.
-        max_cuts: How often a step may be halved.
-        jump: Where cutting does not help, pass an unstable stage by steps with viscous overstress
-            at constant load that end in an equilibrium without it. What they dissipate is counted
-            as viscosity.
-        jump_after: Cuts of a step before a jump is tried: the load at which the stage starts is
-            met to ``step / 2**jump_after``.
-        max_jump_steps: Steps with overstress before a jump is given up.
-        jump_rest: Largest overstress, relative to the strength, at which the end of a jump is
-            tried without it.
-        predictor: How a step starts: "path" extrapolates the last states where that is good and
-            else does as "tangent", the tangent with the damage of the last state; "elastic" holds
-            the damage.
+        max_cuts: Attempts of a step that may fail.
+        control: What leads a run. "auto" goes from one given load factor to the next, and where
+            this does not lead to an equilibrium while bonds break, by the work on bonds: rows of
+            the equilibrium path, whose load factors may fall. Given load factors are met exactly
+            where the path passes them for the first time. "dissipation" does so from the start,
+            "load" never. Stages in which loads are not linear in the load factor, eigenstrains
+            change or laws are viscous go by load factors.
+        unstable: At a limit point behind which the load factor falls by more than a given step:
+            "jump" goes to the next equilibrium at that load, as a test machine does, and counts
+            what is released as viscosity; "trace" follows the path back. Smaller snaps, of points
+            that break one by one, are always traced.
         duration: Time for one unit of load factor [s]; matters to laws with viscosity only.
         petsc: Options for SNES, KSP and PC, without prefix. Default: a backtracking line search and
             the linear solver of :func:`vmdg.solver.linear.automatic_options`.
@@ -38,10 +38,6 @@ class SolveOptions:
         condensed: Iterate on the gaps at the interface points alone, the linear bodies of a problem
             of small strain condensed to them: None where that is possible and cheaper, False never,
             True wherever it is possible, see :mod:`vmdg.solver.features`.
-        energy_guard: Reject a step that ends in a distant equilibrium: one whose stored and
-            dissipated energy exceed what was there and the work put in by more than this share of
-            the work seen so far (for example 0.05). Off by default: a coarse step over a peak of
-            the force misses some of the work by itself.
         energy: Add the energies of every step to the history.
         progress: Show a progress bar and the summary of the run (rank 0): load factor, size,
             iterations of the step, forces, share of the interfaces that is debonded, and with
@@ -59,23 +55,19 @@ class SolveOptions:
             load factors that is reached after so many, and at the end of the run.
 
     Raises:
-        ValueError: both ``petsc`` and ``petsc_options`` are given.
+        ValueError: both ``petsc`` and ``petsc_options`` are given, or an option is none of its
+            values.
     """
 
     relative_tolerance: float = 1e-9
     max_iterations: int = 10
     max_cuts: int = 6
-    jump: bool = True
-    jump_after: int = 2
-    max_jump_steps: int = 200
-    jump_rest: float = 0.1
     control: str = "auto"
     unstable: str = "jump"
     duration: float = 1.0
     petsc: Petsc | None = None
     petsc_options: InitVar[Petsc | None] = None
     condensed: bool | None = None
-    energy_guard: float = math.inf
     energy: bool = False
     progress: bool | float = False
     show: Sequence[str] | str | None = None
@@ -85,6 +77,11 @@ class SolveOptions:
     checkpoint_every: int = 10
 
     def __post_init__(self, petsc_options: Petsc | None):
+        for name, known in (("control", CONTROLS), ("unstable", UNSTABLE)):
+            if getattr(self, name) not in known:
+                raise ValueError(
+                    f"SolveOptions: {name} = {getattr(self, name)!r} must be one of {known}"
+                )
         if petsc_options is None:
             return
         if self.petsc is not None:

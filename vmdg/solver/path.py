@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -124,13 +124,20 @@ class Path:
         self._result = result
         bonds = Bonds.of(self._problem)
         self._most = MAX_SHARE * bonds.energy
-        self._work = min(FIRST_FACETS * bonds.energy / max(bonds.facets, 1), self._most)
+        first = min(FIRST_FACETS * bonds.energy / max(bonds.facets, 1), self._most)
+        scales = self._problem.step.scales
+        self._remember(scales.work or first, scales.breaking)
         self._ray: Ray | None = None
-        # Whether load control has failed while bonds were breaking, and the last step.
-        self._breaking = False
-        self._forget()
+        self.forget()
 
-    def _forget(self) -> None:
+    def _remember(self, work: float, breaking: bool) -> None:
+        """Work on bonds of the next step, and whether load control has failed in breaking bonds."""
+        self._work = min(work, self._most)
+        self._breaking = breaking or self._stepper.options.control == "dissipation"
+        step = self._problem.step
+        step.scales = replace(step.scales, work=self._work, breaking=self._breaking)
+
+    def forget(self) -> None:
         """The next step does not go on as the last one."""
         self._ahead: Direction | None = None
         self._spent = 0.0
@@ -172,7 +179,7 @@ class Path:
             )
             turns = any(not _same(*pair) for pair in pairs)
         if global_any(self._problem.comm, turns) and follows:
-            self._forget()
+            self.forget()
         self._ray = ray
         return Stage(start, target, follows)
 
@@ -208,9 +215,8 @@ class Path:
                 self._work *= CUT
             elif not stage.follows or cuts > 2:
                 share /= 2
-        self._breaking |= stage.follows and cuts > 0
         self._ahead, self._spent = report.change, report.work
-        self._adapt(report)
+        self._remember(self._next_work(report), self._breaking or (stage.follows and cuts > 0))
         return Part(problem.t, stage.done(problem.t), problem.t - start, report, cuts, 0)
 
     def _control(
@@ -231,7 +237,7 @@ class Path:
             most = 2 * passed.work
             arrival = Arrival(stage.target, stage.span, first, (0.0, t), beyond, most, start=t)
             return arrival, passed.change
-        if not stage.follows or cuts % 2 == 0 and (cuts > 0 or not self._breaking):
+        if not stage.follows or (cuts % 2 == 0 and (cuts > 0 or not self._breaking)):
             return Control(end, stage.span), ahead
         if self._spent == 0 or ahead is None:
             return Work(end, stage.span, self._work), None
@@ -243,14 +249,12 @@ class Path:
                 return arrival, ahead
         return Work(end, stage.span, self._work), ahead
 
-    def _adapt(self, report: StepReport) -> None:
-        """Choose the work of the next step."""
+    def _next_work(self, report: StepReport) -> float:
+        """Work on bonds that the next step may do."""
         growth = min(AIM / max(report.iterations, 1), GROWTH)
         if report.work >= self._work / 2:
-            self._work *= growth
-        elif growth > 1:
-            self._work = max(self._work, growth * report.work)
-        self._work = min(self._work, self._most)
+            return growth * self._work
+        return max(self._work, growth * report.work)
 
     def _complaint(self, start: float, end: float, report: StepReport) -> str:
         norms = ", ".join(f"{norm:.3g}" for norm in report.norms[-4:]) or "none"
@@ -288,7 +292,7 @@ class Path:
         t = stage.limit.t
         report, steps = jump(self._stepper, t, stage.span)
         stage.limit, stage.after = None, None
-        self._forget()
+        self.forget()
         if not report.converged:
             self._result.failures.append((t, report.reason))
             raise StepFailure(

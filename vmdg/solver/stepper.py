@@ -105,9 +105,7 @@ class Stepper:
                 report = replace(report, change=None)
             return report
 
-    def _iterate(
-        self, control: Control, ahead: Direction | None, overstress: float
-    ) -> StepReport:
+    def _iterate(self, control: Control, ahead: Direction | None, overstress: float) -> StepReport:
         problem, options = self.problem, self.options
         if self._newton.discretization is not problem.discretization:
             self._newton.destroy()

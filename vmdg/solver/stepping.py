@@ -43,7 +43,7 @@ def solve(
     Raises:
         StepFailure: a step fails although it was cut ``max_cuts`` times.
         ValueError: no load factors (and no history), a body that nothing holds, the softening of a
-            law is too steep for the mesh (r <= H), an unknown predictor, ``condensed=True``
+            law is too steep for the mesh (r <= H), ``condensed=True``
             where that is not possible, no steps between checkpoints, or columns of the history that
             have the same name, change their unit, or are to be shown and do not exist.
         TypeError: ``options`` or what the monitor returns is of the wrong kind.
@@ -79,9 +79,9 @@ def solve(
                     file.update()
                     progress.advanced(number + part.done, part.size, part.report, result.history)
                 if len(result.history) - written >= options.checkpoint_every:
-                    written = _write_checkpoint(stepper, result)
+                    written = _write_checkpoint(stepper, path, result)
             if len(result.history) > written:
-                _write_checkpoint(stepper, result)
+                _write_checkpoint(stepper, path, result)
             # Not where a step failed: one rank alone must not wait for the others here.
             stepper.close()
     finally:
@@ -92,12 +92,13 @@ def solve(
     return result
 
 
-def _write_checkpoint(stepper: Stepper, result: Result) -> int:
+def _write_checkpoint(stepper: Stepper, path: Path, result: Result) -> int:
     """Write a checkpoint if one is wanted; the number of rows that are safe now."""
     folder = stepper.options.checkpoint
     if folder is not None:
         write_checkpoint(stepper.problem, folder, result.history)
         stepper.restart()
+        path.forget()
     return len(result.history)
 
 

@@ -11,12 +11,12 @@ from ..base.parallel import global_any
 from ..problem.problem import Problem
 from .linear import (
     LinearSolver,
+    Petsc,
     interface_zone,
     is_iterative,
     linear_options,
     set_rigid_modes,
 )
-from .options import Petsc
 from .tangent import Tangent, lags_bulk
 
 Array = NDArray[np.float64]

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from ..base.parallel import global_norm
 from ..base.timers import timer
 from ..problem.problem import Problem
-from .linear import Options, is_iterative
+from .linear import Petsc, is_iterative
 
 #: Error of the forces that an older tangent foresees, relative to the forces of the correction: the
 #: factor by which the next correction can reduce the residual.
 MAX_LAG_ERROR = 3e-3
 
 
-def lags_bulk(problem: Problem, linear: Options) -> bool:
+def lags_bulk(problem: Problem, linear: Petsc) -> bool:
     """Whether a run with this linear solver lags the bodies' part of the tangent.
 
     A direct solver factorizes every tangent, which costs more than assembling it; where nothing
