@@ -8,7 +8,6 @@ from pathlib import Path
 
 from .linear import Petsc
 
-
 CONTROLS, UNSTABLE = ("auto", "load", "dissipation"), ("jump", "trace")
 
 
