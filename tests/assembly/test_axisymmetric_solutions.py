@@ -58,7 +58,8 @@ def test_tube_under_pressure(comm, cell, degree, law):
     """Lame: u_r = A r + B / r between rigid ends, in two layers; order k + 1.
 
     The traction between the layers is C_1 (1 - b^2 / r^2) with C_1 = p a^2 / (b^2 - a^2); it is of
-    order k at least, as every stress, and its mean better.
+    order k at least, as every stress, and its mean better. With a factor of 4 on tau_s its errors
+    are of one sign; with "auto" they are smaller and cross zero between meshes.
     """
     E, nu, p, a, b, middle = 1000.0, 0.3, 10.0, 1.0, 2.0, 1.4
     C1 = p * a**2 / (b**2 - a**2)
@@ -67,7 +68,9 @@ def test_tube_under_pressure(comm, cell, degree, law):
     displacement, traction = [], []
     for n in (2, 4, 8):
         scene = section(comm, cell, (n, n), (a, middle, b), height=0.5)
-        problem = revolved(scene, law, (material,) * 2, kinematics="small", degree=degree)
+        problem = revolved(
+            scene, law, (material,) * 2, {"safety": 4.0}, kinematics="small", degree=degree
+        )
         hold(problem, scene, BOTTOM, TOP, component="y")
         problem.traction(scene.facet_tags.find(INNER), [p, 0.0])
         vmdg.solve(problem, [1.0], PRECISE)

@@ -259,7 +259,9 @@ def test_invariants_give_the_energy_of_f_bar(comm, swelling):
         materials = [rubber(), rubber(200.0)]
         if user:
             materials = [vmdg.Hyperelastic(user_energy, m.parameters) for m in materials]
-        problem = joined(scene, vmdg.Bonded(), materials, volumetric="mean", eigenstrain=swelling)
+        # The same tau_s to rounding: eigenvalues lose digits.
+        options = {"volumetric": "mean", "eigenstrain": swelling}
+        problem = joined(scene, vmdg.Bonded(), materials, {"safety": 1.0}, **options)
         problem.loading.apply(1.0)
         displace(problem, scene, 1.0)
         matrix = tangent_matrix(problem)

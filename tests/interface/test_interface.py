@@ -194,7 +194,7 @@ def test_steep_softening_names_a_size_that_works(comm, cell):
         scene = blocks(
             comm, cell, (1,) * d, length=2 * size, height=size, depth=size, interface=(size, size)
         )
-        return joined(scene, law, materials=(MATERIALS[0],) * 2)
+        return joined(scene, law, (MATERIALS[0],) * 2, {"safety": 4.0})
 
     message = (
         r"facet (\d+) has r = \|tau_s\| = (\S+) MPa/mm, not above the softening modulus "

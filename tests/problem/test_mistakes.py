@@ -29,14 +29,14 @@ def scene(comm: MPI.Comm, size: float = 2.0, cell: str = "quadrilateral") -> Tag
 
 
 def bonded(
-    tagged: TaggedMesh, law: vmdg.Law = BOND, material: vmdg.Material = STEEL
+    tagged: TaggedMesh, law: vmdg.Law = BOND, material: vmdg.Material = STEEL, **options
 ) -> vmdg.Problem:
-    """Both blocks of one material, joined by a law."""
+    """Both blocks of one material, joined by a law; ``options`` are those of the interface."""
     return vmdg.Problem(
         tagged.mesh,
         tagged.cell_tags,
         {"left": material, "right": material},
-        [vmdg.Interface(between=("left", "right"), law=law)],
+        [vmdg.Interface(between=("left", "right"), law=law, **options)],
     )
 
 
@@ -93,10 +93,17 @@ def test_units(comm, mistake):
 
 @pytest.mark.parametrize(("E", "critical_gap"), [(5000.0, 0.2e-3), (5.0, 0.2)])
 def test_softening_too_steep_by_far(comm, E, critical_gap):
-    """Critical gap in m, or E in GPa: r <= H by a large factor, and the message asks for units."""
+    """Critical gap in m, or E in GPa: H above tau_s by a large factor, the message asks for units.
+
+    Refused with a factor on tau_s, r <= H; with "auto" r exceeds H, and it is a warning.
+    """
     law = vmdg.Debonding(strength=100.0, critical_gap=critical_gap)
-    with pytest.raises(ValueError, match=r"Refine .* do the units of .* go together \(MPa with mm"):
-        bonded(scene(comm), law, vmdg.NeoHookean(E=E, nu=0.25))
+    material, tagged = vmdg.NeoHookean(E=E, nu=0.25), scene(comm)
+    message = r"Refine .* do the units of .* go together \(MPa with mm"
+    with pytest.raises(ValueError, match=message):
+        bonded(tagged, law, material, safety=1.0)
+    with warned(comm, message):
+        look(held(tagged, bonded(tagged, law, material), "left", "right"))
 
 
 def test_a_bond_that_never_breaks_is_no_mistake(comm):

@@ -25,7 +25,7 @@ from ..forms.kinematics import Body
 from ..interface.active import ActiveInterface
 from ..interface.facets import InterfaceFacets
 from ..interface.interface import Interface
-from ..interface.stabilization import Stabilizers
+from ..interface.stabilization import Stabilization, Stabilizers
 from .dilatation import Dilatation
 from .space import broken_space
 from .weak_form import WeakForm
@@ -155,8 +155,11 @@ class Discretization:
 
     # Assembly
 
-    def update_stabilization(self) -> None:
+    def update_stabilization(self, slack: float = 0.0) -> None:
         """Evaluate tau_s and delta of every interface at the current displacement; collective.
+
+        Args:
+            slack: Share of the r of before that may lack before it is raised.
 
         Raises:
             ValueError: the softening of a law is too steep for the mesh (r <= H).
@@ -164,18 +167,32 @@ class Discretization:
         self.update_dilatation()
         self._update_pressure()
         with timer("stabilization"):
-            raised = self._stabilizers.raised()
-            for active, stabilization in zip(self.active.values(), raised, strict=True):
+            scaled = self._scaled_stabilization(slack)
+            for active, stabilization in zip(self.active.values(), scaled, strict=True):
                 active.apply(stabilization)
 
-    def stabilization_suffices(self) -> bool:
-        """Whether tau_s of the step is what coercivity asks for now too, on this rank; collective.
+    def _scaled_stabilization(self, slack: float) -> list[Stabilization]:
+        floors = [active.floor for active in self.active.values()]
+        return self._stabilizers.scaled(floors, slack)
+
+    def needed_penalties(self) -> list[NDArray[np.float64]]:
+        """r of every interface for a step from the current displacement (nf,); collective.
+
+        [MPa/mm]; the forms keep what they have.
+        """
+        with timer("stabilization"):
+            return [stabilization.norm for stabilization in self._scaled_stabilization(0.0)]
+
+    def stabilization_suffices(self, applied: Sequence[Stabilization]) -> bool:
+        """Whether these are what coercivity asks for now, on this rank; collective.
 
         At finite strain a step that goes far from where tau_s was evaluated may end in an
         equilibrium that only the lack of it makes possible.
+
+        Args:
+            applied: Stabilization of every interface.
         """
         with timer("stabilization"):
-            applied = [active.stabilization for active in self.active.values()]
             return self._stabilizers.suffice(applied)
 
     def update_dilatation(self) -> None:

@@ -34,9 +34,10 @@ class ActiveInterface:
         law: Its law.
         quadrature: Its points.
         turns: Whether the law works in a frame that turns with the interface.
-        stabilizer: Derives and raises tau_s.
+        stabilizer: Derives and scales tau_s.
         terms: Its integrands.
         stabilization: What the forms have; None before the first :meth:`apply`.
+        floor: Largest r so far (nf,) [MPa/mm], below which that of the next step does not fall.
         history: Converged history of the points.
         values: Values at the points at the last residual.
     """
@@ -56,6 +57,7 @@ class ActiveInterface:
         self.turns = self._return_map.turns
         self.terms = InterfaceTerms(interface, self.quadrature, u, bodies, self.turns)
         self.stabilization: Stabilization | None = None
+        self.floor = np.zeros(len(facets.facets))
         count = len(self.quadrature.weights) if self.law.inelastic else 0
         self.history = PointHistory.start(count, self.quadrature.d)
         self.values = self._return_map.start()
@@ -74,7 +76,7 @@ class ActiveInterface:
             self.stabilizer.check_softening(stabilization)
 
     def _set_stabilization(self, stabilization: Stabilization) -> None:
-        self.stabilization = stabilization
+        self.stabilization, self.floor = stabilization, stabilization.norm
         self.terms.set_stabilization(stabilization)
 
     def update_points(self, dt: float, hold: bool = False) -> None:
@@ -159,12 +161,14 @@ class ActiveInterface:
         self._set_stabilization(snapshot.stabilization)
 
     def continue_from(self, other: ActiveInterface) -> None:
-        """Take the history of the facets that ``other`` has too; new facets start without one."""
+        """Take history and floor of the facets that ``other`` has too; new ones have neither."""
         theirs = other.quadrature.points_of_facet
         position = np.searchsorted(self.facets.facets, other.facets.facets)
         mine = self.quadrature.points_of_facet[position]
         if not np.allclose(self.quadrature.points[mine], other.quadrature.points[theirs]):
             raise RuntimeError("the points of a facet changed their order")
+        self.floor = np.zeros(len(self.facets.facets))
+        self.floor[position] = other.floor
         self.values = with_rows(self.values, mine, other.values, theirs)
         self.terms.set_gap(self.values)
         if self.law.inelastic:

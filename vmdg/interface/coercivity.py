@@ -1,4 +1,4 @@
-"""How far tau_s must be raised, facet by facet, for the bonded form to stay coercive.
+"""The least tau_s, facet by facet, with which the bonded form stays coercive.
 
 With opening g, flux h_a = (A : GRAD u_a).N and bulk energy E_K = int_K GRAD u : A : GRAD u, the
 bonded form is the sum over the cells of E_K and over the interface facets of
@@ -15,7 +15,7 @@ So if on every cell the lambda of its interface facets fulfil
 
     sum_f 1/lambda_f int_f h.T_f.h <= E_K(u) for all u,                                       (*)
 
-then tau raised by s = (w_1 lambda_1 + w_2 lambda_2) / (1 - alpha) leaves a form not less than
+then tau multiplied by s = (w_1 lambda_1 + w_2 lambda_2) / (1 - alpha) leaves a form not less than
 alpha sum_K E_K: rigid motions apart, the form is coercive and keeps the share alpha of the bulk
 energy, for any degree, shape and contrast. (*) is a generalised eigenvalue problem of one cell, in
 the basis and at the points that the forms use, so under-integration is no way round it. A cell

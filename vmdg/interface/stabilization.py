@@ -1,4 +1,4 @@
-"""tau_s and delta: derived by (21)-(25), raised for coercivity, checked against softening."""
+"""tau_s and delta: derived by (21)-(25), scaled to coercivity, checked against softening."""
 
 from __future__ import annotations
 
@@ -21,11 +21,12 @@ from .coercivity import MARGIN, Coercivity
 from .interface import AUTO, Interface, StabilizationContext
 from .quadrature import FacetQuadrature, bubble_integrals
 
-#: r / H of a well-conditioned return map, and the factor up to which "auto" raises r for it.
-GOOD_RATIO, REPORT_SAFETY = 2.0, 4.0
+#: Least r / H of "auto": a return map, dgamma = f / (r - H), magnifies its trial by 2 at most.
+GOOD_RATIO = 2.0
 
 #: H / r from which on a wrong unit is as likely as a coarse mesh.
 SUSPICIOUS_RATIO = 3.0
+SAME_UNITS = "; do the units of strength, moduli, critical gap and mesh go together (MPa with mm)?"
 
 
 @dataclass(frozen=True)
@@ -55,13 +56,11 @@ class Stabilization:
         tensors, pairs, numbers = np.zeros((0, d, d)), np.zeros((0, 2, d, d)), np.zeros(0)
         return cls(tensors, pairs, pairs, tensors, numbers, numbers)
 
-    def raised(self, factor: NDArray[np.float64]) -> Stabilization:
-        """The same with tau_s multiplied by ``factor`` (nf,)."""
+    def scaled(self, norm: NDArray[np.float64]) -> Stabilization:
+        """The same with tau_s multiplied so that its norm is ``norm`` (nf,) [MPa/mm]."""
+        factor = norm / self.norm
         return replace(
-            self,
-            tau=factor[:, None, None] * self.tau,
-            norm=factor * self.norm,
-            safety=factor * self.safety,
+            self, tau=factor[:, None, None] * self.tau, norm=norm, safety=factor * self.safety
         )
 
 
@@ -132,7 +131,7 @@ def _occurrence(values: NDArray[np.int32]) -> NDArray[np.int64]:
 
 
 class Stabilizer:
-    """The stabilization of one interface, and how far it is raised.
+    """The stabilization of one interface, derived and scaled.
 
     tau_a = (int_gamma b)^2 / meas(gamma) inv(int_K GRAD b : A : GRAD b dV)   (21)-(22)
     tau_s = safety inv(tau_1 + tau_2),  delta_a = inv(tau_1 + tau_2).tau_a    (23)
@@ -154,7 +153,7 @@ class Stabilizer:
     Attributes:
         interface: As given.
         facets: Those of the quadrature.
-        automatic: Whether tau_s is raised facet by facet, ``safety="auto"``.
+        automatic: Whether tau_s is scaled facet by facet, ``safety="auto"``.
     """
 
     def __init__(
@@ -174,7 +173,7 @@ class Stabilizer:
         self._context = StabilizationContext(u, facets.cells, facets.local, facets.facets, N, area)
 
     def derive(self) -> Stabilization:
-        """tau_s and delta at the current displacement; with ``safety="auto"`` not raised yet.
+        """tau_s and delta at the current displacement; with ``safety="auto"`` not scaled yet.
 
         Raises:
             ValueError: the user's callable returns arrays of wrong shape.
@@ -213,25 +212,34 @@ class Stabilizer:
             return stabilization.tau
         return stabilization.norm[:, None, None] * np.eye(self._quadrature.d)
 
-    def raised(self, derived: Stabilization, factor: NDArray[np.float64]) -> Stabilization:
-        """The stabilization of a step: tau_s raised where ``safety="auto"`` says so.
+    def scaled(
+        self,
+        derived: Stabilization,
+        factor: NDArray[np.float64],
+        floor: NDArray[np.float64],
+        slack: float,
+    ) -> Stabilization:
+        """The stabilization of a step: with ``safety="auto"`` tau_s as coercivity asks for.
 
-        Where the interface can fail r is raised to twice H too, as far as the factor 4 of the
-        report's tables reaches: close to H a return map with its dgamma = f / (r - H) would
-        magnify every change of the trial traction. A larger r never harms coercivity.
+        r = max(factor |tau_s|, 2 H) where this exceeds floor / (1 - slack), floor elsewhere
+
+        The bubble of a cell that is long across or along the interface has a tau_s far above what
+        coercivity asks for, which costs iterations and gains nothing. Close to H a return map with
+        its dgamma = f / (r - H) would magnify every change of the trial traction; a larger r never
+        harms coercivity. tau_s is evaluated once a step, so u and tau_s depend on each other from
+        step to step: were r to follow u, states under a load that is held could drift, and every
+        change of r creates or takes energy of the opening.
 
         Args:
             derived: From :meth:`derive`.
-            factor: What coercivity asks for (nf,); 1 is the least.
+            factor: What coercivity asks for (nf,).
+            floor: Largest r so far (nf,) [MPa/mm].
+            slack: Share of r that may lack before it is raised.
         """
         if not self.automatic:
             return derived
-        factor = np.maximum(factor, 1.0)
-        law = self.interface.law
-        if law.inelastic:
-            enough = GOOD_RATIO * law.softening_modulus / derived.norm
-            factor = np.maximum(factor, np.minimum(enough, REPORT_SAFETY))
-        return derived.raised(factor)
+        r = np.maximum(factor * derived.norm, GOOD_RATIO * self.interface.law.softening_modulus)
+        return derived.scaled(np.where(floor < (1 - slack) * r, r, floor))
 
     def suffices(
         self, applied: Stabilization, derived: Stabilization, factor: NDArray[np.float64]
@@ -271,10 +279,7 @@ class Stabilizer:
                 f"below {size * r[f] / H:.3g} mm, or raise the critical gap"
             )
             if H > SUSPICIOUS_RATIO * r[f]:
-                message += (
-                    "; do the units of strength, moduli, critical gap and mesh go together (MPa "
-                    "with mm)?"
-                )
+                message += SAME_UNITS
         raise_together(comm, message)
 
 
@@ -300,20 +305,21 @@ class Stabilizers:
         self._coercivity: Coercivity | None = None
         self._constants: list[Stabilization] | None = None
 
-    def raised(self) -> list[Stabilization]:
-        """Of every interface for a step from the current displacement; collective."""
+    def scaled(self, floors: Sequence[NDArray[np.float64]], slack: float) -> list[Stabilization]:
+        """Of every interface for a step from the current displacement; collective.
+
+        Args:
+            floors: Largest r of the run so far (nf,) [MPa/mm].
+            slack: Share of r that may lack before it is raised.
+        """
         if self._constants is not None:
             return self._constants
         derived = self.derive()
-        raised = [
-            one.raised(*values)
-            for one, *values in zip(
-                self._interfaces, derived, self.coercivity(derived), strict=True
-            )
-        ]
+        arguments = zip(self._interfaces, derived, self.coercivity(derived), floors, strict=True)
+        scaled = [one.scaled(*values, slack) for one, *values in arguments]
         if self.constant:
-            self._constants = raised
-        return raised
+            self._constants = scaled
+        return scaled
 
     def suffice(self, applied: Sequence[Stabilization]) -> bool:
         """Whether these serve at the current displacement too, on this rank; collective.
@@ -329,11 +335,11 @@ class Stabilizers:
         return all([one.suffices(*values) for one, *values in checks])
 
     def derive(self) -> list[Stabilization]:
-        """Of every interface at the current displacement, not raised yet; collective."""
+        """Of every interface at the current displacement, not scaled yet; collective."""
         return [one.derive() for one in self._interfaces]
 
     def coercivity(self, derived: Sequence[Stabilization]) -> list[NDArray[np.float64]]:
-        """What coercivity asks to raise tau_s by on every facet (nf,); collective.
+        """What coercivity asks to multiply tau_s by on every facet (nf,); collective.
 
         Interfaces with a stabilization of the user's own neither ask nor take a share.
 

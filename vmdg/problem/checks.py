@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.parallel import global_any, global_max, raise_together
 from ..domain.topology import box_sides
 from ..interface.active import ActiveInterface
+from ..interface.stabilization import SAME_UNITS, SUSPICIOUS_RATIO
 from .problem import Problem
 from .supports import loose_parts
 
@@ -143,6 +144,7 @@ def _check_proportions(problem: Problem, active: ActiveInterface) -> None:
     _warn(comm, message)
     if not (law.strength > 0 and law.softening_modulus > 0):
         return
+    _check_softening(comm, active)
     stiffness = active.stabilization.norm / active.stabilization.safety
     stiffness = stiffness * active.quadrature.extent
     softest = -global_max(comm, float(-stiffness.min(initial=np.inf)))
@@ -161,4 +163,26 @@ def _check_proportions(problem: Problem, active: ActiveInterface) -> None:
             f"{active.interface}: the critical gap is about {gap:.3g}, the mesh {size:.3g} wide: "
             "the bond will hardly soften. Give both in the same unit (mm with N and MPa)"
         )
+    _warn(comm, message)
+
+
+def _check_softening(comm: MPI.Comm, active: ActiveInterface) -> None:
+    """Facets that are too coarse for H, which the r of ``safety="auto"`` exceeds on any mesh."""
+    law, extent = active.law, active.quadrature.extent
+    if law.viscosity > 0 or not active.stabilizer.automatic:
+        return
+    derived = active.stabilization.norm / active.stabilization.safety
+    share = derived / law.softening_modulus
+    worst, message = -global_max(comm, float(-share.min(initial=np.inf))), None
+    if worst < 1 and worst == share.min(initial=np.inf):
+        f = np.argmin(share)
+        message = (
+            f"{active.interface}: at facet {active.facets.facets[f]} the softening modulus H = "
+            f"{law.softening_modulus:.6g} MPa/mm exceeds the derived tau_s, {derived[f]:.6g}: the "
+            "bond breaks faster than the element can unload, facet by facet. Refine the facet "
+            f"from {extent[f]:.3g} to below {extent[f] * share[f]:.3g} mm, raise the critical gap, "
+            "or give the law a viscosity"
+        )
+        if worst < 1 / SUSPICIOUS_RATIO:
+            message += SAME_UNITS
     _warn(comm, message)

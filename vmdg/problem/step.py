@@ -12,8 +12,14 @@ from numpy.typing import NDArray
 from ..assembly.discretization import Discretization
 from ..base.parallel import global_any, global_max, global_sum
 from ..interface.activation import Activation, Utilization
+from ..interface.active import ActiveInterface
+from ..interface.coercivity import MARGIN
+from ..interface.stabilization import Stabilization
 from .loading import Loading
 from .states import RunScales, Snapshot
+
+#: How often a step is done again with the tau_s of its end before it is cut.
+MOST_REPEATS = 3
 
 
 class Step:
@@ -41,6 +47,9 @@ class Step:
         self.scales = RunScales()
         self.dissipated = np.zeros(3)
         self.external = 0.0
+        # tau_s of the first attempt of a step that is repeated, and how often it is.
+        self._unraised: list[Stabilization] = []
+        self._repeats = 0
         activation.follow(discretization.u)
         loading.apply(0.0)
         discretization.update_stabilization()
@@ -64,7 +73,7 @@ class Step:
         for active in self.discretization.active.values():
             active.begin_step(overstress)
         try:
-            self.discretization.update_stabilization()
+            self.discretization.update_stabilization(MARGIN)
         except ValueError:
             self.cancel()
             raise
@@ -108,8 +117,40 @@ class Step:
         return global_any(self._comm, self.discretization.inverted())
 
     def stabilization_suffices(self) -> bool:
-        """Whether the step has ended where its tau_s is enough for coercivity; collective."""
-        return not global_any(self._comm, not self.discretization.stabilization_suffices())
+        """Whether the step has ended where its tau_s is enough for coercivity; collective.
+
+        One that was raised for the step must be needed, too: a state that asked for more than the
+        one after it was no state of this path.
+        """
+        enough = self._suffices([active.stabilization for active in self._active])
+        return enough and not (self._unraised and self._suffices(self._unraised))
+
+    def _suffices(self, applied: Sequence[Stabilization]) -> bool:
+        return not global_any(self._comm, not self.discretization.stabilization_suffices(applied))
+
+    @property
+    def _active(self) -> Sequence[ActiveInterface]:
+        return list(self.discretization.active.values())
+
+    def raise_stabilization(self) -> bool:
+        """Cancel the step, to begin again with the r that its end asks for; collective.
+
+        Cutting a step need not help: it may be the strain of its end, however it is reached, that
+        asks for more than its start.
+
+        Returns:
+            False where that has been done often enough or in vain, and nothing is changed.
+        """
+        now = [active.stabilization for active in self._active]
+        if self._repeats == MOST_REPEATS or self._suffices(now):
+            return False
+        needed = self.discretization.needed_penalties()
+        first, repeats = self._unraised or now, self._repeats + 1
+        self.cancel()
+        for active, r in zip(self._active, needed, strict=True):
+            active.floor = r
+        self._unraised, self._repeats = first, repeats
+        return True
 
     def overstress(self) -> float:
         """Largest traction of the drag of the step relative to the strength; collective."""
@@ -122,10 +163,12 @@ class Step:
         self.dissipated += self._dissipation()
         for active in self.discretization.active.values():
             active.commit()
+        self._unraised, self._repeats = [], 0
 
     def cancel(self) -> None:
         """Return to the state before :meth:`begin`: a failed step leaves no trace."""
         self.return_to(self.start)
+        self._unraised, self._repeats = [], 0
 
     # Energies of a step
 
