@@ -198,7 +198,7 @@ def test_steep_softening_names_a_size_that_works(comm, cell):
 
     message = (
         r"facet (\d+) has r = \|tau_s\| = (\S+) MPa/mm, not above the softening modulus "
-        r"H = (\S+) MPa/mm .* Refine the facet from (\S+) to below (\S+) mm"
+        r"H = (\S+) MPa/mm: .* Refine the facet from (\S+) to below (\S+) mm"
     )
     with pytest.raises(ValueError, match=message) as refusal:
         build(2.0)

@@ -169,7 +169,7 @@ def _check_proportions(problem: Problem, active: ActiveInterface) -> None:
 def _check_softening(comm: MPI.Comm, active: ActiveInterface) -> None:
     """Facets that are too coarse for H, which the r of ``safety="auto"`` exceeds on any mesh."""
     law, extent = active.law, active.quadrature.extent
-    if law.viscosity > 0 or not active.stabilizer.automatic:
+    if not active.stabilizer.automatic:
         return
     derived = active.stabilization.norm / active.stabilization.safety
     share = derived / law.softening_modulus
@@ -179,9 +179,8 @@ def _check_softening(comm: MPI.Comm, active: ActiveInterface) -> None:
         message = (
             f"{active.interface}: at facet {active.facets.facets[f]} the softening modulus H = "
             f"{law.softening_modulus:.6g} MPa/mm exceeds the derived tau_s, {derived[f]:.6g}: the "
-            "bond breaks faster than the element can unload, facet by facet. Refine the facet "
-            f"from {extent[f]:.3g} to below {extent[f] * share[f]:.3g} mm, raise the critical gap, "
-            "or give the law a viscosity"
+            "bond breaks faster than the element can unload, facet by facet. Refine the facet from "
+            f"{extent[f]:.3g} to below {extent[f] * share[f]:.3g} mm, or raise the critical gap"
         )
         if worst < 1 / SUSPICIOUS_RATIO:
             message += SAME_UNITS
