@@ -84,7 +84,7 @@ class Stepper:
                 return report.failed("CELLS_INVERTED")
             if not step.stabilization_suffices():
                 if step.raise_stabilization():
-                    self._progress.say(f"step to load {wanted.t:.8g} again: tau_s of its end")
+                    self._progress.say(f"step to load {control.target:.8g} again: tau_s of its end")
                     continue
                 step.cancel()
                 return report.failed("STABILIZATION_OUTGROWN")
