@@ -29,13 +29,13 @@ from vmdg.plot import cell_means, deformed_corners, draw_cells, mode_map
 
 RADIUS, OUTER_RADIUS, HEIGHT = 0.95, 4.3, 5.36  # mm
 E_MATRIX, NU_MATRIX, NU_FIBRE = 4000.0, 0.33, 0.35  # MPa
-FIBRE_MODULUS, FRICTION = 2500.0, 0.475  # MPa, -
+FIBRE_MODULUS, FRICTION = 2500.0, 0.525  # MPa, -
 STRENGTH, CRITICAL_GAP, SHRINKAGE = 22.0, 0.011, 0.0022  # MPa, mm
 MAGNIFY = 5  # of the displacement in pictures
 # Figures 30 and 31, and what the numbers owe to the mesh and to the steps: argument, label, values.
 STUDIES = {
     "modulus": ("fibre_modulus", "E_f / E_m = {:g}", (0.625, 2.5, 6.0)),
-    "friction": ("friction", "mu = {:g}", (0.3, 0.475, 0.6)),
+    "friction": ("friction", "mu = {:g}", (0.3, 0.525, 0.6)),
     "mesh": ("refine", "cells x {:g}", (0.5, 1.0, 2.0, 4.0)),
     "steps": ("steps", "{:d} steps", (50, 100, 200, 400)),
 }

@@ -268,7 +268,7 @@ def test_push_out(comm):
     8191 N/mm. The slope of both falls as meshes are refined, by 2% from here on.
     """
     scene = pushout_section(comm)
-    law = vmdg.Debonding(strength=22.0, critical_gap=0.011, friction=0.475)
+    law = vmdg.Debonding(strength=22.0, critical_gap=0.011, friction=0.525)
     top, support = (scene.facet_tags.find(tag) for tag in (FIBRE_TOP, SUPPORT))
 
     def cured(punched: bool):

@@ -213,7 +213,7 @@ def test_exhausted_search_ends_the_attempt(comm):
 
     Backtracking gives up where it has found nothing smaller, not after more corrections.
     """
-    model = pushout.build(False, 12, 0.5, 0.475, 2500.0)
+    model = pushout.build(False, 12, 0.5, pushout.FRICTION, pushout.FIBRE_MODULUS)
     problem = model.problem
     vmdg.solve(problem, np.linspace(0.25, 1, 4))
     problem.dirichlet(model.top, lambda t: 1 - t, model.axis, relative=True)

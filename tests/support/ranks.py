@@ -56,7 +56,7 @@ def cracks(shape: str, size: float, critical_gap: float, end: float, **random) -
 
 def push(solid: bool, layers: int, refine: float, steps: int, end: float) -> Runs:
     """Cure and push-out."""
-    model = pushout.build(solid, layers, refine, 0.475, 2500.0)
+    model = pushout.build(solid, layers, refine, pushout.FRICTION, pushout.FIBRE_MODULUS)
     yield model.problem, np.linspace(0.25, 1, 4)
     model.problem.dirichlet(model.top, lambda t: 1 - t, model.axis, relative=True)
     yield model.problem, 1 + np.linspace(0, end, steps + 1)[1:]

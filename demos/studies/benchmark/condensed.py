@@ -56,7 +56,7 @@ def cell(element_size: float) -> Scene:
 
 def push_out(solid: bool, refine: float, steps: int) -> Scene:
     """The cure and the punch of a fibre."""
-    model = pushout.build(solid, 25, refine, 0.475, 2500.0, "small")
+    model = pushout.build(solid, 25, refine, pushout.FRICTION, pushout.FIBRE_MODULUS, "small")
     problem, axis = model.problem, "xyz".index(model.axis)
     return Scene(
         problem,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from helpers.pushout import (
     E_MATRIX,
+    FRICTION,
     HEIGHT,
     NU_FIBRE,
     NU_MATRIX,
@@ -84,7 +85,7 @@ def push_out(
         compare(case, "friction force [N]", force, shear_lag(height, friction, E_FIBRE, 0.0), mesh),
         compare(case, "lambda, middle half [1/mm]", growth, 2 * friction * k / RADIUS, mesh),
     ]
-    short, force = _slide(HEIGHT, round(layers * 0.4), 0.475, 0.1, verbose)
-    estimate = shear_lag(HEIGHT, 0.475, E_FIBRE, 0.0)
+    short, force = _slide(HEIGHT, round(layers * 0.4), FRICTION, 0.1, verbose)
+    estimate = shear_lag(HEIGHT, FRICTION, E_FIBRE, 0.0)
     case, mesh = f"push-out, H = {HEIGHT / RADIUS:.1f} a", describe(short, 1)
     return [*checks, compare(case, "friction force [N]", force, estimate, mesh)]
