@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from dolfinx import fem
 from numpy.typing import NDArray
@@ -145,6 +147,21 @@ class ActiveInterface:
         if self.law.inelastic and overstress > 0:
             bonded = self.history.softening < self.law.strength
             self._drag = overstress * self.law.softening_modulus * bonded
+
+    def open_free_points(self) -> None:
+        """C = I/r at points without bond and traction: the next tangent takes them for open.
+
+        Taken for closed, a crack would open like a zip: behind the points that have opened the
+        lips press on each other, so that a correction opens one or two facets more. Of points that
+        are taken for open by mistake the next return map closes all at once.
+        """
+        if not self.law.inelastic:
+            return
+        gone = self.history.softening >= self.law.strength
+        free = (gone & ~self.values.traction.any(axis=1))[:, None, None]
+        r = self.stabilization.norm[self.quadrature.facet][:, None, None]
+        compliance = np.where(free, np.eye(self.quadrature.d) / r, self.values.compliance)
+        self.values = replace(self.values, compliance=compliance)
 
     def commit(self) -> None:
         """Take the last return map as the converged history."""

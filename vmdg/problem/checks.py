@@ -33,22 +33,27 @@ class ModelWarning(UserWarning):
     """A problem that can be solved, but is hardly what was meant; the message names the cure."""
 
 
-def check_model(problem: Problem, loads: NDArray[np.float64]) -> None:
+def check_model(problem: Problem, loads: NDArray[np.float64]) -> bool:
     """Look for supports that are missing or in conflict, and numbers out of proportion.
 
     Args:
         problem: The problem, about to be solved.
         loads: Load factors to reach.
 
+    Returns:
+        Whether contact alone holds a body.
+
     Raises:
         ValueError: nothing holds a part of the problem, whatever its interfaces do.
     """
-    _check_supports(problem)
+    rests_on_contact = _check_supports(problem)
+    _check_bonds(problem)
     first, last = (problem.loading.dirichlet.conflict(float(t)) for t in (loads[0], loads[-1]))
     _warn(problem.comm, first or last)
     for active in problem.discretization.active.values():
         if active.law.inelastic:
             _check_proportions(problem, active)
+    return rests_on_contact
 
 
 def checked_loads(loads: ArrayLike, resumed: bool = False) -> NDArray[np.float64]:
@@ -97,7 +102,8 @@ def _warn(comm: MPI.Comm, message: str | None) -> None:
 # Supports
 
 
-def _check_supports(problem: Problem) -> None:
+def _check_supports(problem: Problem) -> bool:
+    """Whether contact alone holds a body; refuses one that nothing holds."""
     interfaces, message = problem.discretization.active.values(), None
     for part in loose_parts(problem, interfaces):
         message = (
@@ -107,14 +113,19 @@ def _check_supports(problem: Problem) -> None:
         )
     raise_together(problem.comm, message)
     bonded = [c for c in interfaces if not (c.law.inelastic and c.law.strength == 0)]
-    if len(bonded) < len(interfaces):
-        for part in loose_parts(problem, bonded):
-            _warn(
-                problem.comm,
-                f"only contact holds the body of {part.body} against {part.motions}, and "
-                "contact that is not pressed holds nothing: prescribe displacements, or press the "
-                "body by them",
-            )
+    resting = loose_parts(problem, bonded) if len(bonded) < len(interfaces) else []
+    for part in resting:
+        _warn(
+            problem.comm,
+            f"only contact holds the body of {part.body} against {part.motions}, and contact "
+            "that is not pressed holds nothing: prescribe displacements, or press the body by them",
+        )
+    return bool(resting)
+
+
+def _check_bonds(problem: Problem) -> None:
+    """Warn of a load that only bonds bear."""
+    interfaces = problem.discretization.active.values()
     # Cracks within a body leave it in one piece, as far as is known before.
     lasting = [c for c in interfaces if not c.law.inelastic or c.interface.within is not None]
     loaded = problem.loading.loaded

@@ -37,6 +37,8 @@ class Step:
         start: State in which the last step began.
         dissipated: Damage, friction and viscous work so far (3,), this rank's [N mm].
         external: Work of loads and prescribed displacements so far, this rank's [N mm].
+        rests_on_contact: Whether contact alone holds a body. Else points without bond and pressure
+            start every step open; the body would be loose.
     """
 
     def __init__(self, discretization: Discretization, activation: Activation, loading: Loading):
@@ -50,6 +52,7 @@ class Step:
         # tau_s of the first attempt of a step that is repeated, and how often it is.
         self._unraised: list[Stabilization] = []
         self._repeats = 0
+        self.rests_on_contact = False
         activation.follow(discretization.u)
         loading.apply(0.0)
         discretization.update_stabilization()
@@ -77,6 +80,9 @@ class Step:
         except ValueError:
             self.cancel()
             raise
+        if not self.rests_on_contact:
+            for active in self.discretization.active.values():
+                active.open_free_points()
         self._loading.apply(t)
 
     def assemble_residual(self, dt: float = 1.0, hold: bool = False) -> NDArray[np.float64]:

@@ -63,7 +63,7 @@ def solve(
         history=History() if history is None else history, switches=switchboard(problem, options)
     )
     if loads.size:
-        check_model(problem, loads)
+        problem.step.rests_on_contact = check_model(problem, loads)
     before, written, stepper = timings(), len(result.history), None
     try:
         with (

@@ -1,0 +1,65 @@
+"""Cracks that are there from the start, `Contact`, as they open; bodies that rest on contact."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+import vmdg
+from vmdg.meshes import beams, blocks
+from vmdg.meshes.beams import CONTACT, INTERFACE, LOWER_LEFT, RIGHT, UPPER_LEFT
+
+LENGTH, HEIGHT, CRACK = 100.0, 1.5, 30.0  # mm
+MATERIAL = vmdg.NeoHookean(E=120e3, nu=0.3)
+
+
+def cracked_beam(comm, facets: int, friction: float = 0.0, **options) -> vmdg.Problem:
+    """A DCB whose crack is an interface of ``facets`` facets; t opens its ends [mm]."""
+    stations, counts = (0.0, CRACK, LENGTH), (facets, max(facets, 8))
+    scene = beams(comm, "quadrilateral", stations, counts, HEIGHT, 2, CRACK, contact=CRACK)
+    laws = {INTERFACE: vmdg.Debonding(40.0, 0.014), CONTACT: vmdg.Contact(friction)}
+    find = scene.facet_tags.find
+    bonds = [vmdg.Interface(find(tag), law=law) for tag, law in laws.items()]
+    arms = dict.fromkeys((1, 2), MATERIAL)
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, arms, bonds, **options)
+    problem.dirichlet(find(RIGHT), 0.0)
+    problem.dirichlet(find(UPPER_LEFT), lambda t: t / 2, "y")
+    problem.dirichlet(find(LOWER_LEFT), lambda t: -t / 2, "y")
+    return problem
+
+
+@pytest.mark.parametrize("kinematics", ["small", "finite"])
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_crack_opens_at_once(comm, kinematics, friction):
+    """The iterations do not depend on the number of facets, and the open crack bears nothing."""
+    iterations = []
+    for facets in (15, 60, 240):
+        problem = cracked_beam(comm, facets, friction, kinematics=kinematics)
+        result = vmdg.solve(problem, [0.1, 0.2])
+        assert not result.failures
+        iterations += list(result.history["iterations"])
+        state = problem.state[1]
+        assert not state.traction.any()
+        assert (state.opening[:, 1] > 0).all()
+    assert max(iterations) <= 10
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_block_rests_on_contact(comm, friction):
+    """Nothing else holds it, so its points must not start open; a dead load presses it."""
+    mesh, cells, facets = blocks(comm, "quadrilateral", (4, 4))
+    interface = vmdg.Interface(between=(1, 2), law=vmdg.Contact(friction))
+    bodies = dict.fromkeys((1, 2), vmdg.NeoHookean(E=5000.0, nu=0.25))
+    problem = vmdg.Problem(mesh, cells, bodies, [interface], kinematics="small")
+    problem.dirichlet(facets.find(1), 0.0)
+    problem.dirichlet(facets.find(2), 0.0, "y")
+    problem.traction(facets.find(2), lambda t: np.array([-20.0 * t, 0.0]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vmdg.ModelWarning)
+        result = vmdg.solve(problem, [0.5, 1.0])
+    assert problem.step.rests_on_contact
+    assert not result.failures
+    assert result.history["iterations"].max() <= 2
+    assert problem.mean(0).traction[0] == pytest.approx(-20.0, rel=1e-9)
