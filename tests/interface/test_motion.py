@@ -17,7 +17,7 @@ import vmdg
 from vmdg import Mode
 from vmdg.meshes import beams
 from vmdg.meshes.beams import INTERFACE, LOWER_LEFT, RIGHT, UPPER_LEFT
-from vmdg.solver.iteration import LoadStep
+from vmdg.solver.control import Control
 from vmdg.solver.linear import LU
 from vmdg.solver.newton import Newton
 
@@ -227,7 +227,7 @@ class Scout:
         """Mode after a step to ``t``, which is taken back unless it is to be kept."""
         problem, start = self.problem, self.problem.step.snapshot()
         problem.step.begin(t, abs(t - problem.t))
-        assert self.newton.step(LoadStep(t), abs(t - problem.t)).converged
+        assert self.newton.solve(Control(t), abs(t - problem.t)).converged
         problem.step.commit()
         mode = int(problem.state[0].mode[0])
         if not keep:
