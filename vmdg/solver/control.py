@@ -123,9 +123,13 @@ class Work(Control):
     Attributes:
         target: Load factor to which the load goes before anything is damaged.
         work: dD; None where the target is met without so much work: load control [N mm].
+        within: Share of the work that the way to the target is foreseen to take of which dD is no
+            more; 1 for load control where dD is enough for all of it.
     """
 
     work: float | None = None
+    within: float = 1.0
+    _limited: bool = field(default=False, init=False, repr=False)
 
     @property
     def loaded(self) -> bool:
@@ -151,20 +155,35 @@ class Work(Control):
             length = INCREMENT / size
             return (trials.bond_work(start, direction, length) - D) / length
 
+        middle, left = Direction(start.u + zero.u, start.t), self.target - start.t
         gradient = slope(one)
+        length = left
         if gradient != 0:
-            return (self.work - D - slope(zero)) / gradient
-        middle = Direction(start.u + zero.u, start.t)
-        left = self.target - start.t
-        length = self._reach(trials, middle, one, left)
-        if length == left:
-            self.work = None
-        return length
+            length = (self.work - D - slope(zero)) / gradient
+        if not self._limited and abs(length) >= abs(left) and length * left > 0:
+            foreseen = trials.bond_work(middle, one, left)
+            if foreseen < self.work and not self._limit(foreseen):
+                return left
+            return self._reach(trials, middle, one, left)
+        return length if gradient != 0 else self._reach(trials, middle, one, left)
+
+    def _limit(self, foreseen: float) -> bool:
+        """Whether dD remains the control where the target is foreseen to come before it."""
+        self._limited = True
+        self.work = self.within * foreseen if self.within < 1 and foreseen > 0 else None
+        return self.work is not None
 
     def extrapolate(self, trials: Trials, ahead: Direction) -> bool:
         """Go on as in the last step until D is dD."""
-        start = trials.place()
-        trials.go(start, ahead, self._reach(trials, start, ahead, MAX_REACH))
+        start, left = trials.place(), self.target - trials.place().t
+        end = MAX_REACH
+        if not self._limited and ahead.t * left > 0 and left / ahead.t < end:
+            end = left / ahead.t
+            if (foreseen := trials.bond_work(start, ahead, end)) < self.work:
+                if not self._limit(foreseen):
+                    trials.go(start, ahead, end)
+                    return True
+        trials.go(start, ahead, self._reach(trials, start, ahead, end))
         return True
 
     def _reach(self, trials: Trials, start: Direction, direction: Direction, end: float) -> float:
@@ -198,6 +217,7 @@ class Arrival(Work):
     beyond: tuple[float, float] | None = None
     most: float = math.inf
     start: float = 0.0
+    _limited: bool = field(default=True, init=False, repr=False)
 
     def met(self, t: float, work: float) -> bool:
         """Whether an equilibrium ends the step; if not, dD is another one."""

@@ -213,10 +213,11 @@ class Path:
                 self._work, passed = passed.work / 2, None
             elif type(control) is Work:
                 self._work *= CUT
-            elif not stage.follows or cuts > 2:
+            if not stage.follows or cuts % 2 == 0:
                 share /= 2
         self._ahead, self._spent = report.change, report.work
-        self._remember(self._next_work(report), self._breaking or (stage.follows and cuts > 0))
+        work = min(self._work, report.work) if cuts and report.work else self._work
+        self._remember(self._next_work(report, work), self._breaking or (stage.follows and cuts > 0))
         return Part(problem.t, stage.done(problem.t), problem.t - start, report, cuts, 0)
 
     def _control(
@@ -235,26 +236,30 @@ class Path:
             beyond = passed.work, t + passed.change.t
             first = (stage.target - t) / passed.change.t * passed.work
             most = 2 * passed.work
-            arrival = Arrival(stage.target, stage.span, first, (0.0, t), beyond, most, start=t)
+            arrival = Arrival(
+                stage.target, stage.span, first, before=(0.0, t), beyond=beyond, most=most, start=t
+            )
             return arrival, passed.change
         if not stage.follows or (cuts % 2 == 0 and (cuts > 0 or not self._breaking)):
             return Control(end, stage.span), ahead
+        # Where load control has failed it is not to come back by another name.
+        within = CUT ** (cuts // 2 + 1) if cuts else 1.0
         if self._spent == 0 or ahead is None:
-            return Work(end, stage.span, self._work), None
+            return Work(stage.target, stage.span, self._work, within), None
         if cuts == 0 and ahead.t * (stage.target - t) > 0:
             needed = (stage.target - t) / ahead.t * self._spent
             if needed <= self._work:
                 most = 4 * self._work
-                arrival = Arrival(stage.target, stage.span, needed, (0.0, t), None, most, start=t)
+                arrival = Arrival(
+                    stage.target, stage.span, needed, before=(0.0, t), most=most, start=t
+                )
                 return arrival, ahead
-        return Work(end, stage.span, self._work), ahead
+        return Work(stage.target, stage.span, self._work, within), ahead
 
-    def _next_work(self, report: StepReport) -> float:
-        """Work on bonds that the next step may do."""
+    def _next_work(self, report: StepReport, work: float) -> float:
+        """Work on bonds that the next step may do, after one that might do ``work``."""
         growth = min(AIM / max(report.iterations, 1), GROWTH)
-        if report.work >= self._work / 2:
-            return growth * self._work
-        return max(self._work, growth * report.work)
+        return growth * work if report.work >= work / 2 else max(work, growth * report.work)
 
     def _complaint(self, start: float, end: float, report: StepReport) -> str:
         norms = ", ".join(f"{norm:.3g}" for norm in report.norms[-4:]) or "none"
