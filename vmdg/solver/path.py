@@ -217,7 +217,9 @@ class Path:
                 share /= 2
         self._ahead, self._spent = report.change, report.work
         work = min(self._work, report.work) if cuts and report.work else self._work
-        self._remember(self._next_work(report, work), self._breaking or (stage.follows and cuts > 0))
+        self._remember(
+            self._next_work(report, work), self._breaking or (stage.follows and cuts > 0)
+        )
         return Part(problem.t, stage.done(problem.t), problem.t - start, report, cuts, 0)
 
     def _control(
