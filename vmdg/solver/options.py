@@ -59,7 +59,7 @@ class SolveOptions:
     """
 
     relative_tolerance: float = 1e-9
-    max_iterations: int = 10
+    max_iterations: int = 20
     max_cuts: int = 6
     control: str = "auto"
     unstable: str = "jump"

@@ -122,11 +122,9 @@ class Path:
         self._stepper = stepper
         self._problem = stepper.problem
         self._result = result
-        bonds = Bonds.of(self._problem)
-        self._most = MAX_SHARE * bonds.energy
-        first = min(FIRST_FACETS * bonds.energy / max(bonds.facets, 1), self._most)
         scales = self._problem.step.scales
-        self._remember(scales.work or first, scales.breaking)
+        self._most = math.inf
+        self._remember(scales.work, scales.breaking)
         self._ray: Ray | None = None
         self.forget()
 
@@ -165,6 +163,10 @@ class Path:
     def _set_out(self, target: float) -> Stage:
         """The stage to a load factor."""
         loading, start = self._problem.loading, self._problem.t
+        bonds = Bonds.of(self._problem)
+        self._most = MAX_SHARE * bonds.energy
+        first = FIRST_FACETS * bonds.energy / max(bonds.facets, 1)
+        self._remember(self._work or first, self._breaking)
         by_load = self._stepper.options.control == "load" or self._stepper.viscous
         follows = not by_load and self._most > 0 and loading.set_ray(start, target)
         if not follows:
