@@ -14,7 +14,6 @@ from ..base.parallel import global_any, global_max, global_sum
 from ..interface.activation import Activation, Utilization
 from ..interface.active import ActiveInterface
 from ..interface.coercivity import MARGIN
-from ..interface.stabilization import Stabilization
 from .loading import Loading
 from .states import RunScales, Snapshot
 
@@ -50,7 +49,6 @@ class Step:
         self.dissipated = np.zeros(3)
         self.external = 0.0
         # tau_s of the first attempt of a step that is repeated, and how often it is.
-        self._unraised: list[Stabilization] = []
         self._repeats = 0
         self.rests_on_contact = False
         activation.follow(discretization.u)
@@ -123,15 +121,8 @@ class Step:
         return global_any(self._comm, self.discretization.inverted())
 
     def stabilization_suffices(self) -> bool:
-        """Whether the step has ended where its tau_s is enough for coercivity; collective.
-
-        One that was raised for the step must be needed, too: a state that asked for more than the
-        one after it was no state of this path.
-        """
-        enough = self._suffices([active.stabilization for active in self._active])
-        return enough and not (self._unraised and self._suffices(self._unraised))
-
-    def _suffices(self, applied: Sequence[Stabilization]) -> bool:
+        """Whether the step has ended where its tau_s is enough for coercivity; collective."""
+        applied = [active.stabilization for active in self._active]
         return not global_any(self._comm, not self.discretization.stabilization_suffices(applied))
 
     @property
@@ -145,17 +136,16 @@ class Step:
         asks for more than its start.
 
         Returns:
-            False where that has been done often enough or in vain, and nothing is changed.
+            False where that has been done often enough, and nothing is changed.
         """
-        now = [active.stabilization for active in self._active]
-        if self._repeats == MOST_REPEATS or self._suffices(now):
+        if self._repeats == MOST_REPEATS:
             return False
         needed = self.discretization.needed_penalties()
-        first, repeats = self._unraised or now, self._repeats + 1
+        repeats = self._repeats + 1
         self.cancel()
         for active, r in zip(self._active, needed, strict=True):
             active.floor = r
-        self._unraised, self._repeats = first, repeats
+        self._repeats = repeats
         return True
 
     def overstress(self) -> float:
@@ -169,12 +159,12 @@ class Step:
         self.dissipated += self._dissipation()
         for active in self.discretization.active.values():
             active.commit()
-        self._unraised, self._repeats = [], 0
+        self._repeats = 0
 
     def cancel(self) -> None:
         """Return to the state before :meth:`begin`: a failed step leaves no trace."""
         self.return_to(self.start)
-        self._unraised, self._repeats = [], 0
+        self._repeats = 0
 
     # Energies of a step
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -75,7 +76,8 @@ class Stepper:
     def _step(self, control: Control, ahead: Direction | None, overstress: float) -> StepReport:
         step = self.problem.step
         while True:
-            report = self._iterate(control, ahead, overstress)
+            # A control changes on the way.
+            report = self._iterate(copy(control), ahead, overstress)
             if not report.converged:
                 step.cancel()
                 return report
