@@ -179,3 +179,16 @@ def test_file_that_cannot_be_written(comm, out):
     comm.barrier()
     with pytest.raises(OSError, match=r"table .*history\.csv cannot be written"):
         vmdg.solve(pulled(comm), [0.01], vmdg.SolveOptions(csv=out / "file" / "history.csv"))
+
+
+def test_envelope():
+    """Where the load of a path falls, its envelope waits until it comes again."""
+    history = vmdg.History()
+    for load, force in ((1.0, 3.0), (2.0, 5.0), (1.5, 2.0), (2.0, 2.5), (2.5, 3.0)):
+        history.append({"load": load, "force [N]": force})
+    envelope = history.envelope()
+    assert envelope["load"].tolist() == [1.0, 2.0, 2.5]
+    assert envelope["force"].tolist() == [3.0, 5.0, 3.0]
+    assert envelope.units == {"force": "N"}
+    with pytest.raises(KeyError):
+        history.envelope("displacement")

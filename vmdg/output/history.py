@@ -90,6 +90,22 @@ class History:
             raise KeyError(f"history has no column {column!r}; it has {self.columns}")
         return np.array([row.get(name, np.nan) for row in self.rows])
 
+    def envelope(self, column: str = "load") -> History:
+        """The rows at which a column is larger than in all rows before.
+
+        Of an equilibrium path, whose load factors may fall, it is what a machine with growing load
+        or displacement passes: where the path turns back the envelope waits until it comes again.
+
+        Raises:
+            KeyError: there is no such column.
+        """
+        values = self[column]
+        before = np.maximum.accumulate(np.concatenate([[-np.inf], values[:-1]]))
+        result = History()
+        result.units = dict(self.units)
+        result.rows = [self.rows[i] for i in np.flatnonzero(values > before)]
+        return result
+
     def __repr__(self) -> str:
         size = f"{len(self)} rows x {len(self.columns)} columns"
         last = [f"{name}={short(value)}" for row in self.rows[-1:] for name, value in row.items()]
