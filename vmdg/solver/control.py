@@ -31,9 +31,9 @@ INCREMENT = 1e-7
 #: How often the last step an extrapolation may be.
 MAX_REACH = 4.0
 
-#: Differences of load factors, relative to the stage, that are rounding, and those from which on
-#: the tangent leads to the target.
-ROUNDING, NEAR = 1e-11, 1e-6
+#: Differences of load factors, relative to the stage, that are rounding, those from which on the
+#: tangent leads to the target, and those within which the onset of damage is found.
+ROUNDING, NEAR, ONSET = 1e-11, 1e-6, 1e-9
 
 
 class Direction(NamedTuple):
@@ -66,12 +66,15 @@ class Control:
     Attributes:
         target: Load factor.
         span: Load factors of the present stage, the scale of differences.
-        failed: Whether the step is given up at an equilibrium on its way.
+        rate: dD/dlambda along the path near its end; NaN where D has played no part [N mm].
+        onset: Change of the load factor to the onset of damage, a kink at which the step ends; None
+            where it ends elsewhere.
     """
 
     target: float
     span: float = 1.0
-    failed: bool = field(default=False, init=False)
+    rate: float = field(default=math.nan, init=False)
+    onset: float | None = field(default=None, init=False)
 
     @property
     def loaded(self) -> bool:
@@ -125,11 +128,17 @@ class Work(Control):
         work: dD; None where the target is met without so much work: load control [N mm].
         within: Share of the work that the way to the target is foreseen to take of which dD is no
             more; 1 for load control where dD is enough for all of it.
+        kink: Whether the step begins at the onset of damage, where nothing can be foreseen.
     """
 
     work: float | None = None
     within: float = 1.0
+    kink: bool = False
     _limited: bool = field(default=False, init=False, repr=False)
+    _first: bool = field(default=True, init=False, repr=False)
+
+    def __post_init__(self):
+        self._limited = self.kink
 
     @property
     def loaded(self) -> bool:
@@ -140,26 +149,43 @@ class Work(Control):
         """Whether an equilibrium ends the step."""
         if self.work is None:
             return t == self.target
+        if self.onset is not None:
+            return abs(self.onset) <= NEAR * self.span
         return abs(work - self.work) <= MISSED * self.work
 
     def change(self, trials: Trials, start: Direction, zero: Direction, one: Direction) -> float:
         """Change of the load factor in a correction, by D linearised in du_0 and du_1."""
         if self.work is None:
             return self.target - start.t
-        D = trials.bond_work(start, zero, 0.0)
+        first, self._first = self._first, False
+        D, middle = trials.bond_work(start, zero, 0.0), Direction(start.u + zero.u, start.t)
+        if self.onset is not None:
+            self.onset = self._begin_of_damage(trials, middle, one)
+            return self.onset
 
-        def slope(direction: Direction) -> float:
+        def slope(direction: Direction, sign: float = 1.0) -> float:
             size = trials.size(direction)
             if not 0 < size < np.inf:
                 return size - size
-            length = INCREMENT / size
+            length = sign * INCREMENT / size
             return (trials.bond_work(start, direction, length) - D) / length
 
-        middle, left = Direction(start.u + zero.u, start.t), self.target - start.t
-        gradient = slope(one)
+        left = self.target - start.t
+        # Where points are about to break D grows to one side only.
+        gradient = slope(one) or slope(one, -1.0)
         length = left
         if gradient != 0:
+            self.rate = gradient
             length = (self.work - D - slope(zero)) / gradient
+        else:
+            now, then = (trials.bond_work(middle, one, x) for x in (0.0, left))
+            if then > now == 0 and first:
+                self.onset = self._begin_of_damage(trials, middle, one)
+                return self.onset
+            if then == now > 0:
+                # Nothing is left to break: the step ends where the last bond has.
+                self.work, self.target = None, start.t
+                return 0.0
         if not self._limited and abs(length) >= abs(left) and length * left > 0:
             foreseen = trials.bond_work(middle, one, left)
             if foreseen < self.work and not self._limit(foreseen):
@@ -173,8 +199,22 @@ class Work(Control):
         self.work = self.within * foreseen if self.within < 1 and foreseen > 0 else None
         return self.work is not None
 
+    def _begin_of_damage(self, trials: Trials, start: Direction, one: Direction) -> float:
+        """Length of a direction up to which nothing breaks; negative where something has."""
+
+        def damages(length: float) -> bool:
+            return trials.bond_work(start, one, length) > 0
+
+        toward = math.copysign(self.span, self.target - start.t)
+        low, high = (-toward, 0.0) if damages(0.0) else (0.0, toward)
+        while abs(high - low) > ONSET * self.span:
+            middle = (low + high) / 2
+            low, high = (low, middle) if damages(middle) else (middle, high)
+        return low
+
     def extrapolate(self, trials: Trials, ahead: Direction) -> bool:
         """Go on as in the last step until D is dD."""
+        self._first = False
         start, left = trials.place(), self.target - trials.place().t
         end = MAX_REACH
         if not self._limited and ahead.t * left > 0 and left / ahead.t < end:
@@ -209,7 +249,7 @@ class Arrival(Work):
     Attributes:
         before: D and lambda of the last equilibrium before the target.
         beyond: Those of one beyond it, if there is one.
-        most: Work at which the target is given up [N mm].
+        most: Work at which the step ends before its target [N mm].
         start: lambda at the start of the step.
     """
 
@@ -217,7 +257,7 @@ class Arrival(Work):
     beyond: tuple[float, float] | None = None
     most: float = math.inf
     start: float = 0.0
-    _limited: bool = field(default=True, init=False, repr=False)
+    kink: bool = True
 
     def met(self, t: float, work: float) -> bool:
         """Whether an equilibrium ends the step; if not, dD is another one."""
@@ -234,11 +274,13 @@ class Arrival(Work):
             self.beyond = work, t
         (D, t), (D_next, t_next) = self.before, self.beyond or self.before
         if self.beyond is None:
-            # Not there yet: as the last two equilibria lead, but no more than twice as far.
+            # Not there yet: as the last two equilibria lead, but no more than twice as far. A path
+            # that has turned back, or leads on too slowly, ends the step here.
             D_last, t_last = last
             slope = (t - t_last) / max(D - D_last, np.finfo(float).tiny)
-            self.work = D + min(left / slope, D) if slope * left > 0 else 2 * D
-            self.failed = self.work > self.most
+            if slope * left <= 0 or work > self.most:
+                return True
+            self.work = D + min(left / slope, D)
         else:
             share = (self.target - t) / (t_next - t)
             self.work = D + (D_next - D) * min(max(share, 0.05), 0.95)

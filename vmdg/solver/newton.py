@@ -263,8 +263,6 @@ class Newton:
             self._corrections = 0
             if control.met(self._problem.t, step.bond_work()):
                 return reasons.CONVERGED_FNORM_RELATIVE
-            if control.failed:
-                return reasons.DIVERGED_DTOL
         self._corrections += 1
         if self._corrections > self._max_iterations + 1:
             return reasons.DIVERGED_MAX_IT

@@ -138,7 +138,7 @@ class Path:
     def forget(self) -> None:
         """The next step does not go on as the last one."""
         self._ahead: Direction | None = None
-        self._spent = 0.0
+        self._spent, self._kink = 0.0, False
 
     def advance(self, target: float) -> Iterator[Part]:
         """Steps until ``target`` is reached.
@@ -218,6 +218,9 @@ class Path:
             if not stage.follows or cuts % 2 == 0:
                 share /= 2
         self._ahead, self._spent = report.change, report.work
+        self._kink = control.onset is not None
+        if self._kink:
+            self._ahead, self._spent = None, 0.0
         work = min(self._work, report.work) if cuts and report.work else self._work
         self._remember(
             self._next_work(report, work), self._breaking or (stage.follows and cuts > 0)
@@ -249,7 +252,7 @@ class Path:
         # Where load control has failed it is not to come back by another name.
         within = CUT ** (cuts // 2 + 1) if cuts else 1.0
         if self._spent == 0 or ahead is None:
-            return Work(stage.target, stage.span, self._work, within), None
+            return Work(stage.target, stage.span, self._work, within, self._kink), None
         if cuts == 0 and ahead.t * (stage.target - t) > 0:
             needed = (stage.target - t) / ahead.t * self._spent
             if needed <= self._work:
