@@ -66,14 +66,12 @@ class Control:
     Attributes:
         target: Load factor.
         span: Load factors of the present stage, the scale of differences.
-        rate: dD/dlambda along the path near its end; NaN where D has played no part [N mm].
         onset: Change of the load factor to the onset of damage, a kink at which the step ends; None
             where it ends elsewhere.
     """
 
     target: float
     span: float = 1.0
-    rate: float = field(default=math.nan, init=False)
     onset: float | None = field(default=None, init=False)
 
     @property
@@ -175,7 +173,6 @@ class Work(Control):
         gradient = slope(one) or slope(one, -1.0)
         length = left
         if gradient != 0:
-            self.rate = gradient
             length = (self.work - D - slope(zero)) / gradient
         else:
             now, then = (trials.bond_work(middle, one, x) for x in (0.0, left))

@@ -151,8 +151,15 @@ class Newton:
             # The forces of a state that is given up say nothing about the run.
             problem.step.scales = scales
         trace, name = self._trace, _REASONS.get(reason, str(reason))
-        krylov = self.krylov - krylov
-        return StepReport(converged, trace.norms, name, trace.solves, self._goal, krylov)
+        return StepReport(
+            converged,
+            trace.norms,
+            name,
+            trace.solves,
+            self._goal,
+            self.krylov - krylov,
+            onset=control.onset is not None,
+        )
 
     def _search(self, options: Petsc) -> None:
         """Choose the line search, where the user has not."""

@@ -218,7 +218,7 @@ class Path:
             if not stage.follows or cuts % 2 == 0:
                 share /= 2
         self._ahead, self._spent = report.change, report.work
-        self._kink = control.onset is not None
+        self._kink = report.onset
         if self._kink:
             self._ahead, self._spent = None, 0.0
         work = min(self._work, report.work) if cuts and report.work else self._work

@@ -37,6 +37,7 @@ class StepReport:
             where they were solved directly.
         work: Work on bonds in the step, 0 where it failed [N mm].
         change: Change of displacement (owned dofs) and load factor; None where it failed.
+        onset: Whether the step ends where damage begins, at a kink of the path.
     """
 
     converged: bool
@@ -47,6 +48,7 @@ class StepReport:
     krylov: int = 0
     work: float = 0.0
     change: Direction | None = None
+    onset: bool = False
 
     @property
     def iterations(self) -> int:
