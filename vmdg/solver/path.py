@@ -22,6 +22,9 @@ from .stepper import Stepper
 #: Share of all bonds that a step breaks at most, and facets of which the first one breaks the bond.
 MAX_SHARE, FIRST_FACETS = 0.1, 5.0
 
+#: Share of the work on bonds whose release tells a snap from a long step.
+RELEASED = 0.05
+
 #: Corrections that a step should take: with fewer the next one goes further.
 AIM = 5
 
@@ -202,7 +205,7 @@ class Path:
                     problem.step.return_to(before)
                     passed = report
                     continue
-                if type(control) is Control and report.work > self._most:
+                if type(control) is Control and self._jumped(before, report):
                     problem.step.return_to(before)
                     report = report.failed("JUMPED")
             if report.converged:
@@ -226,6 +229,17 @@ class Path:
             self._next_work(report, work), self._breaking or (stage.follows and cuts > 0)
         )
         return Part(problem.t, stage.done(problem.t), problem.t - start, report, cuts, 0)
+
+    def _jumped(self, before: Snapshot, report: StepReport) -> bool:
+        """Whether a step by load control has passed a snap: energy was released in it."""
+        if report.work <= self._most:
+            return False
+        step, now = self._problem.step, self._problem.step.snapshot()
+        released = self._problem.energy().imbalance
+        step.return_to(before)
+        released -= self._problem.energy().imbalance
+        step.return_to(now)
+        return abs(released) > RELEASED * report.work
 
     def _control(
         self, stage: Stage, end: float, cuts: int, passed: StepReport | None
