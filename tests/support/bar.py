@@ -23,7 +23,7 @@ def with_law(
     comm: MPI.Comm, law: vmdg.Law, kinematics: str = "finite", dead: bool = False
 ) -> vmdg.Problem:
     """The bar; its right end moved by the load factor [mm], or pulled by it [MPa]."""
-    mesh, cells, facets = blocks(comm, "quadrilateral")
+    mesh, cells, facets = blocks(comm, "quadrilateral", (2, 2))
     material = vmdg.NeoHookean(E=E, nu=NU)
     interface = vmdg.Interface(between=(1, 2), law=law)
     problem = vmdg.Problem(

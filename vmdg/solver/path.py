@@ -317,16 +317,16 @@ class Path:
         self._refine(stage)
         t = stage.limit.t
         report, steps = jump(self._stepper, t, stage.span)
-        stage.limit, stage.after = None, None
-        self.forget()
         if not report.converged:
+            step.return_to(stage.limit)
             self._result.failures.append((t, report.reason))
             raise StepFailure(
                 f"the snap at load factor {t:.8g} leads to no equilibrium ({report.reason}); "
-                'unstable="trace" follows the path behind it; the problem is in its state at '
-                f"{step.start.t:.8g}",
+                'unstable="trace" follows the path behind it; the problem is in its state there',
                 self._result,
             )
+        stage.limit, stage.after = None, None
+        self.forget()
         return Part(t, stage.done(t), 0.0, report, 0, steps)
 
     def _refine(self, stage: Stage) -> None:
@@ -338,7 +338,7 @@ class Path:
             if stage.ahead(stage.limit.t, state.t) <= LIMIT * stage.span:
                 break
             step.return_to(stage.limit)
-            report = self._stepper.step(Work(stage.target, stage.span, work), None)
+            report = self._stepper.step(Work(stage.target, stage.span, work, kink=True), None)
             if not report.converged:
                 break
             now = step.snapshot()

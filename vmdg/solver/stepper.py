@@ -126,6 +126,10 @@ class Stepper:
             if not (overstress or self.viscous):
                 raise
             return StepReport(False, [], str(error))
+        scales = problem.step.scales
         report = self._newton.solve(control, dt, ahead)
+        if overstress:
+            # What a bond bears with an overstress only says nothing about the run.
+            problem.step.scales = scales
         self.krylov += report.krylov
         return report
