@@ -37,7 +37,7 @@ def jump(stepper: Stepper, t: float, span: float) -> tuple[StepReport, int]:
     """
     step = stepper.problem.step
     before = step.snapshot()
-    overstress, steps, least_steps, moving = FIRST_OVERSTRESS, 0, 1, False
+    overstress, steps, least_steps = FIRST_OVERSTRESS, 0, 1
     report = StepReport(False, [], "")
     while steps < MAX_STEPS and 1 / MAX_OVERSTRESS < overstress < MAX_OVERSTRESS:
         report = stepper.step(Control(t, span), overstress=overstress)
@@ -45,8 +45,7 @@ def jump(stepper: Stepper, t: float, span: float) -> tuple[StepReport, int]:
         if not report.converged:
             overstress *= GROWTH
             continue
-        moving |= report.iterations > 0
-        if moving and steps >= least_steps and step.overstress() < REST:
+        if steps >= least_steps and step.overstress() < REST:
             report = stepper.step(Control(t, span))
             if report.converged:
                 return report, steps

@@ -34,6 +34,9 @@ GROWTH, CUT = 2.0, 0.25
 #: How exactly a limit point is found, relative to the stage, and in how many steps at most.
 LIMIT, MAX_REFINEMENTS = 1e-6, 12
 
+#: How far behind it a jump begins, relative to the stage.
+AWAY = 1e-2
+
 
 class Part(NamedTuple):
     """A converged step on the way to a given load factor.
@@ -89,6 +92,7 @@ class Stage:
         follows: Whether the load may be controlled by the work on bonds.
         limit: State of the largest load so far, where the path has turned back after it.
         after: States behind it, which become rows if the load grows beyond the limit again.
+        traces: Whether snaps are followed back.
     """
 
     start: float
@@ -96,6 +100,7 @@ class Stage:
     follows: bool
     limit: Snapshot | None = None
     after: list[tuple[Part, Snapshot]] | None = None
+    traces: bool = False
 
     @property
     def span(self) -> float:
@@ -150,11 +155,11 @@ class Path:
             StepFailure: a step fails although it was cut as often as the options allow.
         """
         stage = self._set_out(target)
-        traces = self._stepper.options.unstable == "trace"
+        stage.traces = not stage.follows or self._stepper.options.unstable == "trace"
         while True:
             before = self._problem.step.snapshot()
             part = self._next(stage)
-            if traces or not stage.follows:
+            if stage.traces:
                 yield part
             elif stage.limit is None and stage.ahead(part.t, before.t) >= 0:
                 yield part
@@ -309,45 +314,47 @@ class Path:
             return
         stage.after.append((part, now))
         if stage.ahead(stage.limit.t, now.t) > stage.span:
-            yield self._jump(stage)
+            yield from self._jump(stage)
 
-    def _jump(self, stage: Stage) -> Part:
-        """From the limit point to the next equilibrium at its load."""
-        step = self._problem.step
+    def _jump(self, stage: Stage) -> Iterator[Part]:
+        """From the limit point to the next equilibrium at its load; the path if none is found."""
+        step, traced = self._problem.step, stage.after
+        # At the limit point itself nothing would drive the problem on.
+        away = [
+            state for _, state in traced if stage.ahead(stage.limit.t, state.t) > AWAY * stage.span
+        ]
         self._refine(stage)
         t = stage.limit.t
+        step.return_to(away[0])
         report, steps = jump(self._stepper, t, stage.span)
-        if not report.converged:
-            step.return_to(stage.limit)
-            self._result.failures.append((t, report.reason))
-            raise StepFailure(
-                f"the snap at load factor {t:.8g} leads to no equilibrium ({report.reason}); "
-                'unstable="trace" follows the path behind it; the problem is in its state there',
-                self._result,
-            )
         stage.limit, stage.after = None, None
-        self.forget()
-        return Part(t, stage.done(t), 0.0, report, 0, steps)
+        if report.converged:
+            self.forget()
+            yield Part(t, stage.done(t), 0.0, report, 0, steps)
+            return
+        self._result.failures.append((t, report.reason))
+        stage.traces = True
+        for part, state in traced:
+            step.return_to(state)
+            yield part
 
     def _refine(self, stage: Stage) -> None:
-        """Find the limit point and a state just behind it, by steps of half the work."""
+        """Find the limit point, by steps of half the work."""
         step = self._problem.step
-        part, state = stage.after[0]
-        work = part.report.work / 2
+        part, behind = stage.after[0]
+        work, near = part.report.work / 2, behind.t
         for _ in range(MAX_REFINEMENTS):
-            if stage.ahead(stage.limit.t, state.t) <= LIMIT * stage.span:
+            if stage.ahead(stage.limit.t, near) <= LIMIT * stage.span:
                 break
             step.return_to(stage.limit)
-            report = self._stepper.step(Work(stage.target, stage.span, work, kink=True), None)
+            report = self._stepper.step(Work(stage.target, stage.span, work, kink=True))
             if not report.converged:
                 break
-            now = step.snapshot()
-            if stage.ahead(now.t, stage.limit.t) > 0:
-                stage.limit = now
+            if stage.ahead(self._problem.t, stage.limit.t) > 0:
+                stage.limit = step.snapshot()
             else:
-                state = now
+                near = self._problem.t
             work /= 2
-        step.return_to(state)
 
 
 def _same(rate: np.ndarray, other: np.ndarray) -> bool:
