@@ -350,7 +350,7 @@ def test_ogden_in_the_engine(comm):
 
 
 def test_constants_of_a_material_may_change(comm):
-    """Twice the stiffness at the same displacement gives twice the forces of the bodies."""
+    """Twice the stiffness at the same displacement without jumps gives twice the forces."""
     scene = two_blocks(comm, "quadrilateral", 4)
     stiffness = fem.Constant(scene.mesh, 3.0)
 
@@ -360,8 +360,6 @@ def test_constants_of_a_material_may_change(comm):
 
     problem = joined(scene, vmdg.Bonded(), [vmdg.Hyperelastic(energy, {"b": -1.0})] * 2)
     problem.u.interpolate(lambda x: np.stack([0.1 * x[0] * x[1], 0.05 * x[0] ** 2]))
-    problem.step.assemble_residual()
-    first = problem.discretization.bulk_forces().copy()
+    first = problem.step.assemble_residual().copy()
     stiffness.value *= 2
-    problem.step.assemble_residual()
-    assert problem.discretization.bulk_forces() == pytest.approx(2 * first, rel=1e-13, abs=1e-13)
+    assert problem.step.assemble_residual() == pytest.approx(2 * first, rel=1e-13, abs=1e-13)

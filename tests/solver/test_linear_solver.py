@@ -40,8 +40,8 @@ SMALL, MEDIUM, LARGE = (10**9, 10**9), (0, 10**9), (0, 0)
         ("quadrilateral", FRICTION, SMALL, LU),
         ("quadrilateral", SMOOTH, SMALL, LDLT),
         ("quadrilateral", WEIGHTED, SMALL, LU),
-        ("quadrilateral", FRICTION, LARGE, GMRES_LU),
-        ("quadrilateral", SMOOTH, LARGE, GMRES_LDLT),
+        ("quadrilateral", FRICTION, LARGE, LU),
+        ("quadrilateral", SMOOTH, LARGE, LDLT),
         ("hexahedron", FRICTION, SMALL, LU),
         ("hexahedron", SMOOTH, SMALL, LDLT),
         ("hexahedron", FRICTION, MEDIUM, GMRES_LU),
@@ -53,8 +53,8 @@ SMALL, MEDIUM, LARGE = (10**9, 10**9), (0, 10**9), (0, 0)
     ],
 )
 def test_choice(comm, cell, law, sizes, chosen):
-    """Direct if small, with kept factors if medium, multigrid for large problems in 3D; symmetric
-    where the law is."""
+    """Direct in 2D and if small, with lagged factors if medium, multigrid for large problems in 3D;
+    symmetric where the law is."""
     options, fallback = automatic_options(pressed(comm, cell, law), *sizes)
     assert options == chosen
     assert fallback == (LDLT if law.symmetric else LU)
@@ -93,7 +93,7 @@ def test_quadratic_without_symmetry(comm):
 
 @pytest.mark.parametrize("law", [FRICTION, SMOOTH, vmdg.Bonded()], ids=["mu", "smooth", "tie"])
 def test_solvers_agree(comm, law):
-    """Direct, kept factors, multigrid and fallback end at the same displacement.
+    """Direct, lagged factors, multigrid and fallback end at the same displacement.
 
     All meet the residual tolerance of 1e-9, which leaves 1e-8 of the displacement.
     """
@@ -141,12 +141,11 @@ def test_stale_preconditioner_is_renewed():
     options = {"ksp_type": "gmres", "ksp_max_it": 5, "ksp_rtol": 1e-12, "pc_type": "ilu"}
     matrix = tridiagonal(4.0)
     solver, before = LinearSolver(matrix, options, LU), timings()
-    outer = PETSc.KSP().create(MPI.COMM_SELF)
     x, b = matrix.createVecs()
     b.set(1.0)
-    solver.solve(outer, b, x)
+    solver.solve(b, x, 1e-6)
     tridiagonal(1.5).copy(matrix)
-    solver.solve(outer, b, x)
+    solver.solve(b, x, 1e-6)
     counts = Counts.from_timings(timings_since(before), solver.iterations)
     assert (counts.preconditioners, counts.factorizations) == (2, 0)
     matrix.mult(x, b)
@@ -177,13 +176,12 @@ def test_direct_solver_after_a_failure():
     """MUMPS does no more after a factorization that failed: it is made anew."""
     matrix = tridiagonal(4.0)
     solver = LinearSolver(matrix, LU, LU)
-    outer = PETSc.KSP().create(MPI.COMM_SELF)
     x, b = matrix.createVecs()
     b.set(1.0)
     tridiagonal(np.nan).copy(matrix)
-    solver.solve(outer, b, x)
-    assert outer.getConvergedReason() < 0
+    solver.solve(b, x, 1e-6)
+    assert not np.isfinite(x.array).any()
     tridiagonal(4.0).copy(matrix)
-    solver.solve(outer, b, x)
+    solver.solve(b, x, 1e-6)
     matrix.mult(x, b)
     assert b.array == pytest.approx(np.ones(100), abs=1e-12)

@@ -97,8 +97,7 @@ def test_fewer_iterations_with_old_factors(comm):
         matrix.zeroRowsColumnsLocal(problem.loading.owned_prescribed, 1.0)
     effort, ends = [], []
     for zone in (interface_zone(problem, share=0.9), None):
-        matrix, outer = matrices[0].copy(), PETSc.KSP().create(comm)
-        outer.setTolerances(rtol=1e-8)
+        matrix = matrices[0].copy()
         solver = LinearSolver(matrix, GMRES_LU, LU, zone)
         x, b = matrix.createVecs()
         b.set(1.0)
@@ -106,7 +105,7 @@ def test_fewer_iterations_with_old_factors(comm):
         for state in matrices:
             state.copy(matrix)
             former = solver.iterations
-            solver.solve(outer, b, x)
+            solver.solve(b, x, 1e-8)
         counts = Counts.from_timings(timings_since(before), solver.iterations)
         assert (counts.preconditioners, counts.factorizations) == (1, 0)
         effort.append(solver.iterations - former)
@@ -120,7 +119,7 @@ def test_fewer_iterations_with_old_factors(comm):
 def test_factors_of_nan_are_made_anew(comm):
     """A trial state with NaN, whose factorizations fail, does not spoil the solver."""
     problem = sheared(comm, "quadrilateral", 3)
-    matrix, outer = problem.discretization.create_matrix(), PETSc.KSP().create(comm)
+    matrix = problem.discretization.create_matrix()
     problem.step.begin(0.1, 1.0)
     problem.step.assemble_residual(1.0)
     problem.discretization.assemble_tangent(matrix)
@@ -130,11 +129,11 @@ def test_factors_of_nan_are_made_anew(comm):
     x, b = matrix.createVecs()
     b.set(1.0)
     matrix.scale(np.nan)
-    solver.solve(outer, b, x)
-    assert outer.getConvergedReason() < 0
+    solver.solve(b, x, 1e-6)
+    assert not np.isfinite(x.norm())
     good.copy(matrix)
     before = timings()
-    solver.solve(outer, b, x)
-    assert outer.getConvergedReason() > 0
+    solver.solve(b, x, 1e-6)
+    assert np.isfinite(x.norm())
     assert Counts.from_timings(timings_since(before), 0).factorizations == 0
     solver.free()

@@ -110,8 +110,7 @@ def solve(problem: vmdg.Problem, loads: NDArray) -> dict:
         reactions = problem.discretization.forces.x.array[problem.loading.owned_prescribed]
         forces.append(global_norm(problem.comm, reactions))
 
-    # Condensed steps are for one rank.
-    options = vmdg.SolveOptions(relative_tolerance=1e-11, energy=True, condensed=False)
+    options = vmdg.SolveOptions(relative_tolerance=1e-11, energy=True)
     iterations = vmdg.solve(problem, loads, options, look).history["iterations"].tolist()
     size = problem.space.dofmap.index_map.size_global
     return {"unknowns": size, "iterations": iterations, "forces": forces}

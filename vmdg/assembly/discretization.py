@@ -85,7 +85,6 @@ class Discretization:
         self.space = broken_space(mesh, degree, cut.astype(np.int32))
         self.u = fem.Function(self.space, name="displacement")
         self.forces = fem.Function(self.space, name="forces")
-        self._bulk_forces = np.zeros_like(self.forces.x.array)
         sizes = global_sum(mesh.comm, [len(f.facets) for f in facets]) if facets else []
         self.active = {
             i: ActiveInterface(interface, f, self.u, bodies)
@@ -230,11 +229,8 @@ class Discretization:
         self._update_pressure()
         with timer("assemble residual"):
             forces.array[:] = 0 if loads is None else -loads
-            for form in forms.interfaces:
+            for form in (forms.bulk, *forms.interfaces):
                 fem.assemble_vector(forces.array, form)
-            self._bulk_forces[:] = 0
-            fem.assemble_vector(self._bulk_forces, forms.bulk)
-            forces.array[:] += self._bulk_forces
             forces.scatter_reverse(InsertMode.add)
             forces.scatter_forward()
         return forces.array[: self.owned]
@@ -255,39 +251,18 @@ class Discretization:
             matrix: From :meth:`create_matrix`.
             damage: False keeps zeta: the damage part of (84) is left out.
         """
-        forms = self._stage_tangent(damage)
-        with timer("assemble tangent"):
-            matrix.zeroEntries()
-            # All of the pattern is filled before the matrix is first assembled, or it is lost.
-            fem_petsc.assemble_matrix(matrix, forms.bulk)
-            for form in forms.interfaces:
-                fem_petsc.assemble_matrix(matrix, form)
-            matrix.assemble()
-            if self._dilatation is not None:
-                self._dilatation.add_to(matrix)
-
-    def _stage_tangent(self, damage: bool) -> _Compiled:
-        """First stage of the tangent; the forms of the second."""
         forms = self._tangent_forms
         with timer("stage tangent"):
             for active in self.active.values():
                 active.stage_tangent(damage)
-        return forms
-
-    def add_interface_tangent(self, matrix: PETSc.Mat, damage: bool) -> None:
-        """Add the interfaces' part of :meth:`assemble_tangent` to a matrix."""
-        forms = self._stage_tangent(damage)
-        with timer("assemble interface tangent"):
-            for form in forms.interfaces:
+        with timer("assemble tangent"):
+            matrix.zeroEntries()
+            # All of the pattern is filled before the matrix is first assembled, or it is lost.
+            for form in (forms.bulk, *forms.interfaces):
                 fem_petsc.assemble_matrix(matrix, form)
             matrix.assemble()
-
-    def bulk_forces(self) -> NDArray[np.float64]:
-        """The bodies' part of the last :meth:`assemble_residual`, owned dofs [N]."""
-        forces = fem.Function(self.space).x
-        forces.array[:] = self._bulk_forces
-        forces.scatter_reverse(InsertMode.add)
-        return forces.array[: self.owned].copy()
+            if self._dilatation is not None:
+                self._dilatation.add_to(matrix)
 
     def stored_energy(self) -> NDArray[np.float64]:
         """Strain energy of the bodies and energy of the interfaces (30), this rank's [N mm]."""

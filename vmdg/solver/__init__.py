@@ -1,6 +1,7 @@
 """Load steps.
 
-From the run down: :mod:`stepping` (load factors, table, checkpoints), :mod:`control` (cuts),
-:mod:`jump`, :mod:`stepper` (one step), :mod:`iteration` (attempts and criterion), then
-:mod:`newton` on the whole problem or :mod:`condensed_newton` on the gaps alone.
+From the run down: :mod:`stepping` (load factors, table, checkpoints), :mod:`path` (how far steps
+go, cuts, snaps), :mod:`jump`, :mod:`stepper` (one step), :mod:`newton` with :mod:`control` and
+:mod:`criterion`, :mod:`system` with the tangent assembled (:mod:`linear`) or condensed to the
+interface (:mod:`capacitance`).
 """

@@ -10,7 +10,6 @@ from petsc4py import PETSc
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 from scipy.linalg.blas import dsymv
 from scipy.sparse import bsr_array, csr_array, vstack
 from scipy.sparse.linalg import LinearOperator, gmres
@@ -24,7 +23,7 @@ from ..problem.problem import Problem
 from .linear import LDLT, destroy, make_ksp
 
 Array = NDArray[np.float64]
-Solve = Callable[[Array], Array]
+Product = Callable[[Array], Array]
 Integrate = Callable[[WeakForm, ActiveInterface], PETSc.Mat]
 
 #: Columns of S that are solved for together: one then costs a twentieth of a single solve.
@@ -41,7 +40,7 @@ MIN_EIGENVALUE = 1e-4
 
 
 class Capacitance:
-    """Solves with the tangent of bodies whose own stiffness never changes.
+    """Systems of bodies whose own stiffness never changes, see :class:`vmdg.solver.system.System`.
 
     At small strain damage changes the tangent at the points of the interfaces only,
 
@@ -54,10 +53,7 @@ class Capacitance:
 
     The gap increments z are zero at points without damage. K_0 is factorized once; S, symmetric and
     dense, is made when a point has damage for the first time. The first rank has it and solves the
-    systems of the gaps for all ranks.
-
-    Prescribed rows and columns are those of the identity: x is b there, and what this does to the
-    other rows is taken to the right.
+    systems of the gaps for all ranks. A second right-hand side costs a third of the first.
 
     Args:
         problem: Of small strain; its prescribed dofs are those of now. Collective.
@@ -72,31 +68,25 @@ class Capacitance:
         self._problem, self._comm, self._max_direct = problem, problem.comm, max_direct
         active = problem.discretization.active.values()
         self._interfaces = [one for one in active if one.law.inelastic]
+        weights = np.concatenate([active.quadrature.weights for active in self._interfaces])
+        # Of the points here (points,) [mm2; times the thickness in plane strain].
+        self._areas = weights * float(problem.discretization.geometry.thickness)
         self._prescribed = problem.loading.owned_prescribed
         with timer("factorize bonded bodies"):
-            self._stiffness = problem.discretization.create_matrix()
-            problem.discretization.assemble_tangent(self._stiffness, damage=False)
-            self.norm = self._stiffness.norm(PETSc.NormType.NORM_INFINITY)
-            self._lift = self._prescribed_columns()
-            self._stiffness.zeroRowsColumnsLocal(self._prescribed, 1.0)
-            self._stiffness.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-            self._ksp = make_ksp(self._stiffness, LDLT)
+            matrix = problem.discretization.create_matrix()
+            problem.discretization.assemble_tangent(matrix, damage=False)
+            self.norm = matrix.norm(PETSc.NormType.NORM_INFINITY)
+            prescribed = matrix.getOwnershipRange()[0] + self._prescribed
+            self._lift = _columns(matrix, prescribed)
+            matrix.zeroRowsColumns(prescribed, 1.0)
+            matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+            self._ksp, self._stiffness = make_ksp(matrix, LDLT), matrix
             self._ksp.setUp()
         self._tractions = self._over_points(traction_matrix)
-        self._forces = self._free_columns(self._tractions).transpose()
-        self._damaged = False
+        self._forces = self._tractions.transpose(PETSc.Mat())
+        self._forces.zeroRows(prescribed, 0.0)
         self._system: GapSystem | None = None
         self.iterations = 0
-
-    # Matrices
-
-    def _prescribed_columns(self) -> PETSc.Mat:
-        """Columns of K_0 of the prescribed dofs: its rows, since it is symmetric."""
-        first = self._stiffness.getOwnershipRange()[0]
-        chosen = PETSc.IS().createGeneral(first + self._prescribed, comm=self._comm)
-        rows = self._stiffness.createSubMatrix(chosen)
-        chosen.destroy()
-        return rows.transpose()
 
     def _over_points(self, integrate: Integrate) -> PETSc.Mat:
         """A matrix of all interfaces with a row for every gap component, of the points here."""
@@ -108,99 +98,25 @@ class Capacitance:
         columns = self._stiffness.getSizes()[1]
         return _distributed(csr_array(vstack(rows)), columns[0], self._comm)
 
-    def _free_columns(self, matrix: PETSc.Mat) -> PETSc.Mat:
-        """A copy without the columns of the prescribed dofs."""
-        free = self._stiffness.createVecRight()
-        free.set(1.0)
-        free.array[self._prescribed] = 0.0
-        copy = matrix.copy()
-        copy.diagonalScale(None, free)
-        free.destroy()
-        return copy
-
-    def _make_system(self) -> GapSystem:
-        """S and what else its system needs, on the first rank; empty on the others."""
-        size, first = self._forces.getSize()[1], self._comm.rank == 0
-        owned, total = self._stiffness.getSizes()[1]
-        rows = self._gathered(self._forces.transpose(PETSc.Mat()))
-        S = np.empty((rows.shape[0], rows.shape[0]))
-        factors = self._ksp.getPC().getFactorMatrix()
-        factors.setMumpsIcntl(27, BLOCK)
-        with timer("flexibility at points"):
-            for start in range(0, size, BLOCK):
-                # MUMPS takes sparse right-hand sides from the first rank.
-                here = csr_array(rows[start : start + BLOCK])
-                right = _distributed(here, total if first else 0, self._comm)
-                columns = PETSc.Mat().createTranspose(right)
-                count = right.getSize()[0]
-                solution = _dense(np.zeros((owned, count)), self._comm)
-                factors.matSolve(columns, solution)
-                product = self._tractions.matMult(solution)
-                parts = self._comm.gather(product.getDenseArray())
-                if parts is not None:
-                    # S is symmetric: its rows are its columns.
-                    S[start : start + count] = np.concatenate(parts).T
-                for item in (columns, right, solution, product):
-                    item.destroy()
-        jumps = self._gathered(self._over_points(jump_matrix))
-        areas = np.repeat(self._areas(), self._problem.mesh.geometry.dim)
-        everywhere = np.concatenate(self._comm.allgather(areas))
-        return GapSystem(S, jumps, everywhere[: len(S)], self._max_direct)
-
-    def _gathered(self, matrix: PETSc.Mat) -> csr_array:
-        """Rows of all ranks on the first, none on the others; the matrix is destroyed."""
-        rows = _rows_here(matrix)
-        matrix.destroy()
-        parts = self._comm.gather(rows)
-        return csr_array(vstack(parts)) if parts is not None else rows[:0]
-
-    def _areas(self) -> Array:
-        """Areas of the points here (points,) [mm2; times the thickness in plane strain]."""
-        areas = np.concatenate([active.quadrature.weights for active in self._interfaces])
-        return areas * float(self._problem.discretization.geometry.thickness)
-
     # Systems
 
-    def assemble(self) -> None:
-        """Take C of the last return maps; collective."""
-        C = np.concatenate([active.values.compliance for active in self._interfaces])
-        D = C / self._areas()[:, None, None]
-        self._damaged = global_any(self._comm, D.any())
-        if not self._damaged:
-            return
-        if self._system is None:
-            self._system = self._make_system()
-        parts = self._comm.gather(D)
-        if parts is not None:
-            self._system.assemble(np.concatenate(parts))
-
-    def solve(self, b: Sequence[PETSc.Vec], x: Sequence[PETSc.Vec]) -> bool:
-        """Solve K x = b for several b, of which a second costs a third of the first; collective.
-
-        Args:
-            b: With the prescribed values at the prescribed dofs.
-            x: Filled with the solutions.
-
-        Returns:
-            Whether K is regular; x is of no use where it is not.
-        """
+    def solve(self, forces: Sequence[Array], moved: Sequence[Array], rtol: float) -> Array:
+        """Solve K.du = forces for several right-hand sides (k, owned dofs); collective."""
         with timer("linear solve"):
-            found = self._relax(self._lifted(np.column_stack([one.array_r for one in b])))
-            regular = True
-            if self._damaged:
-                gaps = self._solve_gaps(_times(self._tractions, found, self._comm))
-                regular = gaps is not None
-            if self._damaged and regular:
+            known = np.column_stack(moved)[self._prescribed]
+            right = np.column_stack(forces) - _times(self._lift, known, self._comm)
+            right[self._prescribed] = known
+            found = self._relax(right)
+            D = self._damage()
+            if global_any(self._comm, D.any()):
+                gaps = self._solve_gaps(D, _times(self._tractions, found, self._comm))
                 found += self._relax(_times(self._forces, gaps, self._comm))
-        for one, values in zip(x, found.T, strict=True):
-            one.array[:] = values
-        return regular
+        return found.T
 
-    def _lifted(self, right: Array) -> Array:
-        """Right-hand sides of K_0 with its prescribed columns moved to them (owned dofs, k) [N]."""
-        lifted = right - _times(self._lift, right[self._prescribed], self._comm)
-        lifted[self._prescribed] = right[self._prescribed]
-        return lifted
+    def _damage(self) -> Array:
+        """Diagonal blocks of D of the last return maps (points here, d, d) [mm/N]."""
+        C = np.concatenate([active.values.compliance for active in self._interfaces])
+        return C / self._areas[:, None, None]
 
     def _relax(self, right: Array) -> Array:
         """K_0^-1.right (owned dofs, k)."""
@@ -212,17 +128,59 @@ class Capacitance:
         x.destroy()
         return found
 
-    def _solve_gaps(self, tractions: Array) -> Array | None:
-        """z from B.y (gap components here, k), or None where their system is singular."""
+    def _solve_gaps(self, D: Array, tractions: Array) -> Array:
+        """z from B.y (gap components here, k), NaN where their system is singular."""
+        if self._system is None:
+            self._system = self._make_system()
         with timer("condensed solve"):
-            rows, answers = self._comm.gather(tractions), None
-            if rows is not None:
-                gaps = self._system.solve(np.concatenate(rows))
-                ends = np.cumsum([len(part) for part in rows])[:-1]
-                parts = [None] * len(rows) if gaps is None else np.split(gaps, ends)
-                answers = [(part, self._system.iterations) for part in parts]
+            parts, answers = self._comm.gather((D, tractions)), None
+            if parts is not None:
+                D, tractions = (np.concatenate(ranks) for ranks in zip(*parts, strict=True))
+                gaps = self._system.solve(D, tractions)
+                ends = np.cumsum([len(rows) for _, rows in parts])[:-1]
+                answers = [(part, self._system.iterations) for part in np.split(gaps, ends)]
             gaps, self.iterations = self._comm.scatter(answers)
         return gaps
+
+    def _make_system(self) -> GapSystem:
+        """The system of the gaps, on the first rank; an empty one on the others."""
+        with timer("flexibility at points"):
+            S = self._make_flexibility()
+        jumps = self._gathered(self._over_points(jump_matrix))
+        areas = np.repeat(self._areas, self._problem.mesh.geometry.dim)
+        everywhere = np.concatenate(self._comm.allgather(areas))
+        return GapSystem(S, jumps, everywhere[: len(S)], self._max_direct)
+
+    def _make_flexibility(self) -> Array:
+        """S, on the first rank."""
+        size, first = self._forces.getSize()[1], self._comm.rank == 0
+        owned, total = self._stiffness.getSizes()[1]
+        rows = self._gathered(self._forces.transpose(PETSc.Mat()))
+        S = np.empty((rows.shape[0], rows.shape[0]))
+        factors = self._ksp.getPC().getFactorMatrix()
+        factors.setMumpsIcntl(27, BLOCK)
+        for start in range(0, size, BLOCK):
+            # MUMPS takes sparse right-hand sides from the first rank.
+            here = csr_array(rows[start : start + BLOCK])
+            right = _distributed(here, total if first else 0, self._comm)
+            columns, count = PETSc.Mat().createTranspose(right), right.getSize()[0]
+            solution = _dense(np.zeros((owned, count)), self._comm)
+            factors.matSolve(columns, solution)
+            product = self._tractions.matMult(solution)
+            parts = self._comm.gather(product.getDenseArray())
+            if parts is not None:
+                # S is symmetric: its rows are its columns.
+                S[start : start + count] = np.concatenate(parts).T
+            for item in (columns, right, solution, product):
+                item.destroy()
+        return S
+
+    def _gathered(self, matrix: PETSc.Mat) -> csr_array:
+        """Rows of all ranks on the first, none on the others; the matrix is destroyed."""
+        rows = _rows_here(matrix)
+        matrix.destroy()
+        parts = self._comm.gather(rows)
+        return csr_array(vstack(parts)) if parts is not None else rows[:0]
 
     def free(self) -> None:
         """Free the PETSc objects; collective."""
@@ -263,76 +221,59 @@ class GapSystem:
         self._jumps, self._areas = jumps, areas
         self.iterations = 0
 
-    def assemble(self, blocks: Array) -> None:
-        """Take the diagonal blocks of D (points, d, d) [mm/N]."""
+    def solve(self, blocks: Array, tractions: Array) -> Array:
+        """z (n, k), NaN where the matrix is singular [mm].
+
+        Args:
+            blocks: Diagonal blocks of D (points, d, d) [mm/N].
+            tractions: t (n, k) [N].
+        """
         count, d, _ = blocks.shape
         starts = np.arange(count + 1)
-        self._D = csr_array(bsr_array((blocks, starts[:-1], starts), shape=(count * d,) * 2))
+        D = csr_array(bsr_array((blocks, starts[:-1], starts), shape=(count * d,) * 2))
         damaged = np.flatnonzero(blocks.any(axis=(1, 2)))
-        self._rows = (damaged[:, None] * d + np.arange(d)).ravel()
-        self._solve: Solve | None = None
-
-    def solve(self, tractions: Array) -> Array | None:
-        """z (n, k) [mm] from t (n, k) [N]; None where the matrix is singular."""
-        right = self._D @ tractions
+        rows = (damaged[:, None] * d + np.arange(d)).ravel()
+        right, gaps = D @ tractions, None
         try:
-            if self._solve is None:
-                few = len(self._rows) <= self._max_direct
-                self._solve = self._direct() if few else self._iterative()
-            return self._solve(right)
+            if len(rows) > self._max_direct:
+                gaps = self._iterate(D, right)
+            return self._solve_rows(D, right, rows) if gaps is None else gaps
         except np.linalg.LinAlgError:
-            return None
+            return np.full_like(right, np.nan)
 
-    def _direct(self) -> Solve:
-        rows = self._rows
-        matrix = -(self._D[rows][:, rows] @ self._S[np.ix_(rows, rows)])
-        np.einsum("ii->i", matrix)[...] += 1
-        solve = _factorized(matrix)
+    def _solve_rows(self, D: csr_array, right: Array, rows: NDArray[np.intp]) -> Array:
+        """z, which is zero but in these rows."""
+        matrix = np.eye(len(rows)) - D[rows][:, rows] @ self._S[np.ix_(rows, rows)]
+        gaps = np.zeros_like(right)
+        gaps[rows] = np.linalg.solve(matrix, right[rows])
+        return gaps
 
-        def direct(right: Array) -> Array:
-            gaps = np.zeros_like(right)
-            gaps[rows] = solve(right[rows])
-            return gaps
-
-        return direct
-
-    def _iterative(self) -> Solve:
-        D, J = self._D, self._nodal
-        DJ = csr_array(D @ J)
-        inner, nodal = self._coarse.copy(), (J.T @ DJ).tocoo()
-        inner[nodal.row, nodal.col] -= nodal.data
-        solve = _factorized(inner)
-
-        def product(x: Array) -> Array:
-            # S is symmetric: half of it is read, which is what takes the time.
-            return x - D @ dsymv(1.0, self._S.T, x)
+    def _iterate(self, D: csr_array, right: Array) -> Array | None:
+        """z, or None where GMRES does not converge."""
+        J, DJ = self._nodal, D @ self._nodal
+        inverse = np.linalg.inv(self._coarse - (J.T @ DJ).toarray())
 
         def precondition(x: Array) -> Array:
-            return x + DJ @ solve(J.T @ x)
+            return x + DJ @ (inverse @ (J.T @ x))
 
-        def iterative(right: Array) -> Array:
-            gaps = np.empty_like(right)
-            for k, column in enumerate(right.T):
-                found = self._krylov(lambda x: product(precondition(x)), column)
-                if found is None:
-                    self._solve = self._direct()
-                    return self._solve(right)
-                gaps[:, k] = precondition(found)
-            return gaps
-
-        return iterative
-
-    def _krylov(self, product: Solve, right: Array) -> Array | None:
-        """x of the system with this product, None where GMRES does not converge."""
+        def product(x: Array) -> Array:
+            x = precondition(x)
+            # S is symmetric: half of it is read, which is what takes the time.
+            return x - D @ dsymv(1.0, self._S.T, x)
 
         def count(_: float) -> None:
             self.iterations += 1
 
+        gaps = np.empty_like(right)
+        system = LinearOperator((len(right),) * 2, product, dtype=float)
         # A second start is for a residual that rounding has left just above the tolerance.
         limits = {"rtol": RTOL, "atol": 0.0, "restart": MAX_ITERATIONS, "maxiter": 2}
-        system = LinearOperator((len(right),) * 2, product, dtype=float)
-        found, failed = gmres(system, right, callback=count, callback_type="pr_norm", **limits)
-        return None if failed else found
+        for k, column in enumerate(right.T):
+            x, failed = gmres(system, column, callback=count, callback_type="pr_norm", **limits)
+            if failed:
+                return None
+            gaps[:, k] = precondition(x)
+        return gaps
 
     @cached_property
     def _nodal(self) -> csr_array:
@@ -354,6 +295,14 @@ class GapSystem:
         values, vectors = np.linalg.eigh((gamma + gamma.T) / 2)
         values = np.maximum(values, MIN_EIGENVALUE * values[-1])
         return (vectors / values) @ vectors.T
+
+
+def _columns(matrix: PETSc.Mat, chosen: NDArray[np.int32]) -> PETSc.Mat:
+    """Columns of a symmetric matrix, by their numbers of this rank: its rows."""
+    numbers = PETSc.IS().createGeneral(chosen, comm=matrix.comm)
+    rows = matrix.createSubMatrix(numbers)
+    numbers.destroy()
+    return rows.transpose()
 
 
 def _rows_here(matrix: PETSc.Mat) -> csr_array:
@@ -385,16 +334,3 @@ def _times(matrix: PETSc.Mat, columns: Array, comm: MPI.Comm) -> Array:
     right.destroy()
     product.destroy()
     return found
-
-
-def _factorized(matrix: Array) -> Solve:
-    """Solves with a matrix, which is overwritten.
-
-    Raises:
-        np.linalg.LinAlgError: it is singular.
-    """
-    # LAPACK finds the transpose of rows that lie one after the other.
-    factors, pivots, singular = lapack.dgetrf(matrix.T, overwrite_a=True)
-    if singular:
-        raise np.linalg.LinAlgError("singular matrix")
-    return lambda right: lapack.dgetrs(factors, pivots, right, trans=1)[0]

@@ -92,17 +92,6 @@ class Control:
         """
         return t == self.target
 
-    def change(self, trials: Trials, start: Direction, zero: Direction, one: Direction) -> float:
-        """Change of the load factor in a correction; collective.
-
-        Args:
-            trials: Gives D.
-            start: u and lambda.
-            zero: du_0.
-            one: du_1, for a unit of lambda.
-        """
-        return self.target - start.t
-
     def extrapolate(self, trials: Trials, ahead: Direction) -> bool:
         """Go on as in the last step, as far as the control asks for; collective.
 
@@ -152,9 +141,14 @@ class Work(Control):
         return abs(work - self.work) <= MISSED * self.work
 
     def change(self, trials: Trials, start: Direction, zero: Direction, one: Direction) -> float:
-        """Change of the load factor in a correction, by D linearised in du_0 and du_1."""
-        if self.work is None:
-            return self.target - start.t
+        """Change of the load factor in a correction, by D linearised in du_0 and du_1; collective.
+
+        Args:
+            trials: Gives D.
+            start: u and lambda.
+            zero: du_0.
+            one: du_1, for a unit of lambda.
+        """
         first, self._first = self._first, False
         D, middle = trials.bond_work(start, zero, 0.0), Direction(start.u + zero.u, start.t)
         if self.onset is not None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ..base.parallel import global_sum
 from ..problem.problem import Problem
-from .linear import MAX_FACTORED, LinearOptions, Petsc, is_iterative, linear_options
+from .linear import MAX_FACTORED, Petsc, is_iterative, linear_options
 from .options import SolveOptions
-from .tangent import lags_bulk
 
-#: Squared number of gap components over that of the dofs beyond which the condensed iteration, with
-#: dense matrices, is no longer cheaper. The push-out in 3D has 306, a mesh of which every facet is
+#: Squared number of gap components over that of the dofs beyond which the capacitance matrix, which
+#: is dense, is no longer cheaper. The push-out in 3D has 306, a mesh of which every facet is
 #: an interface thousands.
 MAX_GAPS_SQUARED = 500
 
@@ -68,19 +68,10 @@ def switchboard(problem: Problem, options: SolveOptions | None = None) -> list[S
         Switch("turning frame", turning, "finite strain" if turning else still),
         Switch("terms K of (85)", not small, "the moduli are constant" if small else "slip"),
         Switch("tau_s every step", not constant, "once: small strain" if constant else "moduli"),
-        Switch("bodies assembled", *_bodies(problem, linear, condensed)),
+        Switch("bodies assembled", not condensed, "once" if condensed else "for every tangent"),
         Switch("condensed to interface", condensed, why),
         Switch("linear solver", True, solver),
     ]
-
-
-def _bodies(problem: Problem, linear: LinearOptions, condensed: bool) -> tuple[bool, str]:
-    """Whether the bodies are assembled during the run, and for which tangents."""
-    if condensed:
-        return False, "once: small strain"
-    if lags_bulk(problem, linear.solver):
-        return True, "where an older tangent goes stale"
-    return True, "for every tangent"
 
 
 def _name(linear: Petsc) -> str:
@@ -89,7 +80,7 @@ def _name(linear: Petsc) -> str:
 
 
 def condensation(problem: Problem, options: SolveOptions | None = None) -> tuple[bool, str]:
-    """Whether steps are condensed to the interface points, and why; collective.
+    """Whether systems are condensed to the interface points, and why; collective.
 
     Args:
         problem: The problem.
@@ -105,7 +96,7 @@ def condensation(problem: Problem, options: SolveOptions | None = None) -> tuple
         if wanted:
             raise ValueError(f"SolveOptions: condensed = True is not possible: {refusal}")
         return False, refusal
-    n, N = gap_components(problem), problem.discretization.owned
+    n, N = global_sum(problem.comm, [gap_components(problem), problem.discretization.owned])
     if wanted:
         return True, "options.condensed = True"
     if problem.mesh.topology.dim == 3 and N > MAX_FACTORED:
@@ -116,26 +107,24 @@ def condensation(problem: Problem, options: SolveOptions | None = None) -> tuple
 
 
 def gap_components(problem: Problem) -> int:
-    """Points of interfaces that can fail times the dimension, on this rank."""
+    """Points of interfaces that can fail times the dimension, of this rank."""
     interfaces = problem.discretization.active.values()
     points = sum(len(c.quadrature.weights) for c in interfaces if c.law.inelastic)
     return points * problem.mesh.geometry.dim
 
 
 def _refusal(problem: Problem, options: SolveOptions | None) -> str:
-    """Why the condensed iteration does not serve this problem, or nothing."""
+    """Why condensed systems do not serve this problem, or nothing."""
     if not problem.discretization.bodies.small:
         return "finite strain: the tangent of the bodies changes"
     if not problem.discretization.can_fail:
-        return "tied only: nothing is left to iterate"
-    if problem.comm.size > 1:
-        return f"{problem.comm.size} ranks: dense matrices are for one"
+        return "tied only: the tangent does not change"
     if problem.discretization.bodies.mean_dilatation:
         return "mean dilatation"
     if not problem.discretization.constant_stabilization:
         return "a stabilization of the user's own may change"
     if problem.step.activation:
         return "facets open on demand"
-    if options is not None and options.petsc is not None:
-        return "options.petsc are for the whole problem"
+    if options is not None and not linear_options(problem, options.petsc).automatic:
+        return "options.petsc are for the assembled tangent"
     return ""

@@ -23,8 +23,9 @@ from ..problem.problem import Problem
 from .control import Control, Direction
 from .criterion import Criterion
 from .linear import Petsc, destroy, set_options
+from .options import SolveOptions
 from .report import StepReport, Trace
-from .system import System
+from .system import make_system
 
 Array = NDArray[np.float64]
 
@@ -72,9 +73,8 @@ class Newton:
 
     Args:
         problem: The problem.
-        relative_tolerance: Of the residual, see :class:`vmdg.solver.criterion.Criterion`.
-        max_iterations: Corrections from one equilibrium to the next before an attempt is given up.
-        petsc: Options of the solver, without prefix.
+        options: Tolerance, corrections from one equilibrium to the next before an attempt is given
+            up, and what chooses the linear systems.
 
     Attributes:
         discretization: What it was made for.
@@ -82,22 +82,16 @@ class Newton:
         residual: Of the last assembly, zero on prescribed dofs, and a zero for lambda [N].
     """
 
-    def __init__(
-        self,
-        problem: Problem,
-        relative_tolerance: float,
-        max_iterations: int,
-        petsc: Petsc | None,
-    ):
+    def __init__(self, problem: Problem, options: SolveOptions):
         self.discretization = problem.discretization
         self.owned = problem.discretization.owned
         self._problem = problem
         self._comm = problem.comm
-        self._criterion = Criterion(relative_tolerance, problem.step)
-        self._max_iterations = max_iterations
+        self._criterion = Criterion(options.relative_tolerance, problem.step)
+        self._max_iterations = options.max_iterations
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))
         self._prescribed = problem.loading.owned_prescribed
-        self._system = System(problem, petsc)
+        self._system = make_system(problem, options)
         # lambda is the last unknown of the first rank.
         local = self.owned + (problem.comm.rank == 0)
         self._x = PETSc.Vec().createMPI((local, None), comm=problem.comm)
@@ -112,7 +106,7 @@ class Newton:
         snes.getKSP().setPythonContext(bordered)
         snes.getKSP().getPC().setType(PETSc.PC.Type.NONE)
         snes.setConvergenceTest(self._test)
-        self._own = {k: v for k, v in (petsc or {}).items() if k.startswith("snes_")}
+        self._own = {k: v for k, v in (options.petsc or {}).items() if k.startswith("snes_")}
         set_options(snes, LINE_SEARCH | self._own)
         self._begin(Control(0.0), 1.0)
 
@@ -214,16 +208,21 @@ class Newton:
         problem, control = self._problem, self._control
         loading, start = problem.loading, self.place()
         ray, prescribed = loading.ray, loading.prescribed
-        # What prescribed displacements are away from their load factor, and their rates.
-        away, rate = np.zeros_like(problem.u.x.array), np.zeros_like(problem.u.x.array)
+        # What prescribed displacements are away from their load factor.
+        away = np.zeros_like(problem.u.x.array)
         away[prescribed] = loading.prescribed_values(start.t) - problem.u.x.array[prescribed]
-        if ray is not None:
-            rate[prescribed] = ray.rate(ray.prescribed)
-        solve = self._system.assemble([away[: self.owned], rate[: self.owned]])
-        zero = Direction(solve(forces, 0, rtol), 0.0)
-        if ray is None or (control.loaded and start.t == control.target):
-            return zero
-        one = Direction(solve(problem.step.load_rate(), 1, rtol), 1.0)
+        away = away[: self.owned]
+        if ray is None:
+            return Direction(self._system.solve([forces], [away], rtol)[0], 0.0)
+        load, rate = problem.step.load_rate(), np.zeros_like(problem.u.x.array)
+        rate[prescribed] = ray.rate(ray.prescribed)
+        rate = rate[: self.owned]
+        if control.loaded:
+            dt = control.target - start.t
+            right, moved = forces + dt * load, away + dt * rate
+            return Direction(self._system.solve([right], [moved], rtol)[0], dt)
+        found = self._system.solve([forces, load], [away, rate], rtol)
+        zero, one = Direction(found[0], 0.0), Direction(found[1], 1.0)
         dt = control.change(self, start, zero, one)
         self.go(start, zero, 0.0)
         return Direction(zero.u + dt * one.u, dt)

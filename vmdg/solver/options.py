@@ -34,8 +34,9 @@ class SolveOptions:
         petsc: Options for SNES, KSP and PC, without prefix. Default: a backtracking line search and
             the linear solver of :func:`vmdg.solver.linear.automatic_options`.
         petsc_options: Another name of ``petsc``, that of DOLFINx.
-        condensed: Iterate on the gaps at the interface points alone, the linear bodies of a problem
-            of small strain condensed to them: None where that is possible and cheaper, False never,
+        condensed: Solve the systems of a problem of small strain by factors of its linear bodies,
+            made once, and a dense matrix of the gaps at the interface points, see
+            :mod:`vmdg.solver.capacitance`: None where that is possible and cheaper, False never,
             True wherever it is possible, see :mod:`vmdg.solver.features`.
         energy: Add the energies of every step to the history.
         progress: Show a progress bar and the summary of the run (rank 0): load factor, size,

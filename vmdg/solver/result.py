@@ -18,8 +18,8 @@ class Counts:
     Attributes:
         factorizations: Matrices factorized for direct solves.
         preconditioners: Set up for Krylov solves: factors to be used again, or multigrid.
-        solves: Linear systems of the whole problem.
-        condensed: Linear systems of the gaps at the interface points alone.
+        solves: Right-hand sides with the tangent; several at once count as one where condensed.
+        condensed: Of these, with damage and condensed: systems of the gaps alone.
         krylov: Krylov iterations of both; none where they are solved directly.
         residuals: Residuals of the whole problem.
         tangents: Tangents of the whole problem.

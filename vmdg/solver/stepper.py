@@ -35,13 +35,7 @@ class Stepper:
         self._progress = progress or Progress(problem, 0, options)
         self.viscous = any(interface.law.viscosity > 0 for interface in problem.interfaces)
         self.krylov = 0
-        self._newton = self._make_newton()
-
-    def _make_newton(self) -> Newton:
-        options = self.options
-        return Newton(
-            self.problem, options.relative_tolerance, options.max_iterations, options.petsc
-        )
+        self._newton = Newton(problem, options)
 
     def restart(self) -> None:
         """Go on as a run that is resumed from a checkpoint of this state; collective.
@@ -50,7 +44,7 @@ class Stepper:
         resumed run has none of them.
         """
         self._newton.destroy()
-        self._newton = self._make_newton()
+        self._newton = Newton(self.problem, self.options)
 
     def close(self) -> None:
         """Free what PETSc holds; collective."""
@@ -113,8 +107,7 @@ class Stepper:
     def _iterate(self, control: Control, ahead: Direction | None, overstress: float) -> StepReport:
         problem, options = self.problem, self.options
         if self._newton.discretization is not problem.discretization:
-            self._newton.destroy()
-            self._newton = self._make_newton()
+            self.restart()
         # A step of no length is at rest: rate effects vanish for infinite time.
         at_rest = 1.0 if overstress else np.inf
         dt = abs(control.target - problem.t) * options.duration or at_rest

@@ -1,14 +1,19 @@
-"""Linear systems with the tangent, prescribed dofs included."""
+"""The linear systems of Newton's method, with displacements prescribed."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import Protocol
+
+from petsc4py import PETSc
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.parallel import global_any
 from ..problem.problem import Problem
+from .capacitance import Capacitance
+from .features import condensation
 from .linear import (
     LinearSolver,
     Petsc,
@@ -17,24 +22,66 @@ from .linear import (
     linear_options,
     set_rigid_modes,
 )
-from .tangent import Tangent, lags_bulk
+from .options import SolveOptions
 
 Array = NDArray[np.float64]
 
 
-class System:
-    """K.du = forces with displacements prescribed, for several right-hand sides.
+class System(Protocol):
+    """K.du = forces with the tangent at the state of the last residual.
+
+    Attributes:
+        norm: Infinity norm of the first tangent, prescribed rows included [N/mm].
+        iterations: Krylov iterations so far.
+    """
+
+    norm: float
+
+    @property
+    def iterations(self) -> int: ...
+
+    def solve(
+        self, forces: Sequence[Array], moved: Sequence[Array], rtol: float
+    ) -> Sequence[Array]:
+        """Solve for one or several right-hand sides; collective.
+
+        Args:
+            forces: Of owned dofs; what is on prescribed ones does not matter [N].
+            moved: For each of them du of owned dofs, of which the prescribed ones count [mm].
+            rtol: Relative tolerance of what is solved iteratively.
+
+        Returns:
+            du of owned dofs, not finite where K is singular [mm].
+        """
+
+    def free(self) -> None:
+        """Free the PETSc objects; collective."""
+
+
+def make_system(problem: Problem, options: SolveOptions) -> System:
+    """The linear systems that fit a problem and what the user wants; collective."""
+    if condensation(problem, options)[0]:
+        return Capacitance(problem)
+    return AssembledSystem(problem, options.petsc)
+
+
+class AssembledSystem:
+    """Systems of which the tangent is assembled; see :class:`System`.
 
     Args:
         problem: The problem.
         petsc: Options of the user's, without prefix.
+
+    Attributes:
+        norm: Infinity norm of the first tangent, prescribed rows included [N/mm].
     """
 
     def __init__(self, problem: Problem, petsc: Petsc | None):
         linear = linear_options(problem, petsc)
-        self._comm = problem.comm
-        self._tangent = Tangent(problem, lags_bulk(problem, linear.solver))
-        matrix = self._tangent.matrix
+        self._comm, self._discretization = problem.comm, problem.discretization
+        self._matrix = matrix = problem.discretization.create_matrix()
+        matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        self.norm = 0.0
         iterative = linear.automatic and is_iterative(linear.solver)
         zone = interface_zone(problem) if iterative and problem.discretization.can_fail else None
         self._linear = LinearSolver(matrix, linear.solver, linear.fallback, zone)
@@ -49,47 +96,32 @@ class System:
         """Krylov iterations so far."""
         return self._linear.iterations
 
-    @property
-    def norm(self) -> float:
-        """Infinity norm of the first tangent [N/mm]."""
-        return self._tangent.norm
-
-    def assemble(
-        self, moved: Sequence[Array], damage: bool = True
-    ) -> Callable[[Array, int, float], Array]:
-        """The tangent at the state of the last residual; collective.
-
-        Args:
-            moved: Displacements of owned dofs, zero but on prescribed ones [mm].
-            damage: False holds zeta.
-
-        Returns:
-            Solves K.du = forces (owned dofs) with the prescribed displacement of a number, to a
-            relative tolerance.
-        """
-        self._tangent.assemble(damage)
-        lifts = [self._lift(du) for du in moved]
-        self._tangent.constrain()
-
-        def solve(forces: Array, number: int, rtol: float) -> Array:
-            self._b.array[:] = forces - lifts[number]
-            self._b.array[self._prescribed] = moved[number][self._prescribed]
+    def solve(self, forces: Sequence[Array], moved: Sequence[Array], rtol: float) -> list[Array]:
+        """Solve K.du = forces for several right-hand sides; collective."""
+        self._discretization.assemble_tangent(self._matrix)
+        self.norm = self.norm or self._matrix.norm(PETSc.NormType.NORM_INFINITY)
+        right = [f - self._lift(du) for f, du in zip(forces, moved, strict=True)]
+        self._matrix.zeroRowsColumnsLocal(self._prescribed, 1.0)
+        found = []
+        for f, du in zip(right, moved, strict=True):
+            self._b.array[:] = f
+            self._b.array[self._prescribed] = du[self._prescribed]
             self._linear.solve(self._b, self._x, rtol)
-            return self._x.array.copy()
+            found.append(self._x.array.copy())
+        return found
 
-        return solve
-
-    def _lift(self, du: Array) -> Array | float:
-        """Forces of a displacement of prescribed dofs."""
+    def _lift(self, moved: Array) -> Array | float:
+        """Forces of the prescribed displacements."""
+        du = np.zeros_like(moved)
+        du[self._prescribed] = moved[self._prescribed]
         if not global_any(self._comm, du.any()):
             return 0.0
         self._x.array[:] = du
-        self._tangent.matrix.mult(self._x, self._b)
+        self._matrix.mult(self._x, self._b)
         return self._b.array.copy()
 
     def free(self) -> None:
         """Free the PETSc objects; collective."""
         self._linear.free()
-        self._tangent.destroy()
-        self._x.destroy()
-        self._b.destroy()
+        for item in (self._matrix, self._x, self._b):
+            item.destroy()
