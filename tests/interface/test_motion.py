@@ -221,7 +221,8 @@ class Scout:
 
     def __init__(self, problem):
         self.problem = problem
-        self.newton = Newton(problem, 1e-10, 400, LU)
+        options = {"relative_tolerance": 1e-10, "max_iterations": 400, "petsc": LU}
+        self.newton = Newton(problem, vmdg.SolveOptions(**options))
 
     def mode(self, t, keep=False):
         """Mode after a step to ``t``, which is taken back unless it is to be kept."""
