@@ -19,7 +19,9 @@ FEW_CORRECTIONS, GROWTH = 5, 4.0
 REST, MAX_STEPS = 0.1, 200
 
 
-def jump(stepper: Stepper, t: float, span: float) -> tuple[StepReport, int]:
+def jump(
+    stepper: Stepper, t: float, span: float, max_steps: int = MAX_STEPS
+) -> tuple[StepReport, int]:
     """Carry the problem to the next equilibrium at a load factor.
 
     Steps at this load with an overstress eta = factor H per gap increment follow the bond as it
@@ -30,6 +32,7 @@ def jump(stepper: Stepper, t: float, span: float) -> tuple[StepReport, int]:
         stepper: Takes the steps; the problem is in a state from which it runs away at this load.
         t: Load factor.
         span: Of the stage.
+        max_steps: Steps with overstress before it is given up.
 
     Returns:
         Report of the last step and the number of steps with overstress. If it fails the problem is
@@ -39,7 +42,7 @@ def jump(stepper: Stepper, t: float, span: float) -> tuple[StepReport, int]:
     before = step.snapshot()
     overstress, steps, least_steps = FIRST_OVERSTRESS, 0, 1
     report = StepReport(False, [], "")
-    while steps < MAX_STEPS and 1 / MAX_OVERSTRESS < overstress < MAX_OVERSTRESS:
+    while steps < max_steps and 1 / MAX_OVERSTRESS < overstress < MAX_OVERSTRESS:
         report = stepper.step(Control(t, span), overstress=overstress)
         steps += 1
         if not report.converged:
