@@ -67,7 +67,7 @@ def main(
     for scene in scenes:
         with timed(checks):
             checks += scene()
-    fine = {"element_size": 0.125, "steps": 54, "end": 1.62, "rows": 3, "verbose": verbose}
+    fine = {"element_size": 0.125, "end": 1.62, "rows": 3, "verbose": verbose}
     beams = {
         "DCB": lambda: dcb(verbose=verbose),
         "ENF, mu = 0": lambda: enf(0.0, **fine),
