@@ -85,6 +85,7 @@ def solve(
             # Not where a step failed: one rank alone must not wait for the others here.
             stepper.close()
     finally:
+        problem.loading.clear_ray()
         result.timings = timings_since(before)
         result.counts = Counts.from_timings(result.timings, stepper.krylov if stepper else 0)
     if (options.progress or options.verbose) and problem.comm.rank == 0:
