@@ -340,11 +340,10 @@ def test_crash(seconds, patience, verdict):
 
 def test_an_error_must_be_due():
     """The same refusal is right where the case asks for it, and a crash where it does not."""
-    steep = vmdg.Debonding(strength=10.0, critical_gap=1e-5)
-    case = cracked(bonds=(Bond(steep, (1, 2)),))
-    with pytest.raises(runner.Refused, match="softening"):
+    case = cracked(bonds=(Bond(LAW, (1, 9)),), refusal="between")
+    with pytest.raises(runner.Refused, match="between"):
         execute(case)
-    with pytest.raises(ValueError, match="softening"):
+    with pytest.raises(ValueError, match="between"):
         execute(replace(case, refusal=""))
 
 

@@ -154,11 +154,8 @@ class Discretization:
 
     # Assembly
 
-    def update_stabilization(self, slack: float = 0.0) -> None:
+    def update_stabilization(self) -> None:
         """Evaluate tau_s and delta of every interface at the current displacement; collective.
-
-        Args:
-            slack: Share of the r of before that may lack before it is raised.
 
         Raises:
             ValueError: the softening of a law is too steep for the mesh (r <= H).
@@ -166,13 +163,12 @@ class Discretization:
         self.update_dilatation()
         self._update_pressure()
         with timer("stabilization"):
-            scaled = self._scaled_stabilization(slack)
+            scaled = self._scaled_stabilization()
             for active, stabilization in zip(self.active.values(), scaled, strict=True):
                 active.apply(stabilization)
 
-    def _scaled_stabilization(self, slack: float) -> list[Stabilization]:
-        floors = [active.floor for active in self.active.values()]
-        return self._stabilizers.scaled(floors, slack)
+    def _scaled_stabilization(self) -> list[Stabilization]:
+        return self._stabilizers.scaled([active.floor for active in self.active.values()])
 
     def needed_penalties(self) -> list[NDArray[np.float64]]:
         """r of every interface for a step from the current displacement (nf,); collective.
@@ -180,7 +176,7 @@ class Discretization:
         [MPa/mm]; the forms keep what they have.
         """
         with timer("stabilization"):
-            return [stabilization.norm for stabilization in self._scaled_stabilization(0.0)]
+            return [stabilization.norm for stabilization in self._scaled_stabilization()]
 
     def stabilization_suffices(self, applied: Sequence[Stabilization]) -> bool:
         """Whether these are what coercivity asks for now, on this rank; collective.

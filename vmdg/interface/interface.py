@@ -64,9 +64,9 @@ class Interface:
         level_set: The facets between cells where phi(x), x (3, n) [mm], is negative at the
             midpoint and all others. Of two cells of one tag side 1 is the negative one.
         law: ``vmdg.Bonded()`` (tie), ``vmdg.Debonding(...)`` or another :class:`vmdg.laws.Law`.
-        safety: Factor on tau_s. "auto" raises the derived tau_s facet by facet, only where the
-            bonded form would not be coercive (:mod:`vmdg.interface.coercivity`) or r too near to H;
-            the report's Tables 1 and 2 were made with 4.
+        safety: Factor on tau_s. "auto" takes facet by facet the one that keeps the bonded form
+            coercive (:mod:`vmdg.interface.coercivity`) and r clear of H, below or above 1, and
+            never lowers r within a run; 1 is the report's tau_s, 4 that of its Tables 1 and 2.
         norm: |tau_s| of (57): "frobenius" or "spectral".
         frame: "corotating" keeps zeta and N in a frame that turns with the interface;
             "reference" is the report's boxes to the letter, for small rotations, and saves the

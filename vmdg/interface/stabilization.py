@@ -217,29 +217,26 @@ class Stabilizer:
         derived: Stabilization,
         factor: NDArray[np.float64],
         floor: NDArray[np.float64],
-        slack: float,
     ) -> Stabilization:
         """The stabilization of a step: with ``safety="auto"`` tau_s as coercivity asks for.
 
-        r = max(factor |tau_s|, 2 H) where this exceeds floor / (1 - slack), floor elsewhere
+        r = max(factor |tau_s|, floor, 2 H)
 
         The bubble of a cell that is long across or along the interface has a tau_s far above what
         coercivity asks for, which costs iterations and gains nothing. Close to H a return map with
         its dgamma = f / (r - H) would magnify every change of the trial traction; a larger r never
         harms coercivity. tau_s is evaluated once a step, so u and tau_s depend on each other from
-        step to step: were r to follow u, states under a load that is held could drift, and every
-        change of r creates or takes energy of the opening.
+        step to step: were r to fall again, states under a load that is held could drift.
 
         Args:
             derived: From :meth:`derive`.
             factor: What coercivity asks for (nf,).
             floor: Largest r so far (nf,) [MPa/mm].
-            slack: Share of r that may lack before it is raised.
         """
         if not self.automatic:
             return derived
-        r = np.maximum(factor * derived.norm, GOOD_RATIO * self.interface.law.softening_modulus)
-        return derived.scaled(np.where(floor < (1 - slack) * r, r, floor))
+        least = np.maximum(floor, GOOD_RATIO * self.interface.law.softening_modulus)
+        return derived.scaled(np.maximum(factor * derived.norm, least))
 
     def suffices(
         self, applied: Stabilization, derived: Stabilization, factor: NDArray[np.float64]
@@ -305,18 +302,17 @@ class Stabilizers:
         self._coercivity: Coercivity | None = None
         self._constants: list[Stabilization] | None = None
 
-    def scaled(self, floors: Sequence[NDArray[np.float64]], slack: float) -> list[Stabilization]:
+    def scaled(self, floors: Sequence[NDArray[np.float64]]) -> list[Stabilization]:
         """Of every interface for a step from the current displacement; collective.
 
         Args:
             floors: Largest r of the run so far (nf,) [MPa/mm].
-            slack: Share of r that may lack before it is raised.
         """
         if self._constants is not None:
             return self._constants
         derived = self.derive()
         arguments = zip(self._interfaces, derived, self.coercivity(derived), floors, strict=True)
-        scaled = [one.scaled(*values, slack) for one, *values in arguments]
+        scaled = [one.scaled(*values) for one, *values in arguments]
         if self.constant:
             self._constants = scaled
         return scaled

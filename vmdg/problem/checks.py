@@ -178,21 +178,18 @@ def _check_proportions(problem: Problem, active: ActiveInterface) -> None:
 
 
 def _check_softening(comm: MPI.Comm, active: ActiveInterface) -> None:
-    """Facets that are too coarse for H, which the r of ``safety="auto"`` exceeds on any mesh."""
-    law, extent = active.law, active.quadrature.extent
+    """Facets far too coarse for H, which the r of ``safety="auto"`` exceeds on any mesh."""
     if not active.stabilizer.automatic:
         return
-    derived = active.stabilization.norm / active.stabilization.safety
-    share = derived / law.softening_modulus
+    extent, H = active.quadrature.extent, active.law.softening_modulus
+    share = active.stabilization.norm / active.stabilization.safety / H
     worst, message = -global_max(comm, float(-share.min(initial=np.inf))), None
-    if worst < 1 and worst == share.min(initial=np.inf):
+    if worst < 1 / SUSPICIOUS_RATIO and worst == share.min(initial=np.inf):
         f = np.argmin(share)
         message = (
             f"{active.interface}: at facet {active.facets.facets[f]} the softening modulus H = "
-            f"{law.softening_modulus:.6g} MPa/mm exceeds the derived tau_s, {derived[f]:.6g}: the "
-            "bond breaks faster than the element can unload, facet by facet. Refine the facet from "
-            f"{extent[f]:.3g} to below {extent[f] * share[f]:.3g} mm, or raise the critical gap"
+            f"{H:.6g} MPa/mm is far above the derived |tau_s| = {share[f] * H:.6g}: the bond "
+            f"would break faster than the element can unload. Refine the facet from {extent[f]:.3g}"
+            f" to below {extent[f] * share[f]:.3g} mm, or raise the critical gap{SAME_UNITS}"
         )
-        if worst < 1 / SUSPICIOUS_RATIO:
-            message += SAME_UNITS
     _warn(comm, message)

@@ -13,7 +13,6 @@ from ..assembly.discretization import Discretization
 from ..base.parallel import global_any, global_max, global_sum
 from ..interface.activation import Activation, Utilization
 from ..interface.active import ActiveInterface
-from ..interface.coercivity import MARGIN
 from .loading import Loading
 from .states import RunScales, Snapshot
 
@@ -74,7 +73,7 @@ class Step:
         for active in self.discretization.active.values():
             active.begin_step(overstress)
         try:
-            self.discretization.update_stabilization(MARGIN)
+            self.discretization.update_stabilization()
         except ValueError:
             self.cancel()
             raise

@@ -1,0 +1,102 @@
+"""r of "auto" in a run: raised within a step that asks for it, kept, carried on by a checkpoint."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+import vmdg
+from vmdg.checkpoint.checkpoint import read_checkpoint, write_checkpoint
+from vmdg.meshes import blocks
+
+E = 1000.0
+
+
+def crushed(comm, law: vmdg.Law) -> vmdg.Problem:
+    """Two squares shortened by the share t, between sides that do not give way."""
+    mesh, cells, facets = blocks(comm, "quadrilateral", (2, 2))
+    material = vmdg.NeoHookean(E=E, nu=0.3)
+    interface = vmdg.Interface(between=(1, 2), law=law)
+    problem = vmdg.Problem(mesh, cells, {1: material, 2: material}, [interface])
+    for tag in (1, 2):
+        problem.dirichlet(facets.find(tag), lambda x, t: np.stack([-t * x[0], 0 * x[0]]))
+    for tag in (4, 5):
+        problem.dirichlet(facets.find(tag), 0.0, "y")
+    return problem
+
+
+def squeezed(comm, law: vmdg.Law, amount, n: int = 2, degree: int = 1) -> vmdg.Problem:
+    """Two squares side by side, shortened by ``amount(t)`` between rigid ends, nu = .45."""
+    mesh, cells, facets = blocks(comm, "quadrilateral", (n // 2, n), 1.0, interface=(0.5, 0.5))
+    material = vmdg.NeoHookean(E=E, nu=0.45)
+    interface = vmdg.Interface(between=(1, 2), law=law)
+    problem = vmdg.Problem(mesh, cells, {1: material, 2: material}, [interface], degree=degree)
+    problem.dirichlet(facets.find(1), 0.0)
+    problem.dirichlet(facets.find(2), lambda t: np.array([-amount(t), 0.0]))
+    return problem
+
+
+@pytest.mark.parametrize("law", [vmdg.Bonded(), vmdg.Contact()], ids=["tie", "contact"])
+def test_r_is_raised_within_the_step_and_never_lowered(comm, out, law):
+    """Crushed to a quarter, r of the start does not serve: the step is done again, not cut.
+
+    Back at .7 of the length less would do; r stays, in a run that is resumed there, too.
+    """
+    problem = crushed(comm, law)
+    norms = [problem.stabilization[0].norm]
+    for t in (0.5, 0.75):
+        assert not vmdg.solve(problem, [t]).failures
+        assert problem.step.stabilization_suffices()
+        norms.append(problem.stabilization[0].norm)
+    whole, half, quarter = norms
+    assert (half >= whole).all()
+    assert (quarter > 1.9 * whole).all()
+    write_checkpoint(problem, out)
+    resumed = crushed(comm, law)
+    read_checkpoint(resumed, out)
+    for one in (problem, resumed):
+        vmdg.solve(one, [0.3])
+        assert one.stabilization[0].norm == pytest.approx(quarter, rel=1e-9)
+    assert np.array_equal(problem.u.x.array, resumed.u.x.array)
+
+
+def test_raise_ends_and_leaves_no_trace(comm):
+    """A state off the path asks for more at every attempt; the step given up, r is as it was."""
+    problem = crushed(comm, vmdg.Contact())
+    step, norm = problem.step, problem.stabilization[0].norm
+    raised = [norm]
+    for stretch in (1.0, 2.0, 3.0, 4.0):
+        step.begin(0.1, 1.0)
+        raised.append(problem.stabilization[0].norm)
+        problem.u.interpolate(lambda x, s=stretch: np.stack([0 * x[0], s * x[1] ** 2]))
+        assert not step.stabilization_suffices()
+        assert step.raise_stabilization() == (stretch < 4)
+    assert all((after >= before).all() for before, after in pairwise(raised))
+    assert comm.allreduce(float((raised[-1] - norm).sum())) > 0
+    step.cancel()
+    step.begin(0.1, 1.0)
+    assert np.array_equal(problem.stabilization[0].norm, norm)
+
+
+@pytest.mark.parametrize("degree", [2, 3])
+@pytest.mark.parametrize("law", [vmdg.Bonded(), vmdg.Contact(friction=0.2)], ids=["tie", "contact"])
+def test_squeezed_joint_rests(law, degree):
+    """Shortened by 10%: 3 corrections a step at most, and a load that is held moves nothing.
+
+    More in the first step of contact, which starts open and closes.
+
+    tau_s and the flux weights are those of the start of a step, and follow in the first one that
+    the load is held for. Then 20 steps change less than 1e-9 of the shortening.
+    """
+    problem = squeezed(MPI.COMM_SELF, law, lambda t: 0.1 * min(t, 1.0), 16, degree)
+    result = vmdg.solve(problem, np.linspace(0.1, 1, 10))
+    assert max(result.history["iterations"][law.inelastic :]) <= 3
+    vmdg.solve(problem, [1.0])
+    rest, norm = problem.u.x.array.copy(), problem.stabilization[0].norm
+    vmdg.solve(problem, [1.0] * 20)
+    assert np.abs(problem.u.x.array - rest).max() < 1e-10
+    assert (problem.stabilization[0].norm >= norm).all()
