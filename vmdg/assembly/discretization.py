@@ -178,16 +178,14 @@ class Discretization:
         with timer("stabilization"):
             return [stabilization.norm for stabilization in self._scaled_stabilization()]
 
-    def stabilization_suffices(self, applied: Sequence[Stabilization]) -> bool:
-        """Whether these are what coercivity asks for now, on this rank; collective.
+    def stabilization_suffices(self) -> bool:
+        """Whether tau_s of the step is what coercivity asks for now too, on this rank; collective.
 
         At finite strain a step that goes far from where tau_s was evaluated may end in an
         equilibrium that only the lack of it makes possible.
-
-        Args:
-            applied: Stabilization of every interface.
         """
         with timer("stabilization"):
+            applied = [active.stabilization for active in self.active.values()]
             return self._stabilizers.suffice(applied)
 
     def update_dilatation(self) -> None:

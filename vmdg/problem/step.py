@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from ..assembly.discretization import Discretization
 from ..base.parallel import global_any, global_max, global_sum
 from ..interface.activation import Activation, Utilization
-from ..interface.active import ActiveInterface
 from .loading import Loading
 from .states import RunScales, Snapshot
 
@@ -121,12 +120,7 @@ class Step:
 
     def stabilization_suffices(self) -> bool:
         """Whether the step has ended where its tau_s is enough for coercivity; collective."""
-        applied = [active.stabilization for active in self._active]
-        return not global_any(self._comm, not self.discretization.stabilization_suffices(applied))
-
-    @property
-    def _active(self) -> Sequence[ActiveInterface]:
-        return list(self.discretization.active.values())
+        return not global_any(self._comm, not self.discretization.stabilization_suffices())
 
     def raise_stabilization(self) -> bool:
         """Cancel the step, to begin again with the r that its end asks for; collective.
@@ -142,7 +136,7 @@ class Step:
         needed = self.discretization.needed_penalties()
         repeats = self._repeats + 1
         self.cancel()
-        for active, r in zip(self._active, needed, strict=True):
+        for active, r in zip(self.discretization.active.values(), needed, strict=True):
             active.floor = r
         self._repeats = repeats
         return True
