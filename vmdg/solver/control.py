@@ -115,7 +115,8 @@ class Work(Control):
         work: dD; None where the target is met without so much work: load control [N mm].
         within: Share of the work that the way to the target is foreseen to take of which dD is no
             more; 1 for load control where dD is enough for all of it.
-        kink: Whether the step begins at the onset of damage, where nothing can be foreseen.
+        kink: Whether dD stays the control whatever is foreseen: at the onset of damage nothing can
+            be foreseen, and on a path of breaking bonds load control does not serve.
     """
 
     work: float | None = None

@@ -280,7 +280,7 @@ class Path:
                     stage.target, stage.span, needed, before=(0.0, t), most=most, start=t
                 )
                 return arrival, ahead
-        return Work(stage.target, stage.span, self._work, within), ahead
+        return Work(stage.target, stage.span, self._work, within, kink=cuts == 0), ahead
 
     def _next_work(self, report: StepReport, work: float) -> float:
         """Work on bonds that the next step may do, after one that might do ``work``."""
