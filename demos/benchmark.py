@@ -2,7 +2,7 @@
 
 Parts, one or several by name: "precision" draws error against unknowns and processor time, "ratio"
 compares one Newton iteration, "peers" runs two scenes that other codes were given, "switches" runs
-one of them with and without what can be spared, "condensed" iterates on the gaps of the interface,
+one of them with and without what can be spared, "condensed" linear systems at small strain,
 "kernels" lists what is compiled, "memory" measures the push-out. Seconds are processor time of warm
 runs on one core, the least of some; whatever is compared takes turns in one process. On one rank.
 """

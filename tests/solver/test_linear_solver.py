@@ -172,10 +172,11 @@ def test_options_of_what_is_made_later():
     assert not any(name.startswith(tuple(prefixes)) for name in PETSc.Options().getAll())
 
 
-def test_direct_solver_after_a_failure():
+@pytest.mark.parametrize("options", [LU, GMRES_LU], ids=["direct", "lagged"])
+def test_factors_after_a_failure(options):
     """MUMPS does no more after a factorization that failed: it is made anew."""
     matrix = tridiagonal(4.0)
-    solver = LinearSolver(matrix, LU, LU)
+    solver = LinearSolver(matrix, options, LU)
     x, b = matrix.createVecs()
     b.set(1.0)
     tridiagonal(np.nan).copy(matrix)

@@ -12,10 +12,7 @@ from petsc4py import PETSc
 
 import numpy as np
 from dolfinx import fem
-from dolfinx.la import InsertMode
-from numpy.typing import NDArray
 
-from ..base.parallel import global_sum
 from ..base.timers import timer
 from ..domain.geometry import rigid_motions
 from ..forms.geometry import Geometry
@@ -62,9 +59,6 @@ CG_GAMG = {
 
 #: Dofs beyond which factors are lagged, and those in 3D beyond which they cost more than multigrid.
 MAX_DIRECT, MAX_FACTORED = 3_000, 60_000
-
-#: Share of the dofs up to which the zone at the interfaces is factorized for every tangent.
-MAX_ZONE = 0.3
 
 #: What a factorization, or the set-up of multigrid, costs in Krylov iterations; measured at 42,000
 #: dofs in 3D: 41 of 49 ms and 26 of 30 ms.
@@ -123,211 +117,73 @@ def is_iterative(options: Petsc) -> bool:
     return options.get("ksp_type") != "preonly"
 
 
-def interface_zone(problem: Problem, share: float = MAX_ZONE) -> NDArray[np.int32] | None:
-    """Owned dofs of the cells at active interfaces, where damage changes the tangent; collective.
+class LinearSolver:
+    """Solves with the tangent, directly or by a Krylov method.
 
-    None if these are more than a ``share`` of the dofs, or none.
-    """
-    space = problem.space
-    marks = fem.Function(space).x
-    nodes = marks.array.reshape(-1, space.dofmap.index_map_bs)
-    for active in problem.discretization.active.values():
-        nodes[space.dofmap.list[active.facets.cells]] = 1
-    marks.scatter_reverse(InsertMode.add)
-    owned = problem.discretization.owned
-    zone = np.flatnonzero(marks.array[:owned]).astype(np.int32)
-    size, total = global_sum(problem.comm, [len(zone), owned])
-    return zone if 0 < size < share * total else None
-
-
-class ZoneCorrection:
-    """Preconditioner: an older one of the whole tangent K, corrected where the tangent changes.
-
-    Damage changes the rows of the cells at the interfaces, the bodies hardly change. So the
-    residual that the lagged preconditioner B leaves lies in this zone, and a solve with the current
-    tangent of the zone, its surroundings held, removes it:
-
-        z <- B^-1.r,    z <- z + R^T.(R.K.R^T)^-1.R.(r - K.z),
-
-    R picking the zone: multiplicative Schwarz with two subdomains (Smith, Bjorstad, Gropp 1996), of
-    which only the small one is factorized anew. What is left are smooth differences. At 42,000 dofs
-    in 3D, with the factors of 15 steps ago, systems take 7 iterations to 1e-4 instead of 58.
-
-    Args:
-        matrix: The tangent K.
-        lagged: Applies B^-1.
-        zone: Owned dofs of the zone.
-    """
-
-    def __init__(self, matrix: PETSc.Mat, lagged: PETSc.PC, zone: NDArray[np.int32]):
-        self._matrix = matrix
-        self._lagged = lagged
-        self._zone = zone
-        first = matrix.getOwnershipRange()[0]
-        self._rows = PETSc.IS().createGeneral(first + zone, comm=matrix.comm)
-        self._part: PETSc.Mat | None = None
-        self._factorized = -1
-
-    def set_up(self) -> None:
-        """Factorize the zone of the current tangent, where it has changed; collective."""
-        state = self._matrix.stateGet()
-        if state == self._factorized:
-            return
-        self._factorized = state
-        if self._part is None:
-            self._part = self._matrix.createSubMatrix(self._rows, self._rows)
-            self._strip = self._matrix.createSubMatrix(self._rows)
-            self._direct = make_ksp(self._part, LU)
-            self._x, self._b = self._part.createVecs()
-        else:
-            self._matrix.createSubMatrix(self._rows, self._rows, self._part)
-            self._matrix.createSubMatrix(self._rows, None, self._strip)
-            reset_failed(self._direct.getPC())
-            self._direct.setOperators(self._part)
-        self._direct.setUp()
-
-    def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
-        """z from r; called by PETSc."""
-        self._lagged.apply(r, z)
-        self._strip.mult(z, self._b)
-        self._b.array[:] = r.array_r[self._zone] - self._b.array_r
-        self._direct.solve(self._b, self._x)
-        z.array[self._zone] += self._x.array_r
-
-    def free(self) -> None:
-        """Free the PETSc objects; collective."""
-        items = [self._rows]
-        if self._part is not None:
-            destroy(self._direct)
-            items += [self._part, self._strip, self._x, self._b]
-        for item in items:
-            item.destroy()
-
-
-class LaggedKrylov:
-    """A Krylov solver that keeps its preconditioner over Newton iterations and steps.
-
-    It is made anew where the iterations that a fresh one would have spared add up to what it costs,
-    and where the solver does not converge with an old one. Systems are solved to the tolerance
+    A Krylov method keeps its preconditioner over Newton iterations and steps. It is made anew where
+    the iterations that a fresh one would have spared add up to what it costs, and where the method
+    does not converge with an old one. Where it does not converge with a fresh one either, which
+    happens near a limit point, the system is solved directly. Systems are solved to the tolerance
     asked for, unless the options set one.
 
     Args:
         matrix: The tangent.
-        options: Of KSP and PC.
-        zone: Owned dofs where the lagged preconditioner is corrected, see :class:`ZoneCorrection`.
+        options: Of KSP and PC; a ``ksp_type`` other than "preonly" is iterative.
+        fallback: Options of the direct solver.
 
     Attributes:
-        iterations: Of all systems so far.
+        multigrid: Whether it asks for the rigid modes.
+        iterations: Krylov iterations so far.
     """
 
-    def __init__(
-        self,
-        matrix: PETSc.Mat,
-        options: Petsc,
-        zone: NDArray[np.int32] | None = None,
-    ):
-        self._matrix = matrix
+    def __init__(self, matrix: PETSc.Mat, options: Petsc, fallback: Petsc):
+        self.multigrid = options.get("pc_type") == "gamg"
         self.iterations = 0
-        self.ksp = make_ksp(matrix, options)
+        self._matrix = matrix
+        self._krylov = make_ksp(matrix, options) if is_iterative(options) else None
+        self._direct: PETSc.KSP | None = None
+        self._direct_options = options if self._krylov is None else fallback
         self._follows_tolerance = "ksp_rtol" not in options
-        self._fresh_effort = 0.0
-        self._excess = math.inf
-        self._lagged = self.ksp.getPC()
-        self._correction: ZoneCorrection | None = None
-        if zone is not None:
-            pc = PETSc.PC().create(matrix.comm)
-            self._correction = ZoneCorrection(matrix, self._lagged, zone)
-            pc.setType(PETSc.PC.Type.PYTHON)
-            pc.setPythonContext(self._correction)
-            self.ksp.setPC(pc)
+        self._fresh_effort, self._excess = 0.0, math.inf
 
-    def solve(self, b: PETSc.Vec, x: PETSc.Vec, tolerance: float) -> bool:
-        """Whether A x = b is solved to a relative tolerance."""
-        if self._follows_tolerance:
-            self.ksp.setTolerances(rtol=tolerance)
-        if self._correction is not None:
-            self._correction.set_up()
-        if self._excess < SETUP_ITERATIONS and self._iterate(b, x, reuse=True):
-            return True
-        return self._iterate(b, x, reuse=False)
+    def solve(self, b: PETSc.Vec, x: PETSc.Vec, rtol: float) -> None:
+        """Solve A x = b with the current values of the tangent, to a relative tolerance."""
+        with timer("linear solve"):
+            if self._krylov is not None:
+                if self._follows_tolerance:
+                    self._krylov.setTolerances(rtol=rtol)
+                if self._excess < SETUP_ITERATIONS and self._iterate(b, x, reuse=True):
+                    return
+                if self._iterate(b, x, reuse=False):
+                    return
+            self._solve_directly(b, x)
 
     def _iterate(self, b: PETSc.Vec, x: PETSc.Vec, reuse: bool) -> bool:
-        reset_failed(self._lagged)
-        self.ksp.setOperators(self._matrix)
-        self._lagged.setOperators(self._matrix)
-        self._lagged.setReusePreconditioner(reuse)
-        if reuse:
-            self._lagged.setUp()
-        else:
+        ksp = self._krylov
+        reset_failed(ksp.getPC())
+        ksp.setOperators(self._matrix)
+        ksp.getPC().setReusePreconditioner(reuse)
+        if not reuse:
             with timer("set up preconditioner"):
-                self._lagged.setUp()
-        self.ksp.solve(b, x)
-        iterations = self.ksp.getIterationNumber()
+                ksp.setUp()
+        ksp.solve(b, x)
+        iterations = ksp.getIterationNumber()
         self.iterations += iterations
-        reduction = self.ksp.getResidualNorm() / max(b.norm(), np.finfo(float).tiny)
+        reduction = ksp.getResidualNorm() / max(b.norm(), np.finfo(float).tiny)
         # Iterations to the tolerance vary with it; their number per digit does not.
         digits = max(-math.log10(max(reduction, 1e-300)), 1.0)
         if not reuse:
             self._fresh_effort, self._excess = iterations / digits, 0.0
         self._excess += iterations - self._fresh_effort * digits
-        converged = self.ksp.getConvergedReason() > 0
+        converged = ksp.getConvergedReason() > 0
         if not converged:
             self._excess = math.inf
         return converged
 
-    def free(self) -> None:
-        """Free the PETSc objects; collective."""
-        destroy(self.ksp)
-        if self._correction is not None:
-            self._lagged.destroy()
-            self._correction.free()
-
-
-class LinearSolver:
-    """Solves with the tangent.
-
-    Where a Krylov solver does not converge with a fresh preconditioner, which happens near a limit
-    point, the system is solved directly.
-
-    Args:
-        matrix: The tangent.
-        options: Of KSP and PC; a ``ksp_type`` other than "preonly" is iterative.
-        fallback: Petsc of the direct solver.
-        zone: Owned dofs where an iterative solver corrects a lagged preconditioner.
-
-    Attributes:
-        multigrid: Whether it asks for the rigid modes.
-    """
-
-    def __init__(
-        self,
-        matrix: PETSc.Mat,
-        options: Petsc,
-        fallback: Petsc,
-        zone: NDArray[np.int32] | None = None,
-    ):
-        self.multigrid = options.get("pc_type") == "gamg"
-        self._matrix = matrix
-        iterative = is_iterative(options)
-        self._krylov = LaggedKrylov(matrix, options, zone) if iterative else None
-        self._direct_options = fallback if iterative else options
-        self._direct: PETSc.KSP | None = None
-        self._factorized = -1
-
-    @property
-    def iterations(self) -> int:
-        """Krylov iterations so far."""
-        return 0 if self._krylov is None else self._krylov.iterations
-
-    def solve(self, b: PETSc.Vec, x: PETSc.Vec, rtol: float) -> None:
-        """Solve A x = b with the current values of the tangent, to a relative tolerance."""
-        with timer("linear solve"):
-            if self._krylov is None or not self._krylov.solve(b, x, rtol):
-                self._solve_directly(b, x)
-
     def _solve_directly(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
         if self._direct is None:
             self._direct = make_ksp(self._matrix, self._direct_options)
+            self._factorized = -1
         reset_failed(self._direct.getPC())
         self._direct.setOperators(self._matrix)
         state = self._matrix.stateGet()
@@ -339,10 +195,9 @@ class LinearSolver:
 
     def free(self) -> None:
         """Free the PETSc objects; collective."""
-        if self._krylov is not None:
-            self._krylov.free()
-        if self._direct is not None:
-            destroy(self._direct)
+        for ksp in (self._krylov, self._direct):
+            if ksp is not None:
+                destroy(ksp)
         return_memory()
 
 

@@ -17,8 +17,6 @@ from .features import condensation
 from .linear import (
     LinearSolver,
     Petsc,
-    interface_zone,
-    is_iterative,
     linear_options,
     set_rigid_modes,
 )
@@ -82,9 +80,7 @@ class AssembledSystem:
         self._matrix = matrix = problem.discretization.create_matrix()
         matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self.norm = 0.0
-        iterative = linear.automatic and is_iterative(linear.solver)
-        zone = interface_zone(problem) if iterative and problem.discretization.can_fail else None
-        self._linear = LinearSolver(matrix, linear.solver, linear.fallback, zone)
+        self._linear = LinearSolver(matrix, linear.solver, linear.fallback)
         if self._linear.multigrid:
             parts = problem.discretization
             set_rigid_modes(parts.space, parts.geometry, matrix)

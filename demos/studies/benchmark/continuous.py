@@ -25,7 +25,7 @@ from vmdg.domain.topology import facet_cells, local_facets, tags_of_cells
 from vmdg.forms.geometry import CARTESIAN
 from vmdg.forms.kinematics import Body
 from vmdg.meshes import TaggedMesh
-from vmdg.solver.linear import Options, destroy, make_ksp
+from vmdg.solver.linear import Petsc, destroy, make_ksp
 
 
 class Plain:
@@ -133,7 +133,7 @@ class Plain:
         """Take the prescribed dofs out of the matrix."""
         self.matrix.zeroRowsColumnsLocal(self.prescribed, 1.0)
 
-    def solve(self, options: Options, tolerance: float, most: int = 20) -> None:
+    def solve(self, options: Petsc, tolerance: float, most: int = 20) -> None:
         """Newton's method from the present displacement.
 
         Args:

@@ -60,7 +60,7 @@ def switches_part(coarse: bool, repeats: int) -> Outcome:
 
 
 def condensed_part(coarse: bool, repeats: int) -> Outcome:
-    """Small-strain steps on the gaps of the interface against steps of the whole problem."""
+    """Systems condensed to the interface, at small strain, against the assembled tangent."""
     scenes = tqdm((condensed.COARSE if coarse else condensed.SCENES).items(), unit="scene")
     gains = [condensed.measure(name, make, repeats) for name, make in scenes]
     return gains, table(condensed.HEAD, condensed.rows(gains)), None

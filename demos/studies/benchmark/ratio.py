@@ -19,7 +19,7 @@ from studies.benchmark.common import BOTTOM, LOWER, TOP, UPPER, layers, least_ti
 from studies.benchmark.continuous import Plain
 from vmdg.domain.topology import tags_of_cells
 from vmdg.meshes import TaggedMesh
-from vmdg.solver.linear import CG_GAMG, GMRES_GAMG, LDLT, LU, Options, make_ksp, set_rigid_modes
+from vmdg.solver.linear import CG_GAMG, GMRES_GAMG, LDLT, LU, Petsc, make_ksp, set_rigid_modes
 
 #: Cells, and the layer below the interface.
 MESHES = {"2D": ("quadrilateral", (96, 96), 48), "3D": ("hexahedron", (22, 22, 25), 12)}
@@ -167,7 +167,7 @@ def _problem(tagged: TaggedMesh, material: vmdg.Material, damage: bool) -> vmdg.
 class _Solver:
     """Solves with the present values of a matrix, from scratch."""
 
-    def __init__(self, matrix: PETSc.Mat, options: Options, b: np.ndarray):
+    def __init__(self, matrix: PETSc.Mat, options: Petsc, b: np.ndarray):
         self._ksp, self._matrix = make_ksp(matrix, options), matrix
         self._ksp.setTolerances(rtol=TOLERANCE)
         self._x, self._b = matrix.createVecs()
