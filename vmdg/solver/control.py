@@ -33,7 +33,7 @@ MAX_REACH = 4.0
 
 #: Differences of load factors, relative to the stage, that are rounding, those from which on the
 #: tangent leads to the target, and those within which the onset of damage is found.
-ROUNDING, NEAR, ONSET = 1e-11, 1e-6, 1e-9
+ROUNDING, NEAR, ONSET = 1e-11, 1e-3, 1e-9
 
 
 class Direction(NamedTuple):
@@ -138,7 +138,7 @@ class Work(Control):
         if self.work is None:
             return t == self.target
         if self.onset is not None:
-            return abs(self.onset) <= NEAR * self.span
+            return abs(self.onset) <= MISSED * self.span
         return abs(work - self.work) <= MISSED * self.work
 
     def change(self, trials: Trials, start: Direction, zero: Direction, one: Direction) -> float:
