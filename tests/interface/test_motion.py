@@ -188,7 +188,9 @@ def test_quadratic_convergence(comm, mode, frame):
     )
     last = len(knots) - 1
     vmdg.solve(problem, np.arange(1, 10 * (last - 1) + 1) / 10)
-    tight = vmdg.SolveOptions(relative_tolerance=1e-12, max_iterations=12, max_cuts=0, control="load")
+    tight = vmdg.SolveOptions(
+        relative_tolerance=1e-12, max_iterations=12, max_cuts=0, control="load"
+    )
     (norms,) = vmdg.solve(problem, [last], tight).residuals
     assert (problem.state[0].mode == mode).all()
     error = np.array(norms) / 100.0
