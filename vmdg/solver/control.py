@@ -169,6 +169,8 @@ class Work(Control):
         length = left
         if gradient != 0:
             length = (self.work - D - slope(zero)) / gradient
+            # Where D hardly grows its derivative says nothing about how far it is to dD.
+            length = min(max(length, -self.span), self.span)
         else:
             now, then = (trials.bond_work(middle, one, x) for x in (0.0, left))
             if then > now == 0 and first:
@@ -273,6 +275,9 @@ class Arrival(Work):
             if slope * left <= 0 or work > self.most:
                 return True
             self.work = D + min(left / slope, D)
+        elif D_next - D <= NEAR * D_next:
+            # No bond breaks in between.
+            self.work = None
         else:
             share = (self.target - t) / (t_next - t)
             self.work = D + (D_next - D) * min(max(share, 0.05), 0.95)

@@ -158,7 +158,14 @@ class Path:
         stage.traces = not stage.follows or self._stepper.options.unstable == "trace"
         while True:
             before = self._problem.step.snapshot()
-            part = self._next(stage)
+            try:
+                part = self._next(stage)
+            except StepFailure:
+                if stage.limit is None:
+                    raise
+                # Rows that are kept back lead nowhere else.
+                yield from self._jump(stage)
+                continue
             if stage.traces:
                 yield part
             elif stage.limit is None and stage.ahead(part.t, before.t) >= 0:
@@ -325,7 +332,7 @@ class Path:
         ]
         self._refine(stage)
         t = stage.limit.t
-        step.return_to(away[0])
+        step.return_to(away[0] if away else traced[-1][1])
         report, steps = jump(self._stepper, t, stage.span)
         stage.limit, stage.after = None, None
         if report.converged:
