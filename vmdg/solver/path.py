@@ -161,11 +161,16 @@ class Path:
             try:
                 part = self._next(stage)
             except StepFailure:
-                if stage.limit is None:
+                if stage.traces:
                     raise
-                # Rows that are kept back lead nowhere else.
-                yield from self._jump(stage)
-                continue
+                if stage.limit is not None:
+                    # Rows that are kept back lead nowhere else.
+                    yield from self._jump(stage)
+                    continue
+                # No equilibrium near this one: the stable path ends within the smallest attempt.
+                part = self._leap(stage, self._result.failures[-1][0])
+                if part is None:
+                    raise
             if stage.traces:
                 yield part
             elif stage.limit is None and stage.ahead(part.t, before.t) >= 0:
@@ -344,6 +349,15 @@ class Path:
         for part, state in traced:
             step.return_to(state)
             yield part
+
+    def _leap(self, stage: Stage, t: float) -> Part | None:
+        """To an equilibrium at a load factor that none of the near ones leads to; None if none."""
+        report, steps = jump(self._stepper, t, stage.span)
+        if not report.converged:
+            self._result.failures.append((t, report.reason))
+            return None
+        self.forget()
+        return Part(t, stage.done(t), 0.0, report, 0, steps)
 
     def _refine(self, stage: Stage) -> None:
         """Find the limit point, by steps of half the work."""
