@@ -214,7 +214,7 @@ def test_what_else_a_state_has(comm, out, name):
         else:
             history = run((problem, left), loads[:3], checkpoint=out)
         assert len(history) == 3
-        histories.append(run((problem, left), loads[3:], history, energy_guard=0.5))
+        histories.append(run((problem, left), loads[3:], history))
     there, here = histories
     assert len(here) == len(there)
     assert_same(here["force"], there["force"], 0.0 if comm.size == 1 else SAME, "force")

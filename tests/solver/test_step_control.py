@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers import pushout
 from support.problems import rotation
 
 import vmdg
 from vmdg.base.parallel import global_max
 from vmdg.meshes import blocks
-from vmdg.solver.iteration import MAX_HALVINGS, LoadStep
+from vmdg.solver.control import Control
 from vmdg.solver.stepper import Stepper
 
 E = 1000.0
@@ -64,10 +63,10 @@ def test_inverted_cells_are_refused(comm):
     assert problem.step.inverted()
     problem.u.x.array[:] = start
     stepper = Stepper(problem, vmdg.SolveOptions())
-    assert stepper.step(LoadStep(1.0)).converged
+    assert stepper.step(Control(1.0)).converged
     before = problem.u.x.array.copy()
     problem.step.inverted = lambda: True
-    report = stepper.step(LoadStep(2.0))
+    report = stepper.step(Control(2.0))
     stepper.close()
     assert (report.converged, report.reason) == (False, "CELLS_INVERTED")
     assert problem.t == 1.0
@@ -97,7 +96,7 @@ def test_residual_is_small_against_a_weak_bond(comm):
     problem = squares(comm, law, 0.0, lambda t: np.array([t, t / 2]))
     stepper = Stepper(problem, vmdg.SolveOptions())
     for t in (0.05, 0.1):
-        assert stepper.step(LoadStep(t)).converged
+        assert stepper.step(Control(t)).converged
         free = np.setdiff1d(np.arange(problem.discretization.owned), problem.loading.prescribed)
         residual = problem.step.assemble_residual(hold=True)[free]
         assert np.abs(residual).max(initial=0.0) < 1e-6 * law.strength
@@ -111,32 +110,7 @@ def test_given_history_is_filled(comm):
     history = vmdg.History()
     vmdg.solve(problem, [0.001, 0.002], history=history)
     assert list(history["load"]) == [0.001, 0.002]
-    options = vmdg.SolveOptions(max_iterations=1, max_cuts=0, jump=False)
+    options = vmdg.SolveOptions(max_iterations=1, max_cuts=0)
     with pytest.raises(vmdg.StepFailure):
         vmdg.solve(problem, [0.0025, 1.0], options, history=history)
     assert list(history["load"]) == [0.001, 0.002, 0.0025]
-
-
-def test_exhausted_search_ends_the_attempt(comm):
-    """The section of the push-out meets a kink: no halving helps, full steps pass.
-
-    Backtracking gives up where it has found nothing smaller, not after more corrections.
-    """
-    model = pushout.build(False, 12, 0.5, pushout.FRICTION, pushout.FIBRE_MODULUS)
-    problem = model.problem
-    vmdg.solve(problem, np.linspace(0.25, 1, 4))
-    problem.dirichlet(model.top, lambda t: 1 - t, model.axis, relative=True)
-    stepper = Stepper(problem, vmdg.SolveOptions(relative_tolerance=1e-8))
-    seconds = []
-    for load in 1 + 0.0087 * np.arange(1, 12):
-        report = stepper.step(LoadStep(load))
-        assert report.converged
-        seconds += [report] * (report.former is not None)
-    stepper.close()
-    assert seconds
-    for report in seconds:
-        first = report.former
-        assert first.reason == "DIVERGED_LOCAL_MIN"
-        assert first.solves[-1].trials == MAX_HALVINGS + 1
-        assert first.norms[-1] >= first.norms[-2]
-        assert all(solve.trials <= MAX_HALVINGS for solve in first.solves[:-1])
