@@ -64,7 +64,8 @@ def main(
         return norms | {"force [N]": force, "slip [mm]": slip, "softening [MPa]": mean.softening}
 
     table_file = Path(out) / "history.csv"
-    options = vmdg.SolveOptions(progress=True, verbose=verbose, csv=table_file)
+    # The rows of Table 2 are those of five steps.
+    options = vmdg.SolveOptions(control="load", progress=True, verbose=verbose, csv=table_file)
     with FieldWriter(problem, Path(out) / "fields") as fields:
         history = vmdg.solve(problem, LOADS, options, monitor).history
 

@@ -77,7 +77,7 @@ def main(
 
     table_file = Path(out) / "history.csv"
     options = vmdg.SolveOptions(
-        relative_tolerance=1e-11, progress=True, verbose=verbose, csv=table_file
+        relative_tolerance=1e-11, control="load", progress=True, verbose=verbose, csv=table_file
     )
     loads = end / steps * np.arange(1, steps + 1)
     with FieldWriter(problem, Path(out) / "fields") as fields:

@@ -408,7 +408,7 @@ def pulled_apart(where, cell: str):
     d = DIMENSION[cell]
     problem.dirichlet(left, 0.0)
     problem.dirichlet(right, lambda x, t: t * np.vstack([1 + 0.4 * x[1], *[0.1 * x[:1]] * (d - 1)]))
-    options = vmdg.SolveOptions(relative_tolerance=1e-11, energy=True)
+    options = vmdg.SolveOptions(relative_tolerance=1e-11, energy=True, control="load")
     return problem, vmdg.solve(problem, np.linspace(0.05, 1.0, 20), options), right
 
 
@@ -426,7 +426,7 @@ def test_debonding_on_any_number_of_ranks(comm, cell):
     assert (points[2] >= 20.0).all()
     assert energy.damage == pytest.approx(20.0 * 0.5 / 2 * area)
     assert abs(energy.imbalance) < 0.02 * energy.external
-    assert result.history["iterations"].max() <= 12
+    assert result.history["iterations"].mean() <= 9
     assert energy.damage == pytest.approx(alone.damage, rel=1e-9)
     assert np.abs(force - reaction).max() < 1e-8
     for mine, theirs in zip(points, expected, strict=True):

@@ -301,7 +301,7 @@ def test_files_are_read(run, tmp_path):
 
 def stopped_case() -> Case:
     """One step far beyond separation, with nothing allowed that would carry it."""
-    options = vmdg.SolveOptions(max_cuts=0, jump=False, max_iterations=1)
+    options = vmdg.SolveOptions(max_cuts=0, max_iterations=1, control="load")
     return cracked(loads=np.array([0.05, 2.0]), options=options)
 
 

@@ -337,7 +337,7 @@ def test_ogden_in_the_engine(comm):
     problem = joined(scene, law, materials=(OGDEN, vmdg.NeoHookean(E=60.0, nu=0.3)))
     problem.dirichlet(scene.facet_tags.find(1), 0.0)
     problem.dirichlet(scene.facet_tags.find(2), lambda t: np.array([0.5 * t, 0.2 * t]))
-    options = vmdg.SolveOptions(relative_tolerance=1e-11, energy=True)
+    options = vmdg.SolveOptions(relative_tolerance=1e-11, energy=True, control="load")
     result = vmdg.solve(problem, np.linspace(0.2, 1, 5), options)
     assert not result.failures
     assert problem.energy().damage > 0

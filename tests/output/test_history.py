@@ -118,7 +118,7 @@ def test_killed_run_leaves_all_rows(comm, out):
         return {"opening [mm]": problem.mean(0).opening[0]}
 
     loads, history = np.linspace(0.01, 0.03, 3), vmdg.History()
-    options = vmdg.SolveOptions(csv=path)
+    options = vmdg.SolveOptions(csv=path, control="load")
     vmdg.solve(problem, [0.005], options, lambda problem: {"opening [mm]": 0.0}, history)
     with pytest.raises(KeyboardInterrupt):
         vmdg.solve(problem, loads, options, monitor, history)
@@ -150,7 +150,7 @@ def test_new_columns_and_rows_that_are_dropped(comm, out):
 def test_resumed_run(comm, out):
     """From a checkpoint the file has the rows of one run, those after the checkpoint once."""
     table, folder = out / "history.csv", out / "checkpoint"
-    options = vmdg.SolveOptions(csv=table, checkpoint=folder, checkpoint_every=2)
+    options = vmdg.SolveOptions(csv=table, checkpoint=folder, checkpoint_every=2, control="load")
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         if stop and problem.t > 0.035:
