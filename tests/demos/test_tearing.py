@@ -98,4 +98,5 @@ def test_rubber_does_not_tear(tmp_path_factory, comm):
     assert (np.diff(history["force"]) > 0).all()
     assert np.isclose(history["force"][-1], 3.521, rtol=2e-3)
     assert run.gap[0.19][0, 1] > 50 * abs(run.gap[0.19][6, 1])
-    assert np.median(history["iterations"]) <= 5 and history["iterations"].max() <= 10
+    # 13 steps to 19%: the first guess of a step, along the last one, is far off.
+    assert np.median(history["iterations"]) <= 6 and history["iterations"].max() <= 15

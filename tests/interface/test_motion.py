@@ -15,6 +15,7 @@ from support.scenes import two_blocks
 
 import vmdg
 from vmdg import Mode
+from vmdg.interface.return_map import ReturnMap
 from vmdg.meshes import beams
 from vmdg.meshes.beams import INTERFACE, LOWER_LEFT, RIGHT, UPPER_LEFT
 from vmdg.solver.control import Control
@@ -22,7 +23,7 @@ from vmdg.solver.linear import LU
 from vmdg.solver.newton import Newton
 
 LAW = vmdg.Debonding(strength=100.0, critical_gap=0.2)
-TURNS = 12
+TURNS = 24
 
 
 # Objectivity
@@ -75,6 +76,8 @@ def turn_around(comm, cell, **options):
 )
 def test_rigid_turn_changes_nothing(group, cell, options):
     """A partly debonded patch turned by 360 degrees keeps Q, R^T.T and R^T.zeta at every step.
+
+    In steps of 15 degrees: the iteration of a larger one may pass states for which tau_s is raised.
 
     The bound 1e-10 of the strength and the critical gap is a hundred times the measured change:
     the residual is solved to 1e-12.
@@ -432,18 +435,21 @@ def test_drag_slows_the_bonded_points_of_a_step(comm):
     r = active.stabilization.norm[active.quadrature.facet][:, None]
     trial = np.abs(rng.normal(scale=100.0, size=(count, 2))) + 60.0
 
-    def mapped(load):
-        return active.map_back(load, 1.0)
+    bodies = problem.discretization.bodies
+    return_map = ReturnMap(active.interface, active.quadrature, problem.u, bodies)
 
-    active.begin_step(3.0)
-    update = mapped(trial)
+    drag = np.where(parted, 0.0, k)
+
+    def mapped(load, drag):
+        return return_map.map_back(load, active.stabilization, active.history, 1.0, drag)
+
+    update = mapped(trial, drag)
     assert not update.traction[parted].any()
     dragged = (update.traction - k * update.gap)[~parted]
     left = LAW.strength - update.softening[~parted]
     assert np.linalg.norm(dragged, axis=1) == pytest.approx(left, rel=1e-9)
     assert update.traction == pytest.approx(trial - r * update.gap, rel=1e-10, abs=1e-9)
     change = 1e-5 * rng.normal(size=trial.shape)
-    moved = (mapped(trial + change).gap - mapped(trial - change).gap) / 2
+    moved = (mapped(trial + change, drag).gap - mapped(trial - change, drag).gap) / 2
     assert moved == pytest.approx(np.einsum("pij,pj->pi", update.tangent, change), abs=1e-12)
-    active.begin_step(0.0)
-    assert np.linalg.norm(mapped(trial).traction[~parted], axis=1).max() <= 60.0
+    assert np.linalg.norm(mapped(trial, None).traction[~parted], axis=1).max() <= 60.0

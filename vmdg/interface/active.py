@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..base.quadrature import facet_degree
 from ..domain.materials import Bodies
-from ..laws import Mode, Update
+from ..laws import Mode
 from .facets import InterfaceFacets
 from .history import InterfaceSnapshot, PointHistory, with_rows, works
 from .interface import Interface
@@ -93,10 +93,6 @@ class ActiveInterface:
             self.stabilization, self.history, dt, self._drag, last
         )
         self.terms.set_gap(self.values)
-
-    def map_back(self, trial: NDArray[np.float64], dt: float) -> Update:
-        """The return map of the step on trial tractions (nq, d) [MPa]; nothing is changed."""
-        return self._return_map.map_back(trial, self.stabilization, self.history, dt, self._drag)
 
     def stage_tangent(self, damage: bool = True) -> None:
         """First stage of the tangent: H, K and C at the points.

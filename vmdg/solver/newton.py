@@ -223,6 +223,8 @@ class Newton:
             return Direction(self._system.solve([right], [moved], rtol)[0], dt)
         found = self._system.solve([forces, load], [away, rate], rtol)
         zero, one = Direction(found[0], 0.0), Direction(found[1], 1.0)
+        if not np.isfinite(self.size(zero) + self.size(one)):
+            return Direction(np.full_like(zero.u, np.nan), 0.0)
         dt = control.change(self, start, zero, one)
         self.go(start, zero, 0.0)
         return Direction(zero.u + dt * one.u, dt)

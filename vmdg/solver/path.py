@@ -19,8 +19,9 @@ from .report import StepReport
 from .result import Result, StepFailure
 from .stepper import Stepper
 
-#: Share of all bonds that a step breaks at most, and facets of which the first one breaks the bond.
-MAX_SHARE, FIRST_FACETS = 0.1, 5.0
+#: Share of all bonds that a step breaks at most, the least one relative to that, and the facets of
+#: which the first one breaks the bond.
+MAX_SHARE, LEAST, FIRST_FACETS = 0.1, 1e-6, 5.0
 
 #: Share of the work on bonds whose release tells a snap from a long step.
 RELEASED = 0.05
@@ -131,14 +132,13 @@ class Path:
         self._problem = stepper.problem
         self._result = result
         scales = self._problem.step.scales
-        self._most = math.inf
-        self._remember(scales.work, scales.breaking)
+        self._most, self._work, self._breaking = 0.0, scales.work, scales.breaking
         self._ray: Ray | None = None
         self.forget()
 
     def _remember(self, work: float, breaking: bool) -> None:
         """Work on bonds of the next step, and whether load control has failed in breaking bonds."""
-        self._work = min(work, self._most)
+        self._work = min(max(work, LEAST * self._most), self._most)
         self._breaking = breaking or self._stepper.options.control == "dissipation"
         step = self._problem.step
         step.scales = replace(step.scales, work=self._work, breaking=self._breaking)
@@ -217,11 +217,15 @@ class Path:
             before = problem.step.snapshot()
             report = self._stepper.step(control, ahead)
             if report.converged and stage.follows:
-                if stage.ahead(problem.t, stage.target) > 0:
+                beyond = stage.ahead(problem.t, stage.target) > 0
+                if beyond and passed is None:
                     # The target was passed on the way: look for the state in between.
                     problem.step.return_to(before)
                     passed = report
                     continue
+                if beyond:
+                    problem.step.return_to(before)
+                    report = report.failed("TARGET_PASSED")
                 if type(control) is Control and self._jumped(before, report):
                     problem.step.return_to(before)
                     report = report.failed("JUMPED")
@@ -242,9 +246,11 @@ class Path:
         if self._kink:
             self._ahead, self._spent = None, 0.0
         work = min(self._work, report.work) if cuts and report.work else self._work
-        self._remember(
-            self._next_work(report, work), self._breaking or (stage.follows and cuts > 0)
-        )
+        breaking = self._breaking
+        if stage.follows and cuts > 0:
+            # What has got on where the other has failed leads the next step.
+            breaking = type(control) is not Control
+        self._remember(self._next_work(report, work), breaking)
         return Part(problem.t, stage.done(problem.t), problem.t - start, report, cuts, 0)
 
     def _jumped(self, before: Snapshot, report: StepReport) -> bool:

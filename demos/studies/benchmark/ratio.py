@@ -26,7 +26,7 @@ MESHES = {"2D": ("quadrilateral", (96, 96), 48), "3D": ("hexahedron", (22, 22, 2
 #: Softening that the body can follow, or the tangent would be indefinite.
 STRENGTH, CRITICAL_GAP, FRICTION = 10.0, 1.0, 0.3  # MPa, mm, -
 #: Opening and slip of the interface at work, and how far its other half is pressed in [mm].
-OPENING, PRESSED = 0.06, 0.01
+OPENING, PRESSED = 0.05, 0.01
 BODY = {"E": 1000.0, "nu": 0.3}  # MPa
 AT_WORK = (vmdg.Mode.TENSION, vmdg.Mode.FRICTION)
 #: Of iterative linear solves.
