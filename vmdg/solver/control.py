@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 #: Share of dD by which a step may miss it, and a first guess of the load factor.
-MISSED, GUESSED = 1e-6, 1e-2
+MISSED, GUESSED = 1e-7, 1e-2
 
 #: Increment for the directional derivative of D, relative to the size of the direction [mm].
 INCREMENT = 1e-7
