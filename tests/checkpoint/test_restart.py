@@ -31,9 +31,10 @@ from vmdg.assembly.space import broken_space
 from vmdg.checkpoint.files import latest
 from vmdg.checkpoint.records import cell_records, restore_fields
 
-# Between partitions linear systems differ by rounding, which softening magnifies; 1e-10 of the
-# largest value is the promise, 1e-12 what is seen.
-SAME = 1e-10
+# Between partitions linear systems differ by rounding, which softening magnifies, and where a step
+# along the path ends by that of a difference of works; 1e-9 of the largest value is the promise,
+# 1e-12 what is seen under load control and 4e-10 on a path.
+SAME = 1e-9
 ENERGIES = ("bulk", "interface", "damage", "friction", "viscosity", "external")
 BOND = vmdg.Debonding(strength=60.0, critical_gap=0.2, friction=0.3)
 MATERIAL = vmdg.NeoHookean(E=1000.0, nu=0.3)
