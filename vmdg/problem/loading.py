@@ -50,6 +50,23 @@ class Ray(NamedTuple):
         """Derivative by the load factor."""
         return (ends[1] - ends[0]) / (self.end - self.start)
 
+    def goes_on(self, other: Ray) -> bool:
+        """Whether loads change along another ray as along this one, on this rank."""
+        return all(
+            _same(self.rate(ends), other.rate(others))
+            for ends, others in (
+                (self.prescribed, other.prescribed),
+                (self.vectors, other.vectors),
+            )
+        )
+
+
+def _same(rate: Array, other: Array) -> bool:
+    """Whether two rates of loads are the same but for rounding."""
+    if rate.shape != other.shape:
+        return False
+    return np.allclose(rate, other, rtol=1e-6, atol=1e-9 * np.abs(rate).max(initial=0.0))
+
 
 class Loading:
     """Prescribed displacements, dead loads and eigenstrains, as functions of the load factor.

@@ -46,7 +46,7 @@ class Step:
         self.scales = RunScales()
         self.dissipated = np.zeros(3)
         self.external = 0.0
-        # tau_s of the first attempt of a step that is repeated, and how often it is.
+        # How often the present step has been done again with a larger tau_s.
         self._repeats = 0
         self.rests_on_contact = False
         activation.follow(discretization.u)
@@ -106,13 +106,17 @@ class Step:
 
     def load_rate(self) -> NDArray[np.float64]:
         """Change of the dead loads with the load factor along the present ray, owned dofs [N]."""
-        ray, now = self._loading.ray, self.discretization
-        loads = fem.Function(now.space)
-        loads.x.array[:] = ray.rate(ray.vectors)
-        loads.x.scatter_reverse(InsertMode.add)
-        forces = loads.x.array[: now.owned]
+        ray = self._loading.ray
+        forces = self._at_owners(ray.rate(ray.vectors))
         forces[self._loading.owned_prescribed] = 0
         return forces
+
+    def _at_owners(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
+        """A load vector over local dofs, what ghosts have added to their owners [N]."""
+        loads = fem.Function(self.discretization.space)
+        loads.x.array[:] = vector
+        loads.x.scatter_reverse(InsertMode.add)
+        return loads.x.array[: self.discretization.owned]
 
     def inverted(self) -> bool:
         """Whether cells are turned inside out, det F <= 0; collective."""
@@ -170,10 +174,7 @@ class Step:
         """Trapezoidal work of prescribed displacements and dead loads in the step, this rank's."""
         now, start = self.discretization, self.start
         owned, prescribed = slice(now.owned), self._loading.owned_prescribed
-        loads = fem.Function(now.space)
-        loads.x.array[:] = self._loading.vector + self._loads_at_start
-        loads.x.scatter_reverse(InsertMode.add)
-        forces = loads.x.array[owned]
+        forces = self._at_owners(self._loading.vector + self._loads_at_start)
         forces[prescribed] += (now.forces.x.array + start.forces)[prescribed]
         return float(forces @ (now.u.x.array - start.u)[owned]) / 2
 

@@ -74,6 +74,10 @@ class Control:
     span: float = 1.0
     onset: float | None = field(default=None, init=False)
 
+    def __str__(self) -> str:
+        """What leads the step, in words."""
+        return "by load"
+
     @property
     def loaded(self) -> bool:
         """Whether the load factor itself is prescribed."""
@@ -127,6 +131,10 @@ class Work(Control):
 
     def __post_init__(self):
         self._limited = self.kink
+
+    def __str__(self) -> str:
+        """What leads the step, in words."""
+        return f"by work {self.work:.4g} N mm on bonds"
 
     @property
     def loaded(self) -> bool:

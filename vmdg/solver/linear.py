@@ -57,7 +57,7 @@ CG_GAMG = {
     "ksp_max_it": 100,
 }
 
-#: Dofs beyond which factors are lagged, and those in 3D beyond which they cost more than multigrid.
+#: Dofs in 3D beyond which factors are lagged, and beyond which they cost more than multigrid.
 MAX_DIRECT, MAX_FACTORED = 3_000, 60_000
 
 #: What a factorization, or the set-up of multigrid, costs in Krylov iterations; measured at 42,000
@@ -70,16 +70,16 @@ def automatic_options(
 ) -> tuple[Petsc, Petsc]:
     """Options of the solver that fits a problem, and of the one to fall back on.
 
-    Small problems are solved directly: LDL^T where the tangent is symmetric (no friction), else LU.
-    Larger ones by GMRES with the factors of an earlier tangent: in 3D, at 42,000 dofs, a
-    factorization takes 2 s and a solve with its factors 41 ms, and few rows of the tangent change
-    in a step. Large ones in 3D by multigrid, with CG where every interface is a tie, else GMRES.
+    Problems in 2D and small ones in 3D are solved directly: LDL^T where the tangent is symmetric
+    (no friction), else LU. Larger ones by GMRES with the factors of an earlier tangent: at 42,000
+    dofs a factorization takes 2 s and a solve with its factors 41 ms, and few rows of the tangent
+    change in a step. Large ones by multigrid, with CG where every interface is a tie, else GMRES.
     Near a limit point the residual of multigrid says little of the error along the softening mode:
     an unstable stage takes about twice as many steps as with factors.
 
     Args:
         problem: The problem.
-        max_direct: Dofs up to which every tangent is factorized.
+        max_direct: Dofs in 3D up to which every tangent is factorized.
         max_factored: Dofs in 3D up to which factors are used at all.
     """
     direct, lagged = (LDLT, GMRES_LDLT) if problem.discretization.symmetric else (LU, GMRES_LU)
@@ -95,7 +95,7 @@ class LinearOptions(NamedTuple):
     """The linear solver of a problem.
 
     Attributes:
-        solver: Petsc of KSP and PC.
+        solver: Options of KSP and PC.
         fallback: Those of the direct solver where an iterative one does not converge.
         automatic: Whether both were chosen by :func:`automatic_options`.
     """

@@ -31,8 +31,9 @@ class SolveOptions:
             what is released as viscosity; "trace" follows the path back. Smaller snaps, of points
             that break one by one, are always traced.
         duration: Time for one unit of load factor [s]; matters to laws with viscosity only.
-        petsc: Options for SNES, KSP and PC, without prefix. Default: a backtracking line search and
-            the linear solver of :func:`vmdg.solver.linear.automatic_options`.
+        petsc: Options for SNES, KSP and PC, without prefix. Default: a backtracking line search
+            under load control, full steps where the work on bonds is given, and the linear solver
+            of :func:`vmdg.solver.linear.automatic_options`.
         petsc_options: Another name of ``petsc``, that of DOLFINx.
         condensed: Solve the systems of a problem of small strain by factors of its linear bodies,
             made once, and a dense matrix of the gaps at the interface points, see

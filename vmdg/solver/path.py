@@ -191,16 +191,9 @@ class Path:
         follows = not by_load and self._most > 0 and loading.set_ray(start, target)
         if not follows:
             loading.clear_ray()
-        ray = loading.ray
-        turns = True
-        if follows and self._ray is not None:
-            pairs = (
-                (ray.rate(ends), old.rate(others))
-                for old in (self._ray,)
-                for ends, others in ((ray.prescribed, old.prescribed), (ray.vectors, old.vectors))
-            )
-            turns = any(not _same(*pair) for pair in pairs)
-        if global_any(self._problem.comm, turns) and follows:
+        ray, last = loading.ray, self._ray
+        turns = ray is not None and (last is None or not ray.goes_on(last))
+        if global_any(self._problem.comm, turns):
             self.forget()
         self._ray = ray
         return Stage(start, target, follows)
@@ -382,10 +375,3 @@ class Path:
             else:
                 near = self._problem.t
             work /= 2
-
-
-def _same(rate: np.ndarray, other: np.ndarray) -> bool:
-    """Whether two rates of loads are the same but for rounding."""
-    if rate.shape != other.shape:
-        return False
-    return np.allclose(rate, other, rtol=1e-6, atol=1e-9 * np.abs(rate).max(initial=0.0))
