@@ -31,9 +31,13 @@ INCREMENT = 1e-7
 #: How often the last step an extrapolation may be.
 MAX_REACH = 4.0
 
-#: Differences of load factors, relative to the stage, that are rounding, those from which on the
-#: tangent leads to the target, and those within which the onset of damage is found.
-ROUNDING, NEAR, ONSET = 1e-11, 1e-3, 1e-9
+#: Differences of load factors, relative to the stage, that are rounding, and those within which the
+#: onset of damage is found.
+ROUNDING, ONSET = 1e-11, 1e-9
+
+#: Share of a step that is left when the tangent leads to its target, and of the work on bonds in
+#: which none breaks.
+NEAR, CLOSE = 0.1, 1e-3
 
 
 class Direction(NamedTuple):
@@ -146,7 +150,7 @@ class Work(Control):
         if self.work is None:
             return t == self.target
         if self.onset is not None:
-            return abs(self.onset) <= MISSED * self.span
+            return abs(self.onset) <= MISSED * self.span and work <= self.work
         return abs(work - self.work) <= MISSED * self.work
 
     def change(self, trials: Trials, start: Direction, zero: Direction, one: Direction) -> float:
@@ -265,11 +269,7 @@ class Arrival(Work):
         """Whether an equilibrium ends the step; if not, dD is another one."""
         if self.work is None:
             return t == self.target
-        left = self.target - t
-        if abs(left) <= NEAR * self.span:
-            self.work = None
-            return left == 0
-        last = self.before
+        left, last = self.target - t, self.before
         if left * (self.target - self.start) > 0:
             self.before = work, t
         else:
@@ -283,10 +283,12 @@ class Arrival(Work):
             if slope * left <= 0 or work > self.most:
                 return True
             self.work = D + min(left / slope, D)
-        elif D_next - D <= NEAR * D_next:
-            # No bond breaks in between.
-            self.work = None
         else:
             share = (self.target - t) / (t_next - t)
             self.work = D + (D_next - D) * min(max(share, 0.05), 0.95)
-        return False
+        if abs(left) <= NEAR * abs(self.target - self.start):
+            self.work = None
+        elif self.beyond is not None and D_next - D <= CLOSE * D_next:
+            # No bond breaks in between.
+            self.work = None
+        return left == 0

@@ -14,8 +14,8 @@ FIRST_OVERSTRESS, MAX_OVERSTRESS = 4.0, 1e8
 #: that fails.
 FEW_CORRECTIONS, GROWTH = 5, 4.0
 
-#: Overstress relative to the strength below which the end of a jump is tried without it, and steps
-#: before a jump is given up.
+#: Overstress relative to the strength below which a jump that slows down is tried to end without
+#: it, and steps before a jump is given up.
 REST, MAX_STEPS = 0.1, 200
 
 
@@ -40,20 +40,19 @@ def jump(
     """
     step = stepper.problem.step
     before = step.snapshot()
-    overstress, steps, least_steps = FIRST_OVERSTRESS, 0, 1
+    overstress, steps, work = FIRST_OVERSTRESS, 0, 0.0
     report = StepReport(False, [], "")
     while steps < max_steps and 1 / MAX_OVERSTRESS < overstress < MAX_OVERSTRESS:
         report = stepper.step(Control(t, span), overstress=overstress)
         steps += 1
         if not report.converged:
-            overstress *= GROWTH
+            overstress, work = GROWTH * overstress, 0.0
             continue
-        if steps >= least_steps and step.overstress() < REST:
+        slows, work = report.work <= work, report.work
+        if slows and step.overstress() < REST:
             report = stepper.step(Control(t, span))
             if report.converged:
                 return report, steps
-            # It grows from small values while the state leaves the equilibrium: be patient.
-            least_steps = 2 * steps
         if report.iterations <= FEW_CORRECTIONS:
             overstress /= 2
     step.return_to(before)

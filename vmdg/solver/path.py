@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from ..base.parallel import global_any, global_sum
 from ..problem.loading import Ray
@@ -26,14 +27,18 @@ MAX_SHARE, LEAST, FIRST_FACETS = 0.1, 1e-6, 5.0
 #: Share of the work on bonds whose release tells a snap from a long step.
 RELEASED = 0.05
 
+#: Share by which the work of a step may differ from what was foreseen on a smooth path.
+SMOOTH = 0.25
+
 #: Corrections that a step should take: with fewer the next one goes further.
 AIM = 5
 
 #: Largest growth of a step, and what a failed one is cut by.
 GROWTH, CUT = 2.0, 0.25
 
-#: How exactly a limit point is found, relative to the stage, and in how many steps at most.
-LIMIT, MAX_REFINEMENTS = 1e-6, 12
+#: How exactly a limit point is found, relative to the work between two states around it, and in how
+#: many steps at most.
+LIMIT, MAX_REFINEMENTS = 1e-4, 20
 
 #: How far behind it a jump begins, relative to the stage.
 AWAY = 1e-2
@@ -91,6 +96,7 @@ class Stage:
         start: Load factor.
         target: Load factor.
         follows: Whether the load may be controlled by the work on bonds.
+        rise: The state before the present one and the work on bonds between them.
         limit: State of the largest load so far, where the path has turned back after it.
         after: States behind it, which become rows if the load grows beyond the limit again.
         traces: Whether snaps are followed back.
@@ -99,6 +105,7 @@ class Stage:
     start: float
     target: float
     follows: bool
+    rise: tuple[Snapshot, float] | None = None
     limit: Snapshot | None = None
     after: list[tuple[Part, Snapshot]] | None = None
     traces: bool = False
@@ -174,6 +181,7 @@ class Path:
             if stage.traces:
                 yield part
             elif stage.limit is None and stage.ahead(part.t, before.t) >= 0:
+                stage.rise = before, part.report.work
                 yield part
             else:
                 yield from self._behind_limit(stage, before, part)
@@ -243,6 +251,9 @@ class Path:
         if stage.follows and cuts > 0:
             # What has got on where the other has failed leads the next step.
             breaking = type(control) is not Control
+        elif type(control) is Arrival and start == stage.start and problem.t == stage.target:
+            # As foreseen, by one step: the path is smooth, and load control is the shorter way.
+            breaking = abs(report.work - control.work) > SMOOTH * report.work
         self._remember(self._next_work(report, work), breaking)
         return Part(problem.t, stage.done(problem.t), problem.t - start, report, cuts, 0)
 
@@ -359,19 +370,20 @@ class Path:
         return Part(t, stage.done(t), 0.0, report, 0, steps)
 
     def _refine(self, stage: Stage) -> None:
-        """Find the limit point, by steps of half the work."""
-        step = self._problem.step
-        part, behind = stage.after[0]
-        work, near = part.report.work / 2, behind.t
-        for _ in range(MAX_REFINEMENTS):
-            if stage.ahead(stage.limit.t, near) <= LIMIT * stage.span:
-                break
-            step.return_to(stage.limit)
-            report = self._stepper.step(Work(stage.target, stage.span, work, kink=True))
-            if not report.converged:
-                break
+        """Find the limit point: the largest load factor over the work, between two states."""
+        step, (before, work) = self._problem.step, stage.rise or (stage.limit, 0.0)
+        limit = stage.limit
+
+        def fallen(total: float) -> float:
+            beyond = total > work
+            step.return_to(limit if beyond else before)
+            control = Work(stage.target, stage.span, total - work * beyond, kink=True)
+            if not self._stepper.step(control).converged:
+                return -stage.ahead(before.t, limit.t)
             if stage.ahead(self._problem.t, stage.limit.t) > 0:
                 stage.limit = step.snapshot()
-            else:
-                near = self._problem.t
-            work /= 2
+            return -stage.ahead(self._problem.t, limit.t)
+
+        total = work + stage.after[0][0].report.work
+        options = {"xatol": LIMIT * total, "maxiter": MAX_REFINEMENTS}
+        minimize_scalar(fallen, bounds=(0.0, total), method="bounded", options=options)
