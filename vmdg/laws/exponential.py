@@ -114,8 +114,9 @@ class IntrinsicExponential(Law):
     left-hand side grows for all y if r > H.
 
     The history Q = strength d (MPa) plays the part that P_c - R plays in the other laws.
-    `Update.damage_work` is the dissipation, the integral of K |zeta|^2/2 over d along the ray of b;
-    the rest of T . dzeta is recoverable, `stored_energy`.
+    `Update.damage_work` is the dissipation, the integral of K |zeta|^2/2 over d by the mean of
+    |zeta|^2/delta^2 at both ends of the step; the rest of T . dzeta is recoverable:
+    `stored_energy`.
 
     Attributes:
         strength: peak traction in pure opening, MPa.
@@ -163,7 +164,7 @@ class IntrinsicExponential(Law):
         self, trial: Array, normal: Array, gap: Array, softening: Array, penalty: Array, eta: float
     ) -> Update:
         """Solve T_tr - r (zeta - zeta_n) = T(zeta)."""
-        r, stiffness, scale, weight = penalty, self.stiffness, self.gap_scale, self.shear_weight**2
+        r, stiffness, scale = penalty, self.stiffness, self.gap_scale
 
         b = trial + r[:, None] * gap
         b_n = dot(b, normal)
@@ -171,8 +172,8 @@ class IntrinsicExponential(Law):
         contact = np.minimum(b_n, 0.0)[:, None] * normal
         b = b - contact
         b_n = np.maximum(b_n, 0.0)
-        # weighted = (N (x) N + beta^2 (I - N (x) N)) b, half the derivative of delta(b)^2
-        weighted = weight * b + ((1.0 - weight) * b_n)[:, None] * normal
+        # Half the derivative of delta(b)^2
+        weighted = self._weighted(b, normal)
         delta_b = np.sqrt(dot(b, weighted))
 
         integrity_n = self._integrity(softening)
@@ -217,9 +218,20 @@ class IntrinsicExponential(Law):
         # |zeta| = ray delta along the ray of b
         ray2 = dot(b[rows], b[rows]) / delta_b[rows] ** 2
         spent = self._undissipated(integrity_n[rows]) - self._undissipated(integrity[rows])
-        update.damage_work[rows] = np.maximum(ray2 * spent, 0.0)
+        ray2_n = self._squared_ray(gap[rows], normal[rows], otherwise=ray2)
+        update.damage_work[rows] = np.maximum((ray2_n + ray2) / 2 * spent, 0.0)
         update.viscous_work[rows] = drag * ray2 * scale**2 * y[rows] * (y[rows] - y_n)
         return update
+
+    def _weighted(self, gap: Array, normal: Array) -> Array:
+        """(N (x) N + beta^2 (I - N (x) N)) zeta (n, d)."""
+        weight = self.shear_weight**2
+        return weight * gap + ((1.0 - weight) * dot(gap, normal))[:, None] * normal
+
+    def _squared_ray(self, gap: Array, normal: Array, otherwise: Array) -> Array:
+        """|zeta|^2/delta^2 (n,), another value where there is no gap."""
+        delta2 = dot(gap, self._weighted(gap, normal))
+        return np.divide(dot(gap, gap), delta2, out=otherwise.copy(), where=delta2 > 0.0)
 
     def _integrity(self, softening: Array) -> Array:
         """1 - d = 1 - Q/strength."""
