@@ -186,6 +186,7 @@ def _read_state(problem: Problem, slot: Path, about: dict[str, Any]) -> Snapshot
         marks,
         share * np.array(state["dissipated"]),
         share * state["external"],
+        arc=None,
     )
 
 

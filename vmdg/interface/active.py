@@ -202,8 +202,7 @@ class ActiveInterface:
         if update is None:
             return np.zeros(3)
         r = self.stabilization.norm[q.facet]
-        dragged = self._drag is not None
-        return works(self.history, update, self.law, dragged, q.normal, r) @ q.weights
+        return works(self.history, update, self.law, q.normal, r) @ q.weights
 
     def recoverable_energy(self) -> float:
         """Work in the gap that the law of this rank's points stores and can return [N mm]."""

@@ -78,16 +78,13 @@ def with_rows(record: Record, rows: NDArray, other: Record, theirs: NDArray) -> 
     return replace(record, **arrays)
 
 
-def works(
-    before: PointHistory, update: Update, law: Law, dragged: bool, N: Array, r: Array
-) -> Array:
+def works(before: PointHistory, update: Update, law: Law, N: Array, r: Array) -> Array:
     """What a step dissipates at the points, (39), by damage, friction and viscosity (3, nq) [N/mm].
 
     Args:
         before: History at the start of the step.
         update: Return map of its end.
         law: The law.
-        dragged: Whether a drag on the gap regularises the step.
         N: Reference normal (nq, d).
         r: Penalty (nq,) [MPa/mm].
     """
@@ -95,10 +92,7 @@ def works(
     if law.friction > 0:
         between = _friction_between(before, update, law, N, r)
         works[1] = np.maximum(works[1] + between, 0.0)
-    if dragged:
-        # In a jump the drag does most of the work.
-        works[2] = _overstress_between(before, update, law, works)
-    elif law.viscosity > 0:
+    if law.viscosity > 0:
         # The law charges the overstress of the end, too little where it relaxes.
         works[2] = np.maximum(works[2], _overstress_between(before, update, law, works))
     return works

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..assembly.discretization import Discretization
 from ..interface.history import InterfaceSnapshot
+from .work import Arc
 
 
 @dataclass(frozen=True)
@@ -20,8 +21,8 @@ class Energy:
         interface: Stored by the interfaces: (30), and what an intrinsic law can return.
         damage: Spent on bonds since the start.
         friction: Spent on sliding since the start.
-        viscosity: Spent on the overstress since the start [N mm].
-        external: Work of prescribed displacements and loads since the start.
+        viscosity: Spent on the overstress since the start, or released in jumps.
+        external: Work of prescribed displacements, loads and eigenstrains since the start.
     """
 
     bulk: float
@@ -78,7 +79,8 @@ class Snapshot:
         interfaces: State of every active interface.
         open: By interface, which of its facets were open.
         dissipated: Works spent so far on damage, friction and viscosity [N mm].
-        external: Work of loads and prescribed displacements so far [N mm].
+        external: Work of loads, prescribed displacements and eigenstrains so far [N mm].
+        arc: The step that ended here.
     """
 
     t: float
@@ -89,6 +91,7 @@ class Snapshot:
     open: list[NDArray[np.bool_]]
     dissipated: NDArray[np.float64]
     external: float
+    arc: Arc | None
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from ..base.parallel import global_any, global_max, global_sum
 from ..interface.activation import Activation, Utilization
 from .loading import Loading
 from .states import RunScales, Snapshot
+from .work import Arc, next_arc
 
 #: How often a step is done again with the tau_s of its end before it is cut.
 MOST_REPEATS = 3
@@ -33,7 +34,9 @@ class Step:
         scales: Sizes of the run so far, which the solver updates.
         start: State in which the last step began.
         dissipated: Damage, friction and viscous work so far (3,), this rank's [N mm].
-        external: Work of loads and prescribed displacements so far, this rank's [N mm].
+        external: Work of loads, prescribed displacements and eigenstrains so far, this rank's
+            [N mm].
+        arc: The last step along the path; None where the next one does not go on from there.
         rests_on_contact: Whether contact alone holds a body. Else points without bond and pressure
             start every step open; the body would be loose.
     """
@@ -46,6 +49,7 @@ class Step:
         self.scales = RunScales()
         self.dissipated = np.zeros(3)
         self.external = 0.0
+        self.arc: Arc | None = None
         # How often the present step has been done again with a larger tau_s.
         self._repeats = 0
         self.rests_on_contact = False
@@ -53,6 +57,7 @@ class Step:
         loading.apply(0.0)
         discretization.update_stabilization()
         self.start, self._loads_at_start = self.snapshot(), loading.vector
+        self._strained = 0.0
 
     # The course of a step
 
@@ -79,6 +84,7 @@ class Step:
         if not self.rests_on_contact:
             for active in self.discretization.active.values():
                 active.open_free_points()
+        self._strained = self._work_by_eigenstrain(t)
         self._loading.apply(t)
 
     def assemble_residual(self, dt: float = 1.0, hold: bool = False) -> NDArray[np.float64]:
@@ -153,6 +159,7 @@ class Step:
     def commit(self) -> None:
         """Take the current state as converged: history, dissipation and external work."""
         self.external += self._external_work()
+        self.external -= (self._work_by_eigenstrain(self.start.t) - self._strained) / 2
         self.dissipated += self._dissipation()
         for active in self.discretization.active.values():
             active.commit()
@@ -163,6 +170,10 @@ class Step:
         self.return_to(self.start)
         self._repeats = 0
 
+    def release(self, energy: float) -> None:
+        """Count what a jump has released with the viscous work; `energy` of all ranks [N mm]."""
+        self.dissipated[2] += energy * (self._comm.rank == 0)
+
     # Energies of a step
 
     def _dissipation(self) -> NDArray[np.float64]:
@@ -171,12 +182,34 @@ class Step:
         return float(self.discretization.geometry.thickness) * sum(works, start=np.zeros(3))
 
     def _external_work(self) -> float:
-        """Trapezoidal work of prescribed displacements and dead loads in the step, this rank's."""
+        """Work of prescribed displacements and dead loads in the step, this rank's [N mm].
+
+        What the step adds to the accuracy of the one before it is on the first rank.
+        """
         now, start = self.discretization, self.start
         owned, prescribed = slice(now.owned), self._loading.owned_prescribed
-        forces = self._at_owners(self._loading.vector + self._loads_at_start)
-        forces[prescribed] += (now.forces.x.array + start.forces)[prescribed]
-        return float(forces @ (now.u.x.array - start.u)[owned]) / 2
+        ends = []
+        for vector, forces in (
+            (self._loads_at_start, start.forces),
+            (self._loading.vector, now.forces.x.array),
+        ):
+            ends.append(self._at_owners(vector))
+            ends[-1][prescribed] += forces[prescribed]
+        change = (now.u.x.array - start.u)[owned]
+        self.arc, correction = next_arc(self._comm, self.arc, ends[1] - ends[0], change)
+        return float((ends[0] + ends[1]) @ change) / 2 + correction * (self._comm.rank == 0)
+
+    def _work_by_eigenstrain(self, t: float) -> float:
+        """Stored energy that the eigenstrains of load factor ``t`` add at the present displacement,
+        this rank's [N mm]."""
+        now, bodies = self._loading.t, self.discretization.bodies
+        if not bodies.eigenstrain_differs(now, t):
+            return 0.0
+        before = self.discretization.stored_energy().sum()
+        bodies.apply_eigenstrain(t)
+        after = self.discretization.stored_energy().sum()
+        bodies.apply_eigenstrain(now)
+        return float(after - before)
 
     # States
 
@@ -192,6 +225,7 @@ class Step:
             list(self.activation.open),
             self.dissipated.copy(),
             self.external,
+            self.arc,
         )
 
     def return_to(self, snapshot: Snapshot) -> None:
@@ -207,7 +241,7 @@ class Step:
         now.u.x.array[:] = snapshot.u
         now.forces.x.array[:] = snapshot.forces
         self.dissipated = snapshot.dissipated.copy()
-        self.external = snapshot.external
+        self.external, self.arc = snapshot.external, snapshot.arc
         for active, interface in zip(now.active.values(), snapshot.interfaces, strict=True):
             active.return_to(interface)
         self._loading.apply(snapshot.t)

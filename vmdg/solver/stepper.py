@@ -45,6 +45,7 @@ class Stepper:
         """
         self._newton.destroy()
         self._newton = Newton(self.problem, self.options)
+        self.problem.step.arc = None
 
     def close(self) -> None:
         """Free what PETSc holds; collective."""
