@@ -149,6 +149,24 @@ def test_intrinsic_balance():
     assert stored < 1e-3 * dissipated
 
 
+def test_intrinsic_dissipation_is_of_second_order():
+    """Where the gap turns while damage grows, the balance closes with the square of the step."""
+    law = IntrinsicExponential(STRENGTH, ENERGY)
+    normal, r, missing = np.array([[1.0, 0.0]]), 3.0 * law.softening_modulus, []
+    for steps in (20, 40):
+        s = np.linspace(0.0, 1.0, steps + 1)[1:]
+        path = DELTA_0 * np.stack([2 * s, 1.5 * s**2], axis=1)
+        updates = follow(law, r * path[:, None], normal, r)
+        gap, traction = (
+            np.concatenate([np.zeros((1, 2)), *(getattr(update, name) for update in updates)])
+            for name in ("gap", "traction")
+        )
+        work = 0.5 * ((traction[1:] + traction[:-1]) * np.diff(gap, axis=0)).sum()
+        last = updates[-1]
+        missing.append(work - total(updates) - law.stored_energy(last.gap, last.softening)[0])
+    assert abs(missing[0] / missing[1]) == pytest.approx(4, rel=0.15)
+
+
 def test_intrinsic_contact_has_no_penetration_and_keeps_shear():
     law = IntrinsicExponential(STRENGTH, ENERGY)
     r = 3.0 * law.softening_modulus

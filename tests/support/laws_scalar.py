@@ -246,11 +246,18 @@ def intrinsic(law, eta, trial, normal, gap, softening, r):
     traction = combine((bond(x) / length, b), (contact, normal))
     grows = d > d_n
     step = combine((1.0, new_gap), (-1.0, gap))
-    # dissipation = integral of K |zeta|^2/2 dd, dd = exp(-y) dy, |zeta| = scale y/per_length
+    # dissipation = integral of K |zeta|^2/2 dd, dd = exp(-y) dy, |zeta|^2 = scale^2 y^2 ray2, with
+    # the mean of ray2 at both ends, where there is a gap at the start
+    ray2 = per_length**-2
+    if (size := math.sqrt(dot(gap, gap))) > 0.0:
+        open_n = dot(gap, normal)
+        gap_t = combine((1.0, gap), (-open_n, normal))
+        sliding = law.shear_weight * math.sqrt(dot(gap_t, gap_t))
+        ray2 = (ray2 + (size / math.hypot(open_n, sliding)) ** 2) / 2
     y_n = -math.log(max(1.0 - d_n, 1e-300))
     y = per_length * x / scale
     work = trapezoids(
-        lambda g: 0.5 * stiffness * (scale * (y_n + g) / per_length) ** 2 * math.exp(-(y_n + g)),
+        lambda g: 0.5 * stiffness * ray2 * (scale * (y_n + g)) ** 2 * math.exp(-(y_n + g)),
         min(y, 40.0) - y_n if grows else 0.0,
     )
     mode = "ELASTIC"

@@ -286,6 +286,6 @@ class Step:
 
     def _follow(self, discretization: Discretization) -> None:
         """Work with another discretization from now on."""
-        self.discretization = discretization
+        self.discretization, self.arc = discretization, None
         self.activation.follow(discretization.u)
         self._loading.follow(discretization)

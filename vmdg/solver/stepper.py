@@ -35,7 +35,7 @@ class Stepper:
         self._progress = progress or Progress(problem, 0, options)
         self.viscous = any(interface.law.viscosity > 0 for interface in problem.interfaces)
         self.krylov = 0
-        self._newton = Newton(problem, options)
+        self._newton = self._begin()
 
     def restart(self) -> None:
         """Go on as a run that is resumed from a checkpoint of this state; collective.
@@ -44,8 +44,11 @@ class Stepper:
         resumed run has none of them.
         """
         self._newton.destroy()
-        self._newton = Newton(self.problem, self.options)
+        self._newton = self._begin()
+
+    def _begin(self) -> Newton:
         self.problem.step.arc = None
+        return Newton(self.problem, self.options)
 
     def close(self) -> None:
         """Free what PETSc holds; collective."""
