@@ -3,12 +3,61 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
+from numbers import Real
+from typing import Any
 
 import ufl
 from ufl.core.expr import Expr
 
 from .invariants import Invariants
+
+
+class Parameters(Mapping[str, float]):
+    """Values by name, which cannot be changed: a problem has taken them over.
+
+    Args:
+        values: By name.
+    """
+
+    def __init__(self, values: Mapping[str, float]):
+        self._values = dict(values)
+
+    def __getitem__(self, name: str) -> float:
+        return self._values[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def __setitem__(self, name: str, value: float) -> None:
+        raise TypeError(
+            f"the parameter {name!r} of a material cannot be changed, a problem would not notice; "
+            "make a new material and a new Problem"
+        )
+
+    def __repr__(self) -> str:
+        return repr(self._values)
+
+
+def one_number(what: str, value: Any) -> float:
+    """A parameter as a number.
+
+    Args:
+        what: Its name, for the message.
+        value: What the user gave.
+
+    Raises:
+        TypeError: it is an array, a function or an expression.
+    """
+    if not isinstance(value, Real):
+        raise TypeError(
+            f"{what} = {value!r} must be one number; for moduli that vary in space give parts of "
+            "the body tags and materials of their own, by vmdg.split_cells for example"
+        )
+    return float(value)
 
 
 class Material:
@@ -18,10 +67,22 @@ class Material:
     coefficients, so that all materials of one :attr:`kernel_key` share one compiled kernel.
 
     Attributes:
-        parameters: Values by name, in the user's consistent units (N, mm, MPa).
+        parameters: Values by name, in the user's consistent units (N, mm, MPa); set once.
+        free_at_rest: Whether it is known that there is no stress at F = I; else a problem looks.
     """
 
     parameters: Mapping[str, float]
+    free_at_rest = False
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name == "parameters":
+            if name in self.__dict__:
+                raise AttributeError(
+                    f"{type(self).__name__}: parameters are set once, a problem would not notice "
+                    "a change; make a new material and a new Problem"
+                )
+            value = Parameters(value)
+        super().__setattr__(name, value)
 
     @property
     def kernel_key(self) -> Hashable:
@@ -82,8 +143,11 @@ class NeoHookean(Material):
         lmbda: First Lame parameter [MPa].
 
     Raises:
+        TypeError: a constant is no number.
         ValueError: a pair of constants is incomplete or outside its range.
     """
+
+    free_at_rest = True
 
     def __init__(
         self,
@@ -99,6 +163,9 @@ class NeoHookean(Material):
             or (E is None) == (mu is None)
         ):
             raise ValueError("NeoHookean needs either E and nu, or mu and lmbda")
+        for name, value in {"E": E, "nu": nu, "mu": mu, "lmbda": lmbda}.items():
+            if value is not None:
+                one_number(f"NeoHookean: {name}", value)
         if E is not None:
             if not (math.isfinite(E) and E > 0):
                 raise ValueError(f"NeoHookean: E = {E} must be positive and finite")
@@ -167,8 +234,8 @@ class Hyperelastic(Material):
         parameters: Values by name, given to ``energy`` as cell-wise constants.
 
     Raises:
-        TypeError: ``energy`` cannot be called.
-        ValueError: a parameter is not a finite number.
+        TypeError: ``energy`` cannot be called, or a parameter is no number.
+        ValueError: a parameter is not finite.
     """
 
     def __init__(
@@ -178,14 +245,10 @@ class Hyperelastic(Material):
     ):
         if not callable(energy):
             raise TypeError(f"Hyperelastic: energy(F, parameters) must be callable, got {energy!r}")
-        self.parameters = {}
         for name, value in (parameters or {}).items():
-            try:
-                self.parameters[name] = float(value)
-            except (TypeError, ValueError):
-                self.parameters[name] = math.nan
-            if not math.isfinite(self.parameters[name]):
+            if not math.isfinite(one_number(f"Hyperelastic: {name}", value)):
                 raise ValueError(f"Hyperelastic: {name} = {value!r} must be a finite number")
+        self.parameters = {name: float(value) for name, value in (parameters or {}).items()}
         self._energy = energy
 
     @property

@@ -23,7 +23,7 @@ import ufl
 from ufl.core.expr import Expr
 
 from .invariants import Invariants
-from .materials import Material
+from .materials import Material, one_number
 
 # Truncated series on one side of a switch meet closed forms that cancel on the other: with these,
 # third derivatives have 1e-11 of their size left, first and second ones 1e-13.
@@ -48,8 +48,11 @@ class Ogden(Material):
         kappa: Bulk modulus [MPa].
 
     Raises:
+        TypeError: ``kappa`` is no number.
         ValueError: ``c`` and ``m`` do not fit, or a modulus is outside its range.
     """
+
+    free_at_rest = True
 
     def __init__(self, *, c: Sequence[float], m: Sequence[float], kappa: float):
         c, m = np.atleast_1d(np.asarray(c, float)), np.atleast_1d(np.asarray(m, float))
@@ -63,12 +66,13 @@ class Ogden(Material):
             raise ValueError(f"Ogden: the exponents m = {m.tolist()} must not be zero")
         if not c.sum() > 0:
             raise ValueError(f"Ogden: the shear modulus sum(c)/2 = {c.sum() / 2} must be positive")
-        if not (math.isfinite(kappa) and kappa > 0):
+        if not (math.isfinite(one_number("Ogden: kappa", kappa)) and kappa > 0):
             raise ValueError(f"Ogden: kappa = {kappa} must be positive and finite")
         self.terms = len(c)
-        self.parameters = {"kappa": float(kappa)}
+        parameters = {"kappa": float(kappa)}
         for a in range(self.terms):
-            self.parameters |= {f"c{a + 1}": float(c[a]), f"m{a + 1}": float(m[a])}
+            parameters |= {f"c{a + 1}": float(c[a]), f"m{a + 1}": float(m[a])}
+        self.parameters = parameters
 
     @property
     def kernel_key(self) -> Hashable:

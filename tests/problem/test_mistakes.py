@@ -352,7 +352,7 @@ WRONG_VALUES = {
         lambda s: prescribe(s, [0.0, 0.0, 0.0]),
         r"a value of shape \(3,\) does not fit 2 components",
     ),
-    "value that returns nothing": (lambda s: prescribe(s, lambda t: None), "must return the displ"),
+    "value that returns nothing": (lambda s: prescribe(s, lambda t: None), "must return the value"),
     "value that is no number": (lambda s: prescribe(s, "0.1 mm"), "'0.1 mm' is no number"),
     "facets of another mesh": (
         lambda s: bonded(s).dirichlet(np.array([10**6]), 0.0),

@@ -1,22 +1,20 @@
-"""Prescribed displacements and the values of loads, as functions of the load factor t."""
+"""Prescribed displacements, as functions of the load factor t."""
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from dolfinx import fem
 from dolfinx.mesh import locate_entities_boundary
 from numpy.typing import ArrayLike, NDArray
+from ufl.core.expr import Expr
 
 from ..base.parallel import global_sum, raise_together
 from ..domain.topology import Locator, checked_facets
+from .values import Value, first_value, takes_points, value_at
 
 Where = ArrayLike | Locator
-Value = float | ArrayLike | Callable[..., Any]
 
 _AXES = ("x", "y", "z")
 
@@ -57,21 +55,6 @@ def component_index(component: int | str | None, d: int, what: str) -> int | Non
         f"{what}: unknown component {component!r}; in {d}D it is one of 0..{d - 1} or "
         f"{', '.join(names)}, or None for all"
     )
-
-
-def takes_points(value: Value) -> bool:
-    """Whether a value is f(x, t), not a number, an array or f(t)."""
-    return callable(value) and len(inspect.signature(value).parameters) > 1
-
-
-def value_at(value: Value, t: float, points: NDArray[np.float64] | None = None) -> NDArray:
-    """Value at load factor t: a number, an array, f(t), or f(x, t) where points x (3, n) are given.
-
-    Those who ask at every step ask once whether it :func:`takes_points`.
-    """
-    if not callable(value):
-        return np.asarray(value, dtype=float)
-    return np.asarray(value(t) if points is None else value(points, t), dtype=float)
 
 
 @dataclass(frozen=True)
@@ -120,7 +103,7 @@ class DirichletConditions:
     def add(
         self,
         dofs: NDArray[np.int32],
-        value: Value,
+        value: Value | Expr,
         component: int | str | None,
         what: str,
         base: NDArray[np.float64] | None = None,
@@ -143,33 +126,52 @@ class DirichletConditions:
         points = self._space.tabulate_dof_coordinates()[dofs].T
         replaces = base is not None
         base = base if replaces else np.zeros((len(dofs), self._d))
-        try:
-            local = takes_points(value)
-            initial = value_at(value, 0.0, points if local else None)
-        except (TypeError, ValueError) as error:
-            raise ValueError(
-                f"{what}: the value {value!r} is no number, array or function that gives one: "
-                f"{error}"
-            ) from None
-        shape, message = initial.shape, None
-        if not np.isfinite(initial).all():
-            message = (
-                f"{what}: the value at load factor 0 is {initial.ravel()[:3]}; it must be finite "
-                "(a function must return the displacement)"
-            )
-        raise_together(self._space.mesh.comm, message)
-        count = len(dofs)
-        allowed = [(), (count,)] if index is not None else [(self._d,), (self._d, count)]
-        if shape not in allowed and not (index is None and shape == ()):
-            raise ValueError(
-                f"{what}: a value of shape {shape} does not fit "
-                + ("one component" if index is not None else f"{self._d} components")
-            )
+        value, comm = self._known(value, dofs, index, what), self._space.mesh.comm
+        local = takes_points(value, what)
+        shape = first_value(comm, value, what, points if local else None).shape
+        count, message = len(dofs), None
+        allowed = [(), (count,)] if index is not None else [(), (self._d,), (self._d, count)]
+        if shape not in allowed:
+            fitting = "one component" if index is not None else f"{self._d} components"
+            message = f"{what}: a value of shape {shape} does not fit {fitting}"
+        raise_together(comm, message)
         condition = _Condition(dofs, index, value, points, base, replaces, what, local)
         self._conditions.append(condition)
         components = np.arange(self._d) if index is None else np.array([index])
         flat = (dofs[:, None] * self._d + components).ravel()
         self.dofs = np.union1d(self.dofs, flat).astype(np.int32)
+
+    def _known(
+        self, value: Value | Expr, dofs: NDArray[np.int32], index: int | None, what: str
+    ) -> Value:
+        """A value that is known at the dofs; that of a Function by interpolation, as it is then.
+
+        Raises:
+            ValueError: a Function of another shape or mesh, or another expression of UFL.
+        """
+        if isinstance(value, fem.Constant) or not isinstance(value, Expr):
+            return value
+        if not isinstance(value, fem.Function):
+            raise ValueError(
+                f"{what}: an expression of UFL has no values at nodes; write lambda x, t: ... at "
+                "points x (3, n), or interpolate it into a Function"
+            )
+        d, same = self._d, value.ufl_domain() == self._space.mesh.ufl_domain()
+        if value.ufl_shape != (d,) or not same:
+            raise ValueError(
+                f"{what}: the Function has shape {value.ufl_shape}"
+                + ("" if same else " and another mesh")
+                + f"; it must be a displacement on the mesh of the problem, of shape ({d},), of "
+                "which component= takes one"
+            )
+
+        def nodal(t: float) -> NDArray[np.float64]:
+            field = fem.Function(self._space)
+            field.interpolate(value)
+            values = field.x.array.reshape(-1, d)[dofs].T
+            return values if index is None else values[index]
+
+        return nodal
 
     def values(self, t: float) -> NDArray[np.float64]:
         """Prescribed values at load factor ``t``, one for each of :attr:`dofs`.

@@ -13,10 +13,11 @@ from ufl.core.expr import Expr
 from ufl.domain import extract_domains
 
 from ..base.kernels import compile_form
+from ..base.parallel import raise_together
 from ..base.quadrature import load_degree
 from ..domain.topology import facet_cells, local_facets
 from ..forms.geometry import Geometry
-from .dirichlet import Value, takes_points, value_at
+from .values import Value, first_value, takes_points, value_at
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,8 @@ class _Load:
 
     def update(self, t: float) -> None:
         """Set the density to load factor ``t``; a UFL expression knows it already."""
+        if isinstance(self.value, Expr):
+            return
         if isinstance(self.density, fem.Constant):
             self.density.value[:] = value_at(self.value, t)
         elif self.points is not None:
@@ -104,8 +107,8 @@ class DeadLoads:
         if isinstance(value, Expr):
             self._check_expression(value, what)
             return _Load(entities, value, value)
-        if not takes_points(value):
-            initial = value_at(value, 0.0)
+        if not takes_points(value, what):
+            initial = first_value(self._mesh.comm, value, what)
             self._check_shape(initial.shape, [(self._d,)], what)
             return _Load(entities, fem.Constant(self._mesh, initial), value)
         if self._nodes is None:
@@ -114,15 +117,18 @@ class DeadLoads:
         self._mesh.topology.create_connectivity(dim, self._mesh.topology.dim)
         dofs = fem.locate_dofs_topological(self._nodes, dim, support)
         points = self._nodes.tabulate_dof_coordinates()[dofs].T
-        shape = value_at(value, 0.0, points).shape
+        shape = first_value(self._mesh.comm, value, what, points).shape
         self._check_shape(shape, [(self._d,), (self._d, len(dofs))], what)
         return _Load(entities, fem.Function(self._nodes), value, points, dofs)
 
-    @staticmethod
-    def _check_shape(shape: tuple[int, ...], allowed: list[tuple[int, ...]], what: str) -> None:
+    def _check_shape(
+        self, shape: tuple[int, ...], allowed: list[tuple[int, ...]], what: str
+    ) -> None:
+        message = None
         if shape not in allowed:
             expected = " or ".join(map(str, allowed))
-            raise ValueError(f"{what}: the value has shape {shape}, expected {expected}")
+            message = f"{what}: the value has shape {shape}, expected {expected}"
+        raise_together(self._mesh.comm, message)
 
     def _check_expression(self, value: Expr, what: str) -> None:
         self._check_shape(value.ufl_shape, [(self._d,)], what)

@@ -12,6 +12,7 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from enum import IntEnum
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -235,9 +236,19 @@ _NOT_NEGATIVE = {"friction": "use 0 for no friction", "viscosity": "use 0 for no
 
 
 def check_parameters(law: Law) -> None:
-    """Raise ValueError naming the first parameter of a data class that is out of range."""
+    """Refuse the first parameter of a data class that is no number or out of range.
+
+    Raises:
+        TypeError: it is an array, a function or an expression.
+        ValueError: it is out of range.
+    """
     for name in (field.name for field in fields(law)):
         value = getattr(law, name)
+        if name in _POSITIVE | _NOT_NEGATIVE and not isinstance(value, Real):
+            raise TypeError(
+                f"{name} = {value!r}: must be one number; where it varies along an interface give "
+                "parts of it laws of their own, Interface(facets=...) for each"
+            )
         if name in _POSITIVE and not 0.0 < value < math.inf:
             raise ValueError(f"{name} = {value}: must be positive and finite; {_POSITIVE[name]}")
         if name in _NOT_NEGATIVE and not 0.0 <= value < math.inf:

@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+import ufl
+from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags
+from numpy.typing import NDArray
+from ufl.core.expr import Expr
 
+from ..assembly.values import Value, first_value, takes_points, value_at
+from ..base.kernels import compile_expression
 from ..base.parallel import raise_together
-from ..domain.tags import Group
+from ..domain.tags import Group, by_tag
 from ..domain.topology import facet_cells
 from ..forms.materials import Material
 from ..interface.facets import InterfaceFacets
 from ..interface.interface import Interface, interface_names
 
 KINEMATICS = ("finite", "small")
+#: Stress at F = I relative to the moduli that rounding may leave.
+RESTS = 1e-9
+
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 
 
@@ -73,6 +85,43 @@ def checked_materials(materials: Mapping[Group, Material]) -> Mapping[Group, Mat
     return materials
 
 
+def checked_eigenstrains(
+    comm: MPI.Comm, eigenstrain: Mapping[Group, Any] | None, names: Mapping[str, int]
+) -> dict[int, Callable[[float], float]]:
+    """Eigenstrains by tag as functions of the load factor; collective.
+
+    Args:
+        comm: Communicator.
+        eigenstrain: What the user gave.
+        names: Tag by name of the groups of cells.
+
+    Raises:
+        TypeError: they are not a mapping of tags.
+        ValueError: one is no number, Constant or f(t): a strain is the same in all of a body.
+    """
+    if not isinstance(eigenstrain or {}, Mapping):
+        raise TypeError(
+            f"Problem: eigenstrain = {eigenstrain!r} must be a dict of strains by cell tag, for "
+            "example {1: lambda t: 1e-3 * t}"
+        )
+    result: dict[int, Callable[[float], float]] = {}
+    for tag, value in by_tag(eigenstrain or {}, names, "eigenstrain").items():
+        what = f"Problem: the eigenstrain of tag {tag}"
+        known = isinstance(value, fem.Constant) or not isinstance(value, Expr)
+        if not known or takes_points(value, what) or first_value(comm, value, what).shape != ():
+            raise ValueError(
+                f"{what} is one number, Constant or lambda t: ... for all of its cells, not "
+                f"{value!r}; for one that varies give parts of the body tags of their own, by "
+                "vmdg.split_cells for example"
+            )
+        result[tag] = partial(_number_at, value)
+    return result
+
+
+def _number_at(value: Value, t: float) -> float:
+    return float(value_at(value, t))
+
+
 def check_mesh(mesh: Mesh, cell_tags: MeshTags) -> None:
     """A mesh of real numbers in double precision, and tags of its cells.
 
@@ -121,6 +170,46 @@ def check_mesh(mesh: Mesh, cell_tags: MeshTags) -> None:
         )
 
 
+def check_rest(mesh: Mesh, materials: Mapping[int, Material]) -> None:
+    """Energies without stress at F = I, where a body starts; collective.
+
+    Raises:
+        ValueError: one has a stress there, or gives no number.
+    """
+    for tag, material in materials.items():
+        if material.free_at_rest or type(material).energy is Material.energy:
+            continue
+        P, A = _at_rest(mesh, material)
+        # Exponents of energies and their derivatives round to 1e-14 or so.
+        if not np.isfinite(P).all() or np.abs(P).max() > RESTS * np.abs(A).max():
+            raise ValueError(
+                f"Problem: the energy of the material of tag {tag} has the stress P = "
+                f"{P.round(6).tolist()} at F = I, where it must vanish; add what is missing, such "
+                "as -mu ln J to mu/2 tr(F^T.F), and give a stress that is there from the start by "
+                "eigenstrain="
+            )
+
+
+def _at_rest(mesh: Mesh, material: Material) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """P at F = I (3, 3) and some of the moduli there [MPa]; the same on every rank, collective."""
+    # A Constant, and not the Identity, which UFL would put in while the user's function is called.
+    F = ufl.variable(fem.Constant(mesh, np.eye(3)))
+    parameters = {name: fem.Constant(mesh, v) for name, v in material.parameters.items()}
+    P = ufl.diff(material.energy(F, parameters), F)
+    A = ufl.diff(P, F)
+    moduli = [A[i, j, i, j] for i in range(3) for j in range(3)]
+    # An energy without parameters must know the mesh too.
+    values = fem.Constant(mesh, 1.0) * ufl.as_vector(
+        [P[i, j] for i, j in np.ndindex(3, 3)] + moduli
+    )
+    point = np.zeros((1, mesh.topology.dim))
+    expression = compile_expression(values, point, mesh.comm, name="stress at rest")
+    here = mesh.topology.index_map(mesh.topology.dim).size_local > 0
+    row = expression.eval(mesh, np.zeros(int(here), dtype=np.int32)).reshape(-1, 18)
+    rows = np.concatenate(mesh.comm.allgather(row))
+    return rows[0, :9].reshape(3, 3), rows[0, 9:]
+
+
 def check_approximation(degree: int, kinematics: str) -> None:
     """A degree and kinematics that exist.
 
@@ -131,6 +220,28 @@ def check_approximation(degree: int, kinematics: str) -> None:
         raise ValueError(f"Problem: degree = {degree} must be at least 1")
     if kinematics not in KINEMATICS:
         raise ValueError(f"Problem: kinematics = {kinematics!r} must be one of {KINEMATICS}")
+
+
+def check_condition(what: str, where: Any, value: Any) -> None:
+    """A place and a value, not a condition of DOLFINx.
+
+    Args:
+        what: Name of the condition for messages.
+        where: What the user gave as the place.
+        value: What the user gave as the value.
+
+    Raises:
+        TypeError: one of them is a DirichletBC, or there is no value.
+    """
+    if isinstance(where, fem.DirichletBC) or isinstance(value, fem.DirichletBC):
+        raise TypeError(
+            f"{what}: a DirichletBC of DOLFINx belongs to the dofs of a space of its own, and the "
+            "displacement of the problem has others, two at a node of an interface; write "
+            "problem.dirichlet(facets, value, component), the value as a number, array, Constant, "
+            "Function, lambda t: ... or lambda x, t: ..."
+        )
+    if value is None:
+        raise TypeError(f"{what}: the value is missing; 0.0 holds the nodes where they are")
 
 
 def check_overlap(

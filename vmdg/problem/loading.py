@@ -11,14 +11,16 @@ from dolfinx import fem
 from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
-from ..assembly.dirichlet import DirichletConditions, Value, Where, find_boundary_facets
+from ..assembly.dirichlet import DirichletConditions, Where, find_boundary_facets
 from ..assembly.discretization import Discretization
 from ..assembly.loads import DeadLoads
+from ..assembly.values import Value
 from ..base.parallel import global_any
 from ..domain.geometry import axis_dofs
 from ..domain.tags import Group, group_tag
 from ..domain.topology import Locator, facet_cells, refuse_facets
 from ..interface.activation import Activation
+from .arguments import check_condition
 
 Array = NDArray[np.float64]
 
@@ -117,9 +119,10 @@ class Loading:
     # Prescribed displacements
 
     def add_dirichlet(
-        self, facets: Where, value: Value, component: int | str | None, relative: bool
+        self, facets: Where, value: Value | Expr, component: int | str | None, relative: bool
     ) -> None:
         """See :meth:`vmdg.Problem.dirichlet`."""
+        check_condition("dirichlet", facets, value)
         facets = find_boundary_facets(self._mesh, facets, "dirichlet")
         inside = np.zeros(len(facet_cells(self._mesh)), dtype=bool)
         for selected in self._activation.facets:
@@ -137,16 +140,17 @@ class Loading:
         self._add(partial(self._prescribe, "dirichlet", facets, value, component, relative))
 
     def add_dirichlet_points(
-        self, where: Locator, value: Value, component: int | str | None
+        self, where: Locator, value: Value | Expr, component: int | str | None
     ) -> None:
         """See :meth:`vmdg.Problem.dirichlet_points`."""
+        check_condition("dirichlet_points", where, value)
         self._add(partial(self._prescribe, "dirichlet_points", where, value, component))
 
     def _prescribe(
         self,
         what: str,
         where: NDArray[np.int32] | Locator,
-        value: Value,
+        value: Value | Expr,
         component: int | str | None,
         relative: bool = False,
     ) -> None:

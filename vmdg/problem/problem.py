@@ -14,9 +14,10 @@ from dolfinx.mesh import Mesh, MeshTags
 from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
-from ..assembly.dirichlet import Value, Where, find_boundary_facets
+from ..assembly.dirichlet import Where, find_boundary_facets
 from ..assembly.discretization import Discretization
 from ..assembly.stress import CauchyStress
+from ..assembly.values import Value
 from ..base.parallel import global_sum
 from ..base.tables import html_table
 from ..domain.cells import check_cells
@@ -35,6 +36,8 @@ from .arguments import (
     check_approximation,
     check_mesh,
     check_overlap,
+    check_rest,
+    checked_eigenstrains,
     checked_interfaces,
     checked_materials,
 )
@@ -62,8 +65,8 @@ class Problem:
         degree: Degree of the displacement.
         kinematics: "finite", or "small" for linear elasticity.
         thickness: Of a plane body [mm].
-        eigenstrain: Isotropic stress-free strain e by tag, a number or a function of the load
-            factor; at finite strain F = F_e (1 + e).
+        eigenstrain: Isotropic stress-free strain e by tag, a number, a Constant or a function of
+            the load factor; at finite strain F = F_e (1 + e).
         symmetry: "axisymmetric" makes a 2D mesh the half section of a body of revolution without
             torsion: x = r >= 0, y = z, displacement (u_r, u_z). Forces, energies, load vectors and
             the areas of interface points are those of the whole body; u_r = 0 is imposed on nodes
@@ -110,7 +113,8 @@ class Problem:
         self.comm = mesh.comm
         names = names_of(cell_tags)
         materials = by_tag(checked_materials(materials), names, "materials")
-        eigenstrain = by_tag(eigenstrain or {}, names, "eigenstrain")
+        eigenstrain = checked_eigenstrains(self.comm, eigenstrain, names)
+        check_rest(mesh, materials)
         self.materials = MappingProxyType(materials)
         tags = tags_of_cells(mesh, cell_tags)
         bodies = Bodies(mesh, tags, materials, kinematics == "small", eigenstrain, geometry)
@@ -166,7 +170,7 @@ class Problem:
     def dirichlet(
         self,
         facets: Where,
-        value: Value,
+        value: Value | Expr | None = None,
         component: int | str | None = None,
         relative: bool = False,
     ) -> None:
@@ -174,17 +178,19 @@ class Problem:
 
         Args:
             facets: Local facets, or a predicate on coordinates (3, n).
-            value: Number, array (d,), f(t) of the load factor, or f(x, t) at points x (3, n)
-                [mm].
+            value: Number, array (d,), Constant, f(t) of the load factor, f(x, t) at points
+                x (3, n), or a displacement, Function of DOLFINx, that is interpolated as it is at
+                the start of a step [mm]. Arguments with a default do not count: lambda t, v=v: v *
+                t is f(t).
             component: 0.. d-1 or "x", "y", "z"; None for all.
             relative: Add the value to the displacement that the nodes have now, for a tool that
                 grips a body as it is.
 
         Raises:
-            TypeError: a tag in place of its facets.
+            TypeError: a tag in place of its facets, or a DirichletBC of DOLFINx.
             ValueError: nothing selected, facets of an interface, unknown component or a value of
-                the wrong shape; relative where facets open on demand, whose new nodes would not
-                know their start.
+                the wrong shape or of other arguments; relative where facets open on demand, whose
+                new nodes would not know their start.
         """
         self.loading.add_dirichlet(facets, value, component, relative)
 
@@ -209,9 +215,9 @@ class Problem:
         Args:
             facets: Local facets, or a predicate on coordinates (3, n).
             value: Array (d,), f(t) of the load factor, f(x, t) at points x (3, n), which is
-                interpolated in degree k, or a UFL expression, integrated as it is: of
-                ``ufl.SpatialCoordinate(problem.mesh)``, ``ufl.FacetNormal(problem.mesh)`` and
-                :attr:`load_factor`, for example [MPa].
+                interpolated in degree k, or a UFL expression, integrated as it is: a Constant, a
+                Function, or of ``ufl.SpatialCoordinate(problem.mesh)``,
+                ``ufl.FacetNormal(problem.mesh)`` and :attr:`load_factor`, for example [MPa].
 
         Raises:
             TypeError: a tag in place of its facets.

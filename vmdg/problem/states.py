@@ -18,7 +18,10 @@ class Energy:
 
     Attributes:
         bulk: Strain energy of the bodies.
-        interface: Stored by the interfaces: (30), and what an intrinsic law can return.
+        interface: Stored by the interfaces: (30), and what an intrinsic law can return. (30) is
+            {P.N}.s + s.tau.s/2 with s = g - zeta, the small opening that the mesh leaves where the
+            interface holds. It is no energy of a spring and may be negative: it takes back what
+            the bodies store too much. Only the sum with ``bulk`` is an energy.
         damage: Spent on bonds since the start.
         friction: Spent on sliding since the start.
         viscosity: Spent on the overstress since the start, or released in jumps.

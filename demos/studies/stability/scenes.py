@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 import vmdg
 from studies.coercivity.cells import grid
-from vmdg.assembly.dirichlet import Value
+from vmdg.assembly.values import Value
 from vmdg.domain.topology import facet_cells
 from vmdg.interface.interface import StabilizationRule
 

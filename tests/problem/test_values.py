@@ -1,0 +1,223 @@
+"""Values of loads, supports and eigenstrains as users of DOLFINx give them: right, or refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from support.scenes import two_blocks
+
+import vmdg
+
+STEEL = vmdg.NeoHookean(E=5000.0, nu=0.25)  # MPa
+TIE = vmdg.Interface(between=(1, 2), law=vmdg.Bonded())
+
+
+class Curve:
+    """An object that can be called and names its argument x, as those of scipy.interpolate do."""
+
+    def __call__(self, x, nu=0, extrapolate=None):
+        """A displacement [mm] at load factor ``x``."""
+        return 0.2 * x
+
+
+@pytest.fixture
+def scene(comm):
+    """Blocks [0, 1] and [1, 2] x [0, 1]."""
+    return two_blocks(comm, "quadrilateral", 2)
+
+
+@pytest.fixture
+def problem(scene):
+    """Both blocks, tied."""
+    return vmdg.Problem(scene.mesh, scene.cell_tags, {1: STEEL, 2: STEEL}, [TIE])
+
+
+def displacement(scene, degree=1) -> fem.Function:
+    """(.1 x, .2 y) in a space of DOLFINx."""
+    u = fem.Function(fem.functionspace(scene.mesh, ("Lagrange", degree, (2,))))
+    u.interpolate(lambda x: np.stack([0.1 * x[0], 0.2 * x[1]]))
+    return u
+
+
+def prescribed(problem, t):
+    """Prescribed values of both components at load factor ``t`` (n, 2), and where."""
+    dofs = problem.loading.prescribed.reshape(-1, 2)[:, 0] // 2
+    return (
+        problem.loading.prescribed_values(t).reshape(-1, 2),
+        problem.space.tabulate_dof_coordinates()[dofs],
+    )
+
+
+def total(problem, t):
+    """Sum of the dead loads at load factor ``t`` (2,) [N]."""
+    problem.loading.apply(t)
+    problem.u.x.array[:] = 0
+    forces = -problem.step.assemble_residual().reshape(-1, 2)
+    return problem.comm.allreduce(forces.sum(axis=0))
+
+
+def test_bound_variable(problem, scene):
+    """Arguments with a default bind the variable of a loop: v t, not t X."""
+    side = scene.facet_tags.find(2)
+    for v in (0.3, -0.1):
+        problem.dirichlet(side, lambda t, v=v: (v * t, 0.0))
+    values, _ = prescribed(problem, 2.0)
+    assert values == pytest.approx(np.broadcast_to([-0.2, 0.0], values.shape))
+    for v in (1.0, 3.0):
+        problem.traction(scene.facet_tags.find(5), lambda t, v=v: (0.0, v * t))
+        problem.body_force(lambda x, t, v=v: v * t * np.stack([x[0], 0 * x[0]]))
+    assert total(problem, 2.0) == pytest.approx([2 * 4.0 * 2.0, 2 * 4.0 * 2.0])
+
+
+def test_object_with_options(problem, scene):
+    """A callable object follows the load, however it calls its argument and its options."""
+    problem.dirichlet(scene.facet_tags.find(2), Curve())
+    values, _ = prescribed(problem, 2.0)
+    assert values == pytest.approx(np.full(values.shape, 0.4))
+
+
+def test_constant(problem, scene):
+    """A Constant has the value that it has when a step begins."""
+    u, load = fem.Constant(scene.mesh, (0.1, 0.2)), fem.Constant(scene.mesh, (1.0, 3.0))
+    problem.dirichlet(scene.facet_tags.find(1), u)
+    problem.traction(scene.facet_tags.find(5), load)
+    assert (prescribed(problem, 1.0)[0] == u.value).all()
+    assert total(problem, 1.0) == pytest.approx([2.0, 6.0])
+    u.value[:], load.value[:] = (0.0, -0.5), (5.0, 0.0)
+    assert (prescribed(problem, 1.0)[0] == u.value).all()
+    assert total(problem, 1.0) == pytest.approx([10.0, 0.0])
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_function(problem, scene, degree):
+    """A Function of any degree is a field of displacements, or of tractions."""
+    field = displacement(scene, degree)
+    problem.dirichlet(scene.facet_tags.find(2), field)
+    problem.traction(scene.facet_tags.find(5), field)
+    values, x = prescribed(problem, 1.0)
+    assert values == pytest.approx(x[:, :2] * [0.1, 0.2])
+    assert total(problem, 1.0) == pytest.approx([0.2, 0.4])
+
+
+def test_component_of_a_function(problem, scene):
+    """component= takes one of the Function."""
+    problem.dirichlet(scene.facet_tags.find(2), displacement(scene), "y")
+    nodes = problem.loading.prescribed // 2
+    x = problem.space.tabulate_dof_coordinates()[nodes]
+    assert (problem.loading.prescribed % 2 == 1).all()
+    assert problem.loading.prescribed_values(1.0) == pytest.approx(0.2 * x[:, 1])
+
+
+def eigenstrain(scene, value) -> vmdg.Problem:
+    """Both blocks, one of them with an eigenstrain."""
+    materials = {1: STEEL, 2: STEEL}
+    return vmdg.Problem(scene.mesh, scene.cell_tags, materials, [], eigenstrain={1: value})
+
+
+@pytest.mark.parametrize("kind", ["bound variable", "Constant"])
+def test_eigenstrain(scene, kind):
+    """f(t) with a bound variable, and a Constant: forces of a body that is kept from growing."""
+    reference = eigenstrain(scene, 2e-3)
+    constant = fem.Constant(scene.mesh, 2e-3)
+    given = {"bound variable": lambda t, v=1e-3: v * t, "Constant": constant}
+    problem = eigenstrain(scene, given[kind])
+    for one in (reference, problem):
+        one.step.begin(2.0, 1.0)
+    forces = reference.step.assemble_residual()
+    assert problem.step.assemble_residual() == pytest.approx(forces, rel=1e-12, abs=1e-12)
+    assert problem.comm.allreduce(np.abs(forces).max()) > 1
+
+
+def of_place(x):
+    """f(x), as DOLFINx interpolates it."""
+    return 0.1 * x[:2]
+
+
+#: Values that could be meant otherwise: what is said of each.
+UNCLEAR = {
+    "f(x)": (of_place, r"the function takes \(x\); write lambda t: .* or lambda x, t:"),
+    "f(x) as a number": (lambda x: 0.1, r"the function takes \(x\); write lambda t:"),
+    "f(t, x)": (lambda t, x: t * x[:2], r"takes \(t, x\); write .* lambda x, t: "),
+    "no argument": (lambda v=1.0: v, r"takes \(\); .* lambda t, v=v: \.\.\., are bound"),
+    "three arguments": (lambda x, y, t: x, r"takes \(x, y, t\); write"),
+    "f(p) of points": (lambda p: p[0], "'float' object is not subscriptable; write lambda t"),
+    "fails": (lambda x, t: 1 / 0, "division by zero; write lambda t"),
+}
+
+
+@pytest.mark.parametrize("door", ["dirichlet", "traction", "body_force", "eigenstrain"])
+@pytest.mark.parametrize("value", UNCLEAR)
+def test_unclear_function(problem, scene, door, value):
+    """Refused on every rank, with the ways to write it."""
+    function, message = UNCLEAR[value]
+    if (door, value) == ("eigenstrain", "fails"):
+        message = "is one number, Constant or lambda t: .* vmdg.split_cells"
+    give = {
+        "dirichlet": lambda: problem.dirichlet(scene.facet_tags.find(1), function),
+        "traction": lambda: problem.traction(scene.facet_tags.find(1), function),
+        "body_force": lambda: problem.body_force(function),
+        "eigenstrain": lambda: eigenstrain(scene, function),
+    }
+    with pytest.raises(ValueError, match=message):
+        give[door]()
+
+
+def test_fails_on_one_rank(problem, scene):
+    """A function that fails at the points of one rank is refused on every rank."""
+
+    def fails(x, t):
+        return x[:2] / 0 if (x[1] > 0.9).any() else 0 * x[:2]
+
+    with np.errstate(all="raise"), pytest.raises(ValueError, match="is no number, array or func"):
+        problem.dirichlet(scene.facet_tags.find(1), fails)
+
+
+@pytest.mark.parametrize("value", [np.ones(4), "expression", "Function"])
+def test_eigenstrain_in_space(scene, value):
+    """An eigenstrain is one number for all cells of a tag."""
+    fields = {
+        "expression": ufl.SpatialCoordinate(scene.mesh)[0],
+        "Function": fem.Function(fem.functionspace(scene.mesh, ("DG", 0))),
+    }
+    value = fields[value] if isinstance(value, str) else value
+    with pytest.raises(ValueError, match=r"eigenstrain of tag 1 is one number, .*vmdg.split_cells"):
+        eigenstrain(scene, value)
+
+
+def test_eigenstrain_without_tags(scene):
+    """One number for all bodies says how to give it."""
+    with pytest.raises(
+        TypeError, match=r"eigenstrain = 0\.01 must be a dict of strains by cell tag"
+    ):
+        vmdg.Problem(scene.mesh, scene.cell_tags, {1: STEEL, 2: STEEL}, [], eigenstrain=0.01)
+
+
+def test_expression_as_displacement(problem, scene):
+    """An expression of UFL, and Functions of another shape or mesh, have no values at the nodes."""
+    facets, X = scene.facet_tags.find(1), ufl.SpatialCoordinate(scene.mesh)
+    with pytest.raises(ValueError, match="expression of UFL has no values at nodes; write lambda"):
+        problem.dirichlet(facets, 0.1 * X)
+    scalar = fem.Function(fem.functionspace(scene.mesh, ("Lagrange", 1)))
+    with pytest.raises(ValueError, match=r"the Function has shape \(\); it must be .* \(2,\)"):
+        problem.dirichlet(facets, scalar, "x")
+    other = two_blocks(problem.comm, "quadrilateral", 2)
+    with pytest.raises(ValueError, match=r"shape \(2,\) and another mesh; it must be"):
+        problem.dirichlet(facets, displacement(other))
+
+
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_condition_of_dolfinx(problem, scene, place):
+    """fem.dirichletbc belongs to another space: the answer is how to prescribe here."""
+    space, facets = displacement(scene).function_space, scene.facet_tags.find(1)
+    condition = fem.dirichletbc(np.zeros(2), fem.locate_dofs_topological(space, 1, facets), space)
+    given = [(condition,), (condition, 0.0), (facets, condition)][place]
+    with pytest.raises(TypeError, match=r"DirichletBC .* two at a node .* problem.dirichlet\("):
+        problem.dirichlet(*given)
+
+
+def test_no_value(problem, scene):
+    """So is a value that was forgotten."""
+    with pytest.raises(TypeError, match=r"the value is missing; 0\.0 holds the nodes"):
+        problem.dirichlet(scene.facet_tags.find(1))

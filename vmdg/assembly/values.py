@@ -1,0 +1,101 @@
+"""Values that users give: numbers, arrays, Constants, functions of the load factor and of place."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+from dolfinx import fem
+from numpy.typing import ArrayLike, NDArray
+
+from ..base.parallel import raise_together
+
+Value = float | ArrayLike | fem.Constant | Callable[..., Any]
+
+_WAYS = (
+    "write lambda t: ... of the load factor or lambda x, t: ... at points x (3, n); arguments with "
+    "a default, as in lambda t, v=v: ..., are bound variables and do not count"
+)
+
+
+def takes_points(value: Value, what: str) -> bool:
+    """Whether a value is f(x, t), not a number, an array, a Constant or f(t).
+
+    Arguments with a default do not count: they bind the variable of a loop.
+
+    Args:
+        value: What the user gave.
+        what: Name of the load for messages.
+
+    Raises:
+        ValueError: a function of other arguments: it would be called with t or x for another one.
+    """
+    if not callable(value) or isinstance(value, fem.Constant):
+        return False
+    names = _arguments(value)
+    # Objects that can be called name their argument as they like: CubicSpline(...)(x).
+    of_place = inspect.isfunction(value) and names in (["x"], ["X"])
+    if len(names) not in (1, 2) or (len(names) == 2 and names[0] == "t") or of_place:
+        raise ValueError(f"{what}: the function takes ({', '.join(names)}); {_WAYS}")
+    return len(names) == 2
+
+
+def _arguments(function: Callable[..., Any]) -> list[str]:
+    """Names of the arguments by position that have no default."""
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except ValueError:  # of C, like those of numpy
+        return ["t"]
+    positional = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    if not positional and any(p.kind == p.VAR_POSITIONAL for p in parameters):
+        return ["t"]
+    return [p.name for p in positional if p.default is p.empty]
+
+
+def value_at(value: Value, t: float, points: NDArray[np.float64] | None = None) -> NDArray:
+    """Value at load factor t: a number, an array, a Constant as it is now, f(t), or f(x, t) where
+    points x (3, n) are given.
+
+    Those who ask at every step ask once whether it :func:`takes_points`.
+    """
+    if isinstance(value, fem.Constant):
+        return np.array(value.value)
+    if not callable(value):
+        return np.asarray(value, dtype=float)
+    return np.asarray(value(t) if points is None else value(points, t), dtype=float)
+
+
+def first_value(
+    comm: MPI.Comm, value: Value, what: str, points: NDArray[np.float64] | None = None
+) -> NDArray:
+    """Value at load factor 0, when a user gives it; collective.
+
+    Args:
+        comm: Communicator; at the points of one rank a function may fail, or give no number.
+        value: What the user gave.
+        what: Name of the load for messages.
+        points: As for :func:`value_at`.
+
+    Raises:
+        ValueError: it gives no finite numbers.
+    """
+    message, result = None, np.zeros(0)
+    try:
+        result = value_at(value, 0.0, points)
+    except Exception as error:  # of a user's function, which may do anything
+        message = (
+            f"{what}: the value {value!r} is no number, array or function that gives one: {error}"
+        )
+        if callable(value):
+            message += f"; {_WAYS}"
+    if not np.isfinite(result).all():
+        message = (
+            f"{what}: the value at load factor 0 is {result.ravel()[:3]}; it must be finite "
+            "(a function must return the value)"
+        )
+    raise_together(comm, message)
+    return result
