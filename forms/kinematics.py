@@ -27,6 +27,8 @@ class Body:
         eigenstrain: Isotropic stress-free strain e, F = F_e F_s with F_s = (1 + e) I; None where
             the scene has none.
         mean_dilatation: The energy is w(F, theta) of :mod:`forms.dilatation`, theta an entry of F.
+        fluid: Pressure p of a fluid at a facet, where tractions are those of W + p J, what is left
+            of P.N without the fluid [MPa]; None for tractions P.N.
     """
 
     material: Material
@@ -34,12 +36,15 @@ class Body:
     small: bool = False
     eigenstrain: Expr | None = None
     mean_dilatation: bool = False
+    fluid: Expr | None = None
 
     def __call__(self, side: str) -> Body:
         """The same body with its parameters restricted to ``side`` ('+' or '-') of a facet."""
         parameters = {name: value(side) for name, value in self.parameters.items()}
         eigenstrain = None if self.eigenstrain is None else self.eigenstrain(side)
-        return replace(self, parameters=parameters, eigenstrain=eigenstrain)
+        # What lives on facets has no other side.
+        fluid = None if self.fluid is None else self.fluid("+")
+        return replace(self, parameters=parameters, eigenstrain=eigenstrain, fluid=fluid)
 
     def energy(self, F: Expr) -> Expr:
         """Strain energy W(F) per reference volume [MPa]; F 3 x 3, or 2 x 2 in plane strain.
@@ -121,13 +126,33 @@ def first_piola(body: Body, F: Expr) -> Expr:
     return without_entry(P + dilatation(P) * ufl.diff(body.volume_ratio(F), F))
 
 
+def area_vector(body: Body, F: Expr, N: Expr) -> Expr:
+    """J F^-T.N = dJ/dF.N, current area with its direction per reference area (d,); Nanson.
+
+    At small strain N.
+    """
+    if body.small:
+        return N
+    J = body.volume_ratio(F) if body.mean_dilatation else ufl.det(F)
+    dJ, d = ufl.diff(J, F), range(len(N))
+    return ufl.as_vector([sum(dJ[i, j] * N[j] for j in d) for i in d])
+
+
 def traction(body: Body, F: Expr, N: Expr) -> Expr:
-    """P.N, traction per reference area (d,) [MPa], d the length of N.
+    """P.N, traction per reference area (d,) [MPa], d the length of N; with a fluid P + p dJ/dF.
 
     F may have a hoop direction besides, in which neither N nor P.N has a component.
     """
     P = first_piola(body, F)
-    return ufl.dot(without_entry(P) if P.ufl_shape[0] > len(N) else P, N)
+    stress = ufl.dot(without_entry(P) if P.ufl_shape[0] > len(N) else P, N)
+    return stress if body.fluid is None else stress + body.fluid * area_vector(body, F, N)
+
+
+def _fluid_traction(body: Body, F: Expr, N: Expr, v: Expr) -> Expr | None:
+    """p v.(dJ/dF).N, the part of the fluid in v.P.N; None where it does not change with F."""
+    if body.fluid is None or body.small:
+        return None
+    return body.fluid * ufl.dot(v, area_vector(body, F, N))
 
 
 class _TractionChain:
@@ -172,7 +197,10 @@ def traction_moduli(body: Body, F: Expr, N: Expr) -> Expr:
     if chain is None:
         return ufl.diff(traction(body, F, N), F)
     units = np.eye(len(N), dtype=int).tolist()
-    return ufl.as_tensor([_TractionChain(chain, body, F, N, e).moduli() for e in units])
+    H = ufl.as_tensor([_TractionChain(chain, body, F, N, e).moduli() for e in units])
+    if body.fluid is None or body.small:
+        return H
+    return H + ufl.diff(body.fluid * area_vector(body, F, N), F)
 
 
 def projected_traction_moduli(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
@@ -180,7 +208,8 @@ def projected_traction_moduli(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
     chain = _chain(body, F)
     if chain is None:
         return ufl.diff(ufl.dot(v, traction(body, F, N)), F)
-    return _TractionChain(chain, body, F, N, v).moduli()
+    moduli, fluid = _TractionChain(chain, body, F, N, v).moduli(), _fluid_traction(body, F, N, v)
+    return moduli if fluid is None else moduli + ufl.diff(fluid, F)
 
 
 def projected_third_derivative(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
@@ -188,7 +217,9 @@ def projected_third_derivative(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
     chain = _chain(body, F)
     if chain is None:
         return ufl.diff(projected_traction_moduli(body, F, N, v), F)
-    return _TractionChain(chain, body, F, N, v).third_derivative()
+    third = _TractionChain(chain, body, F, N, v).third_derivative()
+    fluid = _fluid_traction(body, F, N, v)
+    return third if fluid is None else third + ufl.diff(ufl.diff(fluid, F), F)
 
 
 def major_components(tensor: Expr, entries: Entries) -> Expr:

@@ -28,6 +28,7 @@ from ..interface.interface import Interface
 from ..interface.stabilization import Stabilization, Stabilizers
 from .dilatation import Dilatation
 from .space import broken_space
+from .surface import Surface
 from .weak_form import WeakForm
 
 
@@ -67,6 +68,7 @@ class Discretization:
         active: Interfaces of which a rank has an open facet, by their number.
         owned: Number of component-wise dofs this rank owns.
         weak_form: (27) and (85) in UFL.
+        surface: Pressures and springs; :meth:`new_surface` makes another one.
     """
 
     def __init__(
@@ -96,6 +98,23 @@ class Discretization:
         self._stabilizers = Stabilizers([one.stabilizer for one in active], self.u, bodies)
         self.weak_form = WeakForm(self.u, bodies, active)
         self._dilatation = Dilatation(self.weak_form) if bodies.mean_dilatation else None
+        self.surface = Surface(self.u, bodies)
+
+    def new_surface(self) -> Surface:
+        """Take pressures and springs away, and return what takes new ones."""
+        self.surface = Surface(self.u, self.bodies)
+        return self.surface
+
+    def take_fluid(self, number: int) -> ActiveInterface:
+        """The active interface of this number, with a fluid between its lips."""
+        active = self.active[number]
+        if active.fluid is None:
+            active.take_fluid()
+            # What was compiled for the interface without it.
+            for name in ("_residual_forms", "_tangent_forms"):
+                self.__dict__.pop(name, None)
+            self._dilatation = Dilatation(self.weak_form) if self._dilatation else None
+        return active
 
     @property
     def constant_stabilization(self) -> bool:
@@ -109,8 +128,9 @@ class Discretization:
 
     @property
     def symmetric(self) -> bool:
-        """Whether the tangent is symmetric: the laws of all active interfaces say so."""
-        return all(active.law.symmetric for active in self.active.values())
+        """Whether the tangent is symmetric: all laws say so, and no pressure turns."""
+        laws = all(active.law.symmetric for active in self.active.values())
+        return laws and self.surface.symmetric
 
     # Compiled forms
 
@@ -225,6 +245,7 @@ class Discretization:
             forces.array[:] = 0 if loads is None else -loads
             for form in (forms.bulk, *forms.interfaces):
                 fem.assemble_vector(forces.array, form)
+            forces.array[:] += self.surface.spring_vector()
             forces.scatter_reverse(InsertMode.add)
             forces.scatter_forward()
         return forces.array[: self.owned]
@@ -252,21 +273,22 @@ class Discretization:
         with timer("assemble tangent"):
             matrix.zeroEntries()
             # All of the pattern is filled before the matrix is first assembled, or it is lost.
-            for form in (forms.bulk, *forms.interfaces):
+            for form in (forms.bulk, *forms.interfaces, *self.surface.tangents()):
                 fem_petsc.assemble_matrix(matrix, form)
             matrix.assemble()
             if self._dilatation is not None:
                 self._dilatation.add_to(matrix)
 
     def stored_energy(self) -> NDArray[np.float64]:
-        """Strain energy of the bodies and energy of the interfaces (30), this rank's [N mm]."""
+        """Energy of the bodies, of the interfaces (30) and of springs (3,), this rank's [N mm]."""
         self.update_dilatation()
-        stored = np.zeros(2)
+        stored = np.zeros(3)
         for i, form in enumerate(self._energy_forms):
             stored[i] = fem.assemble_scalar(form)
         stored[1] += float(self.geometry.thickness) * sum(
             active.recoverable_energy() for active in self.active.values()
         )
+        stored[2] = self.surface.spring_energy()
         return stored
 
     def inverted(self) -> bool:

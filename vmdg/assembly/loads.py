@@ -8,7 +8,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
-from ufl.algorithms import extract_arguments
+from ufl.algorithms import extract_arguments, extract_coefficients
 from ufl.core.expr import Expr
 from ufl.domain import extract_domains
 
@@ -55,12 +55,13 @@ class DeadLoads:
     """Tractions per reference area and body forces per reference volume, (29) for both.
 
     Args:
-        space: Space of the displacement.
+        u: Displacement.
         geometry: Its weight is a factor of all loads.
     """
 
-    def __init__(self, space: fem.FunctionSpace, geometry: Geometry):
-        self._space = space
+    def __init__(self, u: fem.Function, geometry: Geometry):
+        self._u, self._space = u, u.function_space
+        space = self._space
         self._mesh = space.mesh
         self._d = space.dofmap.index_map_bs
         self._weight = geometry.weight
@@ -136,6 +137,12 @@ class DeadLoads:
             raise ValueError(f"{what}: the expression contains a test or trial function")
         if any(domain != self._mesh.ufl_domain() for domain in extract_domains(value)):
             raise ValueError(f"{what}: the expression belongs to another mesh")
+        if self._u in extract_coefficients(value):
+            raise ValueError(
+                f"{what}: the expression contains problem.u, and a dead load does not follow the "
+                "displacement; problem.pressure(facets, value) is a load that does, "
+                "problem.spring(facets, stiffness) one in proportion to it"
+            )
 
     def vector(self, t: float) -> NDArray[np.float64]:
         """Load vector at load factor ``t`` over local dofs; ghosts still to be added to owners."""

@@ -122,6 +122,7 @@ def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
             "the problem as the run that wrote it, or give another folder"
         )
     problem.step.return_to(_read_state(problem, slot, about))
+    problem.loading.spread()
     problem.step.scales = RunScales(**about["scales"])
     history = History()
     history.rows, history.units = about["history"], about["units"]

@@ -12,6 +12,7 @@ from ..base.quadrature import facet_degree
 from ..domain.materials import Bodies
 from ..laws import Mode
 from .facets import InterfaceFacets
+from .fluid import Fluid
 from .history import InterfaceSnapshot, PointHistory, with_rows, works
 from .interface import Interface
 from .points import InterfaceState
@@ -42,6 +43,7 @@ class ActiveInterface:
         floor: Largest r so far (nf,) [MPa/mm], below which that of the next step does not fall.
         history: Converged history of the points.
         values: Values at the points at the last residual.
+        fluid: Between its lips; None for none.
     """
 
     def __init__(
@@ -54,6 +56,7 @@ class ActiveInterface:
         self.quadrature = FacetQuadrature(
             space.mesh, facets, facet_degree(space.ufl_element().degree), bodies.geometry
         )
+        self._u, self._bodies = u, bodies
         self.stabilizer = Stabilizer(interface, self.quadrature, u, bodies)
         self._return_map = ReturnMap(interface, self.quadrature, u, bodies)
         self.turns = self._return_map.turns
@@ -64,6 +67,18 @@ class ActiveInterface:
         self.history = PointHistory.start(count, self.quadrature.d)
         self.values = self._return_map.start()
         self._drag: NDArray[np.float64] | None = None
+        self.fluid: Fluid | None = None
+
+    def take_fluid(self) -> None:
+        """Let a fluid, as yet without pressure, between the lips; forms are to be made anew."""
+        given = self.quadrature, self._u, self._bodies
+        self.fluid = Fluid(*given)
+        pressure = self.fluid.pressure
+        self._return_map = ReturnMap(self.interface, *given, pressure)
+        self.terms = InterfaceTerms(self.interface, *given, self.turns, pressure)
+        self.terms.set_gap(self.values)
+        if self.stabilization is not None:
+            self.terms.set_stabilization(self.stabilization)
 
     # At the current displacement
 
@@ -165,13 +180,16 @@ class ActiveInterface:
 
     def snapshot(self) -> InterfaceSnapshot:
         """The state now; none of its arrays is ever changed."""
-        return InterfaceSnapshot(self.history, self.values, self.stabilization)
+        wet = None if self.fluid is None else self.fluid.wet
+        return InterfaceSnapshot(self.history, self.values, self.stabilization, wet)
 
     def return_to(self, snapshot: InterfaceSnapshot) -> None:
         """Go back to a state."""
         self.history, self.values = snapshot.history, snapshot.values
         self.terms.set_gap(self.values)
         self._set_stabilization(snapshot.stabilization)
+        if self.fluid is not None and snapshot.wet is not None:
+            self.fluid.wet = snapshot.wet
 
     def continue_from(self, other: ActiveInterface) -> None:
         """Take history and floor of the facets that ``other`` has too; new ones have neither."""

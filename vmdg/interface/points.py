@@ -24,7 +24,8 @@ class InterfaceState:
         opening: g = phi_2 - phi_1, positive along N (nq, d) [mm].
         gap: Inelastic gap zeta (nq, d) [mm].
         softening: Q (nq,) [MPa].
-        traction: T = {P.N} + tau_s.(g - zeta) (nq, d) [MPa].
+        traction: T = {P.N} + tau_s.(g - zeta) (nq, d) [MPa]; with a fluid what it leaves to bond
+            and contact.
         mode: Active branch of the return map, :class:`vmdg.Mode` (nq,).
         rotation: R of the frame that turns with the interface (nq, d, d), R.N the current normal;
             R^T.gap and R^T.traction are the components the law sees. The identity where the frame

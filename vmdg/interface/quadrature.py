@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from mpi4py import MPI
 
@@ -163,8 +164,12 @@ def side_evaluators(
     shape: tuple[int, ...],
     expression: Callable[[Body, Expr, Expr, int], Expr],
     name: str,
+    fluid: fem.Function | None = None,
 ) -> SideEvaluators:
-    """Evaluators of ``expression(body, F, N, side)`` on both sides, N outward from each."""
+    """Evaluators of ``expression(body, F, N, side)`` on both sides, N outward from each.
+
+    ``fluid`` is the pressure at the points that the bodies bear there; None for none.
+    """
     mesh, facets = quadrature.mesh, quadrature.facets
     N = ufl.FacetNormal(mesh)
     pairs = region_pairs(facets, bodies, mesh.comm)
@@ -174,7 +179,8 @@ def side_evaluators(
         for number in np.unique(pairs[:, a]):
             F = ufl.variable(quadrature.geometry.deformation(u))
             select = bodies.region[facets.cells[:, a]] == number
-            parts.append((a, select, expression(bodies.regions[number].body, F, N, a)))
+            body = replace(bodies.regions[number].body, fluid=fluid)
+            parts.append((a, select, expression(body, F, N, a)))
         return quadrature.evaluator(shape, parts, name=name)
 
     return one_side(0), one_side(1)

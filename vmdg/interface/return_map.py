@@ -37,13 +37,19 @@ class ReturnMap:
         quadrature: Its points.
         u: Displacement, changed by the solver.
         bodies: Materials.
+        fluid: Pressure at the points; None for none.
 
     Attributes:
         turns: Whether the law works in a frame that turns with the interface.
     """
 
     def __init__(
-        self, interface: Interface, quadrature: FacetQuadrature, u: fem.Function, bodies: Bodies
+        self,
+        interface: Interface,
+        quadrature: FacetQuadrature,
+        u: fem.Function,
+        bodies: Bodies,
+        fluid: fem.Function | None = None,
     ):
         self._law = interface.law
         self._quadrature = quadrature
@@ -51,7 +57,9 @@ class ReturnMap:
         self._u = u
         self.turns = frame.turns(interface, bodies)
         size = 2 * d + d * d if self.turns else 2 * d
-        self._flux = side_evaluators(quadrature, u, bodies, (size,), self._flux_of, "flux")
+        self._flux = side_evaluators(
+            quadrature, u, bodies, (size,), self._flux_of, "flux", fluid=fluid
+        )
 
     def _flux_of(self, body: Body, F: Expr, N: Expr, a: int) -> Expr:
         """P.N, u and, where the frame turns, GRAD u of one side."""

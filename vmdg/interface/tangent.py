@@ -29,6 +29,7 @@ class StagedTangent:
         damage: The law has a damage tangent C.
         turns: The frame of the law turns, so zeta also changes with the deformation gradient.
         jump: The form is (26), with the traction jump.
+        fluid: Pressure at the points; None for none.
     """
 
     def __init__(
@@ -40,8 +41,9 @@ class StagedTangent:
         damage: bool,
         turns: bool,
         jump: bool,
+        fluid: fem.Function | None = None,
     ):
-        evaluators = partial(side_evaluators, quadrature, u, bodies)
+        evaluators = partial(side_evaluators, quadrature, u, bodies, fluid=fluid)
         d, geometry = quadrature.d, quadrature.geometry
         n = geometry.size(d)
         self._shape, self._entries = (d, n, n), geometry.entries(d)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -46,6 +46,7 @@ class InterfaceTerms:
         u: Displacement.
         bodies: Materials.
         turns: Whether the frame of the law turns.
+        fluid: Pressure at the points, which the tractions then bear; None for none.
 
     Attributes:
         pairs: The facets, by the materials of their sides.
@@ -59,10 +60,11 @@ class InterfaceTerms:
         u: fem.Function,
         bodies: Bodies,
         turns: bool,
+        fluid: fem.Function | None = None,
     ):
         facets, d = quadrature.facets, quadrature.d
         self._inelastic, self._turns = interface.law.inelastic, turns
-        self._traction_jump = interface.traction_jump
+        self._traction_jump, self._fluid = interface.traction_jump, fluid
         self._quadrature, self._u, self._bodies = quadrature, u, bodies
         self._geometry = quadrature.geometry
         self._N = ufl.FacetNormal(quadrature.mesh)("+")
@@ -71,7 +73,7 @@ class InterfaceTerms:
         self.pairs = [
             RegionPair(
                 facets.rows((region_of == pair).all(axis=1)),
-                tuple(bodies.regions[i].body for i in pair),
+                tuple(replace(bodies.regions[i].body, fluid=fluid) for i in pair),
             )
             for pair in region_pairs(facets, bodies, quadrature.mesh.comm)
         ]
@@ -92,7 +94,11 @@ class InterfaceTerms:
         )
 
     def energy(self, bodies: tuple[Body, Body]) -> Expr:
-        """Stored energy of the interface, the interface integrand of (30) [N/mm]."""
+        """Stored energy of the interface, the interface integrand of (30) [N/mm].
+
+        That of the bodies: what a fluid does is the work of a load.
+        """
+        bodies = tuple(replace(body, fluid=None) for body in bodies)
         return residual.energy(bodies, self._geometry, self._u, self._N, *self._coefficients())
 
     def tangent(self, eta: Expr, du: Expr) -> Expr:
@@ -119,6 +125,7 @@ class InterfaceTerms:
             damage=self._inelastic,
             turns=self._turns,
             jump=self._traction_jump,
+            fluid=self._fluid,
         )
 
     # Coefficients

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from dolfinx import fem
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from ufl.core.expr import Expr
 
 from ..assembly.dirichlet import DirichletConditions, Where, find_boundary_facets
@@ -20,6 +20,7 @@ from ..domain.geometry import axis_dofs
 from ..domain.tags import Group, group_tag
 from ..domain.topology import Locator, facet_cells, refuse_facets
 from ..interface.activation import Activation
+from ..interface.interface import Interface, number_of
 from .arguments import check_condition
 
 Array = NDArray[np.float64]
@@ -36,12 +37,14 @@ class Ray(NamedTuple):
         end: Another one.
         prescribed: Prescribed displacements at both [mm].
         vectors: Dead loads over local dofs at both [N].
+        pressures: Pressures at both [MPa].
     """
 
     start: float
     end: float
     prescribed: tuple[Array, Array]
     vectors: tuple[Array, Array]
+    pressures: tuple[Array, Array]
 
     def at(self, ends: tuple[Array, Array], t: float) -> Array:
         """Values at load factor ``t``, also beyond the ends."""
@@ -59,6 +62,7 @@ class Ray(NamedTuple):
             for ends, others in (
                 (self.prescribed, other.prescribed),
                 (self.vectors, other.vectors),
+                (self.pressures, other.pressures),
             )
         )
 
@@ -92,6 +96,7 @@ class Loading:
         self._mesh = mesh = discretization.mesh
         self._bodies = discretization.bodies
         self._activation = activation
+        self._interfaces = activation.interfaces
         self._names = names
         self._given: list[Callable[[], None]] = []
         self._ray: Ray | None = None
@@ -104,11 +109,13 @@ class Loading:
         self._discretization, space = discretization, discretization.space
         self._vector: NDArray[np.float64] | None = None
         self.dirichlet = DirichletConditions(space, axis_dofs(space, discretization.geometry))
-        self._loads = DeadLoads(space, discretization.geometry)
+        self._loads = DeadLoads(discretization.u, discretization.geometry)
+        self._surface = discretization.new_surface()
         for impose in self._given:
             impose()
         if self._ray is not None:
             self._ray = self._ray_between(self._ray.start, self._ray.end)
+        self.move(self.t)
 
     def _add(self, impose: Callable[[], None]) -> None:
         """Impose a load or prescribed displacement now, and on every space that follows."""
@@ -182,15 +189,27 @@ class Loading:
 
     def add_traction(self, facets: Where, value: Value | Expr) -> None:
         """See :meth:`vmdg.Problem.traction`."""
-        facets = find_boundary_facets(self._mesh, facets, "traction")
-        reason = (
-            "lies inside the mesh and would load one side of it; give boundary facets, or let an "
-            "interface transmit the traction"
-        )
-        cells = facet_cells(self._mesh)
-        refuse_facets(self._mesh, facets, (cells >= 0).all(axis=1), "traction", reason)
+        facets = self._boundary(facets, "traction")
         self._add(lambda: self._loads.add_traction(facets, value))
-        self.loaded[cells[facets, 0]] = True
+        self.loaded[facet_cells(self._mesh)[facets, 0]] = True
+
+    def _boundary(self, where: Where, what: str) -> NDArray[np.int32]:
+        """Facets of the boundary.
+
+        Raises:
+            ValueError: one lies inside the mesh.
+        """
+        facets = find_boundary_facets(self._mesh, where, what)
+        remedy = {
+            "traction": "or let an interface transmit the traction",
+            "pressure": "or the interface itself for a fluid between its lips",
+        }
+        reason = "lies inside the mesh and would load one side of it; give boundary facets"
+        if what in remedy:
+            reason += f", {remedy[what]}"
+        inside = (facet_cells(self._mesh) >= 0).all(axis=1)
+        refuse_facets(self._mesh, facets, inside, what, reason)
+        return facets
 
     def add_body_force(self, value: Value | Expr, tag: Group | None) -> None:
         """See :meth:`vmdg.Problem.body_force`."""
@@ -205,12 +224,12 @@ class Loading:
 
     @property
     def vector(self) -> NDArray[np.float64]:
-        """Dead loads at the load factor over local dofs, ghosts still to be added to their owners
-        [N]; collective."""
+        """Loads at the load factor and, of pressures, at the displacement, over local dofs, ghosts
+        still to be added to their owners [N]; collective."""
         if self._vector is None:
             ray, t = self._ray, self.t
             self._vector = self._vector_at(t) if ray is None else ray.at(ray.vectors, t)
-        return self._vector
+        return self._vector + self._surface.load_vector() if self.pressurised else self._vector
 
     def _vector_at(self, t: float) -> Array:
         """Dead loads that were given for load factor ``t``."""
@@ -220,6 +239,64 @@ class Loading:
         vector = self._loads.vector(t).copy()
         self.load_factor.value = now
         return vector
+
+    # Pressures and springs
+
+    def add_pressure(self, where: Where | Interface | str, value: Value, debonded: bool) -> None:
+        """See :meth:`vmdg.Problem.pressure`."""
+        constant = isinstance(value, fem.Constant) and value is not self.load_factor
+        if isinstance(value, Expr) and not constant:
+            raise ValueError(
+                "pressure: a UFL expression cannot be followed along the load; give a number, f(t) "
+                "or f(x, t) at points x (3, n)"
+            )
+        if isinstance(where, Interface | str):
+            self._add_fluid(where, value, debonded)
+            return
+        if debonded:
+            raise ValueError("pressure: debonded=True is for an interface, not for a boundary")
+        facets = self._boundary(where, "pressure")
+        self._add(lambda: self._surface.add_pressure(facets, value))
+        self.move(self.t)
+        self.loaded[facet_cells(self._mesh)[facets, 0]] = True
+
+    def _add_fluid(self, which: Interface | str, value: Value, debonded: bool) -> None:
+        number = number_of(self._interfaces, which)
+        interface = self._interfaces[number]
+        if not interface.law.inelastic:
+            raise ValueError(
+                f"pressure: {interface} is a tie, which leaves no room for a fluid; give it a law "
+                "that can fail, or vmdg.Contact() for a crack that is there already"
+            )
+        if interface.activate == "on-demand" and not debonded:
+            raise ValueError(
+                f"pressure: {interface} opens on demand, and facets that are closed let no fluid "
+                "in; give debonded=True"
+            )
+
+        def impose() -> None:
+            now = self._discretization
+            if number in now.active:
+                self._surface.add_fluid(now.take_fluid(number), value, debonded)
+
+        self._add(impose)
+        self.move(self.t)
+        self.loaded[self._activation.facets[number].cells] = True
+
+    def add_spring(self, where: Where, stiffness: ArrayLike) -> None:
+        """See :meth:`vmdg.Problem.spring`."""
+        facets = self._boundary(where, "spring")
+        self._add(lambda: self._surface.add_spring(facets, stiffness))
+
+    @property
+    def pressurised(self) -> bool:
+        """Whether there is a pressure."""
+        return self._surface.pressurised
+
+    def spread(self) -> None:
+        """Let fluids go where bonds have broken until now."""
+        self._surface.spread()
+        self.move(self.t)
 
     # Load factor
 
@@ -240,7 +317,11 @@ class Loading:
             return False
         ray = self._ray_between(start, end)
         changes, straight = False, True
-        parts = ((ray.prescribed, self.dirichlet.values), (ray.vectors, self._vector_at))
+        parts = (
+            (ray.prescribed, self.dirichlet.values),
+            (ray.vectors, self._vector_at),
+            (ray.pressures, self._surface.pressures),
+        )
         for ends, given in parts:
             change = np.abs(ends[1] - ends[0]).max(initial=0.0)
             changes |= change > 0
@@ -259,8 +340,8 @@ class Loading:
         self._ray, self._vector = None, None
 
     def _ray_between(self, start: float, end: float) -> Ray:
-        values = tuple(self.dirichlet.values(t) for t in (start, end))
-        return Ray(start, end, values, tuple(self._vector_at(t) for t in (start, end)))
+        given = self.dirichlet.values, self._vector_at, self._surface.pressures
+        return Ray(start, end, *(tuple(at(t) for t in (start, end)) for at in given))
 
     @property
     def t(self) -> float:
@@ -271,6 +352,10 @@ class Loading:
         """Go to load factor ``t`` of the present ray; prescribed displacements are not imposed."""
         self.load_factor.value = t
         self._vector = None
+        if self.pressurised:
+            ray, given = self._ray, self._surface.pressures
+            pressures = given(t) if ray is None else ray.at(ray.pressures, t)
+            self._surface.set_pressures(pressures)
 
     def apply(self, t: float) -> None:
         """Set loads and eigenstrains to load factor ``t``; prescribed displacements are not

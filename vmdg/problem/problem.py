@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from ufl.core.expr import Expr
 
 from ..assembly.dirichlet import Where, find_boundary_facets
@@ -226,6 +226,50 @@ class Problem:
         """
         self.loading.add_traction(facets, value)
 
+    def pressure(
+        self, facets: Where | Interface | str, value: Value, debonded: bool = False
+    ) -> None:
+        """Pressure of a fluid on boundary facets, or on both lips of an interface.
+
+        It pushes against the surface wherever this turns, by -p J F^-T.N per reference area: a
+        follower load, with its tangent; at small strain -p N. Between lips the bond and contact
+        bear what is left of the stress without the fluid, T = P.N + p J F^-T.N, which is then the
+        traction of :attr:`state`: a crack opens where the fluid outweighs what presses on it, a
+        bond softens where fluid and stress together exceed its strength.
+
+        Args:
+            facets: Local boundary facets, a predicate on coordinates (3, n), an
+                :class:`vmdg.Interface` of the problem or its name.
+            value: Number, f(t) of the load factor, or f(x, t) with a number for each of the points
+                x (3, n); positive where it pushes [MPa].
+            debonded: The fluid is only where the bond of the interface is gone, Q >= .99 P_c at the
+                start of a step.
+
+        Raises:
+            TypeError: a tag in place of its facets.
+            ValueError: nothing selected, facets inside the mesh, an interface that is a tie, a UFL
+                expression or a value of the wrong shape.
+        """
+        self.loading.add_pressure(facets, value, debonded)
+
+    def spring(self, facets: Where, stiffness: ArrayLike) -> None:
+        """Springs between boundary facets and the rigid ground, an elastic foundation.
+
+        Their force per reference area is -K.u; they keep their directions. Their energy counts as
+        stored, and :meth:`reaction` of their facets is what they bear.
+
+        Args:
+            facets: Local facets, or a predicate on coordinates (3, n).
+            stiffness: k in all directions, (k_n, k_t) normal and tangential to the reference
+                surface, or K symmetric (d, d) [MPa/mm].
+
+        Raises:
+            TypeError: a tag in place of its facets.
+            ValueError: nothing selected, facets inside the mesh, or a stiffness of another shape or
+                that is not positive.
+        """
+        self.loading.add_spring(facets, stiffness)
+
     def body_force(self, value: Value | Expr, tag: Group | None = None) -> None:
         """Dead body force per reference volume.
 
@@ -300,16 +344,36 @@ class Problem:
     def reaction(self, facets: Where) -> NDArray[np.float64]:
         """Total force that holds the nodes of boundary facets (d,) [N], the same on every rank.
 
-        In axisymmetry the axial component is the force on the whole body. The radial one is the
-        sum of the radial forces all around (2 pi r t_r ds), which works with u_r: as a resultant
-        it is zero.
+        By prescribed displacements and springs. In axisymmetry the axial component is the force on
+        the whole body. The radial one is the sum of the radial forces all around (2 pi r t_r ds),
+        which works with u_r: as a resultant it is zero.
         """
         facets = find_boundary_facets(self.mesh, facets, "reaction")
         dofs = fem.locate_dofs_topological(self.space, self.mesh.topology.dim - 1, facets)
+        return self._force_on(dofs)
+
+    def reaction_points(self, where: Locator) -> NDArray[np.float64]:
+        """Total force that holds single nodes (d,) [N], as :meth:`reaction`.
+
+        Args:
+            where: Predicate on the coordinates (3, n) of the nodes.
+
+        Raises:
+            ValueError: no node is selected.
+        """
+        dofs = fem.locate_dofs_geometrical(self.space, where)
+        if global_sum(self.comm, len(dofs)) == 0:
+            raise ValueError("reaction_points: no node is selected on any rank")
+        return self._force_on(dofs)
+
+    def _force_on(self, nodes: NDArray[np.int32]) -> NDArray[np.float64]:
+        """Sum of the forces of supports on nodes, block numbers (d,) [N]; collective."""
+        parts = self.discretization
+        nodes = nodes[nodes < self.space.dofmap.index_map.size_local]
+        # Springs are among the internal forces.
+        forces = parts.forces.x.array[: parts.owned] - parts.surface.spring_forces()
         d = self.space.dofmap.index_map_bs
-        dofs = dofs[dofs < self.space.dofmap.index_map.size_local]
-        forces = self.discretization.forces.x.array.reshape(-1, d)[dofs]
-        return global_sum(self.comm, forces.sum(axis=0))
+        return global_sum(self.comm, forces.reshape(-1, d)[nodes].sum(axis=0))
 
     def fine_scale(self, interface: Which) -> NDArray[np.float64]:
         """Fine scales (24) at the facet points of an interface, both sides (nq, 2, d) [mm].
@@ -366,6 +430,7 @@ class Problem:
 
     def energy(self) -> Energy:
         """Energies at the current state, with what is dissipated as in (34); collective."""
-        stored = self.discretization.stored_energy()
-        values = [*stored, *self.step.dissipated, self.step.external]
+        bulk, interface, springs = self.discretization.stored_energy()
+        done = *self.step.dissipated, self.step.external
+        values = [bulk, interface, *done, springs]
         return Energy(*(float(value) for value in global_sum(self.comm, values)))

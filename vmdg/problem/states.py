@@ -24,8 +24,9 @@ class Energy:
             the bodies store too much. Only the sum with ``bulk`` is an energy.
         damage: Spent on bonds since the start.
         friction: Spent on sliding since the start.
-        viscosity: Spent on the overstress since the start, or released in jumps.
+        viscosity: Spent on the overstress since the start, or released in jumps [N mm].
         external: Work of prescribed displacements, loads and eigenstrains since the start.
+        springs: Stored by springs.
     """
 
     bulk: float
@@ -34,11 +35,12 @@ class Energy:
     friction: float
     viscosity: float
     external: float
+    springs: float = 0.0
 
     @property
     def stored(self) -> float:
-        """Bulk and interface together."""
-        return self.bulk + self.interface
+        """Bulk, interface and springs together."""
+        return self.bulk + self.interface + self.springs
 
     @property
     def dissipated(self) -> float:

@@ -16,6 +16,9 @@ from .loading import Loading
 from .states import RunScales, Snapshot
 from .work import Arc, next_arc
 
+#: Change of the load factor for the derivative of the residual, relative to its ray.
+INCREMENT = 1e-7
+
 #: How often a step is done again with the tau_s of its end before it is cut.
 MOST_REPEATS = 3
 
@@ -56,8 +59,13 @@ class Step:
         activation.follow(discretization.u)
         loading.apply(0.0)
         discretization.update_stabilization()
-        self.start, self._loads_at_start = self.snapshot(), loading.vector
-        self._strained = 0.0
+        self._strained, self._dt = 0.0, 1.0
+        self._remember_start()
+
+    def _remember_start(self) -> None:
+        """The converged state from which a step sets out, and what its work is measured from."""
+        self.start, self._loads_at_start = self.snapshot(), self._loading.vector
+        self._fluids_at_start = self._fluids()
 
     # The course of a step
 
@@ -73,7 +81,9 @@ class Step:
         Raises:
             ValueError: r <= H on a facet; the converged state is kept.
         """
-        self.start, self._loads_at_start = self.snapshot(), self._loading.vector
+        self._dt = dt
+        self._remember_start()
+        self._loading.spread()
         for active in self.discretization.active.values():
             active.begin_step(overstress)
         try:
@@ -111,11 +121,38 @@ class Step:
         return float(global_sum(self._comm, self._dissipation()[0]))
 
     def load_rate(self) -> NDArray[np.float64]:
-        """Change of the dead loads with the load factor along the present ray, owned dofs [N]."""
+        """Minus the change of the residual with the load factor along the present ray, u held.
+
+        Of dead loads that is their rate. A fluid between lips changes the return maps besides:
+        where there are pressures an increment of the load factor tells, as one of the displacement
+        tells the derivative of the work on bonds in :mod:`vmdg.solver.control`. The residual is
+        left as it was.
+
+        Returns:
+            Owned dofs [N].
+        """
         ray = self._loading.ray
-        forces = self._at_owners(ray.rate(ray.vectors))
+        if self._loading.pressurised:
+            forces = self._residual_rate(INCREMENT * (ray.end - ray.start))
+        else:
+            forces = self._at_owners(ray.rate(ray.vectors))
         forces[self._loading.owned_prescribed] = 0
         return forces
+
+    def _residual_rate(self, change: float) -> NDArray[np.float64]:
+        """Minus the derivative of the residual by the load factor, by a change of it."""
+        now, t = self.discretization, self._loading.t
+        points = [active.snapshot() for active in now.active.values()]
+        forces = now.forces.x.array.copy()
+        rate = self.assemble_residual(self._dt).copy()
+        self._loading.move(t + change)
+        rate -= self.assemble_residual(self._dt)
+        self._loading.move(t)
+        for active, state in zip(now.active.values(), points, strict=True):
+            active.return_to(state)
+        now.update_dilatation()
+        now.forces.x.array[:] = forces
+        return rate / change
 
     def _at_owners(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
         """A load vector over local dofs, what ghosts have added to their owners [N]."""
@@ -196,8 +233,23 @@ class Step:
             ends.append(self._at_owners(vector))
             ends[-1][prescribed] += forces[prescribed]
         change = (now.u.x.array - start.u)[owned]
+        if now.surface.fluids:
+            fluids = self._fluids_at_start, self._fluids()
+            ends = [np.append(end, p) for end, (p, _) in zip(ends, fluids, strict=True)]
+            change = np.append(change, fluids[1][1] - fluids[0][1])
         self.arc, correction = next_arc(self._comm, self.arc, ends[1] - ends[0], change)
         return float((ends[0] + ends[1]) @ change) / 2 + correction * (self._comm.rank == 0)
+
+    def _fluids(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Pressures in fluids times areas [N], and what they lose of their gaps [mm], at points."""
+        forces, lost = [np.zeros(0)], [np.zeros(0)]
+        thickness = float(self.discretization.geometry.thickness)
+        for active in self.discretization.surface.fluids:
+            weights = active.quadrature.weights
+            p = active.fluid.pressure.x.array[: len(weights)]
+            forces.append(thickness * weights * p)
+            lost.append(-active.fluid.intrusion(active.values, active.stabilization))
+        return np.concatenate(forces), np.concatenate(lost)
 
     def _work_by_eigenstrain(self, t: float) -> float:
         """Stored energy that the eigenstrains of load factor ``t`` add at the present displacement,

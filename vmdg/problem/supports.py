@@ -92,7 +92,10 @@ def _parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> NDArray[n
 def _gram(
     problem: Problem, label: NDArray[np.int64], parts: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Sum of m m^T over this rank's prescribed dofs of every part, m the rigid motions there."""
+    """Sum of m m^T over this rank's prescribed dofs of every part, m the rigid motions there.
+
+    With springs their work m.K.m besides.
+    """
     space = problem.space
     d = space.dofmap.index_map_bs
     part_of_node = np.zeros(space.tabulate_dof_coordinates().shape[0], dtype=np.int64)
@@ -108,6 +111,12 @@ def _gram(
     ].T
     gram = np.zeros((len(parts), modes.shape[1], modes.shape[1]))
     np.add.at(gram, part_of_node[node], modes[:, :, None] * modes[:, None, :])
+    surface = problem.discretization.surface
+    if surface.sprung:
+        points = space.tabulate_dof_coordinates()[:, :d] / size
+        motions = rigid_motions(points, problem.discretization.geometry)
+        works = surface.spring_work(motions.reshape(len(motions), -1))
+        np.add.at(gram, np.repeat(part_of_node, d), works)
     return gram
 
 

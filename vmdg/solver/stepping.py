@@ -98,6 +98,7 @@ def _write_checkpoint(stepper: Stepper, path: Path, result: Result) -> int:
     folder = stepper.options.checkpoint
     if folder is not None:
         write_checkpoint(stepper.problem, folder, result.history)
+        stepper.problem.loading.spread()
         stepper.restart()
         path.forget()
     return len(result.history)

@@ -1,0 +1,45 @@
+"""Surfaces that bear what depends on the displacement: the pressure of a fluid, springs.
+
+A pressure p pushes against the deformed surface: its traction per reference area is -p J F^-T.N
+(:func:`forms.kinematics.area_vector`), at small strain -p N.
+
+Between the lips of an interface the bond bears T = P.N + p J F^-T.N, what is left of the stress
+without the fluid: the traction of the energy W + p J. The interface terms of (27) with this energy,
+and the pressure on both lips as a load, hold for a crack with its fluid; see
+:attr:`forms.kinematics.Body.fluid`.
+"""
+
+from __future__ import annotations
+
+import ufl
+from ufl.core.expr import Expr
+
+from .geometry import Geometry
+from .kinematics import Body, area_vector
+
+
+def pressure_force(eta: Expr, body: Body, geometry: Geometry, u: Expr, N: Expr, p: Expr) -> Expr:
+    """p J F^-T.N.eta on a boundary, what balances the pressure [N/mm]."""
+    F = ufl.variable(geometry.deformation(u))
+    return p * ufl.dot(area_vector(body, F, N), eta)
+
+
+def lips_force(eta: Expr, body: Body, geometry: Geometry, u: Expr, N: Expr, p: Expr) -> Expr:
+    """The same on the lips of an interface, p and N those of side 1: on side 2 N is outward."""
+
+    def on_lip(side: str) -> Expr:
+        F = ufl.variable(geometry.deformation(u)(side))
+        return p * ufl.dot(area_vector(body, F, N), eta(side))
+
+    return on_lip("+") - on_lip("-")
+
+
+def foundation(normal: Expr, tangential: Expr, N: Expr) -> Expr:
+    """K = k_n N(x)N + k_t (I - N(x)N), stiffness of springs on a surface (d, d) [MPa/mm]."""
+    across = ufl.outer(N, N)
+    return normal * across + tangential * (ufl.Identity(len(N)) - across)
+
+
+def spring_force(eta: Expr, K: Expr, u: Expr) -> Expr:
+    """eta.K.u, springs between a surface and the rigid ground; they keep their directions."""
+    return ufl.dot(eta, ufl.dot(K, u))

@@ -1,0 +1,484 @@
+"""Pressures that turn with their surface or fill a crack, springs: tangents and closed forms."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx.mesh import CellType, GhostMode, create_rectangle
+from scipy.integrate import quad, solve_bvp
+from scipy.optimize import brentq, fsolve
+from support import bar
+from support.checks import tangent_error, tangent_matrix
+from support.problems import MATERIALS, displace, joined, through
+from support.scenes import (
+    DIMENSION,
+    EVERY_CELL,
+    INNER,
+    OUTER,
+    everywhere,
+    section,
+    tag_cells,
+    two_blocks,
+)
+
+import vmdg
+
+E, NU = 5000.0, 0.25
+MU, LMBDA = E / (2 * (1 + NU)), NU * E / ((1 + NU) * (1 - 2 * NU))
+STIFF = E / (1 - NU**2)
+MATERIAL = vmdg.NeoHookean(E=E, nu=NU)
+EXACT = vmdg.SolveOptions(relative_tolerance=1e-12, energy=True)
+LAW = vmdg.Debonding(strength=150.0, critical_gap=0.15, friction=0.3)
+
+
+def uneven(x, t):
+    """A pressure that differs from place to place [MPa]."""
+    return 300 * t * (1 + x[0] + 0.5 * x[1])
+
+
+# Tangents
+
+
+@pytest.mark.parametrize("frame", ["reference", "corotating"])
+@EVERY_CELL
+def test_tangent(comm, cell, frame):
+    """Pressure on the boundary and in a bond that fails, springs: equal to differences to 1e-9."""
+    flat = DIMENSION[cell] == 2
+    scene = two_blocks(comm, cell, 2 if flat else 1, distortion=0.05)
+    interface = {"safety": 4.0, "frame": frame, "name": "bond"}
+    problem = joined(scene, LAW, interface=interface, degree=2 if cell == "quadrilateral" else 1)
+    displace(problem, scene, 1.02)
+    without = tangent_matrix(problem)
+    problem.u.x.array[:] = 0
+    problem.pressure(scene.facet_tags.find(2), uneven)
+    problem.pressure("bond", uneven)
+    problem.spring(scene.facet_tags.find(1), (30.0, 7.0))
+    through(problem, *(lambda s=s: displace(problem, scene, s) for s in (1.0, 1.02)))
+    matrix = tangent_matrix(problem)
+    assert tangent_error(problem, matrix) < 1e-9
+    without.axpy(-1.0, matrix)
+    assert without.norm() > 1e-3 * matrix.norm()
+
+
+@pytest.mark.parametrize("volumetric", ["pointwise", "mean"])
+@pytest.mark.parametrize("symmetry", [None, "axisymmetric"])
+def test_tangent_of_bodies_of_revolution_and_mean_dilatation(comm, symmetry, volumetric):
+    """The hoop stretch is part of the area; J of a cell is not that of its surface."""
+    scene = section(comm, "quadrilateral", (2, 2), (0.5, 1.0, 2.0), distortion=0.02)
+    interface = {"safety": 4.0, "frame": "corotating", "name": "bond"}
+    options = {"symmetry": symmetry, "volumetric": volumetric}
+    problem = joined(scene, LAW, MATERIALS, interface, **options)
+    problem.pressure(scene.facet_tags.find(OUTER), uneven)
+    problem.pressure("bond", uneven)
+    through(problem, *(lambda s=s: displace(problem, scene, s) for s in (1.0, 1.02)))
+    assert tangent_error(problem) < 1e-9
+
+
+def test_what_the_solver_is_told(comm):
+    """A pressure that turns makes the tangent unsymmetric; at small strain it does not turn."""
+    for kinematics, symmetric in (("finite", False), ("small", True)):
+        scene = two_blocks(comm, "quadrilateral", 1)
+        law = vmdg.Debonding(strength=10.0, critical_gap=0.1)
+        problem = joined(scene, law, kinematics=kinematics)
+        assert problem.discretization.symmetric
+        problem.pressure(scene.facet_tags.find(2), 1.0)
+        assert problem.discretization.symmetric == symmetric
+
+
+# Boundaries
+
+
+def block(comm, cell, **options):
+    """Two blocks tied into [0, 2] x [0, 1] (x [0, 1]), held at its planes of symmetry."""
+    scene = two_blocks(comm, cell, 2)
+    problem = joined(scene, vmdg.Bonded(), (MATERIAL,) * 2, **options)
+    planes = {"x": 1, "y": 4, "z": 6}
+    for axis, _ in zip(planes, range(DIMENSION[cell]), strict=False):
+        problem.dirichlet(scene.facet_tags.find(planes[axis]), 0.0, axis)
+    return problem, scene
+
+
+def test_side_of_a_block(comm):
+    """A pressed end gets wider, and so does its force: P_11 = -p lambda_2, P_22 = 0."""
+    problem, scene = block(comm, "quadrilateral")
+    end = scene.facet_tags.find(2)
+    problem.pressure(end, lambda t: 400.0 * t)
+    result = vmdg.solve(problem, [0.5, 1.0], EXACT)
+
+    def equations(stretches):
+        a, b = stretches
+        J = a * b
+        volumetric = LMBDA * (J - 1)
+        return MU * (a - 1 / a) + volumetric * b + 400.0 * b, MU * (b - 1 / b) + volumetric * a
+
+    a, b = fsolve(equations, (0.95, 1.02), xtol=1e-12)
+    problem.step.assemble_residual()
+    force = problem.reaction(scene.facet_tags.find(1))[0]
+    assert force == pytest.approx(400.0 * b, rel=1e-9)
+    assert abs(b - 1) > 0.02
+    u = problem.u.x.array.reshape(-1, 2)
+    x = problem.space.tabulate_dof_coordinates()[:, :2]
+    assert np.abs(u - x * [a - 1, b - 1]).max() < 1e-9
+    for norms in result.residuals:
+        # The square of the residual before, but for a factor and rounding.
+        drops = [(n / norms[0], m / norms[0]) for m, n in pairwise(norms)]
+        assert all(now < 10 * before**2 + 1e-12 for now, before in drops)
+
+
+def test_pressure_from_all_sides(comm):
+    """A cube under p: P = -p lambda^2; the work of p is p dV and balances what is stored."""
+    problem, scene = block(comm, "hexahedron")
+    for tag in (2, 5, 7):
+        problem.pressure(scene.facet_tags.find(tag), lambda x, t: np.full(x.shape[1], 800.0 * t))
+    result = vmdg.solve(problem, np.linspace(0.05, 1, 20), EXACT)
+
+    def pressure(stretch):
+        return -(MU * (stretch - 1 / stretch) + LMBDA * (stretch**3 - 1) * stretch**2) / stretch**2
+
+    stretch = brentq(lambda s: pressure(s) - 800.0, 0.8, 1.0, xtol=1e-15)
+    x = problem.space.tabulate_dof_coordinates()
+    assert np.abs(problem.u.x.array.reshape(-1, 3) - (stretch - 1) * x).max() < 1e-9
+    work = 2 * quad(lambda s: pressure(s) * 3 * s**2, stretch, 1.0)[0]
+    energy = problem.energy()
+    assert energy.stored == pytest.approx(work, rel=1e-9)
+    assert energy.external == pytest.approx(work, rel=3e-4)
+    assert result.history["imbalance"][-1] == pytest.approx(energy.imbalance, abs=1e-9)
+
+
+@pytest.mark.parametrize("pressure", [500.0, 800.0])
+def test_thick_walled_cylinder(comm, pressure):
+    """Inflated to 1.27 and 1.58 of the inner radius: the radial equilibrium, integrated."""
+    scene = section(comm, "quadrilateral", (8, 1), (1.0, 1.5, 2.0), 0.25)
+    material = vmdg.NeoHookean(E=E, nu=0.4)
+    options = {"symmetry": "axisymmetric", "degree": 2}
+    problem = joined(scene, vmdg.Bonded(), (material,) * 2, **options)
+    problem.dirichlet(everywhere, 0.0, "y")
+    problem.pressure(scene.facet_tags.find(INNER), lambda t: pressure * t)
+    vmdg.solve(problem, np.linspace(0.1, 1, 10))
+
+    mu, lmbda = E / 2.8, 0.4 * E / (1.4 * 0.2)
+
+    def stress(R, r, stretch):
+        hoop = r / R
+        volumetric = lmbda * (stretch * hoop - 1)
+        P = mu * (stretch - 1 / stretch) + volumetric * hoop
+        return P, mu * (hoop - 1 / hoop) + volumetric * stretch
+
+    def slope(R, y):
+        """d(r, lambda)/dR from dP_r/dR + (P_r - P_h)/R = 0."""
+        r, stretch = y
+        hoop = r / R
+        P, Q = stress(R, r, stretch)
+        by_stretch = mu * (1 + stretch**-2) + lmbda * hoop**2
+        by_hoop = lmbda * (2 * stretch * hoop - 1)
+        return stretch, (-(P - Q) / R - by_hoop * (stretch - hoop) / R) / by_stretch
+
+    def ends(inner, outer):
+        first = stress(1.0, *inner)[0] + pressure * inner[0]
+        return first / mu, stress(2.0, *outer)[0] / mu
+
+    R = np.linspace(1, 2, 41)
+    found = solve_bvp(slope, ends, R, np.array([R + 0.1 / R, 1 - 0.1 / R**2]), tol=1e-9)
+    assert found.success
+    x = problem.space.tabulate_dof_coordinates()[:, 0]
+    u = problem.u.x.array.reshape(-1, 2)[:, 0]
+    assert found.sol(1.0)[0] == pytest.approx({500.0: 1.27, 800.0: 1.58}[pressure], abs=0.01)
+    assert np.abs(u - (found.sol(x)[0] - x)).max() < 2e-4 * np.abs(found.sol(1.0)[0] - 1)
+
+
+def test_small_strain_is_the_dead_traction(comm):
+    """-p N, whatever turns; on the path of a bar that breaks too."""
+    found = []
+    for follows in (True, False):
+        scene = two_blocks(comm, "triangle", 3, distortion=0.02)
+        law = vmdg.Debonding(strength=100.0, critical_gap=0.1)
+        problem = joined(scene, law, (MATERIAL,) * 2, kinematics="small")
+        problem.dirichlet(scene.facet_tags.find(1), 0.0)
+        problem.dirichlet(scene.facet_tags.find(2), lambda t: [0.2 * t, 0.0])
+        top = scene.facet_tags.find(5)
+        if follows:
+            problem.pressure(top, lambda x, t: 20 * t * x[0])
+        else:
+            x, N = ufl.SpatialCoordinate(problem.mesh), ufl.FacetNormal(problem.mesh)
+            problem.traction(top, -20 * problem.load_factor * x[0] * N)
+        result = vmdg.solve(problem, np.linspace(0.1, 1, 10), EXACT)
+        found.append((problem.u.x.array.copy(), result.history["external"][-1]))
+    assert problem.debonded() > 0
+    assert np.abs(found[0][0] - found[1][0]).max() < 1e-8
+    assert found[0][1] == pytest.approx(found[1][1], rel=1e-6)
+
+
+# Fluids between lips
+
+
+@pytest.mark.parametrize("critical_gap", [0.05, 0.02])
+@pytest.mark.parametrize(
+    ("kinematics", "condensed"), [("small", True), ("small", False), ("finite", False)]
+)
+def test_fluid_parts_a_bar(comm, kinematics, condensed, critical_gap):
+    """A bar with held ends, p in its bond: p = T_c(g) - P(1 - g/2); traced over a limit point."""
+    law = vmdg.Debonding(strength=bar.STRENGTH, critical_gap=critical_gap)
+    scene = two_blocks(comm, "quadrilateral", 2)
+    interface = {"frame": "corotating"}
+    problem = joined(scene, law, (MATERIAL,) * 2, interface, kinematics=kinematics)
+    for tag, axis in ((1, "x"), (2, "x"), (5, "y")):
+        problem.dirichlet(scene.facet_tags.find(tag), 0.0, axis)
+    problem.pressure(problem.interfaces[0], lambda t: 150.0 * t)
+    options = vmdg.SolveOptions(condensed=condensed, unstable="trace", energy=True)
+    result = vmdg.solve(problem, np.linspace(0.1, 2, 20), options, monitor=bar.means)
+    history = result.history
+    load, T, gap = history["load"], history["traction"], history["gap"]
+    loaded = gap > 0
+    assert T[loaded] == pytest.approx(
+        bar.STRENGTH * np.maximum(1 - gap[loaded] / critical_gap, 0), abs=1e-6
+    )
+    wide = 1.0 if kinematics == "small" else None
+    for t, traction, g in zip(load, T, gap, strict=True):
+        stretch = 1 - g / 2
+        P = bar.stress(stretch, kinematics)
+        area = wide or lateral(stretch)
+        assert traction - 150.0 * t * area == pytest.approx(P, abs=1e-5)
+    assert (np.diff(load) < 0).any() == (critical_gap == 0.02)
+    assert gap[-1] > critical_gap
+
+
+def lateral(stretch):
+    """Stretch across a bar in plane strain that is free across."""
+
+    def traction(b):
+        return MU * (b - 1 / b) + LMBDA * (stretch * b - 1) * stretch
+
+    return brentq(traction, 0.5, 1.5, xtol=1e-15)
+
+
+def cracked(comm, cells, law=None, **options):
+    """Half of a body of 40 x 40 mm with a crack |x| < 1 in its middle, cells of 2/cells mm there.
+
+    With a law there is a bond ahead of the crack, to |x| < 1.5.
+    """
+    x = [2 * i / cells for i in range(cells + 1)]
+    size = 2 / cells
+    while x[-1] < 20:
+        size *= 1.25
+        x.append(x[-1] + size)
+    x = np.array(x)
+    far = x > 2
+    x[far] = 2 + (x[far] - 2) * 18 / (x[-1] - 2)
+    y = np.concatenate([-x[:0:-1], x])
+    shape = len(x) - 1, len(y) - 1
+    mesh = create_rectangle(
+        comm, [[0, 0], shape], shape, CellType.quadrilateral, ghost_mode=GhostMode.shared_facet
+    )
+    nodes = mesh.geometry.x
+    columns = [values[np.rint(nodes[:, i]).astype(int)] for i, values in enumerate((x, y))]
+    nodes[:, :2] = np.column_stack(columns)
+
+    def between(start, end):
+        return lambda x: (np.abs(x[1]) < 1e-9) & (x[0] > start - 1e-9) & (x[0] < end + 1e-9)
+
+    interfaces = [vmdg.Interface(facets=between(0, 1), law=vmdg.Contact(), name="crack")]
+    if law is not None:
+        interfaces.append(vmdg.Interface(facets=between(1, 1.5), law=law, name="bond"))
+    tags = tag_cells(mesh, {1: everywhere})
+    problem = vmdg.Problem(mesh, tags, {1: MATERIAL}, interfaces, **options)
+    problem.dirichlet(lambda x: np.isclose(x[0], 0), 0.0, "x")
+    problem.dirichlet_points(lambda x: np.isclose(x[0], 20) & np.isclose(x[1], 0), 0.0, "y")
+    return problem
+
+
+@pytest.mark.parametrize(("kinematics", "balance"), [("small", 1e-11), ("finite", 1e-3)])
+def test_pressurised_crack(comm, kinematics, balance):
+    """Sneddon: w = 4 (1 - nu^2) p/E sqrt(a^2 - x^2) between the lips, within .5%; no contact."""
+    problem = cracked(comm, 40, kinematics=kinematics, degree=2)
+    problem.pressure("crack", lambda t: 10.0 * t)
+    vmdg.solve(problem, [1.0], EXACT)
+    state, energy = problem.state["crack"], problem.energy()
+    opening = 4 / STIFF * 10.0 * np.sqrt(1 - state.points[:, 0] ** 2)
+    inner = state.points[:, 0] < 0.9
+    assert np.abs(state.opening[inner, 1] / opening[inner] - 1).max(initial=0.0) < 5e-3
+    volume, exact = comm.allreduce(state.weights @ np.array([state.opening[:, 1], opening]).T)
+    assert volume == pytest.approx(exact, rel=5e-3)
+    assert not state.traction.any()
+    assert abs(energy.imbalance) < balance * energy.external
+    assert energy.external == pytest.approx(10.0 * exact / 2, rel=1e-2)
+
+
+def test_fluid_against_a_closing_load(comm):
+    """A crack under p and as much pressure from outside as it holds is neither open nor pressed."""
+    problem = cracked(comm, 16, kinematics="small")
+    problem.pressure("crack", 10.0)
+    sides = [lambda x, s=s: np.isclose(x[1], 20 * s) for s in (-1, 1)]
+    for side in sides:
+        problem.pressure(side, lambda t: 15.0 * t)
+    vmdg.solve(problem, [0.0, 0.6], EXACT)
+    state = problem.state["crack"]
+    assert (state.opening[state.points[:, 0] < 0.9, 1] > 0).all()
+    assert not state.traction.any()
+    vmdg.solve(problem, [1.0], EXACT)
+    state = problem.state["crack"]
+    # The lips bear what the fluid does not: 15 - 10, as if there were no crack.
+    assert state.traction[:, 1] == pytest.approx(-5.0, rel=1e-6)
+    assert np.abs(state.opening[:, 1]).max(initial=0.0) < 1e-9
+
+
+@pytest.mark.parametrize("debonded", [False, True])
+def test_fluid_driven_crack(comm, debonded):
+    """Griffith: p = sqrt(E G_c/(pi a (1 - nu^2))) within 1%, p falling, where the fluid fills it.
+
+    a by the damage work, half of the process zone beyond the broken bonds. A fluid that only
+    follows the broken bonds lags behind and needs more pressure. Energies balance.
+    """
+    strength, energy = 40.0, np.pi * 10.0**2 / STIFF
+    law = vmdg.Debonding(strength=strength, critical_gap=2 * energy / strength)
+    problem = cracked(comm, 60, law, kinematics="small")
+    problem.pressure("crack", lambda t: 10.0 * t)
+    problem.pressure("bond", lambda t: 10.0 * t, debonded=debonded)
+
+    def wet(problem):
+        """Points of the bond with a fluid that are whole, and broken ones without."""
+        active = problem.discretization.active[1]
+        p = active.fluid.pressure.x.array[: len(active.quadrature.weights)]
+        broken = active.history.softening >= 0.99 * strength
+        return {"dry": problem.comm.allreduce(int((broken & (p == 0)).sum()))}
+
+    options = vmdg.SolveOptions(unstable="trace", energy=True)
+    history = vmdg.solve(problem, [0.5, 1.6], options, monitor=wet).history
+    length = 1 + history["damage"] / energy
+    grows = (length > 1.1) & (length < 1.4)
+    assert grows.sum() >= 5
+    ratio = history["load"][grows] * np.sqrt(length[grows])
+    assert (np.diff(history["load"][grows]) < 0).all()
+    if debonded:
+        assert (ratio > 1.2).all()
+        # Those that have broken in the step.
+        assert 0 < history["dry"][grows].max() <= 8
+    else:
+        assert ratio == pytest.approx(1.0, abs=0.01)
+        assert not history["dry"].any()
+    end = np.flatnonzero(grows)[-1]
+    assert np.abs(history["imbalance"][: end + 1]).max() < 3e-3 * history["external"][end]
+
+
+# Springs
+
+
+@pytest.mark.parametrize("kinematics", ["small", "finite"])
+def test_bar_on_springs(comm, kinematics):
+    """A bar pulled at one end, held by springs at the other: they stretch by the force over k."""
+    scene = two_blocks(comm, "quadrilateral", 2)
+    problem = joined(scene, vmdg.Bonded(), (MATERIAL,) * 2, kinematics=kinematics)
+    left, right, bottom = (scene.facet_tags.find(tag) for tag in (1, 2, 4))
+    problem.spring(left, (800.0, 0.0))
+    problem.dirichlet(bottom, 0.0, "y")
+    problem.traction(right, lambda t: (40.0 * t, 0.0))
+    vmdg.solve(problem, [0.5, 1.0], EXACT)
+    u = problem.u.x.array.reshape(-1, 2)
+    ends = np.isclose(problem.space.tabulate_dof_coordinates()[:, 0], 0)
+    assert u[ends, 0] == pytest.approx(40.0 / 800.0, rel=1e-8)
+    assert problem.reaction(left)[0] == pytest.approx(-40.0, rel=1e-9)
+    energy = problem.energy()
+    assert energy.springs == pytest.approx(40.0**2 / 800.0 / 2, rel=1e-8)
+    assert abs(energy.imbalance) < (1e-10 if kinematics == "small" else 1e-3) * energy.external
+    assert set(asdict(energy)) >= {"springs", "bulk"}
+
+
+def test_kinds_of_springs(comm):
+    """A number, normal and tangential, and a matrix, loaded as for a rigid displacement."""
+    move = np.array([0.02, -0.03])
+    for stiffness, K in (
+        (50.0, 50 * np.eye(2)),
+        ((50.0, 20.0), np.diag([50.0, 20.0])),
+        ([[50.0, 10.0], [10.0, 30.0]], np.array([[50.0, 10.0], [10.0, 30.0]])),
+    ):
+        scene = two_blocks(comm, "triangle", 2)
+        problem = joined(scene, vmdg.Bonded(), kinematics="small")
+        right = scene.facet_tags.find(2)
+        problem.spring(right, stiffness)
+        problem.traction(right, K @ move)
+        vmdg.solve(problem, [1.0], EXACT)
+        assert problem.u.x.array.reshape(-1, 2) == pytest.approx(
+            np.tile(move, (len(problem.u.x.array) // 2, 1)), rel=1e-9
+        )
+        assert problem.reaction(right) == pytest.approx(-K @ move, rel=1e-9)
+        assert problem.energy().springs == pytest.approx(move @ K @ move / 2, rel=1e-9)
+
+
+def test_springs_hold_a_body(comm):
+    """Springs alone are supports; without them in one direction the body is loose."""
+    scene = two_blocks(comm, "quadrilateral", 1)
+    problem = joined(scene, vmdg.Bonded(), (MATERIAL,) * 2, kinematics="small")
+    problem.traction(scene.facet_tags.find(2), [0.0, 3.0])
+    problem.spring(scene.facet_tags.find(4), (100.0, 0.0))
+    with pytest.raises(ValueError, match=r"nothing holds .* translation along x"):
+        vmdg.solve(problem, [1.0])
+    problem.spring(scene.facet_tags.find(1), 100.0)
+    vmdg.solve(problem, [1.0], EXACT)
+    held = sum(problem.reaction(scene.facet_tags.find(tag)) for tag in (1, 4))
+    corner = problem.reaction_points(lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 0))
+    assert held - corner == pytest.approx([0.0, -3.0], abs=1e-9)
+
+
+def test_reaction_at_points(comm):
+    """A beam on two points: half of the load each; points that nothing holds bear none."""
+    scene = two_blocks(comm, "quadrilateral", 2)
+    problem = joined(scene, vmdg.Bonded(), (MATERIAL,) * 2, kinematics="small")
+    corners = [lambda x, a=a: np.isclose(x[0], a) & np.isclose(x[1], 0) for a in (0.0, 2.0)]
+    problem.dirichlet_points(corners[0], 0.0)
+    problem.dirichlet_points(corners[1], 0.0, "y")
+    problem.body_force([0.0, -3.0])
+    vmdg.solve(problem, [1.0], EXACT)
+    for corner in corners:
+        assert problem.reaction_points(corner) == pytest.approx([0.0, 3.0], abs=1e-9)
+    free = problem.reaction_points(lambda x: np.isclose(x[1], 1))
+    assert free == pytest.approx([0.0, 0.0], abs=1e-9)
+    with pytest.raises(ValueError, match="reaction_points: no node is selected"):
+        problem.reaction_points(lambda x: x[0] > 9)
+
+
+# Doors
+
+
+def test_loads_that_contain_the_displacement(comm):
+    """A dead load written with problem.u does not follow it: pressure and spring do."""
+    scene = two_blocks(comm, "triangle", 1)
+    problem = joined(scene, vmdg.Bonded())
+    N, F = ufl.FacetNormal(problem.mesh), ufl.Identity(2) + ufl.grad(problem.u)
+    area = ufl.det(F) * ufl.inv(F).T * N
+    with pytest.raises(ValueError, match=r"traction: .* problem\.u.* problem\.pressure"):
+        problem.traction(scene.facet_tags.find(2), -3.0 * area)
+    with pytest.raises(ValueError, match=r"body_force: .* problem\.u.* problem\.spring"):
+        problem.body_force(-0.1 * problem.u)
+
+
+def test_errors_at_the_door(comm):
+    """Ties, facets inside, UFL, wrong shapes and springs that push are refused."""
+    scene = two_blocks(comm, "triangle", 1)
+    law = vmdg.Debonding(strength=10.0, critical_gap=0.1)
+    problem = joined(scene, law, interface={"name": "bond"})
+    end, inside = scene.facet_tags.find(2), scene.facet_tags.find(3)
+    with pytest.raises(ValueError, match=r"pressure: .*inside the mesh.*interface itself"):
+        problem.pressure(inside, 1.0)
+    for value in (problem.load_factor, 2.0 * problem.load_factor):
+        with pytest.raises(ValueError, match="pressure: a UFL expression"):
+            problem.pressure(end, value)
+    with pytest.raises(ValueError, match=r"pressure: the value has shape \(2,\)"):
+        problem.pressure(end, [1.0, 0.0])
+    with pytest.raises(ValueError, match="for an interface, not for a boundary"):
+        problem.pressure(end, 1.0, debonded=True)
+    with pytest.raises(ValueError, match="no interface 'joint'"):
+        problem.pressure("joint", 1.0)
+    problem.pressure("bond", 1.0)
+    with pytest.raises(ValueError, match="has a pressure already"):
+        problem.pressure("bond", 1.0)
+    for stiffness in (-1.0, 0.0, np.nan, [[1.0, 0.0], [0.0, -1.0]]):
+        with pytest.raises(ValueError, match=r"spring: .*finite and positive"):
+            problem.spring(end, stiffness)
+    with pytest.raises(ValueError, match=r"a pair .normal, tangential., or a symmetric matrix"):
+        problem.spring(end, [1.0, 2.0, 3.0])
+    tied = joined(scene, vmdg.Bonded(), interface={"name": "bond"})
+    with pytest.raises(ValueError, match="is a tie"):
+        tied.pressure("bond", 1.0)

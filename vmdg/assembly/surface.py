@@ -1,0 +1,321 @@
+"""Pressures and springs: what surfaces bear that depends on the displacement."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.la import InsertMode
+from dolfinx.mesh import Mesh
+from numpy.typing import ArrayLike, NDArray
+from ufl.core.expr import Expr
+
+from .. import compat
+from ..base.kernels import compile_form
+from ..base.parallel import global_max, raise_together
+from ..base.quadrature import load_degree
+from ..domain.materials import Bodies
+from ..domain.topology import facet_cells, local_facets
+from ..forms import surface
+from ..interface.active import ActiveInterface
+from ..interface.fluid import Fluid
+from .values import Value, first_value, takes_points, value_at
+
+Array = NDArray[np.float64]
+
+#: Share of the strength that a broken bond has lost, for a fluid to come in.
+BROKEN = 0.99
+
+
+@dataclass(frozen=True)
+class _Term:
+    """Forces that depend on the displacement.
+
+    Attributes:
+        forces: Against eta, as a form; positive where they pull the surface back.
+        u: Displacement.
+        submeshes: Where coefficients live, if not on the mesh.
+        name: Of the kernels.
+    """
+
+    forces: ufl.Form
+    u: fem.Function
+    submeshes: list[compat.FacetSubmesh]
+    name: str
+
+    @cached_property
+    def _vector_form(self) -> fem.Form:
+        return self._compile(self.forces)
+
+    @cached_property
+    def tangent(self) -> fem.Form:
+        """Derivative of the forces by the displacement."""
+        du = ufl.TrialFunction(self.u.function_space)
+        return self._compile(ufl.derivative(self.forces, self.u, du))
+
+    def _compile(self, form: ufl.Form) -> fem.Form:
+        comm = self.u.function_space.mesh.comm
+        return compile_form(form, self.submeshes, comm, name=self.name)
+
+    def add_to(self, vector: Array) -> None:
+        """Add the forces at the current displacement, over local dofs [N]."""
+        fem.assemble_vector(vector, self._vector_form)
+
+
+@dataclass(frozen=True)
+class _Pressure:
+    """A pressure on one part of the surface.
+
+    Attributes:
+        term: Its forces.
+        function: p as the forms have it.
+        value: What the user gave.
+        points: Where it is evaluated if it is f(x, t), (3, n), else None.
+        dofs: Of ``function`` at the points.
+        fluid: Between lips; None on the boundary.
+    """
+
+    term: _Term
+    function: fem.Function
+    value: Value
+    points: Array | None
+    dofs: NDArray[np.int32]
+    fluid: Fluid | None = None
+
+    def at(self, t: float) -> Array:
+        """p at the points at load factor ``t``, wherever the fluid is."""
+        value = value_at(self.value, t, self.points)
+        return np.broadcast_to(value, len(self.dofs)).astype(float)
+
+    def set(self, p: Array) -> None:
+        """Take this pressure at the points, where the fluid has reached them."""
+        wet = 1.0 if self.fluid is None else self.fluid.wet
+        self.function.x.array[self.dofs] = p * wet
+
+
+class Surface:
+    """Pressures and springs on the boundary, pressures on the lips of interfaces.
+
+    Args:
+        u: Displacement, changed by the solver.
+        bodies: Materials.
+
+    Attributes:
+        fluids: Interfaces with a fluid between their lips.
+    """
+
+    def __init__(self, u: fem.Function, bodies: Bodies):
+        self._u, self._bodies = u, bodies
+        self._space, self._geometry = u.function_space, bodies.geometry
+        self._mesh: Mesh = self._space.mesh
+        self._pressures: list[_Pressure] = []
+        self._springs: list[_Term] = []
+        self._spreading: list[ActiveInterface] = []
+        self._nodes: fem.FunctionSpace | None = None
+        self.fluids: list[ActiveInterface] = []
+
+    @property
+    def pressurised(self) -> bool:
+        """Whether there is a pressure."""
+        return bool(self._pressures)
+
+    @property
+    def sprung(self) -> bool:
+        """Whether there are springs."""
+        return bool(self._springs)
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the tangent is symmetric: a pressure that turns with its surface makes it not."""
+        return self._bodies.small or not self._pressures
+
+    # What a user asks for
+
+    def add_pressure(self, facets: NDArray[np.int32], value: Value) -> None:
+        """Pressure [MPa] on boundary facets.
+
+        Raises:
+            ValueError: the value has the wrong shape.
+        """
+        if self._nodes is None:
+            degree = self._space.ufl_element().degree
+            self._nodes = fem.functionspace(self._mesh, ("Lagrange", degree))
+        dim = self._mesh.topology.dim
+        self._mesh.topology.create_connectivity(dim - 1, dim)
+        p = fem.Function(self._nodes, name="pressure")
+        dofs = fem.locate_dofs_topological(self._nodes, dim - 1, facets)
+        points = self._nodes.tabulate_dof_coordinates()[dofs].T
+        eta, N = ufl.TestFunction(self._space), ufl.FacetNormal(self._mesh)
+        body = self._bodies.regions[0].body  # of which the kinematics count
+        density = surface.pressure_force(eta, body, self._geometry, self._u, N, p)
+        self._add(self._term(density, self._ds(facets)), p, value, points, dofs)
+
+    def add_fluid(self, active: ActiveInterface, value: Value, debonded: bool) -> None:
+        """Pressure [MPa] on both lips of an interface that takes a fluid, or of its broken part.
+
+        Raises:
+            ValueError: the value has the wrong shape, or the interface has a pressure.
+        """
+        if active in self.fluids:
+            raise ValueError(f"pressure: {active.interface} has a pressure already; add them up")
+        quadrature, p = active.quadrature, active.fluid.pressure
+        eta, N = ufl.TestFunction(self._space), ufl.FacetNormal(self._mesh)("+")
+        rows = active.facets.rows(np.ones(len(active.facets.facets), dtype=bool))
+        dS = ufl.Measure(
+            "dS",
+            domain=self._mesh,
+            subdomain_data=[(0, rows)],
+            subdomain_id=0,
+            metadata={"quadrature_degree": quadrature.degree},
+        )
+        body = self._bodies.regions[0].body
+        density = surface.lips_force(eta, body, self._geometry, self._u, N, p("+"))
+        term = self._term(density, dS, [quadrature.submesh])
+        dofs = np.arange(len(quadrature.weights), dtype=np.int32)
+        self._add(term, p, value, quadrature.points.T, dofs, active.fluid)
+        self.fluids.append(active)
+        if debonded:
+            self._spreading.append(active)
+            self.spread()
+
+    def _term(
+        self, density: Expr, measure: ufl.Measure, submeshes: Sequence[compat.FacetSubmesh] = ()
+    ) -> _Term:
+        forces = self._geometry.weight * density * measure
+        return _Term(forces, self._u, list(submeshes), "surface")
+
+    def _add(
+        self,
+        term: _Term,
+        p: fem.Function,
+        value: Value,
+        points: Array,
+        dofs: NDArray[np.int32],
+        fluid: Fluid | None = None,
+    ) -> None:
+        comm, message = self._mesh.comm, None
+        local = points if takes_points(value, "pressure") else None
+        shape = first_value(comm, value, "pressure", local).shape
+        if shape != () and (local is None or shape != (len(dofs),)):
+            message = (
+                f"pressure: the value has shape {shape}; it must be a number, f(t), or f(x, t) "
+                "with one number for each of the points x (3, n), positive where it pushes"
+            )
+        raise_together(comm, message)
+        self._pressures.append(_Pressure(term, p, value, local, dofs, fluid))
+
+    def add_spring(self, facets: NDArray[np.int32], stiffness: ArrayLike) -> None:
+        """Springs [MPa/mm] on boundary facets.
+
+        Raises:
+            ValueError: the stiffness has another shape, or is not positive semidefinite.
+        """
+        K, eta = self._foundation(np.asarray(stiffness, dtype=float)), ufl.TestFunction(self._space)
+        density = surface.spring_force(eta, K, self._u)
+        self._springs.append(self._term(density, self._ds(facets)))
+
+    def _foundation(self, stiffness: Array) -> Expr:
+        d = self._mesh.geometry.dim
+        if stiffness.shape in ((), (2,)):
+            least = stiffness.min()
+            both = (fem.Constant(self._mesh, float(k)) for k in np.broadcast_to(stiffness, 2))
+            K = surface.foundation(*both, ufl.FacetNormal(self._mesh))
+        elif stiffness.shape == (d, d) and np.allclose(stiffness, stiffness.T):
+            least = np.linalg.eigvalsh(stiffness)[0]
+            K = fem.Constant(self._mesh, stiffness)
+        else:
+            raise ValueError(
+                f"spring: the stiffness {stiffness.tolist()} must be a number, a pair (normal, "
+                f"tangential), or a symmetric matrix of {d} x {d}, in MPa/mm"
+            )
+        if not (np.isfinite(stiffness).all() and least >= 0 and np.abs(stiffness).max() > 0):
+            raise ValueError(
+                f"spring: the stiffness {stiffness.tolist()} must be finite and positive; a spring "
+                "pulls back"
+            )
+        return K
+
+    def _ds(self, facets: NDArray[np.int32]) -> ufl.Measure:
+        """Over the owned ones of these boundary facets."""
+        dim = self._mesh.topology.dim - 1
+        owned = facets[facets < self._mesh.topology.index_map(dim).size_local]
+        cells = facet_cells(self._mesh)[owned, 0]
+        rows = np.column_stack([cells, local_facets(self._mesh, cells, owned)]).ravel()
+        return ufl.Measure(
+            "ds",
+            domain=self._mesh,
+            subdomain_data=[(0, rows)],
+            subdomain_id=0,
+            metadata={"quadrature_degree": load_degree(self._space.ufl_element().degree)},
+        )
+
+    # Pressures
+
+    def spread(self) -> None:
+        """Let fluids that keep to broken bonds go where these have broken until now."""
+        for active in self._spreading:
+            active.fluid.wet = active.history.softening >= BROKEN * active.law.strength
+
+    def pressures(self, t: float) -> Array:
+        """All pressures at load factor ``t``, wherever fluids are, one after the other [MPa]."""
+        return np.concatenate([np.zeros(0), *(pressure.at(t) for pressure in self._pressures)])
+
+    def set_pressures(self, values: Array) -> None:
+        """Take these pressures, ordered as :meth:`pressures` gives them."""
+        ends = np.cumsum([len(pressure.dofs) for pressure in self._pressures])
+        for pressure, p in zip(self._pressures, np.split(values, ends[:-1]), strict=True):
+            pressure.set(p)
+
+    # Forces
+
+    def load_vector(self) -> Array:
+        """Forces of the pressures at the current displacement over local dofs, ghosts still to be
+        added to owners [N]."""
+        return -self._sum([pressure.term for pressure in self._pressures])
+
+    def spring_vector(self) -> Array:
+        """Forces that stretch the springs by the displacement, in the same way [N]."""
+        return self._sum(self._springs)
+
+    def spring_forces(self) -> Array:
+        """The same on owned dofs, what ghosts have added to their owners; collective [N]."""
+        owned = self._space.dofmap.index_map.size_local * self._space.dofmap.index_map_bs
+        if not self._springs:
+            return np.zeros(owned)
+        forces = fem.Function(self._space)
+        forces.x.array[:] = self.spring_vector()
+        forces.x.scatter_reverse(InsertMode.add)
+        return forces.x.array[:owned]
+
+    def spring_work(self, motions: Array) -> Array:
+        """Work m_i.K.m_j of the springs at every local dof, for displacements m (k, local dofs).
+
+        Relative to the largest force of any of them (local dofs, k, k).
+        """
+        forces, u = np.zeros_like(motions), self._u.x.array
+        displacement = u.copy()
+        for force, motion in zip(forces, motions, strict=True):
+            u[:] = motion
+            force[:] = self.spring_vector()
+        u[:] = displacement
+        largest = global_max(self._mesh.comm, float(np.abs(forces).max(initial=0.0)))
+        return np.einsum("in,jn->nij", motions, forces) / max(largest, np.finfo(float).tiny)
+
+    def _sum(self, terms: list[_Term]) -> Array:
+        vector = np.zeros_like(self._u.x.array)
+        for term in terms:
+            term.add_to(vector)
+        return vector
+
+    def spring_energy(self) -> float:
+        """Energy of the springs on this rank [N mm]."""
+        return float(self.spring_vector() @ self._u.x.array) / 2
+
+    def tangents(self) -> list[fem.Form]:
+        """Derivatives of the forces of springs and, where they turn, of pressures."""
+        turning = [] if self._bodies.small else [pressure.term for pressure in self._pressures]
+        return [term.tangent for term in (*self._springs, *turning)]

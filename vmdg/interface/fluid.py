@@ -1,0 +1,56 @@
+"""The pressure of a fluid between the lips of an interface, at its points."""
+
+from __future__ import annotations
+
+import numpy as np
+from dolfinx import fem
+from numpy.typing import NDArray
+
+from ..domain.materials import Bodies
+from ..forms import kinematics
+from .points import PointValues
+from .quadrature import FacetQuadrature, side_evaluators
+from .return_map import apply
+from .stabilization import Stabilization
+
+
+class Fluid:
+    """A fluid between the lips of an interface.
+
+    Args:
+        quadrature: Points of the interface.
+        u: Displacement, changed by the solver.
+        bodies: Materials.
+
+    Attributes:
+        pressure: At the points, set by the loads [MPa].
+        wet: Points that the fluid has reached (nq,); never changed in place.
+    """
+
+    def __init__(self, quadrature: FacetQuadrature, u: fem.Function, bodies: Bodies):
+        self.pressure = fem.Function(quadrature.space(()), name="fluid")
+        self.wet = np.ones(len(quadrature.weights), dtype=bool)
+        self._quadrature = quadrature
+        self._area = None
+        if not bodies.small:
+            self._area = side_evaluators(
+                quadrature,
+                u,
+                bodies,
+                (quadrature.d,),
+                lambda body, F, N, a: kinematics.area_vector(body, F, N),
+                "current area",
+            )
+
+    def intrusion(self, values: PointValues, stabilization: Stabilization) -> NDArray[np.float64]:
+        """{J F^-T.N}.s, by how much the lips sweep more volume than there is gap (nq,) [mm].
+
+        The fluid fills the gap zeta = g - s: its work is p d(volume between the lips) less
+        p d({J F^-T.N}.s), so that energies balance with a slip s that is not zero.
+        """
+        mean = self._quadrature.normal
+        if self._area is not None:
+            # The kernels take the outward normal of their own side, -N on side 2.
+            delta = stabilization.weights[self._quadrature.facet]
+            mean = apply(delta[:, 0], self._area[0]()) - apply(delta[:, 1], self._area[1]())
+        return np.einsum("pi,pi->p", mean, values.slip)
