@@ -17,6 +17,9 @@ from vmdg.base.parallel import raise_together
 from vmdg.domain.tags import NamedTags
 from vmdg.meshes.partition import between_bodies, slabs, weighted
 
+#: Cells that vmdg has, in the words of gmsh.
+CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
+
 
 class TaggedMesh(NamedTuple):
     """A mesh with the tags of its physical groups, which are found by name too.
@@ -80,7 +83,8 @@ def distribute(
         slabs_along: Cut across this axis only (0, 1, 2), see :func:`vmdg.meshes.partition.slabs`.
 
     Raises:
-        ValueError: a weight below 1, cells without a group, or cells or facets in two groups.
+        ValueError: a weight below 1, cells without a group, cells or facets in two groups, cells of
+            several types or of one that vmdg does not have, or facets without a cell.
     """
     message, names = None, None
     if comm.rank == 0:
@@ -108,19 +112,61 @@ def _names(gmsh_model: Any, dim: int) -> dict[str, int]:
 
 
 def _wrong_groups(gmsh_model: Any, gdim: int) -> str | None:
-    """What is wrong with the physical groups, or None."""
+    """What is wrong with the physical groups, or with the cells in them, or None."""
     for dim in (gdim, gdim - 1):
         for _, entity in gmsh_model.getEntities(dim):
             groups = gmsh_model.getPhysicalGroupsForEntity(dim, entity)
-            place = f"{('point', 'curve', 'surface', 'volume')[dim]} {entity}"
+            place = _place(dim, entity)
             if len(groups) > 1:
                 return (
-                    f"{place} of the gmsh model is in the physical groups "
-                    f"{list(map(int, groups))}; a cell or facet has one tag: put it in one group"
+                    f"{place} is in the physical groups {list(map(int, groups))}; a cell or facet "
+                    "has one tag: put it in one group"
                 )
             if dim == gdim and not len(groups) and len(gmsh_model.mesh.getElements(dim, entity)[0]):
                 return (
-                    f"{place} of the gmsh model is meshed and in no physical group, so its cells "
-                    "would be lost; make a group for every body (addPhysicalGroup)"
+                    f"{place} is meshed and in no physical group, so its cells would be lost; make "
+                    "a group for every body (addPhysicalGroup)"
+                )
+    return _wrong_cells(gmsh_model, gdim) or _facets_without_cells(gmsh_model, gdim)
+
+
+def _place(dim: int, entity: int) -> str:
+    return f"{('point', 'curve', 'surface', 'volume')[dim]} {entity} of the gmsh model"
+
+
+def _wrong_cells(gmsh_model: Any, gdim: int) -> str | None:
+    """Cells of other kinds than DOLFINx and vmdg have, or of more than one kind."""
+    first = None
+    for _, entity in gmsh_model.getEntities(gdim):
+        for kind in gmsh_model.mesh.getElements(gdim, entity)[0]:
+            name = gmsh_model.mesh.getElementProperties(kind)[0]
+            if name.split()[0].lower() not in CELLS:
+                return (
+                    f"{_place(gdim, entity)} has cells of type {name}; the cells must be one of "
+                    f"{', '.join(CELLS)}: extrude without recombine, or leave surfaces unrecombined"
+                )
+            first = first or (kind, name, entity)
+            if kind != first[0]:
+                return (
+                    f"{_place(gdim, entity)} has cells of type {name}, {_place(gdim, first[2])} of "
+                    f"type {first[1]}; a mesh has one type: recombine all bodies "
+                    "(mesh.setRecombine) or none"
+                )
+    return None
+
+
+def _facets_without_cells(gmsh_model: Any, gdim: int) -> str | None:
+    """A group of facets that lie on no cell: their body was left out of the file."""
+    cells = [gmsh_model.mesh.getElements(gdim, e)[2] for _, e in gmsh_model.getEntities(gdim)]
+    known = np.concatenate([np.zeros(0, dtype=np.uint64), *(n for nodes in cells for n in nodes)])
+    for _, entity in gmsh_model.getEntities(gdim - 1):
+        if not len(gmsh_model.getPhysicalGroupsForEntity(gdim - 1, entity)):
+            continue
+        for nodes in gmsh_model.mesh.getElements(gdim - 1, entity)[2]:
+            if not np.isin(nodes, known).all():
+                return (
+                    f"{_place(gdim - 1, entity)} is in a physical group, but the body beside it "
+                    "has no cells here, as gmsh writes grouped bodies only; make a group for every "
+                    "body (addPhysicalGroup), or leave the facets out"
                 )
     return None

@@ -7,6 +7,7 @@ from pathlib import Path
 import gmsh
 import numpy as np
 import pytest
+from dolfinx.mesh import CellType, create_unit_cube, meshtags
 from support.problems import joined
 
 import vmdg
@@ -80,3 +81,80 @@ def test_bad_files(comm, folder):
     write_mesh(blocks(comm, "triangle"), folder / "named.xdmf")
     with pytest.raises(ValueError, match="no tags 'bodies'"):
         read_mesh(folder / "named.xdmf", comm, cell_tags="bodies")
+
+
+def two_squares(model, *groups: int) -> None:
+    """Unit squares side by side; these have physical groups."""
+    occ = model.occ
+    occ.fragment([(2, occ.addRectangle(0, 0, 0, 1, 1))], [(2, occ.addRectangle(1, 0, 0, 1, 1))])
+    occ.synchronize()
+    for group in groups:
+        model.addPhysicalGroup(2, [group], group)
+
+
+def triangles_and_quadrilaterals(model) -> int:
+    """One square of each."""
+    two_squares(model, 1, 2)
+    model.mesh.setTransfiniteSurface(1)
+    model.mesh.setRecombine(2, 1)
+    return 2
+
+
+def prisms(model) -> int:
+    """A cube of extruded triangles."""
+    square = model.occ.addRectangle(0, 0, 0, 1, 1)
+    model.occ.extrude([(2, square)], 0, 0, 1, [2], recombine=True)
+    model.occ.synchronize()
+    model.addPhysicalGroup(3, [1], 1)
+    return 3
+
+
+def edges_of_a_lost_body(model) -> int:
+    """The second square has no group, its edges have one."""
+    two_squares(model, 1)
+    model.addPhysicalGroup(1, [entity for _, entity in model.getEntities(1)], 5)
+    return 2
+
+
+#: Meshes that used to end in MPI_ABORT or a KeyError: what is said of the model and of its file.
+WRONG_CELLS = {
+    triangles_and_quadrilaterals: (
+        r"surface 2 .* type Triangle 3, surface 1 .* Quadrilateral 4; .*\(mesh.setRecombine\)",
+    )
+    * 2,
+    prisms: (r"volume 1 .* type Prism 6; .* one of triangle, .* extrude without recombine",) * 2,
+    edges_of_a_lost_body: (
+        r"surface 2 .* is meshed and in no physical group, .*\(addPhysicalGroup",
+        r"curve \d .* the body beside it has no cells here, .*\(addPhysicalGroup",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", ["model", "file"])
+@pytest.mark.parametrize("build", WRONG_CELLS, ids=lambda build: build.__name__)
+def test_wrong_cells(comm, folder, build, kind):
+    """Refused on every rank, by what is wrong with which part of the model."""
+    message = WRONG_CELLS[build][kind == "file"]
+    path = folder / f"{build.__name__}.msh"
+    with gmsh_model.model("wrong") as model:
+        dim = 0
+        if comm.rank == 0:
+            dim = build(model)
+            model.mesh.generate(dim)
+            gmsh.write(str(path))
+        if kind == "model":
+            with pytest.raises(ValueError, match=message):
+                gmsh_model.distribute(model, comm, comm.bcast(dim))
+            return
+    comm.barrier()
+    with pytest.raises(ValueError, match=message):
+        read_mesh(path, comm)
+
+
+def test_prisms_of_dolfinx(comm):
+    """A problem refuses cells that it has no bubbles for."""
+    mesh = create_unit_cube(comm, 1, 1, 2, CellType.prism)
+    cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+    tags = meshtags(mesh, 3, cells, np.ones_like(cells))
+    with pytest.raises(ValueError, match="cells of type prism are not supported; use one of"):
+        vmdg.Problem(mesh, tags, {1: vmdg.NeoHookean(E=1.0, nu=0.3)}, [])

@@ -508,6 +508,18 @@ def test_single_precision(comm):
         vmdg.Problem(mesh, tags, {1: STEEL}, [])
 
 
+def test_cells_of_higher_degree(comm):
+    """A displacement of degree 1 has no constant strain on cells of degree 2: both cures are named.
+
+    The patch test of two straight blocks with one curved interface would be off by 2%.
+    """
+    tagged = blocks(comm, "triangle", (2, 2, 2), order=2)
+    message = r"of degree 2, .* displacement has degree 1, .* degree=2, .*mesh\.setOrder\(1\)"
+    with pytest.raises(ValueError, match=message):
+        make(tagged)
+    make(tagged, degree=2)
+
+
 def test_surface_in_space():
     """A plane mesh with three coordinates, as gmsh files have them, says how to read it."""
     x = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])

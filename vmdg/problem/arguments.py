@@ -16,6 +16,7 @@ from dolfinx.mesh import Mesh, MeshTags
 from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
+from .. import compat
 from ..assembly.values import Value, first_value, takes_points, value_at
 from ..base.kernels import compile_expression
 from ..base.parallel import raise_together
@@ -210,16 +211,27 @@ def _at_rest(mesh: Mesh, material: Material) -> tuple[NDArray[np.float64], NDArr
     return rows[0, :9].reshape(3, 3), rows[0, 9:]
 
 
-def check_approximation(degree: int, kinematics: str) -> None:
-    """A degree and kinematics that exist.
+def check_approximation(mesh: Mesh, degree: int, kinematics: str) -> None:
+    """A degree that exists and that fits the cells, and kinematics that exist.
+
+    Of a cell with X(xi) of degree p the displacement u(xi) of degree k < p has no affine function
+    of X in it, save where the cell is straight: grad u would be wrong by the curvature of the cell
+    even for a constant strain, on any mesh, and with it the tractions of an interface.
 
     Raises:
-        ValueError: one of them does not.
+        ValueError: one of them does not, or the cells are of a higher degree than the displacement.
     """
     if degree < 1:
         raise ValueError(f"Problem: degree = {degree} must be at least 1")
     if kinematics not in KINEMATICS:
         raise ValueError(f"Problem: kinematics = {kinematics!r} must be one of {KINEMATICS}")
+    geometry = compat.coordinate_element(mesh).degree
+    if geometry > degree:
+        raise ValueError(
+            f"Problem: the cells of the mesh are curved, of degree {geometry}, the displacement "
+            f"has degree {degree}, which contains no constant strain on such cells; take "
+            f"degree={geometry}, or mesh with straight cells (gmsh: mesh.setOrder({degree}))"
+        )
 
 
 def check_condition(what: str, where: Any, value: Any) -> None:

@@ -62,7 +62,7 @@ class Problem:
             a group may be given by its name wherever a tag is asked for.
         materials: Material of every tag.
         interfaces: Where and how the displacement may jump.
-        degree: Degree of the displacement.
+        degree: Degree of the displacement, at least that of the cells of the mesh.
         kinematics: "finite", or "small" for linear elasticity.
         thickness: Of a plane body [mm].
         eigenstrain: Isotropic stress-free strain e by tag, a number, a Constant or a function of
@@ -105,7 +105,7 @@ class Problem:
     ):
         self.interfaces = checked_interfaces(interfaces)
         check_mesh(mesh, cell_tags)
-        check_approximation(degree, kinematics)
+        check_approximation(mesh, degree, kinematics)
         geometry = make_geometry(mesh, symmetry, thickness, volumetric, degree)
         check_ghosts(mesh)
         check_cells(mesh)
