@@ -14,6 +14,7 @@ from typing import Annotated
 
 from mpi4py import MPI
 
+from helpers.bars import progress
 from helpers.options import run
 from studies.benchmark.common import DIMENSION
 from studies.convergence.rates import (
@@ -26,7 +27,6 @@ from studies.convergence.rates import (
     table,
     write_csv,
 )
-from tqdm import tqdm
 
 
 def main(
@@ -50,7 +50,7 @@ def main(
     studies = [study for study in studies if cell in (None, study.cell)]
     rows = []
     Path(out).mkdir(parents=True, exist_ok=True)
-    bar = tqdm(studies, unit="study", disable=comm.rank > 0)
+    bar = progress(studies, "study", shown=comm.rank == 0)
     for study in bar:
         rows.append(Row(study, [errors(study, n, comm) for n in study.levels]))
         if comm.rank == 0:

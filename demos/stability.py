@@ -12,10 +12,10 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from helpers.bars import progress
 from helpers.options import run
 from studies.stability.cases import numbers
 from studies.stability.runner import BAD, Outcome, chart, stress, table, write_csv
-from tqdm import tqdm
 
 
 def main(
@@ -36,7 +36,7 @@ def main(
     """
     comm = MPI.COMM_WORLD
     chosen = numbers(each) if only is None else [only]
-    bar = tqdm(chosen[comm.rank :: comm.size], unit="run", disable=comm.rank > 0)
+    bar = progress(chosen[comm.rank :: comm.size], "run", shown=comm.rank == 0)
     mine = []
     for number in bar:
         mine.append(outcome := stress(number))

@@ -31,7 +31,7 @@ def core_and_ring(
         outer: Of the ring [mm].
         element_size: In the core and at the interface [mm].
         outer_size: At the outer side [mm]; default ``element_size``.
-        order: Of the geometry: 2 follows the circles to higher order, for displacements of degree 2.
+        order: Of the geometry: 2 follows the circles to higher order, with degree=2.
 
     Returns:
         Mesh; cell tags 1 (core) and 2 (ring); facet tags 1 y = 0, 2 x = 0, 3 interface, 4 outer.

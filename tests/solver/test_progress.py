@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import re
+import sys
+from io import StringIO
 from time import sleep
 
 import numpy as np
 import pytest
+from helpers.bars import progress
 from support.problems import MATERIALS, joined
 from support.scenes import two_blocks
 
 import vmdg
 from vmdg.base.timers import timer, timings, timings_since
 from vmdg.solver.control import Control
-from vmdg.solver.progress import described, shown
+from vmdg.solver.progress import described, interval, shown
 from vmdg.solver.report import Correction, StepReport
 
 LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.3)
@@ -230,3 +233,25 @@ def test_summary_has_the_timers(comm):
     start = next(i for i, line in enumerate(lines) if "timer" in line)
     assert len(lines) == start + 1 + len(result.timings)
     assert "100%" in lines[start + 1] or whole.seconds == 0
+
+
+@pytest.mark.parametrize(("terminal", "longest"), [(True, 1.0), (False, 60.0)])
+def test_seconds_between_lines(monkeypatch, terminal, longest):
+    """Bars of runs and of studies write a line now and then in a file."""
+    monkeypatch.setattr("sys.stderr", Stream(terminal))
+    assert longest / 10 <= interval() <= longest
+    for _ in progress(range(5), "run"):
+        sleep(0.15)
+    assert terminal == (sys.stderr.getvalue().count("\r") > 4)
+
+
+class Stream(StringIO):
+    """A file, or a terminal."""
+
+    def __init__(self, terminal: bool):
+        super().__init__()
+        self._terminal = terminal
+
+    def isatty(self) -> bool:
+        """What it is."""
+        return self._terminal

@@ -24,6 +24,11 @@ FORCES, MOST = ("force", "reaction"), 3
 BAR = "{desc}{percentage:3.0f}%|{bar:8}| {n:.4g}/{total:.0f} [{elapsed}<{remaining}]{postfix}"
 
 
+def interval() -> float:
+    """Seconds between two states of a bar: a line now and then where the output is a file."""
+    return TERMINAL if sys.stderr.isatty() else FILE
+
+
 class Progress:
     """The bar of a run and, with ``options.verbose``, its tables; on rank 0, the others are quiet.
 
@@ -40,12 +45,11 @@ class Progress:
         self._state = ""
         self._done = 0.0
         self._largest_work = 0.0
-        interval = TERMINAL if sys.stderr.isatty() else FILE
         self._bar = tqdm(
             total=count,
             bar_format=BAR,
             dynamic_ncols=True,
-            mininterval=interval if options.progress is True else float(options.progress),
+            mininterval=interval() if options.progress is True else float(options.progress),
             miniters=0,
             disable=not (options.progress and self._speaks and count),
         )

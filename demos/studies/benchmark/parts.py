@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from helpers.bars import progress
 from matplotlib.figure import Figure
-from tqdm import tqdm
 
 from studies.benchmark import condensed, cost, peers, precision, ratio, switches
 from studies.benchmark.common import DIMENSION, table
@@ -20,7 +20,7 @@ def precision_part(coarse: bool, repeats: int) -> Outcome:
     levels = precision.COARSE if coarse else precision.LEVELS
     cases = [(c, k, n) for c, d in DIMENSION.items() for k in (1, 2) for n in levels[d, k]]
     points = []
-    for case in tqdm(cases, unit="mesh"):
+    for case in progress(cases, "mesh"):
         points += precision.measure(*case, repeats)
     text = table(precision.HEAD, precision.rows(points))
     return points, text, lambda: precision.plot(points)
@@ -31,7 +31,7 @@ def ratio_part(coarse: bool, repeats: int) -> Outcome:
     refine = 0.2 if coarse else 1.0
     cases = [("2D", damage, True) for damage in (False, True)]
     cases += [("3D", damage, direct) for direct in (True, False) for damage in (False, True)]
-    rows = [ratio.measure(*case, repeats, refine) for case in tqdm(cases, unit="case")]
+    rows = [ratio.measure(*case, repeats, refine) for case in progress(cases, "case")]
     return rows, table(ratio.HEAD, map(ratio.row, rows)), None
 
 
@@ -45,7 +45,7 @@ def peers_part(coarse: bool, repeats: int) -> Outcome:
             for scene in (peers.P1, peers.P2)
             for even, kinematics in ((False, "small"), (True, "small"), (False, "finite"))
         }
-    runs = {n: peers.run(*case, repeats) for n, case in tqdm(cases.items(), unit="scene")}
+    runs = {n: peers.run(*case, repeats) for n, case in progress(cases.items(), "scene")}
     text = table(peers.HEAD, [peers.row(name, run) for name, run in runs.items()])
     shear = peers.sliding_shear()
     return (runs, shear), f"{text}\n\nsliding shear {shear[0]:.9g} N, mu N {shear[1]:.9g} N", None
@@ -54,14 +54,14 @@ def peers_part(coarse: bool, repeats: int) -> Outcome:
 def switches_part(coarse: bool, repeats: int) -> Outcome:
     """P1 with and without what the switchboard can turn off."""
     plate = (switches.COARSE, 6) if coarse else (peers.P1, 40)
-    cases = tqdm(switches.CASES, unit="switch")
+    cases = progress(switches.CASES, "switch")
     savings = [switches.measure(name, *plate, repeats) for name in cases]
     return savings, table(switches.HEAD, switches.rows(savings)), None
 
 
 def condensed_part(coarse: bool, repeats: int) -> Outcome:
     """Systems condensed to the interface, at small strain, against the assembled tangent."""
-    scenes = tqdm((condensed.COARSE if coarse else condensed.SCENES).items(), unit="scene")
+    scenes = progress((condensed.COARSE if coarse else condensed.SCENES).items(), "scene")
     gains = [condensed.measure(name, make, repeats) for name, make in scenes]
     return gains, table(condensed.HEAD, condensed.rows(gains)), None
 
