@@ -22,7 +22,7 @@ from ..base.parallel import global_sum
 from ..base.timers import timer
 from ..domain.materials import Bodies
 from ..forms.kinematics import Body
-from ..interface.active import ActiveInterface
+from ..interface.active import ActiveInterface, update_points
 from ..interface.facets import InterfaceFacets
 from ..interface.interface import Interface
 from ..interface.stabilization import Stabilization, Stabilizers
@@ -222,8 +222,7 @@ class Discretization:
         """Return maps at the current displacement, see :meth:`assemble_residual`."""
         self.update_dilatation()
         with timer("return map"):
-            for active in self.active.values():
-                active.update_points(dt, hold)
+            update_points(list(self.active.values()), dt, hold)
 
     def assemble_residual(
         self, dt: float, hold: bool, loads: NDArray[np.float64] | None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,9 +16,9 @@ from .facets import InterfaceFacets
 from .fluid import Fluid
 from .history import InterfaceSnapshot, PointHistory, with_rows, works
 from .interface import Interface
-from .points import InterfaceState
+from .points import InterfaceState, PointValues, joined, rows_of
 from .quadrature import FacetQuadrature
-from .return_map import ReturnMap, apply
+from .return_map import ReturnMap, Trial, apply, evaluate
 from .stabilization import Stabilization, Stabilizer
 from .terms import InterfaceTerms
 
@@ -96,18 +97,14 @@ class ActiveInterface:
         self.stabilization, self.floor = stabilization, stabilization.norm
         self.terms.set_stabilization(stabilization)
 
-    def update_points(self, dt: float, hold: bool = False) -> None:
-        """Return maps of the step; sets zeta of the residual.
+    def trial(self) -> Trial:
+        """What the return map of the step starts from at the current displacement."""
+        return self._return_map.trial(self.stabilization, self.history, self._drag)
 
-        Args:
-            dt: Time step [s].
-            hold: Keep zeta at its converged value.
-        """
-        last = self.values if hold else None
-        self.values = self._return_map.evaluate(
-            self.stabilization, self.history, dt, self._drag, last
-        )
-        self.terms.set_gap(self.values)
+    def take(self, values: PointValues) -> None:
+        """Take what a return map gives at the points; sets zeta of the residual."""
+        self.values = values
+        self.terms.set_gap(values)
 
     def stage_tangent(self, damage: bool = True) -> None:
         """First stage of the tangent: H, K and C at the points.
@@ -228,3 +225,35 @@ class ActiveInterface:
             return 0.0
         stored = self.law.stored_energy(self.history.gap, self.history.softening)
         return float(self.quadrature.weights @ stored)
+
+
+def update_points(interfaces: Sequence[ActiveInterface], dt: float, hold: bool = False) -> None:
+    """Return maps of a step, one for all interfaces with equal laws and frames.
+
+    A return map of few points takes as long as that of thousands.
+
+    Args:
+        interfaces: All of a discretization.
+        dt: Time step [s].
+        hold: Keep zeta at its converged value.
+    """
+    for group in _with_equal_laws(interfaces):
+        trials = [active.trial() for active in group]
+        last = joined([replace(active.values, update=None) for active in group]) if hold else None
+        values = evaluate(group[0].law, joined(trials), dt, last)
+        ends = np.cumsum([len(trial.opening) for trial in trials])
+        for active, trial, end in zip(group, trials, ends, strict=True):
+            alone = len(group) == 1
+            active.take(values if alone else rows_of(values, slice(end - len(trial.opening), end)))
+
+
+def _with_equal_laws(interfaces: Sequence[ActiveInterface]) -> list[list[ActiveInterface]]:
+    groups: list[list[ActiveInterface]] = []
+    for active in interfaces:
+        for group in groups:
+            if group[0].law == active.law and group[0].turns == active.turns:
+                group.append(active)
+                break
+        else:
+            groups.append([active])
+    return groups

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,3 +103,26 @@ class PointValues:
 
 #: Arrays that PointValues may have.
 VALUE_ARRAYS = tuple(field.name for field in fields(PointValues) if field.name != "update")
+
+
+Rows = TypeVar("Rows")
+
+
+def joined(parts: Sequence[Rows]) -> Rows:
+    """Records of arrays, one row a point, as one record; what is None in all of them stays None."""
+    if len(parts) == 1:
+        return parts[0]
+    values = {f.name: [getattr(part, f.name) for part in parts] for f in fields(parts[0])}
+    arrays = {name: None if v[0] is None else np.concatenate(v) for name, v in values.items()}
+    return replace(parts[0], **arrays)
+
+
+def rows_of(record: Rows, rows: slice) -> Rows:
+    """Some rows of a record of arrays, of the records in it too."""
+
+    def chosen(value: Any) -> Any:
+        if is_dataclass(value):
+            return rows_of(value, rows)
+        return None if value is None else value[rows]
+
+    return replace(record, **{f.name: chosen(getattr(record, f.name)) for f in fields(record)})

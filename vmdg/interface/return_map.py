@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import ufl
@@ -14,7 +14,7 @@ from ufl.core.expr import Expr
 from ..domain.materials import Bodies
 from ..forms import kinematics
 from ..forms.kinematics import Body
-from ..laws import Update
+from ..laws import Law, Update
 from . import frame
 from .history import PointHistory
 from .interface import Interface
@@ -27,6 +27,33 @@ Array = NDArray[np.float64]
 #: Z, the change of zeta with the gradient of either side (nq, d, d, d), and the changes of the
 #: couple M with the traction (nq, d, d, d) and with that gradient (nq, d, d, d, d).
 TurningTangent = tuple[Array, Array, Array]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What return maps start from at the points of one interface, or of several of one law.
+
+    Attributes:
+        total: {P.N} + r g, of a tie with its tensor: T (nq, d) [MPa].
+        opening: g (nq, d) [mm].
+        jump: [[P.N]] (nq, d) [MPa].
+        N: Reference normal (nq, d).
+        r: |tau_s| (nq,) [MPa/mm]; this and the next None for a tie.
+        gap: zeta_n (nq, d) [mm].
+        softening: Q_n (nq,) [MPa].
+        drag: k of :func:`map_back` (nq,) [MPa/mm]; None for the law as it is.
+        F: Mean deformation gradient (nq, d, d); None where the frame does not turn.
+    """
+
+    total: Array
+    opening: Array
+    jump: Array
+    N: Array
+    r: Array | None = None
+    gap: Array | None = None
+    softening: Array | None = None
+    drag: Array | None = None
+    F: Array | None = None
 
 
 class ReturnMap:
@@ -89,23 +116,15 @@ class ReturnMap:
             )
         return values
 
-    def evaluate(
-        self,
-        stabilization: Stabilization,
-        history: PointHistory,
-        dt: float,
-        drag: Array | None,
-        last: PointValues | None = None,
-    ) -> PointValues:
-        """T of (31) at the current displacement, by T_tr = {P.N} + r g - r zeta_n of (66).
+    def trial(
+        self, stabilization: Stabilization, history: PointHistory, drag: Array | None
+    ) -> Trial:
+        """{P.N} + r g at the current displacement, and what the law starts from.
 
         Args:
             stabilization: tau_s and the flux weights.
             history: zeta_n and Q_n.
-            dt: Time step [s].
-            drag: Of :meth:`map_back`.
-            last: Values of the last residual, with the tangent of its return map; given, zeta is
-                zeta_n. None maps back.
+            drag: k of :func:`map_back` (nq,) [MPa/mm]; None for the law as it is.
         """
         d, facet = self._d, self._quadrature.facet
         flux1, flux2 = self._flux[0](), self._flux[1]()
@@ -114,85 +133,15 @@ class ReturnMap:
         mean = apply(delta[:, 0], flux1[:, :d]) - apply(delta[:, 1], flux2[:, :d])
         jump = flux1[:, :d] + flux2[:, :d]
         opening = flux2[:, d : 2 * d] - flux1[:, d : 2 * d]
-        if not self._law.inelastic:
-            traction = mean + apply(stabilization.tau[facet], opening)
-            return PointValues(opening, jump, None, traction)
-        r = stabilization.norm[facet]
-
-        def mapped(total: Array) -> PointValues:
-            """Of {P.N} + r g in the frame of the law."""
-            trial = total - r[:, None] * history.gap
-            if last is not None:
-                new = {"opening": opening, "jump": jump, "gap": history.gap, "traction": trial}
-                return replace(last, **new, update=None)
-            update = self.map_back(trial, stabilization, history, dt, drag)
-            return PointValues(
-                opening, jump, update.gap, update.traction, update.tangent, update=update
-            )
-
-        total = mean + r[:, None] * opening
-        if not self.turns:
-            return mapped(total)
-        F = np.eye(d) + (flux1[:, 2 * d :] + flux2[:, 2 * d :]).reshape(-1, d, d) / 2
-        return self._in_frame(F, total, mapped)
-
-    def map_back(
-        self,
-        trial: Array,
-        stabilization: Stabilization,
-        history: PointHistory,
-        dt: float,
-        drag: Array | None,
-    ) -> Update:
-        """The return map of the law, with or without a drag on the gap.
-
-        T_tr - r dzeta = T(dzeta) + k dzeta is the law's equation with r + k in place of r. With k
-        beyond H the step has one solution also where the bodies follow a bond that softens.
-
-        Args:
-            trial: T_tr (nq, d) [MPa].
-            stabilization: r.
-            history: zeta_n and Q_n.
-            dt: Time step [s].
-            drag: k (nq,) [MPa/mm]; None for the law as it is.
-        """
-        r, N = stabilization.norm[self._quadrature.facet], self._quadrature.normal
-        known = N, history.gap, history.softening
-        if drag is None:
-            return self._law.return_map(trial, *known, r, dt)
-        update = self._law.return_map(trial, *known, r + drag, dt)
-        borne = drag[:, None] * (update.gap - history.gap)
-        return replace(update, traction=update.traction + borne)
-
-    def _in_frame(
-        self, F: Array, total: Array, mapped: Callable[[Array], PointValues]
-    ) -> PointValues:
-        """The return map in the turning frame R: zeta = R.zeta~, T~ = R^T.T, N stays.
-
-        The couple c = zeta~ x T~ gives M = c_k W_k / 2 of ``forms.residual.frame_couple``, with
-        omega = W:dF the axial vector of R^T.dR.
-        """
         N = self._quadrature.normal
-        R = frame.rotation(F, N)
-        W = frame.spin(F, N, R)
-        q = np.einsum("pji,pj->pi", R, total)
-        inside = mapped(q)
-        values = replace(
-            inside,
-            gap=apply(R, inside.gap),
-            traction=apply(R, inside.traction),
-            rotation=R,
-            moment=np.einsum("pk,pkab->pab", _couple(inside.gap, inside.traction), W) / 2,
-        )
-        if inside.update is None:
-            return values
-        return replace(
-            values,
-            frame_gradient=F,
-            frame_total=q,
-            frame_gap=inside.gap,
-            frame_traction=inside.traction,
-        )
+        if not self._law.inelastic:
+            return Trial(mean + apply(stabilization.tau[facet], opening), opening, jump, N)
+        r = stabilization.norm[facet]
+        F = None
+        if self.turns:
+            F = np.eye(d) + (flux1[:, 2 * d :] + flux2[:, 2 * d :]).reshape(-1, d, d) / 2
+        total = mean + r[:, None] * opening
+        return Trial(total, opening, jump, N, r, history.gap, history.softening, drag, F)
 
     def tangent(self, values: PointValues) -> tuple[Array | None, TurningTangent | None]:
         """C = d zeta/dT (nq, d, d) [mm3/N], and what follows from the turning frame.
@@ -226,6 +175,86 @@ class ReturnMap:
         change = frame.spin_gradient(F[loaded], N[loaded], R[loaded])
         by_gradient[loaded] += np.einsum("pk,pkabcd->pabcd", couple[loaded] / 4, change)
         return R @ C @ R.transpose(0, 2, 1), (spin, by_traction, by_gradient)
+
+
+def evaluate(law: Law, trial: Trial, dt: float, last: PointValues | None = None) -> PointValues:
+    """T of (31) by T_tr = {P.N} + r g - r zeta_n of (66).
+
+    Args:
+        law: The law.
+        trial: From :meth:`ReturnMap.trial`, of one interface or of several with this law.
+        dt: Time step [s].
+        last: Values of the last residual, with the tangent of its return map; given, zeta is
+            zeta_n. None maps back.
+    """
+    if not law.inelastic:
+        return PointValues(trial.opening, trial.jump, None, trial.total)
+
+    def mapped(total: Array) -> PointValues:
+        """Of {P.N} + r g in the frame of the law."""
+        load = total - trial.r[:, None] * trial.gap
+        new = {"opening": trial.opening, "jump": trial.jump}
+        if last is not None:
+            return replace(last, **new, gap=trial.gap, traction=load, update=None)
+        update = map_back(law, load, trial, dt)
+        return PointValues(
+            **new,
+            gap=update.gap,
+            traction=update.traction,
+            compliance=update.tangent,
+            update=update,
+        )
+
+    return mapped(trial.total) if trial.F is None else _in_frame(trial, mapped)
+
+
+def map_back(law: Law, load: Array, trial: Trial, dt: float) -> Update:
+    """The return map of the law, with or without a drag on the gap.
+
+    T_tr - r dzeta = T(dzeta) + k dzeta is the law's equation with r + k in place of r. With k
+    beyond H the step has one solution also where the bodies follow a bond that softens.
+
+    Args:
+        law: The law.
+        load: T_tr (nq, d) [MPa].
+        trial: r, N, zeta_n, Q_n and k.
+        dt: Time step [s].
+    """
+    known = trial.N, trial.gap, trial.softening
+    if trial.drag is None:
+        return law.return_map(load, *known, trial.r, dt)
+    update = law.return_map(load, *known, trial.r + trial.drag, dt)
+    borne = trial.drag[:, None] * (update.gap - trial.gap)
+    return replace(update, traction=update.traction + borne)
+
+
+def _in_frame(trial: Trial, mapped: Callable[[Array], PointValues]) -> PointValues:
+    """The return map in the turning frame R: zeta = R.zeta~, T~ = R^T.T, N stays.
+
+    The couple c = zeta~ x T~ gives M = c_k W_k / 2 of ``forms.residual.frame_couple``, with
+    omega = W:dF the axial vector of R^T.dR.
+    """
+    F, N = trial.F, trial.N
+    R = frame.rotation(F, N)
+    W = frame.spin(F, N, R)
+    q = np.einsum("pji,pj->pi", R, trial.total)
+    inside = mapped(q)
+    values = replace(
+        inside,
+        gap=apply(R, inside.gap),
+        traction=apply(R, inside.traction),
+        rotation=R,
+        moment=np.einsum("pk,pkab->pab", _couple(inside.gap, inside.traction), W) / 2,
+    )
+    if inside.update is None:
+        return values
+    return replace(
+        values,
+        frame_gradient=F,
+        frame_total=q,
+        frame_gap=inside.gap,
+        frame_traction=inside.traction,
+    )
 
 
 def _couple(gap: Array, traction: Array) -> Array:

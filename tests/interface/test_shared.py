@@ -1,0 +1,86 @@
+"""Interfaces with equal laws share one return map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from dolfinx.mesh import compute_midpoints
+from support.problems import MATERIALS
+
+import vmdg
+from vmdg.meshes import blocks
+
+
+@dataclass(frozen=True)
+class Counted(vmdg.Debonding):
+    """Remembers how many points each of its return maps had."""
+
+    sizes: ClassVar[list[int]] = []
+
+    def _advance(self, trial, *others):
+        self.sizes.append(len(trial))
+        return super()._advance(trial, *others)
+
+
+def split(comm, number: int, kinematics: str) -> tuple[vmdg.Problem, vmdg.Law]:
+    """Two blocks that are joined by ``number`` interfaces with equal laws, one above the other."""
+    scene = blocks(comm, "quadrilateral", (2, 12, 2), length=2.0, height=3.0, interface=(1.0, 1.0))
+    facets = scene.facet_tags.find("interface")
+    height = compute_midpoints(scene.mesh, 1, facets)[:, 1]
+    part = np.minimum((height / 3.0 * number).astype(int), number - 1)
+    laws = [Counted(strength=20.0, critical_gap=0.1, friction=0.3) for _ in range(number)]
+    interfaces = [vmdg.Interface(facets=facets[part == i], law=laws[i]) for i in range(number)]
+    problem = vmdg.Problem(
+        scene.mesh, scene.cell_tags, dict(enumerate(MATERIALS, 1)), interfaces, 1, kinematics
+    )
+    problem.dirichlet(scene.facet_tags.find("left"), 0.0)
+    problem.dirichlet(
+        scene.facet_tags.find("right"),
+        lambda x, t: t * np.stack([0.03 * (x[1] - 1.0), 0.02 + 0 * x[0]]),
+    )
+    return problem, laws[0]
+
+
+@pytest.mark.parametrize("kinematics", ["finite", "small"])
+def test_one_return_map(comm, kinematics):
+    """One for all of six interfaces, and forces, softening and energies as of a single one."""
+    results = []
+    for number in (1, 6):
+        problem, law = split(comm, number, kinematics)
+        vmdg.solve(problem, [0.5, 1.0], vmdg.SolveOptions(relative_tolerance=1e-12))
+        points = sum(len(state.weights) for state in problem.state)
+        law.sizes.clear()
+        problem.step.assemble_residual()
+        assert law.sizes == [points]
+        states = [np.column_stack([s.points, s.traction, s.softening]) for s in problem.state]
+        rows = np.concatenate(comm.allgather(np.concatenate(states)))
+        order = np.lexsort(rows[:, :2].round(9).T)
+        results.append((rows[order], problem.energy()))
+    (one, energy), (six, energies) = results
+    assert one[:, -1].max() > 1
+    assert six == pytest.approx(one, rel=1e-8, abs=1e-8)
+    assert energies.damage == pytest.approx(energy.damage, rel=1e-8)
+
+
+def test_other_laws_do_not_share(comm):
+    """Two laws, two return maps: the softening of each follows its own strength."""
+    scene = blocks(comm, "quadrilateral", (2, 4, 2), length=2.0, height=1.0, interface=(1.0, 1.0))
+    facets = scene.facet_tags.find("interface")
+    low = compute_midpoints(scene.mesh, 1, facets)[:, 1] < 0.5
+    laws = [vmdg.Debonding(strength=p, critical_gap=0.1) for p in (20.0, 30.0)]
+    interfaces = [
+        vmdg.Interface(facets=facets[where], law=law)
+        for where, law in zip((low, ~low), laws, strict=True)
+    ]
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, dict(enumerate(MATERIALS, 1)), interfaces)
+    problem.dirichlet(scene.facet_tags.find("left"), 0.0)
+    problem.dirichlet(scene.facet_tags.find("right"), lambda t: (0.03 * t, 0.0))
+    vmdg.solve(problem, [1.0])
+    for law, state in zip(laws, problem.state, strict=True):
+        size = np.linalg.norm(state.traction, axis=1)
+        softening = state.softening > 0
+        assert size[softening] == pytest.approx(law.strength - state.softening[softening], rel=1e-6)
+        assert problem.comm.allreduce(int(softening.sum())) > 0
