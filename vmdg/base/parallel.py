@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -37,6 +39,17 @@ def raise_together(
     messages = [text for text in comm.allgather(message) if text is not None]
     if messages:
         raise error(messages[0])
+
+
+class ModelWarning(UserWarning):
+    """A problem that can be solved, but is hardly what was meant; the message names the cure."""
+
+
+def warn_together(comm: MPI.Comm, message: str | None) -> None:
+    """Warn on rank 0 if any rank has a message; the lowest rank's is shown."""
+    messages = [text for text in comm.allgather(message) if text is not None]
+    if messages and comm.rank == 0:
+        warnings.warn(messages[0], ModelWarning, stacklevel=4)
 
 
 def group_maxima(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,7 +10,15 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.parallel import global_any, global_max, raise_together
+from ..base.parallel import (
+    ModelWarning as ModelWarning,
+)
+from ..base.parallel import (
+    global_any,
+    global_max,
+    raise_together,
+    warn_together,
+)
 from ..domain.topology import box_sides
 from ..interface.active import ActiveInterface
 from ..interface.stabilization import SAME_UNITS, SUSPICIOUS_RATIO
@@ -27,10 +34,6 @@ WIDEST = 10.0
 
 #: Coefficient of friction, usually below 1; degrees and percent are above.
 ROUGHEST = 5.0
-
-
-class ModelWarning(UserWarning):
-    """A problem that can be solved, but is hardly what was meant; the message names the cure."""
 
 
 def check_model(problem: Problem, loads: NDArray[np.float64]) -> bool:
@@ -49,7 +52,7 @@ def check_model(problem: Problem, loads: NDArray[np.float64]) -> bool:
     rests_on_contact = _check_supports(problem)
     _check_bonds(problem)
     first, last = (problem.loading.dirichlet.conflict(float(t)) for t in (loads[0], loads[-1]))
-    _warn(problem.comm, first or last)
+    warn_together(problem.comm, first or last)
     for active in problem.discretization.active.values():
         if active.law.inelastic:
             _check_proportions(problem, active)
@@ -92,13 +95,6 @@ def checked_row(row: Any) -> dict[str, Any]:
     return dict(row)
 
 
-def _warn(comm: MPI.Comm, message: str | None) -> None:
-    """Warn on rank 0 if any rank has a message; the lowest rank's is shown."""
-    messages = [text for text in comm.allgather(message) if text is not None]
-    if messages and comm.rank == 0:
-        warnings.warn(messages[0], ModelWarning, stacklevel=4)
-
-
 # Supports
 
 
@@ -115,7 +111,7 @@ def _check_supports(problem: Problem) -> bool:
     bonded = [c for c in interfaces if not (c.law.inelastic and c.law.strength == 0)]
     resting = loose_parts(problem, bonded) if len(bonded) < len(interfaces) else []
     for part in resting:
-        _warn(
+        warn_together(
             problem.comm,
             f"only contact holds the body of {part.body} against {part.motions}, and contact "
             "that is not pressed holds nothing: prescribe displacements, or press the body by them",
@@ -133,7 +129,7 @@ def _check_bonds(problem: Problem) -> None:
         return
     for part in loose_parts(problem, lasting):
         if global_any(problem.comm, bool(loaded[part.cells].any())):
-            _warn(
+            warn_together(
                 problem.comm,
                 f"the body of {part.body} bears a load, and against {part.motions} only bonds "
                 "hold it: once they break there is no equilibrium, and no step will converge. "
@@ -152,7 +148,7 @@ def _check_proportions(problem: Problem, active: ActiveInterface) -> None:
             "tangent of the angle of friction, usually below 1; it is neither in degrees nor in "
             "percent"
         )
-    _warn(comm, message)
+    warn_together(comm, message)
     if not (law.strength > 0 and law.softening_modulus > 0):
         return
     _check_softening(comm, active)
@@ -174,7 +170,7 @@ def _check_proportions(problem: Problem, active: ActiveInterface) -> None:
             f"{active.interface}: the critical gap is about {gap:.3g}, the mesh {size:.3g} wide: "
             "the bond will hardly soften. Give both in the same unit (mm with N and MPa)"
         )
-    _warn(comm, message)
+    warn_together(comm, message)
 
 
 def _check_softening(comm: MPI.Comm, active: ActiveInterface) -> None:
@@ -192,4 +188,4 @@ def _check_softening(comm: MPI.Comm, active: ActiveInterface) -> None:
             f"would break faster than the element can unload. Refine the facet from {extent[f]:.3g}"
             f" to below {extent[f] * share[f]:.3g} mm, or raise the critical gap{SAME_UNITS}"
         )
-    _warn(comm, message)
+    warn_together(comm, message)

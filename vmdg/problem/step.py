@@ -10,8 +10,9 @@ from dolfinx.la import InsertMode
 from numpy.typing import NDArray
 
 from ..assembly.discretization import Discretization
-from ..base.parallel import global_any, global_max, global_sum
+from ..base.parallel import global_any, global_max, global_sum, warn_together
 from ..interface.activation import Activation, Utilization
+from ..interface.sliding import sliding
 from .loading import Loading
 from .states import RunScales, Snapshot
 from .work import Arc, next_arc
@@ -21,6 +22,9 @@ INCREMENT = 1e-7
 
 #: How often a step is done again with the tau_s of its end before it is cut.
 MOST_REPEATS = 3
+
+#: Slip relative to the facet above which a point faces another facet than its partner's.
+SLID = 0.5
 
 
 class Step:
@@ -40,6 +44,7 @@ class Step:
         external: Work of loads, prescribed displacements and eigenstrains so far, this rank's
             [N mm].
         arc: The last step along the path; None where the next one does not go on from there.
+        sliding: Largest slip of points in contact so far, relative to the size of their facets.
         rests_on_contact: Whether contact alone holds a body. Else points without bond and pressure
             start every step open; the body would be loose.
     """
@@ -50,6 +55,7 @@ class Step:
         self._loading = loading
         self._comm = discretization.mesh.comm
         self.scales = RunScales()
+        self.sliding = 0.0
         self.dissipated = np.zeros(3)
         self.external = 0.0
         self.arc: Arc | None = None
@@ -201,6 +207,27 @@ class Step:
         for active in self.discretization.active.values():
             active.commit()
         self._repeats = 0
+        if self.discretization.can_fail:
+            self._watch_sliding()
+
+    def _watch_sliding(self) -> None:
+        """Warn once of contact that slides so far that most points face another facet by then."""
+        here = [(sliding(active), active) for active in self.discretization.active.values()]
+        largest, active = max(here, key=lambda found: found[0].ratio)
+        before, now = self.sliding, global_max(self._comm, largest.ratio)
+        self.sliding, message = max(before, now), None
+        if before > SLID or now <= SLID:
+            return
+        if largest.ratio == now:
+            message = (
+                f"{active.interface}: at facet {largest.facet} at "
+                f"{largest.point.round(6).tolist()} the slip {largest.slip:.3g} mm is "
+                f"{largest.ratio:.0%} of the size of the facet, {largest.size:.3g} mm. Points keep "
+                "the partner that they had in the reference configuration, so contact stays where "
+                "it was: end the run before, or take facets that are larger along the slip than "
+                "all of it (problem.step.sliding has the largest ratio so far)"
+            )
+        warn_together(self._comm, message)
 
     def cancel(self) -> None:
         """Return to the state before :meth:`begin`: a failed step leaves no trace."""

@@ -1,0 +1,47 @@
+"""How far the points of an interface have slid, relative to the facets that they belong to."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .active import ActiveInterface
+
+
+class Sliding(NamedTuple):
+    """How far a point has slid while the interface is pressed.
+
+    Attributes:
+        ratio: The slip relative to the size of the facet; the others are not known where it is 0.
+        facet: Its number on this rank.
+        point: Where (3,) [mm].
+        slip: |zeta_T| [mm].
+        size: Length of the facet, in 3D the root of its area [mm].
+    """
+
+    ratio: float
+    facet: int = -1
+    point: NDArray[np.float64] | None = None
+    slip: float = 0.0
+    size: float = 0.0
+
+
+def sliding(active: ActiveInterface) -> Sliding:
+    """Of this rank's points that are pressed, the one that has slid furthest for its facet.
+
+    Args:
+        active: An interface in a converged state.
+    """
+    q, history = active.quadrature, active.history
+    if not active.law.inelastic or not len(q.weights):
+        return Sliding(0.0)
+    N, zeta = q.normal, history.gap
+    slip = np.linalg.norm(zeta - np.einsum("pi,pi->p", zeta, N)[:, None] * N, axis=1)
+    slip[np.einsum("pi,pi->p", history.traction, N) >= 0] = 0
+    ratio = slip / q.extent[q.facet]
+    i = int(np.argmax(ratio))
+    f = q.facet[i]
+    place = int(active.facets.facets[f]), q.points[i]
+    return Sliding(float(ratio[i]), *place, float(slip[i]), float(q.extent[f]))
