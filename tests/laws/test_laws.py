@@ -740,3 +740,16 @@ def test_attributes_of_debonding():
     assert law.symmetric
     assert not Debonding(strength=P_C, critical_gap=ZETA_C, friction=0.1).symmetric
     assert law.softening_modulus == H
+
+
+def test_cycles_of_constant_amplitude():
+    """The picture of the guide: 10 MPa and .05 mm between .005 and .02 mm keep 6, 3 and 0 MPa."""
+    law, normal, r = vmdg.Debonding(strength=10.0, critical_gap=0.05), np.array([[1.0, 0.0]]), 1e6
+    gap, softening, left = np.zeros((1, 2)), np.zeros(1), []
+    for g in [0.02, 0.005] * 4:
+        update = law.return_map(r * (g * normal - gap), normal, gap, softening, r)
+        gap, softening = update.gap, update.softening
+        left.append(law.strength - softening[0])
+        assert (update.traction[0, 0] > 1) == (g == 0.02 and left[-1] > 1)
+    assert left[::2] == pytest.approx([6.0, 3.0, 0.0, 0.0], abs=0.01)
+    assert left[1::2] == left[::2]

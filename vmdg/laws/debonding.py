@@ -29,6 +29,12 @@ class Debonding(RadialLaw):
     (r > H), so T is continuous in all inputs. A step spends (R_n^2 - R_{n+1}^2)/(2H) on the
     bond: P_c zeta_c/2 to separation in any number of steps. Friction does not depend on the rate.
 
+    Unloading is like that of plasticity, as in the report: T falls at once, the gap stays until the
+    lips are pressed together, closes without traction, and to open it anew is damage from the
+    start. So a bond that opens and closes between two openings of constant amplitude loses more in
+    every cycle and is gone after a few, where most cohesive laws unload to the origin and lose
+    nothing. For cycles with reversal choose this only if that is meant.
+
     Attributes:
         strength: P_c, MPa.
         critical_gap: zeta_c, mm, at which the bond is gone.
