@@ -35,9 +35,9 @@ MAX_REACH = 4.0
 #: onset of damage is found.
 ROUNDING, ONSET = 1e-11, 1e-9
 
-#: Share of a step that is left when the tangent leads to its target, and of the work on bonds in
-#: which none breaks.
-NEAR, CLOSE = 0.1, 1e-3
+#: Share of the work on bonds that is left, by the tangent of a stable state, when load control leads
+#: to the target, and in which none breaks.
+NEAR, CLOSE = 0.03, 1e-3
 
 
 class Direction(NamedTuple):
@@ -132,6 +132,7 @@ class Work(Control):
     kink: bool = False
     _limited: bool = field(default=False, init=False, repr=False)
     _first: bool = field(default=True, init=False, repr=False)
+    _gradient: float = field(default=0.0, init=False, repr=False)
 
     def __post_init__(self):
         self._limited = self.kink
@@ -177,7 +178,7 @@ class Work(Control):
 
         left = self.target - start.t
         # Where points are about to break D grows to one side only.
-        gradient = slope(one) or slope(one, -1.0)
+        self._gradient = gradient = slope(one) or slope(one, -1.0)
         length = left
         if gradient != 0:
             length = (self.work - D - slope(zero)) / gradient
@@ -286,7 +287,8 @@ class Arrival(Work):
         else:
             share = (self.target - t) / (t_next - t)
             self.work = D + (D_next - D) * min(max(share, 0.05), 0.95)
-        if abs(left) <= NEAR * abs(self.target - self.start):
+        stable = self._gradient * (self.target - self.start) > 0
+        if stable and abs(self._gradient * left) <= NEAR * work:
             self.work = None
         elif self.beyond is not None and D_next - D <= CLOSE * D_next:
             # No bond breaks in between.

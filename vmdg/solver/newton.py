@@ -268,7 +268,6 @@ class Newton:
         control, step = self._control, self._problem.step
         if residual <= goal:
             # At an equilibrium, which may be one on the way.
-            self._corrections = 0
             if control.met(self._problem.t, step.bond_work()):
                 return reasons.CONVERGED_FNORM_RELATIVE
         self._corrections += 1

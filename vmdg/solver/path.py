@@ -28,10 +28,10 @@ MAX_SHARE, LEAST, FIRST_FACETS = 0.1, 1e-6, 5.0
 RELEASED = 0.05
 
 #: Share by which the work of a step may differ from what was foreseen on a smooth path.
-SMOOTH = 0.25
+SMOOTH = 0.5
 
 #: Corrections that a step should take: with fewer the next one goes further.
-AIM = 5
+AIM = 4
 
 #: Largest growth of a step, and what a failed one is cut by.
 GROWTH, CUT = 2.0, 0.25
@@ -242,10 +242,6 @@ class Path:
                 self._work *= CUT
             if not stage.follows or cuts % 2 == 0:
                 share /= 2
-        self._ahead, self._spent = report.change, report.work
-        self._kink = report.onset
-        if self._kink:
-            self._ahead, self._spent = None, 0.0
         work = min(self._work, report.work) if cuts and report.work else self._work
         breaking = self._breaking
         if stage.follows and cuts > 0:
@@ -254,6 +250,10 @@ class Path:
         elif type(control) is Arrival and start == stage.start and problem.t == stage.target:
             # As foreseen, by one step: the path is smooth, and load control is the shorter way.
             breaking = abs(report.work - control.work) > SMOOTH * report.work
+        self._ahead, self._spent = report.change, report.work
+        self._kink = report.onset
+        if self._kink:
+            self._ahead, self._spent = None, 0.0
         self._remember(self._next_work(report, work), breaking)
         return Part(problem.t, stage.done(problem.t), problem.t - start, report, cuts, 0)
 
