@@ -35,8 +35,8 @@ MAX_REACH = 4.0
 #: onset of damage is found.
 ROUNDING, ONSET = 1e-11, 1e-9
 
-#: Share of the work on bonds that is left, by the tangent of a stable state, when load control leads
-#: to the target, and in which none breaks.
+#: Share of the work on bonds that is left, by the tangent of a stable state, when load control
+#: leads to the target, and in which none breaks.
 NEAR, CLOSE = 0.03, 1e-3
 
 
