@@ -100,6 +100,19 @@ def test_cantilever_while_the_crack_runs():
     assert np.abs(history["crack"] - history["crack_exact"])[running].max() < 0.5
 
 
+def test_cost_of_a_cantilever():
+    """The standard test with default options: at most 120 rows, 450 factorizations and 600
+    residuals (102, 404 and 578 measured), and beam theory to 1.5%."""
+    run = delamination.dcb()
+    assert all(check.error < 0.015 for check in run.checks)
+    counts = run.result.counts
+    assert len(run.history) <= 120
+    assert counts.factorizations + counts.preconditioners <= 450
+    assert counts.residuals <= 600
+    assert run.history["jump_steps"].sum() == 0
+    assert len(run.result.failures) <= 5
+
+
 def test_cantilevers_with_few_cells_in_the_process_zone():
     """All six runs come to the end, near the load of beam theory."""
     runs = delamination.isotropic_dcbs(end=3.0)

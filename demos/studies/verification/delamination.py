@@ -92,12 +92,18 @@ class Run:
     """A delamination test.
 
     Attributes:
-        history: Opening, load and crack length, computed and of the theory.
+        result: Of the run; its history has opening, load and crack length, computed and of the
+            theory.
         checks: Lines of the table.
     """
 
-    history: vmdg.History
+    result: vmdg.Result
     checks: list[Check]
+
+    @property
+    def history(self) -> vmdg.History:
+        """The history of the run."""
+        return self.result.history
 
 
 def _problem(
@@ -179,7 +185,8 @@ def dcb(
         }
 
     options = vmdg.SolveOptions(progress=True, verbose=verbose)
-    history = vmdg.solve(problem, np.linspace(end / steps, end, steps), options, monitor).history
+    result = vmdg.solve(problem, np.linspace(end / steps, end, steps), options, monitor)
+    history = result.history
     first, last = history.rows[0], history.rows[-1]
     mesh = describe(problem, degree)
     pairs = [
@@ -188,7 +195,7 @@ def dcb(
         (f"load at {end:g} mm [N]", last["force"], last["force_exact"]),
         (f"crack at {end:g} mm [mm]", last["crack"], last["crack_exact"]),
     ]
-    return Run(history, [compare("DCB", what, *values, mesh) for what, *values in pairs])
+    return Run(result, [compare("DCB", what, *values, mesh) for what, *values in pairs])
 
 
 def long_dcb(verbose: bool = False) -> Run:
@@ -281,7 +288,8 @@ def enf(
 
     # The first step finds where the lips touch, whatever its size.
     options = vmdg.SolveOptions(progress=True, verbose=verbose)
-    history = vmdg.solve(problem, np.linspace(end / steps, end, steps), options, monitor).history
+    result = vmdg.solve(problem, np.linspace(end / steps, end, steps), options, monitor)
+    history = result.history
     first, last = history.rows[0], history.rows[-1]
     a = a_0 + tip
     work = 3 * rubbed * first["force"] ** 2 * a * (a - 4 * rubbed / 3) / (16 * m.rigidity)
@@ -296,4 +304,4 @@ def enf(
     if friction > 0:
         pairs.insert(1, ("friction work before growth [N mm]", first["friction"], work))
     case, mesh = f"ENF, mu = {friction:g}", describe(problem, degree)
-    return Run(history, [compare(case, what, *values, mesh) for what, *values in pairs])
+    return Run(result, [compare(case, what, *values, mesh) for what, *values in pairs])
