@@ -144,7 +144,7 @@ class ActiveInterface:
 
     # Steps
 
-    def begin_step(self, overstress: float) -> None:
+    def slow_down(self, overstress: float) -> None:
         """Choose what slows the gap of the step down.
 
         Args:
@@ -152,7 +152,7 @@ class ActiveInterface:
                 an unstable stage over; 0 for the law as it is.
         """
         self._drag = None
-        if self.law.inelastic and overstress > 0:
+        if self.law.inelastic and overstress != 0:
             bonded = self.history.softening < self.law.strength
             self._drag = overstress * self.law.softening_modulus * bonded
 

@@ -45,6 +45,7 @@ class Step:
             [N mm].
         arc: The last step along the path; None where the next one does not go on from there.
         sliding: Largest slip of points in contact so far, relative to the size of their facets.
+        drag: Overstress of the step, in multiples of H.
         rests_on_contact: Whether contact alone holds a body. Else points without bond and pressure
             start every step open; the body would be loose.
     """
@@ -59,6 +60,7 @@ class Step:
         self.dissipated = np.zeros(3)
         self.external = 0.0
         self.arc: Arc | None = None
+        self.drag = 0.0
         # How often the present step has been done again with a larger tau_s.
         self._repeats = 0
         self.rests_on_contact = False
@@ -90,8 +92,7 @@ class Step:
         self._dt = dt
         self._remember_start()
         self._loading.spread()
-        for active in self.discretization.active.values():
-            active.begin_step(overstress)
+        self.slow_down(overstress)
         try:
             self.discretization.update_stabilization()
         except ValueError:
@@ -102,6 +103,12 @@ class Step:
                 active.open_free_points()
         self._strained = self._work_by_eigenstrain(t)
         self._loading.apply(t)
+
+    def slow_down(self, overstress: float) -> None:
+        """Choose the overstress of the step, see :meth:`begin`."""
+        self.drag = overstress
+        for active in self.discretization.active.values():
+            active.slow_down(overstress)
 
     def assemble_residual(self, dt: float = 1.0, hold: bool = False) -> NDArray[np.float64]:
         """Return maps, then internal minus external forces at the current displacement.

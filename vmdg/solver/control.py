@@ -25,6 +25,9 @@ from scipy.optimize import brentq
 #: Share of dD by which a step may miss it, and a first guess of the load factor.
 MISSED, GUESSED = 1e-7, 1e-2
 
+#: Share of dD by which a step of a jump may miss it.
+ROUGH = 0.1
+
 #: Increment for the directional derivative of D, relative to the size of the direction [mm].
 INCREMENT = 1e-7
 
@@ -86,6 +89,11 @@ class Control:
     def loaded(self) -> bool:
         """Whether the load factor itself is prescribed."""
         return True
+
+    @property
+    def brakes(self) -> bool:
+        """Whether an overstress takes the place of the load factor."""
+        return False
 
     def snapped(self, t: float) -> float:
         """The target where a load factor differs from it by rounding."""
@@ -294,3 +302,27 @@ class Arrival(Work):
             # No bond breaks in between.
             self.work = None
         return left == 0
+
+
+@dataclass
+class Brake(Work):
+    """A step of a jump: at a given load bonds are slowed down so that the work on them is dD.
+
+    The unknown beside the displacement is the overstress, in multiples of H, in the place of the
+    load factor; the target is none.
+    """
+
+    kink: bool = True
+
+    @property
+    def brakes(self) -> bool:
+        """Whether an overstress takes the place of the load factor."""
+        return True
+
+    def __post_init__(self):
+        super().__post_init__()
+        self._first = False
+
+    def met(self, t: float, work: float) -> bool:
+        """Whether an equilibrium ends the step: dD need not be exact."""
+        return self.work is None or abs(work - self.work) <= ROUGH * self.work

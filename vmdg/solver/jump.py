@@ -2,37 +2,36 @@
 
 from __future__ import annotations
 
-from .control import Control
+from .control import ROUGH, Brake, Control
 from .report import StepReport
 from .stepper import Stepper
 
-#: The overstress at the start of a jump and its largest one, in multiples of H; below the inverse
-#: of that there is none to speak of.
+#: The overstress at the start of a jump and its largest one, in multiples of H.
 FIRST_OVERSTRESS, MAX_OVERSTRESS = 4.0, 1e8
 
-#: The overstress is halved after a step with so few corrections, and grows by this factor after one
-#: that fails.
-FEW_CORRECTIONS, GROWTH = 5, 4.0
+#: Corrections that a step should take, its largest growth, and what one that fails is cut by.
+AIM, GROWTH, CUT = 5, 2.0, 0.25
 
-#: Overstress relative to the strength below which a jump that slows down is tried to end without
-#: it, and steps before a jump is given up.
-REST, MAX_STEPS = 0.1, 200
+#: Steps before a jump is given up.
+MAX_STEPS = 200
 
 
 def jump(
-    stepper: Stepper, t: float, span: float, max_steps: int = MAX_STEPS
+    stepper: Stepper, t: float, span: float, work: float, max_steps: int = MAX_STEPS
 ) -> tuple[StepReport, int]:
     """Carry the problem to the next equilibrium at a load factor.
 
-    Steps at this load with an overstress eta = factor H per gap increment follow the bond as it
-    breaks; the factor shrinks as they converge, until a step without it does: the end is an
-    equilibrium of the law as it is. What bonds and friction do not take of the energy on the way is
-    released, and counted with the viscous work.
+    Steps at this load follow the bonds as they break. An overstress eta = factor H per gap
+    increment slows them down, in each step so much that the work on bonds is what it is to be, see
+    :class:`vmdg.solver.control.Brake`. Where that takes no overstress, or no bond is left, a step
+    without it ends at an equilibrium of the law as it is. What bonds and friction do not take of
+    the energy on the way is released, and counted with the viscous work.
 
     Args:
         stepper: Takes the steps; the problem is in a state from which it runs away at this load.
         t: Load factor.
         span: Of the stage.
+        work: Work on bonds in the first step at this load [N mm].
         max_steps: Steps with overstress before it is given up.
 
     Returns:
@@ -41,21 +40,30 @@ def jump(
     """
     problem, step = stepper.problem, stepper.problem.step
     before, imbalance = step.snapshot(), problem.energy().imbalance
-    overstress, steps, work = FIRST_OVERSTRESS, 0, 0.0
-    report = StepReport(False, [], "")
-    while steps < max_steps and 1 / MAX_OVERSTRESS < overstress < MAX_OVERSTRESS:
-        report = stepper.step(Control(t, span), overstress=overstress)
+    report, ahead = StepReport(False, [], ""), None
+    drag, steps, there = FIRST_OVERSTRESS, 0, False
+    while steps < max_steps and drag < MAX_OVERSTRESS:
+        start = step.snapshot()
+        control = Brake(0.0, drag, work) if there else Control(t, span)
+        report = stepper.step(control, ahead, overstress=drag)
         steps += 1
-        if not report.converged:
-            overstress, work = GROWTH * overstress, 0.0
+        if not there:
+            there = report.converged
+            drag = drag if there else drag / CUT
             continue
-        slows, work = report.work <= work, report.work
-        if slows and step.overstress() < REST:
+        slowed, ended = step.drag, report.work < (1 - ROUGH) * work
+        if report.converged and (slowed <= 0 or ended):
+            if slowed <= 0:
+                step.return_to(start)
             report = stepper.step(Control(t, span))
             if report.converged:
                 step.release(problem.energy().imbalance - imbalance)
                 return report, steps
-        if report.iterations <= FEW_CORRECTIONS:
-            overstress /= 2
+        if not report.converged or report.work > (1 + ROUGH) * work:
+            step.return_to(start)
+            work, drag, ahead = CUT * work, drag / CUT, None
+            continue
+        growth = min(AIM / max(report.iterations, 1), GROWTH)
+        work, drag, ahead = growth * work, slowed / max(growth, 1.0), report.change
     step.return_to(before)
     return report.failed(f"JUMP_FAILED after {steps} steps"), steps

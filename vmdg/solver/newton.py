@@ -42,6 +42,10 @@ LINE_SEARCH = {"snes_linesearch_order": 1, "snes_linesearch_max_it": 8}
 #: Displacements in sizes of the body beyond which a trial state is given up as it is.
 MAX_DISPLACEMENT = 1e6
 
+#: Least overstress that a step of a jump may try, and the increment of its derivative, in multiples
+#: of H.
+MIN_DRAG, DRAG_INCREMENT = -0.5, 1e-6
+
 #: An attempt is given up if two corrections leave more than this share of the residual by
 #: backtracking, or all of it by full steps, which then go round in circles.
 STALLED, CYCLE = 0.98, 1e-3
@@ -135,7 +139,7 @@ class Newton:
             self._predict(ahead)
         self._search(BACKTRACKING if control.loaded else FULL_STEPS)
         self._x.array[: self.owned] = problem.u.x.array[: self.owned]
-        self._x.array[self.owned :] = problem.t
+        self._x.array[self.owned :] = self._parameter()
         self._snes.solve(None, self._x)
         reason, reaction = self._snes.getConvergedReason(), self._reaction()
         converged = reason > 0 and bool(np.isfinite(reaction))
@@ -167,6 +171,9 @@ class Newton:
         """Go on as in the last step, or along the tangent of the present state."""
         if ahead is not None and self._control.extrapolate(self, ahead):
             return
+        if self._control.brakes:
+            # What has held the bonds so far is gone: they move by themselves.
+            return
         self._problem.step.assemble_residual(self._dt, hold=True)
         free = self._free_forces()
         self._criterion.update(global_norm(self._comm, free))
@@ -176,16 +183,26 @@ class Newton:
 
     def place(self) -> Direction:
         """Displacement and load factor now."""
-        return Direction(self._problem.u.x.array[: self.owned].copy(), self._problem.t)
+        return Direction(self._problem.u.x.array[: self.owned].copy(), self._parameter())
+
+    def _parameter(self) -> float:
+        """The load factor, or what takes its place."""
+        return self._problem.step.drag if self._control.brakes else self._problem.t
+
+    def _set_parameter(self, value: float) -> None:
+        """Change the load factor, where a ray moves it, or what takes its place."""
+        if self._control.brakes:
+            self._problem.step.slow_down(max(value, MIN_DRAG))
+        elif self._problem.loading.ray is not None:
+            self._problem.loading.move(self._control.snapped(value))
 
     def go(self, start: Direction, direction: Direction, length: float) -> None:
         """Change displacement and load factor."""
         u, loading = self._problem.u.x, self._problem.loading
         u.array[: self.owned] = start.u + length * direction.u
         u.scatter_forward()
-        if loading.ray is not None:
-            loading.move(self._control.snapped(start.t + length * direction.t))
-        else:
+        self._set_parameter(start.t + length * direction.t)
+        if loading.ray is None:
             # Not along a line: as prescribed at the end.
             u.array[loading.prescribed] = loading.prescribed_values(self._problem.t)
 
@@ -210,13 +227,11 @@ class Newton:
         ray, prescribed = loading.ray, loading.prescribed
         # What prescribed displacements are away from their load factor.
         away = np.zeros_like(problem.u.x.array)
-        away[prescribed] = loading.prescribed_values(start.t) - problem.u.x.array[prescribed]
+        away[prescribed] = loading.prescribed_values(problem.t) - problem.u.x.array[prescribed]
         away = away[: self.owned]
-        if ray is None:
+        if ray is None and not control.brakes:
             return Direction(self._system.solve([forces], [away], rtol)[0], 0.0)
-        load, rate = problem.step.load_rate(), np.zeros_like(problem.u.x.array)
-        rate[prescribed] = ray.rate(ray.prescribed)
-        rate = rate[: self.owned]
+        load, rate = self._rates()
         if control.loaded:
             dt = control.target - start.t
             right, moved = forces + dt * load, away + dt * rate
@@ -228,6 +243,24 @@ class Newton:
         dt = control.change(self, start, zero, one)
         self.go(start, zero, 0.0)
         return Direction(zero.u + dt * one.u, dt)
+
+    def _rates(self) -> tuple[Array, Array]:
+        """Change of forces [N] and prescribed displacements [mm] with the parameter."""
+        problem, loading = self._problem, self._problem.loading
+        rate = np.zeros_like(problem.u.x.array)
+        if self._control.brakes:
+            return self._drag_forces(), rate[: self.owned]
+        rate[loading.prescribed] = loading.ray.rate(loading.ray.prescribed)
+        return problem.step.load_rate(), rate[: self.owned]
+
+    def _drag_forces(self) -> Array:
+        """-dR/deta of the overstress [N]."""
+        step, drag, residuals = self._problem.step, self._problem.step.drag, []
+        for trial in (drag + DRAG_INCREMENT, drag):
+            step.slow_down(trial)
+            step.assemble_residual(self._dt)
+            residuals.append(self._free_forces())
+        return (residuals[1] - residuals[0]) / DRAG_INCREMENT
 
     def _reaction(self) -> float:
         """Norm of the reactions of the last assembly [N]."""
@@ -249,8 +282,7 @@ class Newton:
             return
         problem, u = self._problem, self._problem.u.x
         t = self._comm.bcast(x.array_r[-1] if self._comm.rank == 0 else None)
-        if problem.loading.ray is not None:
-            problem.loading.move(self._control.snapped(t))
+        self._set_parameter(t)
         u.array[: self.owned] = x.array_r[: self.owned]
         u.scatter_forward()
         problem.step.assemble_residual(self._dt)
@@ -268,7 +300,7 @@ class Newton:
         control, step = self._control, self._problem.step
         if residual <= goal:
             # At an equilibrium, which may be one on the way.
-            if control.met(self._problem.t, step.bond_work()):
+            if control.met(self._parameter(), step.bond_work()):
                 return reasons.CONVERGED_FNORM_RELATIVE
         self._corrections += 1
         if self._corrections > self._max_iterations + 1:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from ..base.parallel import global_any, global_sum
 from ..problem.loading import Ray
@@ -36,9 +35,8 @@ AIM = 4
 #: Largest growth of a step, and what a failed one is cut by.
 GROWTH, CUT = 2.0, 0.25
 
-#: How exactly a limit point is found, relative to the work between two states around it, and in how
-#: many steps at most.
-LIMIT, MAX_REFINEMENTS = 1e-4, 20
+#: How exactly a limit point is found, relative to the stage, and in how many steps at most.
+LIMIT, MAX_REFINEMENTS = 1e-6, 12
 
 #: How far behind it a jump begins, relative to the stage.
 AWAY = 1e-2
@@ -348,7 +346,7 @@ class Path:
         self._refine(stage)
         t = stage.limit.t
         step.return_to(away[0] if away else traced[-1][1])
-        report, steps = jump(self._stepper, t, stage.span)
+        report, steps = jump(self._stepper, t, stage.span, self._work)
         stage.limit, stage.after = None, None
         if report.converged:
             self.forget()
@@ -362,7 +360,7 @@ class Path:
 
     def _leap(self, stage: Stage, t: float) -> Part | None:
         """To an equilibrium at a load factor that none of the near ones leads to; None if none."""
-        report, steps = jump(self._stepper, t, stage.span)
+        report, steps = jump(self._stepper, t, stage.span, self._work)
         if not report.converged:
             self._result.failures.append((t, report.reason))
             return None
@@ -372,18 +370,53 @@ class Path:
     def _refine(self, stage: Stage) -> None:
         """Find the limit point: the largest load factor over the work, between two states."""
         step, (before, work) = self._problem.step, stage.rise or (stage.limit, 0.0)
-        limit = stage.limit
-
-        def fallen(total: float) -> float:
+        limit, change = stage.limit, stage.after[0][0].report.change
+        # Work since the state before the limit, and load factor; largest factors forward.
+        points, total = [(0.0, before.t)] * (work > 0) + [(work, limit.t)], work
+        for part, state in stage.after[:2]:
+            total += part.report.work
+            points.append((total, state.t))
+        for _ in range(MAX_REFINEMENTS):
+            heights = [(D, stage.ahead(t, limit.t)) for D, t in points]
+            total, height = summit(heights)
+            if height - max(height for _, height in heights) <= LIMIT * stage.span:
+                break
             beyond = total > work
             step.return_to(limit if beyond else before)
             control = Work(stage.target, stage.span, total - work * beyond, kink=True)
-            if not self._stepper.step(control).converged:
-                return -stage.ahead(before.t, limit.t)
+            if not self._stepper.step(control, change).converged:
+                break
             if stage.ahead(self._problem.t, stage.limit.t) > 0:
                 stage.limit = step.snapshot()
-            return -stage.ahead(self._problem.t, limit.t)
+            points = sorted([*points, (total, self._problem.t)])
 
-        total = work + stage.after[0][0].report.work
-        options = {"xatol": LIMIT * total, "maxiter": MAX_REFINEMENTS}
-        minimize_scalar(fallen, bounds=(0.0, total), method="bounded", options=options)
+
+def summit(points: list[tuple[float, float]]) -> tuple[float, float]:
+    """Where a function is largest, and how large it may be there, from some of its points.
+
+    As if it were concave: between two points it lies below the lines through their neighbours on
+    either side, which meet where it has a kink.
+
+    Args:
+        points: Argument and value, by argument.
+    """
+    best = max(range(len(points)), key=lambda k: points[k][1])
+    found = []
+    for k in (best - 1, best):
+        if not 0 <= k < len(points) - 1:
+            continue
+        (x, y), (x_next, y_next) = points[k], points[k + 1]
+        middle = (x + x_next) / 2, math.inf
+        if 0 < k < len(points) - 2:
+            rises = slope(points[k - 1], points[k])
+            falls = slope(points[k + 1], points[k + 2])
+            if rises > slope(points[k], points[k + 1]) > falls:
+                at = (y_next - y + rises * x - falls * x_next) / (rises - falls)
+                middle = at, y + rises * (at - x)
+        found.append(middle)
+    return max(found, key=lambda guess: guess[1])
+
+
+def slope(point: tuple[float, float], other: tuple[float, float]) -> float:
+    """Of the line through two points."""
+    return (other[1] - point[1]) / (other[0] - point[0])

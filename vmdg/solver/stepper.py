@@ -115,8 +115,9 @@ class Stepper:
         # A step of no length is at rest: rate effects vanish for infinite time.
         at_rest = 1.0 if overstress else np.inf
         dt = abs(control.target - problem.t) * options.duration or at_rest
-        # Along a ray the iteration moves the load factor itself.
-        t = control.target if problem.loading.ray is None else problem.t
+        # Along a ray the iteration moves the load factor itself; in a jump it stays.
+        stays = problem.loading.ray is not None or control.brakes
+        t = problem.t if stays else control.target
         try:
             problem.step.begin(t, dt, overstress)
         except ValueError as error:
