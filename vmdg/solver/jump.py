@@ -21,11 +21,11 @@ def jump(
 ) -> tuple[StepReport, int]:
     """Carry the problem to the next equilibrium at a load factor.
 
-    Steps at this load follow the bonds as they break. An overstress eta = factor H per gap
-    increment slows them down, in each step so much that the work on bonds is what it is to be, see
-    :class:`vmdg.solver.control.Brake`. Where that takes no overstress, or no bond is left, a step
-    without it ends at an equilibrium of the law as it is. What bonds and friction do not take of
-    the energy on the way is released, and counted with the viscous work.
+    Steps at this load follow the bonds as they break, slowed down by an overstress eta = factor H
+    per gap increment: as much of it as makes the work on bonds what it is to be, see
+    :class:`vmdg.solver.control.Brake`, or a given one at the start, after a step that has failed,
+    and where so little is left to break that it would take more. Where it takes none, or nothing
+    breaks any more, a step without it ends at an equilibrium of the law as it is.
 
     Args:
         stepper: Takes the steps; the problem is in a state from which it runs away at this load.
@@ -38,32 +38,29 @@ def jump(
         Report of the last step and the number of steps with overstress. If it fails the problem is
         back where it was.
     """
-    problem, step = stepper.problem, stepper.problem.step
-    before, imbalance = step.snapshot(), problem.energy().imbalance
-    report, ahead = StepReport(False, [], ""), None
-    drag, steps, there = FIRST_OVERSTRESS, 0, False
+    step = stepper.problem.step
+    before, report, ahead = step.snapshot(), StepReport(False, [], ""), None
+    drag, steps = FIRST_OVERSTRESS, 0
     while steps < max_steps and drag < MAX_OVERSTRESS:
-        start = step.snapshot()
-        control = Brake(0.0, drag, work) if there else Control(t, span)
+        start, brakes = step.snapshot(), drag < FIRST_OVERSTRESS
+        control = Brake(0.0, drag, work) if brakes else Control(t, span)
         report = stepper.step(control, ahead, overstress=drag)
         steps += 1
-        if not there:
-            there = report.converged
-            drag = drag if there else drag / CUT
+        if not report.converged or (brakes and report.work > (1 + ROUGH) * work):
+            step.return_to(start)
+            work, drag, ahead = CUT * work, drag / CUT, None
             continue
-        slowed, ended = step.drag, report.work < (1 - ROUGH) * work
-        if report.converged and (slowed <= 0 or ended):
+        slowed = step.drag
+        if slowed <= 0 or report.work <= (1 - ROUGH) * work * brakes:
             if slowed <= 0:
                 step.return_to(start)
             report = stepper.step(Control(t, span))
             if report.converged:
-                step.release(problem.energy().imbalance - imbalance)
                 return report, steps
-        if not report.converged or report.work > (1 + ROUGH) * work:
-            step.return_to(start)
-            work, drag, ahead = CUT * work, drag / CUT, None
+            work, drag, ahead = CUT * work, FIRST_OVERSTRESS, None
             continue
         growth = min(AIM / max(report.iterations, 1), GROWTH)
-        work, drag, ahead = growth * work, slowed / max(growth, 1.0), report.change
+        work, ahead = growth * max(work, report.work), report.change if brakes else None
+        drag = min(slowed, FIRST_OVERSTRESS) / max(growth, GROWTH if not brakes else 1.0)
     step.return_to(before)
     return report.failed(f"JUMP_FAILED after {steps} steps"), steps

@@ -345,8 +345,8 @@ class Path:
         ]
         self._refine(stage)
         t = stage.limit.t
-        step.return_to(away[0] if away else traced[-1][1])
-        report, steps = jump(self._stepper, t, stage.span, self._work)
+        start = away[0] if away else traced[-1][1]
+        report, steps = self._carry(t, stage.span, stage.limit, start)
         stage.limit, stage.after = None, None
         if report.converged:
             self.forget()
@@ -360,12 +360,26 @@ class Path:
 
     def _leap(self, stage: Stage, t: float) -> Part | None:
         """To an equilibrium at a load factor that none of the near ones leads to; None if none."""
-        report, steps = jump(self._stepper, t, stage.span, self._work)
+        now = self._problem.step.snapshot()
+        report, steps = self._carry(t, stage.span, now, now)
         if not report.converged:
             self._result.failures.append((t, report.reason))
             return None
         self.forget()
         return Part(t, stage.done(t), 0.0, report, 0, steps)
+
+    def _carry(
+        self, t: float, span: float, limit: Snapshot, start: Snapshot
+    ) -> tuple[StepReport, int]:
+        """Jump from a state beside the limit point; what is released is counted from the point."""
+        problem = self._problem
+        problem.step.return_to(limit)
+        imbalance = problem.energy().imbalance
+        problem.step.return_to(start)
+        report, steps = jump(self._stepper, t, span, self._work)
+        if report.converged:
+            problem.step.release(problem.energy().imbalance - imbalance)
+        return report, steps
 
     def _refine(self, stage: Stage) -> None:
         """Find the limit point: the largest load factor over the work, between two states."""

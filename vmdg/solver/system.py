@@ -86,6 +86,7 @@ class AssembledSystem:
             set_rigid_modes(parts.space, parts.geometry, matrix)
         self._x, self._b = matrix.createVecs()
         self._prescribed = problem.loading.owned_prescribed
+        self._last: list[Array] = []
 
     @property
     def iterations(self) -> int:
@@ -98,12 +99,15 @@ class AssembledSystem:
         self.norm = self.norm or self._matrix.norm(PETSc.NormType.NORM_INFINITY)
         right = [f - self._lift(du) for f, du in zip(forces, moved, strict=True)]
         self._matrix.zeroRowsColumnsLocal(self._prescribed, 1.0)
-        found = []
-        for f, du in zip(right, moved, strict=True):
+        # The response to a load changes little from one correction to the next.
+        found, last = [], [None, *self._last[1:]] + [None] * len(right)
+        for f, du, guess in zip(right, moved, last, strict=False):
             self._b.array[:] = f
             self._b.array[self._prescribed] = du[self._prescribed]
+            self._x.array[:] = 0.0 if guess is None else guess
             self._linear.solve(self._b, self._x, rtol)
             found.append(self._x.array.copy())
+        self._last = found
         return found
 
     def _lift(self, moved: Array) -> Array | float:
