@@ -6,13 +6,16 @@ from typing import NamedTuple
 
 from ..base.parallel import global_sum
 from ..problem.problem import Problem
-from .linear import MAX_FACTORED, Petsc, is_iterative, linear_options
+from .linear import Petsc, is_iterative, linear_options
 from .options import SolveOptions
 
 #: Squared number of gap components over that of the dofs beyond which the capacitance matrix, which
 #: is dense, is no longer cheaper than factors of every tangent, by dimension. A DCB with 560 facets
 #: has 455, and takes twice as long with it; the push-out in 3D has 306.
 MAX_GAPS_SQUARED = {2: 100, 3: 500}
+
+#: Dofs in 3D up to which the bodies are factorized.
+MAX_CONDENSED = 60_000
 
 
 class Switch(NamedTuple):
@@ -99,7 +102,7 @@ def condensation(problem: Problem, options: SolveOptions | None = None) -> tuple
     n, N = global_sum(problem.comm, [gap_components(problem), problem.discretization.owned])
     if wanted:
         return True, "options.condensed = True"
-    if problem.mesh.topology.dim == 3 and N > MAX_FACTORED:
+    if problem.mesh.topology.dim == 3 and N > MAX_CONDENSED:
         return False, f"{N} dofs are more than are factorized in 3D"
     if n * n > MAX_GAPS_SQUARED[problem.mesh.topology.dim] * N:
         return False, f"{n} gap components are too many for {N} dofs"

@@ -245,6 +245,9 @@ class Path:
         if stage.follows and cuts > 0:
             # What has got on where the other has failed leads the next step.
             breaking = type(control) is not Control
+        elif report.work == 0:
+            # Nothing breaks any more.
+            breaking = False
         elif type(control) is Arrival and start == stage.start and problem.t == stage.target:
             # As foreseen, by one step: the path is smooth, and load control is the shorter way.
             breaking = abs(report.work - control.work) > SMOOTH * report.work
