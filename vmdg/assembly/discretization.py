@@ -244,7 +244,8 @@ class Discretization:
             forces.array[:] = 0 if loads is None else -loads
             for form in (forms.bulk, *forms.interfaces):
                 fem.assemble_vector(forces.array, form)
-            forces.array[:] += self.surface.spring_vector()
+            if self.surface.sprung:
+                forces.array[:] += self.surface.spring_vector()
             forces.scatter_reverse(InsertMode.add)
             forces.scatter_forward()
         return forces.array[: self.owned]
