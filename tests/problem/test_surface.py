@@ -246,6 +246,24 @@ def test_fluid_parts_a_bar(comm, kinematics, condensed, critical_gap):
     assert gap[-1] > critical_gap
 
 
+def test_pressure_as_a_function_of_the_opening(comm):
+    """The same bar with p exp(-g/.02), g of the step before; the share has to fit the points."""
+    law = vmdg.Debonding(strength=bar.STRENGTH, critical_gap=0.05)
+    scene = two_blocks(comm, "quadrilateral", 2)
+    problem = joined(scene, law, (MATERIAL,) * 2, {"name": "bond"}, kinematics="small")
+    for tag, axis in ((1, "x"), (2, "x"), (5, "y")):
+        problem.dirichlet(scene.facet_tags.find(tag), 0.0, axis)
+    with pytest.raises(ValueError, match="share must give one finite number"):
+        problem.pressure("bond", 1.0, share=lambda opening: np.full(len(opening) + 1, 0.5))
+    problem.pressure("bond", lambda t: 150 * t, share=lambda opening: np.exp(-opening / 0.02))
+    history = vmdg.solve(problem, np.linspace(0.1, 2, 20), EXACT, monitor=bar.means).history
+    gap, T = history["gap"], history["traction"]
+    before = np.append(0.0, gap[:-1])
+    p = 150 * history["load"] * np.exp(-before / 0.02)
+    assert T - p == pytest.approx(-STIFF * gap / 2, abs=1e-7)
+    assert gap[-1] > 0.02
+
+
 def lateral(stretch):
     """Stretch across a bar in plane strain that is free across."""
 
@@ -467,7 +485,7 @@ def test_errors_at_the_door(comm):
             problem.pressure(end, value)
     with pytest.raises(ValueError, match=r"pressure: the value has shape \(2,\)"):
         problem.pressure(end, [1.0, 0.0])
-    with pytest.raises(ValueError, match="for an interface, not for a boundary"):
+    with pytest.raises(ValueError, match="for interfaces, not for a boundary"):
         problem.pressure(end, 1.0, debonded=True)
     with pytest.raises(ValueError, match="no interface 'joint'"):
         problem.pressure("joint", 1.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -27,7 +27,10 @@ from .values import Value, first_value, takes_points, value_at
 
 Array = NDArray[np.float64]
 
-#: Share of the strength that a broken bond has lost, for a fluid to come in.
+#: Of a pressure, as a function of openings (n,) [mm].
+Share = Callable[[Array], ArrayLike]
+
+#: Share of the strength that a broken bond has lost: an exponential law never quite loses all.
 BROKEN = 0.99
 
 
@@ -92,9 +95,9 @@ class _Pressure:
         return np.broadcast_to(value, len(self.dofs)).astype(float)
 
     def set(self, p: Array) -> None:
-        """Take this pressure at the points, where the fluid has reached them."""
-        wet = 1.0 if self.fluid is None else self.fluid.wet
-        self.function.x.array[self.dofs] = p * wet
+        """Take this pressure at the points, in a fluid its share."""
+        share = 1.0 if self.fluid is None else self.fluid.share
+        self.function.x.array[self.dofs] = p * share
 
 
 class Surface:
@@ -114,7 +117,7 @@ class Surface:
         self._mesh: Mesh = self._space.mesh
         self._pressures: list[_Pressure] = []
         self._springs: list[_Term] = []
-        self._spreading: list[ActiveInterface] = []
+        self._spreading: list[tuple[ActiveInterface, bool, Share | None]] = []
         self._nodes: fem.FunctionSpace | None = None
         self.fluids: list[ActiveInterface] = []
 
@@ -154,14 +157,23 @@ class Surface:
         density = surface.pressure_force(eta, body, self._geometry, self._u, N, p)
         self._add(self._term(density, self._ds(facets)), p, value, points, dofs)
 
-    def add_fluid(self, active: ActiveInterface, value: Value, debonded: bool) -> None:
-        """Pressure [MPa] on both lips of an interface that takes a fluid, or of its broken part.
+    def add_fluid(
+        self, active: ActiveInterface, value: Value, debonded: bool, share: Share | None
+    ) -> None:
+        """Pressure [MPa] on both lips of an interface that takes a fluid.
+
+        Args:
+            active: The interface.
+            value: What the user gave.
+            debonded: Only where the bond is gone.
+            share: Of the value, as a function of the opening at the points; None for all of it.
 
         Raises:
-            ValueError: the value has the wrong shape, or the interface has a pressure.
+            ValueError: value or share have the wrong shape, or the interface has a pressure.
         """
         if active in self.fluids:
             raise ValueError(f"pressure: {active.interface} has a pressure already; add them up")
+        active.fluid.share = self._share(active, debonded, share)
         quadrature, p = active.quadrature, active.fluid.pressure
         eta, N = ufl.TestFunction(self._space), ufl.FacetNormal(self._mesh)("+")
         rows = active.facets.rows(np.ones(len(active.facets.facets), dtype=bool))
@@ -178,9 +190,7 @@ class Surface:
         dofs = np.arange(len(quadrature.weights), dtype=np.int32)
         self._add(term, p, value, quadrature.points.T, dofs, active.fluid)
         self.fluids.append(active)
-        if debonded:
-            self._spreading.append(active)
-            self.spread()
+        self._spreading.append((active, debonded, share))
 
     def _term(
         self, density: Expr, measure: ufl.Measure, submeshes: Sequence[compat.FacetSubmesh] = ()
@@ -256,9 +266,23 @@ class Surface:
     # Pressures
 
     def spread(self) -> None:
-        """Let fluids that keep to broken bonds go where these have broken until now."""
-        for active in self._spreading:
-            active.fluid.wet = active.history.softening >= BROKEN * active.law.strength
+        """Let fluids go where bonds are broken and lips are open now; collective."""
+        for active, debonded, share in self._spreading:
+            active.fluid.share = self._share(active, debonded, share)
+
+    def _share(self, active: ActiveInterface, debonded: bool, share: Share | None) -> Array:
+        """Of the pressure that acts at the points of an interface now (nq,); collective."""
+        result, message = np.ones(len(active.quadrature.weights)), None
+        if debonded:
+            result *= active.history.softening >= BROKEN * active.law.strength
+        if share is not None:
+            given = np.asarray(share(active.values.width(active.quadrature.normal)), dtype=float)
+            if given.shape not in ((), result.shape) or not np.isfinite(given).all():
+                message = "pressure: share must give one finite number for each opening (n,)"
+                given = np.zeros(())
+            result = result * given
+        raise_together(self._mesh.comm, message)
+        return result
 
     def pressures(self, t: float) -> Array:
         """All pressures at load factor ``t``, wherever fluids are, one after the other [MPa]."""

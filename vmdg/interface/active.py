@@ -177,16 +177,16 @@ class ActiveInterface:
 
     def snapshot(self) -> InterfaceSnapshot:
         """The state now; none of its arrays is ever changed."""
-        wet = None if self.fluid is None else self.fluid.wet
-        return InterfaceSnapshot(self.history, self.values, self.stabilization, wet)
+        share = None if self.fluid is None else self.fluid.share
+        return InterfaceSnapshot(self.history, self.values, self.stabilization, share)
 
     def return_to(self, snapshot: InterfaceSnapshot) -> None:
         """Go back to a state."""
         self.history, self.values = snapshot.history, snapshot.values
         self.terms.set_gap(self.values)
         self._set_stabilization(snapshot.stabilization)
-        if self.fluid is not None and snapshot.wet is not None:
-            self.fluid.wet = snapshot.wet
+        if self.fluid is not None and snapshot.share is not None:
+            self.fluid.share = snapshot.share
 
     def continue_from(self, other: ActiveInterface) -> None:
         """Take history and floor of the facets that ``other`` has too; new ones have neither."""

@@ -24,12 +24,12 @@ class Fluid:
 
     Attributes:
         pressure: At the points, set by the loads [MPa].
-        wet: Points that the fluid has reached (nq,); never changed in place.
+        share: Of the pressure that acts at the points (nq,); never changed in place.
     """
 
     def __init__(self, quadrature: FacetQuadrature, u: fem.Function, bodies: Bodies):
         self.pressure = fem.Function(quadrature.space(()), name="fluid")
-        self.wet = np.ones(len(quadrature.weights), dtype=bool)
+        self.share = np.ones(len(quadrature.weights))
         self._quadrature = quadrature
         self._area = None
         if not bodies.small:

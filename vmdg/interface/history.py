@@ -60,13 +60,13 @@ class InterfaceSnapshot:
         history: Converged history of its points.
         values: Values at its points at the last residual.
         stabilization: tau_s and the flux weights that the forms have.
-        wet: Points that a fluid had reached in the step that led here; None for none.
+        share: Of a fluid's pressure that acted in the step that led here; None for none.
     """
 
     history: PointHistory
     values: PointValues
     stabilization: Stabilization
-    wet: NDArray[np.bool_] | None = None
+    share: NDArray[np.float64] | None = None
 
 
 def with_rows(record: Record, rows: NDArray, other: Record, theirs: NDArray) -> Record:

@@ -100,6 +100,12 @@ class PointValues:
         """s = g - zeta (nq, d) [mm]."""
         return self.opening if self.gap is None else self.opening - self.gap
 
+    def width(self, normal: NDArray[np.float64]) -> NDArray[np.float64]:
+        """g along the current normal (nq,) [mm], of the reference normal (nq, d)."""
+        if self.rotation is not None:
+            normal = np.einsum("pij,pj->pi", self.rotation, normal)
+        return np.einsum("pi,pi->p", self.opening, normal)
+
 
 #: Arrays that PointValues may have.
 VALUE_ARRAYS = tuple(field.name for field in fields(PointValues) if field.name != "update")

@@ -14,6 +14,7 @@ from ufl.core.expr import Expr
 from ..assembly.dirichlet import DirichletConditions, Where, find_boundary_facets
 from ..assembly.discretization import Discretization
 from ..assembly.loads import DeadLoads
+from ..assembly.surface import Share
 from ..assembly.values import Value
 from ..base.parallel import global_any
 from ..domain.geometry import axis_dofs
@@ -242,7 +243,9 @@ class Loading:
 
     # Pressures and springs
 
-    def add_pressure(self, where: Where | Interface | str, value: Value, debonded: bool) -> None:
+    def add_pressure(
+        self, where: Where | Interface | str, value: Value, debonded: bool, share: Share | None
+    ) -> None:
         """See :meth:`vmdg.Problem.pressure`."""
         constant = isinstance(value, fem.Constant) and value is not self.load_factor
         if isinstance(value, Expr) and not constant:
@@ -251,16 +254,18 @@ class Loading:
                 "or f(x, t) at points x (3, n)"
             )
         if isinstance(where, Interface | str):
-            self._add_fluid(where, value, debonded)
+            self._add_fluid(where, value, debonded, share)
             return
-        if debonded:
-            raise ValueError("pressure: debonded=True is for an interface, not for a boundary")
+        if debonded or share is not None:
+            raise ValueError("pressure: debonded and share are for interfaces, not for a boundary")
         facets = self._boundary(where, "pressure")
         self._add(lambda: self._surface.add_pressure(facets, value))
         self.move(self.t)
         self.loaded[facet_cells(self._mesh)[facets, 0]] = True
 
-    def _add_fluid(self, which: Interface | str, value: Value, debonded: bool) -> None:
+    def _add_fluid(
+        self, which: Interface | str, value: Value, debonded: bool, share: Share | None
+    ) -> None:
         number = number_of(self._interfaces, which)
         interface = self._interfaces[number]
         if not interface.law.inelastic:
@@ -277,7 +282,7 @@ class Loading:
         def impose() -> None:
             now = self._discretization
             if number in now.active:
-                self._surface.add_fluid(now.take_fluid(number), value, debonded)
+                self._surface.add_fluid(now.take_fluid(number), value, debonded, share)
 
         self._add(impose)
         self.move(self.t)

@@ -17,6 +17,7 @@ from ufl.core.expr import Expr
 from ..assembly.dirichlet import Where, find_boundary_facets
 from ..assembly.discretization import Discretization
 from ..assembly.stress import CauchyStress
+from ..assembly.surface import BROKEN, Share
 from ..assembly.values import Value
 from ..base.parallel import global_sum
 from ..base.tables import html_table
@@ -46,9 +47,6 @@ from .states import Energy, InterfaceMean
 from .step import Step
 
 T = TypeVar("T")
-
-#: Share of the strength that a broken bond has lost: an exponential law never quite loses all.
-BROKEN = 0.99
 
 
 class Problem:
@@ -227,7 +225,11 @@ class Problem:
         self.loading.add_traction(facets, value)
 
     def pressure(
-        self, facets: Where | Interface | str, value: Value, debonded: bool = False
+        self,
+        facets: Where | Interface | str,
+        value: Value,
+        debonded: bool = False,
+        share: Share | None = None,
     ) -> None:
         """Pressure of a fluid on boundary facets, or on both lips of an interface.
 
@@ -244,13 +246,15 @@ class Problem:
                 x (3, n); positive where it pushes [MPa].
             debonded: The fluid is only where the bond of the interface is gone, Q >= .99 P_c at the
                 start of a step.
+            share: Of the value that acts at points of an interface, a function of the openings
+                there along the current normal, (n,) [mm], at the start of a step.
 
         Raises:
             TypeError: a tag in place of its facets.
             ValueError: nothing selected, facets inside the mesh, an interface that is a tie, a UFL
                 expression or a value of the wrong shape.
         """
-        self.loading.add_pressure(facets, value, debonded)
+        self.loading.add_pressure(facets, value, debonded, share)
 
     def spring(self, facets: Where, stiffness: ArrayLike) -> None:
         """Springs between boundary facets and the rigid ground, an elastic foundation.
