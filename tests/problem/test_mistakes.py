@@ -372,6 +372,7 @@ WRONG_VALUES = {
     ),
     "no load factors": (lambda s: run(s, loads=[]), "one or more finite load factors"),
     "a load factor of NaN": (lambda s: run(s, loads=[0.1, np.nan]), "finite load factors"),
+    "no steps": (lambda s: run(s, loads=0), "loads = 0 is a number of steps"),
 }
 
 #: The same for a TypeError.
@@ -413,6 +414,8 @@ WRONG_TYPES = {
         "must be an array of local facets",
     ),
     "options in a dict": (lambda s: run(s, options={"max_cuts": 3}), r"SolveOptions\(\.\.\.\)"),
+    "a load factor alone": (lambda s: run(s, loads=1.0), r"\[1.0\] for one step to 1, or an int"),
+    "True as loads": (lambda s: run(s, loads=True), "loads = True must be a list of load factors"),
     "a monitor without names": (lambda s: run(s, monitor=lambda p: p.t), "a dict of columns"),
 }
 

@@ -114,3 +114,16 @@ def test_given_history_is_filled(comm):
     with pytest.raises(vmdg.StepFailure):
         vmdg.solve(problem, [0.0025, 1.0], options, history=history)
     assert list(history["load"]) == [0.001, 0.002, 0.0025]
+
+
+def test_number_of_steps(comm):
+    """An int is so many equal steps from the present load factor to 1, where a run then ends."""
+    problem = squares(comm, vmdg.Bonded(), 0.0, lambda t: np.array([0.1 * t, 0.0]))
+    history = vmdg.solve(problem, 4).history
+    assert history["load"] == pytest.approx(np.linspace(0.25, 1, 4), rel=1e-15)
+    with pytest.raises(
+        ValueError, match=r"the problem is at 1: give the load factors .* \[1, 1.1\]"
+    ):
+        vmdg.solve(problem, 4)
+    vmdg.solve(problem, [0.5])
+    assert vmdg.solve(problem, np.int64(2)).history["load"].tolist() == [0.75, 1.0]

@@ -59,17 +59,28 @@ def check_model(problem: Problem, loads: NDArray[np.float64]) -> bool:
     return rests_on_contact
 
 
-def checked_loads(loads: ArrayLike, resumed: bool = False) -> NDArray[np.float64]:
+def checked_loads(
+    loads: ArrayLike, resumed: bool = False, start: float = 0.0
+) -> NDArray[np.float64]:
     """Load factors as an array (n,).
 
     Args:
-        loads: What the user gave.
+        loads: What the user gave; an int is so many equal steps to 1.
         resumed: An earlier run goes on, of which nothing may be left to do.
+        start: Load factor of the problem.
 
     Raises:
-        ValueError: there is none, or one is not a finite number.
+        ValueError: there is none, one is not a finite number, or an int leads nowhere.
+        TypeError: it is a single number that is no int, which could mean a load factor or steps.
     """
-    result = np.atleast_1d(np.asarray(loads, dtype=float))
+    if isinstance(loads, int | np.integer) and not isinstance(loads, bool):
+        return _equal_steps(int(loads), start)
+    if np.ndim(loads) == 0:
+        raise TypeError(
+            f"solve: loads = {loads!r} must be a list of load factors, [1.0] for one step to 1, or "
+            "an int, 10 for ten equal steps to 1"
+        )
+    result = np.asarray(loads, dtype=float)
     empty = not result.size and not resumed
     if result.ndim != 1 or empty or not np.isfinite(result).all():
         raise ValueError(
@@ -77,6 +88,19 @@ def checked_loads(loads: ArrayLike, resumed: bool = False) -> NDArray[np.float64
             "numpy.linspace(0.1, 1.0, 10)"
         )
     return result
+
+
+def _equal_steps(number: int, start: float) -> NDArray[np.float64]:
+    """Load factors of equal steps from one to 1."""
+    if number < 1:
+        raise ValueError(f"solve: loads = {number} is a number of steps and must be at least 1")
+    if start >= 1:
+        raise ValueError(
+            f"solve: loads = {number} is a number of equal steps to load factor 1, and the problem "
+            f"is at {start:.8g}: give the load factors themselves, for example "
+            f"[{start:.8g}, {start + 0.1:.8g}]"
+        )
+    return np.linspace(start, 1.0, number + 1)[1:]
 
 
 def checked_row(row: Any) -> dict[str, Any]:

@@ -34,7 +34,7 @@ def solve(
 
     Args:
         problem: Changed in place; ends in the state of the last load factor.
-        loads: Load factors to reach, one after the other.
+        loads: Load factors to reach, one after the other; an int is so many equal steps to 1.
         options: See :class:`SolveOptions`.
         monitor: Called after every converged step; what it returns joins the history row, by names
             that may say their unit: "force [N]" is column "force".
@@ -46,7 +46,8 @@ def solve(
             law is too steep for the mesh (r <= H), ``condensed=True``
             where that is not possible, no steps between checkpoints, or columns of the history that
             have the same name, change their unit, or are to be shown and do not exist.
-        TypeError: ``options`` or what the monitor returns is of the wrong kind.
+        TypeError: ``loads`` is a single number that is no int, or ``options`` or what the monitor
+            returns is of the wrong kind.
         OSError: a checkpoint or the table could not be written; the problem is in the state that
             it should hold.
     """
@@ -58,7 +59,7 @@ def solve(
             f"SolveOptions: checkpoint_every = {options.checkpoint_every} must be at least 1; "
             "without checkpoint= nothing is written"
         )
-    loads = checked_loads(loads, resumed=history is not None)
+    loads = checked_loads(loads, resumed=history is not None, start=problem.t)
     result = Result(
         history=History() if history is None else history, switches=switchboard(problem, options)
     )
