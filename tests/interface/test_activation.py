@@ -11,7 +11,7 @@ import vmdg
 LAW = vmdg.Debonding(strength=10.0, critical_gap=0.1)
 
 
-def plate(comm, activate: str, n: int = 12) -> vmdg.Problem:
+def plate(comm, activate: str, n: int = 12, law: vmdg.Law = LAW) -> vmdg.Problem:
     """A clamped square whose right side is pulled in its upper half; every facet may crack."""
     mesh = create_rectangle(
         comm,
@@ -25,22 +25,23 @@ def plate(comm, activate: str, n: int = 12) -> vmdg.Problem:
     tags = meshtags(mesh, 2, local, np.ones_like(local))
     # Open facets make the plate a little softer, the more the smaller tau_s: here with the factor
     # for which the two curves are compared.
-    interface = vmdg.Interface(within=1, law=LAW, activate=activate, safety=4.0)
+    interface = vmdg.Interface(within=1, law=law, activate=activate, safety=4.0)
     problem = vmdg.Problem(mesh, tags, {1: vmdg.NeoHookean(E=1000.0, nu=0.3)}, [interface])
     problem.dirichlet(lambda x: np.isclose(x[0], 0), 0.0)
     problem.dirichlet(lambda x: np.isclose(x[0], 1) & (x[1] >= 0.5 - 1e-9), lambda t: t, "x")
     return problem
 
 
+def pulled(problem: vmdg.Problem) -> dict[str, float]:
+    """Force at the clamped side and number of nodes."""
+    force = problem.reaction(lambda x: np.isclose(x[0], 0))[0]
+    return {"force": -force, "dofs": problem.space.dofmap.index_map.size_global}
+
+
 def run(comm, activate):
     """Pull through the peak of the force."""
-
-    def monitor(problem):
-        force = problem.reaction(lambda x: np.isclose(x[0], 0))[0]
-        return {"force": -force, "dofs": problem.space.dofmap.index_map.size_global}
-
     options = vmdg.SolveOptions(relative_tolerance=1e-8)
-    return vmdg.solve(plate(comm, activate), np.linspace(0.001, 0.02, 20), options, monitor).history
+    return vmdg.solve(plate(comm, activate), np.linspace(0.001, 0.02, 20), options, pulled).history
 
 
 def test_same_curve_with_fewer_dofs(comm):
@@ -53,6 +54,17 @@ def test_same_curve_with_fewer_dofs(comm):
     assert demanded["dofs"][0] == 13 * 13
     assert everything["dofs"][0] == 4 * 12 * 12
     assert demanded["dofs"][0] < demanded["dofs"][-1] < 0.6 * everything["dofs"][0]
+
+
+@pytest.mark.parametrize("steps", [6, 24])
+def test_brittle_plate_parts(comm, steps):
+    """Facets open along a path that snaps, also in steps that pass a given load factor."""
+    problem = plate(comm, "on-demand", 6, vmdg.Debonding(strength=10.0, critical_gap=0.004))
+    loads = np.linspace(0.0025, 0.015, steps)
+    history = vmdg.solve(problem, loads, monitor=pulled).history
+    assert set(loads) <= set(history["load"])
+    assert history["jump_steps"].sum() > 0
+    assert abs(history["force"][-1]) < 1e-3 * np.abs(history["force"]).max()
 
 
 def test_state_is_carried_over_exactly(comm):

@@ -62,6 +62,20 @@ class Part(NamedTuple):
     jumps: int
 
 
+class Passed(NamedTuple):
+    """An equilibrium beyond a given load factor, found on the way to it.
+
+    Attributes:
+        work: On bonds since the start of the step [N mm].
+        t: Load factor.
+        change: Of the state; None where facets have opened.
+    """
+
+    work: float
+    t: float
+    change: Direction | None
+
+
 class Bonds(NamedTuple):
     """What there is to break.
 
@@ -219,8 +233,8 @@ class Path:
                 beyond = stage.ahead(problem.t, stage.target) > 0
                 if beyond and passed is None:
                     # The target was passed on the way: look for the state in between.
+                    passed = Passed(report.work, problem.t, report.change)
                     problem.step.return_to(before)
-                    passed = report
                     continue
                 if beyond:
                     problem.step.return_to(before)
@@ -270,7 +284,7 @@ class Path:
         return abs(released) > RELEASED * report.work
 
     def _control(
-        self, stage: Stage, end: float, cuts: int, passed: StepReport | None
+        self, stage: Stage, end: float, cuts: int, passed: Passed | None
     ) -> tuple[Control, Direction | None]:
         """How the next attempt is controlled, and where its first guess leads.
 
@@ -278,12 +292,12 @@ class Path:
             stage: The stage.
             end: Where the attempt ends by load control.
             cuts: Attempts that have failed.
-            passed: A step from here that went beyond the target.
+            passed: An equilibrium beyond the target.
         """
         t, ahead = self._problem.t, self._ahead
         if passed is not None:
-            beyond = passed.work, t + passed.change.t
-            first = (stage.target - t) / passed.change.t * passed.work
+            beyond = passed.work, passed.t
+            first = (stage.target - t) / (passed.t - t) * passed.work
             most = 2 * passed.work
             arrival = Arrival(
                 stage.target, stage.span, first, before=(0.0, t), beyond=beyond, most=most, start=t

@@ -151,7 +151,8 @@ def described(start: float, control: Control, overstress: float, report: StepRep
         report: How it went.
     """
     regularised = f" with overstress {overstress:.3g} H" if overstress else ""
-    lines = [f"step to load {control.target:.8g}, {control}{regularised}"]
+    target = start if control.brakes else control.target
+    lines = [f"step to load {target:.8g}, {control}{regularised}"]
     lines += _table(report)
     if report.converged:
         lines.append(f"  at load {start:.8g}, work {report.work:.4g}")
