@@ -22,8 +22,8 @@ SCENES = ["load cycle", "fibres, on demand", "push-out"]
 def test_any_number_of_ranks(tmp_path):
     """Reversals, facets that open on demand, three dimensions, on 1 to 3 ranks.
 
-    Steps are solved to 1e-11. Where the last of a bond goes, its traction is next to nothing at any
-    gap: there the residual leaves 7e-9 of the work open, in one row of the load cycle.
+    Steps are solved to 1e-11; scenes of the demos, past the peak of the push-out too, differ by
+    3e-12 at most.
     """
     folders = (str(ROOT), os.environ.get("PYTHONPATH", ""))
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(folders)}
@@ -39,7 +39,7 @@ def test_any_number_of_ranks(tmp_path):
         assert done.returncode == 0, done.stderr[-2000:]
     found = ranks.differences(tmp_path)
     assert len(found) == 3 * len(SCENES)
-    assert max(largest for *_, largest in found) < 1e-8, found
+    assert max(largest for *_, largest in found) < 1e-9, found
 
 
 def test_scaling(comm, tmp_path_factory):

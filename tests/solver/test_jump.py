@@ -13,6 +13,7 @@ import vmdg
 from vmdg.base.parallel import global_max
 from vmdg.solver.control import Control
 from vmdg.solver.jump import CUT, FIRST_OVERSTRESS, jump
+from vmdg.solver.path import summit
 from vmdg.solver.report import StepReport
 from vmdg.solver.stepper import Stepper
 
@@ -141,3 +142,14 @@ def test_overstress_of_a_jump(comm):
     assert factors[3:6] == [factors[3], factors[3] / CUT, factors[3] / CUT**2]
     assert abs(stepper.problem.mean(0).traction[0]) < 1e-6 * STRENGTH
     stepper.close()
+
+
+def test_summit():
+    """Between two lines the kink itself; of a smooth function its top, bounded from above."""
+    kinked = [(x, min(2 * x, 1 - 0.5 * x)) for x in (0.0, 0.3, 0.6, 0.9, 1.2)]
+    assert summit(kinked) == pytest.approx((0.4, 0.8), rel=1e-12)
+    smooth = [(x, -((x - 0.4) ** 2)) for x in (0.0, 0.3, 0.6, 0.9, 1.2)]
+    x, height = summit(smooth)
+    assert 0 < x < 0.6
+    assert height > 0
+    assert summit(smooth[1:3]) == (pytest.approx(0.45), np.inf)
