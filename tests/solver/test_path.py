@@ -104,6 +104,19 @@ def test_given_load_factors(comm):
     assert (history["load"][: places[3]] < 0.039).all()
 
 
+@pytest.mark.parametrize("kinematics", ["finite", "small"])
+@pytest.mark.parametrize("critical_gap", [0.041, 0.2, 0.02])
+@pytest.mark.parametrize("shares", [(1.5, 2, 4), (1, 1.01, 2), (0.99, 1.2, 3), (50, 100)])
+def test_steps_to_separation_and_beyond(comm, kinematics, critical_gap, shares):
+    """A first step that ends at, next to or far beyond the separation, and those after it."""
+    loads = critical_gap * np.array(shares)
+    history = traced(bar.build(comm, critical_gap, kinematics), loads, unstable="jump").history
+    assert set(loads) <= set(history["load"])
+    assert history["gap"][-1] == pytest.approx(loads[-1], rel=1e-6)
+    assert abs(history["traction"][-1]) < 1e-6 * STRENGTH
+    assert history["damage"][-1] == pytest.approx(STRENGTH * critical_gap / 2, rel=1e-8)
+
+
 def test_load_control_never_follows(comm):
     """Rows at the given load factors only, or an error."""
     history = traced(bar.build(comm, 0.2), np.linspace(0.02, 0.22, 11), control="load").history

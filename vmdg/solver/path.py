@@ -239,7 +239,7 @@ class Path:
                 if beyond:
                     problem.step.return_to(before)
                     report = report.failed("TARGET_PASSED")
-                if type(control) is Control and self._jumped(before, report):
+                if self._jumped(before, report):
                     problem.step.return_to(before)
                     report = report.failed("JUMPED")
             if report.converged:
@@ -273,7 +273,7 @@ class Path:
         return Part(problem.t, stage.done(problem.t), problem.t - start, report, cuts, 0)
 
     def _jumped(self, before: Snapshot, report: StepReport) -> bool:
-        """Whether a step by load control has passed a snap: energy was released in it."""
+        """Whether a step that broke much has passed a snap: energy was released in it."""
         if report.work <= self._most:
             return False
         step, now = self._problem.step, self._problem.step.snapshot()
