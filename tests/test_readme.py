@@ -18,6 +18,9 @@ PAGES = [ROOT / "README.md", *sorted(ROOT.glob("[!.]*/*.md"))]
 #: Commands of others, which are not ours to try.
 OTHERS = ("git", "cd", "export", "conda", "source")
 
+#: Modules of others, and a word that stands for one.
+OTHER_MODULES = ("code", "pip", "jupyterlab", "MODULE")
+
 FENCED = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 OURS = r"(?:demos/run|tests/run|.ci/reference|python3? -m vmdg)\b"
 
@@ -89,6 +92,8 @@ def run_demo(parts: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """``demos/run [-n RANKS] [--dolfinx latest] NAME|FILE.py [arguments...]``."""
     parts = options_of_run(parts, ("-n", "--dolfinx"))
     if not parts or parts[0] in ("NAME", "my.py", "--help"):
+        return
+    if parts[0] == "-m" and parts[1] in OTHER_MODULES:
         return
     if parts[0] == "-m":
         parse(parts, monkeypatch)

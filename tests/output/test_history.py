@@ -23,6 +23,7 @@ OWN = [
     "cuts [-]",
     "jump_steps [-]",
     "krylov [-]",
+    "sliding [-]",
 ]
 
 

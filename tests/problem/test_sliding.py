@@ -1,4 +1,7 @@
-"""Contact that slides beyond its facets is warned of, once, with the facet, slip and size."""
+"""Contact that slides beyond its facets is warned of, once, with facet, slip and size.
+
+The table has the slip of every row.
+"""
 
 from __future__ import annotations
 
@@ -15,21 +18,21 @@ CONTACT = vmdg.Contact(friction=0.3)
 SIZE = 0.25  # mm
 
 
-def slid(comm, law, opening: float, loads) -> tuple[vmdg.Problem, list[str]]:
-    """Two blocks with facets of .25 mm, opened or pressed, slid by t mm; what was warned of."""
+def slid(comm, law, opening: float, loads) -> tuple[vmdg.Problem, vmdg.History, list[str]]:
+    """Two blocks with facets of .25 mm, opened or pressed, slid by t mm; table and warnings."""
     scene = two_blocks(comm, "quadrilateral", 4)
     problem = couple(scene, law)
     problem.dirichlet(scene.facet_tags.find(1), 0.0)
     problem.dirichlet(scene.facet_tags.find(2), lambda t: (opening, t))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", vmdg.ModelWarning)
-        vmdg.solve(problem, loads)
-    return problem, [str(warning.message) for warning in caught]
+        history = vmdg.solve(problem, loads).history
+    return problem, history, [str(warning.message) for warning in caught]
 
 
 def test_warned_once(comm):
     """Half a facet: one warning on rank 0, with numbers that fit the state."""
-    problem, messages = slid(comm, CONTACT, -0.01, np.linspace(0.05, 0.3, 6))
+    problem, history, messages = slid(comm, CONTACT, -0.01, np.linspace(0.05, 0.3, 6))
     assert len(messages) == (comm.rank == 0)
     for message in messages:
         assert "Interface(between" in message
@@ -38,6 +41,8 @@ def test_warned_once(comm):
         assert share / 100 == pytest.approx(slip / SIZE, rel=0.02)
         assert 0.5 < share / 100 < 0.8
     assert 1.0 < problem.step.sliding < 0.3 / SIZE
+    assert (np.diff(history["sliding"]) > 0).all()
+    assert history["sliding"][-1] == problem.step.sliding
 
 
 @pytest.mark.parametrize(
@@ -47,6 +52,9 @@ def test_warned_once(comm):
 )
 def test_not_warned(comm, law, opening, loads):
     """Slips below half a facet, open cracks and ties have partners that fit, or need none."""
-    problem, messages = slid(comm, law, opening, loads)
+    problem, history, messages = slid(comm, law, opening, loads)
     assert not messages
     assert problem.step.sliding <= 0.5
+    assert ("sliding" in history.columns) == law.inelastic
+    if law.inelastic:
+        assert (history["sliding"][-1] > 0) == (opening < 0)

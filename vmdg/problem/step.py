@@ -217,6 +217,15 @@ class Step:
         if self.discretization.can_fail:
             self._watch_sliding()
 
+    def slid(self) -> float:
+        """Largest slip of points in contact now, relative to the size of their facets; collective.
+
+        Returns:
+            A ratio; 0 where nothing is pressed or has slipped.
+        """
+        here = [sliding(active).ratio for active in self.discretization.active.values()]
+        return global_max(self._comm, max(here, default=0.0))
+
     def _watch_sliding(self) -> None:
         """Warn once of contact that slides so far that most points face another facet by then."""
         here = [(sliding(active), active) for active in self.discretization.active.values()]

@@ -15,6 +15,7 @@ from ..problem.problem import Problem
 from ..problem.states import Snapshot
 from .control import Arrival, Control, Direction, Work
 from .jump import jump
+from .reasons import explained
 from .report import StepReport
 from .result import Result, StepFailure
 from .stepper import Stepper
@@ -326,10 +327,12 @@ class Path:
 
     def _complaint(self, start: float, end: float, report: StepReport) -> str:
         norms = ", ".join(f"{norm:.3g}" for norm in report.norms[-4:]) or "none"
+        cuts = self._stepper.options.max_cuts
+        attempts = [reason for _, reason in self._result.failures[-cuts - 1 :]]
         return (
-            f"the step from load factor {start:.8g} to {end:.8g} failed ({report.reason}, "
-            f"residuals {norms}) although it was cut {self._stepper.options.max_cuts} times; the "
-            f"problem is in its state at {start:.8g}"
+            f"the step from load factor {start:.8g} to {end:.8g} failed although it was cut {cuts} "
+            f"times; the problem is in its state at {start:.8g}. In the last attempt "
+            f"{explained(attempts)}. (Its last residuals: {norms} N.)"
         )
 
     # Snaps

@@ -30,7 +30,7 @@ class StepReport:
     Attributes:
         converged: Whether the residual met the tolerance.
         norms: Residual norms on the free dofs, before every correction and at the end [N].
-        reason: PETSc's word for how it ended.
+        reason: PETSc's word for how it ended, or one of vmdg.solver.reasons.
         solves: How each of the norms was reached.
         goal: Residual norm at which the step has converged [N].
         krylov: Krylov iterations of all linear systems of the step, the predictor's included; 0

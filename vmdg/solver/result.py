@@ -71,8 +71,9 @@ class Result:
 
     Attributes:
         history: One row a converged step: step, load, iterations, residual, cuts, the number of
-            steps a jump took, Krylov iterations (0 where systems are solved directly), energies if
-            asked for, and what the monitor returned.
+            steps a jump took, Krylov iterations (0 where systems are solved directly), where points
+            may slide the largest slip of those in contact relative to the size of their facets,
+            energies if asked for, and what the monitor returned.
         residuals: Residual norms of every converged step.
         failures: Load factor and reason of every step that had to be cut.
         switches: What the run has used and what it could do without, with reasons.
@@ -125,6 +126,8 @@ class Result:
 
 class StepFailure(RuntimeError):
     """A step failed at the smallest size; the problem is in its last converged state.
+
+    The message says what happened and what helps, as "When a step fails" in the guide.
 
     Args:
         message: What failed.

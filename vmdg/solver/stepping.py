@@ -118,6 +118,8 @@ def _add_row(
         "jump_steps [-]": part.jumps,
         "krylov [-]": part.report.krylov,
     }
+    if any(interface.law.inelastic for interface in problem.interfaces):
+        row["sliding [-]"] = problem.step.slid()
     if options.energy:
         energy = problem.energy()
         energies = asdict(energy) | {"imbalance": energy.imbalance}

@@ -1,0 +1,61 @@
+"""Why steps fail: in words, with what helps, in the error and in the guide."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from support.problems import joined
+from support.scenes import two_blocks
+
+import vmdg
+from vmdg.solver.reasons import REASONS, explained
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def pulled(comm) -> vmdg.Problem:
+    """Two bonded squares, the right one pulled by t [mm]."""
+    scene = two_blocks(comm, "quadrilateral", 2)
+    problem = joined(scene, vmdg.Debonding(strength=20.0, critical_gap=0.05))
+    problem.dirichlet(scene.facet_tags.find(1), 0.0)
+    problem.dirichlet(scene.facet_tags.find(2), lambda t: (t, 0.0))
+    return problem
+
+
+def test_error_says_what_happened_and_what_helps(comm):
+    """In words; the name of PETSc, how often, and the residuals follow in brackets."""
+    options = vmdg.SolveOptions(max_iterations=0, max_cuts=1, control="load")
+    with pytest.raises(vmdg.StepFailure) as failure:
+        vmdg.solve(pulled(comm), [0.3], options)
+    assert re.fullmatch(
+        r"the step from load factor 0 to 0\.15 failed although it was cut 1 times; the problem is "
+        r"in its state at 0\. In the last attempt Newton's method found no equilibrium within "
+        r"the corrections .* \(DIVERGED_MAX_IT, 2 times\)\. What helps: "
+        r"SolveOptions\(max_iterations=40\).* smaller steps"
+        r".* \(Its last residuals: [-+.e0-9, ]+ N\.\)",
+        str(failure.value),
+    )
+
+
+def test_attempts_for_different_reasons():
+    """The last one first, with its advice; the others follow."""
+    text = explained(["DIVERGED_LOCAL_MIN", "JUMPED", "CELLS_INVERTED", "JUMPED"])
+    order = ["passed a snap", "(JUMPED, 2 times)", "before,", "(CELLS_INVERTED)", "(DIVERGED_LOCAL"]
+    places = [text.index(part) for part in [*order, "What helps", "control='dissipation'"]]
+    assert places == sorted(places)
+    assert "Interface 0: r = 3" in explained(["Interface 0: r = 3 MPa/mm, refine the facet"])
+    assert "What helps: the PETSc options" in explained(["DIVERGED_TR_DELTA"])
+    assert explained(["JUMP_FAILED after 3 steps"]).endswith(REASONS["JUMP_FAILED"].helps)
+
+
+def test_every_reason_is_explained():
+    """What the solver gives as a reason has its words, and its row in the guide."""
+    code = "".join(path.read_text() for path in (ROOT / "vmdg" / "solver").glob("*.py"))
+    given = set(re.findall(r'failed\(f?"([A-Z_]+)', code) + re.findall(r"reasons\.(DIV\w+)", code))
+    assert {"CELLS_INVERTED", "JUMP_FAILED", "DIVERGED_MAX_IT"} <= given
+    assert given <= set(REASONS)
+    guide = (ROOT / "vmdg" / "GUIDE.md").read_text()
+    section = guide.split("## When a step fails")[1].split("\n## ")[0]
+    assert set(re.findall(r"^\| `([A-Z_]+)`", section, re.MULTILINE)) == set(REASONS)
