@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+from support import bar
 from support.problems import joined
 from support.scenes import two_blocks
 
@@ -37,6 +38,19 @@ def test_error_says_what_happened_and_what_helps(comm):
         r".* \(Its last residuals: [-+.e0-9, ]+ N\.\)",
         str(failure.value),
     )
+
+
+@pytest.mark.filterwarnings("ignore::vmdg.problem.checks.ModelWarning")
+@pytest.mark.parametrize("loads", [[50.0, 99.0, 101.0], [101.0]], ids=["steps", "at once"])
+def test_jump_that_led_nowhere(comm, loads):
+    """A dead load beyond the strength has no equilibrium: the error says so, and what helps."""
+    problem = bar.build(comm, 0.005, "small", dead=True)
+    with pytest.raises(vmdg.StepFailure) as failure:
+        vmdg.solve(problem, loads, vmdg.SolveOptions(max_cuts=2))
+    (t, reason) = [f for f in failure.value.result.failures if "JUMP_FAILED" in f[1]][-1]
+    told = str(failure.value).partition(f" At load factor {t:.8g} ")[2]
+    assert told.startswith("the load has no equilibrium near")
+    assert f"({reason}). What helps: prescribed displacements in place of forces" in told
 
 
 def test_attempts_for_different_reasons():

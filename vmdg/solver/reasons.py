@@ -19,11 +19,11 @@ class Reason(NamedTuple):
     helps: str
 
 
-_SMALLER = "smaller steps: more load factors, or SolveOptions(max_cuts=12)"
+_SMALLER = "smaller steps (more load factors, SolveOptions(max_cuts=12))"
 _RESIDUAL = (
-    f"{_SMALLER}; where the force has a peak, SolveOptions(control='auto') or prescribed "
-    "displacements in place of forces; a mesh that is finer along the interface, or a larger "
-    "critical gap (energy) of the bond, so that fewer points break at once"
+    f"{_SMALLER}; where the force has a peak, prescribed displacements in place of forces and "
+    "SolveOptions(control='auto'), the default; a mesh that is finer along the interface, or a "
+    "larger critical gap (energy) of the bond, so that fewer points break at once"
 )
 _BROKEN = (
     f"{_SMALLER}; supports for every body that nothing holds once its bond is gone "
@@ -70,7 +70,7 @@ REASONS = {
         f"{_SMALLER}; a finer mesh along the interface; lower compression of the cells at it",
     ),
     "JUMPED": Reason(
-        "the step by the load passed a snap: it released energy that no equilibrium accounts for",
+        "the step passed a snap: it released energy that no equilibrium accounts for",
         f"SolveOptions(control='dissipation'), which follows the path; {_SMALLER}",
     ),
     "TARGET_PASSED": Reason(
@@ -100,6 +100,11 @@ def reason(text: str) -> Reason:
     if word in REASONS:
         return REASONS[word]
     return _OTHER if re.fullmatch(r"[A-Z_]+|-?\d+", word) else Reason(text, "")
+
+
+def is_jump(text: str) -> bool:
+    """Whether what has failed is a jump to another equilibrium."""
+    return text.startswith("JUMP_FAILED")
 
 
 def explained(attempts: Sequence[str]) -> str:

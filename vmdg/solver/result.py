@@ -9,6 +9,7 @@ from ..base.tables import html_table
 from ..base.timers import Timing
 from ..output.history import History
 from .features import Switch
+from .reasons import explained, is_jump
 
 
 @dataclass(frozen=True)
@@ -140,3 +141,11 @@ class StepFailure(RuntimeError):
     def __init__(self, message: str, result: Result):
         super().__init__(message)
         self.result = result
+
+    def __str__(self) -> str:
+        """The message, and the last jump that led nowhere, which may have been tried after it."""
+        jumps = [(t, text) for t, text in self.result.failures if is_jump(text)]
+        if not jumps:
+            return super().__str__()
+        t, text = jumps[-1]
+        return f"{super().__str__()} At load factor {t:.8g} {explained([text])}."
