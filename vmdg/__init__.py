@@ -5,13 +5,30 @@ imports a name when it is first used: ``vmdg.laws`` needs nothing but numpy.
 """
 
 import ast
+import ctypes
+import sys
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 _STUB = ast.parse(Path(__file__).with_suffix(".pyi").read_bytes()).body
 _IMPORTS = [part for part in _STUB if isinstance(part, ast.ImportFrom)]
 #: Module of every public name; None for subpackages.
 _HOME = {item.name: line.module for line in _IMPORTS for item in line.names}
+
+
+def _load_mpi() -> None:
+    """Load the MPI of DOLFINx's wheel (dolfinx-solver-real), which the loader does not look for.
+
+    It is in the lib folder of the environment. Once it is loaded, its name is known to all who need
+    it. MPI is not initialised by this.
+    """
+    library = Path(sys.prefix) / "lib" / "libmpi.so.12"
+    if find_spec("dolfinx_solver") and library.is_file():
+        ctypes.CDLL(str(library))
+
+
+_load_mpi()
 
 __all__ = [name for name, module in _HOME.items() if module]
 __version__ = "0.1.0"

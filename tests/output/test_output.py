@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import adios2
 import numpy as np
 import pytest
+from helpers.vtx import read_vtx
 from support.problems import couple
 from support.scenes import LEFT, RIGHT, two_blocks
 
@@ -35,13 +35,6 @@ def torn(comm, cell: str) -> vmdg.Problem:
     return problem
 
 
-def read(path) -> dict[str, np.ndarray]:
-    """Floating-point arrays of a VTX file that one rank has written."""
-    with adios2.FileReader(str(path)) as reader:
-        variables = reader.available_variables().items()
-        return {name: reader.read(name) for name, v in variables if v["Type"] == "double"}
-
-
 @CELLS
 def test_files(comm, out, cell):
     """One file for the bodies, one for the interface, and all fields in them."""
@@ -53,7 +46,7 @@ def test_files(comm, out, cell):
     mean = problem.mean(0)
     if comm.size > 1:
         return
-    bodies, interface = read(out / "bodies.bp"), read(out / "interface_0.bp")
+    bodies, interface = read_vtx(out / "bodies.bp"), read_vtx(out / "interface_0.bp")
     points = bodies["geometry"]
     assert bodies["displacement"].shape == points.shape
     assert bodies["stress"].shape == (len(points), 9)
@@ -116,8 +109,8 @@ def test_chosen_fields(comm, out, cell):
     assert [path.name for path in (out / "a").iterdir()] == ["bodies.bp"]
     assert [path.name for path in (out / "b").iterdir()] == ["bond.bp"]
     if comm.size == 1:
-        assert "displacement" not in read(out / "a" / "bodies.bp")
-        assert not {"traction", "displacement"} & set(read(out / "b" / "bond.bp"))
+        assert "displacement" not in read_vtx(out / "a" / "bodies.bp")
+        assert not {"traction", "displacement"} & set(read_vtx(out / "b" / "bond.bp"))
     with pytest.raises(ValueError, match=r"no field 'strain'; choose from \('displacement'"):
         FieldWriter(problem, out / "c", fields=["strain"])
 

@@ -15,9 +15,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
 
-import adios2
 import matplotlib.pyplot as plt
 import numpy as np
+from helpers.vtx import read_vtx
 from matplotlib.figure import Figure
 
 import vmdg
@@ -194,13 +194,10 @@ def files_finite(run: Run, folder: Path) -> list[str]:
         writer.write(run.problem.t)
     count = 0
     for path in sorted((folder / "fields").glob("*.bp")):
-        with adios2.FileReader(str(path)) as reader:
-            for name, variable in reader.available_variables().items():
-                if variable["Type"] not in ("double", "float"):
-                    continue
-                count += 1
-                if not np.isfinite(reader.read(name)).all():
-                    found.append(f"{path.name}: {name}")
+        for name, values in read_vtx(path).items():
+            count += 1
+            if not np.isfinite(values).all():
+                found.append(f"{path.name}: {name}")
     if not count:
         found.append("no field was written")
     return [f"not finite in a file: {item}" for item in found]
