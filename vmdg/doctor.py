@@ -35,7 +35,10 @@ EXACT = 1e-8
 #: What tells a process how many ranks mpirun has started, by MPI.
 RANKS = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
 
-_FENICS = "install FEniCSx 0.9 to 0.11: Debian's python3-dolfinx, conda-forge's fenics-dolfinx"
+_FENICS = (
+    "install FEniCSx 0.9 to 0.11: Debian's python3-dolfinx, conda-forge's fenics-dolfinx, "
+    "or PyPI's dolfinx-solver-real (Linux, Python 3.12 or newer)"
+)
 
 #: How to get the packages without which nothing works, and what others are for.
 REQUIRED = dict.fromkeys(("dolfinx", "ufl", "basix", "ffcx", "petsc4py", "mpi4py"), _FENICS)
@@ -368,8 +371,8 @@ CHECKS = (
     Check(
         "fields",
         check_fields,
-        "install DOLFINx with ADIOS2 (Debian and conda-forge have it), and give a TMPDIR that all "
-        "ranks can write to",
+        "install DOLFINx with ADIOS2 (Debian, conda-forge and PyPI's wheel have it), and give a "
+        "TMPDIR that all ranks can write to",
     ),
     Check(
         "checkpoints",
