@@ -28,7 +28,7 @@ from studies.stability.scenes import Bond, Case
 import vmdg
 
 # The scenes are meant to be out of all proportion.
-pytestmark = pytest.mark.filterwarnings("ignore::vmdg.problem.checks.ModelWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")
 
 #: Three runs a family.
 RUNS = numbers(3)

@@ -71,7 +71,7 @@ def test_work_of_the_path(comm):
     assert np.abs(history["imbalance"][bonded]).max() < 1e-6 * history["external"].max()
 
 
-@pytest.mark.filterwarnings("ignore::vmdg.problem.checks.ModelWarning")
+@pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")
 @pytest.mark.parametrize("kinematics", ["finite", "small"])
 def test_force_control_past_the_peak(comm, kinematics):
     """Under a dead load the load factor is the traction: it rises to the strength and falls.

@@ -40,7 +40,7 @@ def test_error_says_what_happened_and_what_helps(comm):
     )
 
 
-@pytest.mark.filterwarnings("ignore::vmdg.problem.checks.ModelWarning")
+@pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")
 @pytest.mark.parametrize("loads", [[50.0, 99.0, 101.0], [101.0]], ids=["steps", "at once"])
 def test_jump_that_led_nowhere(comm, loads):
     """A dead load beyond the strength has no equilibrium: the error says so, and what helps."""

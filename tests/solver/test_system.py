@@ -47,9 +47,12 @@ def run(problem, loads, condensed, **options):
 
 
 def assert_same(comm, first, second, rel=1e-9):
-    """Arrays agree relative to their largest entries, or to .001 where all but vanish."""
+    """Arrays agree relative to their largest entries, or to .01 where all but vanish.
+
+    Where blocks have parted a traction is the rounding of r times the gap, some 1e-12 MPa.
+    """
     for one, other in zip(first, second, strict=True):
-        size = global_max(comm, np.abs(one).max(initial=1e-3))
+        size = global_max(comm, np.abs(one).max(initial=1e-2))
         assert global_max(comm, np.abs(one - other).max(initial=0.0)) <= rel * size
 
 
