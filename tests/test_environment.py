@@ -142,6 +142,7 @@ def test_failed_installation(machine):
     done = machine.run(fails + 'echo "next<$vmdg_venv$vmdg_python$vmdg_prefix>"')
     assert done.stdout == "next<>\n"
     assert "no network" in done.stderr and "could not be installed" in done.stderr
+    assert "libglu1-mesa" in done.stderr
     assert not [path for path in machine.cache.glob("wheels-*") if path.is_dir()]
 
 
