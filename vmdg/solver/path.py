@@ -398,7 +398,8 @@ class Path:
         problem.step.return_to(start)
         report, steps = jump(self._stepper, t, span, self._work)
         if report.converged:
-            problem.step.release(problem.energy().imbalance - imbalance)
+            # Not less than nothing, by rounding where bonds are next to nothing.
+            problem.step.release(max(problem.energy().imbalance - imbalance, 0.0))
         return report, steps
 
     def _refine(self, stage: Stage) -> None:

@@ -387,8 +387,10 @@ def irreversible(run: Run) -> list[str]:
                 found.append(f"Q falls by {share:.1e} of the strength")
         scale = 1e-9 * after.energy.dissipated
         for name in ("damage", "friction"):
-            if getattr(after.energy, name) < getattr(before.energy, name) - scale:
-                found.append(f"{name} heals at t = {after.t:.4g}")
+            spent = getattr(after.energy, name) - getattr(before.energy, name)
+            if spent < -scale:
+                share = f"{spent:.2e} of {after.energy.dissipated:.2e} N mm"
+                found.append(f"{name} heals at t = {after.t:.4g}, by {share}")
     return found[:1]
 
 
@@ -422,8 +424,9 @@ def energy_balance(run: Run) -> list[str]:
     External work is the mean of the reactions at both ends of a step times its displacement. On the
     way the reactions stay within what the run has seen and what the bonds can bear, and the true
     work differs by less than that times the displacement. Steps over a jump have the work of the
-    jump besides, and so has one at rest, which relaxes, to a small share. Energies are known no
-    better than the rounding of W.
+    jump besides, and so has one at rest, which relaxes, to a small share. What the curvature of the
+    path adds to the work of a step is known with the next one. Energies are known no better than
+    the rounding of W.
     """
     found = []
     rounding = 10 * EPS * _stiffest(run) * run.reach**run.case.mesh.d
@@ -433,6 +436,7 @@ def energy_balance(run: Run) -> list[str]:
         if bond.law.inelastic
     )
     jumps = [0, *run.history["jump_steps"]] if len(run.history) else [0]
+    last = 0.0
     for before, after, jumped in zip(run.records, run.records[1:], jumps[1:], strict=False):
         values = [run.problem.loading.prescribed_values(record.t) for record in (before, after)]
         moved = np.abs(values[1] - values[0])
@@ -445,6 +449,7 @@ def energy_balance(run: Run) -> list[str]:
         if run.case.traction is not None:
             load = max(np.linalg.norm(run.case.load(record.t)) for record in run.records)
             bound += load * np.abs(after.u - before.u).max()
+        bound, last = bound + last, bound
         change = abs(after.energy.imbalance - before.energy.imbalance)
         if jumped:
             bound += before.energy.stored
