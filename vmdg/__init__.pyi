@@ -2,6 +2,7 @@ from . import forms as forms
 from . import laws as laws
 from . import meshes as meshes
 from . import plot as plot
+from .base.parallel import ModelWarning as ModelWarning
 from .checkpoint.checkpoint import discard_checkpoint as discard_checkpoint
 from .checkpoint.checkpoint import read_checkpoint as read_checkpoint
 from .checkpoint.checkpoint import write_checkpoint as write_checkpoint
@@ -23,7 +24,6 @@ from .laws import MixedModeDebonding as MixedModeDebonding
 from .laws import Mode as Mode
 from .output.fields import FieldWriter as FieldWriter
 from .output.history import History as History
-from .problem.checks import ModelWarning as ModelWarning
 from .problem.problem import Problem as Problem
 from .problem.states import Energy as Energy
 from .problem.states import Snapshot as Snapshot

@@ -22,9 +22,6 @@ from vmdg.base.parallel import global_max
 
 TWO_CELLS = pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
 EVERY_DEGREE = pytest.mark.parametrize("degree", [1, 2])
-#: Slides over most of a coarse facet on purpose.
-SLIDES = pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")
-
 BOTH_FRAMES = pytest.mark.parametrize("frame", ["reference", "corotating"])
 BOTH_FORMS = pytest.mark.parametrize("jump", [False, True], ids=["(27)", "(26)"])
 
@@ -180,7 +177,6 @@ def moved(comm, cell, degree, motion, law=None, materials=MATERIALS, jump=False,
     return through(problem, *(lambda m=m: put(problem, scene, *m) for m in motions))
 
 
-@SLIDES
 @BOTH_FRAMES
 @pytest.mark.parametrize("motion", MOTIONS)
 @TWO_CELLS

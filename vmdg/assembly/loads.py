@@ -15,7 +15,7 @@ from ufl.domain import extract_domains
 from ..base.kernels import compile_form
 from ..base.parallel import raise_together
 from ..base.quadrature import load_degree
-from ..domain.topology import facet_cells, local_facets
+from ..domain.topology import boundary_rows
 from ..forms.geometry import Geometry
 from .values import Value, first_value, takes_points, value_at
 
@@ -79,10 +79,7 @@ class DeadLoads:
         Raises:
             ValueError: the value has the wrong shape, or is an expression of another mesh.
         """
-        dim = self._mesh.topology.dim - 1
-        owned = facets[facets < self._mesh.topology.index_map(dim).size_local]
-        cells = facet_cells(self._mesh)[owned, 0]
-        rows = np.column_stack([cells, local_facets(self._mesh, cells, owned)]).ravel()
+        dim, rows = self._mesh.topology.dim - 1, boundary_rows(self._mesh, facets)
         self._tractions.append(self._load(value, rows, dim, facets, "traction"))
 
     def add_body_force(self, cells: NDArray[np.int32], value: Value | Expr) -> None:

@@ -136,3 +136,16 @@ def _number(
     _, group = np.unique(smallest[nodes], return_inverse=True)
     numbers = group_maxima(mesh.comm, cells, numbers, nodes, group)
     return np.where(nodes, numbers, unsplit.array[dofs]), size_local
+
+
+def at_owners(space: fem.FunctionSpace, vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """An assembled vector on owned dofs, what ghosts have added to their owners; collective.
+
+    Args:
+        space: Its space.
+        vector: Over local dofs.
+    """
+    total = fem.Function(space).x
+    total.array[:] = vector
+    total.scatter_reverse(la.InsertMode.add)
+    return total.array[: space.dofmap.index_map.size_local * space.dofmap.index_map_bs]

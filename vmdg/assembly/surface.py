@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.la import InsertMode
 from dolfinx.mesh import Mesh
 from numpy.typing import ArrayLike, NDArray
 from ufl.core.expr import Expr
@@ -19,10 +18,11 @@ from ..base.kernels import compile_form
 from ..base.parallel import global_max, raise_together
 from ..base.quadrature import load_degree
 from ..domain.materials import Bodies
-from ..domain.topology import facet_cells, local_facets
+from ..domain.topology import boundary_rows
 from ..forms import surface
 from ..interface.active import ActiveInterface
 from ..interface.fluid import Fluid
+from .space import at_owners
 from .values import Value, first_value, takes_points, value_at
 
 Array = NDArray[np.float64]
@@ -251,10 +251,7 @@ class Surface:
 
     def _ds(self, facets: NDArray[np.int32]) -> ufl.Measure:
         """Over the owned ones of these boundary facets."""
-        dim = self._mesh.topology.dim - 1
-        owned = facets[facets < self._mesh.topology.index_map(dim).size_local]
-        cells = facet_cells(self._mesh)[owned, 0]
-        rows = np.column_stack([cells, local_facets(self._mesh, cells, owned)]).ravel()
+        rows = boundary_rows(self._mesh, facets)
         return ufl.Measure(
             "ds",
             domain=self._mesh,
@@ -307,13 +304,10 @@ class Surface:
 
     def spring_forces(self) -> Array:
         """The same on owned dofs, what ghosts have added to their owners; collective [N]."""
-        owned = self._space.dofmap.index_map.size_local * self._space.dofmap.index_map_bs
         if not self._springs:
-            return np.zeros(owned)
-        forces = fem.Function(self._space)
-        forces.x.array[:] = self.spring_vector()
-        forces.x.scatter_reverse(InsertMode.add)
-        return forces.x.array[:owned]
+            dofs = self._space.dofmap
+            return np.zeros(dofs.index_map.size_local * dofs.index_map_bs)
+        return at_owners(self._space, self.spring_vector())
 
     def spring_work(self, motions: Array) -> Array:
         """Work m_i.K.m_j of the springs at every local dof, for displacements m (k, local dofs).

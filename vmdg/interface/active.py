@@ -202,12 +202,6 @@ class ActiveInterface:
         if self.law.inelastic:
             self.history = with_rows(self.history, mine, other.history, theirs)
 
-    def overstress(self) -> float:
-        """Largest traction of the drag of the last step on this rank, relative to the strength."""
-        if self._drag is None or not self._drag.any():
-            return 0.0
-        return float((self._drag * self.values.update.multiplier).max() / self.law.strength)
-
     def works(self) -> NDArray[np.float64]:
         """What this rank's points dissipate in the step, (39), by damage, friction and viscosity.
 

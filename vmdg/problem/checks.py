@@ -10,15 +10,7 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.parallel import (
-    ModelWarning as ModelWarning,
-)
-from ..base.parallel import (
-    global_any,
-    global_max,
-    raise_together,
-    warn_together,
-)
+from ..base.parallel import global_any, global_max, raise_together, warn_together
 from ..domain.topology import box_sides
 from ..interface.active import ActiveInterface
 from ..interface.stabilization import SAME_UNITS, SUSPICIOUS_RATIO

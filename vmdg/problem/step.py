@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from dolfinx import fem
-from dolfinx.la import InsertMode
 from numpy.typing import NDArray
 
 from ..assembly.discretization import Discretization
+from ..assembly.space import at_owners
 from ..base.parallel import global_any, global_max, global_sum, warn_together
 from ..interface.activation import Activation, Utilization
 from ..interface.sliding import sliding
@@ -148,7 +147,7 @@ class Step:
         if self._loading.pressurised:
             forces = self._residual_rate(INCREMENT * (ray.end - ray.start))
         else:
-            forces = self._at_owners(ray.rate(ray.vectors))
+            forces = at_owners(self.discretization.space, ray.rate(ray.vectors))
         forces[self._loading.owned_prescribed] = 0
         return forces
 
@@ -166,13 +165,6 @@ class Step:
         now.update_dilatation()
         now.forces.x.array[:] = forces
         return rate / change
-
-    def _at_owners(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A load vector over local dofs, what ghosts have added to their owners [N]."""
-        loads = fem.Function(self.discretization.space)
-        loads.x.array[:] = vector
-        loads.x.scatter_reverse(InsertMode.add)
-        return loads.x.array[: self.discretization.owned]
 
     def inverted(self) -> bool:
         """Whether cells are turned inside out, det F <= 0; collective."""
@@ -201,11 +193,6 @@ class Step:
         self._repeats = repeats
         return True
 
-    def overstress(self) -> float:
-        """Largest traction of the drag of the step relative to the strength; collective."""
-        here = [active.overstress() for active in self.discretization.active.values()]
-        return global_max(self._comm, max(here, default=0.0))
-
     def commit(self) -> None:
         """Take the current state as converged: history, dissipation and external work."""
         self.external += self._external_work()
@@ -214,26 +201,23 @@ class Step:
         for active in self.discretization.active.values():
             active.commit()
         self._repeats = 0
-        if self.discretization.can_fail:
-            self._watch_sliding()
 
-    def slid(self) -> float:
+    def watch_sliding(self) -> float:
         """Largest slip of points in contact now, relative to the size of their facets; collective.
+
+        Warns once where contact slides so far that most points face another facet by then.
 
         Returns:
             A ratio; 0 where nothing is pressed or has slipped.
         """
-        here = [sliding(active).ratio for active in self.discretization.active.values()]
-        return global_max(self._comm, max(here, default=0.0))
-
-    def _watch_sliding(self) -> None:
-        """Warn once of contact that slides so far that most points face another facet by then."""
         here = [(sliding(active), active) for active in self.discretization.active.values()]
+        if not here:
+            return 0.0
         largest, active = max(here, key=lambda found: found[0].ratio)
         before, now = self.sliding, global_max(self._comm, largest.ratio)
         self.sliding, message = max(before, now), None
         if before > SLID or now <= SLID:
-            return
+            return now
         if largest.ratio == now:
             message = (
                 f"{active.interface}: at facet {largest.facet} at "
@@ -244,6 +228,7 @@ class Step:
                 "all of it (problem.step.sliding has the largest ratio so far)"
             )
         warn_together(self._comm, message)
+        return now
 
     def cancel(self) -> None:
         """Return to the state before :meth:`begin`: a failed step leaves no trace."""
@@ -273,7 +258,7 @@ class Step:
             (self._loads_at_start, start.forces),
             (self._loading.vector, now.forces.x.array),
         ):
-            ends.append(self._at_owners(vector))
+            ends.append(at_owners(now.space, vector))
             ends[-1][prescribed] += forces[prescribed]
         change = (now.u.x.array - start.u)[owned]
         if now.surface.fluids:

@@ -14,7 +14,7 @@ from ..problem.loading import Ray
 from ..problem.problem import Problem
 from ..problem.states import Snapshot
 from .control import Arrival, Control, Direction, Work
-from .jump import jump
+from .jump import CUT, GROWTH, jump
 from .reasons import explained
 from .report import StepReport
 from .result import Result, StepFailure
@@ -32,9 +32,6 @@ SMOOTH = 0.5
 
 #: Corrections that a step should take: with fewer the next one goes further.
 AIM = 4
-
-#: Largest growth of a step, and what a failed one is cut by.
-GROWTH, CUT = 2.0, 0.25
 
 #: How exactly a limit point is found, relative to the stage, and in how many steps at most.
 LIMIT, MAX_REFINEMENTS = 1e-6, 12
@@ -109,7 +106,8 @@ class Stage:
         start: Load factor.
         target: Load factor.
         follows: Whether the load may be controlled by the work on bonds.
-        rise: The state before the present one and the work on bonds between them.
+        rise: The state before the present one and the work on bonds between them; None where there
+            is none, or facets have opened since.
         limit: State of the largest load so far, where the path has turned back after it.
         after: States behind it, which become rows if the load grows beyond the limit again.
         traces: Whether snaps are followed back.
@@ -194,7 +192,9 @@ class Path:
             if stage.traces:
                 yield part
             elif stage.limit is None and stage.ahead(part.t, before.t) >= 0:
-                stage.rise = before, part.report.work
+                # Not where facets have opened: directions belong to one discretization.
+                opened = part.report.change is None
+                stage.rise = None if opened else (before, part.report.work)
                 yield part
             else:
                 yield from self._behind_limit(stage, before, part)

@@ -119,7 +119,7 @@ def _add_row(
         "krylov [-]": part.report.krylov,
     }
     if any(interface.law.inelastic for interface in problem.interfaces):
-        row["sliding [-]"] = problem.step.slid()
+        row["sliding [-]"] = problem.step.watch_sliding()
     if options.energy:
         energy = problem.energy()
         energies = asdict(energy) | {"imbalance": energy.imbalance}
