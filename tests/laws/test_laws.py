@@ -525,6 +525,20 @@ def test_extremes_stay_finite_and_silent(make, ratio, mu, d):
         assert np.isfinite(getattr(update, name)).all(), name
 
 
+@EVERY_LAW
+@pytest.mark.parametrize("nu", [0.0, 0.3 * H])
+@pytest.mark.parametrize("worn", [0.0, 0.5, 1.0])
+def test_a_trial_that_is_no_number_stays_one_in_silence(make, nu, worn):
+    # As of a material in a cell that a trial displacement turns inside out: the step is given up.
+    law = make(0.3, nu)
+    normal, gap = np.tile([1.0, 0.0], (2, 1)), np.zeros((2, 2))
+    softening = np.full(2, worn * law.strength)
+    trial = np.array([[np.nan, np.nan], [0.5 * P_C, 0.25 * P_C]])
+    update = law.return_map(trial, normal, gap, softening, 10.0 * law.softening_modulus)
+    assert np.isnan(update.gap[0] + update.traction[0]).all()
+    assert np.isfinite(update.gap[1] + update.traction[1]).all()
+
+
 @pytest.mark.parametrize("make", [Debonding, ExponentialDebonding])
 @pytest.mark.parametrize("strength", [1e-300, 1e-100, 1e-12])
 def test_vanishing_strength_is_contact_alone(make, strength):

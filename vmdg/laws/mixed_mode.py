@@ -117,8 +117,10 @@ class MixedModeDebonding(ExtrinsicLaw):
         # critical gaps.
         opening = at.trial_n / (at.penalty * self.in_opening.critical_gap)
         sliding = at.shear / (at.penalty * self.in_shear.critical_gap)
-        fails = np.sqrt(opening * opening + sliding * sliding) >= rho_n
-        gone, left = (Points(*(array[mask] for array in at)) for mask in (fails, ~fails))
+        # What holds has rho_n > 0, so that A and B are not zero, also where the material of a trial
+        # state has no traction (NaN, in a cell turned inside out).
+        holds = np.sqrt(opening * opening + sliding * sliding) < rho_n
+        gone, left = (Points(*(array[mask] for array in at)) for mask in (~holds, holds))
         if gone.rows.size:
             self._separate(update, gone)
         if left.rows.size:
