@@ -17,7 +17,28 @@ P_N, P_S, G_N, G_S = 40.0, 60.0, 0.3, 1.1
 LAW = MixedModeDebonding(P_N, P_S, G_N, G_S)
 NORMAL = np.array([[1.0, 0.0]])
 
+# with an exponent of Camanho and Davila (2002)
+CRITERIA = [("linear", None), ("BK", 2.284), ("BK", 1.0), ("power", 1.0), ("power", 2.0)]
+EVERY_CRITERION = pytest.mark.parametrize(("criterion", "exponent"), CRITERIA)
+
+
+def with_criterion(criterion, exponent, **more):
+    return MixedModeDebonding(P_N, P_S, G_N, G_S, criterion=criterion, exponent=exponent, **more)
+
+
+def energy_of(criterion, exponent, share):
+    """G_c [N/mm] by the words of the criterion, share = G_II/G_c."""
+    if criterion == "BK":
+        return G_N + (G_S - G_N) * share**exponent
+    x = exponent or 1.0
+    return (((1.0 - share) / G_N) ** x + (share / G_S) ** x) ** (-1.0 / x)
+
+
 seeds = st.integers(0, 2**32 - 1)
+
+
+def dot(a, b):
+    return np.einsum("ij,ij->i", a, b)
 
 
 def opened(law, openings, ratio=3.0):
@@ -65,6 +86,94 @@ def test_energy_at_fixed_ratio_of_tractions(angle, steps):
     spent = total(updates)
     assert spent == pytest.approx(float(LAW.energy_at(angle)), rel=1e-9)
     assert spent == pytest.approx(G_N * cos**2 + G_S * sin**2, rel=1e-9)
+
+
+@EVERY_CRITERION
+@pytest.mark.parametrize("share", np.linspace(0.0, 1.0, 9))
+@pytest.mark.parametrize("steps", [1, 50])
+def test_proportional_opening_spends_what_the_criterion_says(criterion, exponent, share, steps):
+    """At 9 ratios of the modes; G_I and G_II by the work of the components of T."""
+    law = with_criterion(criterion, exponent)
+    r = 3.0 * law.softening_modulus
+    wanted = energy_of(criterion, exponent, share)
+    # G_s sin^2/(G_n cos^2 + G_s sin^2) = share
+    angle = math.atan2(math.sqrt(share / G_S), math.sqrt((1.0 - share) / G_N))
+    traction = np.array([P_N * math.cos(angle), P_S * math.sin(angle)])
+    # the triangle of T and zeta has the area G_c
+    critical = np.array([math.cos(angle) * G_N / P_N, math.sin(angle) * G_S / P_S])
+    critical *= 2.0 * wanted / (G_N * math.cos(angle) ** 2 + G_S * math.sin(angle) ** 2)
+    assert 0.5 * traction @ critical == pytest.approx(wanted, rel=1e-12)
+    d = np.linspace(0.0, 1.0, steps + 1)[1:, None, None]
+    tractions = (1.0 - d) * traction[None, :]
+    updates = follow(law, tractions + r * d * critical[None, :], NORMAL, r)
+    np.testing.assert_allclose([update.traction for update in updates], tractions, atol=1e-9)
+    spent = total(updates)
+    assert spent == pytest.approx(wanted, rel=1e-9)
+    assert float(law.energy_at(angle)) == pytest.approx(wanted, rel=1e-12)
+    gaps = np.concatenate([np.zeros((1, 2)), *(update.gap for update in updates)])
+    held = np.concatenate([traction[None, :], *(update.traction for update in updates)])
+    modes = (0.5 * (held[1:] + held[:-1]) * np.diff(gaps, axis=0)).sum(axis=0)
+    assert modes[1] / modes.sum() == pytest.approx(share, abs=1e-9)
+
+
+@EVERY_CRITERION
+@pytest.mark.parametrize("ratio", [1.001, 3.0, 1e4])
+def test_turning_paths_dissipate_and_never_heal(criterion, exponent, ratio):
+    """The ratio of the modes changes at random, between pure opening and pure shear."""
+    law = with_criterion(criterion, exponent)
+    r, rng, n = ratio * law.softening_modulus, np.random.default_rng(7), 500
+    normal = np.tile(NORMAL, (n, 1))
+    gap, softening, spent = np.zeros((n, 2)), np.zeros(n), np.zeros(n)
+    for _ in range(40):
+        step = rng.normal(size=(n, 2)) * 0.2 * np.array([G_N / P_N, G_S / P_S])
+        load = gap + np.abs(step) + 1.2 * np.array([P_N, P_S]) * rng.random((n, 1)) / r
+        update = law.return_map(r * (load - gap), normal, gap, softening, r)
+        assert (update.damage_work >= 0.0).all()
+        assert (dot(update.traction, update.gap - gap) >= -1e-13).all()
+        assert (update.softening >= softening).all()
+        gap, softening, spent = update.gap, update.softening, spent + update.damage_work
+    assert (softening == P_N).mean() > 0.9
+    energies = law.energy_at(np.linspace(0.0, 0.5 * np.pi, 2001))
+    assert (spent[softening == P_N] >= energies.min() * (1 - 1e-5)).all()
+    assert (spent <= energies.max() * (1 + 1e-5)).all()
+
+
+@EVERY_CRITERION
+def test_steps_have_one_root_above_the_softening_modulus(criterion, exponent):
+    """The map from (g, th) to the trial traction keeps its orientation, by differences."""
+    law = with_criterion(criterion, exponent)
+    H, g = law.softening_modulus, np.linspace(0.01, 0.99, 30)[:, None]
+    assert pytest.approx(oracle.steepest(law), rel=1e-6) == H
+    th, step = np.linspace(1e-4, 0.5 * np.pi - 1e-4, 801), 1e-6
+    h_n, h_s = P_N**2 / (2 * G_N), P_S**2 / (2 * G_S)
+
+    def trial(r, g, th):
+        cos, sin = np.cos(th), np.sin(th)
+        share = G_S * sin**2 / (G_N * cos**2 + G_S * sin**2)
+        m = energy_of(criterion, exponent, share) / (G_N * cos**2 + G_S * sin**2)
+        return (1 - g + r * g * m / h_n) * cos, (1 - g + r * g * m / h_s) * sin
+
+    def determinant(r):
+        by_g = np.subtract(trial(r, g + step, th), trial(r, g - step, th))
+        by_th = np.subtract(trial(r, g, th + step), trial(r, g, th - step))
+        return (by_g[0] * by_th[1] - by_g[1] * by_th[0]) / (2 * step) ** 2
+
+    assert (determinant(1.0001 * H) > 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"criterion": "bk"}, "criterion = 'bk': must be one of"),
+        ({"criterion": "BK"}, "exponent is missing"),
+        ({"exponent": 2.0}, "the linear criterion has none"),
+        ({"criterion": "power", "exponent": 0.5}, "must be at least 1"),
+        ({"criterion": "BK", "exponent": math.nan}, "must be at least 1"),
+    ],
+)
+def test_wrong_criteria_are_refused(options, words):
+    with pytest.raises(ValueError, match=words):
+        MixedModeDebonding(P_N, P_S, G_N, G_S, **options)
 
 
 @SETTINGS
@@ -126,6 +235,9 @@ def test_symmetric_only_with_equal_energies():
     assert MixedModeDebonding(40.0, 60.0, 0.5, 0.5).symmetric
     assert not LAW.symmetric
     assert not MixedModeDebonding(40.0, 60.0, 0.5, 0.5, friction=0.1).symmetric
+    equal = (40.0, 60.0, 0.5, 0.5)
+    assert MixedModeDebonding(*equal, criterion="BK", exponent=2.0).symmetric
+    assert not MixedModeDebonding(*equal, criterion="power", exponent=2.0).symmetric
 
 
 def test_the_steeper_mode_bounds_the_penalty():

@@ -152,13 +152,40 @@ def radial(curve, mu, eta, trial, normal, gap, softening, r):
     return Step(traction, new_gap, max(softening, curve.strength - left), slip, mode, *works)
 
 
+def interaction(law, cos, sin):
+    """m(th) of `MixedModeDebonding`: the energy of the criterion over that of the linear one."""
+    g_n, g_s, x = law.normal_energy, law.shear_energy, law.exponent
+    linear = g_n * cos**2 + g_s * sin**2
+    share = g_s * sin**2 / linear
+    if law.criterion == "BK":
+        return (g_n + (g_s - g_n) * share**x) / linear
+    if law.criterion == "power":
+        return (((1 - share) / g_n) ** x + (share / g_s) ** x) ** (-1 / x) / linear
+    return 1.0
+
+
+def steepest(law):
+    """H of `MixedModeDebonding`: the least r with one root only, by differences of m."""
+    p_n, p_s = law.normal_strength, law.shear_strength
+    h_n, h_s = p_n**2 / (2 * law.normal_energy), p_s**2 / (2 * law.shear_energy)
+
+    def needed(th):
+        cos, sin, step = math.cos(th), math.sin(th), 1e-6
+        m = interaction(law, cos, sin)
+        ahead, behind = (interaction(law, math.cos(x), math.sin(x)) for x in (th + step, th - step))
+        bend = (ahead - behind) / (2 * step * m) * (h_n - h_s) * sin * cos
+        return max(h_n, h_s, h_n * cos**2 + h_s * sin**2 + bend) / m
+
+    return max(needed(0.5 * math.pi * i / 2000) for i in range(2001))
+
+
 def mixed(law, eta, trial, normal, gap, softening, r):
-    """`MixedModeDebonding`: bisection for d_{n+1} in the statement of flow and yield."""
+    """`MixedModeDebonding`: bisection for th and d_{n+1} in the statement of flow and yield."""
     p_n, p_s = law.normal_strength, law.shear_strength
     z_n, z_s = 2.0 * law.normal_energy / p_n, 2.0 * law.shear_energy / p_s
     rho_n = max(1.0 - softening / p_n, 0.0)
     trial_n = dot(trial, normal)
-    fade = 0.5 * (r - max(p_n / z_n, p_s / z_s))
+    fade = 0.5 * (r - law.softening_modulus)
     if trial_n < 0.0:
         new_gap, traction, slip, left, mode, works = pressed(
             Linear(p_s, z_s), law.friction, eta, fade, trial, normal, gap, r, p_s * rho_n
@@ -171,33 +198,44 @@ def mixed(law, eta, trial, normal, gap, softening, r):
     def borne_by_rate(g):
         return (rho_n - g) * min(eta * g, fade)
 
-    def angle(g):
+    def direction(g, m):
         """(cos th, sin th) that the trial traction asks for, not yet of length one."""
-        rho, v = rho_n - g, borne_by_rate(g)
-        return (
-            trial_n / (p_n * rho + (r * g + v) * z_n),
-            t / (p_s * rho + (r * g + v) * z_s),
-        )
+        rho, v = (rho_n - g, borne_by_rate(g)) if g < rho_n else (0.0, 0.0)
+        flow = (r * g + v) * m
+        return trial_n / (p_n * rho + flow * z_n), t / (p_s * rho + flow * z_s)
+
+    def growth(m):
+        parting = math.hypot(trial_n / (r * z_n), t / (r * z_s)) / m
+        if parting >= rho_n:
+            return parting
+        return bisect(lambda g: 1.0 - math.hypot(*direction(g, m)), 0.0, rho_n)
+
+    def turned(th):
+        m = interaction(law, math.cos(th), math.sin(th))
+        cos, sin = direction(growth(m), m)
+        return th - math.atan2(sin, cos)
 
     if math.hypot(trial_n / p_n, t / p_s) <= rho_n and rho_n > 0.0:
         return Step(list(trial), list(gap), softening, 0.0, "ELASTIC", 0.0, 0.0, 0.0)
-    if math.hypot(trial_n / (r * z_n), t / (r * z_s)) >= rho_n:
+    cos, sin = trial_n / z_n, t / z_s
+    length = math.hypot(cos, sin) or 1.0
+    cos, sin = cos / length, sin / length
+    if length / r >= rho_n * interaction(law, cos, sin):
         step = combine((1.0 / r, trial))
         rho, mode, viscous = 0.0, "OPEN", 0.0
-        cos, sin = trial_n / z_n, t / z_s
-        length = math.hypot(cos, sin) or 1.0
-        cos, sin = cos / length, sin / length
     else:
-        g = bisect(lambda g: 1.0 - math.hypot(*angle(g)), 0.0, rho_n)
+        m = 1.0
+        if law.criterion != "linear":
+            th = bisect(turned, 0.0, 0.5 * math.pi)
+            m = interaction(law, math.cos(th), math.sin(th))
+        g = growth(m)
         rho, mode = rho_n - g, "TENSION"
-        cos, sin = angle(g)
-        step = combine((g * z_n * cos, normal), (g * z_s * sin / t if t else 0.0, shear))
-        viscous = borne_by_rate(g) * g * ((z_n * cos) ** 2 + (z_s * sin) ** 2)
+        cos, sin = direction(g, m)
+        step = combine((m * g * z_n * cos, normal), (m * g * z_s * sin / t if t else 0.0, shear))
+        viscous = borne_by_rate(g) * g * m**2 * ((z_n * cos) ** 2 + (z_s * sin) ** 2)
     length = math.sqrt(dot(step, step))
-    work = trapezoids(
-        lambda g: 2 * (rho_n - g) * (law.normal_energy * cos**2 + law.shear_energy * sin**2),
-        rho_n - rho,
-    )
+    energy = interaction(law, cos, sin) * (law.normal_energy * cos**2 + law.shear_energy * sin**2)
+    work = trapezoids(lambda g: 2 * (rho_n - g) * energy, rho_n - rho)
     return Step(
         combine((1.0, trial), (-r, step)),
         combine((1.0, gap), (1.0, step)),

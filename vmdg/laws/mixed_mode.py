@@ -1,9 +1,10 @@
-"""Different strengths and energies in opening and shear."""
+"""Different strengths and energies in opening and shear, with a criterion for their mixture."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,9 +19,27 @@ from .base import (
     outer,
     unit,
 )
+from .criteria import Criterion, Linear, criterion_of
 from .debonding import Debonding
 from .extrinsic import ExtrinsicLaw, Points
 from .roots import increasing_root
+
+#: Angles at which the descent of a criterion is looked up.
+_ANGLES = 20001
+
+
+class Flow(NamedTuple):
+    """Return to the yield surface at points where some bond is left, see `MixedModeDebonding`."""
+
+    g: Array  #: d_{n+1} - d_n
+    cos: Array  #: of th
+    sin: Array
+    A: Array
+    B: Array
+    A_by: tuple[Array, Array]  #: derivatives of A by g and by th
+    B_by: tuple[Array, Array]
+    m: Array  #: m(th)
+    m_by_angle: Array
 
 
 @dataclass(frozen=True)
@@ -30,32 +49,48 @@ class MixedModeDebonding(ExtrinsicLaw):
     Yield (T_N >= 0): sqrt((T_N/P_n)^2 + (|T_T|/P_s)^2) <= rho = 1 - d. With (cos th, sin th) =
     (T_N/P_n, |T_T|/P_s)/rho and critical gaps zeta_n = 2 G_n/P_n, zeta_s = 2 G_s/P_s the flow is
 
-        dzeta = dd (zeta_n cos th N + zeta_s sin th t),  t = T_T/|T_T|.
+        dzeta = dd m(th) (zeta_n cos th N + zeta_s sin th t),  t = T_T/|T_T|,
+        m(th) = G_c(phi)/(G_n cos^2 th + G_s sin^2 th),
 
-    Pure opening spends G_n, pure shear G_s. On any path dG_I = 2 G_n rho cos^2 th dd and dG_II = 2
-    G_s rho sin^2 th dd are not negative and G_I/G_n + G_II/G_s = 1 at separation: the linear
-    interaction criterion, whatever the history of the mixity. At a fixed ratio of tractions the
-    energy is `energy_at` th = G_n cos^2 th + G_s sin^2 th. The flow is normal to the yield surface,
-    and the tangent symmetric, exactly when G_n = G_s; equal strengths and energies give
-    `Debonding`.
+    with phi = G_s sin^2 th/(G_n cos^2 th + G_s sin^2 th) the share of shear in the energy. Pure
+    opening spends G_n, pure shear G_s, and a fixed ratio of tractions G_c(phi) of the `criterion`:
 
-    With g = d_{n+1} - d_n, viscosity acts beside the bond, T = T_bond + v (zeta_n cos th N + zeta_s
-    sin th t), v = rho min(eta g, p), eta = viscosity/dt, p = (r - H)/2, H = max(H_n, H_s) =
-    `softening_modulus`, H_n = P_n/zeta_n, H_s = P_s/zeta_s: the overstress ends with the bond. With
-    a = T_tr.N/P_n, b = |T_tr,T|/P_s,
+    * "linear": G_I/G_n + G_II/G_s = 1, m = 1;
+    * "power": (G_I/G_n)^exponent + (G_II/G_s)^exponent = 1;
+    * "BK": G_c = G_n + (G_s - G_n) phi^exponent, Benzeggagh and Kenane (1996, Compos. Sci. Technol.
+      56); in cohesive laws Camanho and Davila (2002, NASA/TM-2002-211737), Turon, Camanho, Costa
+      and Davila (2006, Mech. Mater. 38).
 
-        A = rho_n + (r/H_n - 1) g + v/H_n,  B = rho_n + (r/H_s - 1) g + v/H_s,
-        (a/A)^2 + (b/B)^2 = 1
+    On any path, whatever the history of the mixity, a point dissipates 2 rho G_c(phi) dd, which is
+    not negative; with the linear criterion G_I/G_n + G_II/G_s = 1 at separation. The flow is normal
+    to the yield surface, and the tangent symmetric, exactly when m = 1 and G_n = G_s; equal
+    strengths and energies give `Debonding`.
 
-    is one equation for g; cos th = a/A, sin th = b/B. A and B grow with g, by (r + H)/(2 H_n) - 1
-    and (r + H)/(2 H_s) - 1 at least, so the root is unique for r > H. In contact the law is
-    `Debonding` with P_s, zeta_s and the same p. The history is Q = P_n d (MPa).
+    With g = d_{n+1} - d_n, viscosity acts beside the bond, T = T_bond + v m (zeta_n cos th N +
+    zeta_s sin th t), v = rho min(eta g, p), eta = viscosity/dt, p = (r - H)/2: the overstress ends
+    with the bond. With a = T_tr.N/P_n, b = |T_tr,T|/P_s, H_n = P_n/zeta_n, H_s = P_s/zeta_s,
+
+        A = rho + (r g + v) m/H_n,  B = rho + (r g + v) m/H_s,
+        A cos th = a,  B sin th = b
+
+    are two equations for g and th. With m = 1 one is left, (a/A)^2 + (b/B)^2 = 1. The map from
+    (g, th) to (a, b) has the determinant A_g B cos^2 + A B_g sin^2 + W (m'/m) (1/H_n - 1/H_s) sin
+    cos, W = (r g + v) m, A_g = W_g/H_n - 1, B_g = W_g/H_s - 1. It is positive for all g, and the
+    root unique, if for all th both
+
+        r m > max(H_n, H_s)  and  r m > H_n cos^2 + H_s sin^2 + (m'/m) (H_n - H_s) sin cos;
+
+    the least such r is H, `softening_modulus`; with viscosity W_g >= (r + H) m/2 takes the place of
+    r m. The history is Q = P_n d (MPa). In contact the law is `Debonding` with P_s, zeta_s and the
+    same p.
 
     Attributes:
         normal_strength, shear_strength: P_n and P_s, MPa.
         normal_energy, shear_energy: G_n and G_s, N/mm.
         friction: Coulomb coefficient mu.
         viscosity: MPa s/mm.
+        criterion: "linear", "power" or "BK".
+        exponent: of the last two, at least 1.
 
     Raises:
         ValueError: a parameter is out of range.
@@ -67,9 +102,18 @@ class MixedModeDebonding(ExtrinsicLaw):
     shear_energy: float
     friction: float = 0.0
     viscosity: float = 0.0
+    criterion: str = field(default="linear", kw_only=True)
+    exponent: float | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         check_parameters(self)
+        # a wrong criterion is refused here
+        criterion_of(self.criterion, self.exponent, self.shear_energy / self.normal_energy)
+
+    @cached_property
+    def interaction(self) -> Criterion:
+        """The criterion with its exponent."""
+        return criterion_of(self.criterion, self.exponent, self.shear_energy / self.normal_energy)
 
     @property
     def strength(self) -> float:
@@ -86,24 +130,37 @@ class MixedModeDebonding(ExtrinsicLaw):
         """The law in pure shear."""
         return Debonding(self.shear_strength, 2.0 * self.shear_energy / self.shear_strength)
 
-    @property
+    @cached_property
     def softening_modulus(self) -> float:
-        """max(H_n, H_s), MPa/mm."""
-        return max(self.in_opening.softening_modulus, self.in_shear.softening_modulus)
+        """H of the class docstring, MPa/mm; max(H_n, H_s) where m = 1."""
+        h_n, h_s = self.in_opening.softening_modulus, self.in_shear.softening_modulus
+        if isinstance(self.interaction, Linear):
+            return max(h_n, h_s)
+        angle = np.linspace(0.0, 0.5 * np.pi, _ANGLES)
+        cos, sin = np.cos(angle), np.sin(angle)
+        m, m_by_angle = self.interaction.flow_factor(cos, sin)
+        mixed = h_n * cos * cos + h_s * sin * sin + m_by_angle / m * (h_n - h_s) * sin * cos
+        return float(np.max(np.maximum(max(h_n, h_s), mixed) / m))
 
     @property
     def symmetric(self) -> bool:
         """No friction, and flow normal to the yield surface."""
-        return self.friction == 0.0 and self.normal_energy == self.shear_energy
+        equal = self.normal_energy == self.shear_energy
+        return self.friction == 0.0 and equal and self.criterion != "power"
 
     def energy_at(self, mixity: ArrayLike) -> Array:
-        """Energy to separation, N/mm.
+        """Energy G_c to separation, N/mm.
 
         Args:
             mixity: th = atan((|T_T|/P_s)/(T_N/P_n)), held fixed, radians.
         """
         mixity = np.asarray(mixity, dtype=float)
-        return self.normal_energy * np.cos(mixity) ** 2 + self.shear_energy * np.sin(mixity) ** 2
+        return self._energy(np.cos(mixity), np.sin(mixity))
+
+    def _energy(self, cos: Array, sin: Array) -> Array:
+        """G_c of th (n,), N/mm."""
+        m, _ = self.interaction.flow_factor(cos, sin)
+        return m * (self.normal_energy * cos * cos + self.shear_energy * sin * sin)
 
     def equivalent(self, normal: Array, shear: Array) -> Array:
         """T_eq = sqrt(T_N^2 + (P_n/P_s)^2 |T_T|^2)."""
@@ -114,26 +171,32 @@ class MixedModeDebonding(ExtrinsicLaw):
         """The return of the class docstring, for T_tr.N >= 0."""
         rho_n = at.resistance / self.strength
         # dzeta = T_tr/r if the bond fails within the step; d advances by its length in units of the
-        # critical gaps.
-        opening = at.trial_n / (at.penalty * self.in_opening.critical_gap)
-        sliding = at.shear / (at.penalty * self.in_shear.critical_gap)
+        # critical gaps, less m.
+        cos, sin, length = self._ray(at)
+        m, _ = self.interaction.flow_factor(cos, sin)
         # What holds has rho_n > 0, so that A and B are not zero, also where the material of a trial
         # state has no traction (NaN, in a cell turned inside out).
-        holds = np.sqrt(opening * opening + sliding * sliding) < rho_n
+        holds = length < rho_n * m
         gone, left = (Points(*(array[mask] for array in at)) for mask in (~holds, holds))
         if gone.rows.size:
             self._separate(update, gone)
         if left.rows.size:
             self._soften(update, left, eta)
 
+    def _ray(self, at: Points) -> tuple[Array, Array, Array]:
+        """(cos th, sin th) of dzeta = T_tr/r and its length, in units of the critical gaps."""
+        opening = at.trial_n / (at.penalty * self.in_opening.critical_gap)
+        sliding = at.shear / (at.penalty * self.in_shear.critical_gap)
+        length = np.sqrt(opening * opening + sliding * sliding)
+        some = np.where(length > 0.0, length, 1.0)
+        return np.where(length > 0.0, opening / some, 1.0), sliding / some, length
+
     def _separate(self, update: Update, at: Points) -> None:
         """No bond at the end of the step: dzeta = T_tr/r, T = 0."""
         compliance = 1.0 / at.penalty
         step = compliance[:, None] * at.trial
         # The mixity is that of the moment of failure on the ray of T_tr.
-        opening = at.trial_n / self.in_opening.critical_gap
-        sliding = at.shear / self.in_shear.critical_gap
-        mixity = np.arctan2(sliding, opening)
+        cos, sin, _ = self._ray(at)
 
         rows = at.rows
         update.traction[rows] = 0.0
@@ -143,73 +206,142 @@ class MixedModeDebonding(ExtrinsicLaw):
         update.tangent[rows] = compliance[:, None, None] * np.eye(step.shape[1])
         update.mode[rows] = Mode.OPEN
         rho_n = at.resistance / self.strength
-        update.damage_work[rows] = rho_n * rho_n * self.energy_at(mixity)
+        update.damage_work[rows] = rho_n * rho_n * self._energy(cos, sin)
 
     def _soften(self, update: Update, at: Points, eta: float) -> None:
         """Some bond left at the end of the step."""
-        r, p = at.penalty, self._fade(at.penalty)
+        p = self._fade(at.penalty)
         h_n, h_s = self.in_opening.softening_modulus, self.in_shear.softening_modulus
         rho_n = at.resistance / self.strength
         a, b = at.trial_n / self.normal_strength, at.shear / self.shear_strength
-
-        def sizes(g: Array) -> tuple[Array, ...]:
-            """A and B, and their slopes."""
-            bounded = eta * g > p
-            share = np.where(bounded, p, eta * g)
-            v, v_slope = share * (rho_n - g), np.where(bounded, 0.0, eta * (rho_n - g)) - share
-            A = rho_n + (r / h_n - 1.0) * g + v / h_n
-            B = rho_n + (r / h_s - 1.0) * g + v / h_s
-            return A, B, (r + v_slope) / h_n - 1.0, (r + v_slope) / h_s - 1.0
-
-        def yield_function(g: Array) -> tuple[Array, Array]:
-            # 1/|(a/A, b/B)| - 1 is nearly linear in g, where the equation as printed is not
-            A, B, slope_a, slope_b = sizes(g)
-            cos, sin = a / A, b / B
-            inverse = 1.0 / np.sqrt(cos * cos + sin * sin)
-            bend = cos * cos * slope_a / A + sin * sin * slope_b / B
-            return inverse - 1.0, inverse**3 * bend
-
-        g = increasing_root(yield_function, np.zeros_like(rho_n), rho_n, start=np.zeros_like(rho_n))
-        A, B, slope_a, slope_b = sizes(g)
-        cos, sin = a / A, b / B
+        flow = self._flow(a, b, rho_n, at.penalty, eta, p)
+        g, cos, sin, A, B, m = flow.g, flow.cos, flow.sin, flow.A, flow.B, flow.m
         rho = np.maximum(rho_n - g, 0.0)
         v = rho * np.minimum(eta * g, p)
 
         # dzeta = (k_n N (x) N + k_t (I - N (x) N)) T_tr
-        k_n, k_t = g / (h_n * A), g / (h_s * B)
+        k_n, k_t = g * m / (h_n * A), g * m / (h_s * B)
         trial_normal = at.trial_n[:, None] * at.normal
         trial_shear = at.trial - trial_normal
-        direction = unit(trial_shear, at.shear)
         step = k_n[:, None] * trial_normal + k_t[:, None] * trial_shear
         length2 = dot(step, step)
 
-        # d g/d T_tr from the equation, and d(dzeta)/d g
-        denominator = cos * cos * slope_a / A + sin * sin * slope_b / B
-        g_by_trial = (cos / (A * self.normal_strength))[:, None] * at.normal
-        g_by_trial += (sin / (B * self.shear_strength))[:, None] * direction
-        g_by_trial /= denominator[:, None]
-        # A - g dA/dg = rho_n + (v - g dv/dg)/H_n
-        rest = np.where(eta * g > p, p * rho_n, eta * g * g)
-        opening_by_g = self.in_opening.critical_gap * cos * (rho_n + rest / h_n) / A
-        sliding_by_g = self.in_shear.critical_gap * sin * (rho_n + rest / h_s) / B
-        step_by_g = opening_by_g[:, None] * at.normal + sliding_by_g[:, None] * direction
-
         rows = at.rows
-        update.traction[rows] = ((rho + v / h_n) / A)[:, None] * trial_normal + (
-            (rho + v / h_s) / B
+        update.traction[rows] = ((rho + v * m / h_n) / A)[:, None] * trial_normal + (
+            (rho + v * m / h_s) / B
         )[:, None] * trial_shear
         update.gap[rows] = at.gap + step
         update.softening[rows] = self._softened(at, rho, self.strength * g)
         update.multiplier[rows] = np.sqrt(length2)
-        tangent = outer((k_n - k_t)[:, None] * at.normal, at.normal)
-        tangent += outer(step_by_g, g_by_trial)
-        add_to_diagonal(tangent, k_t)
-        update.tangent[rows] = tangent
+        update.tangent[rows] = self._flow_tangent(flow, at.normal, unit(trial_shear, at.shear), k_t)
         update.mode[rows] = np.where(
             update.softening[rows] < self.strength, Mode.TENSION, Mode.OPEN
         )
         spent = (rho_n - rho) * (rho_n + rho)
-        update.damage_work[rows] = spent * (
-            self.normal_energy * cos * cos + self.shear_energy * sin * sin
-        )
+        update.damage_work[rows] = spent * self._energy(cos, sin)
         update.viscous_work[rows] = v * length2 / np.where(g > 0.0, g, 1.0)
+
+    def _flow_tangent(self, flow: Flow, normal: Array, direction: Array, k_t: Array) -> Array:
+        """d zeta/d T_tr (m, d, d) by the inverse of d(a, b)/d(g, th).
+
+        Args:
+            flow: At the end of the step.
+            normal: N (m, d).
+            direction: t (m, d).
+            k_t: |dzeta_T|/|T_tr,T| (m,), mm/MPa.
+        """
+        g, cos, sin, m = flow.g, flow.cos, flow.sin, flow.m
+        (A_g, A_th), (B_g, B_th) = flow.A_by, flow.B_by
+        a_th, b_th = A_th * cos - flow.A * sin, B_th * sin + flow.B * cos
+        determinant = A_g * cos * b_th - a_th * B_g * sin
+        g_by = b_th / determinant, -a_th / determinant
+        th_by = -B_g * sin / determinant, A_g * cos / determinant
+        opening = m * cos, g * (flow.m_by_angle * cos - m * sin)
+        sliding = m * sin, g * (flow.m_by_angle * sin + m * cos)
+        tangent = np.zeros((*normal.shape, normal.shape[1]))
+        for gap, left, (by_g, by_th) in (
+            (self.in_opening.critical_gap, normal, opening),
+            (self.in_shear.critical_gap, direction, sliding),
+        ):
+            for i, right, strength in (
+                (0, normal, self.normal_strength),
+                (1, direction, self.shear_strength),
+            ):
+                entry = gap / strength * (by_g * g_by[i] + by_th * th_by[i])
+                tangent += outer(entry[:, None] * left, right)
+        # across N and t
+        tangent -= outer(k_t[:, None] * normal, normal)
+        tangent -= outer(k_t[:, None] * direction, direction)
+        add_to_diagonal(tangent, k_t)
+        return tangent
+
+    def _flow(self, a: Array, b: Array, rho_n: Array, r: Array, eta: float, p: Array) -> Flow:
+        """g and th of the class docstring, where some bond is left.
+
+        Args:
+            a, b: T_tr.N/P_n and |T_tr,T|/P_s (m,).
+            rho_n: 1 - d_n (m,).
+            r: Penalty (m,), MPa/mm.
+            eta: viscosity/dt, MPa/mm.
+            p: (r - H)/2 (m,), MPa/mm.
+        """
+        h_n, h_s = self.in_opening.softening_modulus, self.in_shear.softening_modulus
+
+        def sizes(g: Array, m: Array) -> tuple[Array, ...]:
+            """A and B, their slopes by g, and r g + v."""
+            bounded = eta * g > p
+            share = np.where(bounded, p, eta * g)
+            v, v_slope = share * (rho_n - g), np.where(bounded, 0.0, eta * (rho_n - g)) - share
+            A = rho_n + (r * m / h_n - 1.0) * g + v * m / h_n
+            B = rho_n + (r * m / h_s - 1.0) * g + v * m / h_s
+            slope = (r + v_slope) * m
+            return A, B, slope / h_n - 1.0, slope / h_s - 1.0, r * g + v
+
+        def growth(m: Array, a: Array, b: Array, start: Array) -> Array:
+            """Root g of (a/A)^2 + (b/B)^2 = 1 at a given m."""
+
+            def yield_function(g: Array) -> tuple[Array, Array]:
+                # 1/|(a/A, b/B)| - 1 is nearly linear in g, where the equation as printed is not
+                A, B, slope_a, slope_b, _ = sizes(g, m)
+                cos, sin = a / A, b / B
+                inverse = 1.0 / np.sqrt(cos * cos + sin * sin)
+                bend = cos * cos * slope_a / A + sin * sin * slope_b / B
+                return inverse - 1.0, inverse**3 * bend
+
+            return increasing_root(yield_function, np.zeros_like(rho_n), rho_n, start=start)
+
+        def angle() -> Array:
+            """Root th of th = atan((b/B)/(a/A)), with g of `growth` at the m of th.
+
+            At an angle that is not the root the bond may be gone, g >= rho_n; then A and B are
+            r g m/H_n and r g m/H_s, and the right-hand side does not depend on th.
+            """
+            parted, parting = np.arctan2(b * h_s, a * h_n), np.hypot(b * h_s, a * h_n) / r
+            g = np.zeros_like(rho_n)
+
+            def turn(th: Array) -> tuple[Array, Array]:
+                nonlocal g
+                m, m_by_angle = self.interaction.flow_factor(np.cos(th), np.sin(th))
+                beyond = np.maximum(parting / (m * rho_n), 1.0)
+                g = growth(m, a / beyond, b / beyond, g)
+                A, B, A_g, B_g, W = sizes(g, m)
+                x, y = a / A, b / B
+                # relative changes of A and B with g and th, then with th along the root g
+                by_g, by_th = (A_g / A, B_g / B), W * m_by_angle / np.stack([h_n * A, h_s * B])
+                turned = (x * x * by_th[0] + y * y * by_th[1]) / (x * x * by_g[0] + y * y * by_g[1])
+                change = by_th[0] - by_th[1] - turned * (by_g[0] - by_g[1])
+                gone = beyond > 1.0
+                value = th - np.where(gone, parted, np.arctan2(y, x))
+                return value, np.where(gone, 1.0, 1.0 - x * y * change)
+
+            right = np.full_like(rho_n, 0.5 * np.pi)
+            return increasing_root(turn, np.zeros_like(rho_n), right, start=np.arctan2(b, a))
+
+        m, m_by_angle, start = np.ones_like(rho_n), np.zeros_like(rho_n), np.zeros_like(rho_n)
+        if not isinstance(self.interaction, Linear):
+            th = angle()
+            m, m_by_angle = self.interaction.flow_factor(np.cos(th), np.sin(th))
+        g = growth(m, a, b, start)
+        A, B, A_g, B_g, W = sizes(g, m)
+        by_th = W * m_by_angle
+        return Flow(g, a / A, b / B, A, B, (A_g, by_th / h_n), (B_g, by_th / h_s), m, m_by_angle)
