@@ -85,6 +85,23 @@ def test_under_load_control_the_step_fails(comm):
     assert problem.mean(0).gap[0] == 0
 
 
+def test_viscous_bond_that_is_held(comm):
+    """At rest its overstress ends: what the bond bears alone is no equilibrium, and it snaps."""
+    law = vmdg.Debonding(STRENGTH, 0.01, viscosity=1e4)
+    problem, onset = bar.with_law(comm, law), 2 * (bar.stretch(STRENGTH) - 1)
+    options = vmdg.SolveOptions(energy=True)
+    loads = np.linspace(0, 1.05 * onset, 8)[1:]
+    vmdg.solve(problem, loads, options)
+    assert problem.mean(0).traction[0] > STRENGTH
+    result = vmdg.solve(problem, loads[-1:], options, bar.means)
+    assert len(result.history) == 1
+    assert result.history["jump_steps"][0] > 0
+    assert abs(problem.mean(0).traction[0]) < 1e-6 * STRENGTH
+    assert problem.mean(0).gap[0] == pytest.approx(loads[-1], abs=1e-9)
+    # A load that is held cannot be cut.
+    assert len(result.failures) == 1
+
+
 def test_failed_jump_returns(comm):
     """A jump that is given up leaves the problem as it was, to all digits."""
     problem = bar.build(comm, 0.01)

@@ -29,7 +29,8 @@ class SolveOptions:
         unstable: At a limit point behind which the load factor falls by more than a given step:
             "jump" goes to the next equilibrium at that load, as a test machine does, and counts
             what is released as viscosity; "trace" follows the path back. Smaller snaps, of points
-            that break one by one, are always traced.
+            that break one by one, are always traced. Stages that go by load factors jump where the
+            smallest attempt has failed, not with ``control="load"``.
         duration: Time for one unit of load factor [s]; matters to laws with viscosity only.
         petsc: Options for SNES, KSP and PC, without prefix. Default: a backtracking line search
             under load control, full steps where the work on bonds is given, and the linear solver

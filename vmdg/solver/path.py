@@ -110,7 +110,7 @@ class Stage:
             is none, or facets have opened since.
         limit: State of the largest load so far, where the path has turned back after it.
         after: States behind it, which become rows if the load grows beyond the limit again.
-        traces: Whether snaps are followed back.
+        traces: Whether there is no jump: snaps are followed back, or stop the run.
     """
 
     start: float
@@ -173,7 +173,8 @@ class Path:
             StepFailure: a step fails although it was cut as often as the options allow.
         """
         stage = self._set_out(target)
-        stage.traces = not stage.follows or self._stepper.options.unstable == "trace"
+        options = self._stepper.options
+        stage.traces = options.unstable == "trace" or options.control == "load"
         while True:
             before = self._problem.step.snapshot()
             try:
@@ -189,7 +190,7 @@ class Path:
                 part = self._leap(stage, self._result.failures[-1][0])
                 if part is None:
                     raise
-            if stage.traces:
+            if stage.traces or not stage.follows:
                 yield part
             elif stage.limit is None and stage.ahead(part.t, before.t) >= 0:
                 # Not where facets have opened: directions belong to one discretization.
@@ -247,7 +248,8 @@ class Path:
                 break
             self._result.failures.append((end, report.reason))
             cuts += 1
-            if cuts > options.max_cuts:
+            # A load that is held cannot be cut.
+            if cuts > options.max_cuts or start == stage.target:
                 raise StepFailure(self._complaint(start, end, report), self._result)
             if passed is not None:
                 self._work, passed = passed.work / 2, None
@@ -327,11 +329,12 @@ class Path:
 
     def _complaint(self, start: float, end: float, report: StepReport) -> str:
         norms = ", ".join(f"{norm:.3g}" for norm in report.norms[-4:]) or "none"
-        cuts = self._stepper.options.max_cuts
+        cuts = 0 if start == end else self._stepper.options.max_cuts
         attempts = [reason for _, reason in self._result.failures[-cuts - 1 :]]
+        although = f" although it was cut {cuts} times" if start != end else ""
         return (
-            f"the step from load factor {start:.8g} to {end:.8g} failed although it was cut {cuts} "
-            f"times; the problem is in its state at {start:.8g}. In the last attempt "
+            f"the step from load factor {start:.8g} to {end:.8g} failed{although}; the problem is "
+            f"in its state at {start:.8g}. In the last attempt "
             f"{explained(attempts)}. (Its last residuals: {norms} N.)"
         )
 

@@ -113,8 +113,8 @@ class Stepper:
         if self._newton.discretization is not problem.discretization:
             self.restart()
         # A step of no length is at rest: rate effects vanish for infinite time.
-        at_rest = 1.0 if overstress else np.inf
-        dt = abs(control.target - problem.t) * options.duration or at_rest
+        moves = 0.0 if control.brakes else abs(control.target - problem.t)
+        dt = moves * options.duration or np.inf
         # Along a ray the iteration moves the load factor itself; in a jump it stays.
         stays = problem.loading.ray is not None or control.brakes
         t = problem.t if stays else control.target
