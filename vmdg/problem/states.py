@@ -18,7 +18,7 @@ class Energy:
 
     Attributes:
         bulk: Strain energy of the bodies.
-        interface: Stored by the interfaces: (30), and what an intrinsic law can return. (30) is
+        interface: Stored by the interfaces: (30), and what an elastic bond can return. (30) is
             {P.N}.s + s.tau.s/2 with s = g - zeta, the small opening that the mesh leaves where the
             interface holds. It is no energy of a spring and may be negative: it takes back what
             the bodies store too much. Only the sum with ``bulk`` is an energy.
@@ -108,9 +108,11 @@ class RunScales:
         reaction: Reaction or load, without those of jumps [N].
         work: Work on bonds that the next step may do; 0 before the first step [N mm].
         breaking: Whether load control has failed while bonds were breaking.
+        sense: Sign of the change of the load factor in the last stage; 0 before the first one.
     """
 
     force: float = 0.0
     reaction: float = 0.0
     work: float = 0.0
     breaking: bool = False
+    sense: float = 0.0

@@ -106,6 +106,7 @@ class Stage:
         start: Load factor.
         target: Load factor.
         follows: Whether the load may be controlled by the work on bonds.
+        back: Whether the load factor turns with it.
         rise: The state before the present one and the work on bonds between them; None where there
             is none, or facets have opened since.
         limit: State of the largest load so far, where the path has turned back after it.
@@ -116,6 +117,7 @@ class Stage:
     start: float
     target: float
     follows: bool
+    back: bool = False
     rise: tuple[Snapshot, float] | None = None
     limit: Snapshot | None = None
     after: list[tuple[Part, Snapshot]] | None = None
@@ -215,10 +217,16 @@ class Path:
             loading.clear_ray()
         ray, last = loading.ray, self._ray
         turns = ray is not None and (last is None or not ray.goes_on(last))
-        if global_any(self._problem.comm, turns):
+        # The way back is first tried by load: bonds unload, and no work on them leads there.
+        step, sense = self._problem.step, math.copysign(1.0, target - start)
+        back = step.scales.sense * sense < 0
+        step.scales = replace(step.scales, sense=sense)
+        if back:
+            self._remember(self._work, False)
+        if global_any(self._problem.comm, turns or back):
             self.forget()
         self._ray = ray
-        return Stage(start, target, follows)
+        return Stage(start, target, follows, back)
 
     # One step
 
@@ -306,7 +314,8 @@ class Path:
                 stage.target, stage.span, first, before=(0.0, t), beyond=beyond, most=most, start=t
             )
             return arrival, passed.change
-        if not stage.follows or (cuts % 2 == 0 and (cuts > 0 or not self._breaking)):
+        by_load = cuts > 0 or not self._breaking or (stage.back and t == stage.start)
+        if not stage.follows or (cuts % 2 == 0 and by_load):
             return Control(end, stage.span), ahead
         # Where load control has failed it is not to come back by another name.
         within = CUT ** (cuts // 2 + 1) if cuts else 1.0
