@@ -20,6 +20,7 @@ TURN, BACK = 0.02, 0.008  # mm, where the opening turns back and grows again
 LAWS = {
     "bonded": vmdg.Bonded(),
     "debonding": vmdg.Debonding(strength=10.0, critical_gap=0.05, friction=0.5),
+    "secant": vmdg.Debonding(strength=10.0, critical_gap=0.05, friction=0.5, unloading="secant"),
     "exponential": vmdg.ExponentialDebonding(strength=10.0, fracture_energy=0.25, friction=0.5),
     "intrinsic": vmdg.IntrinsicExponential(strength=10.0, fracture_energy=0.25, shear_weight=2.0),
     "mixed_mode": vmdg.MixedModeDebonding(

@@ -309,6 +309,136 @@ def intrinsic(law, eta, trial, normal, gap, softening, r):
     return Step(traction, new_gap, softening, slip, mode, work, 0.0, viscous)
 
 
+def returns_to_origin(law):
+    return getattr(law, "unloading", "plastic") == "secant"
+
+
+def softening_curve(law):
+    """s(g), P_n, P_s and the scales of the gap, P_n/H_n and P_s/H_s."""
+    if hasattr(law, "normal_strength"):
+        p_n, p_s = law.normal_strength, law.shear_strength
+        scales = 2 * law.normal_energy / p_n, 2 * law.shear_energy / p_s
+        return (lambda g: max(1 - g, 0.0)), p_n, p_s, *scales
+    p = law.strength
+    if hasattr(law, "fracture_energy"):
+        scale = law.fracture_energy / p
+        return (lambda g: math.exp(-g)), p, p, scale, scale
+    return (lambda g: max(1 - g, 0.0)), p, p, law.critical_gap, law.critical_gap
+
+
+def secant(law, trial, normal, gap, softening, r):
+    """Laws with unloading="secant": bisection for K, or for the largest gap under pressure."""
+    s, p_n, p_s, z_n, z_s = softening_curve(law)
+    h_n, h_s = p_n / z_n, p_s / z_s
+    d = softening / p_n
+    g_n = d if s(1.0) == 0.0 else (-math.log1p(-d) if d < 1 else 800.0)
+    K_n = s(g_n) / g_n if g_n > 0 else math.inf
+    b = combine((1.0, trial), (r, gap))
+    b_n = dot(b, normal)
+    b_t = combine((1.0, b), (-b_n, normal))
+    t = math.sqrt(dot(b_t, b_t))
+    old_n = dot(gap, normal)
+    old_t = combine((1.0, gap), (-old_n, normal))
+
+    def history(K):
+        """g of m = 1."""
+        if K == 0.0:
+            return 1.0 if s(1.0) == 0.0 else 800.0
+        return bisect(lambda g: g * K - s(g), 0.0, 800.0)
+
+    def factor(cos, sin):
+        return interaction(law, cos, sin) if hasattr(law, "criterion") else 1.0
+
+    def spent(g, y_n, y_t):
+        """Integral of -dK (H_n zeta_N^2 + H_s zeta_T^2)/2 at a fixed direction."""
+        length = math.hypot(y_n, y_t)
+        cos, sin = y_n / length, y_t / length
+        m, energy = factor(cos, sin), p_n * z_n * cos**2 + p_s * z_s * sin**2
+
+        def along(g):
+            return bisect(lambda x: s(g) * m * x - g * s(x), 0.0, 800.0) if s(g) > 0 else g
+
+        first = along(g_n) if g_n > 0 else 0.0
+        h = 1e-6
+
+        def rate(x):
+            slope = (s(first + x + h) - s(first + x - h)) / (2 * h)
+            return 0.5 * m * energy * (s(first + x) - (first + x) * slope)
+
+        return trapezoids(rate, max(min(along(g), 60.0 if s(1.0) else 1.0) - first, 0.0))
+
+    if b_n >= 0.0:
+
+        def openings(K):
+            return (b_n / (K * h_n + r) / z_n, t / (K * h_s + r) / z_s) if K < 1e300 else (0.0, 0.0)
+
+        def excess(K):
+            """Scaled traction less what the curve bears at this K."""
+            y = openings(K)
+            delta = math.hypot(*y)
+            return K * delta - s(delta / factor(y[0] / delta, y[1] / delta))
+
+        K, grows = K_n, False
+        if math.hypot(b_n / p_n, t / p_s) > 1.0 and K_n > 0:
+            reached = 1 / bisect(lambda x: -excess(1 / x), 1e-30, 1e12)
+            reached = 0.0 if reached < 1e-11 else reached
+            grows = reached < K_n
+            K = min(K_n, reached)
+        y = openings(K)
+        new_gap = combine((y[0] * z_n, normal), (y[1] * z_s / t if t else 0.0, b_t))
+        traction = combine((1.0, b), (-r, new_gap))
+        g = history(K) if grows else g_n
+        mode = "TENSION" if grows else "ELASTIC"
+        step = combine((1.0, new_gap), (-1.0, gap))
+        slip = math.sqrt(dot(step, step)) if grows else 0.0
+        rubbed = 0.0
+    else:
+        cap = -law.friction * b_n
+        g, shear = g_n, combine((1.0, trial), (-dot(trial, normal), normal))
+
+        def slid(g):
+            """zeta_T, |dzeta_T| and its direction where the largest gap is g."""
+            K = s(g) / g if g > 0 else 0.0
+            force = combine((1.0, shear), (-K * h_s, old_t))
+            size = math.sqrt(dot(force, force))
+            x = 0.0 if g == 0 else max(size - cap * (1 - s(g)), 0.0) / (r + K * h_s)
+            n = combine((1.0 / size if size else 0.0, force))
+            return combine((1.0, old_t), (x, n)), x, n
+
+        def length(g):
+            end = slid(g)[0]
+            return math.sqrt(dot(end, end)) / z_s
+
+        grows = d < 1 and (length(g_n) > g_n if g_n > 0 else t > p_s)
+        if grows:
+            g = bisect(lambda g: g - length(g), max(g_n, 1e-18), (t + cap) / (r * z_s))
+        new_gap, x, n = slid(g)
+        traction = combine((1.0, b), (-r, new_gap))
+        mode = "FRICTION" if x > 0.0 and (cap > 0.0 or d >= 1.0) else "ELASTIC"
+        mode = "SHEAR" if grows else mode
+        mode = "CLOSING" if old_n > 1e-12 else mode
+        slip = x if grows or cap > 0.0 or d >= 1.0 else 0.0
+
+        def rubs(x):
+            end = combine((1.0, old_t), (x, n))
+            return 1 - s(max(g_n, math.sqrt(dot(end, end)) / z_s))
+
+        rubbed = cap * trapezoids(rubs, x)
+    work = 0.0
+    if grows:
+        ends = []
+        for zeta in (new_gap, gap):
+            zeta_t = combine((1.0, zeta), (-dot(zeta, normal), normal))
+            ends.append((dot(zeta, normal) / z_n, math.sqrt(dot(zeta_t, zeta_t)) / z_s))
+        ends = [end for end in ends if end != (0.0, 0.0)]
+        work = sum(spent(g, *end) for end in ends) / len(ends)
+    d = min(g if s(1.0) == 0.0 else -math.expm1(-g), 1.0)
+    softening = max(softening, p_n * d) if grows else softening
+    if softening >= p_n and b_n >= 0.0:
+        mode = "OPEN"
+    return Step(traction, new_gap, softening, slip, mode, work, rubbed, 0.0)
+
+
 class State(NamedTuple):
     """Arguments of `return_map`."""
 
@@ -339,4 +469,11 @@ def random_state(rng, law, n, d, ratio):
     softening = law.strength * rng.choice([0.0, 1.0, 2.0], n)
     worn = softening == 2.0 * law.strength
     softening[worn] = law.strength * rng.random(worn.sum())
+    if returns_to_origin(law):
+        # within the largest gap that the history tells of, in any direction
+        damage = np.minimum(softening / law.strength, 0.999)
+        smallest = min(softening_curve(law)[3:])
+        length = 0.6 * smallest * damage * rng.random(n)
+        length[softening == law.strength] *= 3.0
+        gap *= (length / np.linalg.norm(gap, axis=1))[:, None]
     return State(trial, normal, gap, softening, penalty)

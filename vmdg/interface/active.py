@@ -217,7 +217,9 @@ class ActiveInterface:
         """Work in the gap that the law of this rank's points stores and can return [N mm]."""
         if not self.law.inelastic:
             return 0.0
-        stored = self.law.stored_energy(self.history.gap, self.history.softening)
+        stored = self.law.stored_energy(
+            self.history.gap, self.quadrature.normal, self.history.softening
+        )
         return float(self.quadrature.weights @ stored)
 
 

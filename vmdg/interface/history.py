@@ -96,11 +96,13 @@ def works(before: PointHistory, update: Update, law: Law, N: Array, r: Array) ->
         works[1] = np.maximum(works[1] + between, 0.0)
     if law.viscosity > 0:
         # The law charges the overstress of the end, too little where it relaxes.
-        works[2] = np.maximum(works[2], _overstress_between(before, update, law, works))
+        works[2] = np.maximum(works[2], _overstress_between(before, update, law, N, works))
     return works
 
 
-def _overstress_between(before: PointHistory, update: Update, law: Law, works: Array) -> Array:
+def _overstress_between(
+    before: PointHistory, update: Update, law: Law, N: Array, works: Array
+) -> Array:
     """Work of the overstress by the mean traction of both ends of the step (nq,) [N/mm].
 
     The integral of T.dzeta by the trapezoidal rule, exact for linear bodies, less what the bond
@@ -108,8 +110,8 @@ def _overstress_between(before: PointHistory, update: Update, law: Law, works: A
     """
     mean = (before.traction + update.traction) / 2
     total = np.einsum("pi,pi->p", mean, update.gap - before.gap)
-    total -= law.stored_energy(update.gap, update.softening)
-    total += law.stored_energy(before.gap, before.softening)
+    total -= law.stored_energy(update.gap, N, update.softening)
+    total += law.stored_energy(before.gap, N, before.softening)
     return total - works[0] - works[1]
 
 
@@ -119,12 +121,13 @@ def _friction_between(before: PointHistory, update: Update, law: Law, N: Array, 
     It charges friction at the pressure of the end. Where a point slides, the mean of both ends
     is accurate to second order: mu (|T_N,n| - |T_N,n+1|) dgamma / 2 more. Where a sliding point
     lifts off, the pressure falls to zero within the share s = |T_N,n| / (|T_N,n| + r dzeta_N)
-    of the step: mu |T_N,n| s |dzeta_T| / 2 [N/mm].
+    of the step: mu |T_N,n| s |dzeta_T| / 2 [N/mm]. Both times the share of the point that rubs.
     """
     first, last = (
         np.maximum(-np.einsum("pi,pi->p", T, N), 0.0) for T in (before.traction, update.traction)
     )
     slips = update.mode == Mode.FRICTION
+    slips |= (update.mode == Mode.SHEAR) & (update.friction_work > 0)
     work = slips * law.friction * (first - last) * update.multiplier / 2
     lifts = (before.mode == Mode.FRICTION) & (update.mode == Mode.OPEN) & (first > 0)
     change = (update.gap - before.gap)[lifts]
@@ -133,4 +136,4 @@ def _friction_between(before: PointHistory, update: Update, law: Law, N: Array, 
     pressure = first[lifts]
     share = pressure / (pressure + r[lifts] * np.maximum(opening, 0.0))
     work[lifts] = law.friction * pressure * share * slip / 2
-    return work
+    return law.rubbing(update.softening) * work

@@ -179,14 +179,23 @@ class Law(ABC):
         """
         return np.asarray(penalty, dtype=float) > self.softening_modulus
 
-    def stored_energy(self, gap: Array, softening: Array) -> Array:
+    def stored_energy(self, gap: Array, normal: Array, softening: Array) -> Array:
         """Recoverable energy (n,), N/mm, in the gap; zero unless part of the gap is elastic.
 
         Args:
             gap: zeta (n, d), mm.
+            normal: N (n, d).
             softening: Q (n,), MPa.
         """
         return np.zeros(len(softening))
+
+    def rubbing(self, softening: Array) -> Array:
+        """Share of a slipping point that rubs (n,): T_T has mu |T_N| times this of friction.
+
+        Args:
+            softening: Q (n,), MPa.
+        """
+        return np.ones(len(softening))
 
     def _checked(self, *arrays: ArrayLike) -> tuple[Array, ...]:
         """The inputs of `return_map` as float arrays of matching shapes, r admissible."""
@@ -231,6 +240,9 @@ _POSITIVE = {
     "shear_weight": "use 1 for equal weights",
 }
 
+#: What the gap of a rigid bond does when the traction falls.
+UNLOADINGS = ("plastic", "secant")
+
 #: Those that may be zero.
 _NOT_NEGATIVE = {"friction": "use 0 for no friction", "viscosity": "use 0 for no rate dependence"}
 
@@ -255,6 +267,14 @@ def check_parameters(law: Law) -> None:
             raise ValueError(
                 f"{name} = {value}: must be zero or positive and finite; {_NOT_NEGATIVE[name]}"
             )
+    unloading = getattr(law, "unloading", "plastic")
+    if unloading not in UNLOADINGS:
+        raise ValueError(f"unloading = {unloading!r}: must be one of {UNLOADINGS}")
+    if unloading == "secant" and law.viscosity > 0.0:
+        raise ValueError(
+            f'viscosity = {law.viscosity}: a law with unloading="secant" does not depend on the '
+            'rate; use viscosity=0, or unloading="plastic"'
+        )
 
 
 def dot(a: Array, b: Array) -> Array:

@@ -63,6 +63,29 @@ class SofteningCurve(ABC):
             resistance: R_n (m,), MPa.
         """
 
+    def damage(self, extent: Array) -> Array:
+        """History Q/strength of an intact bond after the slip g P/H.
+
+        Args:
+            extent: g (m,).
+        """
+        left, _ = self.soften(np.full_like(extent, self.strength), extent * self._scale)
+        return 1.0 - left / self.strength
+
+    def extent(self, damage: Array) -> Array:
+        """g (m,) of `damage`.
+
+        Args:
+            damage: Q/strength (m,), at most 1.
+        """
+        whole = np.full_like(damage, self.strength)
+        return self.slip_to(whole, self.strength * (1.0 - damage)) / self._scale
+
+    @property
+    def _scale(self) -> float:
+        """P/H, mm."""
+        return self.strength / self.softening_modulus
+
 
 class Yielding(NamedTuple):
     """What a load does to a bond in one step."""

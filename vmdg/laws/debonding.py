@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -29,17 +29,20 @@ class Debonding(RadialLaw):
     (r > H), so T is continuous in all inputs. A step spends (R_n^2 - R_{n+1}^2)/(2H) on the
     bond: P_c zeta_c/2 to separation in any number of steps. Friction does not depend on the rate.
 
-    Unloading is like that of plasticity, as in the report: T falls at once, the gap stays until the
-    lips are pressed together, closes without traction, and to open it anew is damage from the
-    start. So a bond that opens and closes between two openings of constant amplitude loses more in
-    every cycle and is gone after a few, where most cohesive laws unload to the origin and lose
-    nothing. For cycles with reversal choose this only if that is meant.
+    With unloading="plastic" it is like that of plasticity, as in the report: T falls at once, the
+    gap stays until the lips are pressed together, closes without traction, and to open it anew is
+    damage from the start. So a bond that opens and closes between two openings of constant
+    amplitude loses more in every cycle and is gone after a few. unloading="secant" goes back to the
+    origin, T = R zeta/kappa below the largest gap kappa so far, and cycles below it cost nothing;
+    under pressure the share Q/P_c of a point rubs while the rest holds (module `secant`). It does
+    not depend on the rate.
 
     Attributes:
         strength: P_c, MPa.
         critical_gap: zeta_c, mm, at which the bond is gone.
         friction: Coulomb coefficient mu.
         viscosity: MPa s/mm.
+        unloading: "plastic" or "secant".
 
     Raises:
         ValueError: a parameter is out of range.
@@ -49,6 +52,7 @@ class Debonding(RadialLaw):
     critical_gap: float
     friction: float = 0.0
     viscosity: float = 0.0
+    unloading: str = field(default="plastic", kw_only=True)
 
     def __post_init__(self) -> None:
         check_parameters(self)

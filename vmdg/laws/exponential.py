@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from .base import (
 from .extrinsic import RadialLaw
 from .roots import increasing_root
 
+#: g with exp(-g) = 0 in floating point.
+_GONE = 800.0
+
 
 @dataclass(frozen=True)
 class ExponentialDebonding(RadialLaw):
@@ -35,6 +38,7 @@ class ExponentialDebonding(RadialLaw):
         fracture_energy: G_c, N/mm.
         friction: Coulomb coefficient mu.
         viscosity: MPa s/mm.
+        unloading: "plastic" or "secant", as in `Debonding`.
 
     Raises:
         ValueError: a parameter is out of range.
@@ -44,6 +48,7 @@ class ExponentialDebonding(RadialLaw):
     fracture_energy: float
     friction: float = 0.0
     viscosity: float = 0.0
+    unloading: str = field(default="plastic", kw_only=True)
 
     def __post_init__(self) -> None:
         check_parameters(self)
@@ -88,6 +93,15 @@ class ExponentialDebonding(RadialLaw):
     def bond_energy(self, resistance: Array) -> Array:
         """R scale, N/mm."""
         return resistance * self.gap_scale
+
+    def damage(self, extent: Array) -> Array:
+        """1 - exp(-g), to round-off also where it is small."""
+        return -np.expm1(-extent)
+
+    def extent(self, damage: Array) -> Array:
+        """g = -ln(1 - damage); where nothing is left one at which R underflows."""
+        left = damage < 1.0
+        return np.where(left, -np.log1p(-np.where(left, damage, 0.0)), _GONE)
 
 
 @dataclass(frozen=True)
@@ -156,7 +170,7 @@ class IntrinsicExponential(Law):
         """Only with equal weights: T has no potential in zeta otherwise while damage grows."""
         return self.shear_weight == 1.0
 
-    def stored_energy(self, gap: Array, softening: Array) -> Array:
+    def stored_energy(self, gap: Array, normal: Array, softening: Array) -> Array:
         """K (1 - d) |zeta|^2/2 (n,), N/mm."""
         return 0.5 * self.stiffness * self._integrity(softening) * dot(gap, gap)
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from . import secant
 from .base import Array, Law, Mode, Update, add_to_diagonal, dot, outer, unit
 from .compression import Closure, Slide, SofteningCurve, close, give, slide
 
@@ -34,8 +35,15 @@ class ExtrinsicLaw(Law):
 
     T_tr.N >= 0: `_open`, the law's own return. T_tr.N < 0: the residual gap closes, then the shear
     law `in_shear` slides with friction (module `compression`). Both agree at T_tr.N = 0, so T is
-    continuous across the switch.
+    continuous across the switch. With unloading="secant" module `secant` takes the place of both.
     """
+
+    unloading: str = "plastic"  #: or "secant": what the gap does when the traction falls
+
+    @property
+    @abstractmethod
+    def in_opening(self) -> SofteningCurve:
+        """Softening curve in pure opening."""
 
     @property
     @abstractmethod
@@ -56,6 +64,45 @@ class ExtrinsicLaw(Law):
         return self.equivalent(np.maximum(normal, 0.0), shear) / self.strength
 
     @abstractmethod
+    def first_step(self, normal: Array, shear: Array, penalty: Array) -> Array:
+        """g (n,) of module `secant` after the first step of an intact bond, beyond its strength.
+
+        Args:
+            normal: T_tr.N >= 0 (n,), MPa.
+            shear: |T_tr,T| (n,), MPa.
+            penalty: r (n,), MPa/mm.
+        """
+
+    def flow_factor(self, cos: Array, sin: Array) -> tuple[Array, Array]:
+        """m of a criterion and dm/dth; 1 and 0 where the energy does not depend on the mode.
+
+        Args:
+            cos, sin: of th (n,).
+        """
+        return np.ones_like(cos), np.zeros_like(cos)
+
+    def with_factor(self, g: Array, m: Array) -> Array:
+        """The g' of s(g')/(g' m) = s(g)/g: from the history to the gap at the mode of m.
+
+        Args:
+            g: (n,).
+            m: (n,).
+        """
+        return g
+
+    def stored_energy(self, gap: Array, normal: Array, softening: Array) -> Array:
+        """That of `secant`; none with plastic unloading."""
+        if self.unloading == "plastic":
+            return super().stored_energy(gap, normal, softening)
+        return secant.stored_energy(self, gap, normal, softening)
+
+    def rubbing(self, softening: Array) -> Array:
+        """The share of the strength in shear that is lost, if unloading is to the origin."""
+        if self.unloading == "plastic":
+            return super().rubbing(softening)
+        return secant.rubbing(self, softening)
+
+    @abstractmethod
     def _open(self, update: Update, at: Points, eta: float) -> None:
         """Write the return of points with T_tr.N >= 0, T_eq >= R_n into the rows of `update`."""
 
@@ -66,6 +113,8 @@ class ExtrinsicLaw(Law):
 
         A point yields where (67) is positive, so that (55) holds at the end.
         """
+        if self.unloading == "secant":
+            return secant.advance(self, trial, normal, gap, softening, penalty)
         update = Update.elastic(trial, gap, softening)
 
         trial_n = dot(trial, normal)
@@ -158,6 +207,16 @@ class RadialLaw(ExtrinsicLaw, SofteningCurve):
     def in_shear(self) -> SofteningCurve:
         """The law itself: its curve does not depend on the direction."""
         return self
+
+    @property
+    def in_opening(self) -> SofteningCurve:
+        """The law itself."""
+        return self
+
+    def first_step(self, normal: Array, shear: Array, penalty: Array) -> Array:
+        """The root of (64)."""
+        load = self.equivalent(normal, shear)
+        return self.slip(load, np.full_like(load, self.strength), penalty) / self._scale
 
     def equivalent(self, normal: Array, shear: Array) -> Array:
         """T_eq = |T|, so that the yield function is (56)."""

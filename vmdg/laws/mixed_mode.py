@@ -91,6 +91,7 @@ class MixedModeDebonding(ExtrinsicLaw):
         viscosity: MPa s/mm.
         criterion: "linear", "power" or "BK".
         exponent: of the last two, at least 1.
+        unloading: "plastic" or "secant", as in `Debonding`.
 
     Raises:
         ValueError: a parameter is out of range.
@@ -104,6 +105,7 @@ class MixedModeDebonding(ExtrinsicLaw):
     viscosity: float = 0.0
     criterion: str = field(default="linear", kw_only=True)
     exponent: float | None = field(default=None, kw_only=True)
+    unloading: str = field(default="plastic", kw_only=True)
 
     def __post_init__(self) -> None:
         check_parameters(self)
@@ -138,7 +140,7 @@ class MixedModeDebonding(ExtrinsicLaw):
             return max(h_n, h_s)
         angle = np.linspace(0.0, 0.5 * np.pi, _ANGLES)
         cos, sin = np.cos(angle), np.sin(angle)
-        m, m_by_angle = self.interaction.flow_factor(cos, sin)
+        m, m_by_angle = self.flow_factor(cos, sin)
         mixed = h_n * cos * cos + h_s * sin * sin + m_by_angle / m * (h_n - h_s) * sin * cos
         return float(np.max(np.maximum(max(h_n, h_s), mixed) / m))
 
@@ -159,7 +161,7 @@ class MixedModeDebonding(ExtrinsicLaw):
 
     def _energy(self, cos: Array, sin: Array) -> Array:
         """G_c of th (n,), N/mm."""
-        m, _ = self.interaction.flow_factor(cos, sin)
+        m, _ = self.flow_factor(cos, sin)
         return m * (self.normal_energy * cos * cos + self.shear_energy * sin * sin)
 
     def equivalent(self, normal: Array, shear: Array) -> Array:
@@ -167,13 +169,31 @@ class MixedModeDebonding(ExtrinsicLaw):
         weighted = (self.normal_strength / self.shear_strength) * shear
         return np.sqrt(normal * normal + weighted * weighted)
 
+    def flow_factor(self, cos: Array, sin: Array) -> tuple[Array, Array]:
+        """m(th) and dm/dth of the criterion."""
+        return self.interaction.flow_factor(cos, sin)
+
+    def with_factor(self, g: Array, m: Array) -> Array:
+        """(1 - g')/(g' m) = (1 - g)/g."""
+        return g / (g + (1.0 - g) * m)
+
+    def first_step(self, normal: Array, shear: Array, penalty: Array) -> Array:
+        """g of `_flow` for d_n = 0, at the K of m = 1; 1 where the bond fails."""
+        cos, sin, length = self._ray(normal, shear, penalty)
+        m, _ = self.flow_factor(cos, sin)
+        result, holds = np.ones_like(normal), np.flatnonzero(length < m)
+        a, b = normal[holds] / self.normal_strength, shear[holds] / self.shear_strength
+        flow = self._flow(a, b, np.ones_like(a), penalty[holds], 0.0, np.zeros_like(a))
+        result[holds] = self.with_factor(flow.g, 1.0 / flow.m)
+        return result
+
     def _open(self, update: Update, at: Points, eta: float) -> None:
         """The return of the class docstring, for T_tr.N >= 0."""
         rho_n = at.resistance / self.strength
         # dzeta = T_tr/r if the bond fails within the step; d advances by its length in units of the
         # critical gaps, less m.
-        cos, sin, length = self._ray(at)
-        m, _ = self.interaction.flow_factor(cos, sin)
+        cos, sin, length = self._ray(at.trial_n, at.shear, at.penalty)
+        m, _ = self.flow_factor(cos, sin)
         # What holds has rho_n > 0, so that A and B are not zero, also where the material of a trial
         # state has no traction (NaN, in a cell turned inside out).
         holds = length < rho_n * m
@@ -183,10 +203,10 @@ class MixedModeDebonding(ExtrinsicLaw):
         if left.rows.size:
             self._soften(update, left, eta)
 
-    def _ray(self, at: Points) -> tuple[Array, Array, Array]:
+    def _ray(self, normal: Array, shear: Array, penalty: Array) -> tuple[Array, Array, Array]:
         """(cos th, sin th) of dzeta = T_tr/r and its length, in units of the critical gaps."""
-        opening = at.trial_n / (at.penalty * self.in_opening.critical_gap)
-        sliding = at.shear / (at.penalty * self.in_shear.critical_gap)
+        opening = normal / (penalty * self.in_opening.critical_gap)
+        sliding = shear / (penalty * self.in_shear.critical_gap)
         length = np.sqrt(opening * opening + sliding * sliding)
         some = np.where(length > 0.0, length, 1.0)
         return np.where(length > 0.0, opening / some, 1.0), sliding / some, length
@@ -196,7 +216,7 @@ class MixedModeDebonding(ExtrinsicLaw):
         compliance = 1.0 / at.penalty
         step = compliance[:, None] * at.trial
         # The mixity is that of the moment of failure on the ray of T_tr.
-        cos, sin, _ = self._ray(at)
+        cos, sin, _ = self._ray(at.trial_n, at.shear, at.penalty)
 
         rows = at.rows
         update.traction[rows] = 0.0
@@ -321,7 +341,7 @@ class MixedModeDebonding(ExtrinsicLaw):
 
             def turn(th: Array) -> tuple[Array, Array]:
                 nonlocal g
-                m, m_by_angle = self.interaction.flow_factor(np.cos(th), np.sin(th))
+                m, m_by_angle = self.flow_factor(np.cos(th), np.sin(th))
                 beyond = np.maximum(parting / (m * rho_n), 1.0)
                 g = growth(m, a / beyond, b / beyond, g)
                 A, B, A_g, B_g, W = sizes(g, m)
@@ -340,7 +360,7 @@ class MixedModeDebonding(ExtrinsicLaw):
         m, m_by_angle, start = np.ones_like(rho_n), np.zeros_like(rho_n), np.zeros_like(rho_n)
         if not isinstance(self.interaction, Linear):
             th = angle()
-            m, m_by_angle = self.interaction.flow_factor(np.cos(th), np.sin(th))
+            m, m_by_angle = self.flow_factor(np.cos(th), np.sin(th))
         g = growth(m, a, b, start)
         A, B, A_g, B_g, W = sizes(g, m)
         by_th = W * m_by_angle

@@ -1,0 +1,102 @@
+"""Laws that unload to the origin, and criteria of mixed modes, through the solver: the bar."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support import bar
+from support.bar import STRENGTH
+
+import vmdg
+
+OPTIONS = {"relative_tolerance": 1e-11, "energy": True, "unstable": "trace"}
+LAWS = {
+    "linear": lambda gap: vmdg.Debonding(STRENGTH, gap, unloading="secant"),
+    "exponential": lambda gap: vmdg.ExponentialDebonding(
+        STRENGTH, STRENGTH * gap / 2, unloading="secant"
+    ),
+    "BK": lambda gap: vmdg.MixedModeDebonding(
+        *(STRENGTH, 60.0, STRENGTH * gap / 2, 4.0), criterion="BK", exponent=2.0
+    ),
+    "BK secant": lambda gap: vmdg.MixedModeDebonding(
+        *(STRENGTH, 60.0, STRENGTH * gap / 2, 4.0),
+        criterion="BK",
+        exponent=2.0,
+        unloading="secant",
+    ),
+}
+EVERY_LAW = pytest.mark.parametrize("name", LAWS)
+
+
+def softened(name: str, gap: float, critical_gap: float) -> float:
+    """Traction at the largest gap [MPa]."""
+    if name == "exponential":
+        return STRENGTH * np.exp(-2 * gap / critical_gap)
+    return STRENGTH * max(1 - gap / critical_gap, 0.0)
+
+
+@EVERY_LAW
+@pytest.mark.parametrize("kinematics", ["finite", "small"])
+def test_snap_back_is_traced(comm, name, kinematics):
+    """By the work on bonds, every row on the curve, and what goes in is stored or spent."""
+    critical_gap = 0.01
+    problem = bar.with_law(comm, LAWS[name](critical_gap), kinematics)
+    history = vmdg.solve(problem, bar.LOADS, vmdg.SolveOptions(**OPTIONS), bar.means).history
+    assert history["load"].tolist() != sorted(history["load"])
+    softening = history["gap"] > 0
+    assert softening.sum() > 10
+    for T, gap in zip(history["traction"][softening], history["gap"][softening], strict=True):
+        assert pytest.approx(softened(name, gap, critical_gap), abs=1e-6) == T
+    assert problem.energy().damage == pytest.approx(STRENGTH * critical_gap / 2, rel=1e-4)
+    assert np.allclose(history["spread"], 0, atol=1e-8)
+
+
+@pytest.mark.parametrize("control", ["auto", "load", "dissipation"])
+def test_a_load_that_turns_back_unloads(comm, control):
+    """Plastic gaps: the traction falls along the elastic line, no bond breaks on the way back."""
+    problem = bar.with_law(comm, vmdg.Debonding(STRENGTH, 0.12), "small")
+    options = vmdg.SolveOptions(**OPTIONS, control=control)
+    history = vmdg.solve(problem, [0.03, 0.06, 0.045, 0.06], options, bar.means).history
+    rows = [list(history["load"]).index(0.06)]
+    rows += range(rows[0] + 1, len(history))
+    top = rows[0]
+    assert {0.045, 0.06} == set(history["load"][rows])
+    for row in rows:
+        T, t = history["traction"][row], history["load"][row]
+        slope = bar.E / (1 - bar.NU**2) / 2
+        assert pytest.approx(history["traction"][top] - slope * (0.06 - t), rel=1e-8) == T
+        assert history["gap"][row] == pytest.approx(history["gap"][top], rel=1e-8)
+
+
+@pytest.mark.parametrize("name", ["linear", "exponential", "BK secant"])
+@pytest.mark.parametrize("control", ["auto", "load", "dissipation"])
+def test_unloading_goes_to_the_origin_and_costs_nothing(comm, name, control):
+    """Up, down, up as far, further: T = T_max zeta/zeta_max below the largest gap."""
+    critical_gap = 0.12
+    problem = bar.with_law(comm, LAWS[name](critical_gap), "small")
+    loads = [0.03, 0.05, 0.06, 0.04, 0.01, 0.03, 0.0, 0.06, 0.07]
+    options = vmdg.SolveOptions(**OPTIONS, control=control)
+    history = vmdg.solve(problem, loads, options, bar.means).history
+    rows = [list(history["load"]).index(0.06)]
+    rows += list(range(rows[0] + 1, len(history)))
+    top = rows[0]
+    slope = history["traction"][top] / history["gap"][top]
+    assert history["traction"][top] == pytest.approx(
+        softened(name, history["gap"][top], critical_gap), rel=1e-8
+    )
+    below = [row for row in rows if history["load"][row] <= 0.06]
+    assert len(below) >= 6
+    for row in below:
+        T, gap = history["traction"][row], history["gap"][row]
+        assert pytest.approx(slope * gap, rel=1e-7, abs=1e-8) == T
+        assert history["damage"][row] == pytest.approx(history["damage"][top], abs=1e-9)
+    last = softened(name, history["gap"][-1], critical_gap)
+    assert history["traction"][-1] == pytest.approx(last, rel=1e-8)
+    assert history["damage"][-1] > history["damage"][top]
+    # linear bodies and a spring: what goes in on the way up again is stored
+    stored = history["bulk"] + history["interface"]
+    zero = list(history["load"]).index(0.0)
+    assert stored[zero] == pytest.approx(0.0, abs=1e-9)
+    again = zero + 1 + list(history["load"][zero + 1 :]).index(0.06)
+    given = history["external"][again] - history["external"][zero]
+    assert given == pytest.approx(stored[top], rel=1e-7)

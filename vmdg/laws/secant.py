@@ -1,0 +1,446 @@
+"""Unloading to the origin, for laws that start from a rigid bond.
+
+Below the largest gap so far the bond is a spring that has its stress-free state at zeta = 0,
+
+    psi = K (H_n zeta_N^2 + H_s |zeta_T|^2)/2,   T = d psi/d zeta = K (H_n zeta_N N + H_s zeta_T),
+
+with H_n = P_n/zeta_n, H_s = P_s/zeta_s, and zeta_n, zeta_s the scales of the softening curve
+R = P s(x/scale) in opening and shear. K is infinite while the bond is intact (rigid, zeta = 0) and
+falls only: with (cos th, sin th) = (zeta_N/zeta_n, |zeta_T|/zeta_s)/delta, delta their length,
+
+    K = min(K_n, s(delta/m(th))/delta),
+
+m(th) the flow factor of a mixed-mode criterion, 1 elsewhere. A proportional opening is that of the
+law with plastic unloading. A step dissipates the integral of -dK (H_n zeta_N^2 + H_s |zeta_T|^2)/2,
+which is never negative, and nothing while K stays.
+
+With T* = T_tr + r zeta_n the step solves (K H_n + r) zeta_N = T*_N and (K H_s + r) zeta_T = T*_T.
+While K falls these are the equations of the first step of an intact bond under the trial traction
+T*, so that it has one solution for r > H, as there. T*_N < 0 closes the gap, zeta_N = 0 and T_N =
+T*_N, and the bond goes on in shear with friction beside it: the share d of the point that has
+parted rubs, the rest holds (Alfano and Sacco 2006, Int. J. Numer. Meth. Engng 68; d is the share of
+the strength that is lost),
+
+    T_T = K H_s zeta_T + d mu |T_N| n,  n = dzeta_T/|dzeta_T| the direction of slip,
+
+and zeta_T stays while what the spring leaves is less than d mu |T_N|. With g = |zeta_T|/zeta_s
+and d = 1 - s(g) a step in which K falls solves
+
+    r zeta_s g + P_s s(g) = |T*_T - d mu |T_N| n|,  n along T_tr,T - K H_s zeta_T,n.
+
+The history Q (MPa) is that of the gap delta = g, m = 1, with the same K: on a proportional path of
+a law with m = 1 it is strength - R, as with plastic unloading.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .base import Array, Mode, Update, add_to_diagonal, dot, outer, unit
+from .compression import SofteningCurve
+from .roots import increasing_root
+
+# A closure this small against the load over r is what round-off left of a closed gap, not a branch.
+_ROUND_OFF = 1e-12
+
+# Pieces of a slip, on each of which the share that rubs is a mean over the gaps, exact where they
+# grow along the slip.
+_PIECES = 8
+
+
+class RigidLaw(Protocol):
+    """What a law that is rigid up to its strength says of itself, see `ExtrinsicLaw`."""
+
+    strength: float
+    friction: float
+
+    @property
+    def in_opening(self) -> SofteningCurve:
+        """Curve in pure opening."""
+
+    @property
+    def in_shear(self) -> SofteningCurve:
+        """Curve in pure shear."""
+
+    def utilization(self, normal: Array, shear: Array) -> Array:
+        """Traction on an intact point relative to its strength (n,)."""
+
+    def first_step(self, normal: Array, shear: Array, penalty: Array) -> Array:
+        """g (n,) after the first step of an intact bond, beyond its strength."""
+
+    def flow_factor(self, cos: Array, sin: Array) -> tuple[Array, Array]:
+        """m (n,) and dm/dth."""
+
+    def with_factor(self, g: Array, m: Array) -> Array:
+        """The g' of s(g')/(g' m) = s(g)/g (n,)."""
+
+
+class Scaled:
+    """A softening curve as s(g): R = P s, x = scale g.
+
+    Args:
+        curve: In opening or in shear.
+
+    Attributes:
+        strength: P, MPa.
+        scale: P/H, mm.
+        modulus: H, MPa/mm.
+    """
+
+    def __init__(self, curve: SofteningCurve):
+        self._curve = curve
+        self.strength = curve.strength
+        self.modulus = curve.softening_modulus
+        self.scale = self.strength / self.modulus
+
+    def at(self, g: Array) -> tuple[Array, Array]:
+        """s(g) and ds/dg."""
+        left, slope = self._curve.soften(np.full_like(g, self.strength), self.scale * g)
+        return left / self.strength, slope / self.modulus
+
+    def area(self, g: Array) -> Array:
+        """Integral of s from 0 to g."""
+        left, _ = self.at(g)
+        whole = self._curve.bond_energy(np.full_like(g, self.strength))
+        spent = whole - self._curve.bond_energy(self.strength * left)
+        return spent / (self.strength * self.scale)
+
+    def dissipated(self, g: Array) -> Array:
+        """Area less the triangle s g/2 of what unloading returns."""
+        return self.area(g) - 0.5 * self.at(g)[0] * g
+
+    def stiffness(self, g: Array) -> Array:
+        """K = s(g)/g, infinite where g = 0."""
+        return np.divide(self.at(g)[0], g, out=np.full_like(g, np.inf), where=g > 0.0)
+
+
+class Start(NamedTuple):
+    """Points at the start of a step."""
+
+    rows: NDArray[np.intp]
+    load: Array  #: T* = T_tr + r zeta_n (m, d)
+    normal: Array  #: N (m, d)
+    gap: Array  #: zeta_n (m, d)
+    penalty: Array  #: r (m,)
+    g: Array  #: largest gap so far that has the K of the point, m = 1 (m,)
+    damage: Array  #: Q_n/strength (m,)
+
+
+def advance(
+    law: RigidLaw, trial: Array, normal: Array, gap: Array, softening: Array, penalty: Array
+) -> Update:
+    """The return map of `Law` with unloading to the origin.
+
+    Args:
+        law: Its curves and scales.
+        trial, normal, gap, softening, penalty: As of `Law.return_map`.
+    """
+    update = Update.elastic(trial, gap, softening)
+    load = trial + penalty[:, None] * gap
+    damage = np.minimum(softening / law.strength, 1.0)
+    everywhere = (load, normal, gap, penalty, law.in_opening.extent(damage), damage)
+    pressed = dot(load, normal) < 0.0
+    for branch, mask in ((_open, ~pressed), (_pressed, pressed)):
+        rows = np.flatnonzero(mask)
+        if rows.size:
+            branch(law, update, Start(rows, *(array[rows] for array in everywhere)))
+    return update
+
+
+def stored_energy(law: RigidLaw, gap: Array, normal: Array, softening: Array) -> Array:
+    """psi (n,), N/mm.
+
+    Args:
+        law: Its curves and scales.
+        gap, normal, softening: As of `Law.stored_energy`.
+    """
+    opening, shear = Scaled(law.in_opening), Scaled(law.in_shear)
+    g = law.in_opening.extent(np.minimum(softening / law.strength, 1.0))
+    gap_n = dot(gap, normal)
+    tangential = gap - gap_n[:, None] * normal
+    squares = opening.modulus * gap_n**2 + shear.modulus * dot(tangential, tangential)
+    # an intact bond has no gap
+    return 0.5 * np.divide(opening.at(g)[0], g, out=np.zeros_like(g), where=g > 0.0) * squares
+
+
+def rubbing(law: RigidLaw, softening: Array) -> Array:
+    """d = 1 - s (n,).
+
+    Args:
+        law: Its curves and scales.
+        softening: As of `Law.rubbing`.
+    """
+    g = law.in_opening.extent(np.minimum(softening / law.strength, 1.0))
+    return 1.0 - Scaled(law.in_shear).at(g)[0]
+
+
+def _open(law: RigidLaw, update: Update, at: Start) -> None:
+    """Points with T*_N >= 0."""
+    opening, shear = Scaled(law.in_opening), Scaled(law.in_shear)
+    normal, r, rows = at.normal, at.penalty, at.rows
+    load_n = dot(at.load, normal)
+    tangential = at.load - load_n[:, None] * normal
+    load_t = np.sqrt(dot(tangential, tangential))
+
+    g = at.g.copy()
+    beyond = law.utilization(load_n, load_t) > 1.0
+    first = law.first_step(load_n[beyond], load_t[beyond], r[beyond])
+    g[beyond] = np.maximum(first, g[beyond])
+    growing = (g > at.g) & (at.damage < 1.0)
+    s, s_slope = opening.at(g)
+
+    # zeta = (c_n N (x) N + c_t (I - N (x) N)) T*, c = 1/(K H + r)
+    c_n, c_t = g / (s * opening.modulus + r * g), g / (s * shear.modulus + r * g)
+    gap_n, gap_t = (c_n * load_n)[:, None] * normal, c_t[:, None] * tangential
+    gap = gap_n + gap_t
+    share_n, share_t = (s * c.modulus / (s * c.modulus + r * g) for c in (opening, shear))
+    update.gap[rows] = gap
+    update.traction[rows] = (share_n * load_n)[:, None] * normal + share_t[:, None] * tangential
+
+    tangent = outer((c_n - c_t)[:, None] * normal, normal)
+    add_to_diagonal(tangent, c_t)
+    some = np.flatnonzero(growing)
+    y_n, y_t = c_n * load_n / opening.scale, c_t * load_t / shear.scale
+    delta = np.sqrt(y_n * y_n + y_t * y_t)[some]
+    cos, sin = y_n[some] / delta, y_t[some] / delta
+    m, m_by_angle = law.flow_factor(cos, sin)
+    # -dK/dT* from E = K delta - s(delta/m(th)) = 0, with f = 1/(K + r/H) in opening and shear
+    K, w, turn = s[some] / g[some], -s_slope[some] / m, m_by_angle / m
+    f_n, f_t = c_n[some] * opening.modulus, c_t[some] * shear.modulus
+    by_opening = f_n * ((K + w) * cos + w * turn * sin) / opening.strength
+    by_shear = f_t * ((K + w) * sin - w * turn * cos) / shear.strength
+    q_n, q_t = r[some] / opening.modulus, r[some] / shear.modulus
+    by_K = cos * cos * f_n * (q_n - w) + sin * sin * f_t * (q_t - w)
+    by_K -= w * turn * cos * sin * (f_n - f_t)
+    fall = by_opening[:, None] * normal[some]
+    fall += by_shear[:, None] * unit(tangential[some], load_t[some])
+    fall /= (delta * by_K)[:, None]
+    softer = f_n[:, None] * gap_n[some] + f_t[:, None] * gap_t[some]
+    tangent[some] += outer(softer, fall)
+    update.tangent[rows] = tangent
+
+    damage = law.in_opening.damage(g[some])
+    update.softening[rows[some]] = np.maximum(
+        update.softening[rows[some]], law.strength * np.minimum(damage, 1.0)
+    )
+    step = (gap - at.gap)[some]
+    update.multiplier[rows[some]] = np.sqrt(dot(step, step))
+    update.mode[rows[some]] = Mode.TENSION
+    update.mode[rows[update.softening[rows] >= law.strength]] = Mode.OPEN
+    update.damage_work[rows[some]] = _spent(law, Start(*(a[some] for a in at)), g[some], cos, sin)
+
+
+def _spent(law: RigidLaw, at: Start, g: Array, cos: Array, sin: Array) -> Array:
+    """Dissipation (m,), N/mm, while K falls: the integral of -dK over K at a fixed direction.
+
+    It is the mean of those at the directions of both ends of the step, which is of second order
+    where the gap turns.
+
+    Args:
+        law: Its curves and scales.
+        at: The start.
+        g: Of the end (m,).
+        cos, sin: Of th at the end (m,).
+    """
+    opening, shear = Scaled(law.in_opening), Scaled(law.in_shear)
+    gap_n = dot(at.gap, at.normal)
+    tangential = at.gap - gap_n[:, None] * at.normal
+    y_n, y_t = gap_n / opening.scale, np.sqrt(dot(tangential, tangential)) / shear.scale
+    delta = np.sqrt(y_n * y_n + y_t * y_t)
+    some = np.where(delta > 0.0, delta, 1.0)
+    cos_n, sin_n = (np.where(delta > 0.0, a, b) for a, b in ((y_n / some, cos), (y_t / some, sin)))
+
+    def along(cos: Array, sin: Array) -> Array:
+        m, _ = law.flow_factor(cos, sin)
+        energy = opening.strength * opening.scale * cos * cos
+        energy += shear.strength * shear.scale * sin * sin
+        first, last = (opening.dissipated(law.with_factor(x, m)) for x in (at.g, g))
+        return m * energy * (last - first)
+
+    return np.maximum(0.5 * (along(cos_n, sin_n) + along(cos, sin)), 0.0)
+
+
+class Rubbing(NamedTuple):
+    """Shear of pressed points at a given K: spring, friction and slip."""
+
+    c: Array  #: 1/(K H_s + r) (m,), mm/MPa
+    damage: Array  #: d, the share that rubs (m,)
+    size: Array  #: |f|, f = T_tr,T - K H_s zeta_T,n what the spring leaves (m,), MPa
+    n: Array  #: f/|f| (m, d)
+    slip: Array  #: |dzeta_T| (m,), mm
+    slips: NDArray[np.bool_]
+    gap: Array  #: zeta_T (m, d)
+    traction: Array  #: T_T (m, d)
+
+
+def _rub(shear: Scaled, load: Array, held: Array, cap: Array, r: Array, g: Array) -> Rubbing:
+    """Friction beside the spring of a known g.
+
+    Args:
+        shear: The curve.
+        load: T*_T (m, d).
+        held: zeta_T,n (m, d).
+        cap: mu |T_N| (m,).
+        r: Penalty (m,).
+        g: Largest gap (m,), zero where the bond is intact and does not move.
+    """
+    s, _ = shear.at(g)
+    bonded = np.divide(s * shear.modulus, g, out=np.zeros_like(g), where=g > 0.0)
+    c = g / (s * shear.modulus + r * g)
+    force = load - (r + bonded)[:, None] * held
+    size = np.sqrt(dot(force, force))
+    n, rubs = unit(force, size), cap * (1.0 - s)
+    slips = (g > 0.0) & ((size > rubs) | (rubs == 0.0))
+    slip = np.where(slips, c * (size - rubs), 0.0)
+    gap = held + slip[:, None] * n
+    friction = np.where(slips[:, None], rubs[:, None] * n, force)
+    return Rubbing(c, 1.0 - s, size, n, slip, slips, gap, bonded[:, None] * gap + friction)
+
+
+def _pressed(law: RigidLaw, update: Update, at: Start) -> None:
+    """Points with T*_N < 0: zeta_N = 0, spring and friction in shear."""
+    shear, rows, r = Scaled(law.in_shear), at.rows, at.penalty
+    pressure = -dot(at.load, at.normal)
+    load = at.load + pressure[:, None] * at.normal
+    gap_n = dot(at.gap, at.normal)
+    held = at.gap - gap_n[:, None] * at.normal
+    cap = law.friction * pressure
+
+    rubbing = _rub(shear, load, held, cap, r, at.g)
+    length2 = dot(rubbing.gap, rubbing.gap)
+    further = length2 > (shear.scale * at.g) ** 2
+    growing = np.where(at.g > 0.0, further, dot(load, load) > shear.strength**2)
+    growing &= at.damage < 1.0
+    g, some = at.g.copy(), np.flatnonzero(growing)
+    g[some] = _grown(shear, load[some], held[some], cap[some], r[some], g[some])
+    rubbing = _rub(shear, load, held, cap, r, g)
+
+    update.gap[rows] = rubbing.gap
+    update.traction[rows] = rubbing.traction - pressure[:, None] * at.normal
+    damage = np.minimum(law.in_shear.damage(g[some]), 1.0)
+    update.softening[rows[some]] = np.maximum(update.softening[rows[some]], law.strength * damage)
+    update.tangent[rows] = _pressed_tangent(law, at, load, held, cap, g, growing, rubbing)
+
+    rubs = rubbing.slips & ((cap * rubbing.damage > 0.0) | (at.damage >= 1.0))
+    update.multiplier[rows] = np.where(growing | rubs, rubbing.slip, 0.0)
+    mode = np.where(rubs, Mode.FRICTION, Mode.ELASTIC)
+    mode = np.where(growing, Mode.SHEAR, mode)
+    closing = gap_n * r > _ROUND_OFF * np.maximum(pressure, law.strength)
+    update.mode[rows] = np.where(closing, Mode.CLOSING, mode)
+    one = np.ones(len(some))
+    start = Start(*(array[some] for array in at))
+    update.damage_work[rows[some]] = _spent(law, start, g[some], np.zeros_like(one), one)
+    update.friction_work[rows] = cap * _rubbed(shear, held, at.g, growing, rubbing)
+
+
+def _grown(shear: Scaled, load: Array, held: Array, cap: Array, r: Array, start: Array) -> Array:
+    """Root g > g_n of r zeta_s g + P_s s(g) = |T*_T - d mu |T_N| n|, where K falls.
+
+    Args:
+        shear: The curve.
+        load: T*_T (m, d).
+        held: zeta_T,n (m, d).
+        cap: mu |T_N| (m,).
+        r: Penalty (m,).
+        start: g_n (m,).
+    """
+
+    def imbalance(g: Array) -> tuple[Array, Array]:
+        borne, change = _borne(shear, load, held, cap, r, g)
+        length = np.sqrt(dot(borne, borne))
+        s, s_slope = shear.at(g)
+        value = r * shear.scale * g + shear.strength * s - length
+        slope = r * shear.scale + shear.strength * s_slope - dot(unit(borne, length), change)
+        return value, slope
+
+    upper = (np.sqrt(dot(load, load)) + cap) / (r * shear.scale)
+    return increasing_root(imbalance, start, upper, start=start)
+
+
+def _borne(
+    shear: Scaled, load: Array, held: Array, cap: Array, r: Array, g: Array
+) -> tuple[Array, Array]:
+    """w = T*_T - d mu |T_N| n = (K H_s + r) zeta_T at a g (m, d), and dw/dg."""
+    s, s_slope = shear.at(g)
+    rubbing = _rub(shear, load, held, cap, r, g)
+    n = rubbing.n
+    K_slope = np.divide(s_slope * g - s, g * g, out=np.zeros_like(g), where=g > 0.0)
+    across = held - dot(n, held)[:, None] * n
+    size = np.where(rubbing.size > 0.0, rubbing.size, 1.0)
+    n_slope = -(shear.modulus * K_slope / size)[:, None] * across
+    rubs = cap * rubbing.damage
+    change = (cap * s_slope)[:, None] * n - rubs[:, None] * n_slope
+    return load - rubs[:, None] * n, change
+
+
+def _pressed_tangent(
+    law: RigidLaw,
+    at: Start,
+    load: Array,
+    held: Array,
+    cap: Array,
+    g: Array,
+    growing: NDArray[np.bool_],
+    rubbing: Rubbing,
+) -> Array:
+    """d zeta/d T_tr (m, d, d) of `_pressed`: at a given K, and what K changes where it falls."""
+    normal, r, n = at.normal, at.penalty, rubbing.n
+    c, rubs = np.where(rubbing.slips, rubbing.c, 0.0), cap * rubbing.damage
+    some = rubbing.size > 0.0
+    turns = np.where(some, 1.0 - rubs / np.where(some, rubbing.size, 1.0), 1.0)
+    tangent = outer((c * (1.0 - turns))[:, None] * n, n)
+    tangent -= outer((c * turns)[:, None] * normal, normal)
+    add_to_diagonal(tangent, c * turns)
+    # the friction of a point grows with its pressure
+    by_normal = law.friction * rubbing.damage
+    tangent += outer((c * by_normal)[:, None] * n, normal)
+
+    shear, rows = Scaled(law.in_shear), np.flatnonzero(growing)
+    g, r, n, c, turns, normal = (a[rows] for a in (g, r, n, c, turns, normal))
+    borne, change = _borne(shear, load[rows], held[rows], cap[rows], r, g)
+    s, s_slope = shear.at(g)
+    length = np.sqrt(dot(borne, borne))
+    e = unit(borne, length)
+    slope = r * shear.scale + shear.strength * s_slope - dot(e, change)
+    along = dot(e, n)
+    by_load = turns[:, None] * e + ((1.0 - turns) * along)[:, None] * n
+    by_load += (by_normal[rows] * along)[:, None] * normal
+    K_slope = (s_slope * g - s) / (g * g)
+    softer = change - (shear.modulus * K_slope * c)[:, None] * borne
+    tangent[rows] += outer((c / slope)[:, None] * softer, by_load)
+    return tangent
+
+
+def _rubbed(
+    shear: Scaled,
+    held: Array,
+    g_n: Array,
+    growing: NDArray[np.bool_],
+    rubbing: Rubbing,
+) -> Array:
+    """Integral of d along the slip (m,), mm: d_n to the largest gap so far, then that of the gap.
+
+    Args:
+        shear: The curve.
+        held: zeta_T,n (m, d).
+        g_n: Largest gap before (m,).
+        growing: Where it grows.
+        rubbing: Of the end.
+    """
+    forward, reach = dot(held, rubbing.n), shear.scale * g_n
+    room = forward * forward + reach * reach - dot(held, held)
+    first = np.sqrt(np.maximum(room, 0.0)) - forward
+    first = np.where(growing, np.clip(first, 0.0, rubbing.slip), rubbing.slip)
+    result, piece = first * (1.0 - shear.at(g_n)[0]), (rubbing.slip - first) / _PIECES
+    last = g_n
+    for i in range(_PIECES):
+        gap = held + (first + (i + 1) * piece)[:, None] * rubbing.n
+        g = np.maximum(np.sqrt(dot(gap, gap)) / shear.scale, last)
+        grows = g > last
+        spent = (shear.area(g) - shear.area(last)) / np.where(grows, g - last, 1.0)
+        result += piece * (1.0 - np.clip(np.where(grows, spent, shear.at(g)[0]), 0.0, 1.0))
+        last = g
+    return result
