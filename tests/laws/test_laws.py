@@ -38,6 +38,13 @@ LAWS = {
     "power": lambda mu=0.0, nu=0.0: MixedModeDebonding(
         P_C, 150.0, 10.0, 30.0, mu, nu, criterion="power", exponent=1.7
     ),
+    "linear gradual": lambda mu=0.0, nu=0.0: Debonding(P_C, ZETA_C, mu, nu, gradual_friction=True),
+    "exponential gradual": lambda mu=0.0, nu=0.0: ExponentialDebonding(
+        P_C, 10.0, mu, nu, gradual_friction=True
+    ),
+    "mixed gradual": lambda mu=0.0, nu=0.0: MixedModeDebonding(
+        P_C, 60.0, 10.0, 18.0, mu, nu, gradual_friction=True
+    ),
     "intrinsic": lambda mu=0.0, nu=0.0: IntrinsicExponential(P_C, 10.0, 2.0, nu),
 }
 SECANT = {
@@ -500,7 +507,7 @@ def twin(law, eta, *point):
         curve = oracle.Exponential(law.strength, law.fracture_energy)
     else:
         curve = oracle.Linear(law.strength, law.critical_gap)
-    return oracle.radial(curve, law.friction, eta, *point)
+    return oracle.radial(curve, law.friction, eta, *point, gradual=law.gradual_friction)
 
 
 @EVERY_LAW

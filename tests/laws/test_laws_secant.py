@@ -1,6 +1,7 @@
 """Unloading to the origin: curves, cycles, energies, gradual friction."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -179,10 +180,12 @@ def test_dissipation_is_of_second_order(criterion):
 # --- friction of the parted share -----------------------------------------------------------------
 
 
+@pytest.mark.parametrize("unloading", ["secant", "plastic"])
 @pytest.mark.parametrize("steps", [1, 8, 60])
-def test_slip_at_constant_pressure(steps):
+def test_slip_at_constant_pressure(steps, unloading):
     """T = (1 - d) P_s + d mu p with d = zeta/zeta_s; works by the areas (Alfano and Sacco 2006)."""
-    law, end = mixed(friction=MU), 0.7
+    law, end = mixed(friction=MU, unloading=unloading), 0.7
+    law = replace(law, gradual_friction=True)
     zeta_s = 2 * G_S / P_S
     r, d = 3.0 * law.softening_modulus, end * np.arange(1, steps + 1) / steps
     shear = (1.0 - d) * P_S + d * MU * PRESSURE
@@ -192,7 +195,9 @@ def test_slip_at_constant_pressure(steps):
         np.testing.assert_allclose(update.gap, [[0.0, zeta_s * x]], rtol=1e-11)
         np.testing.assert_allclose(update.traction, [[-PRESSURE, t]], rtol=1e-11)
         assert update.mode[0] == Mode.SHEAR
-    assert total(updates) == pytest.approx(G_S * end, rel=1e-11)
+    stored = law.stored_energy(updates[-1].gap, NORMAL, updates[-1].softening)[0]
+    assert stored == pytest.approx(G_S * end * (1 - end) * (unloading == "secant"), rel=1e-11)
+    assert total(updates) + stored == pytest.approx(G_S * (1 - (1 - end) ** 2), rel=1e-11)
     rubbed = 0.5 * end**2 * zeta_s * MU * PRESSURE
     assert total(updates, "friction_work") == pytest.approx(rubbed, rel=1e-11)
 
@@ -230,6 +235,19 @@ def test_slip_that_turns_back_sticks_then_follows_the_spring():
     )
 
 
+def test_step_with_gradual_friction_is_its_closed_form():
+    """dgamma = f/(r - H + H mu |T_N|/P) of plastic unloading, with some of the bond left."""
+    law, r = replace(mixed(friction=MU, unloading="plastic"), gradual_friction=True), 6e3
+    H, d = law.in_shear.softening_modulus, 0.3
+    f = 5.0
+    trial = [[-PRESSURE, (1 - d) * P_S + d * MU * PRESSURE + f]]
+    update = law.return_map(trial, NORMAL, np.zeros((1, 2)), np.full(1, d * P_N), r)
+    slip = f / (r - H + H * MU * PRESSURE / P_S)
+    assert update.gap[0, 1] == pytest.approx(slip, rel=1e-12)
+    assert update.softening[0] / P_N == pytest.approx(d + H * slip / P_S, rel=1e-12)
+    assert law.rubbing(update.softening)[0] == pytest.approx(d + H * slip / P_S, rel=1e-12)
+
+
 def test_parted_points_are_contact_with_friction():
     law, r = mixed(friction=MU), 1e5
     gone = np.full(2, P_N)
@@ -244,6 +262,10 @@ def test_parted_points_are_contact_with_friction():
 def test_wrong_options_are_refused():
     with pytest.raises(ValueError, match="unloading = 'elastic': must be one of"):
         Debonding(P_N, 0.02, unloading="elastic")
+    with pytest.raises(ValueError, match=r"gradual_friction = False: .*leave it None"):
+        Debonding(P_N, 0.02, unloading="secant", gradual_friction=False)
+    with pytest.raises(ValueError, match=r"gradual_friction = 'yes': must be"):
+        Debonding(P_N, 0.02, gradual_friction="yes")
     with pytest.raises(ValueError, match=r'viscosity = 2\.0: .*use viscosity=0, or unloading="pl'):
         Debonding(P_N, 0.02, viscosity=2.0, unloading="secant")
 

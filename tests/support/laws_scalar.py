@@ -85,7 +85,7 @@ def borne(curve, eta, fade, resistance, x):
     return curve.after(resistance, x) * min(eta * x / curve.strength, fade / curve.steepest())
 
 
-def pressed(curve, mu, eta, fade, trial, normal, gap, r, resistance):
+def pressed(curve, mu, eta, fade, trial, normal, gap, r, resistance, gradual=False):
     """Closing and shear for T_tr.N < 0: gap, traction, slip, R, mode and the three works."""
     trial_n, gap_n = dot(trial, normal), dot(gap, normal)
     closed_by = min(max(gap_n, 0.0), -trial_n / r)
@@ -95,7 +95,10 @@ def pressed(curve, mu, eta, fade, trial, normal, gap, r, resistance):
     cap = mu * -traction_n
 
     def held(x, overstress):
-        return max(curve.after(resistance, x) + overstress, cap)
+        left = curve.after(resistance, x)
+        if gradual:
+            return left + overstress + (1 - left / curve.strength) * cap
+        return max(left + overstress, cap)
 
     slip = 0.0
     if s > held(0.0, 0.0):
@@ -105,13 +108,14 @@ def pressed(curve, mu, eta, fade, trial, normal, gap, r, resistance):
     left, overstress = curve.after(resistance, slip), borne(curve, eta, fade, resistance, slip)
     mode = "ELASTIC"
     if slip > 0.0:
-        mode = "FRICTION" if cap >= left + overstress else "SHEAR"
+        mode = "FRICTION" if (left == 0 if gradual else cap >= left + overstress) else "SHEAR"
     if closed_by > 1e-12:
         mode = "CLOSING"
     direction = combine((1.0 / s if s else 0.0, shear))
     bond = trapezoids(lambda x: curve.after(resistance, x), slip)
     viscous = trapezoids(
-        lambda x: overstress if curve.after(resistance, x) + overstress > cap else 0.0, slip
+        lambda x: overstress if gradual or curve.after(resistance, x) + overstress > cap else 0.0,
+        slip,
     )
     total = trapezoids(lambda x: held(x, overstress), slip)
     new_gap = combine((1.0, gap), (-closed_by, normal), (slip, direction))
@@ -119,13 +123,13 @@ def pressed(curve, mu, eta, fade, trial, normal, gap, r, resistance):
     return new_gap, traction, slip, left, mode, (bond, total - bond - viscous, viscous)
 
 
-def radial(curve, mu, eta, trial, normal, gap, softening, r):
+def radial(curve, mu, eta, trial, normal, gap, softening, r, gradual=False):
     """`Debonding` (curve Linear) and `ExponentialDebonding` (curve Exponential)."""
     resistance = max(curve.strength - softening, 0.0)
     fade = 0.5 * (r - curve.steepest())
     if dot(trial, normal) < 0.0:
         new_gap, traction, slip, left, mode, works = pressed(
-            curve, mu, eta, fade, trial, normal, gap, r, resistance
+            curve, mu, eta, fade, trial, normal, gap, r, resistance, gradual
         )
     else:
         s = math.sqrt(dot(trial, trial))
@@ -188,7 +192,8 @@ def mixed(law, eta, trial, normal, gap, softening, r):
     fade = 0.5 * (r - law.softening_modulus)
     if trial_n < 0.0:
         new_gap, traction, slip, left, mode, works = pressed(
-            Linear(p_s, z_s), law.friction, eta, fade, trial, normal, gap, r, p_s * rho_n
+            *(Linear(p_s, z_s), law.friction, eta, fade, trial, normal, gap, r, p_s * rho_n),
+            gradual=law.gradual_friction,
         )
         return Step(traction, new_gap, max(softening, p_n * (1 - left / p_s)), slip, mode, *works)
 

@@ -270,6 +270,14 @@ def check_parameters(law: Law) -> None:
     unloading = getattr(law, "unloading", "plastic")
     if unloading not in UNLOADINGS:
         raise ValueError(f"unloading = {unloading!r}: must be one of {UNLOADINGS}")
+    gradual = getattr(law, "gradual_friction", None)
+    if gradual not in (None, True, False):
+        raise ValueError(f"gradual_friction = {gradual!r}: must be True, False or None")
+    if unloading == "secant" and gradual is False:
+        raise ValueError(
+            'gradual_friction = False: with unloading="secant" the bond is a spring and friction '
+            "acts beside it, on the share that has parted; leave it None"
+        )
     if unloading == "secant" and law.viscosity > 0.0:
         raise ValueError(
             f'viscosity = {law.viscosity}: a law with unloading="secant" does not depend on the '

@@ -2,7 +2,7 @@
 
 Compression has two mechanisms in this order: the normal residual gap closes at zero normal
 traction, then shear meets the stronger of bond and friction (Box 3 of the report, completed: see
-`slide`).
+`slide`), or the bond and the friction of the share that has parted (`slide_gradually`).
 """
 
 from __future__ import annotations
@@ -249,4 +249,58 @@ def slide(
         damage_work=bond.bond_energy(resistance) - bond.bond_energy(left),
         friction_work=np.maximum(cap * (slip - held_by_bond) - after_hand_over, 0.0),
         viscous_work=V * held_by_bond,
+    )
+
+
+def slide_gradually(
+    bond: SofteningCurve,
+    shear: Array,
+    cap: Array,
+    resistance: Array,
+    penalty: Array,
+    eta: float,
+    fade: Array,
+) -> Slide:
+    """Shear return where the parted share rubs beside the bond: |T_T| <= R + V + d mu |T_N|.
+
+    d = 1 - R/P is the share of the strength that is lost (Alfano and Sacco 2006, Int. J. Numer.
+    Meth. Engng 68). The slip is the root of |T_tr,T| - r x = R (1 - mu |T_N|/P) + V + mu |T_N|; its
+    left-hand side falls faster than for the bond alone, so that r > H is enough. With a linear
+    curve and without viscosity it is f/(r - H + H mu |T_N|/P), f = |T_tr,T| - R_n - d_n mu |T_N|,
+    until the bond is gone.
+
+    Args:
+        bond, shear, cap, resistance, penalty, eta, fade: As of `slide`.
+    """
+    part = 1.0 - cap / bond.strength
+    parted = 1.0 - resistance / bond.strength
+    held = resistance + parted * cap
+    slipping = (shear > held) | ((resistance == 0.0) & (cap == 0.0))
+    load = np.maximum(shear, held)
+
+    def imbalance(x: Array) -> tuple[Array, Array]:
+        left, descent = bond.soften(resistance, x)
+        V, V_slope = overstress(bond, x, left, descent, eta, fade)
+        return penalty * x + part * left + V + cap - load, penalty + part * descent + V_slope
+
+    upper = load / penalty
+    slip = increasing_root(imbalance, np.zeros_like(load), upper, start=np.zeros_like(load))
+    slip = np.where(slipping, slip, 0.0)
+    left, descent = bond.soften(resistance, slip)
+    V, V_slope = overstress(bond, slip, left, descent, eta, fade)
+    slope = slipping / (penalty + part * descent + V_slope)
+    spent = bond.bond_energy(resistance) - bond.bond_energy(left)
+    rubs = 1.0 - left / bond.strength
+    return Slide(
+        slip=slip,
+        traction=np.where(slipping, left + V + rubs * cap, shear),
+        resistance=left,
+        lost=resistance - left,
+        slope=slope,
+        cap_slope=-rubs * slope,
+        slipping=slipping,
+        by_friction=slipping & (left == 0.0),
+        damage_work=spent,
+        friction_work=np.maximum(cap * (slip - spent / bond.strength), 0.0),
+        viscous_work=V * slip,
     )

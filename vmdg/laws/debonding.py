@@ -23,7 +23,8 @@ class Debonding(RadialLaw):
     * tension, T_tr.N >= 0: |T| <= R + V; without viscosity dgamma = (|T_tr| - R_n)/(r - H); once
       the bond is gone dgamma = |T_tr|/r and T = 0, whatever the viscosity;
     * contact, T_tr.N < 0: the normal gap closes at T_N = 0, then
-      |T_T| <= max(R + V, mu |T_N|), and Q advances in friction too.
+      |T_T| <= max(R + V, mu |T_N|), and Q advances in friction too; with gradual_friction
+      |T_T| <= R + V + (Q/P_c) mu |T_N|, the share that has parted rubs while the rest holds.
 
     The equation for dgamma is one continuous, strictly decreasing function in all branches
     (r > H), so T is continuous in all inputs. A step spends (R_n^2 - R_{n+1}^2)/(2H) on the
@@ -43,6 +44,8 @@ class Debonding(RadialLaw):
         friction: Coulomb coefficient mu.
         viscosity: MPa s/mm.
         unloading: "plastic" or "secant".
+        gradual_friction: whether only the share of a point that has parted rubs, beside the bond;
+            None is so with "secant" alone, which cannot do otherwise.
 
     Raises:
         ValueError: a parameter is out of range.
@@ -53,6 +56,7 @@ class Debonding(RadialLaw):
     friction: float = 0.0
     viscosity: float = 0.0
     unloading: str = field(default="plastic", kw_only=True)
+    gradual_friction: bool | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         check_parameters(self)

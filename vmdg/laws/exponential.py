@@ -38,7 +38,7 @@ class ExponentialDebonding(RadialLaw):
         fracture_energy: G_c, N/mm.
         friction: Coulomb coefficient mu.
         viscosity: MPa s/mm.
-        unloading: "plastic" or "secant", as in `Debonding`.
+        unloading, gradual_friction: as in `Debonding`.
 
     Raises:
         ValueError: a parameter is out of range.
@@ -49,6 +49,7 @@ class ExponentialDebonding(RadialLaw):
     friction: float = 0.0
     viscosity: float = 0.0
     unloading: str = field(default="plastic", kw_only=True)
+    gradual_friction: bool | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         check_parameters(self)

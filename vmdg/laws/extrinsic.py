@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from . import secant
 from .base import Array, Law, Mode, Update, add_to_diagonal, dot, outer, unit
-from .compression import Closure, Slide, SofteningCurve, close, give, slide
+from .compression import Closure, Slide, SofteningCurve, close, give, slide, slide_gradually
 
 # A closure this small against the load over r is what round-off left of a closed gap, not a branch.
 _ROUND_OFF = 1e-12
@@ -39,6 +39,7 @@ class ExtrinsicLaw(Law):
     """
 
     unloading: str = "plastic"  #: or "secant": what the gap does when the traction falls
+    gradual_friction: bool | None = None  #: whether only the parted share of a point rubs
 
     @property
     @abstractmethod
@@ -97,10 +98,12 @@ class ExtrinsicLaw(Law):
         return secant.stored_energy(self, gap, normal, softening)
 
     def rubbing(self, softening: Array) -> Array:
-        """The share of the strength in shear that is lost, if unloading is to the origin."""
-        if self.unloading == "plastic":
-            return super().rubbing(softening)
-        return secant.rubbing(self, softening)
+        """The share of the strength in shear that is lost, if friction is gradual."""
+        if self.unloading == "secant":
+            return secant.rubbing(self, softening)
+        if self.gradual_friction:
+            return np.minimum(softening / self.strength, 1.0)
+        return super().rubbing(softening)
 
     @abstractmethod
     def _open(self, update: Update, at: Points, eta: float) -> None:
@@ -153,7 +156,8 @@ class ExtrinsicLaw(Law):
         closure = close(at.trial_n, dot(at.gap, at.normal), at.penalty)
         cap = -self.friction * closure.traction
         fade = self._fade(at.penalty)
-        sliding = slide(bond, at.shear, cap, ratio * at.resistance, at.penalty, eta, fade)
+        resisted = slide_gradually if self.gradual_friction else slide
+        sliding = resisted(bond, at.shear, cap, ratio * at.resistance, at.penalty, eta, fade)
 
         direction = unit(at.trial - at.trial_n[:, None] * at.normal, at.shear)
 

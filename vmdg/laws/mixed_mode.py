@@ -91,7 +91,7 @@ class MixedModeDebonding(ExtrinsicLaw):
         viscosity: MPa s/mm.
         criterion: "linear", "power" or "BK".
         exponent: of the last two, at least 1.
-        unloading: "plastic" or "secant", as in `Debonding`.
+        unloading, gradual_friction: as in `Debonding`.
 
     Raises:
         ValueError: a parameter is out of range.
@@ -106,6 +106,7 @@ class MixedModeDebonding(ExtrinsicLaw):
     criterion: str = field(default="linear", kw_only=True)
     exponent: float | None = field(default=None, kw_only=True)
     unloading: str = field(default="plastic", kw_only=True)
+    gradual_friction: bool | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         check_parameters(self)
