@@ -117,6 +117,16 @@ def test_steps_to_separation_and_beyond(comm, kinematics, critical_gap, shares):
     assert history["damage"][-1] == pytest.approx(STRENGTH * critical_gap / 2, rel=1e-8)
 
 
+def test_energy_is_not_known_beyond_rounding(comm):
+    """A bond so weak that rounding of what the blocks store is as much as it takes to break."""
+    problem = bar.with_law(comm, vmdg.Debonding(2.4e-4, 1.1e-7))
+    loads = 5e-7 * np.arange(1, 12) / 11
+    result = vmdg.solve(problem, loads, monitor=bar.means)
+    assert np.array_equal(result.history["load"], loads)
+    assert not result.failures
+    assert abs(result.history["traction"][-1]) < 1e-6 * 2.4e-4
+
+
 def test_load_control_never_follows(comm):
     """Rows at the given load factors only, or an error."""
     history = traced(bar.build(comm, 0.2), np.linspace(0.02, 0.22, 11), control="load").history

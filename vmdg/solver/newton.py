@@ -126,6 +126,11 @@ class Newton:
         """Krylov iterations of all steps so far; 0 where systems are solved directly."""
         return self._system.iterations
 
+    @property
+    def rounding(self) -> float:
+        """Of the energy that bodies store, by that of their forces in the last step [N mm]."""
+        return self._criterion.floor * self._size
+
     def solve(self, control: Control, dt: float, ahead: Direction | None = None) -> StepReport:
         """Find the equilibrium that a control asks for; collective.
 

@@ -37,6 +37,11 @@ class Stepper:
         self.krylov = 0
         self._newton = self._begin()
 
+    @property
+    def rounding(self) -> float:
+        """Of the energy that bodies store [N mm]."""
+        return self._newton.rounding
+
     def restart(self) -> None:
         """Go on as a run that is resumed from a checkpoint of this state; collective.
 
