@@ -50,6 +50,9 @@ def _options(interface: Interface) -> dict[str, Any]:
     names = ("safety", "norm", "frame", "traction_jump", "activate", "activate_at")
     options = {name: getattr(interface, name) for name in names}
     options["law"] = _described(interface.law, _parameters(interface.law))
+    damage = interface.initial_damage
+    if damage is not None:
+        options["initial damage"] = damage if isinstance(damage, float) else "varies"
     options["own stabilization"] = interface.stabilization is not None
     return options
 

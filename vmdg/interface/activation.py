@@ -114,6 +114,8 @@ class Activation:
             on_demand = interface.activate == "on-demand"
             self.open.append(np.full(count, not on_demand))
             if on_demand:
+                damaged = selected.facets[selected.damage > 0]
+                self.open[i] = mark_everywhere(mesh, fdim, damaged)
                 quadrature = FacetQuadrature(mesh, selected, facet_degree(degree), bodies.geometry)
                 self._potential[i] = PotentialFacets(interface, quadrature, bodies)
 

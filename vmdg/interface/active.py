@@ -64,8 +64,8 @@ class ActiveInterface:
         self.terms = InterfaceTerms(interface, self.quadrature, u, bodies, self.turns)
         self.stabilization: Stabilization | None = None
         self.floor = np.zeros(len(facets.facets))
-        count = len(self.quadrature.weights) if self.law.inelastic else 0
-        self.history = PointHistory.start(count, self.quadrature.d)
+        damage = facets.damage[self.quadrature.facet] if self.law.inelastic else np.zeros(0)
+        self.history = PointHistory.start(self.law.strength * damage, self.quadrature.d)
         self.values = self._return_map.start()
         self._drag: NDArray[np.float64] | None = None
         self.fluid: Fluid | None = None

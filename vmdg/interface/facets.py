@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from dolfinx import la
 from dolfinx.mesh import GhostMode, Mesh, compute_midpoints, locate_entities
 from numpy.typing import NDArray
 
-from ..base.parallel import global_sum
+from ..base.parallel import global_sum, raise_together
 from ..domain.tags import group_tag
 from ..domain.topology import (
     UNTAGGED,
@@ -33,6 +34,7 @@ class InterfaceFacets:
         local: Number of the facet within these cells, (nf, 2).
         tags: Cell tags of the two sides, (nf, 2).
         everywhere: The same interface with the facets of other ranks known here (ghosts).
+        damage: Of the bond at the start (nf,), 1 where it is gone.
     """
 
     facets: NDArray[np.int32]
@@ -40,6 +42,7 @@ class InterfaceFacets:
     local: NDArray[np.int32]
     tags: NDArray[np.int32]
     everywhere: NDArray[np.int32]
+    damage: NDArray[np.float64]
 
     def among(self, mark: NDArray[np.bool_]) -> InterfaceFacets:
         """The facets that are marked, ``mark`` given for all local facets of the mesh."""
@@ -50,6 +53,7 @@ class InterfaceFacets:
             self.local[keep],
             self.tags[keep],
             self.everywhere[mark[self.everywhere]],
+            self.damage[keep],
         )
 
     def rows(self, select: NDArray[np.bool_]) -> NDArray[np.int32]:
@@ -101,7 +105,8 @@ def find_facets(
         names: Tag by name of the groups of cells.
 
     Raises:
-        ValueError: a facet is not interior, a tag is unknown, or nothing is selected.
+        ValueError: a facet is not interior, a tag is unknown, nothing is selected, or a function
+            gives no initial damage.
     """
     comm = mesh.comm
     fdim = mesh.topology.dim - 1
@@ -136,7 +141,8 @@ def find_facets(
     cells = pairs[facets]
     cells = np.where(_reversed(mesh, cell_tags, cells, inside)[:, None], cells[:, ::-1], cells)
     local = np.column_stack([local_facets(mesh, cells[:, a], facets) for a in range(2)])
-    return InterfaceFacets(facets, cells, local, cell_tags[cells], everywhere)
+    damage = _initial_damage(mesh, interface, facets)
+    return InterfaceFacets(facets, cells, local, cell_tags[cells], everywhere, damage)
 
 
 def _why_empty(interface: Interface) -> str:
@@ -166,6 +172,39 @@ def _given_facets(
     everywhere = np.flatnonzero(chosen).astype(np.int32)
     refuse_facets(mesh, everywhere, ~interior, f"{interface}", reason)
     return chosen & interior
+
+
+def _initial_damage(
+    mesh: Mesh, interface: Interface, facets: NDArray[np.int32]
+) -> NDArray[np.float64]:
+    """Damage of the bond on owned facets at the start (nf,); collective.
+
+    Raises:
+        ValueError: a function does not give one number from 0 to 1 a point.
+    """
+    given, fdim = interface.initial_damage, mesh.topology.dim - 1
+    if given is None:
+        return np.zeros(len(facets))
+    if not callable(given):
+        if np.ndim(given) == 0:
+            return np.full(len(facets), given)
+        # A facet may be given on other ranks than its owner, and on several.
+        sums, counts = (la.vector(mesh.topology.index_map(fdim)) for _ in range(2))
+        for vector, values in ((sums, given), (counts, 1.0)):
+            vector.array[interface.facets] = values
+            vector.scatter_reverse(la.InsertMode.add)
+        return sums.array[facets] / counts.array[facets]
+    values = np.asarray(given(compute_midpoints(mesh, fdim, facets).T), dtype=float)
+    message = None
+    if values.shape != facets.shape or not ((values >= 0) & (values <= 1)).all():
+        message = (
+            f"{interface}: initial_damage gives values of shape {values.shape} from "
+            f"{values.min(initial=np.inf):g} to {values.max(initial=-np.inf):g} at the midpoints "
+            f"(3, {len(facets)}) of its facets; it must give a number from 0 to 1 for each, for "
+            "example lambda x: np.where(x[0] < 30, 1.0, 0.0)"
+        )
+    raise_together(mesh.comm, message)
+    return values
 
 
 def _reversed(

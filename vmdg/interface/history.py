@@ -36,10 +36,10 @@ class PointHistory:
     traction: Array
 
     @classmethod
-    def start(cls, count: int, d: int) -> PointHistory:
-        """Of ``count`` points at which nothing has happened."""
-        gap, mode = np.zeros((count, d)), np.zeros(count, dtype=np.int8)
-        return cls(gap, np.zeros(count), mode, np.zeros((count, d)))
+    def start(cls, softening: Array, d: int) -> PointHistory:
+        """Of points at which nothing has happened but an initial damage, Q (nq,) [MPa]."""
+        zero, mode = np.zeros((len(softening), d)), np.zeros(len(softening), dtype=np.int8)
+        return cls(zero, softening, mode, zero)
 
     def after(self, update: Update | None) -> PointHistory:
         """After a return map; None where there was none."""

@@ -79,6 +79,10 @@ class Interface:
             the interface feels, hence the default.
         stabilization: ``f(tau1, tau2, context) -> (tau_s (nf, d, d), delta1 (nf, d, d))``
             replaces (21)-(25), for research and tests; ``safety`` does not apply to its result.
+        initial_damage: Q/strength at the start, from 0 to 1: a crack that is there already, which
+            touches and rubs, is 1. A number, one for every facet of ``facets``, or f(x) of the
+            midpoints x (3, n) of the facets [mm]. It is not counted as work. Facets that open on
+            demand are open from the start where they are damaged. None for an intact bond.
         name: By which a problem, its files and its pictures call the interface; None for
             "interface_0" by its number in the problem.
 
@@ -102,6 +106,7 @@ class Interface:
         activate: str = "all",
         activate_at: float = 0.4,
         stabilization: StabilizationRule | None = None,
+        initial_damage: float | ArrayLike | LevelSet | None = None,
         name: str | None = None,
     ):
         places = {"facets": facets, "between": between, "within": within, "level_set": level_set}
@@ -146,6 +151,7 @@ class Interface:
                 f"Interface: name = {name!r} must be words that can name a file, and not 'bodies', "
                 "whose file has that name"
             )
+        damage = _checked_damage(initial_damage, facets, law)
         indices = facets is not None and not callable(facets)
         self.facets = np.asarray(facets, dtype=np.int32) if indices else facets
         self.between = between
@@ -159,6 +165,7 @@ class Interface:
         self.activate = activate
         self.activate_at = float(activate_at)
         self.stabilization = stabilization
+        self.initial_damage = damage
         self.name = name
         self._complete = True
 
@@ -183,6 +190,34 @@ class Interface:
             where = f"facets=<{len(self.facets)}>"
         name = "" if self.name is None else f", name={self.name!r}"
         return f"Interface({where}, law={self.law!r}{name})"
+
+
+def _checked_damage(given: Any, facets: Any, law: Law) -> float | NDArray | LevelSet | None:
+    """Initial damage as a number, an array like the facets, or a function; None for none.
+
+    Raises:
+        ValueError: the law has no damage, or the damage is out of range or of another shape.
+    """
+    if given is None:
+        return None
+    if not (law.inelastic and law.strength > 0):
+        raise ValueError(
+            f"Interface: initial_damage has no meaning for {law}, which has no bond to damage; "
+            "leave it out, or give a law with a strength"
+        )
+    if callable(given):
+        return given
+    values = np.asarray(given, dtype=float)
+    if not ((values >= 0) & (values <= 1)).all():
+        raise ValueError(f"Interface: initial_damage = {given} must lie in [0, 1]")
+    if values.ndim == 0:
+        return float(values)
+    if facets is None or callable(facets) or values.shape != np.shape(facets):
+        raise ValueError(
+            f"Interface: initial_damage has shape {values.shape}; an array has one value for every "
+            "facet of facets=, elsewhere give a number or a function of points x (3, n)"
+        )
+    return values
 
 
 #: How users name one of a problem's interfaces: by its number, by its name, or itself.

@@ -124,7 +124,13 @@ def _check_supports(problem: Problem) -> bool:
             "a symmetric body those of its planes of symmetry, dirichlet(facets, 0.0, 'x')"
         )
     raise_together(problem.comm, message)
-    bonded = [c for c in interfaces if not (c.law.inelastic and c.law.strength == 0)]
+    # Where a crack is all of an interface no bond of it holds.
+    holds = [global_any(problem.comm, bool((c.facets.damage < 1).any())) for c in interfaces]
+    bonded = [
+        c
+        for c, some in zip(interfaces, holds, strict=True)
+        if some and not (c.law.inelastic and c.law.strength == 0)
+    ]
     resting = loose_parts(problem, bonded) if len(bonded) < len(interfaces) else []
     for part in resting:
         warn_together(

@@ -1,0 +1,200 @@
+"""Bonds that are damaged at the start, and cracks that are there already."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+from dolfinx.mesh import (
+    CellType,
+    GhostMode,
+    compute_midpoints,
+    create_rectangle,
+    locate_entities,
+)
+from support.checks import by_position
+from support.scenes import tag_cells
+
+import vmdg
+
+LENGTH, CRACK, STRENGTH, FRICTION = 8.0, 3.0, 5.0, 0.4
+OPENED = [0.05, 0.1, 0.15]
+#: Opened, then pressed together and sheared: (opening, shift) of the upper arm's left end [mm].
+PROGRAMME = np.array([[0.0, 0.0], [0.1, 0.0], [0.16, 0.0], [-0.01, 0.02], [-0.02, 0.05]])
+
+
+def law(unloading: str = "plastic") -> vmdg.Law:
+    return vmdg.Debonding(
+        STRENGTH, 0.05, FRICTION, unloading=unloading, gradual_friction=unloading == "secant"
+    )
+
+
+def cracked(x) -> np.ndarray:
+    return np.where(x[0] < CRACK, 1.0, 0.0)
+
+
+def rectangle(comm):
+    mesh = create_rectangle(
+        comm,
+        [[0, -1], [LENGTH, 1]],
+        [16, 4],
+        CellType.quadrilateral,
+        ghost_mode=GhostMode.shared_facet,
+    )
+    return mesh, tag_cells(mesh, {1: lambda x: x[1] <= 1e-9, 2: lambda x: x[1] >= -1e-9})
+
+
+def middle(mesh, begin: float, end: float) -> np.ndarray:
+    """Facets known to this rank between the arms."""
+
+    def inside(x):
+        return np.isclose(x[1], 0) & (x[0] > begin - 1e-9) & (x[0] < end + 1e-9)
+
+    return locate_entities(mesh, 1, inside)
+
+
+def beams(comm, interfaces, mesh=None, tags=None) -> vmdg.Problem:
+    """Two arms, held at the right end, led at the left end of the upper one."""
+    if mesh is None:
+        mesh, tags = rectangle(comm)
+    material = vmdg.NeoHookean(E=1e3, nu=0.3)
+    problem = vmdg.Problem(mesh, tags, {1: material, 2: material}, interfaces, kinematics="small")
+    problem.dirichlet(lambda x: np.isclose(x[0], LENGTH), 0.0)
+    problem.dirichlet(lambda x: np.isclose(x[0], 0) & (x[1] < 1e-9), 0.0)
+    times = np.arange(len(PROGRAMME), dtype=float)
+
+    def led(t, i):
+        return float(np.interp(t, times, PROGRAMME[:, i]))
+
+    top = (lambda x: np.isclose(x[0], 0) & (x[1] > -1e-9),)
+    problem.dirichlet(*top, lambda t: led(t, 0), "y")
+    problem.dirichlet(*top, lambda t: led(t, 1), "x")
+    return problem
+
+
+def forces(problem: vmdg.Problem) -> dict[str, float]:
+    """On the upper arm."""
+    reaction = problem.reaction(lambda x: np.isclose(x[0], 0) & (x[1] > -1e-9))
+    return {"x": reaction[0], "y": reaction[1]}
+
+
+def run(problem: vmdg.Problem, loads=(0.5, 1.0, 2.0, 2.5, 3.0, 3.5, 4.0), **options):
+    chosen = vmdg.SolveOptions(relative_tolerance=1e-11, energy=True, **options)
+    return vmdg.solve(problem, list(loads), chosen, forces).history
+
+
+@pytest.mark.parametrize("unloading", ["plastic", "secant"])
+def test_crack_that_is_there_already_is_contact(comm, unloading):
+    """Equal to a crack with Contact(), opened, closed, pressed and rubbed."""
+    bond = law(unloading)
+    damaged = vmdg.Interface(between=(1, 2), law=bond, initial_damage=cracked, safety=4.0)
+    mesh, tags = rectangle(comm)
+    parts = [
+        vmdg.Interface(middle(mesh, 0, CRACK), law=vmdg.Contact(FRICTION), safety=4.0),
+        vmdg.Interface(middle(mesh, CRACK, LENGTH), law=bond, safety=4.0),
+    ]
+    one, two = run(beams(comm, [damaged])), run(beams(comm, parts, mesh, tags))
+    for column in ("x", "y", "damage", "friction", "bulk"):
+        scale = np.abs(two[column]).max()
+        ends = [np.interp(range(1, 5), h["load"], h[column]) for h in (one, two)]
+        np.testing.assert_allclose(*ends, atol=1e-7 * scale, err_msg=column)
+    assert one["friction"][-1] > 0
+
+
+def test_number_array_and_function_say_the_same(comm):
+    """Per facet, whichever rank knows it; Q is that share of the strength."""
+    mesh, tags = rectangle(comm)
+    facets = middle(mesh, 0, LENGTH)
+    mesh.topology.create_connectivity(1, 2)
+    x = compute_midpoints(mesh, 1, facets).T
+    for given, expected in (
+        (0.25, lambda x: 0.25 + 0 * x[0]),
+        (x[0] / LENGTH, lambda x: (np.floor(2 * x[0]) + 0.5) / 2 / LENGTH),
+        (cracked, cracked),
+    ):
+        interface = vmdg.Interface(facets, law=law(), initial_damage=given)
+        state = beams(comm, [interface], mesh, tags).state[0]
+        points, softening = by_position(comm, state.points, state.softening)
+        assert len(softening) == 2 * 16
+        np.testing.assert_allclose(softening, STRENGTH * expected(points.T), rtol=1e-12)
+
+
+def test_damaged_bond_is_weaker(comm):
+    """Half of the strength is lost: the traction never exceeds the rest."""
+    problem = beams(comm, [vmdg.Interface(between=(1, 2), law=law(), initial_damage=0.5)])
+    history = run(problem, [0.2, 0.5, 1.0])
+    largest = np.linalg.norm(problem.state[0].traction, axis=1).max(initial=0.0)
+    assert largest <= 0.5 * STRENGTH * (1 + 1e-9)
+    assert history["damage"][-1] > 0.0
+
+
+def test_facets_that_open_on_demand_are_open_where_damaged(comm):
+    """And the curve is that of all facets open, as near as facets that are closed allow."""
+
+    def problem(activate):
+        bond = vmdg.Interface(
+            between=(1, 2), law=law(), initial_damage=cracked, activate=activate, safety=4.0
+        )
+        return beams(comm, [bond])
+
+    demanded, everything = problem("on-demand"), problem("all")
+    state = demanded.state[0]
+    (points,) = by_position(comm, state.points)
+    assert len(points) == 2 * 6
+    assert (points[:, 0] < CRACK).all()
+    one, two = (run(p, [0.5, 1.0, 2.0]) for p in (demanded, everything))
+    assert one["y"][-1] == pytest.approx(two["y"][-1], rel=0.02)
+    assert comm.allreduce(len(demanded.state[0].points)) > 12
+
+
+def test_checkpoint_goes_on_with_the_crack(comm, out):
+    """The state that is read has the damage; a problem without it is another one."""
+    bond = vmdg.Interface(between=(1, 2), law=law(), initial_damage=cracked)
+    whole = run(beams(comm, [bond]), [0.5, 1.0, 1.5])
+    run(beams(comm, [bond]), [0.5, 1.0], checkpoint=out / "crack")
+    problem = beams(comm, [bond])
+    history = vmdg.read_checkpoint(problem, out / "crack")
+    chosen = vmdg.SolveOptions(relative_tolerance=1e-11, energy=True)
+    assert history["load"][-1] == 1.0
+    vmdg.solve(problem, [1.5], chosen, forces, history=history)
+    energy = problem.energy()
+    assert energy.damage == pytest.approx(whole["damage"][-1], rel=1e-8)
+    assert energy.bulk == pytest.approx(whole["bulk"][-1], rel=1e-8)
+    other = beams(comm, [vmdg.Interface(between=(1, 2), law=law())])
+    with pytest.raises(ValueError, match="initial damage: varies there, nothing here"):
+        vmdg.read_checkpoint(other, out / "crack")
+
+
+def test_body_that_only_a_crack_holds_is_warned_of(comm):
+    mesh, tags = rectangle(comm)
+    material = vmdg.NeoHookean(E=1e3, nu=0.3)
+    crack = vmdg.Interface(between=(1, 2), law=law(), initial_damage=1.0)
+    problem = vmdg.Problem(mesh, tags, {1: material, 2: material}, [crack], kinematics="small")
+    problem.dirichlet(lambda x: np.isclose(x[1], -1), 0.0)
+    problem.dirichlet(lambda x: np.isclose(x[1], 1), -0.01, "y")
+    # warnings come from rank 0
+    words = "only contact holds the body"
+    with pytest.warns(vmdg.ModelWarning, match=words) if comm.rank == 0 else nullcontext():
+        vmdg.solve(problem, [1.0])
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"law": vmdg.Bonded(), "initial_damage": 1.0}, "has no bond to damage"),
+        ({"law": vmdg.Contact(), "initial_damage": 0.5}, "has no bond to damage"),
+        ({"initial_damage": 1.5}, r"must lie in \[0, 1\]"),
+        ({"initial_damage": np.nan}, r"must lie in \[0, 1\]"),
+        ({"initial_damage": [0.5, 0.5]}, "one value for every facet of facets="),
+    ],
+)
+def test_mistakes_are_told(options, words):
+    with pytest.raises(ValueError, match=words):
+        vmdg.Interface(**({"between": (1, 2), "law": law()} | options))
+
+
+def test_function_that_gives_no_damage_is_told(comm):
+    interface = vmdg.Interface(between=(1, 2), law=law(), initial_damage=lambda x: x[0])
+    with pytest.raises(ValueError, match=r"initial_damage gives .* from 0 to 1"):
+        beams(comm, [interface])
