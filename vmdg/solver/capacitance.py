@@ -64,6 +64,9 @@ class Capacitance:
         iterations: Krylov iterations so far, on systems of many gaps.
     """
 
+    #: Bodies of small strain do not buckle.
+    unstable = False
+
     def __init__(self, problem: Problem, max_direct: int = MAX_DIRECT):
         self._problem, self._comm, self._max_direct = problem, problem.comm, max_direct
         active = problem.discretization.active.values()

@@ -65,6 +65,9 @@ class Trials(Protocol):
     def size(self, direction: Direction) -> float:
         """Norm of the displacement; collective [mm]."""
 
+    def product(self, one: Direction, other: Direction) -> float:
+        """Inner product of two displacements; collective [mm^2]."""
+
 
 @dataclass
 class Control:
@@ -94,6 +97,11 @@ class Control:
     def brakes(self) -> bool:
         """Whether an overstress takes the place of the load factor."""
         return False
+
+    @property
+    def arc(self) -> float | None:
+        """Size of the change of displacement that ends the step; None where it does not [mm]."""
+        return None
 
     def snapped(self, t: float) -> float:
         """The target where a load factor differs from it by rounding."""
@@ -126,6 +134,11 @@ class Control:
 class Work(Control):
     """Control by the work on bonds: the step ends where it is dD, whatever lambda is there.
 
+    Where nothing breaks on the way to the target and load control has failed, the size of the
+    change of the displacement takes the place of the work: at buckling, as at a limit point, K is
+    next to singular, and a given load may lead anywhere; a given displacement leads on along the
+    path (arc length; Crisfield 1981).
+
     Attributes:
         target: Load factor to which the load goes before anything is damaged.
         work: dD; None where the target is met without so much work: load control [N mm].
@@ -133,11 +146,20 @@ class Work(Control):
             more; 1 for load control where dD is enough for all of it.
         kink: Whether dD stays the control whatever is foreseen: at the onset of damage nothing can
             be foreseen, and on a path of breaking bonds load control does not serve.
+        bends: Whether the displacement may take the place of the work.
+        reach: Its size at which a step ends then; None for the share ``within`` of the last change,
+            if that share is less than 1 [mm].
+        forward: Change in the last step, which tells where the path goes on; None for the target.
     """
 
     work: float | None = None
     within: float = 1.0
     kink: bool = False
+    bends: bool = False
+    reach: float | None = None
+    forward: Direction | None = None
+    _origin: Direction | None = field(default=None, init=False, repr=False)
+    _bounded: bool = field(default=False, init=False, repr=False)
     _limited: bool = field(default=False, init=False, repr=False)
     _first: bool = field(default=True, init=False, repr=False)
     _gradient: float = field(default=0.0, init=False, repr=False)
@@ -154,10 +176,18 @@ class Work(Control):
         """Whether the load factor itself is prescribed."""
         return self.work is None
 
+    @property
+    def arc(self) -> float | None:
+        """Size of the change of displacement that ends the step; None where it does not [mm]."""
+        return self.reach if self._bounded and not self.loaded else None
+
     def met(self, t: float, work: float) -> bool:
         """Whether an equilibrium ends the step."""
         if self.work is None:
             return t == self.target
+        if self._bounded:
+            # Full steps stay on the arc.
+            return True
         if self.onset is not None:
             return abs(self.onset) <= MISSED * self.span and work <= self.work
         return abs(work - self.work) <= MISSED * self.work
@@ -172,6 +202,9 @@ class Work(Control):
             one: du_1, for a unit of lambda.
         """
         first, self._first = self._first, False
+        self._origin = self._origin or start
+        if self._bounded:
+            return self._along_arc(trials, start, zero, one)
         D, middle = trials.bond_work(start, zero, 0.0), Direction(start.u + zero.u, start.t)
         if self.onset is not None:
             self.onset = self._begin_of_damage(trials, middle, one)
@@ -195,18 +228,55 @@ class Work(Control):
         else:
             now, then = (trials.bond_work(middle, one, x) for x in (0.0, left))
             if then > now == 0 and first:
-                self.onset = self._begin_of_damage(trials, middle, one)
-                return self.onset
+                onset = self._begin_of_damage(trials, middle, one)
+                if self.reach is not None and self._bound(trials, zero, one, onset):
+                    return self._along_arc(trials, start, zero, one)
+                self.onset = onset
+                return onset
             if then == now > 0:
                 # Nothing is left to break: the step ends where the last bond has.
                 self.work, self.target = None, start.t
                 return 0.0
         if not self._limited and abs(length) >= abs(left) and length * left > 0:
             foreseen = trials.bond_work(middle, one, left)
+            if foreseen == 0:
+                if self._bound(trials, zero, one, left):
+                    return self._along_arc(trials, start, zero, one)
+                self.work = None
+                return left
             if foreseen < self.work and not self._limit(foreseen):
                 return left
             return self._reach(trials, middle, one, left)
         return length if gradient != 0 else self._reach(trials, middle, one, left)
+
+    def _bound(self, trials: Trials, zero: Direction, one: Direction, length: float) -> bool:
+        """Whether the displacement becomes the control on a way on which nothing breaks."""
+        way = trials.size(Direction(zero.u + length * one.u, length))
+        if self.reach is None and self.within < 1:
+            self.reach = self.within * (trials.size(self.forward) if self.forward else way)
+        self._bounded = self.bends and self.reach is not None and way > self.reach
+        return self._bounded
+
+    def _along_arc(
+        self, trials: Trials, start: Direction, zero: Direction, one: Direction
+    ) -> float:
+        """Change of the load factor that ends a correction on |u - u_n| = reach; collective."""
+        before = Direction(start.u - self._origin.u, start.t - self._origin.t)
+        after = Direction(before.u + zero.u, before.t)
+        a, b = trials.product(one, one), trials.product(after, one)
+        root = math.sqrt(max(b * b - a * (trials.product(after, after) - self.reach**2), 0.0))
+        forward = before if trials.size(before) > 0 else self.forward
+        if forward is None:
+            along = self.target - start.t
+        else:
+            along = trials.product(forward, one)
+        length = (-b + math.copysign(root, along)) / a
+        left = self.target - start.t
+        if length * left > 0 and abs(length) >= abs(left):
+            # The target comes first.
+            self.work = None
+            return left
+        return length
 
     def _limit(self, foreseen: float) -> bool:
         """Whether dD remains the control where the target is foreseen to come before it."""

@@ -22,9 +22,11 @@ Petsc = Mapping[str, str | int | float | bool | None]
 #: Of the objects that options have configured.
 _numbers = count()
 
-#: Unsymmetric and symmetric direct solvers.
-LU = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
-LDLT = {**LU, "pc_type": "cholesky"}
+#: Unsymmetric and symmetric direct solvers: the former finds the determinant, the latter counts all
+#: negative pivots, for which the last front must not be left to ScaLAPACK.
+MUMPS = {"ksp_type": "preonly", "pc_factor_mat_solver_type": "mumps"}
+LU = {**MUMPS, "pc_type": "lu", "mat_mumps_icntl_33": 1}
+LDLT = {**MUMPS, "pc_type": "cholesky", "mat_mumps_icntl_13": 1}
 
 #: GMRES with the true residual, which does not mind an indefinite softening tangent.
 GMRES = {
@@ -210,6 +212,17 @@ class LinearSolver:
             with timer("factorize"):
                 self._direct.setUp()
         self._direct.solve(b, x)
+
+    @property
+    def unstable(self) -> bool:
+        """Whether the last matrix that was solved directly is known to have negative eigenvalues:
+        from negative pivots of LDL^T, or a negative determinant by LU (an odd number of them)."""
+        if self._direct is None or "mumps" not in self._direct_options.values():
+            return False
+        factors = self._direct.getPC().getFactorMatrix()
+        if self._direct_options["pc_type"] == "cholesky":
+            return factors.getMumpsInfog(12) > 0
+        return factors.getMumpsRinfog(12) < 0
 
     def free(self) -> None:
         """Free the PETSc objects; collective."""

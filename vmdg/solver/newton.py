@@ -16,7 +16,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.parallel import global_norm
+from ..base.parallel import global_norm, global_sum
 from ..base.timers import timer
 from ..domain.topology import box_sides
 from ..problem.problem import Problem
@@ -26,6 +26,7 @@ from .linear import Petsc, destroy, set_options
 from .options import SolveOptions
 from .report import StepReport, Trace
 from .system import make_system
+from .turn import turn
 
 Array = NDArray[np.float64]
 
@@ -120,6 +121,7 @@ class Newton:
         self._control, self._dt = control, dt
         self._trace, self._goal = Trace(self.krylov), np.nan
         self._trials, self._corrections, self._tolerance = 0, 0, MAX_RTOL
+        self._unstable = False
 
     @property
     def krylov(self) -> int:
@@ -164,6 +166,8 @@ class Newton:
             self._goal,
             self.krylov - krylov,
             onset=control.onset is not None,
+            arc=control.arc,
+            unstable=self._unstable,
         )
 
     def _search(self, options: Petsc) -> None:
@@ -175,7 +179,11 @@ class Newton:
         self._snes.setFromOptions()
 
     def _predict(self, ahead: Direction | None) -> None:
-        """Go on as in the last step, or along the tangent of the present state."""
+        """Turn with the supports, go on as in the last step, or along the tangent of the state."""
+        if self._problem.loading.ray is None and turn(self._problem):
+            self._problem.step.assemble_residual(self._dt)
+            self.go(self.place(), self._correction(-self._free_forces(), MAX_RTOL), 1.0)
+            return
         if ahead is not None and self._control.extrapolate(self, ahead):
             return
         if self._control.brakes:
@@ -222,6 +230,10 @@ class Newton:
         """Norm of the displacement [mm]."""
         return global_norm(self._comm, direction.u)
 
+    def product(self, one: Direction, other: Direction) -> float:
+        """Inner product of two displacements [mm^2]."""
+        return float(global_sum(self._comm, one.u @ other.u))
+
     # Corrections
 
     def correct(self, right: Array) -> Direction:
@@ -229,6 +241,11 @@ class Newton:
         return self._correction(-right, self._tolerance)
 
     def _correction(self, forces: Array, rtol: float) -> Direction:
+        found = self._linearised(forces, rtol)
+        self._unstable = self._system.unstable
+        return found
+
+    def _linearised(self, forces: Array, rtol: float) -> Direction:
         problem, control = self._problem, self._control
         loading, start = problem.loading, self.place()
         ray, prescribed = loading.ray, loading.prescribed

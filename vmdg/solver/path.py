@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..base.parallel import global_any, global_sum
+from ..base.parallel import global_any, global_norm, global_sum, warn_together
 from ..problem.loading import Ray
 from ..problem.problem import Problem
 from ..problem.states import Snapshot
@@ -154,6 +154,7 @@ class Path:
         scales = self._problem.step.scales
         self._most, self._work, self._breaking = 0.0, scales.work, scales.breaking
         self._ray: Ray | None = None
+        self._lost = False
         self.forget()
 
     def _remember(self, work: float, breaking: bool) -> None:
@@ -167,6 +168,7 @@ class Path:
         """The next step does not go on as the last one."""
         self._ahead: Direction | None = None
         self._spent, self._kink = 0.0, False
+        self._reach: float | None = None
 
     def advance(self, target: float) -> Iterator[Part]:
         """Steps until ``target`` is reached.
@@ -176,7 +178,9 @@ class Path:
         """
         stage = self._set_out(target)
         options = self._stepper.options
-        stage.traces = options.unstable == "trace" or options.control == "load"
+        # Jumps are slowed down by bonds.
+        never = options.unstable == "trace" or options.control == "load"
+        stage.traces = never or self._most == 0
         while True:
             before = self._problem.step.snapshot()
             try:
@@ -212,7 +216,9 @@ class Path:
         first = FIRST_FACETS * bonds.energy / max(bonds.facets, 1)
         self._remember(self._work or first, self._breaking)
         by_load = self._stepper.options.control == "load" or self._stepper.viscous
-        follows = not by_load and self._most > 0 and loading.set_ray(start, target)
+        # Bonds may break, or bodies buckle.
+        bends = self._most > 0 or not self._problem.discretization.bodies.small
+        follows = not by_load and bends and loading.set_ray(start, target)
         if not follows:
             loading.clear_ray()
         ray, last = loading.ray, self._ray
@@ -252,10 +258,17 @@ class Path:
                 if self._jumped(before, report):
                     problem.step.return_to(before)
                     report = report.failed("JUMPED")
+                if self._unstable(report, forward=stage.ahead(problem.t, start) > 0):
+                    problem.step.return_to(before)
+                    report = report.failed("UNSTABLE")
             if report.converged:
                 break
             self._result.failures.append((end, report.reason))
             cuts += 1
+            if cuts > options.max_cuts and report.reason == "UNSTABLE":
+                # Nothing shows the body another way.
+                self._lose(start)
+                cuts, share = 0, 1.0
             # A load that is held cannot be cut.
             if cuts > options.max_cuts or start == stage.target:
                 raise StepFailure(self._complaint(start, end, report), self._result)
@@ -263,6 +276,8 @@ class Path:
                 self._work, passed = passed.work / 2, None
             elif type(control) is Work:
                 self._work *= CUT
+                if self._spent == 0 and (reach := report.arc or self._size(self._ahead)):
+                    self._reach = CUT * reach
             if not stage.follows or cuts % 2 == 0:
                 share /= 2
         work = min(self._work, report.work) if cuts and report.work else self._work
@@ -271,8 +286,8 @@ class Path:
             # What has got on where the other has failed leads the next step.
             breaking = type(control) is not Control
         elif report.work == 0:
-            # Nothing breaks any more.
-            breaking = False
+            # Nothing breaks any more, or the displacement leads.
+            breaking = report.arc is not None
         elif type(control) is Arrival and start == stage.start and problem.t == stage.target:
             # As foreseen, by one step: the path is smooth, and load control is the shorter way.
             breaking = abs(report.work - control.work) > SMOOTH * report.work
@@ -281,7 +296,28 @@ class Path:
         if self._kink:
             self._ahead, self._spent = None, 0.0
         self._remember(self._next_work(report, work), breaking)
+        self._reach = report.arc and self._growth(report) * report.arc
         return Part(problem.t, stage.done(problem.t), problem.t - start, report, cuts, 0)
+
+    def _unstable(self, report: StepReport, forward: bool) -> bool:
+        """Whether a step in which nothing breaks has left the stable path, which it can follow.
+
+        Bonds that break are followed by the work on them, and behind a limit point of the load
+        stable states are not near.
+        """
+        if not report.unstable:
+            self._lost = False
+        return report.unstable and report.work == 0 and forward and not self._lost
+
+    def _lose(self, t: float) -> None:
+        """Warn that the run goes on over unstable states."""
+        self._lost = True
+        warn_together(
+            self._problem.comm,
+            f"equilibria beyond load factor {t:.6g} are unstable: the tangent has negative "
+            "eigenvalues, and the body would buckle. Give it a small imperfection that shows it "
+            "the way, a load or an eigenstrain, and smaller steps there",
+        )
 
     def _jumped(self, before: Snapshot, report: StepReport) -> bool:
         """Whether a step that broke much has passed a snap: energy was released in it."""
@@ -321,7 +357,8 @@ class Path:
         # Where load control has failed it is not to come back by another name.
         within = CUT ** (cuts // 2 + 1) if cuts else 1.0
         if self._spent == 0 or ahead is None:
-            return Work(stage.target, stage.span, self._work, within, self._kink), None
+            way = self._spent == 0 and not self._kink, self._reach, ahead
+            return Work(stage.target, stage.span, self._work, within, self._kink, *way), None
         if cuts == 0 and ahead.t * (stage.target - t) > 0:
             needed = (stage.target - t) / ahead.t * self._spent
             if needed <= self._work:
@@ -334,8 +371,16 @@ class Path:
 
     def _next_work(self, report: StepReport, work: float) -> float:
         """Work on bonds that the next step may do, after one that might do ``work``."""
-        growth = min(AIM / max(report.iterations, 1), GROWTH)
+        growth = self._growth(report)
         return growth * work if report.work >= work / 2 else max(work, growth * report.work)
+
+    def _growth(self, report: StepReport) -> float:
+        """How much further than this one the next step may go."""
+        return min(AIM / max(report.iterations, 1), GROWTH)
+
+    def _size(self, change: Direction | None) -> float:
+        """Norm of a change of the displacement, 0 for none; collective [mm]."""
+        return 0.0 if change is None else global_norm(self._problem.comm, change.u)
 
     def _complaint(self, start: float, end: float, report: StepReport) -> str:
         norms = ", ".join(f"{norm:.3g}" for norm in report.norms[-4:]) or "none"
@@ -424,6 +469,9 @@ class Path:
         for part, state in stage.after[:2]:
             total += part.report.work
             points.append((total, state.t))
+        if min(np.diff([D for D, _ in points])) <= 0:
+            # Bodies turn the path back, not bonds: the limit point is no matter of the work.
+            return
         for _ in range(MAX_REFINEMENTS):
             heights = [(D, stage.ahead(t, limit.t)) for D, t in points]
             total, height = summit(heights)

@@ -73,6 +73,10 @@ REASONS = {
         "the step passed a snap: it released energy that no equilibrium accounts for",
         f"SolveOptions(control='dissipation'), which follows the path; {_SMALLER}",
     ),
+    "UNSTABLE": Reason(
+        "forces balance, but the body would leave this state by itself: it buckles",
+        f"a small imperfection that shows it the way, a load or an eigenstrain; {_SMALLER}",
+    ),
     "TARGET_PASSED": Reason(
         "the path turned or snapped so close to a given load factor that no step ended there",
         "given load factors that are not so close to the snap, or fewer of them",

@@ -38,6 +38,9 @@ class StepReport:
         work: Work on bonds in the step, 0 where it failed [N mm].
         change: Change of displacement (owned dofs) and load factor; None where it failed.
         onset: Whether the step ends where damage begins, at a kink of the path.
+        arc: Size of the change of displacement that was to end the step; None where something else
+            was [mm].
+        unstable: Whether the tangent near its end is known to have negative eigenvalues.
     """
 
     converged: bool
@@ -49,6 +52,8 @@ class StepReport:
     work: float = 0.0
     change: Direction | None = None
     onset: bool = False
+    arc: float | None = None
+    unstable: bool = False
 
     @property
     def iterations(self) -> int:

@@ -38,6 +38,10 @@ class System(Protocol):
     @property
     def iterations(self) -> int: ...
 
+    @property
+    def unstable(self) -> bool:
+        """Whether the last K is known to have negative eigenvalues."""
+
     def solve(
         self, forces: Sequence[Array], moved: Sequence[Array], rtol: float
     ) -> Sequence[Array]:
@@ -92,6 +96,11 @@ class AssembledSystem:
     def iterations(self) -> int:
         """Krylov iterations so far."""
         return self._linear.iterations
+
+    @property
+    def unstable(self) -> bool:
+        """Whether the last K is known to have negative eigenvalues."""
+        return self._linear.unstable
 
     def solve(self, forces: Sequence[Array], moved: Sequence[Array], rtol: float) -> list[Array]:
         """Solve K.du = forces for several right-hand sides; collective."""

@@ -1,0 +1,136 @@
+"""Buckling: the displacement leads where load is the wrong parameter, unstable states are found."""
+
+from __future__ import annotations
+
+import warnings
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+import vmdg
+from vmdg.base.parallel import global_max
+from vmdg.meshes import blocks
+from vmdg.solver.control import Direction, Work
+
+#: Of a column 1 mm thick, of two halves [mm, MPa]; its bending stiffness [N mm^2].
+LENGTH, E = 20.0, 1e4
+STIFFNESS = E / 12
+#: Euler's load of a column that is clamped at both ends [N].
+CLAMPED = 4 * np.pi**2 * STIFFNESS / LENGTH**2
+LAWS = {
+    "tie": vmdg.Bonded(),
+    "bond": vmdg.Debonding(strength=1e5, critical_gap=1.0),
+    "unsymmetric": vmdg.Debonding(strength=1e5, critical_gap=1.0, friction=0.3),
+}
+
+
+def column(comm: MPI.Comm, law: vmdg.Law, imperfection: float, nu: float = 0.0):
+    """A column that is clamped on the left, and how its facets are found."""
+    scene = blocks(comm, "quadrilateral", (10, 2), LENGTH, 1.0, interface=(LENGTH / 2,) * 2)
+    halves = dict.fromkeys((1, 2), vmdg.NeoHookean(E=E, nu=nu))
+    bond = vmdg.Interface(between=(1, 2), law=law)
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, halves, [bond], degree=2)
+    find = scene.facet_tags.find
+    problem.dirichlet(find(1), 0.0)
+    if imperfection:
+        problem.traction(find(5), (0.0, imperfection))
+    return problem, find
+
+
+def deflection(problem: vmdg.Problem) -> dict[str, float]:
+    """The largest one, for the history."""
+    across = np.abs(problem.u.x.array.reshape(-1, 2)[:, 1])
+    return {"deflection [mm]": global_max(problem.comm, across.max(initial=0.0))}
+
+
+@pytest.mark.parametrize(
+    ("law", "steps"), [("tie", 1), ("tie", 20), ("bond", 1), ("bond", 4), ("unsymmetric", 4)]
+)
+def test_clamped_column(comm, law, steps):
+    """Whatever the steps, the force stays at Euler's and the column takes its first mode.
+
+    w = a/2 (1 - cos 2 pi x/L) shortens it by pi^2 a^2/(4 L). On the straight, unstable path the
+    force would be 253 N instead of 82.
+    """
+    problem, find = column(comm, LAWS[law], 1e-4)
+    problem.dirichlet(find(2), lambda t: (-t, 0.0))
+
+    def monitor(problem: vmdg.Problem) -> dict[str, float]:
+        return {"force [N]": problem.reaction(find(1))[0]} | deflection(problem)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = vmdg.solve(problem, np.linspace(0, 0.5, steps + 1)[1:], None, monitor)
+    history = result.history
+    assert history["load"][-1] == 0.5
+    assert history["force"].max() == pytest.approx(CLAMPED, rel=0.01)
+    amplitude = 2 / np.pi * np.sqrt(LENGTH * (0.5 - CLAMPED * LENGTH / E))
+    assert history["deflection"][-1] == pytest.approx(amplitude, rel=0.01)
+    assert len(result.failures) <= 6
+    assert len(history) <= steps + 20
+
+
+def test_cantilever_under_a_force(comm):
+    """Beyond Euler's load its end goes aside, at 1.063 P_E by .422 L (Timoshenko and Gere)."""
+    problem, find = column(comm, LAWS["tie"], 1e-4)
+    critical = np.pi**2 * STIFFNESS / (4 * LENGTH**2)
+    problem.traction(find(2), lambda t: (-t * critical, 0.0))
+    history = vmdg.solve(problem, [1.063], monitor=deflection).history
+    assert history["load"][-1] == 1.063
+    assert history["deflection"][-1] == pytest.approx(0.422 * LENGTH, rel=0.03)
+    below = history["load"] < 0.9
+    assert (history["deflection"][below] < 0.1).all()
+
+
+def test_nothing_shows_the_way(comm):
+    """A perfect column goes on straight, and the run says that this is no stable state."""
+    problem, find = column(comm, LAWS["tie"], 0.0, nu=0.25)
+    problem.dirichlet(find(2), lambda t: (-t, 0.0))
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        result = vmdg.solve(problem, [0.1, 0.3, 0.5], monitor=deflection)
+    said = [str(warning.message) for warning in found if warning.category is vmdg.ModelWarning]
+    assert len(said) == (comm.rank == 0)
+    assert all("small imperfection" in text for text in said)
+    assert result.history["load"][-1] == 0.5
+    assert {reason for _, reason in result.failures} == {"UNSTABLE"}
+
+
+class Plane:
+    """Trial states on which nothing breaks."""
+
+    def place(self) -> Direction:
+        return Direction(np.zeros(2), 0.0)
+
+    def go(self, start, direction, length) -> None:
+        """Nothing to move."""
+
+    def bond_work(self, start, direction, length) -> float:
+        return 0.0
+
+    def size(self, direction) -> float:
+        return float(np.linalg.norm(direction.u))
+
+    def product(self, one, other) -> float:
+        return float(one.u @ other.u)
+
+
+def test_steps_end_on_the_arc():
+    """|u - u_n| = reach after every correction, onward; or at the target where it comes first."""
+    control, plane = Work(10.0, 10.0, 1.5, bends=True, reach=0.5), Plane()
+    state, one = Direction(np.array([2.0, 1.0]), 3.0), Direction(np.array([0.3, -0.4]), 1.0)
+    origin, arrived = state, []
+    for zero in (np.array([0.01, -0.02]), np.array([0.05, 0.1]), np.array([-0.02, 0.0])):
+        change = control.change(plane, state, Direction(zero, 0.0), one)
+        state = Direction(state.u + zero + change * one.u, state.t + change)
+        arrived.append(np.linalg.norm(state.u - origin.u))
+        assert state.t > 3.0
+    assert arrived == pytest.approx([0.5] * 3)
+    assert control.arc == 0.5
+    far = Work(10.0, 10.0, 1.5, bends=True, reach=50.0)
+    assert far.change(plane, origin, Direction(np.zeros(2), 0.0), one) == pytest.approx(7.0)
+    assert far.arc is None
+    back = Work(10.0, 10.0, 1.5, bends=True, reach=0.5, forward=Direction(-one.u, -1.0))
+    assert back.change(plane, origin, Direction(np.zeros(2), 0.0), one) == pytest.approx(-1.0)
