@@ -36,6 +36,7 @@ SCENES = {
     "tutorial_law": "tutorial_law",
     "tutorial_material": "tutorial_material",
     "two_inclusions": "two_inclusions --no-plot",
+    "buckling": "buckling --no-plot",
     "fibre_matrix": "fibre_matrix --no-plot",
     "fibre_film": f"fibre_matrix {_CELL} --growth 1.04 --no-plot",
     "fibres_five": f"fibre_matrix {_CELL} {_MANY} --no-plot",

@@ -132,5 +132,6 @@ def test_steps_end_on_the_arc():
     far = Work(10.0, 10.0, 1.5, bends=True, reach=50.0)
     assert far.change(plane, origin, Direction(np.zeros(2), 0.0), one) == pytest.approx(7.0)
     assert far.arc is None
-    back = Work(10.0, 10.0, 1.5, bends=True, reach=0.5, forward=Direction(-one.u, -1.0))
+    back = Work(10.0, 10.0, 1.5, bends=True, reach=0.5)
+    assert not back.extrapolate(plane, Direction(-one.u, -1.0))
     assert back.change(plane, origin, Direction(np.zeros(2), 0.0), one) == pytest.approx(-1.0)

@@ -149,7 +149,6 @@ class Work(Control):
         bends: Whether the displacement may take the place of the work.
         reach: Its size at which a step ends then; None for the share ``within`` of the last change,
             if that share is less than 1 [mm].
-        forward: Change in the last step, which tells where the path goes on; None for the target.
     """
 
     work: float | None = None
@@ -157,7 +156,7 @@ class Work(Control):
     kink: bool = False
     bends: bool = False
     reach: float | None = None
-    forward: Direction | None = None
+    _forward: Direction | None = field(default=None, init=False, repr=False)
     _origin: Direction | None = field(default=None, init=False, repr=False)
     _bounded: bool = field(default=False, init=False, repr=False)
     _limited: bool = field(default=False, init=False, repr=False)
@@ -253,7 +252,7 @@ class Work(Control):
         """Whether the displacement becomes the control on a way on which nothing breaks."""
         way = trials.size(Direction(zero.u + length * one.u, length))
         if self.reach is None and self.within < 1:
-            self.reach = self.within * (trials.size(self.forward) if self.forward else way)
+            self.reach = self.within * (trials.size(self._forward) if self._forward else way)
         self._bounded = self.bends and self.reach is not None and way > self.reach
         return self._bounded
 
@@ -265,7 +264,7 @@ class Work(Control):
         after = Direction(before.u + zero.u, before.t)
         a, b = trials.product(one, one), trials.product(after, one)
         root = math.sqrt(max(b * b - a * (trials.product(after, after) - self.reach**2), 0.0))
-        forward = before if trials.size(before) > 0 else self.forward
+        forward = before if trials.size(before) > 0 else self._forward
         if forward is None:
             along = self.target - start.t
         else:
@@ -298,7 +297,10 @@ class Work(Control):
         return low
 
     def extrapolate(self, trials: Trials, ahead: Direction) -> bool:
-        """Go on as in the last step until D is dD."""
+        """Go on as in the last step until D is dD, or see from it where the path goes on."""
+        if self.bends:
+            self._forward = ahead
+            return False
         self._first = False
         start, left = trials.place(), self.target - trials.place().t
         end = MAX_REACH

@@ -36,6 +36,10 @@ AIM = 4
 #: How exactly a limit point is found, relative to the stage, and in how many steps at most.
 LIMIT, MAX_REFINEMENTS = 1e-6, 12
 
+#: Steps by displacement before a given load factor is given up: nothing is spent on their way, and
+#: it may lead on for ever.
+MAX_ARCS = 200
+
 #: How far behind it a jump begins, relative to the stage.
 AWAY = 1e-2
 
@@ -112,6 +116,7 @@ class Stage:
         limit: State of the largest load so far, where the path has turned back after it.
         after: States behind it, which become rows if the load grows beyond the limit again.
         traces: Whether there is no jump: snaps are followed back, or stop the run.
+        arcs: How many steps the displacement has led.
     """
 
     start: float
@@ -122,6 +127,7 @@ class Stage:
     limit: Snapshot | None = None
     after: list[tuple[Part, Snapshot]] | None = None
     traces: bool = False
+    arcs: int = 0
 
     @property
     def span(self) -> float:
@@ -216,8 +222,9 @@ class Path:
         first = FIRST_FACETS * bonds.energy / max(bonds.facets, 1)
         self._remember(self._work or first, self._breaking)
         by_load = self._stepper.options.control == "load" or self._stepper.viscous
-        # Bonds may break, or bodies buckle.
-        bends = self._most > 0 or not self._problem.discretization.bodies.small
+        # Bonds may break, or bodies buckle; where facets have yet to open nothing is known of bonds.
+        small = self._problem.discretization.bodies.small
+        bends = self._most > 0 or not (small or self._problem.step.activation)
         follows = not by_load and bends and loading.set_ray(start, target)
         if not follows:
             loading.clear_ray()
@@ -262,6 +269,7 @@ class Path:
                     problem.step.return_to(before)
                     report = report.failed("UNSTABLE")
             if report.converged:
+                self._lost &= report.unstable
                 break
             self._result.failures.append((end, report.reason))
             cuts += 1
@@ -297,6 +305,7 @@ class Path:
             self._ahead, self._spent = None, 0.0
         self._remember(self._next_work(report, work), breaking)
         self._reach = report.arc and self._growth(report) * report.arc
+        stage.arcs += report.arc is not None
         return Part(problem.t, stage.done(problem.t), problem.t - start, report, cuts, 0)
 
     def _unstable(self, report: StepReport, forward: bool) -> bool:
@@ -305,8 +314,6 @@ class Path:
         Bonds that break are followed by the work on them, and behind a limit point of the load
         stable states are not near.
         """
-        if not report.unstable:
-            self._lost = False
         return report.unstable and report.work == 0 and forward and not self._lost
 
     def _lose(self, t: float) -> None:
@@ -357,8 +364,9 @@ class Path:
         # Where load control has failed it is not to come back by another name.
         within = CUT ** (cuts // 2 + 1) if cuts else 1.0
         if self._spent == 0 or ahead is None:
-            way = self._spent == 0 and not self._kink, self._reach, ahead
-            return Work(stage.target, stage.span, self._work, within, self._kink, *way), None
+            bends = self._spent == 0 and not self._kink and stage.arcs < MAX_ARCS
+            way = within, self._kink, bends, self._reach
+            return Work(stage.target, stage.span, self._work, *way), ahead if bends else None
         if cuts == 0 and ahead.t * (stage.target - t) > 0:
             needed = (stage.target - t) / ahead.t * self._spent
             if needed <= self._work:
