@@ -222,7 +222,7 @@ class Path:
         first = FIRST_FACETS * bonds.energy / max(bonds.facets, 1)
         self._remember(self._work or first, self._breaking)
         by_load = self._stepper.options.control == "load" or self._stepper.viscous
-        # Bonds may break, or bodies buckle; where facets have yet to open nothing is known of bonds.
+        # Bonds may break or bodies buckle; where facets have yet to open nothing is known of bonds.
         small = self._problem.discretization.bodies.small
         bends = self._most > 0 or not (small or self._problem.step.activation)
         follows = not by_load and bends and loading.set_ray(start, target)
