@@ -22,6 +22,9 @@ LAWS = {
     "debonding": vmdg.Debonding(strength=10.0, critical_gap=0.05, friction=0.5),
     "secant": vmdg.Debonding(strength=10.0, critical_gap=0.05, friction=0.5, unloading="secant"),
     "exponential": vmdg.ExponentialDebonding(strength=10.0, fracture_energy=0.25, friction=0.5),
+    "trapezoidal": vmdg.TrapezoidalDebonding(
+        strength=10.0, plateau_gap=0.01, critical_gap=0.04, friction=0.5
+    ),
     "intrinsic": vmdg.IntrinsicExponential(strength=10.0, fracture_energy=0.25, shear_weight=2.0),
     "mixed_mode": vmdg.MixedModeDebonding(
         normal_strength=10.0,

@@ -19,6 +19,7 @@ from vmdg.laws import (
     IntrinsicExponential,
     MixedModeDebonding,
     Mode,
+    TrapezoidalDebonding,
 )
 
 # One example is a few hundred points, so few examples go far.
@@ -45,12 +46,19 @@ LAWS = {
     "mixed gradual": lambda mu=0.0, nu=0.0: MixedModeDebonding(
         P_C, 60.0, 10.0, 18.0, mu, nu, gradual_friction=True
     ),
+    "trapezoidal": lambda mu=0.0, nu=0.0: TrapezoidalDebonding(P_C, 0.05, 0.15, mu, nu),
+    "trapezoidal gradual": lambda mu=0.0, nu=0.0: TrapezoidalDebonding(
+        P_C, 0.05, 0.15, mu, nu, gradual_friction=True
+    ),
     "intrinsic": lambda mu=0.0, nu=0.0: IntrinsicExponential(P_C, 10.0, 2.0, nu),
 }
 SECANT = {
     "linear secant": lambda mu=0.0, nu=0.0: Debonding(P_C, ZETA_C, mu, unloading="secant"),
     "exponential secant": lambda mu=0.0, nu=0.0: ExponentialDebonding(
         P_C, 10.0, mu, unloading="secant"
+    ),
+    "trapezoidal secant": lambda mu=0.0, nu=0.0: TrapezoidalDebonding(
+        P_C, 0.05, 0.15, mu, unloading="secant"
     ),
     "mixed secant": lambda mu=0.0, nu=0.0: MixedModeDebonding(
         P_C, 60.0, 10.0, 18.0, mu, unloading="secant"
@@ -503,7 +511,9 @@ def twin(law, eta, *point):
         return oracle.mixed(law, eta, *point)
     if isinstance(law, IntrinsicExponential):
         return oracle.intrinsic(law, eta, *point)
-    if isinstance(law, ExponentialDebonding):
+    if isinstance(law, TrapezoidalDebonding):
+        curve = oracle.Trapezoid(law.strength, law.plateau_gap, law.critical_gap)
+    elif isinstance(law, ExponentialDebonding):
         curve = oracle.Exponential(law.strength, law.fracture_energy)
     else:
         curve = oracle.Linear(law.strength, law.critical_gap)

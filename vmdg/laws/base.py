@@ -244,7 +244,11 @@ _POSITIVE = {
 UNLOADINGS = ("plastic", "secant")
 
 #: Those that may be zero.
-_NOT_NEGATIVE = {"friction": "use 0 for no friction", "viscosity": "use 0 for no rate dependence"}
+_NOT_NEGATIVE = {
+    "friction": "use 0 for no friction",
+    "viscosity": "use 0 for no rate dependence",
+    "plateau_gap": "use 0 for no plateau",
+}
 
 
 def check_parameters(law: Law) -> None:

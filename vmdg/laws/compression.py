@@ -18,7 +18,11 @@ from .roots import increasing_root
 
 
 class SofteningCurve(ABC):
-    """Resistance R (MPa) of a bond against the slip x (mm) since R was R_n."""
+    """Resistance R (MPa) of a bond against the slip x (mm) since the start of a step.
+
+    What is left of the bond is told by strength - Q_n. It is R_n, unless R does not fall all the
+    way; then `resistance` and `remaining` say how they belong together.
+    """
 
     strength: float  #: R of the intact bond, MPa
 
@@ -27,40 +31,57 @@ class SofteningCurve(ABC):
     def softening_modulus(self) -> float:
         """H, the steepest descent of the curve, MPa/mm."""
 
+    def resistance(self, left: Array) -> Array:
+        """R_n (m,), MPa.
+
+        Args:
+            left: strength - Q_n (m,), MPa.
+        """
+        return left
+
+    def remaining(self, left: Array, slip: Array) -> Array:
+        """strength - Q after the slip x (m,), MPa.
+
+        Args:
+            left: strength - Q_n (m,), MPa.
+            slip: x (m,), mm.
+        """
+        return self.soften(left, slip)[0]
+
     @abstractmethod
-    def slip(self, load: Array, resistance: Array, stiffness: Array) -> Array:
+    def slip(self, load: Array, left: Array, stiffness: Array) -> Array:
         """Root x (m,), mm, of load - stiffness x = R(x), (64) for any curve.
 
         Args:
             load: |T_tr| (m,), MPa, not less than R_n.
-            resistance: R_n (m,), MPa.
+            left: strength - Q_n (m,), MPa.
             stiffness: r + eta (m,), MPa/mm, more than H.
         """
 
     @abstractmethod
-    def soften(self, resistance: Array, slip: Array) -> tuple[Array, Array]:
+    def soften(self, left: Array, slip: Array) -> tuple[Array, Array]:
         """R(x), MPa, and its slope dR/dx, MPa/mm.
 
         Args:
-            resistance: R_n (m,), MPa.
+            left: strength - Q_n (m,), MPa.
             slip: x (m,), mm, since R was R_n.
         """
 
     @abstractmethod
-    def slip_to(self, resistance: Array, target: Array) -> Array:
-        """Slip x, mm, at which R(x) has fallen from R_n to a target; 0 where R_n <= target.
+    def slip_to(self, left: Array, target: Array) -> Array:
+        """Slip x, mm, at which R(x) has fallen to a target; 0 where R_n <= target.
 
         Args:
-            resistance: R_n (m,), MPa.
+            left: strength - Q_n (m,), MPa.
             target: R (m,), MPa.
         """
 
     @abstractmethod
-    def bond_energy(self, resistance: Array) -> Array:
+    def bond_energy(self, left: Array) -> Array:
         """Energy left in the bond, N/mm: the integral of R(x) from here to separation.
 
         Args:
-            resistance: R_n (m,), MPa.
+            left: strength - Q_n (m,), MPa.
         """
 
     def damage(self, extent: Array) -> Array:
@@ -69,7 +90,7 @@ class SofteningCurve(ABC):
         Args:
             extent: g (m,).
         """
-        left, _ = self.soften(np.full_like(extent, self.strength), extent * self._scale)
+        left = self.remaining(np.full_like(extent, self.strength), extent * self._scale)
         return 1.0 - left / self.strength
 
     def extent(self, damage: Array) -> Array:
@@ -97,7 +118,7 @@ class Yielding(NamedTuple):
 
 
 def give(
-    bond: SofteningCurve, load: Array, resistance: Array, penalty: Array, eta: float, fade: Array
+    bond: SofteningCurve, load: Array, left: Array, penalty: Array, eta: float, fade: Array
 ) -> Yielding:
     """Root x of load - r x = R(x) + V(x), with the overstress V = R min(eta x/strength, p/H).
 
@@ -110,46 +131,46 @@ def give(
     Args:
         bond: softening curve.
         load: trial traction (m,), MPa, not less than R_n.
-        resistance: R_n (m,), MPa.
+        left: strength - Q_n (m,), MPa.
         penalty: r (m,), MPa/mm.
         eta: viscosity/dt, MPa/mm.
         fade: p (m,), MPa/mm.
     """
-    slip = bond.slip(load, resistance, penalty)
+    slip = bond.slip(load, left, penalty)
     if eta > 0.0:
         # V <= eta x, and the bond goes at the same load as without viscosity.
-        lower = bond.slip(load, resistance, penalty + eta)
-        lower = np.where(bond.soften(resistance, slip)[0] > 0.0, np.minimum(lower, slip), slip)
+        lower = bond.slip(load, left, penalty + eta)
+        lower = np.where(bond.soften(left, slip)[0] > 0.0, np.minimum(lower, slip), slip)
 
         def imbalance(x: Array) -> tuple[Array, Array]:
-            left, descent = bond.soften(resistance, x)
-            V, V_slope = overstress(bond, x, left, descent, eta, fade)
-            return penalty * x + left + V - load, penalty + descent + V_slope
+            R, descent = bond.soften(left, x)
+            V, V_slope = overstress(bond, x, R, descent, eta, fade)
+            return penalty * x + R + V - load, penalty + descent + V_slope
 
         slip = increasing_root(imbalance, lower, slip, start=lower)
-    left, descent = bond.soften(resistance, slip)
-    V, V_slope = overstress(bond, slip, left, descent, eta, fade)
-    return Yielding(slip, left, V, 1.0 / (penalty + descent + V_slope))
+    R, descent = bond.soften(left, slip)
+    V, V_slope = overstress(bond, slip, R, descent, eta, fade)
+    return Yielding(slip, R, V, 1.0 / (penalty + descent + V_slope))
 
 
 def overstress(
-    bond: SofteningCurve, slip: Array, left: Array, descent: Array, eta: float, fade: Array
+    bond: SofteningCurve, slip: Array, R: Array, descent: Array, eta: float, fade: Array
 ) -> tuple[Array, Array]:
     """V of `give` (m,), MPa, and dV/dx, MPa/mm.
 
     Args:
         bond: softening curve.
         slip: x (m,), mm.
-        left, descent: R(x) (m,), MPa, and its slope, MPa/mm.
+        R, descent: R(x) (m,), MPa, and its slope, MPa/mm.
         eta: viscosity/dt, MPa/mm.
         fade: p (m,), MPa/mm.
     """
     if eta == 0.0:
-        return np.zeros_like(left), np.zeros_like(left)
+        return np.zeros_like(R), np.zeros_like(R)
     rate = eta / bond.strength
     bound = fade / bond.softening_modulus
     share = np.minimum(rate * slip, bound)
-    return share * left, share * descent + np.where(rate * slip < bound, rate * left, 0.0)
+    return share * R, share * descent + np.where(rate * slip < bound, rate * R, 0.0)
 
 
 class Closure(NamedTuple):
@@ -181,8 +202,8 @@ class Slide(NamedTuple):
 
     slip: Array  #: dgamma, mm
     traction: Array  #: |T_T|, MPa
-    resistance: Array  #: R_{n+1} of the bond, MPa
-    lost: Array  #: R_n - R_{n+1}, MPa
+    left: Array  #: strength - Q_{n+1} of the bond, MPa
+    lost: Array  #: Q_{n+1} - Q_n, MPa
     slope: Array  #: d dgamma / d |T_tr,T|, mm/MPa
     cap_slope: Array  #: d dgamma / d (mu |T_N|), mm/MPa
     slipping: NDArray[np.bool_]
@@ -196,7 +217,7 @@ def slide(
     bond: SofteningCurve,
     shear: Array,
     cap: Array,
-    resistance: Array,
+    left: Array,
     penalty: Array,
     eta: float,
     fade: Array,
@@ -217,36 +238,35 @@ def slide(
         bond: softening curve in shear.
         shear: |T_tr,T| (n,), MPa.
         cap: mu |T_N| (n,), MPa.
-        resistance: R_n (n,), MPa.
+        left: strength - Q_n (n,), MPa.
         penalty: r (n,), MPa/mm.
         eta: viscosity/dt, MPa/mm.
         fade: p of `give` (n,), MPa/mm.
     """
     # A debonded point without pressure slips freely even at zero load: its tangent must not be the
     # bonded one.
-    slipping = ((shear > resistance) | (resistance == 0.0)) & ((shear > cap) | (cap == 0.0))
-    by_bond = give(bond, np.maximum(shear, resistance), resistance, penalty, eta, fade)
+    R_n = bond.resistance(left)
+    slipping = ((shear > R_n) | (R_n == 0.0)) & ((shear > cap) | (cap == 0.0))
+    by_bond = give(bond, np.maximum(shear, R_n), left, penalty, eta, fade)
     by_cap = np.maximum(shear - cap, 0.0) / penalty
     by_friction = slipping & (by_cap <= by_bond.slip)
     slip = np.where(slipping, np.minimum(by_bond.slip, by_cap), 0.0)
-    left, descent = bond.soften(resistance, slip)
-    V, _ = overstress(bond, slip, left, descent, eta, fade)
+    R, descent = bond.soften(left, slip)
+    V, _ = overstress(bond, slip, R, descent, eta, fade)
 
-    held_by_bond = np.where(
-        by_friction, np.clip(bond.slip_to(resistance, cap - V), 0.0, slip), slip
-    )
-    left_at_hand_over, _ = bond.soften(resistance, held_by_bond)
-    after_hand_over = bond.bond_energy(left_at_hand_over) - bond.bond_energy(left)
+    held_by_bond = np.where(by_friction, np.clip(bond.slip_to(left, cap - V), 0.0, slip), slip)
+    at_hand_over, at_end = bond.remaining(left, held_by_bond), bond.remaining(left, slip)
+    after_hand_over = bond.bond_energy(at_hand_over) - bond.bond_energy(at_end)
     return Slide(
         slip=slip,
-        traction=np.where(slipping, np.where(by_friction, cap, left + V), shear),
-        resistance=left,
-        lost=resistance - left,
+        traction=np.where(slipping, np.where(by_friction, cap, R + V), shear),
+        left=at_end,
+        lost=left - at_end,
         slope=slipping * np.where(by_friction, 1.0 / penalty, by_bond.slope),
         cap_slope=-(by_friction / penalty),
         slipping=slipping,
         by_friction=by_friction,
-        damage_work=bond.bond_energy(resistance) - bond.bond_energy(left),
+        damage_work=bond.bond_energy(left) - bond.bond_energy(at_end),
         friction_work=np.maximum(cap * (slip - held_by_bond) - after_hand_over, 0.0),
         viscous_work=V * held_by_bond,
     )
@@ -256,7 +276,7 @@ def slide_gradually(
     bond: SofteningCurve,
     shear: Array,
     cap: Array,
-    resistance: Array,
+    left: Array,
     penalty: Array,
     eta: float,
     fade: Array,
@@ -270,36 +290,36 @@ def slide_gradually(
     until the bond is gone.
 
     Args:
-        bond, shear, cap, resistance, penalty, eta, fade: As of `slide`.
+        bond, shear, cap, left, penalty, eta, fade: As of `slide`.
     """
     part = 1.0 - cap / bond.strength
-    parted = 1.0 - resistance / bond.strength
-    held = resistance + parted * cap
-    slipping = (shear > held) | ((resistance == 0.0) & (cap == 0.0))
+    R_n = bond.resistance(left)
+    held = R_n + (1.0 - R_n / bond.strength) * cap
+    slipping = (shear > held) | ((R_n == 0.0) & (cap == 0.0))
     load = np.maximum(shear, held)
 
     def imbalance(x: Array) -> tuple[Array, Array]:
-        left, descent = bond.soften(resistance, x)
-        V, V_slope = overstress(bond, x, left, descent, eta, fade)
-        return penalty * x + part * left + V + cap - load, penalty + part * descent + V_slope
+        R, descent = bond.soften(left, x)
+        V, V_slope = overstress(bond, x, R, descent, eta, fade)
+        return penalty * x + part * R + V + cap - load, penalty + part * descent + V_slope
 
     upper = load / penalty
     slip = increasing_root(imbalance, np.zeros_like(load), upper, start=np.zeros_like(load))
     slip = np.where(slipping, slip, 0.0)
-    left, descent = bond.soften(resistance, slip)
-    V, V_slope = overstress(bond, slip, left, descent, eta, fade)
+    R, descent = bond.soften(left, slip)
+    V, V_slope = overstress(bond, slip, R, descent, eta, fade)
     slope = slipping / (penalty + part * descent + V_slope)
-    spent = bond.bond_energy(resistance) - bond.bond_energy(left)
-    rubs = 1.0 - left / bond.strength
+    at_end, rubs = bond.remaining(left, slip), 1.0 - R / bond.strength
+    spent = bond.bond_energy(left) - bond.bond_energy(at_end)
     return Slide(
         slip=slip,
-        traction=np.where(slipping, left + V + rubs * cap, shear),
-        resistance=left,
-        lost=resistance - left,
+        traction=np.where(slipping, R + V + rubs * cap, shear),
+        left=at_end,
+        lost=left - at_end,
         slope=slope,
         cap_slope=-rubs * slope,
         slipping=slipping,
-        by_friction=slipping & (left == 0.0),
+        by_friction=slipping & (R == 0.0),
         damage_work=spent,
         friction_work=np.maximum(cap * (slip - spent / bond.strength), 0.0),
         viscous_work=V * slip,

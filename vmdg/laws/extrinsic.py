@@ -26,7 +26,7 @@ class Points(NamedTuple):
     shear: Array  #: |T_tr,T| (m,)
     gap: Array  #: zeta_n (m, d)
     softening: Array  #: Q_n (m,)
-    resistance: Array  #: R_n = max(strength - Q_n, 0) (m,)
+    left: Array  #: max(strength - Q_n, 0) (m,): R_n, or what R_n follows from
     penalty: Array  #: r (m,)
 
 
@@ -102,7 +102,8 @@ class ExtrinsicLaw(Law):
         if self.unloading == "secant":
             return secant.rubbing(self, softening)
         if self.gradual_friction:
-            return np.minimum(softening / self.strength, 1.0)
+            left = np.maximum(self.strength - softening, 0.0)
+            return 1.0 - self.in_opening.resistance(left) / self.strength
         return super().rubbing(softening)
 
     @abstractmethod
@@ -123,7 +124,8 @@ class ExtrinsicLaw(Law):
         trial_n = dot(trial, normal)
         tangential = trial - trial_n[:, None] * normal
         shear = np.sqrt(dot(tangential, tangential))
-        resistance = np.maximum(self.strength - softening, 0.0)
+        left = np.maximum(self.strength - softening, 0.0)
+        resistance = self.in_opening.resistance(left)
         # A point without bond yields at zero traction already, or its tangent would be the bonded
         # one.
         yielding = self.equivalent(np.maximum(trial_n, 0.0), shear) > resistance
@@ -137,7 +139,7 @@ class ExtrinsicLaw(Law):
         ):
             rows = np.flatnonzero(mask)
             if rows.size:
-                everywhere = (trial, normal, trial_n, shear, gap, softening, resistance, penalty)
+                everywhere = (trial, normal, trial_n, shear, gap, softening, left, penalty)
                 branch(update, Points(rows, *(array[rows] for array in everywhere)), eta)
         return update
 
@@ -157,7 +159,7 @@ class ExtrinsicLaw(Law):
         cap = -self.friction * closure.traction
         fade = self._fade(at.penalty)
         resisted = slide_gradually if self.gradual_friction else slide
-        sliding = resisted(bond, at.shear, cap, ratio * at.resistance, at.penalty, eta, fade)
+        sliding = resisted(bond, at.shear, cap, ratio * at.left, at.penalty, eta, fade)
 
         direction = unit(at.trial - at.trial_n[:, None] * at.normal, at.shear)
 
@@ -168,9 +170,7 @@ class ExtrinsicLaw(Law):
         update.gap[rows] = (
             at.gap - closure.length[:, None] * at.normal + sliding.slip[:, None] * direction
         )
-        update.softening[rows] = self._softened(
-            at, sliding.resistance / ratio, sliding.lost / ratio
-        )
+        update.softening[rows] = self._softened(at, sliding.left / ratio, sliding.lost / ratio)
         update.multiplier[rows] = sliding.slip
         update.tangent[rows] = self._pressed_tangent(at, closure, sliding, direction)
         mode = np.where(sliding.slipping, Mode.SHEAR, Mode.ELASTIC)
@@ -204,7 +204,8 @@ class ExtrinsicLaw(Law):
 class RadialLaw(ExtrinsicLaw, SofteningCurve):
     """Law with one softening curve R(x) for all directions: |T| <= R, flow along T (53).
 
-    A new law of this kind supplies the four methods of `SofteningCurve` and `softening_modulus`.
+    A new law of this kind supplies the four methods of `SofteningCurve` and `softening_modulus`;
+    if R does not fall all the way, `resistance` and `remaining` too.
     """
 
     @property
@@ -233,16 +234,15 @@ class RadialLaw(ExtrinsicLaw, SofteningCurve):
         R_n/|T_tr|).
         """
         load = self.equivalent(at.trial_n, at.shear)
-        dgamma, left, V, slope = give(
-            self, load, at.resistance, at.penalty, eta, self._fade(at.penalty)
-        )
+        dgamma, R, V, slope = give(self, load, at.left, at.penalty, eta, self._fade(at.penalty))
+        left = self.remaining(at.left, dgamma)
         per_load = _per_load(dgamma, load, slope)
         n = unit(at.trial, load)
 
         rows = at.rows
-        update.traction[rows] = (left + V)[:, None] * n
+        update.traction[rows] = (R + V)[:, None] * n
         update.gap[rows] = at.gap + dgamma[:, None] * n
-        update.softening[rows] = self._softened(at, left, at.resistance - left)
+        update.softening[rows] = self._softened(at, left, at.left - left)
         update.multiplier[rows] = dgamma
         tangent = outer((slope - per_load)[:, None] * n, n)
         add_to_diagonal(tangent, per_load)
@@ -250,7 +250,7 @@ class RadialLaw(ExtrinsicLaw, SofteningCurve):
         update.mode[rows] = np.where(
             update.softening[rows] < self.strength, Mode.TENSION, Mode.OPEN
         )
-        update.damage_work[rows] = self.bond_energy(at.resistance) - self.bond_energy(left)
+        update.damage_work[rows] = self.bond_energy(at.left) - self.bond_energy(left)
         update.viscous_work[rows] = V * dgamma
 
 

@@ -190,7 +190,7 @@ class MixedModeDebonding(ExtrinsicLaw):
 
     def _open(self, update: Update, at: Points, eta: float) -> None:
         """The return of the class docstring, for T_tr.N >= 0."""
-        rho_n = at.resistance / self.strength
+        rho_n = at.left / self.strength
         # dzeta = T_tr/r if the bond fails within the step; d advances by its length in units of the
         # critical gaps, less m.
         cos, sin, length = self._ray(at.trial_n, at.shear, at.penalty)
@@ -226,14 +226,14 @@ class MixedModeDebonding(ExtrinsicLaw):
         update.multiplier[rows] = np.sqrt(dot(step, step))
         update.tangent[rows] = compliance[:, None, None] * np.eye(step.shape[1])
         update.mode[rows] = Mode.OPEN
-        rho_n = at.resistance / self.strength
+        rho_n = at.left / self.strength
         update.damage_work[rows] = rho_n * rho_n * self._energy(cos, sin)
 
     def _soften(self, update: Update, at: Points, eta: float) -> None:
         """Some bond left at the end of the step."""
         p = self._fade(at.penalty)
         h_n, h_s = self.in_opening.softening_modulus, self.in_shear.softening_modulus
-        rho_n = at.resistance / self.strength
+        rho_n = at.left / self.strength
         a, b = at.trial_n / self.normal_strength, at.shear / self.shear_strength
         flow = self._flow(a, b, rho_n, at.penalty, eta, p)
         g, cos, sin, A, B, m = flow.g, flow.cos, flow.sin, flow.A, flow.B, flow.m

@@ -19,7 +19,8 @@ def increasing_root(
 ) -> Array:
     """Root (n,) of n increasing functions, each bracketed by lower <= root <= upper.
 
-    A Newton step that leaves the bracket is replaced by bisection, so the iteration cannot diverge.
+    A Newton step that leaves the bracket, or takes back more than half of the one before, is
+    replaced by bisection, so the iteration neither diverges nor goes to and fro at a kink.
 
     Args:
         function: x (n,) to values (n,) and slopes (n,).
@@ -29,7 +30,7 @@ def increasing_root(
     Returns:
         The roots, to round-off of the initial `upper` and, away from zero, of the root itself.
     """
-    x = start
+    x, last = start, np.zeros_like(start)
     round_off = np.finfo(float).eps * upper
     for _ in range(_MAX_ITERATIONS):
         value, slope = function(x)
@@ -38,8 +39,12 @@ def increasing_root(
         # A slope of zero, possible only at round-off, asks for bisection.
         newton = x - value / np.where(slope > 0.0, slope, 1.0)
         inside = (slope > 0.0) & (newton >= lower) & (newton <= upper)
+        # what has converged may still move to and fro by its last digits
+        back = -np.sign(last) * (newton - x)
+        inside &= back <= np.maximum(0.5 * np.abs(last), _LAST_NEWTON * np.abs(x) + round_off)
         previous, x = x, np.where(inside, newton, 0.5 * (lower + upper))
+        last = x - previous
         enough = np.where(inside, _LAST_NEWTON, _LAST_BISECTION)
-        if np.all(np.abs(x - previous) <= enough * np.abs(x) + round_off):
+        if np.all(np.abs(last) <= enough * np.abs(x) + round_off):
             break
     return x

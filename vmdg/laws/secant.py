@@ -103,9 +103,9 @@ class Scaled:
 
     def area(self, g: Array) -> Array:
         """Integral of s from 0 to g."""
-        left, _ = self.at(g)
-        whole = self._curve.bond_energy(np.full_like(g, self.strength))
-        spent = whole - self._curve.bond_energy(self.strength * left)
+        curve, whole = self._curve, np.full_like(g, self.strength)
+        left = curve.remaining(whole, self.scale * g)
+        spent = curve.bond_energy(whole) - curve.bond_energy(left)
         return spent / (self.strength * self.scale)
 
     def dissipated(self, g: Array) -> Array:
