@@ -12,6 +12,7 @@ from .forms.materials import Hyperelastic as Hyperelastic
 from .forms.materials import Material as Material
 from .forms.materials import NeoHookean as NeoHookean
 from .forms.ogden import Ogden as Ogden
+from .forms.orthotropic import Orthotropic as Orthotropic
 from .interface.interface import Interface as Interface
 from .interface.points import InterfaceState as InterfaceState
 from .laws import Bonded as Bonded

@@ -102,3 +102,49 @@ def test_errors_at_the_door(comm):
     other, _ = make(comm)
     with pytest.raises(ValueError, match="another mesh"):
         problem.traction(facets, ufl.SpatialCoordinate(other.mesh))
+
+
+def at(*place: float):
+    """Predicate of a point."""
+    return lambda x: np.all([np.isclose(x[i], c) for i, c in enumerate(place)], axis=0)
+
+
+@EVERY_DEGREE
+def test_point_load(comm, degree):
+    """Resultant and moment of forces at two corners, given in all ways."""
+    problem, _ = make(comm, degree=degree)
+    problem.point_load(at(2, 1), lambda t: (3 * t, 0.0))
+    problem.point_load(at(2, 0), 5.0, "y")
+    force, moment = resultants(problem, 2.0)
+    assert force == pytest.approx([6.0, 5.0], rel=1e-14)
+    assert moment == pytest.approx(2 * 5.0 - 1 * 6.0, rel=1e-14)
+
+
+def test_cantilever_under_a_point_load(comm):
+    """Reactions balance it, and it does the work P u/2 that is stored."""
+    problem, scene = make(comm, "quadrilateral", 2)
+    problem.dirichlet(scene.facet_tags.find(1), 0.0)
+    problem.point_load(at(2, 0.5), lambda t: -0.01 * t, "y")
+    vmdg.solve(problem, [0.5, 1.0])
+    assert problem.reaction(scene.facet_tags.find(1)) == pytest.approx([0.0, 0.01], abs=1e-11)
+    energy = problem.energy()
+    assert energy.external > 0
+    assert abs(energy.imbalance) < 1e-6 * energy.external
+
+
+POINT_LOADS = {
+    "facets": (lambda s: (s.facet_tags.find(1), 1.0, "x"), TypeError, "must be a predicate"),
+    "nowhere": (lambda s: (at(7, 7), 1.0, "x"), ValueError, "no node is selected on any rank"),
+    "interface": (lambda s: (at(1, 0), 1.0, "x"), ValueError, "lies on Interface.* beside it"),
+    "one number": (lambda s: (at(2, 0), 1.0, None), ValueError, r"shape \(\), expected \(2,\)"),
+    "f(x, t)": (lambda s: (at(2, 0), lambda x, t: x[0], "x"), ValueError, "number, array or f"),
+}
+
+
+@pytest.mark.parametrize("mistake", POINT_LOADS)
+def test_point_load_refused(comm, mistake):
+    """Refused on every rank."""
+    problem, scene = make(comm)
+    arguments, error, message = POINT_LOADS[mistake]
+    with pytest.raises(error, match=message):
+        problem.point_load(*arguments(scene))

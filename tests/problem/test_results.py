@@ -36,8 +36,7 @@ def test_stress_out_of_the_plane(comm, kinematics, volumetric):
         exact = MU / J * (F @ F.T - np.eye(3)) + LMBDA * (J - 1) * np.eye(3)
     else:
         strain = (F + F.T) / 2 - (1 + theta) * np.eye(3)
-        stress = 2 * MU * strain + LMBDA * np.trace(strain) * np.eye(3)
-        exact = stress @ F.T / np.linalg.det(F)  # sigma = P.F^T / J, as at finite strain
+        exact = 2 * MU * strain + LMBDA * np.trace(strain) * np.eye(3)
     assert found == pytest.approx(np.broadcast_to(exact, found.shape), rel=1e-10, abs=1e-9)
 
 

@@ -285,3 +285,23 @@ def test_linear_tolerance():
     assert linear_tolerance([1.0, 0.9], 1e-12) == MAX_RTOL
     assert linear_tolerance([1.0, 1e-5], 1e-12) == MIN_RTOL
     assert linear_tolerance([1.0], 0.9) == MAX_RTOL
+
+
+@pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")
+def test_until(comm):
+    """A dead load that never comes back to its peak ends where the user says, in a state of the
+    path."""
+    problem = bar.build(comm, 0.1, dead=True)
+    options = vmdg.SolveOptions(unstable="trace", **SHARP)
+    result = vmdg.solve(
+        problem,
+        [2 * STRENGTH],
+        options,
+        bar.means,
+        until=lambda problem: problem.mean(0).gap[0] > 0.05,
+    )
+    history = result.history
+    assert 0.05 < history["gap"][-1] < 0.1
+    assert (history["gap"][:-1] <= 0.05).all()
+    assert history["load"].max() <= STRENGTH * (1 + 1e-9)
+    assert problem.t == history["load"][-1]

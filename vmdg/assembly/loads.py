@@ -1,4 +1,4 @@
-"""Dead loads: tractions on the boundary and body forces, as functions of place and load factor."""
+"""Dead loads: tractions, body forces, forces at points, as functions of place and load factor."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from ..base.parallel import raise_together
 from ..base.quadrature import load_degree
 from ..domain.topology import boundary_rows
 from ..forms.geometry import Geometry
+from .dirichlet import component_index
 from .values import Value, first_value, takes_points, value_at
 
 
@@ -51,8 +52,21 @@ class _Load:
             self.density.x.array.reshape(-1, d)[self.dofs] = value.T
 
 
+@dataclass(frozen=True)
+class _Force:
+    """A force at nodes.
+
+    Attributes:
+        dofs: Component-wise numbers of owned nodes (n, components).
+        value: What the user gave.
+    """
+
+    dofs: NDArray[np.int32]
+    value: Value
+
+
 class DeadLoads:
-    """Tractions per reference area and body forces per reference volume, (29) for both.
+    """Tractions per reference area, body forces per reference volume, (29), and forces at points.
 
     Args:
         u: Displacement.
@@ -67,11 +81,12 @@ class DeadLoads:
         self._weight = geometry.weight
         self._tractions: list[_Load] = []
         self._body_forces: list[_Load] = []
+        self._forces: list[_Force] = []
         self._nodes: fem.FunctionSpace | None = None
         self._form: fem.Form | None = None
 
     def __bool__(self) -> bool:
-        return bool(self._tractions or self._body_forces)
+        return bool(self._tractions or self._body_forces or self._forces)
 
     def add_traction(self, facets: NDArray[np.int32], value: Value | Expr) -> None:
         """Traction [MPa] on boundary facets.
@@ -91,6 +106,26 @@ class DeadLoads:
         dim = self._mesh.topology.dim
         owned = cells[cells < self._mesh.topology.index_map(dim).size_local]
         self._body_forces.append(self._load(value, owned, dim, cells, "body_force"))
+
+    def add_point_load(
+        self, nodes: NDArray[np.int32], value: Value, component: int | str | None
+    ) -> None:
+        """Force [N] at each of some nodes, block numbers (n,).
+
+        Raises:
+            ValueError: unknown component, or a value of the wrong shape or that varies in space.
+        """
+        what = "point_load"
+        index = component_index(component, self._d, what)
+        if takes_points(value, what):
+            raise ValueError(
+                f"{what}: the value is a number, array or f(t); call it once for each force"
+            )
+        shape = first_value(self._mesh.comm, value, what).shape
+        self._check_shape(shape, [(self._d,)] if index is None else [(), (1,)], what)
+        components = np.arange(self._d) if index is None else np.array([index])
+        owned = nodes[nodes < self._space.dofmap.index_map.size_local]
+        self._forces.append(_Force(owned[:, None] * self._d + components, value))
 
     def _load(
         self,
@@ -143,11 +178,17 @@ class DeadLoads:
 
     def vector(self, t: float) -> NDArray[np.float64]:
         """Load vector at load factor ``t`` over local dofs; ghosts still to be added to owners."""
-        for load in [*self._tractions, *self._body_forces]:
+        result = np.zeros_like(self._u.x.array)
+        loads = [*self._tractions, *self._body_forces]
+        for load in loads:
             load.update(t)
-        if self._form is None:
-            self._form = self._compile()
-        return fem.assemble_vector(self._form).array
+        if loads:
+            if self._form is None:
+                self._form = self._compile()
+            result += fem.assemble_vector(self._form).array
+        for force in self._forces:
+            result[force.dofs] += value_at(force.value, t)
+        return result
 
     def _compile(self) -> fem.Form:
         eta = ufl.TestFunction(self._space)

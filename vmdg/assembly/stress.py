@@ -16,6 +16,8 @@ from .discretization import Discretization
 class CauchyStress:
     """Cauchy stress sigma = P.F^T / J of the bodies, (3, 3) [MPa], discontinuous of degree k.
 
+    At small strain no configuration is told from another, and sigma = P.
+
     In axisymmetry the order is r, z, hoop; in plane strain sigma_zz = (dW/dF_33) / J stands at the
     end.
 
@@ -56,9 +58,11 @@ class CauchyStress:
 def _cauchy(body: kinematics.Body, F: Expr) -> Expr:
     P = kinematics.first_piola(body, F)
     own = without_entry(F) if body.mean_dilatation else F
-    stress = P * own.T / ufl.det(own)
+    # At small strain a gradient of 1 takes the place of F.
+    forward, J = (ufl.Identity(own.ufl_shape[0]), 1) if body.small else (own.T, ufl.det(own))
+    stress = P * forward / J
     if own.ufl_shape[0] == 3:
         return stress
     solid = ufl.variable(with_entry(body.effective(F), 1))
-    out_of_plane = kinematics.first_piola(body.pointwise, solid)[2, 2] / ufl.det(own)
+    out_of_plane = kinematics.first_piola(body.pointwise, solid)[2, 2] / J
     return with_entry(stress, out_of_plane)

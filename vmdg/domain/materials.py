@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from numbers import Real
+from typing import Any
 
 import numpy as np
 from dolfinx import fem
-from dolfinx.mesh import Mesh
+from dolfinx.mesh import Mesh, compute_midpoints
 from numpy.typing import NDArray
 
 from ..base.parallel import raise_together
@@ -55,7 +57,8 @@ class Bodies:
         region: Region of every local cell.
 
     Raises:
-        ValueError: a cell has no tag, a tag no material, or a material no cell.
+        ValueError: a cell has no tag, a tag no material, or a material no cell, or a parameter has
+            no value in a cell.
     """
 
     def __init__(
@@ -84,8 +87,10 @@ class Bodies:
             representative = next(iter(members.values()))
             parameters = {name: fem.Function(space) for name in representative.parameters}
             for tag, material in members.items():
+                cells = self.cells_of[tag]
                 for name, value in material.parameters.items():
-                    parameters[name].x.array[self.cells_of[tag]] = value
+                    what = f"{name} of the material of tag {tag}"
+                    parameters[name].x.array[cells] = cell_values(mesh, value, cells, what)
                 self.region[self.cells_of[tag]] = len(self.regions)
             cells = np.flatnonzero(self.region[:owned] == len(self.regions))
             body = Body(representative, parameters, small, self._eigenstrain, self.mean_dilatation)
@@ -104,6 +109,60 @@ class Bodies:
     def eigenstrain_differs(self, before: float, after: float) -> bool:
         """Whether an eigenstrain differs between two load factors."""
         return self._eigenstrains_at(before) != self._eigenstrains_at(after)
+
+
+def cell_values(
+    mesh: Mesh, value: Any, cells: NDArray[np.int32], what: str
+) -> NDArray[np.float64] | float:
+    """A parameter on local cells; collective.
+
+    Args:
+        mesh: The mesh.
+        value: A number, f(x) at midpoints x (3, n), a Function of degree 0, or an array with a
+            value for each local cell of the mesh, ghosts included.
+        cells: Local cells.
+        what: Its name, for messages.
+
+    Returns:
+        One number, or (n,).
+
+    Raises:
+        ValueError: it is none of these, or not finite.
+    """
+    if isinstance(value, Real):
+        return float(value)
+    message, values = None, np.zeros(len(cells))
+    try:
+        values[:] = _given_on(mesh, value, cells)
+    except Exception as error:  # of a user's function, which may do anything
+        message = (
+            f"{what}: {value!r} is no number, f(x) with a number for each of the points x (3, n), "
+            f"Function of degree 0, or array with a value for each local cell: {error}"
+        )
+    if not np.isfinite(values).all():
+        message = f"{what}: not finite in {np.count_nonzero(~np.isfinite(values))} cells"
+    raise_together(mesh.comm, message)
+    return values
+
+
+def _given_on(mesh: Mesh, value: Any, cells: NDArray[np.int32]) -> NDArray[np.float64]:
+    if isinstance(value, fem.Function):
+        space = value.function_space
+        dofs = space.dofmap.list
+        if space.mesh is not mesh or dofs.shape[1:] != (1,) or space.dofmap.index_map_bs != 1:
+            raise ValueError("it must be of functionspace(mesh, ('DG', 0)) on the same mesh")
+        return value.x.array[dofs[cells, 0]]
+    if callable(value):
+        midpoints = compute_midpoints(mesh, mesh.topology.dim, cells)
+        return np.asarray(value(midpoints.T), dtype=float)
+    index_map = mesh.topology.index_map(mesh.topology.dim)
+    values = np.asarray(value, dtype=float)
+    if values.shape != (index_map.size_local + index_map.num_ghosts,):
+        raise ValueError(
+            f"it has shape {values.shape}, and there are {index_map.size_local} cells and "
+            f"{index_map.num_ghosts} ghosts"
+        )
+    return values[cells]
 
 
 def _check_tags(

@@ -16,7 +16,7 @@ from ..assembly.discretization import Discretization
 from ..assembly.loads import DeadLoads
 from ..assembly.surface import Share
 from ..assembly.values import Value
-from ..base.parallel import global_any
+from ..base.parallel import global_any, global_sum, raise_together
 from ..domain.geometry import axis_dofs
 from ..domain.tags import Group, group_tag
 from ..domain.topology import Locator, facet_cells, refuse_facets
@@ -223,6 +223,45 @@ class Loading:
         self._add(lambda: self._loads.add_body_force(cells.astype(np.int32), value))
         self.loaded[cells] = True
 
+    def add_point_load(self, where: Locator, value: Value, component: int | str | None) -> None:
+        """See :meth:`vmdg.Problem.point_load`."""
+        check_condition("point_load", where, value)
+        if not callable(where):
+            raise TypeError(
+                f"point_load: where = {where!r} must be a predicate on coordinates (3, n), for "
+                "example lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 0)"
+            )
+        self._refuse_split_nodes(where)
+        nodes = self._nodes_at(where)
+        if global_sum(self._mesh.comm, len(nodes)) == 0:
+            raise ValueError("point_load: no node is selected on any rank")
+        self._add(lambda: self._loads.add_point_load(self._nodes_at(where), value, component))
+        cells = self._discretization.space.dofmap.list
+        self.loaded |= np.isin(cells, nodes).any(axis=1)[: len(self.loaded)]
+
+    def _nodes_at(self, where: Locator) -> NDArray[np.int32]:
+        """Local nodes by a predicate."""
+        return fem.locate_dofs_geometrical(self._discretization.space, where)
+
+    def _refuse_split_nodes(self, where: Locator) -> None:
+        """Nodes of an interface are two, or will be when its facets open on demand.
+
+        Raises:
+            ValueError: one is selected.
+        """
+        space = self._discretization.space
+        x, message = space.tabulate_dof_coordinates(), None
+        dim = self._mesh.topology.dim - 1
+        for interface, facets in zip(self._interfaces, self._activation.facets, strict=True):
+            nodes = fem.locate_dofs_topological(space, dim, facets.everywhere)
+            selected = nodes[where(x[nodes].T)]
+            if len(selected) and message is None:
+                message = (
+                    f"point_load: the node at {x[selected[0]].round(6).tolist()} lies on "
+                    f"{interface}, where it is one on either side; load a node beside it"
+                )
+        raise_together(self._mesh.comm, message)
+
     @property
     def vector(self) -> NDArray[np.float64]:
         """Loads at the load factor and, of pressures, at the displacement, over local dofs, ghosts
@@ -237,7 +276,7 @@ class Loading:
         if not self._loads:
             return np.zeros_like(self._discretization.u.x.array)
         now, self.load_factor.value = self.t, t
-        vector = self._loads.vector(t).copy()
+        vector = self._loads.vector(t)
         self.load_factor.value = now
         return vector
 

@@ -224,6 +224,26 @@ class Problem:
         """
         self.loading.add_traction(facets, value)
 
+    def point_load(self, where: Locator, value: Value, component: int | str | None = None) -> None:
+        """Dead force at single nodes.
+
+        The stress under a force at a point is singular, and the displacement there grows with the
+        logarithm of the mesh (in 3D with 1/h): read displacements elsewhere, or spread the force by
+        :meth:`traction` where that matters. Of a plane body it is the force on the whole thickness,
+        of one of revolution that on the whole circle.
+
+        Args:
+            where: Predicate on the coordinates (3, n) of the nodes; each of them bears the force.
+            value: Number, array (d,), Constant, or f(t) of the load factor [N].
+            component: As for :meth:`dirichlet`; with one, the value is a number.
+
+        Raises:
+            TypeError: ``where`` is no predicate.
+            ValueError: no node is selected, or one on an interface, unknown component or a value of
+                the wrong shape.
+        """
+        self.loading.add_point_load(where, value, component)
+
     def pressure(
         self,
         facets: Where | Interface | str,
@@ -425,6 +445,8 @@ class Problem:
 
     def stress(self) -> fem.Function:
         """Cauchy stress sigma = P.F^T / J at the current displacement (3, 3) [MPa]; collective.
+
+        At small strain sigma = P.
 
         Discontinuous of degree k. In axisymmetry the order is r, z, hoop; in plane strain sigma_zz
         stands at the end. Every call returns the same function with new values: copy what is to

@@ -8,6 +8,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from ..base.parallel import global_any
 from ..base.timers import timer, timings, timings_since
 from ..checkpoint.checkpoint import write_checkpoint
 from ..output.history import History, HistoryFile
@@ -21,6 +22,7 @@ from .result import Counts, Result
 from .stepper import Stepper
 
 Monitor = Callable[[Problem], Mapping[str, Any] | None]
+Until = Callable[[Problem], bool]
 
 
 def solve(
@@ -29,6 +31,7 @@ def solve(
     options: SolveOptions | None = None,
     monitor: Monitor | None = None,
     history: History | None = None,
+    until: Until | None = None,
 ) -> Result:
     """Solve for a sequence of load factors.
 
@@ -39,6 +42,9 @@ def solve(
         monitor: Called after every converged step; what it returns joins the history row, by names
             that may say their unit: "force [N]" is column "force".
         history: Table of an earlier run to continue.
+        until: Called after every row; where it says True, on any rank, the run ends there. For
+            dead loads beyond the peak, for example, which may never come to the next load factor:
+            ``until=lambda problem: abs(problem.u.x.array).max() > 9``.
 
     Raises:
         StepFailure: a step fails although it was cut ``max_cuts`` times.
@@ -75,10 +81,16 @@ def solve(
             stepper = Stepper(problem, options, progress)
             path = Path(stepper, result)
             for number, target in enumerate(loads):
+                ended = False
                 for part in path.advance(float(target)):
                     _add_row(part, problem, options, monitor, result)
                     file.update()
                     progress.advanced(number + part.done, part.size, part.report, result.history)
+                    ended = until is not None and global_any(problem.comm, bool(until(problem)))
+                    if ended:
+                        break
+                if ended:
+                    break
                 if len(result.history) - written >= options.checkpoint_every:
                     written = _write_checkpoint(stepper, path, result)
             if len(result.history) > written:
