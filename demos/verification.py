@@ -13,8 +13,8 @@ from mpi4py import MPI
 
 import matplotlib.pyplot as plt
 from helpers.options import run
+from studies.delamination.beams import dcb, enf
 from studies.verification.checks import Check, bimaterial_bar, goodier, shrink_fit, table, timed
-from studies.verification.delamination import dcb, enf
 from studies.verification.partial_slip import partial_slip
 from studies.verification.shear_lag import push_out
 

@@ -24,6 +24,7 @@ from .laws import Law as Law
 from .laws import MixedModeDebonding as MixedModeDebonding
 from .laws import Mode as Mode
 from .laws import TrapezoidalDebonding as TrapezoidalDebonding
+from .output.crack import CrackGrowth as CrackGrowth
 from .output.fields import FieldWriter as FieldWriter
 from .output.history import History as History
 from .problem.problem import Problem as Problem

@@ -287,7 +287,6 @@ def test_linear_tolerance():
     assert linear_tolerance([1.0], 0.9) == MAX_RTOL
 
 
-@pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")
 def test_until(comm):
     """A dead load that never comes back to its peak ends where the user says, in a state of the
     path."""
@@ -305,3 +304,50 @@ def test_until(comm):
     assert (history["gap"][:-1] <= 0.05).all()
     assert history["load"].max() <= STRENGTH * (1 + 1e-9)
     assert problem.t == history["load"][-1]
+
+
+class Rounded:
+    """Trial states of a bond that begins to break after 2 of a unit direction, with the rounding of
+    points that are on their yield surface."""
+
+    def __init__(self):
+        self._t = 0.0
+
+    def place(self):
+        """Where it is."""
+        return Direction(np.zeros(1), self._t)
+
+    def go(self, start, direction, length):
+        """Move."""
+        self._t = start.t + length * direction.t
+
+    def bond_work(self, start, direction, length):
+        """D, some 1e-17 beside the state."""
+        self.go(start, direction, length)
+        return max(self._t - 2.0, 1e-17 if 0 < abs(self._t) < 1e-3 else 0.0)
+
+    def size(self, direction):
+        """Norm."""
+        return float(np.linalg.norm(direction.u))
+
+
+def test_rounding_is_no_gradient():
+    """A run that begins in a state of breaking bonds finds where they go on breaking."""
+    control = Work(100.0, 100.0, 0.5)
+    zero, one = Direction(np.zeros(1), 0.0), Direction(np.ones(1), 1.0)
+    step = control.change(Rounded(), Direction(np.zeros(1), 0.0), zero, one)
+    assert step == control.onset == pytest.approx(2.0, abs=1e-6)
+
+
+def test_max_share(comm):
+    """Steps of the path break no more than the user allows: more rows, the same path."""
+    coarse, fine = (
+        traced(bar.build(comm, 0.02), [0.06], max_share=share).history for share in (0.1, 0.02)
+    )
+    softening = [np.diff(h["damage"])[h["gap"][:-1] > 0] for h in (coarse, fine)]
+    total = STRENGTH * 0.02 / 2
+    assert softening[0].max() > 0.05 * total
+    assert softening[1].max() <= 0.02 * total * (1 + 1e-6)
+    assert misses(fine, 0.02, "finite").max() < 1e-8
+    with pytest.raises(ValueError, match=r"max_share = 0 must be in \(0, 1\]"):
+        vmdg.SolveOptions(max_share=0)

@@ -28,12 +28,13 @@ WIDEST = 10.0
 ROUGHEST = 5.0
 
 
-def check_model(problem: Problem, loads: NDArray[np.float64]) -> bool:
+def check_model(problem: Problem, loads: NDArray[np.float64], traced: bool = False) -> bool:
     """Look for supports that are missing or in conflict, and numbers out of proportion.
 
     Args:
         problem: The problem, about to be solved.
         loads: Load factors to reach.
+        traced: Whether load factors fall along the path where bonds break.
 
     Returns:
         Whether contact alone holds a body.
@@ -42,7 +43,8 @@ def check_model(problem: Problem, loads: NDArray[np.float64]) -> bool:
         ValueError: nothing holds a part of the problem, whatever its interfaces do.
     """
     rests_on_contact = _check_supports(problem)
-    _check_bonds(problem)
+    if not traced:
+        _check_bonds(problem)
     first, last = (problem.loading.dirichlet.conflict(float(t)) for t in (loads[0], loads[-1]))
     warn_together(problem.comm, first or last)
     for active in problem.discretization.active.values():
@@ -155,7 +157,8 @@ def _check_bonds(problem: Problem) -> None:
                 problem.comm,
                 f"the body of {part.body} bears a load, and against {part.motions} only bonds "
                 "hold it: once they break there is no equilibrium, and no step will converge. "
-                "Prescribe a displacement instead of the load to go on",
+                "Prescribe a displacement instead of the load to go on, or follow the falling load "
+                "by SolveOptions(unstable='trace') until= the crack is long enough",
             )
 
 

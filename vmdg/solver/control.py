@@ -204,7 +204,7 @@ class Work(Control):
         self._origin = self._origin or start
         if self._bounded:
             return self._along_arc(trials, start, zero, one)
-        D, middle = trials.bond_work(start, zero, 0.0), Direction(start.u + zero.u, start.t)
+        D, middle = self._worked(trials, start, zero, 0.0), Direction(start.u + zero.u, start.t)
         if self.onset is not None:
             self.onset = self._begin_of_damage(trials, middle, one)
             return self.onset
@@ -214,7 +214,7 @@ class Work(Control):
             if not 0 < size < np.inf:
                 return size - size
             length = sign * INCREMENT / size
-            return (trials.bond_work(start, direction, length) - D) / length
+            return (self._worked(trials, start, direction, length) - D) / length
 
         left = self.target - start.t
         # Where points are about to break D grows to one side only.
@@ -225,7 +225,7 @@ class Work(Control):
             # Where D hardly grows its derivative says nothing about how far it is to dD.
             length = min(max(length, -self.span), self.span)
         else:
-            now, then = (trials.bond_work(middle, one, x) for x in (0.0, left))
+            now, then = (self._worked(trials, middle, one, x) for x in (0.0, left))
             if then > now == 0 and first:
                 onset = self._begin_of_damage(trials, middle, one)
                 if self.reach is not None and self._bound(trials, zero, one, onset):
@@ -276,6 +276,17 @@ class Work(Control):
             self.work = None
             return left
         return length
+
+    def _worked(
+        self, trials: Trials, start: Direction, direction: Direction, length: float
+    ) -> float:
+        """D for its gradient: work on bonds there, 0 where it is rounding; collective [N mm].
+
+        At an equilibrium that a run has reached before, points that were breaking are on their
+        yield surface but for rounding, and their work of 1e-17 would give D a gradient.
+        """
+        work = trials.bond_work(start, direction, length)
+        return work if work > ROUNDING * self.work else 0.0
 
     def _limit(self, foreseen: float) -> bool:
         """Whether dD remains the control where the target is foreseen to come before it."""

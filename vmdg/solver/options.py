@@ -31,6 +31,8 @@ class SolveOptions:
             what is released as viscosity; "trace" follows the path back. Smaller snaps, of points
             that break one by one, are always traced. Stages that go by load factors jump where the
             smallest attempt has failed, not with ``control="load"``.
+        max_share: Share of all bonds that a step of the path breaks at most: less gives more rows,
+            where a peak is to be met by one of them, for example.
         duration: Time for one unit of load factor [s]; matters to laws with viscosity only.
         petsc: Options for SNES, KSP and PC, without prefix. Default: a backtracking line search
             under load control, full steps where the work on bonds is given, and the linear solver
@@ -66,6 +68,7 @@ class SolveOptions:
     max_cuts: int = 6
     control: str = "auto"
     unstable: str = "jump"
+    max_share: float = 0.1
     duration: float = 1.0
     petsc: Petsc | None = None
     petsc_options: InitVar[Petsc | None] = None
@@ -84,6 +87,8 @@ class SolveOptions:
                 raise ValueError(
                     f"SolveOptions: {name} = {getattr(self, name)!r} must be one of {known}"
                 )
+        if not 0 < self.max_share <= 1:
+            raise ValueError(f"SolveOptions: max_share = {self.max_share} must be in (0, 1]")
         if petsc_options is None:
             return
         if self.petsc is not None:

@@ -20,9 +20,9 @@ from .report import StepReport
 from .result import Result, StepFailure
 from .stepper import Stepper
 
-#: Share of all bonds that a step breaks at most, the least one relative to that, and the facets of
-#: which the first one breaks the bond.
-MAX_SHARE, LEAST, FIRST_FACETS = 0.1, 1e-6, 5.0
+#: Least work of a step relative to the largest one, and the facets of which the first one breaks
+#: the bond.
+LEAST, FIRST_FACETS = 1e-6, 5.0
 
 #: Share of the work on bonds whose release tells a snap from a long step.
 RELEASED = 0.05
@@ -218,7 +218,7 @@ class Path:
         """The stage to a load factor."""
         loading, start = self._problem.loading, self._problem.t
         bonds = Bonds.of(self._problem)
-        self._most = MAX_SHARE * bonds.energy
+        self._most = self._stepper.options.max_share * bonds.energy
         first = FIRST_FACETS * bonds.energy / max(bonds.facets, 1)
         self._remember(self._work or first, self._breaking)
         by_load = self._stepper.options.control == "load" or self._stepper.viscous
@@ -288,7 +288,9 @@ class Path:
                     self._reach = CUT * reach
             if not stage.follows or cuts % 2 == 0:
                 share /= 2
-        work = min(self._work, report.work) if cuts and report.work else self._work
+        # A step to the onset of damage says nothing about how much may break in one.
+        broke = cuts > 0 and report.work > 0 and not report.onset
+        work = min(self._work, report.work) if broke else self._work
         breaking = self._breaking
         if stage.follows and cuts > 0:
             # What has got on where the other has failed leads the next step.

@@ -70,7 +70,7 @@ def solve(
         history=History() if history is None else history, switches=switchboard(problem, options)
     )
     if loads.size:
-        problem.step.rests_on_contact = check_model(problem, loads)
+        problem.step.rests_on_contact = check_model(problem, loads, options.unstable == "trace")
     before, written, stepper = timings(), len(result.history), None
     try:
         with (

@@ -3,88 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from mpi4py import MPI
 
 import numpy as np
-import ufl
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from ufl.core.expr import Expr
 
 import vmdg
+from studies.delamination.laminate import ALFANO_CRISFIELD, ISOTROPIC, Laminate
 from studies.verification.checks import Check, compare, describe
 from vmdg.meshes import TaggedMesh, beams
 from vmdg.meshes.beams import CONTACT, INTERFACE, LOWER_LEFT, RIGHT, TOP, UPPER_LEFT
-
-
-def orthotropic_energy(F: Expr, p: Mapping[str, Expr]) -> Expr:
-    """W = E:C:E/2 [MPa] of the Green strain E, axes of the material along x, y, z."""
-    strain = (F.T * F - ufl.Identity(3)) / 2
-    axial = [strain[i, i] for i in range(3)]
-    W = sum(p[f"C{min(i, j)}{max(i, j)}"] * axial[i] * axial[j] for i in range(3) for j in range(3))
-    shear = ((0, 1), (0, 2), (1, 2))
-    return W / 2 + sum(2 * p[f"G{i}{j}"] * strain[i, j] ** 2 for i, j in shear)
-
-
-@dataclass(frozen=True)
-class Laminate:
-    """Arms of a unidirectional laminate, fibres along x, isotropic across them (Alfano-Crisfield).
-
-    Lengths in mm, moduli and strength in MPa, G_c in N/mm.
-    """
-
-    E1: float = 135300.0
-    E2: float = 9000.0
-    G12: float = 5200.0
-    nu12: float = 0.24
-    nu23: float = 0.46
-    G_c: float = 0.28
-    strength: float = 57.0
-    h: float = 1.5
-    b: float = 20.0
-
-    @property
-    def material(self) -> vmdg.Hyperelastic:
-        """Stiffness from the inverse of the compliance."""
-        S = np.diag([1 / self.E1, 1 / self.E2, 1 / self.E2])
-        S[0, 1:] = S[1:, 0] = -self.nu12 / self.E1
-        S[1, 2] = S[2, 1] = -self.nu23 / self.E2
-        C = np.linalg.inv(S)
-        parameters = {f"C{i}{j}": C[i, j] for i in range(3) for j in range(i, 3)}
-        G23 = self.E2 / (2 * (1 + self.nu23))
-        shear = {"G01": self.G12, "G02": self.G12, "G12": G23}
-        return vmdg.Hyperelastic(orthotropic_energy, parameters | shear)
-
-    @property
-    def plane_strain(self) -> tuple[float, float]:
-        """E_1 and E_2 of a wide beam."""
-        nu21 = self.nu12 * self.E2 / self.E1
-        return self.E1 / (1 - self.nu12 * nu21), self.E2 / (1 - self.nu23**2)
-
-    @property
-    def chi(self) -> float:
-        """Of corrected beam theory: what an arm is longer than the crack, in units of h."""
-        E1, E2 = self.plane_strain
-        gamma = 1.18 * math.sqrt(E1 * E2) / self.G12
-        return math.sqrt(E1 / (11 * self.G12) * (3 - 2 * (gamma / (1 + gamma)) ** 2))
-
-    @property
-    def rigidity(self) -> float:
-        """b E_1 h^3 [N mm2]."""
-        return self.b * self.plane_strain[0] * self.h**3
-
-    def bond(self, friction: float = 0.0) -> vmdg.Debonding:
-        """Linear softening of energy G_c."""
-        return vmdg.Debonding(self.strength, 2 * self.G_c / self.strength, friction)
-
-
-LAMINATE = Laminate()
-
-#: Another pair of arms, isotropic: process zone of 2 mm.
-ISOTROPIC = Laminate(120e3, 120e3, 120e3 / 2.6, 0.3, 0.3, 0.28, 40.0)
 
 
 @dataclass(frozen=True)
@@ -95,10 +27,17 @@ class Run:
         result: Of the run; its history has opening, load and crack length, computed and of the
             theory.
         checks: Lines of the table.
+        more: Factorizations of earlier parts of the run.
     """
 
     result: vmdg.Result
     checks: list[Check]
+    more: int = 0
+
+    @property
+    def factorizations(self) -> int:
+        """Of all parts of the run."""
+        return self.result.counts.factorizations + self.more
 
     @property
     def history(self) -> vmdg.History:
@@ -106,7 +45,7 @@ class Run:
         return self.result.history
 
 
-def _problem(
+def build(
     m: Laminate,
     tagged: TaggedMesh,
     degree: int,
@@ -133,7 +72,7 @@ def _problem(
     )
 
 
-def _at(x: float, y: float) -> Callable[[NDArray], NDArray]:
+def at(x: float, y: float) -> Callable[[NDArray], NDArray]:
     """Predicate of a point."""
     return lambda points: np.isclose(points[0], x) & np.isclose(points[1], y)
 
@@ -145,19 +84,21 @@ def dcb(
     rows: int = 3,
     degree: int = 1,
     verbose: bool = False,
-    m: Laminate = LAMINATE,
+    m: Laminate = ALFANO_CRISFIELD,
     length: float = 100.0,
     kinematics: str = "small",
+    a_0: float = 30.0,
+    zone: float = 4.0,
 ) -> Run:
-    """Double cantilever beam: a_0 30 mm, opened to ``end`` [mm], L and data of Alfano-Crisfield.
+    """Double cantilever beam opened to ``end`` [mm]; a_0, L and data of Alfano-Crisfield.
 
     Corrected beam theory with a_e = a + chi h: opening C P, C = 8 a_e^3/(b E h^3), and
     G = 12 P^2 a_e^2/(b^2 E h^3) = G_c while the crack runs. So P = K/a_e with
     K = b sqrt(G_c E h^3/12), opening 8 K a_e^2/(b E h^3), and a follows from the opening alone. The
-    crack length of the computation is that of the energy spent, a = a_0 + D/(G_c b).
+    crack length of the computation is that of the energy spent, a = a_0 + D/(G_c b). Facets are
+    fine until ``zone`` [mm] beyond the crack of the theory.
     """
-    a_0 = 30.0
-    K = math.sqrt(m.b * m.G_c * m.rigidity / 12)
+    K = math.sqrt(m.b * m.G_I * m.rigidity / 12)
 
     def arm(opening: float) -> float:
         return max(math.sqrt(opening * m.rigidity / (8 * K)), a_0 + m.chi * m.h)
@@ -166,21 +107,22 @@ def dcb(
         return opening * m.rigidity / (8 * arm(opening) ** 3)
 
     # Fine where the crack runs, and a bit around.
-    stations = (0.0, a_0 - 2, a_0, math.ceil(arm(end) - m.chi * m.h + 4), length)
+    fine = min(math.ceil(arm(end) - m.chi * m.h + zone), length - 4)
+    stations = (0.0, a_0 - 2, a_0, fine, length)
     sizes = element_size * np.array([4, 1, 1, 8])
     counts = np.ceil(np.diff(stations) / sizes - 1e-9).astype(int).tolist()
     tagged = beams(MPI.COMM_WORLD, "quadrilateral", stations, counts, m.h, rows, a_0)
-    problem, facets = _problem(m, tagged, degree, kinematics), tagged.facet_tags
+    problem, facets = build(m, tagged, degree, kinematics), tagged.facet_tags
     # At the corners: an edge that may not change its height cannot turn, at finite strain.
-    problem.dirichlet_points(_at(0.0, -m.h), lambda t: -t / 2, "y")
-    problem.dirichlet_points(_at(0.0, m.h), lambda t: t / 2, "y")
+    problem.dirichlet_points(at(0.0, -m.h), lambda t: -t / 2, "y")
+    problem.dirichlet_points(at(0.0, m.h), lambda t: t / 2, "y")
     problem.dirichlet(facets.find(RIGHT), 0.0)
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         return {
             "force [N]": problem.reaction(facets.find(UPPER_LEFT))[1],
             "force_exact [N]": load(problem.t),
-            "crack [mm]": a_0 + problem.energy().damage / (m.G_c * m.b),
+            "crack [mm]": a_0 + problem.energy().damage / (m.G_I * m.b),
             "crack_exact [mm]": arm(problem.t) - m.chi * m.h,
         }
 
@@ -223,6 +165,9 @@ def enf(
     rows: int = 2,
     degree: int = 2,
     verbose: bool = False,
+    m: Laminate = ALFANO_CRISFIELD,
+    L: float = 50.0,
+    a_0: float = 40.0,
 ) -> Run:
     """End-notched flexure: 2 L = 100, a_0 = 40 mm, stable since a_0 > .7 L.
 
@@ -246,17 +191,17 @@ def enf(
     compared at the crack length a = a_0 + D/(G_c b) of the energy spent on the bond. The history
     has load and crack length of the theory at the same deflection.
     """
-    m, L, a_0 = LAMINATE, 50.0, 40.0
-    stations = (0.0, 6.0, a_0 - 4, a_0, L, 60.0, 2 * L)
+    stations = (0.0, 6.0, a_0 - 4, a_0, L, 1.2 * L, 2 * L)
     sizes = element_size * np.array([1, 4, 1, 1, 1, 4])
     counts = np.ceil(np.diff(stations) / sizes - 1e-9).astype(int).tolist()
     tagged = beams(
         MPI.COMM_WORLD, "quadrilateral", stations, counts, m.h, rows, a_0, contact=stations[1]
     )
-    problem, facets = _problem(m, tagged, degree, friction=friction), tagged.facet_tags
+    problem, facets = build(m, tagged, degree, friction=friction), tagged.facet_tags
 
+    G_c = m.G_I if math.isnan(m.G_II) else m.G_II
     tip, rubbed = 0.42 * m.chi * m.h, friction * m.h
-    K = 4 / 3 * math.sqrt(m.b * m.G_c * m.rigidity)
+    K = 4 / 3 * math.sqrt(m.b * G_c * m.rigidity)
 
     def compliance(a: float) -> float:
         bending = (2 * L**3 + 3 * a**3 - 3 * rubbed * a**2) / (8 * m.rigidity)
@@ -272,16 +217,16 @@ def enf(
         return brentq(lambda a: compliance(a) * driving(a) - deflection, a, 2 * L)
 
     problem.dirichlet(facets.find(LOWER_LEFT), 0.0, "y")
-    problem.dirichlet_points(_at(2 * L, -m.h), 0.0, "y")
-    problem.dirichlet_points(_at(2 * L, 0.0), 0.0, "x")
-    problem.dirichlet_points(_at(L, m.h), lambda t: -t, "y")
+    problem.dirichlet_points(at(2 * L, -m.h), 0.0, "y")
+    problem.dirichlet_points(at(2 * L, 0.0), 0.0, "x")
+    problem.dirichlet_points(at(L, m.h), lambda t: -t, "y")
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         energy, exact = problem.energy(), arm(problem.t)
         return {
             "force [N]": -problem.reaction(facets.find(TOP))[1],
             "force_exact [N]": problem.t / compliance(exact),
-            "crack [mm]": a_0 + energy.damage / (m.G_c * m.b),
+            "crack [mm]": a_0 + energy.damage / (G_c * m.b),
             "crack_exact [mm]": exact - tip,
             "friction": energy.friction,
         }
@@ -295,6 +240,7 @@ def enf(
     work = 3 * rubbed * first["force"] ** 2 * a * (a - 4 * rubbed / 3) / (16 * m.rigidity)
     pairs = [
         ("stiffness [N/mm]", first["force"] / first["load"], 1 / compliance(a)),
+        ("peak load [N]", history["force"].max(), driving(a)),
         (
             f"load at a = {last['crack']:.2f} mm [N]",
             last["force"],

@@ -1,0 +1,78 @@
+"""Delamination tests with published numbers: DCB, ENF, mixed-mode bending, peel; one table.
+
+`--case NAME` runs one of them, all without it. Modes I, II and mixed by the criterion of
+Benzeggagh and Kenane, default options: no penalty, no artificial stiffness, no viscosity. The
+published results are those of fracture mechanics (VCCT) or of tests; formulas of beam theory and
+sources stand in ``studies/delamination``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mpi4py import MPI
+
+import matplotlib.pyplot as plt
+import numpy as np
+from helpers.options import run
+from studies.delamination.cases import CASES, Case, Row, measure, table
+
+import vmdg
+
+
+def draw(case: Case, history: vmdg.History) -> plt.Figure:
+    """Load over motion beside what is published, and crack length."""
+    figure, (force, crack) = plt.subplots(1, 2, figsize=(9.5, 3.6), layout="constrained")
+    motion = np.concatenate([[0.0], history[case.motion]])
+    force.plot(motion, np.concatenate([[0.0], history[case.force]]), label="vmdg")
+    if len(case.curve):
+        force.plot(*np.transpose(case.curve), "ko", ms=4, mfc="none", label="published")
+    if "force_exact" in history.columns:
+        theory = np.concatenate([[0.0], history["force_exact"]])
+        force.plot(motion, theory, "k--", lw=1, label="beam theory")
+    label = "crack [mm]" if case.motion == "crack" else "opening or deflection [mm]"
+    unit = "N/mm" if case.motion == "crack" else "N"
+    force.set(xlabel=label, ylabel=f"load [{unit}]", title=case.title)
+    force.legend()
+    crack.plot(history["crack"], marker=".", ms=3, lw=0.5)
+    crack.set(xlabel="row", ylabel="crack [mm]")
+    for ax in (force, crack):
+        ax.grid(lw=0.3)
+    return figure
+
+
+def main(
+    case: str = "all",
+    out: str = "results/delamination",
+    plot: bool = True,
+    verbose: bool = False,
+) -> list[Row]:
+    """Run the cases; the lines of the table.
+
+    Args:
+        case: Name of one, or "all".
+        out: Folder for table and pictures.
+        plot: Draw a picture of every case.
+        verbose: Print the residuals of every step.
+    """
+    names = list(CASES) if case == "all" else [case]
+    if unknown := set(names) - set(CASES):
+        raise ValueError(f"case = {unknown.pop()!r} must be all or one of {', '.join(CASES)}")
+    rows: list[Row] = []
+    Path(out).mkdir(parents=True, exist_ok=True)
+    for name in names:
+        result, lines = measure(name, CASES[name], verbose)
+        rows += lines
+        if MPI.COMM_WORLD.rank == 0:
+            result.history.to_csv(Path(out) / f"{name}.csv")
+            if plot:
+                draw(CASES[name], result.history).savefig(Path(out) / f"{name}.png", dpi=110)
+            (Path(out) / "delamination.md").write_text(table(rows) + "\n")
+    if MPI.COMM_WORLD.rank == 0:
+        print(table(rows))
+        print(f"results are in {out}")
+    return rows
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,1 @@
+"""Delamination tests with published numbers, and closed forms beside them."""

@@ -1,0 +1,205 @@
+"""The cases of the table: what is run, and what has been published."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+
+import numpy as np
+
+import vmdg
+from studies.delamination.beams import Run, dcb, enf
+from studies.delamination.laminate import ALFANO_CRISFIELD, IM7_8552, T300_977, T300_1076
+from studies.delamination.mmb import mmb
+from studies.delamination.peel import peel
+
+Points = Sequence[tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A test, and published results of it.
+
+    Attributes:
+        title: With its source.
+        run: Runs it; True prints the residuals of every step.
+        published: Values by the start of the quantity of a check.
+        curve: Published points of load over motion.
+        motion, force: Columns of the history.
+    """
+
+    title: str
+    run: Callable[[bool], Run]
+    published: dict[str, float] = field(default_factory=dict)
+    curve: Points = ()
+    motion: str = "load"
+    force: str = "force"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table.
+
+    Attributes:
+        case: Name of the case.
+        quantity: With its unit.
+        computed: By vmdg.
+        published: None where nothing is.
+        theory: Corrected beam theory, None where there is none.
+        rows: Of the history.
+        factorizations: Of the run.
+        seconds: Of the run.
+    """
+
+    case: str
+    quantity: str
+    computed: float
+    published: float | None
+    theory: float | None
+    rows: int
+    factorizations: int
+    seconds: float
+
+    def off(self, reference: float | None) -> str:
+        """Difference to a reference, in percent."""
+        if reference is None:
+            return ""
+        return f"{reference:.4g} ({100 * (self.computed / reference - 1):+.1f} %)"
+
+
+#: Krueger 2012, figures read to 3%.
+MMB_20 = (
+    *((1.64, 128.5), (1.8, 114), (2.2, 96), (2.55, 85), (3.0, 76), (3.3, 73), (3.6, 73.5)),
+    *((4.0, 76), (4.7, 79), (5.6, 81.5), (6.5, 85), (7.4, 88), (9.0, 94)),
+)
+MMB_80 = (
+    *((1.65, 751), (1.7, 480), (1.8, 430), (1.95, 418), (2.2, 445), (2.5, 485), (3.2, 575)),
+    *((4.1, 665), (5.0, 765), (6.0, 895), (6.8, 1000)),
+)
+#: Krueger 2008: half of the opening and load, while the crack runs.
+DCB_T300 = ((0.750, 60.7), (0.794, 58.8), (0.890, 55.6), (1.001, 52.5), (1.274, 46.7))
+
+#: The process zone of a bond of 1.7 MPa is as long as the beam.
+WEAK = replace(ALFANO_CRISFIELD, strength=1.7)
+COARSE = {"element_size": 1.0, "steps": 30, "end": 9.0, "rows": 2, "degree": 2}
+FINE = {"element_size": 0.25, "rows": 2, "degree": 2}
+TURON = {"a_0": 55.0, "length": 150.0}
+
+
+def _dcb(m, **options) -> Callable[[bool], Run]:
+    return lambda verbose: dcb(m=m, verbose=verbose, **options)
+
+
+def _mmb(ratio: float, end: float) -> Callable[[bool], Run]:
+    return lambda verbose: mmb(ratio, end, verbose=verbose)
+
+
+CASES = {
+    "mmb-20": Case(
+        "MMB, G_II/G_T = .2 (Krueger 2012)",
+        _mmb(0.2, 9.0),
+        {"stiffness": 78.35, "critical load": 128.5},
+        MMB_20,
+        "deflection",
+        "load",
+    ),
+    "mmb-80": Case(
+        "MMB, G_II/G_T = .8 (Krueger 2012)",
+        _mmb(0.8, 6.8),
+        {"stiffness": 455.2, "critical load": 751.0},
+        MMB_80,
+        "deflection",
+        "load",
+    ),
+    **{
+        f"mmb-{100 * ratio:.0f}": Case(
+            f"MMB, G_II/G_T = {ratio:g}", _mmb(ratio, end), {}, (), "deflection", "load"
+        )
+        for ratio, end in ((0.35, 3.5), (0.5, 2.5), (0.65, 2.0))
+    },
+    "dcb": Case("DCB (Alfano and Crisfield 2001)", _dcb(ALFANO_CRISFIELD, element_size=0.0625)),
+    "dcb-t300": Case(
+        "DCB (Krueger 2008)",
+        _dcb(T300_1076, **FINE, end=2.6, steps=26, length=150.0),
+        {},
+        [(2 * half, load) for half, load in DCB_T300],
+    ),
+    "turon": Case(
+        "DCB (Turon 2007), facets of .25 mm",
+        _dcb(T300_977, **(FINE | TURON), end=9.0, steps=30),
+        {"peak load": 62.0},
+    ),
+    "turon-60": Case(
+        "DCB (Turon 2007), 60 MPa, 1 mm", _dcb(T300_977, **COARSE, **TURON), {"peak load": 62.0}
+    ),
+    "turon-26": Case(
+        "DCB (Turon 2007), 26 MPa, 1 mm",
+        _dcb(replace(T300_977, strength=26.0), **COARSE, **TURON),
+        {"peak load": 62.0},
+    ),
+    "weak": Case(
+        "DCB, 1.7 MPa (Alfano and Crisfield 2001)",
+        _dcb(WEAK, element_size=0.5, steps=40, end=6.0, rows=2, degree=2, zone=60.0),
+        {"peak load": 49.5},
+    ),
+    "dcb-nasa": Case(
+        "DCB, experiments 71.0-80.1 N (NASA 2020)",
+        _dcb(IM7_8552, **FINE, end=8.0, steps=30, length=190.0, a_0=63.5),
+        {"peak load": 75.6},
+    ),
+    "enf-nasa": Case(
+        "ENF, experiments 692-732 N (NASA 2020)",
+        lambda verbose: enf(
+            element_size=0.25, steps=20, end=5.5, m=IM7_8552, L=101.6, a_0=76.2, verbose=verbose
+        ),
+        {"peak load": 712.0},
+    ),
+    "peel-90": Case(
+        "peel at 90 degrees, finite strain",
+        lambda verbose: peel(90.0, verbose=verbose),
+        motion="crack",
+    ),
+    "peel-180": Case(
+        "peel at 180 degrees, finite strain",
+        lambda verbose: peel(180.0, verbose=verbose),
+        motion="crack",
+    ),
+}
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Markdown."""
+    lines = [
+        "| case | quantity | computed | published | beam theory | rows | factorizations | s |",
+        "|" + "---|" * 8,
+    ]
+    for r in rows:
+        cost = f"{r.rows} | {r.factorizations} | {r.seconds:.0f}"
+        references = f"{r.off(r.published)} | {r.off(r.theory)}"
+        lines.append(f"| {r.case} | {r.quantity} | {r.computed:.4g} | {references} | {cost} |")
+    return "\n".join(lines)
+
+
+def measure(name: str, case: Case, verbose: bool = False) -> tuple[Run, list[Row]]:
+    """Run a case; the run and its lines of the table."""
+    start = perf_counter()
+    run = case.run(verbose)
+    cost = len(run.history), run.factorizations, perf_counter() - start
+    rows = []
+    for check in run.checks:
+        known = [v for start, v in case.published.items() if check.quantity.startswith(start)]
+        published = known[0] if known else None
+        rows.append(Row(name, check.quantity, check.computed, published, check.exact, *cost))
+    return run, rows + [Row(name, *worst, None, *cost) for worst in _off_curve(case, run.history)]
+
+
+def _off_curve(case: Case, history: vmdg.History) -> list[tuple[str, float, float]]:
+    """Where the run is furthest from the published curve behind its first point."""
+    if not case.curve:
+        return []
+    passed = history.envelope(case.motion)
+    motion, force = np.array(case.curve[1:]).T
+    found = np.interp(motion, passed[case.motion], passed[case.force])
+    i = int(np.abs(found / force - 1).argmax())
+    return [(f"furthest from the curve, at {motion[i]:g} mm [N]", float(found[i]), float(force[i]))]

@@ -1,0 +1,73 @@
+"""Delamination tests at a coarse size against their theory, and the table of the demo."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import delamination
+import pytest
+from studies.delamination.beams import dcb
+from studies.delamination.cases import Case, measure, table
+from studies.delamination.laminate import MMB, T300_977
+from studies.delamination.mmb import A_0, LEVERS, lever_length, mmb, theory
+from studies.delamination.peel import peel
+from studies.delamination.peel import theory as peeling
+
+
+def test_theory_of_the_lever():
+    """Loads of the literature, 126.6 and 725.2 N (.5% here for the plane strain modulus), and the
+    ratios of the modes that the levers are made for."""
+    for ratio, load in ((0.2, 126.6), (0.8, 725.2)):
+        start = theory(MMB, LEVERS[ratio], A_0)
+        assert start.load == pytest.approx(load, rel=0.006)
+        assert start.ratio == pytest.approx(ratio, abs=0.01)
+        assert lever_length(MMB, start.ratio) == pytest.approx(LEVERS[ratio], rel=1e-9)
+
+
+def test_mixed_mode_bending():
+    """Beam theory: stiffness 1%, critical load 3%, mode ratio .02; the load falls behind it."""
+    run = mmb(ratio=0.5, end=1.0, element_size=0.5)
+    stiffness, critical, ratio = run.checks[:3]
+    assert stiffness.error < 0.01
+    assert critical.error < 0.03
+    assert abs(ratio.computed - ratio.exact) < 0.02
+    assert run.history["load"][-1] < 0.99 * critical.computed
+
+
+def test_peel():
+    """Forces of the closed form, and its energy release rate as soon as the film comes off."""
+    assert peeling(90) == pytest.approx(0.2, rel=1e-3)
+    assert peeling(180) == pytest.approx(0.1, rel=1e-3)
+    history = peel(90.0, length=0.05, element_size=0.2).history
+    loose = history["crack"] > 10.02
+    released = (history["mode_1"] + history["mode_2"])[loose]
+    assert loose.sum() > 2
+    # At 90 degrees P/b itself, whether the crack runs or not.
+    assert released == pytest.approx(history["force"][loose], rel=0.05)
+
+
+def test_case(tmp_path):
+    """A case as the demo runs it: lines beside the literature, and a picture."""
+    bond = replace(T300_977, strength=26.0)
+    options = {"element_size": 1.0, "rows": 1, "degree": 2, "a_0": 55.0, "length": 120.0}
+    short = Case(
+        "DCB",
+        lambda verbose: dcb(m=bond, steps=8, end=5.0, **options),
+        {"peak load": 62.0},
+        [(1.0, 14.6), (2.0, 29.2)],
+    )
+    run, rows = measure("short", short)
+    peak = next(row for row in rows if row.quantity.startswith("peak"))
+    assert peak.computed == pytest.approx(peak.published, rel=0.02)
+    assert peak.computed == pytest.approx(peak.theory, rel=0.03)
+    assert rows[-1].published == 29.2
+    assert rows[-1].computed == pytest.approx(29.2, rel=0.01)
+    assert table(rows).count("\n") == len(rows) + 1
+    delamination.draw(short, run.history).savefig(tmp_path / "short.png")
+    assert (tmp_path / "short.png").stat().st_size > 10_000
+
+
+def test_unknown_case(tmp_path):
+    """Refused with the names that there are."""
+    with pytest.raises(ValueError, match="case = 'dbc' must be all or one of mmb-20"):
+        delamination.main(case="dbc", out=str(tmp_path))
