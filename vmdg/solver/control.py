@@ -226,7 +226,7 @@ class Work(Control):
             length = min(max(length, -self.span), self.span)
         else:
             now, then = (self._worked(trials, middle, one, x) for x in (0.0, left))
-            if then > now == 0 and first:
+            if then > now == 0 and first and not self.kink:
                 onset = self._begin_of_damage(trials, middle, one)
                 if self.reach is not None and self._bound(trials, zero, one, onset):
                     return self._along_arc(trials, start, zero, one)
