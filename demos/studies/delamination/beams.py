@@ -240,7 +240,6 @@ def enf(
     work = 3 * rubbed * first["force"] ** 2 * a * (a - 4 * rubbed / 3) / (16 * m.rigidity)
     pairs = [
         ("stiffness [N/mm]", first["force"] / first["load"], 1 / compliance(a)),
-        ("peak load [N]", history["force"].max(), driving(a)),
         (
             f"load at a = {last['crack']:.2f} mm [N]",
             last["force"],

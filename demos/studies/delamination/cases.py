@@ -191,6 +191,9 @@ def measure(name: str, case: Case, verbose: bool = False) -> tuple[Run, list[Row
         known = [v for start, v in case.published.items() if check.quantity.startswith(start)]
         published = known[0] if known else None
         rows.append(Row(name, check.quantity, check.computed, published, check.exact, *cost))
+    peak = case.published.get("peak load")
+    if peak is not None and not any(row.quantity.startswith("peak load") for row in rows):
+        rows.append(Row(name, "peak load [N]", run.history[case.force].max(), peak, None, *cost))
     return run, rows + [Row(name, *worst, None, *cost) for worst in _off_curve(case, run.history)]
 
 
