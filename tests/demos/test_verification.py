@@ -102,15 +102,19 @@ def test_cantilever_while_the_crack_runs():
     assert np.abs(history["crack"] - history["crack_exact"])[running].max() < 0.5
 
 
-def test_cost_of_a_cantilever():
+def test_cost_of_a_cantilever(comm):
     """The standard test with default options: at most 120 rows, 450 factorizations and 600
-    residuals (102, 404 and 578 measured), and beam theory to 1.5%."""
+    residuals (102, 404 and 578 measured), and beam theory to 1.5%.
+
+    On several ranks sums differ by rounding, other points break together, and counts by 10%.
+    """
     run = delamination.dcb()
+    more = 1.0 if comm.size == 1 else 1.1
     assert all(check.error < 0.015 for check in run.checks)
     counts = run.result.counts
     assert len(run.history) <= 120
-    assert counts.factorizations + counts.preconditioners <= 450
-    assert counts.residuals <= 600
+    assert counts.factorizations + counts.preconditioners <= 450 * more
+    assert counts.residuals <= 600 * more
     assert run.history["jump_steps"].sum() == 0
     assert len(run.result.failures) <= 5
 
