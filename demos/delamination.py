@@ -23,15 +23,14 @@ import vmdg
 def draw(case: Case, history: vmdg.History) -> plt.Figure:
     """Load over motion beside what is published, and crack length."""
     figure, (force, crack) = plt.subplots(1, 2, figsize=(9.5, 3.6), layout="constrained")
-    motion = np.concatenate([[0.0], history[case.motion]])
-    force.plot(motion, np.concatenate([[0.0], history[case.force]]), label="vmdg")
+    along = case.motion == "crack"
+    motion, load = (np.append(0.0, history[column]) for column in (case.motion, case.force))
+    force.plot(motion[along:], load[along:], label="vmdg")
     if len(case.curve):
         force.plot(*np.transpose(case.curve), "ko", ms=4, mfc="none", label="published")
     if "force_exact" in history.columns:
-        theory = np.concatenate([[0.0], history["force_exact"]])
-        force.plot(motion, theory, "k--", lw=1, label="beam theory")
-    label = "crack [mm]" if case.motion == "crack" else "opening or deflection [mm]"
-    unit = "N/mm" if case.motion == "crack" else "N"
+        force.plot(motion, np.append(0.0, history["force_exact"]), "k--", lw=1, label="beam theory")
+    label, unit = ("crack [mm]", "N/mm") if along else ("opening or deflection [mm]", "N")
     force.set(xlabel=label, ylabel=f"load [{unit}]", title=case.title)
     force.legend()
     crack.plot(history["crack"], marker=".", ms=3, lw=0.5)
