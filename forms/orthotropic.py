@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Mapping, Sequence
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -56,11 +57,12 @@ class Orthotropic(Material):
                     f"Orthotropic: {name} = {moduli.tolist()} must be positive and finite"
                 )
         C = _axial_stiffness(E, nu)
-        if isinstance(angle, int | float | np.number) and not math.isfinite(angle):
+        number = isinstance(angle, Real)
+        if number and not math.isfinite(angle):
             raise ValueError(f"Orthotropic: angle = {angle} must be finite [degrees]")
         parameters: dict[str, Any] = {f"C{i}{j}": C[i, j] for i in range(3) for j in range(i, 3)}
         parameters |= {f"G{i}{j}": G[n] for n, (i, j) in enumerate(_PAIRS)}
-        self._turned = not (isinstance(angle, int | float | np.number) and angle == 0)
+        self._turned = not (number and angle == 0)
         self.parameters = parameters | ({"angle": angle} if self._turned else {})
 
     @property

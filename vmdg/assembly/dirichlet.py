@@ -38,6 +38,18 @@ def find_boundary_facets(mesh, where: Where, what: str) -> NDArray[np.int32]:
     return facets
 
 
+def find_nodes(space: fem.FunctionSpace, where: Locator, what: str) -> NDArray[np.int32]:
+    """Local nodes by a predicate on the coordinates (3, n), block numbers; collective.
+
+    Raises:
+        ValueError: no node is selected on any rank.
+    """
+    nodes = fem.locate_dofs_geometrical(space, where)
+    if global_sum(space.mesh.comm, len(nodes)) == 0:
+        raise ValueError(f"{what}: no node is selected on any rank")
+    return nodes
+
+
 def component_index(component: int | str | None, d: int, what: str) -> int | None:
     """0, 1, 2 or "x", "y", "z" as an index; None for all components.
 

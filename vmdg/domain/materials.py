@@ -91,7 +91,7 @@ class Bodies:
                 for name, value in material.parameters.items():
                     what = f"{name} of the material of tag {tag}"
                     parameters[name].x.array[cells] = cell_values(mesh, value, cells, what)
-                self.region[self.cells_of[tag]] = len(self.regions)
+                self.region[cells] = len(self.regions)
             cells = np.flatnonzero(self.region[:owned] == len(self.regions))
             body = Body(representative, parameters, small, self._eigenstrain, self.mean_dilatation)
             self.regions.append(Region(body, cells.astype(np.int32)))

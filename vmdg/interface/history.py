@@ -38,8 +38,8 @@ class PointHistory:
     @classmethod
     def start(cls, softening: Array, d: int) -> PointHistory:
         """Of points at which nothing has happened but an initial damage, Q (nq,) [MPa]."""
-        zero, mode = np.zeros((len(softening), d)), np.zeros(len(softening), dtype=np.int8)
-        return cls(zero, softening, mode, zero)
+        gap, traction = np.zeros((2, len(softening), d))
+        return cls(gap, softening, np.zeros(len(softening), dtype=np.int8), traction)
 
     def after(self, update: Update | None) -> PointHistory:
         """After a return map; None where there was none."""

@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 from .base import Array
 from .roots import increasing_root
 
+#: A closure this small against the load over r is what round-off left of a closed gap, no branch.
+ROUND_OFF = 1e-12
+
 
 class SofteningCurve(ABC):
     """Resistance R (MPa) of a bond against the slip x (mm) since the start of a step.

@@ -10,10 +10,16 @@ from numpy.typing import NDArray
 
 from . import secant
 from .base import Array, Law, Mode, Update, add_to_diagonal, dot, outer, unit
-from .compression import Closure, Slide, SofteningCurve, close, give, slide, slide_gradually
-
-# A closure this small against the load over r is what round-off left of a closed gap, not a branch.
-_ROUND_OFF = 1e-12
+from .compression import (
+    ROUND_OFF,
+    Closure,
+    Slide,
+    SofteningCurve,
+    close,
+    give,
+    slide,
+    slide_gradually,
+)
 
 
 class Points(NamedTuple):
@@ -176,7 +182,7 @@ class ExtrinsicLaw(Law):
         mode = np.where(sliding.slipping, Mode.SHEAR, Mode.ELASTIC)
         mode = np.where(sliding.by_friction, Mode.FRICTION, mode)
         load = np.maximum(-at.trial_n, self.strength)
-        closing = closure.length * at.penalty > _ROUND_OFF * load
+        closing = closure.length * at.penalty > ROUND_OFF * load
         update.mode[rows] = np.where(closing, Mode.CLOSING, mode)
         update.damage_work[rows] = sliding.damage_work
         update.friction_work[rows] = sliding.friction_work

@@ -34,17 +34,14 @@ a law with m = 1 it is strength - R, as with plastic unloading.
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .base import Array, Mode, Update, add_to_diagonal, dot, outer, unit
-from .compression import SofteningCurve
+from .compression import ROUND_OFF, SofteningCurve
 from .roots import increasing_root
-
-# A closure this small against the load over r is what round-off left of a closed gap, not a branch.
-_ROUND_OFF = 1e-12
 
 # Pieces of a slip, on each of which the share that rubs is a mean over the gaps, exact where they
 # grow along the slip.
@@ -150,6 +147,11 @@ def advance(
     return update
 
 
+def _only(points: Points, rows: NDArray) -> Points:
+    """Some of the points."""
+    return type(points)(*(array[rows] for array in points))
+
+
 def stored_energy(law: RigidLaw, gap: Array, normal: Array, softening: Array) -> Array:
     """psi (n,), N/mm.
 
@@ -230,7 +232,7 @@ def _open(law: RigidLaw, update: Update, at: Start) -> None:
     update.multiplier[rows[some]] = np.sqrt(dot(step, step))
     update.mode[rows[some]] = Mode.TENSION
     update.mode[rows[update.softening[rows] >= law.strength]] = Mode.OPEN
-    update.damage_work[rows[some]] = _spent(law, Start(*(a[some] for a in at)), g[some], cos, sin)
+    update.damage_work[rows[some]] = _spent(law, _only(at, some), g[some], cos, sin)
 
 
 def _spent(law: RigidLaw, at: Start, g: Array, cos: Array, sin: Array) -> Array:
@@ -263,6 +265,18 @@ def _spent(law: RigidLaw, at: Start, g: Array, cos: Array, sin: Array) -> Array:
     return np.maximum(0.5 * (along(cos_n, sin_n) + along(cos, sin)), 0.0)
 
 
+class Sheared(NamedTuple):
+    """Shear of pressed points at the start of a step."""
+
+    load: Array  #: T*_T (m, d)
+    held: Array  #: zeta_T,n (m, d)
+    cap: Array  #: mu |T_N| (m,)
+    penalty: Array  #: r (m,)
+
+
+Points = TypeVar("Points", Start, Sheared)
+
+
 class Rubbing(NamedTuple):
     """Shear of pressed points at a given K: spring, friction and slip."""
 
@@ -276,17 +290,15 @@ class Rubbing(NamedTuple):
     traction: Array  #: T_T (m, d)
 
 
-def _rub(shear: Scaled, load: Array, held: Array, cap: Array, r: Array, g: Array) -> Rubbing:
+def _rub(shear: Scaled, at: Sheared, g: Array) -> Rubbing:
     """Friction beside the spring of a known g.
 
     Args:
         shear: The curve.
-        load: T*_T (m, d).
-        held: zeta_T,n (m, d).
-        cap: mu |T_N| (m,).
-        r: Penalty (m,).
+        at: The start.
         g: Largest gap (m,), zero where the bond is intact and does not move.
     """
+    load, held, cap, r = at
     s, _ = shear.at(g)
     bonded = np.divide(s * shear.modulus, g, out=np.zeros_like(g), where=g > 0.0)
     c = g / (s * shear.modulus + r * g)
@@ -306,89 +318,81 @@ def _pressed(law: RigidLaw, update: Update, at: Start) -> None:
     pressure = -dot(at.load, at.normal)
     load = at.load + pressure[:, None] * at.normal
     gap_n = dot(at.gap, at.normal)
-    held = at.gap - gap_n[:, None] * at.normal
-    cap = law.friction * pressure
+    start = Sheared(load, at.gap - gap_n[:, None] * at.normal, law.friction * pressure, r)
 
-    rubbing = _rub(shear, load, held, cap, r, at.g)
+    rubbing = _rub(shear, start, at.g)
     length2 = dot(rubbing.gap, rubbing.gap)
     further = length2 > (shear.scale * at.g) ** 2
     growing = np.where(at.g > 0.0, further, dot(load, load) > shear.strength**2)
     growing &= at.damage < 1.0
     g, some = at.g.copy(), np.flatnonzero(growing)
-    g[some] = _grown(shear, load[some], held[some], cap[some], r[some], g[some])
-    rubbing = _rub(shear, load, held, cap, r, g)
+    g[some] = _grown(shear, _only(start, some), g[some])
+    rubbing = _rub(shear, start, g)
 
     update.gap[rows] = rubbing.gap
     update.traction[rows] = rubbing.traction - pressure[:, None] * at.normal
     damage = np.minimum(law.in_shear.damage(g[some]), 1.0)
     update.softening[rows[some]] = np.maximum(update.softening[rows[some]], law.strength * damage)
-    update.tangent[rows] = _pressed_tangent(law, at, load, held, cap, g, growing, rubbing)
+    update.tangent[rows] = _pressed_tangent(law, at, start, g, growing, rubbing)
 
-    rubs = rubbing.slips & ((cap * rubbing.damage > 0.0) | (at.damage >= 1.0))
+    rubs = rubbing.slips & ((start.cap * rubbing.damage > 0.0) | (at.damage >= 1.0))
     update.multiplier[rows] = np.where(growing | rubs, rubbing.slip, 0.0)
     mode = np.where(rubs, Mode.FRICTION, Mode.ELASTIC)
     mode = np.where(growing, Mode.SHEAR, mode)
-    closing = gap_n * r > _ROUND_OFF * np.maximum(pressure, law.strength)
+    closing = gap_n * r > ROUND_OFF * np.maximum(pressure, law.strength)
     update.mode[rows] = np.where(closing, Mode.CLOSING, mode)
     one = np.ones(len(some))
-    start = Start(*(array[some] for array in at))
-    update.damage_work[rows[some]] = _spent(law, start, g[some], np.zeros_like(one), one)
-    update.friction_work[rows] = cap * _rubbed(shear, held, at.g, growing, rubbing)
+    update.damage_work[rows[some]] = _spent(law, _only(at, some), g[some], np.zeros_like(one), one)
+    update.friction_work[rows] = start.cap * _rubbed(shear, start.held, at.g, growing, rubbing)
 
 
-def _grown(shear: Scaled, load: Array, held: Array, cap: Array, r: Array, start: Array) -> Array:
+def _grown(shear: Scaled, at: Sheared, start: Array) -> Array:
     """Root g > g_n of r zeta_s g + P_s s(g) = |T*_T - d mu |T_N| n|, where K falls.
 
     Args:
         shear: The curve.
-        load: T*_T (m, d).
-        held: zeta_T,n (m, d).
-        cap: mu |T_N| (m,).
-        r: Penalty (m,).
+        at: The start.
         start: g_n (m,).
     """
+    r = at.penalty
 
     def imbalance(g: Array) -> tuple[Array, Array]:
-        borne, change = _borne(shear, load, held, cap, r, g)
+        borne, change = _borne(shear, at, g)
         length = np.sqrt(dot(borne, borne))
         s, s_slope = shear.at(g)
         value = r * shear.scale * g + shear.strength * s - length
         slope = r * shear.scale + shear.strength * s_slope - dot(unit(borne, length), change)
         return value, slope
 
-    upper = (np.sqrt(dot(load, load)) + cap) / (r * shear.scale)
+    upper = (np.sqrt(dot(at.load, at.load)) + at.cap) / (r * shear.scale)
     return increasing_root(imbalance, start, upper, start=start)
 
 
-def _borne(
-    shear: Scaled, load: Array, held: Array, cap: Array, r: Array, g: Array
-) -> tuple[Array, Array]:
+def _borne(shear: Scaled, at: Sheared, g: Array) -> tuple[Array, Array]:
     """w = T*_T - d mu |T_N| n = (K H_s + r) zeta_T at a g (m, d), and dw/dg."""
     s, s_slope = shear.at(g)
-    rubbing = _rub(shear, load, held, cap, r, g)
+    rubbing = _rub(shear, at, g)
     n = rubbing.n
     K_slope = np.divide(s_slope * g - s, g * g, out=np.zeros_like(g), where=g > 0.0)
-    across = held - dot(n, held)[:, None] * n
+    across = at.held - dot(n, at.held)[:, None] * n
     size = np.where(rubbing.size > 0.0, rubbing.size, 1.0)
     n_slope = -(shear.modulus * K_slope / size)[:, None] * across
-    rubs = cap * rubbing.damage
-    change = (cap * s_slope)[:, None] * n - rubs[:, None] * n_slope
-    return load - rubs[:, None] * n, change
+    rubs = at.cap * rubbing.damage
+    change = (at.cap * s_slope)[:, None] * n - rubs[:, None] * n_slope
+    return at.load - rubs[:, None] * n, change
 
 
 def _pressed_tangent(
     law: RigidLaw,
     at: Start,
-    load: Array,
-    held: Array,
-    cap: Array,
+    start: Sheared,
     g: Array,
     growing: NDArray[np.bool_],
     rubbing: Rubbing,
 ) -> Array:
     """d zeta/d T_tr (m, d, d) of `_pressed`: at a given K, and what K changes where it falls."""
     normal, r, n = at.normal, at.penalty, rubbing.n
-    c, rubs = np.where(rubbing.slips, rubbing.c, 0.0), cap * rubbing.damage
+    c, rubs = np.where(rubbing.slips, rubbing.c, 0.0), start.cap * rubbing.damage
     some = rubbing.size > 0.0
     turns = np.where(some, 1.0 - rubs / np.where(some, rubbing.size, 1.0), 1.0)
     tangent = outer((c * (1.0 - turns))[:, None] * n, n)
@@ -400,7 +404,7 @@ def _pressed_tangent(
 
     shear, rows = Scaled(law.in_shear), np.flatnonzero(growing)
     g, r, n, c, turns, normal = (a[rows] for a in (g, r, n, c, turns, normal))
-    borne, change = _borne(shear, load[rows], held[rows], cap[rows], r, g)
+    borne, change = _borne(shear, _only(start, rows), g)
     s, s_slope = shear.at(g)
     length = np.sqrt(dot(borne, borne))
     e = unit(borne, length)

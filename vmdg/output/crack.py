@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 
 from ..assembly.surface import BROKEN
 from ..base.parallel import global_sum
+from ..forms.geometry import Axisymmetric
 from ..interface.interface import Which, number_of
 from ..interface.points import InterfaceState
 from ..problem.problem import Problem
@@ -31,11 +33,13 @@ class CrackGrowth:
     Args:
         problem: The problem.
         interface: The interface along which the crack grows: its number, its name or itself.
-        width: b, across the direction of growth; default the thickness in 2D [mm].
+        width: b, across the direction of growth; default the thickness in plane strain. In
+            axisymmetry it is the circumference of a crack along a cylinder [mm].
         start: a_0 [mm].
 
     Raises:
-        ValueError: the interface is a tie or opens on demand, or a width is missing in 3D.
+        ValueError: the interface is a tie or opens on demand, or a width is missing in 3D or
+            axisymmetry.
     """
 
     def __init__(
@@ -51,10 +55,14 @@ class CrackGrowth:
                 'give the interface activate="all"'
             )
         self._plane = problem.mesh.topology.dim == 2
-        if width is None and not self._plane:
-            raise ValueError("CrackGrowth: give the width across the direction of growth [mm]")
+        geometry = problem.discretization.geometry
+        if width is None and (not self._plane or isinstance(geometry, Axisymmetric)):
+            raise ValueError(
+                "CrackGrowth: give the width across the direction of growth [mm], in axisymmetry "
+                "the circumference of the crack"
+            )
         self._problem = problem
-        self._width = float(problem.discretization.geometry.thickness if width is None else width)
+        self._width = float(geometry.thickness if width is None else width)
         self._start = start
         self._before = (self._crack(self._state()), problem.energy().damage)
 
@@ -119,6 +127,6 @@ class CrackGrowth:
             modes = []
             for axis in (N, tangent):
                 force, gap = (np.einsum("pi,pi->p", v, axis)[along] for v in (T, g))
-                modes.append(abs(float(np.trapezoid(force, gap))))
+                modes.append(abs(float(trapezoid(force, gap))))
             result = tuple(modes)
         return comm.bcast(result)

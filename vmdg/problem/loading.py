@@ -11,12 +11,12 @@ from dolfinx import fem
 from numpy.typing import ArrayLike, NDArray
 from ufl.core.expr import Expr
 
-from ..assembly.dirichlet import DirichletConditions, Where, find_boundary_facets
+from ..assembly.dirichlet import DirichletConditions, Where, find_boundary_facets, find_nodes
 from ..assembly.discretization import Discretization
 from ..assembly.loads import DeadLoads
 from ..assembly.surface import Share
 from ..assembly.values import Value
-from ..base.parallel import global_any, global_sum, raise_together
+from ..base.parallel import global_any, raise_together
 from ..domain.geometry import axis_dofs
 from ..domain.tags import Group, group_tag
 from ..domain.topology import Locator, facet_cells, refuse_facets
@@ -232,16 +232,13 @@ class Loading:
                 "example lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 0)"
             )
         self._refuse_split_nodes(where)
-        nodes = self._nodes_at(where)
-        if global_sum(self._mesh.comm, len(nodes)) == 0:
-            raise ValueError("point_load: no node is selected on any rank")
-        self._add(lambda: self._loads.add_point_load(self._nodes_at(where), value, component))
-        cells = self._discretization.space.dofmap.list
-        self.loaded |= np.isin(cells, nodes).any(axis=1)[: len(self.loaded)]
 
-    def _nodes_at(self, where: Locator) -> NDArray[np.int32]:
-        """Local nodes by a predicate."""
-        return fem.locate_dofs_geometrical(self._discretization.space, where)
+        def nodes() -> NDArray[np.int32]:
+            return find_nodes(self._discretization.space, where, "point_load")
+
+        cells, loaded = self._discretization.space.dofmap.list, nodes()
+        self._add(lambda: self._loads.add_point_load(nodes(), value, component))
+        self.loaded |= np.isin(cells, loaded).any(axis=1)[: len(self.loaded)]
 
     def _refuse_split_nodes(self, where: Locator) -> None:
         """Nodes of an interface are two, or will be when its facets open on demand.

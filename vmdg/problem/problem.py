@@ -14,7 +14,7 @@ from dolfinx.mesh import Mesh, MeshTags
 from numpy.typing import ArrayLike, NDArray
 from ufl.core.expr import Expr
 
-from ..assembly.dirichlet import Where, find_boundary_facets
+from ..assembly.dirichlet import Where, find_boundary_facets, find_nodes
 from ..assembly.discretization import Discretization
 from ..assembly.stress import CauchyStress
 from ..assembly.surface import BROKEN, Share
@@ -385,10 +385,7 @@ class Problem:
         Raises:
             ValueError: no node is selected.
         """
-        dofs = fem.locate_dofs_geometrical(self.space, where)
-        if global_sum(self.comm, len(dofs)) == 0:
-            raise ValueError("reaction_points: no node is selected on any rank")
-        return self._force_on(dofs)
+        return self._force_on(find_nodes(self.space, where, "reaction_points"))
 
     def _force_on(self, nodes: NDArray[np.int32]) -> NDArray[np.float64]:
         """Sum of the forces of supports on nodes, block numbers (d,) [N]; collective."""

@@ -9,11 +9,22 @@ from .stepper import Stepper
 #: The overstress at the start of a jump and its largest one, in multiples of H.
 FIRST_OVERSTRESS, MAX_OVERSTRESS = 4.0, 1e8
 
-#: Corrections that a step should take, its largest growth, and what one that fails is cut by.
+#: Corrections that a step should take, the largest growth of one, and what one that fails is cut
+#: by.
 AIM, GROWTH, CUT = 5, 2.0, 0.25
 
 #: Steps before a jump is given up.
 MAX_STEPS = 200
+
+
+def growth_after(report: StepReport, aim: float) -> float:
+    """How much longer than a step that took its corrections the next one may be.
+
+    Args:
+        report: Of the step.
+        aim: Corrections that a step should take.
+    """
+    return min(aim / max(report.iterations, 1), GROWTH)
 
 
 def jump(
@@ -59,7 +70,7 @@ def jump(
                 return report, steps
             work, drag, ahead = CUT * work, FIRST_OVERSTRESS, None
             continue
-        growth = min(AIM / max(report.iterations, 1), GROWTH)
+        growth = growth_after(report, AIM)
         work, ahead = growth * max(work, report.work), report.change if brakes else None
         drag = min(slowed, FIRST_OVERSTRESS) / max(growth, GROWTH if not brakes else 1.0)
     step.return_to(before)

@@ -14,7 +14,7 @@ from ..problem.loading import Ray
 from ..problem.problem import Problem
 from ..problem.states import Snapshot
 from .control import Arrival, Control, Direction, Work
-from .jump import CUT, GROWTH, jump
+from .jump import CUT, growth_after, jump
 from .reasons import explained
 from .report import StepReport
 from .result import Result, StepFailure
@@ -306,7 +306,7 @@ class Path:
         if self._kink:
             self._ahead, self._spent = None, 0.0
         self._remember(self._next_work(report, work), breaking)
-        self._reach = report.arc and self._growth(report) * report.arc
+        self._reach = report.arc and growth_after(report, AIM) * report.arc
         stage.arcs += report.arc is not None
         return Part(problem.t, stage.done(problem.t), problem.t - start, report, cuts, 0)
 
@@ -381,12 +381,8 @@ class Path:
 
     def _next_work(self, report: StepReport, work: float) -> float:
         """Work on bonds that the next step may do, after one that might do ``work``."""
-        growth = self._growth(report)
+        growth = growth_after(report, AIM)
         return growth * work if report.work >= work / 2 else max(work, growth * report.work)
-
-    def _growth(self, report: StepReport) -> float:
-        """How much further than this one the next step may go."""
-        return min(AIM / max(report.iterations, 1), GROWTH)
 
     def _size(self, change: Direction | None) -> float:
         """Norm of a change of the displacement, 0 for none; collective [mm]."""

@@ -17,6 +17,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh
+from helpers.tables import markdown
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -339,37 +340,31 @@ def coarse_studies() -> list[Study]:
 
 def table(rows: Sequence[Row]) -> str:
     """All rows as a Markdown table: errors on the finest mesh, and rates."""
-    lines = [
-        "| cell | k | interface | solution | E1/E2 | mesh | cells/mm | dofs | u error | rate "
-        "| GRAD u error | rate | T error | rate | s |",
-        "|" + "---|" * 15,
-    ]
+    head = ["cell", "k", "interface", "solution", "E1/E2", "mesh", "cells/mm", "dofs"]
+    head += ["u error", "rate", "GRAD u error", "rate", "T error", "rate", "s"]
+    lines = []
     for row in rows:
         s, fine, rates = row.study, row.levels[-1], row.rates
         mesh = "distorted" if s.distorted else "regular"
-        names = f"| {s.cell} | {s.degree} | {s.shape} | {s.solution} | {s.contrast:g} | {mesh} "
-        sizes = f"| {s.levels[0]}-{s.levels[-1]} | {fine.dofs} "
-        values = "".join(f"| {getattr(fine, m):.2e} | {rates[m]:.2f} " for m in NORMS)
-        lines.append(names + sizes + values + f"| {sum(e.seconds for e in row.levels):.1f} |")
-    return "\n".join(lines)
+        names = [s.cell, s.degree, s.shape, s.solution, f"{s.contrast:g}", mesh]
+        sizes = [f"{s.levels[0]}-{s.levels[-1]}", fine.dofs]
+        values = [v for m in NORMS for v in (f"{getattr(fine, m):.2e}", f"{rates[m]:.2f}")]
+        lines.append([*names, *sizes, *values, f"{sum(e.seconds for e in row.levels):.1f}"])
+    return markdown(head, lines)
 
 
 def summary(rows: Sequence[Row]) -> str:
     """Least rates by cell and degree as a Markdown table."""
-    lines = [
-        "| cell | k | studies | u in L2 | GRAD u | traction | targets | below target |",
-        "|" + "---|" * 8,
-    ]
+    head = ["cell", "k", "studies", "u in L2", "GRAD u", "traction", "targets", "below target"]
+    lines = []
     for cell, degree in dict.fromkeys((row.study.cell, row.study.degree) for row in rows):
         mine = [r for r in rows if (r.study.cell, r.study.degree) == (cell, degree)]
         least = [f"{min(row.rates[m] for row in mine):.2f}" for m in NORMS]
         goal = targets(degree)
         missed = sum(any(row.rates[m] < goal[m] for m in NORMS) for row in mine)
         aims = " / ".join(f"{goal[m]:.1f}" for m in NORMS)
-        lines.append(
-            f"| {cell} | {degree} | {len(mine)} | {' | '.join(least)} | {aims} | {missed} |"
-        )
-    return "\n".join(lines)
+        lines.append([cell, degree, len(mine), *least, aims, missed])
+    return markdown(head, lines)
 
 
 def write_csv(rows: Sequence[Row], path: Path) -> None:

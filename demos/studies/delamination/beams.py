@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from mpi4py import MPI
@@ -43,6 +43,19 @@ class Run:
     def history(self) -> vmdg.History:
         """The history of the run."""
         return self.result.history
+
+
+def arms(
+    stations: Sequence[float],
+    sizes: Sequence[float],
+    height: float,
+    rows: int,
+    precrack: float,
+    contact: float | None = None,
+) -> TaggedMesh:
+    """Quadrilaterals of at most ``sizes`` between stations, see `vmdg.meshes.beams`."""
+    counts = np.ceil(np.diff(stations) / sizes - 1e-9).astype(int).tolist()
+    return beams(MPI.COMM_WORLD, "quadrilateral", stations, counts, height, rows, precrack, contact)
 
 
 def build(
@@ -110,8 +123,7 @@ def dcb(
     fine = min(math.ceil(arm(end) - m.chi * m.h + zone), length - 4)
     stations = (0.0, a_0 - 2, a_0, fine, length)
     sizes = element_size * np.array([4, 1, 1, 8])
-    counts = np.ceil(np.diff(stations) / sizes - 1e-9).astype(int).tolist()
-    tagged = beams(MPI.COMM_WORLD, "quadrilateral", stations, counts, m.h, rows, a_0)
+    tagged = arms(stations, sizes, m.h, rows, a_0)
     problem, facets = build(m, tagged, degree, kinematics), tagged.facet_tags
     # At the corners: an edge that may not change its height cannot turn, at finite strain.
     problem.dirichlet_points(at(0.0, -m.h), lambda t: -t / 2, "y")
@@ -193,10 +205,7 @@ def enf(
     """
     stations = (0.0, 6.0, a_0 - 4, a_0, L, 1.2 * L, 2 * L)
     sizes = element_size * np.array([1, 4, 1, 1, 1, 4])
-    counts = np.ceil(np.diff(stations) / sizes - 1e-9).astype(int).tolist()
-    tagged = beams(
-        MPI.COMM_WORLD, "quadrilateral", stations, counts, m.h, rows, a_0, contact=stations[1]
-    )
+    tagged = arms(stations, sizes, m.h, rows, a_0, contact=stations[1])
     problem, facets = build(m, tagged, degree, friction=friction), tagged.facet_tags
 
     G_c = m.G_I if math.isnan(m.G_II) else m.G_II

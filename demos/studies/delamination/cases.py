@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
+from helpers.tables import markdown
 
 import vmdg
 from studies.delamination.beams import Run, dcb, enf
@@ -170,15 +171,16 @@ CASES = {
 
 def table(rows: Sequence[Row]) -> str:
     """Markdown."""
-    lines = [
-        "| case | quantity | computed | published | beam theory | rows | factorizations | s |",
-        "|" + "---|" * 8,
-    ]
-    for r in rows:
-        cost = f"{r.rows} | {r.factorizations} | {r.seconds:.0f}"
-        references = f"{r.off(r.published)} | {r.off(r.theory)}"
-        lines.append(f"| {r.case} | {r.quantity} | {r.computed:.4g} | {references} | {cost} |")
-    return "\n".join(lines)
+    return markdown(
+        ["case", "quantity", "computed", "published", "beam theory", "rows", "factorizations", "s"],
+        [
+            (
+                *(r.case, r.quantity, f"{r.computed:.4g}", r.off(r.published), r.off(r.theory)),
+                *(r.rows, r.factorizations, f"{r.seconds:.0f}"),
+            )
+            for r in rows
+        ],
+    )
 
 
 def measure(name: str, case: Case, verbose: bool = False) -> tuple[Run, list[Row]]:

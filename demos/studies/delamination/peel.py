@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import math
 
-from mpi4py import MPI
-
 import numpy as np
 from scipy.optimize import brentq
 
 import vmdg
-from studies.delamination.beams import Run, at
+from studies.delamination.beams import Run, arms, at
 from studies.verification.checks import compare, describe
-from vmdg.meshes import beams
 from vmdg.meshes.beams import BOTTOM, INTERFACE
 
 #: Film [mm, MPa], its bond [N/mm, MPa], and the part that is free at the start [mm].
@@ -47,8 +44,7 @@ def peel(
         verbose: Print the residuals of every step.
     """
     stations = (0.0, FREE, FREE + length + 3, FREE + length + 6)
-    counts = np.ceil(np.diff(stations) / (element_size * np.array([4, 1, 3]))).astype(int).tolist()
-    tagged = beams(MPI.COMM_WORLD, "quadrilateral", stations, counts, T, rows, FREE)
+    tagged = arms(stations, element_size * np.array([4, 1, 3]), T, rows, FREE)
     film, ground = vmdg.NeoHookean(E=E, nu=NU), vmdg.NeoHookean(E=100 * E, nu=NU)
     bond = vmdg.Interface(
         tagged.facet_tags.find(INTERFACE), law=vmdg.Debonding(STRENGTH, 2 * G_C / STRENGTH)

@@ -17,6 +17,7 @@ from time import perf_counter
 
 import matplotlib.pyplot as plt
 import numpy as np
+from helpers.tables import markdown
 from helpers.vtx import read_vtx
 from matplotlib.figure import Figure
 
@@ -219,22 +220,19 @@ def counts(outcomes: Sequence[Outcome], family: str | None = None) -> Counter:
 
 def table(outcomes: Sequence[Outcome]) -> str:
     """Counts by family as a Markdown table."""
-    lines = [
-        f"| family | runs | {' | '.join((*GOOD, *BAD))} | steps | cut | s |",
-        "|" + "---|" * (5 + len(GOOD) + len(BAD)),
-    ]
+    rows = []
     for name, family in [*((f, f) for f in families(outcomes)), ("all", None)]:
         mine = [o for o in outcomes if family in (None, o.family)]
         number = counts(mine)
         cells = [
-            len(mine),
+            *(name, len(mine)),
             *(number[verdict] for verdict in (*GOOD, *BAD)),
             sum(o.steps for o in mine),
             sum(o.cuts for o in mine),
             f"{max(o.seconds for o in mine):.1f}",
         ]
-        lines.append(f"| {name} | {' | '.join(map(str, cells))} |")
-    return "\n".join(lines)
+        rows.append(cells)
+    return markdown(["family", "runs", *GOOD, *BAD, "steps", "cut", "s"], rows)
 
 
 def write_csv(outcomes: Sequence[Outcome], path: Path) -> None:

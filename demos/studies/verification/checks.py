@@ -10,6 +10,7 @@ from time import perf_counter
 from mpi4py import MPI
 
 import numpy as np
+from helpers.tables import markdown
 from scipy.optimize import brentq
 
 import vmdg
@@ -52,14 +53,16 @@ def timed(checks: list[Check]) -> Iterator[None]:
 
 def table(checks: Sequence[Check]) -> str:
     """Markdown."""
-    lines = [
-        "| case | quantity | computed | exact | error | mesh | s |",
-        "|" + "---|" * 7,
-    ]
-    for c in checks:
-        values = f"{c.computed:.6g} | {c.exact:.6g} | {c.error:.1e} | {c.mesh} | {c.seconds:.1f}"
-        lines.append(f"| {c.case} | {c.quantity} | {values} |")
-    return "\n".join(lines)
+    return markdown(
+        "case quantity computed exact error mesh s".split(),
+        [
+            (
+                *(c.case, c.quantity, f"{c.computed:.6g}", f"{c.exact:.6g}", f"{c.error:.1e}"),
+                *(c.mesh, f"{c.seconds:.1f}"),
+            )
+            for c in checks
+        ],
+    )
 
 
 def compare(case: str, quantity: str, computed: float, exact: float, mesh: str) -> Check:
