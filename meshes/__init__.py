@@ -12,6 +12,7 @@ from .files import read_mesh, write_mesh
 from .gmsh_model import TaggedMesh, distribute, model
 from .inclusions import inclusions
 from .plate import tearing
+from .plates import plates
 from .pushout import pushout
 from .pushout_section import pushout_section
 from .two_blocks import blocks
@@ -25,6 +26,7 @@ __all__ = [
     "fibre_matrix",
     "inclusions",
     "model",
+    "plates",
     "pushout",
     "pushout_section",
     "random_fibres",
