@@ -146,7 +146,11 @@ class Laminate(Material):
         return self.linear_energy((F.T * F - ufl.Identity(3)) / 2, parameters)
 
     def linear_energy(self, strain: Expr, parameters: Mapping[str, Expr]) -> Expr:
-        """E:C~:E/2."""
+        """E:C~:E/2.
+
+        Raises:
+            ValueError: the mesh is not 3D.
+        """
         p = parameters
         x = ufl.SpatialCoordinate(ufl.domain.extract_unique_domain(p["half"]))
         if len(x) != 3:
