@@ -29,6 +29,7 @@ from .output.crack import CrackGrowth as CrackGrowth
 from .output.fields import FieldWriter as FieldWriter
 from .output.history import History as History
 from .problem.problem import Problem as Problem
+from .problem.rigid_motion import RigidMotion as RigidMotion
 from .problem.states import Energy as Energy
 from .problem.states import Snapshot as Snapshot
 from .solver.features import switchboard as switchboard

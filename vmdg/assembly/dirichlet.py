@@ -16,7 +16,7 @@ from .values import Value, first_value, takes_points, value_at
 
 Where = ArrayLike | Locator
 
-_AXES = ("x", "y", "z")
+AXES = ("x", "y", "z")
 
 #: Prescribed values agree to rounding.
 ROUNDING = 1e-12
@@ -58,7 +58,7 @@ def component_index(component: int | str | None, d: int, what: str) -> int | Non
     """
     if component is None:
         return None
-    names = _AXES[:d]
+    names = AXES[:d]
     if component in names:
         return names.index(component)
     if isinstance(component, (int, np.integer)) and 0 <= component < d:
@@ -213,7 +213,7 @@ class DirichletConditions:
             )
             if differ.any() and not condition.replaces:
                 i, k = np.argwhere(differ)[0]
-                axis = _AXES[dofs[i, k] % self._d]
+                axis = AXES[dofs[i, k] % self._d]
                 return (
                     f"{condition.what}: the displacement along {axis} of the node at "
                     f"{condition.points[:, i].round(6).tolist()} is prescribed as "

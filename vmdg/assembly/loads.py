@@ -18,7 +18,8 @@ from ..base.quadrature import load_degree
 from ..domain.topology import boundary_rows
 from ..forms.geometry import Geometry
 from .dirichlet import component_index
-from .values import Value, first_value, takes_points, value_at
+from .rigid import RigidFace
+from .values import Value, check_resultant, first_value, takes_points, value_at
 
 
 @dataclass(frozen=True)
@@ -58,10 +59,12 @@ class _Force:
 
     Attributes:
         dofs: Component-wise numbers of owned nodes (n, components).
+        spread: Forces on them by the components of the value (n, components, components).
         value: What the user gave.
     """
 
     dofs: NDArray[np.int32]
+    spread: NDArray[np.float64]
     value: Value
 
 
@@ -117,15 +120,22 @@ class DeadLoads:
         """
         what = "point_load"
         index = component_index(component, self._d, what)
-        if takes_points(value, what):
-            raise ValueError(
-                f"{what}: the value is a number, array or f(t); call it once for each force"
-            )
-        shape = first_value(self._mesh.comm, value, what).shape
-        self._check_shape(shape, [(self._d,)] if index is None else [(), (1,)], what)
+        shapes = [(self._d,)] if index is None else [(), (1,)]
+        check_resultant(self._mesh.comm, value, shapes, what)
         components = np.arange(self._d) if index is None else np.array([index])
         owned = nodes[nodes < self._space.dofmap.index_map.size_local]
-        self._forces.append(_Force(owned[:, None] * self._d + components, value))
+        spread = np.broadcast_to(np.eye(len(components)), (len(owned), *2 * components.shape))
+        self._forces.append(_Force(owned[:, None] * self._d + components, spread, value))
+
+    def add_face_load(self, face: RigidFace, value: Value) -> None:
+        """Force [N] at the point of a rigid face.
+
+        Raises:
+            ValueError: a value of the wrong shape or that varies in space.
+        """
+        shapes = [(self._d,)] if face.component is None else [(), (1,)]
+        check_resultant(self._mesh.comm, value, shapes, "rigid_face")
+        self._forces.append(_Force(face.dofs, face.spread, value))
 
     def _load(
         self,
@@ -187,7 +197,7 @@ class DeadLoads:
                 self._form = self._compile()
             result += fem.assemble_vector(self._form).array
         for force in self._forces:
-            result[force.dofs] += value_at(force.value, t)
+            result[force.dofs] += force.spread @ np.atleast_1d(value_at(force.value, t))
         return result
 
     def _compile(self) -> fem.Form:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from mpi4py import MPI
@@ -67,6 +67,25 @@ def value_at(value: Value, t: float, points: NDArray[np.float64] | None = None) 
     if not callable(value):
         return np.asarray(value, dtype=float)
     return np.asarray(value(t) if points is None else value(points, t), dtype=float)
+
+
+def check_resultant(
+    comm: MPI.Comm, value: Value, shapes: Sequence[tuple[int, ...]], what: str
+) -> None:
+    """Refuse what is no number or array of one of these shapes, or f(t) that gives one; collective.
+
+    Raises:
+        ValueError: a function of place, or a value of another shape.
+    """
+    if takes_points(value, what):
+        raise ValueError(
+            f"{what}: the value is a number, array or f(t); call it once for each place"
+        )
+    shape, message = first_value(comm, value, what).shape, None
+    if shape not in shapes:
+        expected = " or ".join(map(str, shapes))
+        message = f"{what}: the value has shape {shape}, expected {expected}"
+    raise_together(comm, message)
 
 
 def first_value(

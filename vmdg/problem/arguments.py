@@ -13,7 +13,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from ufl.core.expr import Expr
 
 from .. import compat
@@ -254,6 +254,29 @@ def check_condition(what: str, where: Any, value: Any) -> None:
         )
     if value is None:
         raise TypeError(f"{what}: the value is missing; 0.0 holds the nodes where they are")
+
+
+def check_rigid_face(
+    d: int, small: bool, component: int | str | None, tilts: bool, at: ArrayLike | None
+) -> None:
+    """How a rigid face moves, at small strain or not, and its point.
+
+    Raises:
+        ValueError: large rotations, or no point (d,) where the face tilts.
+    """
+    if tilts and component is None and not small:
+        raise ValueError(
+            "rigid_face: all components of a face that tilts are those of a rigid rotation, which "
+            "is linear at small strain only: take kinematics='small', one component, tilts=False, "
+            "or a stiff body as the plate"
+        )
+    if tilts and at is None:
+        raise ValueError(
+            "rigid_face: a face that tilts needs at=, the point at which the force acts and whose "
+            "displacement is meant, for example its centre"
+        )
+    if at is not None and (np.shape(at) != (d,) or not np.isfinite(at).all()):
+        raise ValueError(f"rigid_face: at = {at!r} must be a point of {d} finite coordinates")
 
 
 def check_overlap(

@@ -11,9 +11,16 @@ from dolfinx import fem
 from numpy.typing import ArrayLike, NDArray
 from ufl.core.expr import Expr
 
-from ..assembly.dirichlet import DirichletConditions, Where, find_boundary_facets, find_nodes
+from ..assembly.dirichlet import (
+    AXES,
+    DirichletConditions,
+    Where,
+    find_boundary_facets,
+    find_nodes,
+)
 from ..assembly.discretization import Discretization
 from ..assembly.loads import DeadLoads
+from ..assembly.rigid import RigidFaces
 from ..assembly.surface import Share
 from ..assembly.values import Value
 from ..base.parallel import global_any, raise_together
@@ -22,7 +29,7 @@ from ..domain.tags import Group, group_tag
 from ..domain.topology import Locator, facet_cells, refuse_facets
 from ..interface.activation import Activation
 from ..interface.interface import Interface, number_of
-from .arguments import check_condition
+from .arguments import check_condition, check_rigid_face
 
 Array = NDArray[np.float64]
 
@@ -39,6 +46,7 @@ class Ray(NamedTuple):
         prescribed: Prescribed displacements at both [mm].
         vectors: Dead loads over local dofs at both [N].
         pressures: Pressures at both [MPa].
+        faces: Prescribed displacements of points of rigid faces at both [mm].
     """
 
     start: float
@@ -46,6 +54,7 @@ class Ray(NamedTuple):
     prescribed: tuple[Array, Array]
     vectors: tuple[Array, Array]
     pressures: tuple[Array, Array]
+    faces: tuple[Array, Array]
 
     def at(self, ends: tuple[Array, Array], t: float) -> Array:
         """Values at load factor ``t``, also beyond the ends."""
@@ -64,6 +73,7 @@ class Ray(NamedTuple):
                 (self.prescribed, other.prescribed),
                 (self.vectors, other.vectors),
                 (self.pressures, other.pressures),
+                (self.faces, other.faces),
             )
         )
 
@@ -88,6 +98,7 @@ class Loading:
     Attributes:
         load_factor: t as a UFL constant.
         dirichlet: What is prescribed in the space that is loaded now.
+        rigid: Its rigid faces.
         loaded: Whether dead loads act on a cell, for every local cell.
     """
 
@@ -110,6 +121,7 @@ class Loading:
         self._discretization, space = discretization, discretization.space
         self._vector: NDArray[np.float64] | None = None
         self.dirichlet = DirichletConditions(space, axis_dofs(space, discretization.geometry))
+        self.rigid = RigidFaces(discretization.u, discretization.geometry)
         self._loads = DeadLoads(discretization.u, discretization.geometry)
         self._surface = discretization.new_surface()
         for impose in self._given:
@@ -119,8 +131,17 @@ class Loading:
         self.move(self.t)
 
     def _add(self, impose: Callable[[], None]) -> None:
-        """Impose a load or prescribed displacement now, and on every space that follows."""
+        """Impose a load or prescribed displacement now, and on every space that follows.
+
+        Raises:
+            ValueError: it does not go with a rigid face, and is not imposed.
+        """
         impose()
+        try:
+            self._refuse_held_faces()
+        except ValueError:
+            self.follow(self._discretization)
+            raise
         self._given.append(impose)
         self._vector = None
 
@@ -185,6 +206,85 @@ class Loading:
         if self._ray is not None:
             return self._ray.at(self._ray.prescribed, t)
         return self.dirichlet.values(t)
+
+    # Rigid faces
+
+    def add_rigid_face(
+        self,
+        where: Where,
+        component: int | str | None,
+        tilts: bool,
+        at: ArrayLike | None,
+        force: Value | None,
+        displacement: Value | None,
+    ) -> int:
+        """See :meth:`vmdg.Problem.rigid_face`; its number."""
+        check_rigid_face(self._mesh.geometry.dim, self._bodies.small, component, tilts, at)
+        if force is not None and displacement is not None:
+            raise ValueError("rigid_face: give force or displacement; the other one follows")
+        facets, number = self._boundary(where, "rigid_face"), len(self.rigid.faces)
+        point = None if at is None else np.asarray(at, dtype=float)
+
+        def impose() -> None:
+            space = self._discretization.space
+            nodes = fem.locate_dofs_topological(space, self._mesh.topology.dim - 1, facets)
+            face = self.rigid.add(nodes, component, tilts, point, displacement)
+            if force is not None:
+                self._loads.add_face_load(face, force)
+
+        self._add(impose)
+        if force is not None:
+            self.loaded[facet_cells(self._mesh)[facets, 0]] = True
+        return number
+
+    def _refuse_held_faces(self) -> None:
+        """Nodes of rigid faces move with them alone.
+
+        Raises:
+            ValueError: one belongs to two faces, or its displacement is prescribed.
+        """
+        if not self.rigid:
+            return
+        dofs, d = self.rigid.dofs, self._discretization.space.dofmap.index_map_bs
+        chosen, counts = np.unique(dofs, return_counts=True)
+        held, message = np.isin(chosen, self.prescribed), None
+        wrong = chosen[held | (counts > 1)]
+        if len(wrong):
+            node, axis = divmod(int(wrong[0]), d)
+            x = self._discretization.space.tabulate_dof_coordinates()[node, :d]
+            other = "is prescribed too" if held.any() else "belongs to two rigid faces"
+            message = (
+                f"rigid_face: the displacement along {AXES[axis]} of the node at "
+                f"{x.round(6).tolist()} {other}; give the rigid face another component, or leave "
+                "the facets at this node out of one of them"
+            )
+        raise_together(self._mesh.comm, message)
+
+    def away(self, t: float) -> Array:
+        """How far prescribed displacements are from those of load factor ``t``, on owned dofs, zero
+        where nothing is prescribed; collective [mm]."""
+        u, result = self._discretization.u.x.array, np.zeros(self._discretization.owned)
+        owned = self.owned_prescribed
+        result[owned] = self.prescribed_values(t)[: len(owned)] - u[owned]
+        if self.rigid:
+            ray = self._ray
+            values = self.rigid.values(t) if ray is None else ray.at(ray.faces, t)
+            result += self.rigid.lifted(values - self.rigid.displacements())
+        return result
+
+    def rate(self) -> Array:
+        """Change of prescribed displacements with the load factor of the ray, as :meth:`away`."""
+        ray, result = self._ray, np.zeros(self._discretization.owned)
+        owned = self.owned_prescribed
+        result[owned] = ray.rate(ray.prescribed)[: len(owned)]
+        return result + self.rigid.lifted(ray.rate(ray.faces))
+
+    def balance(self, forces: Array) -> Array:
+        """What is left of forces on owned dofs where supports and rigid faces take their part, in
+        place; collective [N]."""
+        forces[self.owned_prescribed] = 0
+        self.rigid.balance(forces)
+        return forces
 
     # Dead loads
 
@@ -362,6 +462,7 @@ class Loading:
             (ray.prescribed, self.dirichlet.values),
             (ray.vectors, self._vector_at),
             (ray.pressures, self._surface.pressures),
+            (ray.faces, self.rigid.values),
         )
         for ends, given in parts:
             change = np.abs(ends[1] - ends[0]).max(initial=0.0)
@@ -381,7 +482,7 @@ class Loading:
         self._ray, self._vector = None, None
 
     def _ray_between(self, start: float, end: float) -> Ray:
-        given = self.dirichlet.values, self._vector_at, self._surface.pressures
+        given = self.dirichlet.values, self._vector_at, self._surface.pressures, self.rigid.values
         return Ray(start, end, *(tuple(at(t) for t in (start, end)) for at in given))
 
     @property

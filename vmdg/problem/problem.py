@@ -43,6 +43,7 @@ from .arguments import (
     checked_materials,
 )
 from .loading import Loading
+from .rigid_motion import RigidMotion
 from .states import Energy, InterfaceMean
 from .step import Step
 
@@ -293,6 +294,45 @@ class Problem:
                 that is not positive.
         """
         self.loading.add_spring(facets, stiffness)
+
+    def rigid_face(
+        self,
+        facets: Where,
+        component: int | str | None = None,
+        tilts: bool = False,
+        at: ArrayLike | None = None,
+        force: Value | None = None,
+        displacement: Value | None = None,
+    ) -> RigidMotion:
+        """Let boundary facets move as a rigid plate: free, under a force, or displaced.
+
+        All nodes of the face have the same displacement, or one that is linear in the reference
+        coordinates, a translation and a rotation of small angle. With one component the others are
+        free, as under a plate without friction. What else acts on the face, tractions and springs
+        for example, acts on the plate. Reactions of its facets are what a given displacement takes.
+
+        Args:
+            facets: Local facets, or a predicate on coordinates (3, n).
+            component: The one that is kept rigid, as for :meth:`dirichlet`; None for all.
+            tilts: Whether the plate turns. Rotations are small: at finite strain of one component
+                only, which then is linear in the reference coordinates (the face stays plane).
+            at: Point of the plate (d,) at which the force acts and whose displacement is given or
+                asked for; needed where it tilts, and without effect where it does not [mm].
+            force: Dead force on the plate, a number with one component, else an array (d,), or f(t)
+                of the load factor [N]. None leaves it to other loads.
+            displacement: Of the point, in the same way [mm]; the plate turns about it. None leaves
+                it free.
+
+        Returns:
+            The motion of the face, for monitors.
+
+        Raises:
+            TypeError: a tag in place of its facets.
+            ValueError: nothing selected, facets inside the mesh, a node that is prescribed or that
+                belongs to two faces, arguments that do not go together or of the wrong shape.
+        """
+        number = self.loading.add_rigid_face(facets, component, tilts, at, force, displacement)
+        return RigidMotion(self.loading, number)
 
     def body_force(self, value: Value | Expr, tag: Group | None = None) -> None:
         """Dead body force per reference volume.

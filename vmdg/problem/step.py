@@ -148,8 +148,7 @@ class Step:
             forces = self._residual_rate(INCREMENT * (ray.end - ray.start))
         else:
             forces = at_owners(self.discretization.space, ray.rate(ray.vectors))
-        forces[self._loading.owned_prescribed] = 0
-        return forces
+        return self._loading.balance(forces)
 
     def _residual_rate(self, change: float) -> NDArray[np.float64]:
         """Minus the derivative of the residual by the load factor, by a change of it."""
@@ -253,6 +252,8 @@ class Step:
         """
         now, start = self.discretization, self.start
         owned, prescribed = slice(now.owned), self._loading.owned_prescribed
+        if self._loading.rigid:
+            prescribed = np.concatenate([prescribed, self._loading.rigid.led_dofs])
         ends = []
         for vector, forces in (
             (self._loads_at_start, start.forces),

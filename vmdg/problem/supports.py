@@ -8,10 +8,11 @@ from typing import NamedTuple
 import basix
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from ..base.parallel import global_max, group_maxima
+from ..base.parallel import global_max, global_sum, group_maxima
 from ..domain.geometry import rigid_motions
 from ..forms.geometry import Axisymmetric
 from ..interface.active import ActiveInterface
@@ -60,7 +61,7 @@ def loose_parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> list
     code = np.unique(np.concatenate(comm.allgather(code)))
     part_of, tag_of = code >> 32, (code & _LOW).astype(np.uint32).view(np.int32)
     parts = np.unique(part_of)
-    gram = comm.allreduce(_gram(problem, label, parts))
+    gram = _with_faces(problem, label, parts, comm.allreduce(_gram(problem, label, parts)))
     result = []
     for part, matrix in zip(parts, gram, strict=True):
         if motions := _free_motions(matrix, problem):
@@ -96,28 +97,69 @@ def _gram(
 
     With springs their work m.K.m besides.
     """
-    space = problem.space
-    d = space.dofmap.index_map_bs
-    part_of_node = np.zeros(space.tabulate_dof_coordinates().shape[0], dtype=np.int64)
-    part_of_node[space.dofmap.list] = np.searchsorted(parts, label)[:, None]
-    prescribed = problem.loading.owned_prescribed
-    node, component = prescribed // d, prescribed % d
-    x = problem.mesh.geometry.x
-    size = max(global_max(problem.comm, float(np.abs(x).max(initial=0.0))), np.finfo(float).tiny)
-    points = space.tabulate_dof_coordinates()[node, :d] / size
-    # One component of every motion at each prescribed dof (n, modes).
-    modes = rigid_motions(points, problem.discretization.geometry)[
-        :, np.arange(len(node)), component
-    ].T
-    gram = np.zeros((len(parts), modes.shape[1], modes.shape[1]))
-    np.add.at(gram, part_of_node[node], modes[:, :, None] * modes[:, None, :])
+    part, m = _motions_at(problem, label, parts, problem.loading.owned_prescribed)
+    gram = np.zeros((len(parts), m.shape[1], m.shape[1]))
+    np.add.at(gram, part, m[:, :, None] * m[:, None, :])
     surface = problem.discretization.surface
     if surface.sprung:
-        points = space.tabulate_dof_coordinates()[:, :d] / size
-        motions = rigid_motions(points, problem.discretization.geometry)
-        works = surface.spring_work(motions.reshape(len(motions), -1))
-        np.add.at(gram, np.repeat(part_of_node, d), works)
+        every = np.arange(len(problem.u.x.array), dtype=np.int32)
+        part, m = _motions_at(problem, label, parts, every)
+        np.add.at(gram, part, surface.spring_work(m.T.copy()))
     return gram
+
+
+def _with_faces(
+    problem: Problem,
+    label: NDArray[np.int64],
+    parts: NDArray[np.int64],
+    gram: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """The sum of :func:`_gram` with what rigid faces take of motions m of their nodes; collective.
+
+    They take |m|^2 - |T^T.m|^2, m those of all parts at once, which a face may join. Of a part
+    counts what is left of the whole where all other parts go along with it (Schur complement).
+    """
+    rigid = problem.loading.rigid
+    if not rigid:
+        return gram
+    count, modes = gram.shape[:2]
+    part, m = _motions_at(problem, label, parts, rigid.dofs)
+    moved = np.zeros((len(rigid.dofs), count, modes))
+    moved[np.arange(len(m)), part] = m
+    moved = moved.reshape(len(m), count * modes)
+    work = global_sum(problem.comm, moved.T @ moved)
+    along = global_sum(problem.comm, rigid.columns[:, rigid.dofs] @ moved)
+    whole = block_diag(*gram) + work - along.T @ along
+    result = gram.copy()
+    for i in np.flatnonzero(np.diag(work).reshape(count, modes).any(axis=1)):
+        own = np.arange(len(whole)) // modes == i
+        between = whole[own][:, ~own]
+        others = np.linalg.pinv(whole[~own][:, ~own], rcond=_FREE, hermitian=True)
+        result[i] = whole[own][:, own] - between @ others @ between.T
+    return result
+
+
+def _motions_at(
+    problem: Problem,
+    label: NDArray[np.int64],
+    parts: NDArray[np.int64],
+    dofs: NDArray[np.int32],
+) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Part of every dof, by its place in ``parts``, and rigid motions there (n, modes)."""
+    space = problem.space
+    d = space.dofmap.index_map_bs
+    coordinates = space.tabulate_dof_coordinates()[:, :d]
+    part_of_node = np.zeros(len(coordinates), dtype=np.int64)
+    part_of_node[space.dofmap.list] = np.searchsorted(parts, label)[:, None]
+    node, component = dofs // d, dofs % d
+    motions = rigid_motions(coordinates[node] / _size(problem), problem.discretization.geometry)
+    return part_of_node[node], motions[:, np.arange(len(node)), component].T
+
+
+def _size(problem: Problem) -> float:
+    """Largest coordinate; collective [mm]."""
+    largest = float(np.abs(problem.mesh.geometry.x).max(initial=0.0))
+    return max(global_max(problem.comm, largest), np.finfo(float).tiny)
 
 
 def _free_motions(gram: NDArray[np.float64], problem: Problem) -> str:

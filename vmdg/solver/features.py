@@ -128,6 +128,8 @@ def _refusal(problem: Problem, options: SolveOptions | None) -> str:
         return "a stabilization of the user's own may change"
     if problem.step.activation:
         return "facets open on demand"
+    if problem.loading.rigid:
+        return "rigid faces"
     if options is not None and not linear_options(problem, options.petsc).automatic:
         return "options.petsc are for the assembled tangent"
     return ""

@@ -86,7 +86,8 @@ class Newton:
     Attributes:
         discretization: What it was made for.
         owned: Number of component-wise dofs of this rank.
-        residual: Of the last assembly, zero on prescribed dofs, and a zero for lambda [N].
+        residual: Of the last assembly, without what supports and rigid faces take, and a zero for
+            lambda [N].
     """
 
     def __init__(self, problem: Problem, options: SolveOptions):
@@ -97,7 +98,6 @@ class Newton:
         self._criterion = Criterion(options.relative_tolerance, problem.step)
         self._max_iterations = options.max_iterations
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))
-        self._prescribed = problem.loading.owned_prescribed
         self._system = make_system(problem, options)
         # lambda is the last unknown of the first rank.
         local = self.owned + (problem.comm.rank == 0)
@@ -248,12 +248,8 @@ class Newton:
     def _linearised(self, forces: Array, rtol: float) -> Direction:
         problem, control = self._problem, self._control
         loading, start = problem.loading, self.place()
-        ray, prescribed = loading.ray, loading.prescribed
-        # What prescribed displacements are away from their load factor.
-        away = np.zeros_like(problem.u.x.array)
-        away[prescribed] = loading.prescribed_values(problem.t) - problem.u.x.array[prescribed]
-        away = away[: self.owned]
-        if ray is None and not control.brakes:
+        away = loading.away(problem.t)
+        if loading.ray is None and not control.brakes:
             return Direction(self._system.solve([forces], [away], rtol)[0], 0.0)
         load, rate = self._rates()
         if control.loaded:
@@ -270,12 +266,9 @@ class Newton:
 
     def _rates(self) -> tuple[Array, Array]:
         """Change of forces [N] and prescribed displacements [mm] with the parameter."""
-        problem, loading = self._problem, self._problem.loading
-        rate = np.zeros_like(problem.u.x.array)
         if self._control.brakes:
-            return self._drag_forces(), rate[: self.owned]
-        rate[loading.prescribed] = loading.ray.rate(loading.ray.prescribed)
-        return problem.step.load_rate(), rate[: self.owned]
+            return self._drag_forces(), np.zeros(self.owned)
+        return self._problem.step.load_rate(), self._problem.loading.rate()
 
     def _drag_forces(self) -> Array:
         """-dR/deta of the overstress [N]."""
@@ -289,14 +282,14 @@ class Newton:
     def _reaction(self) -> float:
         """Norm of the reactions of the last assembly, those of springs among them [N]."""
         parts = self._problem.discretization
-        held = parts.forces.x.array[: self.owned][self._prescribed]
+        held = parts.forces.x.array[: self.owned] - self._free_forces()
         return global_norm(self._comm, np.append(held, parts.surface.spring_forces()))
 
     def _free_forces(self) -> Array:
-        """Residual of the last assembly on owned dofs, zero on prescribed ones [N]."""
+        """Residual of the last assembly on owned dofs, without what supports and rigid faces take
+        [N]."""
         forces = self._problem.discretization.forces.x.array[: self.owned].copy()
-        forces[self._prescribed] = 0
-        return forces
+        return self._problem.loading.balance(forces)
 
     # Called by PETSc
 

@@ -10,7 +10,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.parallel import global_any
+from ..base.parallel import global_any, global_sum
 from ..problem.problem import Problem
 from .capacitance import Capacitance
 from .features import condensation
@@ -89,7 +89,11 @@ class AssembledSystem:
             parts = problem.discretization
             set_rigid_modes(parts.space, parts.geometry, matrix)
         self._x, self._b = matrix.createVecs()
-        self._prescribed = problem.loading.owned_prescribed
+        loading = problem.loading
+        # Faces have one unknown motion or a few, which are found in the end.
+        self._faces, self._motions = loading.rigid.dofs, loading.rigid.columns
+        self._prescribed = np.concatenate([loading.owned_prescribed, self._faces])
+        self._released = False
         self._last: list[Array] = []
 
     @property
@@ -100,12 +104,24 @@ class AssembledSystem:
     @property
     def unstable(self) -> bool:
         """Whether the last K is known to have negative eigenvalues."""
-        return self._linear.unstable
+        return self._linear.unstable or self._released
 
     def solve(self, forces: Sequence[Array], moved: Sequence[Array], rtol: float) -> list[Array]:
         """Solve K.du = forces for several right-hand sides; collective."""
         self._discretization.assemble_tangent(self._matrix)
         self.norm = self.norm or self._matrix.norm(PETSc.NormType.NORM_INFINITY)
+        if not len(self._motions):
+            return self._solve_held(forces, moved, rtol)
+        works = self._works()
+        found = self._solve_held(
+            [*forces, *np.zeros_like(self._motions)], [*moved, *self._motions], rtol
+        )
+        return self._release(works, np.array(forces), np.array(found))
+
+    def _solve_held(
+        self, forces: Sequence[Array], moved: Sequence[Array], rtol: float
+    ) -> list[Array]:
+        """As :meth:`solve`, rigid faces prescribed."""
         right = [f - self._lift(du) for f, du in zip(forces, moved, strict=True)]
         self._matrix.zeroRowsColumnsLocal(self._prescribed, 1.0)
         # The response to a load changes little from one correction to the next.
@@ -116,8 +132,46 @@ class AssembledSystem:
             self._x.array[:] = 0.0 if guess is None else guess
             self._linear.solve(self._b, self._x, rtol)
             found.append(self._x.array.copy())
+            # No force brings a face back into its shape after a Krylov method.
+            found[-1][self._faces] = du[self._faces]
         self._last = found
         return found
+
+    def _works(self) -> Array:
+        """Rows T^T.K of the motions of rigid faces, over owned dofs (k, owned)."""
+        rows = np.empty_like(self._motions)
+        for row, motion in zip(rows, self._motions, strict=True):
+            self._x.array[:] = motion
+            self._matrix.multTranspose(self._x, self._b)
+            row[:] = self._b.array
+        return rows
+
+    def _release(self, works: Array, forces: Array, found: Array) -> list[Array]:
+        """Let rigid faces move until the forces on them are those given; collective.
+
+        With du_0 of faces at rest and du_k of unit motions k of them, in which no force is given,
+
+            T^T.K.(du_0 + sum_k q_k du_k) = T^T.forces.
+
+        K has a negative eigenvalue if it has one with the faces at rest (Cauchy), or if the small
+        matrix of q has one, what is left of K when all else is eliminated (Haynsworth).
+        """
+        count = len(forces)
+        at_rest, moving = found[:count], found[count:]
+        stiffness, loads = np.split(
+            global_sum(
+                self._comm,
+                np.hstack([works @ moving.T, self._motions @ forces.T - works @ at_rest.T]),
+            ),
+            [len(moving)],
+            axis=1,
+        )
+        try:
+            q = np.linalg.solve(stiffness, loads)
+            self._released = bool((np.linalg.eigvals(stiffness).real < 0).any())
+        except np.linalg.LinAlgError:
+            q, self._released = np.full_like(loads, np.nan), False
+        return list(at_rest + q.T @ moving)
 
     def _lift(self, moved: Array) -> Array | float:
         """Forces of the prescribed displacements."""

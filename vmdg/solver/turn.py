@@ -58,10 +58,11 @@ def turn(problem: Problem) -> bool:
     """Turn a body with its supports, if that is most of their way; collective.
 
     Returns:
-        False, and nothing has changed, where it is not, or at small strain.
+        False, and nothing has changed, where it is not, at small strain, or where faces are rigid,
+        which do not turn so far.
     """
     parts, loading = problem.discretization, problem.loading
-    if parts.bodies.small or isinstance(parts.geometry, Axisymmetric):
+    if parts.bodies.small or loading.rigid or isinstance(parts.geometry, Axisymmetric):
         return False
     space, d = parts.space, parts.space.dofmap.index_map_bs
     u, owned = problem.u.x.array, parts.owned

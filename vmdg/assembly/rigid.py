@@ -1,0 +1,238 @@
+"""Faces that move as rigid plates: the displacement of all their nodes is a few numbers.
+
+On the nodes of a face the chosen components of the displacement are
+
+    u = T.q,    T = m.C,
+
+with translations and rotations of small angle m, of which C makes orthonormal columns T. What the
+face may do is q = q_p + Z.p: all of it, or what leaves the displacement of one point as prescribed.
+Nodal forces f then balance in the sum, (T.Z)^T.f = 0, no longer node by node.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from dolfinx import fem
+from numpy.typing import NDArray
+
+from ..base.parallel import global_sum
+from ..domain.geometry import rigid_motions
+from ..forms.geometry import Axisymmetric, Geometry
+from .dirichlet import component_index
+from .values import Value, check_resultant, value_at
+
+Array = NDArray[np.float64]
+
+#: Eigenvalue of the motions of a face, relative to the largest one, below which its nodes do not
+#: tell one of them from the others.
+UNTOLD = 1e-10
+
+
+@dataclass(frozen=True)
+class RigidFace:
+    """A rigid face, as its space has it.
+
+    Attributes:
+        component: That is kept rigid; None for all.
+        motions: Numbers of its motions among :func:`rigid_motions`.
+        dofs: Component-wise numbers of owned nodes (n, c).
+        T: Columns of unit length (n, c, k).
+        C: Motions by columns (motions, k) [mm or rad].
+        place: Displacement of the given point by columns (c, k).
+        value: Prescribed displacement of that point; None where it is free.
+    """
+
+    component: int | None
+    motions: list[int]
+    dofs: NDArray[np.int32]
+    T: Array
+    C: Array
+    place: Array
+    value: Value | None
+
+    @property
+    def free(self) -> Array:
+        """T.Z (n, c, k)."""
+        if self.value is None:
+            return self.T
+        # The motions that turn the face about the point.
+        turns = np.linalg.svd(self.place)[2][len(self.place) :]
+        return self.T @ turns.T
+
+    @property
+    def lift(self) -> Array:
+        """T.q_p of unit displacements of the point (n, c, c), where they are prescribed."""
+        return self.T @ np.linalg.pinv(self.place)
+
+    @property
+    def spread(self) -> Array:
+        """Nodal forces of unit forces at the point (n, c, c)."""
+        return self.T @ self.place.T
+
+
+class RigidFaces:
+    """The rigid faces of a space.
+
+    Args:
+        u: Displacement.
+        geometry: Of the problem.
+
+    Attributes:
+        faces: In the order in which they were given.
+        columns: T.Z of all faces over owned dofs (p, owned).
+    """
+
+    def __init__(self, u: fem.Function, geometry: Geometry):
+        space = u.function_space
+        self._u, self._geometry, self._comm = u, geometry, space.mesh.comm
+        self._d, self._nodes = space.dofmap.index_map_bs, space.dofmap.index_map.size_local
+        self._x = space.tabulate_dof_coordinates()[: self._nodes, : self._d]
+        self.faces: list[RigidFace] = []
+        self.columns = np.zeros((0, self._nodes * self._d))
+
+    def __bool__(self) -> bool:
+        return bool(self.faces)
+
+    def add(
+        self,
+        nodes: NDArray[np.int32],
+        component: int | str | None,
+        tilts: bool,
+        at: Array | None,
+        value: Value | None,
+    ) -> RigidFace:
+        """Keep a face rigid from now on; collective.
+
+        Args:
+            nodes: Local nodes, block numbers.
+            component: Displacement that is kept rigid; None for all.
+            tilts: Whether the face turns.
+            at: Point (d,) whose displacement is asked for or prescribed; None is any.
+            value: Prescribed displacement of the point; None leaves it free.
+
+        Raises:
+            ValueError: unknown component; in axisymmetry another than the axial one, or a face that
+                tilts; nodes that do not tell how it turns; a value of the wrong shape.
+        """
+        d, index = self._d, component_index(component, self._d, "rigid_face")
+        if value is not None:
+            shapes = [(), (d,)] if index is None else [(), (1,)]
+            check_resultant(self._comm, value, shapes, "rigid_face")
+        axial = isinstance(self._geometry, Axisymmetric)
+        if axial and (tilts or index != 1):
+            raise ValueError(
+                "rigid_face: a body of revolution moves along its axis only; give component='y' "
+                "and tilts=False"
+            )
+        nodes = nodes[nodes < self._nodes]
+        components = np.arange(d) if index is None else np.array([index])
+        chosen = [0] if axial else _motions(components, d, tilts)
+        x = self._x[nodes]
+        # About a point amid the nodes, which any other one would do as well but for rounding.
+        centre = global_sum(self._comm, x.sum(axis=0)) / global_sum(self._comm, len(x))
+
+        def moved(points: Array) -> Array:
+            motions = rigid_motions(points - centre, self._geometry)[chosen]
+            return motions[:, :, components].transpose(1, 2, 0)
+
+        m = moved(x)
+        C = self._orthonormal(m.reshape(-1, m.shape[2]))
+        place = moved(centre[None] if at is None else at[None])[0]
+        dofs = (nodes[:, None] * d + components).astype(np.int32)
+        face = RigidFace(index, chosen, dofs, m @ C, C, place @ C, value)
+        self.faces.append(face)
+        columns = np.zeros((face.free.shape[2], self.columns.shape[1]))
+        columns[:, dofs] = face.free.transpose(2, 0, 1)
+        self.columns = np.concatenate([self.columns, columns])
+        return face
+
+    def _orthonormal(self, m: Array) -> Array:
+        """C of motions m (n, motions); collective.
+
+        Raises:
+            ValueError: the nodes do not tell the motions from each other.
+        """
+        gram = global_sum(self._comm, m.T @ m)
+        # Rotations by the size of the face, so that all have one unit.
+        sizes = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
+        values, vectors = np.linalg.eigh(gram / np.outer(sizes, sizes))
+        if values[0] <= UNTOLD * values[-1]:
+            raise ValueError(
+                "rigid_face: the nodes of the face do not tell how it turns, as those on a line do "
+                "not in 3D; give more facets, or tilts=False"
+            )
+        return vectors / np.sqrt(values) / sizes[:, None]
+
+    @property
+    def dofs(self) -> NDArray[np.int32]:
+        """Owned dofs (component-wise numbers) of all faces, one after the other."""
+        none = np.zeros(0, dtype=np.int32)
+        return np.concatenate([none, *(face.dofs.ravel() for face in self.faces)])
+
+    # Motion
+
+    def rotation(self, face: RigidFace) -> Array:
+        """Rotations of a face now, from x to y, x to z and y to z, 0 where it does not turn;
+        collective [rad]."""
+        q, rotations = face.C @ self._amplitudes(face), np.zeros(self._d * (self._d - 1) // 2)
+        for number, angle in zip(face.motions, q, strict=True):
+            if number >= self._d:
+                rotations[number - self._d] = angle
+        return rotations
+
+    def displacement(self, face: RigidFace) -> Array:
+        """Displacement of the point of a face now (c,); collective [mm]."""
+        return face.place @ self._amplitudes(face)
+
+    def _amplitudes(self, face: RigidFace) -> Array:
+        u = self._u.x.array[face.dofs]
+        return global_sum(self._comm, np.tensordot(u, face.T, axes=2))
+
+    # Prescribed displacements
+
+    @property
+    def _led(self) -> list[RigidFace]:
+        return [face for face in self.faces if face.value is not None]
+
+    @property
+    def led_dofs(self) -> NDArray[np.int32]:
+        """Those of :attr:`dofs` of faces of which the displacement of a point is prescribed."""
+        none = np.zeros(0, dtype=np.int32)
+        return np.concatenate([none, *(face.dofs.ravel() for face in self._led)])
+
+    def values(self, t: float) -> Array:
+        """Prescribed displacements at load factor ``t``, of one point after the other [mm]."""
+        given = (np.broadcast_to(value_at(f.value, t), len(f.place)) for f in self._led)
+        return np.concatenate([np.zeros(0), *given])
+
+    def displacements(self) -> Array:
+        """Displacements now of the points of :meth:`values`; collective [mm]."""
+        return np.concatenate([np.zeros(0), *(self.displacement(face) for face in self._led)])
+
+    def lifted(self, values: Array) -> Array:
+        """Displacement of owned dofs by which these points move so, without a turn about them."""
+        result, start = np.zeros(self.columns.shape[1]), 0
+        for face in self._led:
+            end = start + len(face.place)
+            result[face.dofs] = face.lift @ values[start:end]
+            start = end
+        return result
+
+    # Forces
+
+    def balance(self, forces: Array) -> None:
+        """Leave of forces on nodes of faces what moves the faces; owned dofs, collective [N]."""
+        if self.faces:
+            moving = global_sum(self._comm, self.columns @ forces)
+            forces[self.dofs] = 0
+            forces += moving @ self.columns
+
+
+def _motions(components: NDArray[np.intp], d: int, tilts: bool) -> list[int]:
+    """Numbers of the rigid motions of some components; translations first."""
+    chosen = components.tolist()
+    pairs = enumerate(combinations(range(d), 2), start=d)
+    return chosen + [i for i, pair in pairs if tilts and not set(pair).isdisjoint(chosen)]
