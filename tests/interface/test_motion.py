@@ -10,7 +10,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from support.checks import gather, in_frame, tangent_error
-from support.problems import MATERIALS, couple, driven, put, through
+from support.problems import MATERIALS, couple, driven, joined, put, through
 from support.scenes import two_blocks
 
 import vmdg
@@ -83,6 +83,20 @@ def test_rigid_turn_changes_nothing(group, cell, options):
     changes = turn_around(group, cell, **options)
     assert len(changes) == TURNS
     assert changes.max() < 1e-10
+
+
+@pytest.mark.parametrize("kinematics", ["small", "finite"])
+def test_far_from_its_place(comm, kinematics):
+    """A body carried 10^4 times its size rests where the rounding of positions lets it."""
+    scene = two_blocks(comm, "quadrilateral", 4)
+    forces = []
+    for far in (0.0, 2e4):
+        problem = joined(scene, vmdg.Bonded(), kinematics=kinematics)
+        problem.dirichlet(scene.facet_tags.find(1), (far, 0.0))
+        problem.dirichlet(scene.facet_tags.find(2), (far + 0.01, 0.02))
+        assert not vmdg.solve(problem, [1.0]).failures
+        forces.append(problem.reaction(scene.facet_tags.find(2)))
+    assert forces[1] == pytest.approx(forces[0], rel=1e-6)
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])

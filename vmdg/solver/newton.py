@@ -16,7 +16,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.parallel import global_norm, global_sum
+from ..base.parallel import global_max, global_norm, global_sum
 from ..base.timers import timer
 from ..domain.topology import box_sides
 from ..problem.problem import Problem
@@ -313,7 +313,9 @@ class Newton:
         self._trials = 0
         if not np.isfinite(residual):
             return reasons.DIVERGED_FNORM_NAN
-        self._criterion.floor = float(np.finfo(float).eps) * self._size * self._system.norm
+        # Differences of positions x + u, of nodes that may have gone far, times stiffness.
+        far = global_max(self._comm, float(np.abs(self._problem.u.x.array).max(initial=0.0)))
+        self._criterion.floor = float(np.finfo(float).eps) * (self._size + far) * self._system.norm
         self._goal = goal = self._criterion.goal(self._reaction())
         control, step = self._control, self._problem.step
         if residual <= goal:
