@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dolfinx
 import numpy as np
 import pytest
 import verification
@@ -106,10 +107,11 @@ def test_cost_of_a_cantilever(comm):
     """The standard test with default options: at most 120 rows, 450 factorizations and 600
     residuals (102, 404 and 578 measured), and beam theory to 1.5%.
 
-    On several ranks sums differ by rounding, other points break together, and counts by 10%.
+    On several ranks and with other versions of DOLFINx and MUMPS sums differ by rounding, other
+    points break together, and counts by 10% (0.11 from wheels: 113, 440 and 626).
     """
     run = delamination.dcb()
-    more = 1.0 if comm.size == 1 else 1.1
+    more = 1.0 if comm.size == 1 and dolfinx.__version__.startswith("0.9.") else 1.1
     assert all(check.error < 0.015 for check in run.checks)
     counts = run.result.counts
     assert len(run.history) <= 120
