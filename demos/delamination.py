@@ -1,4 +1,4 @@
-"""Delamination tests with published numbers: DCB, ENF, mixed-mode bending, peel; one table.
+"""Delamination tests with published numbers: DCB in 2D and 3D, ENF, MMB, peel; one table.
 
 `--case NAME` runs one of them, all without it. Modes I, II and mixed by the criterion of
 Benzeggagh and Kenane, default options: no penalty, no artificial stiffness, no viscosity. The
@@ -15,28 +15,50 @@ from mpi4py import MPI
 import matplotlib.pyplot as plt
 import numpy as np
 from helpers.options import run
+from studies.delamination.beams import Run
 from studies.delamination.cases import CASES, Case, Row, measure, table
 
 import vmdg
 
 
-def draw(case: Case, history: vmdg.History) -> plt.Figure:
-    """Load over motion beside what is published, and crack length."""
-    figure, (force, crack) = plt.subplots(1, 2, figsize=(9.5, 3.6), layout="constrained")
-    along = case.motion == "crack"
+def curves(ax: plt.Axes, case: Case, ran: Run) -> None:
+    """Load over motion beside what is published and beam theory."""
+    history, along = ran.history, case.motion == "crack"
     motion, load = (np.append(0.0, history[column]) for column in (case.motion, case.force))
-    force.plot(motion[along:], load[along:], label="vmdg")
+    ax.plot(motion[along:], load[along:], label="vmdg")
+    if ran.points:
+        ax.plot(*np.transpose(ran.points), "C0x", label="vmdg, first growth")
     if len(case.curve):
-        force.plot(*np.transpose(case.curve), "ko", ms=4, mfc="none", label="published")
+        ax.plot(*np.transpose(case.curve), "ko", ms=4, mfc="none", label="published")
     if "force_exact" in history.columns:
-        force.plot(motion, np.append(0.0, history["force_exact"]), "k--", lw=1, label="beam theory")
+        ax.plot(motion, np.append(0.0, history["force_exact"]), "k--", lw=1, label="beam theory")
     label, unit = ("crack [mm]", "N/mm") if along else ("opening or deflection [mm]", "N")
-    force.set(xlabel=label, ylabel=f"load [{unit}]", title=case.title)
+    ax.set(xlabel=label, ylabel=f"load [{unit}]", title=case.title)
+    ax.grid(lw=0.3)
+
+
+def front(ax: plt.Axes, history: vmdg.History, count: int = 8) -> None:
+    """The crack front over the width, at some rows of the table."""
+    names = [name for name in history.columns if name.startswith("front_")]
+    across = [float(name.removeprefix("front_")) for name in names]
+    for i, row in enumerate(np.linspace(0, len(history) - 1, count).astype(int)):
+        lengths = [history[name][row] for name in names]
+        ax.plot(lengths, across, ".-", color=plt.cm.viridis(i / count), lw=1, ms=3)
+    ax.set(xlabel="crack [mm]", ylabel="width [mm]", title="front")
+    ax.grid(lw=0.3)
+
+
+def draw(case: Case, ran: Run) -> plt.Figure:
+    """Load over motion, and the crack: its front over the width in 3D, else its length."""
+    figure, (force, crack) = plt.subplots(1, 2, figsize=(9.5, 3.6), layout="constrained")
+    curves(force, case, ran)
     force.legend()
-    crack.plot(history["crack"], marker=".", ms=3, lw=0.5)
+    if any(name.startswith("front_") for name in ran.history.columns):
+        front(crack, ran.history)
+        return figure
+    crack.plot(ran.history["crack"], marker=".", ms=3, lw=0.5)
     crack.set(xlabel="row", ylabel="crack [mm]")
-    for ax in (force, crack):
-        ax.grid(lw=0.3)
+    crack.grid(lw=0.3)
     return figure
 
 
@@ -65,7 +87,7 @@ def main(
         if MPI.COMM_WORLD.rank == 0:
             result.history.to_csv(Path(out) / f"{name}.csv")
             if plot:
-                draw(CASES[name], result.history).savefig(Path(out) / f"{name}.png", dpi=110)
+                draw(CASES[name], result).savefig(Path(out) / f"{name}.png", dpi=110)
             (Path(out) / "delamination.md").write_text(table(rows) + "\n")
     if MPI.COMM_WORLD.rank == 0:
         print(table(rows))

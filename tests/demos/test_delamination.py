@@ -12,6 +12,7 @@ from studies.delamination.laminate import MMB, T300_977
 from studies.delamination.mmb import A_0, LEVERS, lever_length, mmb, theory
 from studies.delamination.peel import peel
 from studies.delamination.peel import theory as peeling
+from studies.delamination.plies import POINTS, first_growth
 
 
 def test_theory_of_the_lever():
@@ -46,6 +47,19 @@ def test_peel():
     assert released == pytest.approx(history["force"][loose], rel=0.05)
 
 
+def test_curved_front():
+    """Stiffness 1% and first growth 3% of the published ones, with four cells over the width; the
+    middle is ahead of the edges."""
+    opening, published = POINTS[31.0]
+    load, stiffness, result = first_growth(31.0, columns=4)
+    assert stiffness == pytest.approx(published / opening, rel=0.01)
+    assert load == pytest.approx(published, rel=0.03)
+    last = result.history.rows[-1]
+    edge, *inner, other = (value for name, value in last.items() if name.startswith("front_"))
+    assert edge == pytest.approx(other, abs=1e-6)
+    assert edge - 31 < 0.5 * (min(inner) - 31)
+
+
 def test_case(tmp_path):
     """A case as the demo runs it: lines beside the literature, and a picture."""
     bond = replace(T300_977, strength=26.0)
@@ -63,7 +77,7 @@ def test_case(tmp_path):
     assert rows[-1].published == 29.2
     assert rows[-1].computed == pytest.approx(29.2, rel=0.01)
     assert table(rows).count("\n") == len(rows) + 1
-    delamination.draw(short, run.history).savefig(tmp_path / "short.png")
+    delamination.draw(short, run).savefig(tmp_path / "short.png")
     assert (tmp_path / "short.png").stat().st_size > 10_000
 
 

@@ -27,12 +27,14 @@ class Run:
         result: Of the run; its history has opening, load and crack length, computed and of the
             theory.
         checks: Lines of the table.
-        more: Factorizations of earlier parts of the run.
+        more: Factorizations of other parts of the run.
+        points: Motion and force of those parts, to be drawn with the published ones.
     """
 
     result: vmdg.Result
     checks: list[Check]
     more: int = 0
+    points: Sequence[tuple[float, float]] = ()
 
     @property
     def factorizations(self) -> int:
