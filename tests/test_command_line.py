@@ -47,6 +47,33 @@ def test_help(capsys):
     assert error.value.code == 2
 
 
+SCRIPT = """
+import logging, sys, warnings
+if "log" in sys.argv:
+    logging.basicConfig(stream=sys.stdout, format="logged %(message)s")
+import dolfinx.fem
+if "before" in sys.argv:
+    warnings.warn("first", UserWarning)
+import vmdg
+vmdg.Problem
+warnings.warn("look here", vmdg.ModelWarning)
+"""
+
+
+@pytest.mark.parametrize("ways", [(), ("before",), ("log",)], ids=["none", "before", "log"])
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts a process")
+def test_warnings_of_a_script_are_seen(ways):
+    """FFCx of DOLFINx 0.9 makes records for a log of them; who asks for a log gets them there."""
+    command, environment = (
+        [sys.executable, "-c", SCRIPT, *ways],
+        os.environ | {"PYTHONPATH": str(ROOT)},
+    )
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert "ModelWarning: look here" in done.stderr + done.stdout
+    logged = "log" in ways and "logged" in done.stdout
+    assert ("ModelWarning" in done.stdout) == logged
+
+
 @pytest.mark.parametrize(
     "library, name",
     [("libopenblas-r0.so", "openblas"), ("libblas.so.3", "reference"), ("libm.so.6", "unknown")],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,6 +27,18 @@ from numpy.typing import NDArray
 _NEW = tuple(int(part) for part in dolfinx.__version__.split(".")[:2]) >= (0, 10)
 # Newer index maps take a message tag.
 _TAG = [0] if "tag: int" in IndexMap.__init__.__doc__ else []
+
+
+def _show_warnings() -> None:
+    """Give warnings back to Python: FFCx of 0.9 makes records for a log of them, which nobody sees
+    where nobody has asked for a log."""
+    loggers = logging.getLogger("py.warnings"), logging.getLogger()
+    handlers = [handler for logger in loggers for handler in logger.handlers]
+    if all(isinstance(handler, logging.NullHandler) for handler in handlers):
+        logging.captureWarnings(False)
+
+
+_show_warnings()
 
 
 @dataclass(frozen=True)

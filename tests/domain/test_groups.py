@@ -63,6 +63,7 @@ def test_names_are_tags(comm, cell):
         assert sorted(problem.materials) == [1, 2]
     assert found[0] == pytest.approx(found[1], rel=1e-9)
     assert found[0][0] == pytest.approx(-(1 - np.pi / 16), rel=0.02)
+    assert repr(cell.cell_tags) == "<NamedTags: fibre (1), matrix (2)>"
 
 
 @pytest.mark.parametrize("way", ["level set", "predicate", "facets"])

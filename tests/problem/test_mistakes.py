@@ -192,9 +192,11 @@ def test_warnings_reach_the_user(comm):
     tagged = scene(comm)
     problem = held(tagged, bonded(tagged), "left")
     problem.traction(tagged.facet_tags.find("right"), lambda t: [t, 0.0])
-    with warned(comm, "only bonds hold it"):
+    with warned(comm, "only bonds hold it") as caught:
         result = vmdg.solve(problem, [1.0])
     assert len(result.history) == 1
+    # At the line that has called vmdg.
+    assert comm.rank > 0 or caught[0].filename == __file__
 
 
 # Refusals at the door

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 
 from mpi4py import MPI
@@ -10,6 +11,8 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx.common import IndexMap
 from numpy.typing import ArrayLike, NDArray
+
+_PACKAGE = __name__.partition(".")[0]
 
 
 def global_sum(comm: MPI.Comm, value: ArrayLike) -> NDArray:
@@ -46,10 +49,16 @@ class ModelWarning(UserWarning):
 
 
 def warn_together(comm: MPI.Comm, message: str | None) -> None:
-    """Warn on rank 0 if any rank has a message; the lowest rank's is shown."""
+    """Warn on rank 0 if any rank has a message; the lowest rank's is shown.
+
+    The line that it names is the one from which a user has called vmdg.
+    """
     messages = [text for text in comm.allgather(message) if text is not None]
     if messages and comm.rank == 0:
-        warnings.warn(messages[0], ModelWarning, stacklevel=4)
+        frame, level = sys._getframe(), 1
+        while frame and frame.f_globals["__name__"].partition(".")[0] == _PACKAGE:
+            frame, level = frame.f_back, level + 1
+        warnings.warn(messages[0], ModelWarning, stacklevel=level)
 
 
 def group_maxima(

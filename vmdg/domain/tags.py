@@ -38,6 +38,9 @@ class NamedTags(MeshTags):
         super().__init__(tags._cpp_object)
         self.names = {name: int(tag) for name, tag in names.items()}
 
+    def __repr__(self) -> str:
+        return f"<NamedTags: {', '.join(f'{name} ({tag})' for name, tag in self.names.items())}>"
+
     def find(self, value: Group) -> NDArray[np.int32]:
         """Local entities of a group.
 

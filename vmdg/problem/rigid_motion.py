@@ -19,7 +19,6 @@ class RigidMotion:
     def __init__(self, loading: Loading, number: int):
         self._loading, self._number = loading, number
 
-    @property
     def displacement(self) -> float | NDArray[np.float64]:
         """Displacement of its point, a number with one component, else (d,) [mm]; collective."""
         faces = self._loading.rigid
@@ -27,7 +26,6 @@ class RigidMotion:
         found = faces.displacement(face)
         return found if face.component is None else float(found[0])
 
-    @property
     def rotation(self) -> float | NDArray[np.float64]:
         """Rotation, about z in 2D, about the axes (3,) in 3D [rad]; collective."""
         faces = self._loading.rigid
