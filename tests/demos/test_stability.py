@@ -56,6 +56,16 @@ def test_no_run_fails(outcomes):
     assert number["refused"] >= 3
 
 
+@pytest.mark.parametrize("number", [249, 301, 352, 460, 627])
+def test_crushed_cells_and_new_facets(number):
+    """Crushed cells whose interface held less than the body; facets that open in the first stage.
+
+    With less tau_s, or with C of another one in the first tangent of a step, they stop.
+    """
+    outcome = stress(number)
+    assert (outcome.verdict, outcome.detail) == ("correct", "")
+
+
 def test_files(outcomes):
     """Table, list of the runs and picture."""
     runs, folder = outcomes

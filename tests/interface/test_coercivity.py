@@ -120,8 +120,8 @@ def test_long_cells_need_far_less_than_the_derived(comm, cell):
 def test_compression(comm, cell):
     """Compressed by half, A has no sign: factors stay finite, and change little at the threshold.
 
-    A slightly compressed state differs from a slightly stretched one by the shift 2 |sigma| of the
-    comparison energy only.
+    A slightly compressed state differs from a slightly stretched one by the sign of an eigenvalue
+    near 0 only. In a crushed one pressure asks for (1 + gamma) / (1 - gamma) = 7 times as much.
     """
     scene = two_blocks(comm, cell, distortion=0.05)
     deform(scene.mesh, np.diag([0.1, 1.0, 1.0]))  # flat, so that factors are above 1
@@ -135,7 +135,7 @@ def test_compression(comm, cell):
     whole, pressed, pulled, crushed = factors
     assert pressed == pytest.approx(whole, rel=1e-3)
     assert pulled == pytest.approx(whole, rel=1e-3)
-    assert ((crushed >= 1) & (crushed < 100)).all()
+    assert ((crushed >= 7) & (crushed < 700)).all()
 
 
 # r and H

@@ -294,3 +294,27 @@ def test_many_interface_facets_of_one_cell(comm, cell):
         scale = expected.norm[number]
         assert np.abs(alone.tau[0] - expected.tau[number]).max() < ROUNDING * scale
         assert np.abs(alone.delta[0] - expected.delta[number]).max() < ROUNDING
+
+
+def test_compliance_follows_the_penalty(comm):
+    """C = d zeta/dT_tr of the last return map with another r is that of a return map with this r.
+
+    The first tangent of a step has it: with C of a smaller r the bond would soften far too fast.
+    """
+    scene = two_blocks(comm, "quadrilateral")
+    law = vmdg.Debonding(strength=5.0, critical_gap=0.1, friction=0.4)
+    problem = joined(scene, law, interface={"frame": "reference"})
+    # Points at the lower end open, those at the upper end are pressed and slide.
+    problem.u.interpolate(
+        lambda x: np.where(x[0] > 0.5, [0.01 - 0.02 * x[1], 0.02 + 0 * x[1]], 0.0)
+    )
+    problem.step.assemble_residual()
+    active = problem.discretization.active[0]
+    start, end, r = active.history, active.values.update, active.stabilization.norm
+    assert gather(comm, active.values.compliance).any()
+    active.apply(active.stabilization.scaled(3 * r))
+    more = 3 * r[active.quadrature.facet]
+    trial = end.traction + more[:, None] * (end.gap - start.gap)
+    again = law.return_map(trial, active.quadrature.normal, start.gap, start.softening, more)
+    assert again.gap == pytest.approx(end.gap, abs=1e-14)
+    assert active.values.compliance == pytest.approx(again.tangent, rel=1e-9, abs=1e-15)

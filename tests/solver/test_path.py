@@ -221,6 +221,14 @@ def test_rays(comm, value, dead, eigenstrain, straight):
     assert not loading.set_ray(0.5, 0.5)
 
 
+def test_a_ray_leaves_the_programme(comm):
+    """Held before t = 0 and pulled behind: the ray of t = 0 to 1 has no loads for t < 0."""
+    loading = loaded(comm, lambda t: 0.1 * max(t, 0.0), None, None).loading
+    assert loading.set_ray(0.0, 1.0)
+    assert all(loading.as_given(t) for t in (0.0, 0.3, 2.0))
+    assert not loading.as_given(-0.3)
+
+
 # Controls
 
 

@@ -89,9 +89,27 @@ class ActiveInterface:
         Raises:
             ValueError: r <= H on a facet: the softening is too steep for the mesh.
         """
+        before = self.stabilization
         self._set_stabilization(stabilization)
         if self.law.inelastic:
             self.stabilizer.check_softening(stabilization)
+            if before is not None:
+                self._follow_penalty(stabilization.norm - before.norm)
+
+    def _follow_penalty(self, change: NDArray[np.float64]) -> None:
+        """C of the last return map with another r.
+
+        dT_tr = dT + r d zeta, and d zeta by dT is a matter of the law alone, so that
+        C^-1 - r stays: with C of the old r a point that softens would have no H left.
+
+        Args:
+            change: Of r (nf,) [MPa/mm].
+        """
+        if not change.any():
+            return
+        C = self.values.compliance
+        more = np.eye(self.quadrature.d) + change[self.quadrature.facet][:, None, None] * C
+        self.values = replace(self.values, compliance=np.linalg.solve(more, C))
 
     def _set_stabilization(self, stabilization: Stabilization) -> None:
         self.stabilization, self.floor = stabilization, stabilization.norm

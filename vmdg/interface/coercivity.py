@@ -24,9 +24,14 @@ largest eigenvalue of facet f alone and m that of sum_f 1/lambda_f int_f h.T_f.h
 m lambda_f.
 
 E_K cannot bound anything where A is not positive, as in compression, which lets cells rotate to
-lower energies. There GRAD u : A : GRAD u + c |GRAD u|^2 takes its place, c twice the most negative
-eigenvalue of A in the cell, and the interface takes no more than (1 - alpha) c |GRAD u|^2 besides:
-a share of what the bulk itself lacks.
+lower energies. There GRAD u : |A| : GRAD u takes its place, |A| with the sizes of the eigenvalues
+of A. The interface takes the share theta of that, and leaves (1 - theta) M of a deformation with
+eigenvalue M and -(1 + theta) G of a rotation with -G. A body that is stable may owe it to M - G > 0
+only. That the share alpha of this is left, and no body buckles long before its time, asks for
+
+    theta = (1 - alpha) (1 - gamma) / (1 + gamma),    gamma = G / M,
+
+M the softest deformation of A, the first eigenvalue above those that are 0 at rest.
 
 With mean dilatation the forms are those of :mod:`forms.dilatation`: GRAD u has the mean dilatation
 of the cell as one more entry, A and the fluxes have the derivatives by theta, and A that of p J.
@@ -63,6 +68,9 @@ MARGIN = 0.25
 # far above rounding and far below the softest deformation, bending of a cell 1000 times as long as
 # thick and nearly incompressible.
 _REGULAR_MODULI, _REGULAR_CELL = 1e-13, 1e-11
+
+#: Largest gamma: with more a body buckles cell by cell, whatever the interface does.
+_MOST_PRESSED = 0.75
 
 # Entries of the largest array of a batch of cells.
 _BATCH = 2**22
@@ -123,6 +131,7 @@ class CellProblems:
             cells, return_index=True, return_inverse=True
         )
         self._bulk = shapes.in_cells(self._cells)
+        self._free = d * (d - 1) // 2 + bodies.mean_dilatation
         self._facets = shapes.on_facets(cells, local)
         self._pairs = np.column_stack([cells, local]).astype(np.int32)
         self._region = bodies.region[self._cells]
@@ -186,7 +195,7 @@ class CellProblems:
     ) -> NDArray[np.float64]:
         """:meth:`__call__` for a range of cells and of the pairs that belong to them."""
         dilatations = self._dilatations(cells)
-        factor = self._energy_factor(cells, dilatations)
+        factor, pressed = self._energy_factor(cells, dilatations)
         of_cell = self._cell_of_pair[pairs] - cells.start
         # int_f h.T.h = |Z u|^2 and E = |R u|^2: with S = Z.R^-1 the eigenvalues are those of S.S^T.
         Z = self._flux_factor(pairs, weights, None if dilatations is None else dilatations[of_cell])
@@ -196,14 +205,13 @@ class CellProblems:
         count = np.bincount(of_cell, minlength=len(factor))
         several = np.flatnonzero(count > 1)
         if not len(several):
-            return alone
+            return pressed[of_cell] * alone
         chosen = np.flatnonzero(count[of_cell] > 1)
         each = S[chosen] @ S[chosen].transpose(0, 2, 1) / alone[chosen, None, None]
         starts = np.flatnonzero(np.diff(of_cell[chosen], prepend=-1))
         together = np.add.reduceat(each, starts, axis=0)
-        more = np.ones(len(factor))
-        more[several] = np.linalg.eigvalsh(together)[:, -1]
-        return more[of_cell] * alone
+        pressed[several] *= np.linalg.eigvalsh(together)[:, -1]
+        return pressed[of_cell] * alone
 
     def _dilatations(self, cells: slice) -> NDArray[np.float64] | None:
         """Change of theta with every shape function in every direction (cells, nodes, d).
@@ -224,19 +232,20 @@ class CellProblems:
 
     def _energy_factor(
         self, cells: slice, dilatations: NDArray[np.float64] | None
-    ) -> NDArray[np.float64]:
-        """R with E_K(u) = |R.u|^2 (cells, n, n), regular."""
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """R with E_K(u) = |R.u|^2 (cells, n, n), regular, and what compression adds (cells,)."""
         gradients, volumes = (values[cells] for values in self._bulk)
         n, size = gradients.shape[2] * self._d, len(self._entries)
         A = self._evaluate(self._moduli, self._region[cells], self._cells[cells])
         first, second = np.triu_indices(size)
         full = np.empty((*A.shape[:2], size, size))
         full[..., first, second] = full[..., second, first] = A
-        L = _square_root(full) * np.sqrt(volumes)[:, :, None, None]
+        L, pressed = _square_root(full, self._free)
+        L *= np.sqrt(volumes)[:, :, None, None]
         Y = _contract(L, gradients, dilatations).reshape(len(A), -1, n)
         scale = _REGULAR_CELL * np.abs(Y).max(axis=(1, 2))
         Y = np.concatenate([Y, scale[:, None, None] * np.eye(n)], axis=1)
-        return np.linalg.qr(Y, mode="r")
+        return np.linalg.qr(Y, mode="r"), pressed
 
     def _flux_factor(
         self,
@@ -276,17 +285,25 @@ class CellProblems:
         return result
 
 
-def _square_root(A: NDArray[np.float64]) -> NDArray[np.float64]:
-    """L with L.L^T = A (cells, points, n, n), A made positive as the module's docstring says."""
-    one = np.eye(A.shape[-1])
+def _square_root(
+    A: NDArray[np.float64], free: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """L with L.L^T = |A| (cells, points, n, n), and (1 + gamma) / (1 - gamma) of the cells.
+
+    Args:
+        A: Moduli (cells, points, n, n) [MPa].
+        free: Number of eigenvalues that are 0 at rest.
+    """
     size = np.trace(A, axis1=2, axis2=3).max(axis=1)
-    regular = A + (_REGULAR_MODULI * size)[:, None, None, None] * one
+    regular = (_REGULAR_MODULI * size)[:, None, None]
     try:
-        return np.linalg.cholesky(regular)
+        return np.linalg.cholesky(A + regular[..., None] * np.eye(A.shape[-1])), np.ones(len(A))
     except np.linalg.LinAlgError:
-        lowest = np.linalg.eigvalsh(A)[:, :, 0].min(axis=1)
-        shift = 2 * np.maximum(-lowest, 0)
-        return np.linalg.cholesky(regular + shift[:, None, None, None] * one)
+        values, vectors = np.linalg.eigh(A)
+        G, M = np.maximum(-values[..., 0], 0), values[..., free]
+        gamma = G / np.maximum(M, G / _MOST_PRESSED + regular[..., 0])
+        pressed = ((1 + gamma) / (1 - gamma)).max(axis=1)
+        return vectors * np.sqrt(np.abs(values) + regular)[..., None, :], pressed
 
 
 class Coercivity:

@@ -456,26 +456,31 @@ class Loading:
         self.clear_ray()
         if start == end or self._bodies.eigenstrain_differs(start, end):
             return False
-        ray = self._ray_between(start, end)
-        changes, straight = False, True
-        parts = (
-            (ray.prescribed, self.dirichlet.values),
-            (ray.vectors, self._vector_at),
-            (ray.pressures, self._surface.pressures),
-            (ray.faces, self.rigid.values),
-        )
-        for ends, given in parts:
-            change = np.abs(ends[1] - ends[0]).max(initial=0.0)
-            changes |= change > 0
-            for share in PROBES:
-                t = start + share * (end - start)
-                off = np.abs(given(t) - ray.at(ends, t)).max(initial=0.0)
-                straight &= off <= STRAIGHT * np.abs(ends).max(initial=0.0)
-        comm = self._mesh.comm
+        ray, comm = self._ray_between(start, end), self._mesh.comm
+        ends = ray.prescribed, ray.vectors, ray.pressures, ray.faces
+        changes = any((one != other).any() for one, other in ends)
+        straight = all([self._leads(ray, start + share * (end - start)) for share in PROBES])
         if not global_any(comm, changes) or global_any(comm, not straight):
             return False
         self._ray, self._vector = ray, None
         return True
+
+    def as_given(self, t: float) -> bool:
+        """Whether the present ray has the loads at ``t`` that were given for it; collective."""
+        return not global_any(self._mesh.comm, not self._leads(self._ray, t))
+
+    def _leads(self, ray: Ray, t: float) -> bool:
+        """Whether a ray has the loads that were given for a load factor, on this rank."""
+        leads = True
+        for pair, at in (
+            (ray.prescribed, self.dirichlet.values),
+            (ray.vectors, self._vector_at),
+            (ray.pressures, self._surface.pressures),
+            (ray.faces, self.rigid.values),
+        ):
+            off = np.abs(at(t) - ray.at(pair, t)).max(initial=0.0)
+            leads &= bool(off <= STRAIGHT * np.abs(pair).max(initial=0.0))
+        return leads
 
     def clear_ray(self) -> None:
         """Take loads as they were given from now on."""

@@ -295,7 +295,7 @@ class Newton:
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
         self._trials += 1
-        if x.norm(PETSc.NormType.NORM_INFINITY) > MAX_DISPLACEMENT * self._size:
+        if not x.norm(PETSc.NormType.NORM_INFINITY) <= MAX_DISPLACEMENT * self._size:
             f.set(np.nan)
             return
         problem, u = self._problem, self._problem.u.x

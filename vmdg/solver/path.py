@@ -183,10 +183,6 @@ class Path:
             StepFailure: a step fails although it was cut as often as the options allow.
         """
         stage = self._set_out(target)
-        options = self._stepper.options
-        # Jumps are slowed down by bonds.
-        never = options.unstable == "trace" or options.control == "load"
-        stage.traces = never or self._most == 0
         while True:
             before = self._problem.step.snapshot()
             try:
@@ -213,6 +209,9 @@ class Path:
                 yield from self._behind_limit(stage, before, part)
             if self._problem.t == target:
                 return
+            if not stage.follows and before.discretization is not self._problem.discretization:
+                # Facets have opened: there are bonds to follow now.
+                stage = self._set_out(target)
 
     def _set_out(self, target: float) -> Stage:
         """The stage to a load factor."""
@@ -239,7 +238,10 @@ class Path:
         if global_any(self._problem.comm, turns or back):
             self.forget()
         self._ray = ray
-        return Stage(start, target, follows, back)
+        options = self._stepper.options
+        # Jumps are slowed down by bonds.
+        never = options.unstable == "trace" or options.control == "load" or self._most == 0
+        return Stage(start, target, follows, back, traces=never)
 
     # One step
 
@@ -265,6 +267,9 @@ class Path:
                 if self._jumped(before, report):
                     problem.step.return_to(before)
                     report = report.failed("JUMPED")
+                if self._strays(stage):
+                    problem.step.return_to(before)
+                    report = report.failed("PROGRAMME_LEFT")
                 if self._unstable(report, forward=stage.ahead(problem.t, start) > 0):
                     problem.step.return_to(before)
                     report = report.failed("UNSTABLE")
@@ -309,6 +314,12 @@ class Path:
         self._reach = report.arc and growth_after(report, AIM) * report.arc
         stage.arcs += report.arc is not None
         return Part(problem.t, stage.done(problem.t), problem.t - start, report, cuts, 0)
+
+    def _strays(self, stage: Stage) -> bool:
+        """Whether the path has led so far back that other loads were given for where it is."""
+        t = self._problem.t
+        back = stage.ahead(stage.start, t) > stage.span
+        return back and not self._problem.loading.as_given(t)
 
     def _unstable(self, report: StepReport, forward: bool) -> bool:
         """Whether a step in which nothing breaks has left the stable path, which it can follow.

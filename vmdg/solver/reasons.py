@@ -77,6 +77,12 @@ REASONS = {
         "forces balance, but the body would leave this state by itself: it buckles",
         f"a small imperfection that shows it the way, a load or an eigenstrain; {_SMALLER}",
     ),
+    "PROGRAMME_LEFT": Reason(
+        "the path led back to load factors for which other loads were given",
+        "a small imperfection, a load or an eigenstrain, with which the path does not turn back; "
+        f"{_SMALLER}; loads as straight before these load factors as behind them, if the way back "
+        "is wanted",
+    ),
     "TARGET_PASSED": Reason(
         "the path turned or snapped so close to a given load factor that no step ended there",
         "given load factors that are not so close to the snap, or fewer of them",
