@@ -1,4 +1,4 @@
-"""Pictures of the guide: traction against gap of every law.
+"""Pictures of the guide: traction against gap of every law, lives of that of fatigue.
 
 demos/run .ci/laws.py demos/gallery
 """
@@ -6,6 +6,7 @@ demos/run .ci/laws.py demos/gallery
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -35,6 +36,9 @@ LAWS = {
     ),
     "contact": vmdg.Contact(friction=0.5),
 }
+
+#: The law of the S-N lines.
+FATIGUE = vmdg.FatigueDebonding(10.0, 14.0, 0.25, 0.35)
 
 
 def followed(law: vmdg.Law, path: np.ndarray, component: int, pressure: float = 0.0) -> np.ndarray:
@@ -77,8 +81,24 @@ def draw(law: vmdg.Law, file: Path) -> None:
     plt.close(fig)
 
 
+def draw_lives(law: vmdg.FatigueDebonding, file: Path) -> None:
+    """Lives at a constant traction relative to the strength, at two load ratios."""
+    p = np.linspace(0.1, 1.0, 400)
+    fig, axes = plt.subplots(figsize=(2.7, 1.8), layout="constrained")
+    for ratio, style in ((-1.0, "-"), (0.1, "--")):
+        for mode, color in (("opening", "C0"), ("slip", "C1")):
+            at_ratio = replace(law, ratio=ratio)
+            lives = at_ratio.cycles_to_failure(p, np.pi / 2 * (mode == "slip"))
+            axes.plot(lives, p, style, color=color, label=f"{mode}, R = {ratio:g}")
+    axes.set(xlim=(1, 1e8), xscale="log", ylim=(0, 1), xlabel="cycles", ylabel="traction/strength")
+    axes.legend(fontsize=6, loc="upper right", frameon=False)
+    fig.savefig(file, dpi=100)
+    plt.close(fig)
+
+
 def main(folder: str) -> None:
     """Draw all laws."""
+    draw_lives(FATIGUE, Path(folder) / "law_fatigue.png")
     for name, law in LAWS.items():
         draw(law, Path(folder) / f"law_{name}.png")
 

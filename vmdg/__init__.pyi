@@ -20,6 +20,7 @@ from .laws import Bonded as Bonded
 from .laws import Contact as Contact
 from .laws import Debonding as Debonding
 from .laws import ExponentialDebonding as ExponentialDebonding
+from .laws import FatigueDebonding as FatigueDebonding
 from .laws import IntrinsicExponential as IntrinsicExponential
 from .laws import Law as Law
 from .laws import MixedModeDebonding as MixedModeDebonding

@@ -20,9 +20,13 @@ CRITICAL_GAPS = (0.02, 0.01, 0.005)
 
 
 def with_law(
-    comm: MPI.Comm, law: vmdg.Law, kinematics: str = "finite", dead: bool = False
+    comm: MPI.Comm,
+    law: vmdg.Law,
+    kinematics: str = "finite",
+    dead: bool = False,
+    most: float = np.inf,
 ) -> vmdg.Problem:
-    """The bar; its right end moved by the load factor [mm], or pulled by it [MPa]."""
+    """The bar; its right end moved by the load factor [mm], or pulled by it [MPa], at `most`."""
     mesh, cells, facets = blocks(comm, "quadrilateral", (2, 2))
     material = vmdg.NeoHookean(E=E, nu=NU)
     interface = vmdg.Interface(between=(1, 2), law=law)
@@ -31,7 +35,7 @@ def with_law(
     )
     problem.dirichlet(facets.find(1), 0.0, "x")
     if dead:
-        problem.traction(facets.find(2), lambda t: (t, 0.0))
+        problem.traction(facets.find(2), lambda t: (min(t, most), 0.0))
     else:
         problem.dirichlet(facets.find(2), lambda t: t, "x")
     problem.dirichlet(facets.find(5), 0.0, "y")

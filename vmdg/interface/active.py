@@ -68,6 +68,7 @@ class ActiveInterface:
         self.history = PointHistory.start(self.law.strength * damage, self.quadrature.d)
         self.values = self._return_map.start()
         self._drag: NDArray[np.float64] | None = None
+        self._cycles: NDArray[np.float64] | None = None
         self.fluid: Fluid | None = None
 
     def take_fluid(self) -> None:
@@ -117,7 +118,7 @@ class ActiveInterface:
 
     def trial(self) -> Trial:
         """What the return map of the step starts from at the current displacement."""
-        return self._return_map.trial(self.stabilization, self.history, self._drag)
+        return self._return_map.trial(self.stabilization, self.history, self._drag, self._cycles)
 
     def take(self, values: PointValues) -> None:
         """Take what a return map gives at the points; sets zeta of the residual."""
@@ -173,6 +174,19 @@ class ActiveInterface:
         if self.law.inelastic and overstress != 0:
             bonded = self.history.softening < self.law.strength
             self._drag = overstress * self.law.softening_modulus * bonded
+
+    def cycle(self, cycles: float) -> None:
+        """Choose how many cycles the step stands for; only laws of fatigue feel them."""
+        wears = self.law.fatigues and cycles > 0
+        self._cycles = np.full(len(self.quadrature.weights), cycles) if wears else None
+
+    def lost(self) -> float:
+        """Largest share of its strength that a point of this rank loses in the step."""
+        update = self.values.update
+        if update is None:
+            return 0.0
+        change = update.softening - self.history.softening
+        return float(change.max(initial=0.0)) / self.law.strength
 
     def open_free_points(self) -> None:
         """C = I/r at points without bond and traction: the next tangent takes them for open.

@@ -42,6 +42,7 @@ class Trial:
         gap: zeta_n (nq, d) [mm].
         softening: Q_n (nq,) [MPa].
         drag: k of :func:`map_back` (nq,) [MPa/mm]; None for the law as it is.
+        cycles: Of the load that the step stands for (nq,); None for none.
         F: Mean deformation gradient (nq, d, d); None where the frame does not turn.
     """
 
@@ -53,6 +54,7 @@ class Trial:
     gap: Array | None = None
     softening: Array | None = None
     drag: Array | None = None
+    cycles: Array | None = None
     F: Array | None = None
 
 
@@ -117,7 +119,11 @@ class ReturnMap:
         return values
 
     def trial(
-        self, stabilization: Stabilization, history: PointHistory, drag: Array | None
+        self,
+        stabilization: Stabilization,
+        history: PointHistory,
+        drag: Array | None,
+        cycles: Array | None,
     ) -> Trial:
         """{P.N} + r g at the current displacement, and what the law starts from.
 
@@ -125,6 +131,7 @@ class ReturnMap:
             stabilization: tau_s and the flux weights.
             history: zeta_n and Q_n.
             drag: k of :func:`map_back` (nq,) [MPa/mm]; None for the law as it is.
+            cycles: Of the load that the step stands for (nq,); None for none.
         """
         d, facet = self._d, self._quadrature.facet
         flux1, flux2 = self._flux[0](), self._flux[1]()
@@ -141,7 +148,7 @@ class ReturnMap:
         if self.turns:
             F = np.eye(d) + (flux1[:, 2 * d :] + flux2[:, 2 * d :]).reshape(-1, d, d) / 2
         total = mean + r[:, None] * opening
-        return Trial(total, opening, jump, N, r, history.gap, history.softening, drag, F)
+        return Trial(total, opening, jump, N, r, history.gap, history.softening, drag, cycles, F)
 
     def tangent(self, values: PointValues) -> tuple[Array | None, TurningTangent | None]:
         """C = d zeta/dT (nq, d, d) [mm3/N], and what follows from the turning frame.
@@ -217,10 +224,12 @@ def map_back(law: Law, load: Array, trial: Trial, dt: float) -> Update:
     Args:
         law: The law.
         load: T_tr (nq, d) [MPa].
-        trial: r, N, zeta_n, Q_n and k.
+        trial: r, N, zeta_n, Q_n, k and cycles.
         dt: Time step [s].
     """
     known = trial.N, trial.gap, trial.softening
+    if trial.cycles is not None:
+        return law.return_map(load, *known, trial.r, dt, trial.cycles)
     if trial.drag is None:
         return law.return_map(load, *known, trial.r, dt)
     update = law.return_map(load, *known, trial.r + trial.drag, dt)

@@ -15,6 +15,7 @@ from .contact import Contact
 from .debonding import Debonding
 from .exponential import ExponentialDebonding, IntrinsicExponential
 from .extrinsic import ExtrinsicLaw, RadialLaw
+from .fatigue import FatigueDebonding
 from .mixed_mode import MixedModeDebonding
 from .trapezoidal import TrapezoidalDebonding
 
@@ -24,6 +25,7 @@ __all__ = [
     "Debonding",
     "ExponentialDebonding",
     "ExtrinsicLaw",
+    "FatigueDebonding",
     "IntrinsicExponential",
     "Law",
     "MixedModeDebonding",

@@ -94,6 +94,7 @@ class Law(ABC):
     """
 
     inelastic: bool = True  #: False: a tie, no history is kept and `return_map` is never needed
+    fatigues: bool = False  #: whether cycles wear it; `return_map` then has `cycles` after dt
     strength: float  #: traction at which damage starts in pure opening, MPa
     friction: float = 0.0  #: Coulomb coefficient mu
     viscosity: float = 0.0  #: overstress per opening rate, MPa s/mm

@@ -147,7 +147,7 @@ def advance(
     return update
 
 
-def _only(points: Points, rows: NDArray) -> Points:
+def some_of(points: Points, rows: NDArray) -> Points:
     """Some of the points."""
     return type(points)(*(array[rows] for array in points))
 
@@ -232,7 +232,7 @@ def _open(law: RigidLaw, update: Update, at: Start) -> None:
     update.multiplier[rows[some]] = np.sqrt(dot(step, step))
     update.mode[rows[some]] = Mode.TENSION
     update.mode[rows[update.softening[rows] >= law.strength]] = Mode.OPEN
-    update.damage_work[rows[some]] = _spent(law, _only(at, some), g[some], cos, sin)
+    update.damage_work[rows[some]] = _spent(law, some_of(at, some), g[some], cos, sin)
 
 
 def _spent(law: RigidLaw, at: Start, g: Array, cos: Array, sin: Array) -> Array:
@@ -290,7 +290,7 @@ class Rubbing(NamedTuple):
     traction: Array  #: T_T (m, d)
 
 
-def _rub(shear: Scaled, at: Sheared, g: Array) -> Rubbing:
+def rub(shear: Scaled, at: Sheared, g: Array) -> Rubbing:
     """Friction beside the spring of a known g.
 
     Args:
@@ -320,20 +320,20 @@ def _pressed(law: RigidLaw, update: Update, at: Start) -> None:
     gap_n = dot(at.gap, at.normal)
     start = Sheared(load, at.gap - gap_n[:, None] * at.normal, law.friction * pressure, r)
 
-    rubbing = _rub(shear, start, at.g)
+    rubbing = rub(shear, start, at.g)
     length2 = dot(rubbing.gap, rubbing.gap)
     further = length2 > (shear.scale * at.g) ** 2
     growing = np.where(at.g > 0.0, further, dot(load, load) > shear.strength**2)
     growing &= at.damage < 1.0
     g, some = at.g.copy(), np.flatnonzero(growing)
-    g[some] = _grown(shear, _only(start, some), g[some])
-    rubbing = _rub(shear, start, g)
+    g[some] = _grown(shear, some_of(start, some), g[some])
+    rubbing = rub(shear, start, g)
 
     update.gap[rows] = rubbing.gap
     update.traction[rows] = rubbing.traction - pressure[:, None] * at.normal
     damage = np.minimum(law.in_shear.damage(g[some]), 1.0)
     update.softening[rows[some]] = np.maximum(update.softening[rows[some]], law.strength * damage)
-    update.tangent[rows] = _pressed_tangent(law, at, start, g, growing, rubbing)
+    update.tangent[rows] = pressed_tangent(law, at, start, g, growing, rubbing)
 
     rubs = rubbing.slips & ((start.cap * rubbing.damage > 0.0) | (at.damage >= 1.0))
     update.multiplier[rows] = np.where(growing | rubs, rubbing.slip, 0.0)
@@ -342,7 +342,9 @@ def _pressed(law: RigidLaw, update: Update, at: Start) -> None:
     closing = gap_n * r > ROUND_OFF * np.maximum(pressure, law.strength)
     update.mode[rows] = np.where(closing, Mode.CLOSING, mode)
     one = np.ones(len(some))
-    update.damage_work[rows[some]] = _spent(law, _only(at, some), g[some], np.zeros_like(one), one)
+    update.damage_work[rows[some]] = _spent(
+        law, some_of(at, some), g[some], np.zeros_like(one), one
+    )
     update.friction_work[rows] = start.cap * _rubbed(shear, start.held, at.g, growing, rubbing)
 
 
@@ -357,21 +359,21 @@ def _grown(shear: Scaled, at: Sheared, start: Array) -> Array:
     r = at.penalty
 
     def imbalance(g: Array) -> tuple[Array, Array]:
-        borne, change = _borne(shear, at, g)
-        length = np.sqrt(dot(borne, borne))
+        w, change = borne(shear, at, g)
+        length = np.sqrt(dot(w, w))
         s, s_slope = shear.at(g)
         value = r * shear.scale * g + shear.strength * s - length
-        slope = r * shear.scale + shear.strength * s_slope - dot(unit(borne, length), change)
+        slope = r * shear.scale + shear.strength * s_slope - dot(unit(w, length), change)
         return value, slope
 
     upper = (np.sqrt(dot(at.load, at.load)) + at.cap) / (r * shear.scale)
     return increasing_root(imbalance, start, upper, start=start)
 
 
-def _borne(shear: Scaled, at: Sheared, g: Array) -> tuple[Array, Array]:
+def borne(shear: Scaled, at: Sheared, g: Array) -> tuple[Array, Array]:
     """w = T*_T - d mu |T_N| n = (K H_s + r) zeta_T at a g (m, d), and dw/dg."""
     s, s_slope = shear.at(g)
-    rubbing = _rub(shear, at, g)
+    rubbing = rub(shear, at, g)
     n = rubbing.n
     K_slope = np.divide(s_slope * g - s, g * g, out=np.zeros_like(g), where=g > 0.0)
     across = at.held - dot(n, at.held)[:, None] * n
@@ -382,15 +384,27 @@ def _borne(shear: Scaled, at: Sheared, g: Array) -> tuple[Array, Array]:
     return at.load - rubs[:, None] * n, change
 
 
-def _pressed_tangent(
+def pressed_tangent(
     law: RigidLaw,
     at: Start,
     start: Sheared,
     g: Array,
     growing: NDArray[np.bool_],
     rubbing: Rubbing,
+    worn: tuple[Array, Array] | None = None,
 ) -> Array:
-    """d zeta/d T_tr (m, d, d) of `_pressed`: at a given K, and what K changes where it falls."""
+    """d zeta/d T_tr (m, d, d) of `_pressed`: at a given K, and what K changes where it falls.
+
+    Args:
+        law, at: As of `_pressed`.
+        start: Shear at the start.
+        g: Largest gap of the end (m,).
+        growing: Where it grows.
+        rubbing: Of the end.
+        worn: Of points that do not follow their curve but are worn down at r zeta_s g + P_s s =
+            |w|/lambda: lambda and, in MPa, lambda times the left-hand side over d ln(rate)/d
+            ln(lambda) and the growth of g (m,).
+    """
     normal, r, n = at.normal, at.penalty, rubbing.n
     c, rubs = np.where(rubbing.slips, rubbing.c, 0.0), start.cap * rubbing.damage
     some = rubbing.size > 0.0
@@ -404,16 +418,20 @@ def _pressed_tangent(
 
     shear, rows = Scaled(law.in_shear), np.flatnonzero(growing)
     g, r, n, c, turns, normal = (a[rows] for a in (g, r, n, c, turns, normal))
-    borne, change = _borne(shear, _only(start, rows), g)
+    w, change = borne(shear, some_of(start, rows), g)
     s, s_slope = shear.at(g)
-    length = np.sqrt(dot(borne, borne))
-    e = unit(borne, length)
-    slope = r * shear.scale + shear.strength * s_slope - dot(e, change)
+    length = np.sqrt(dot(w, w))
+    e = unit(w, length)
+    slope = r * shear.scale + shear.strength * s_slope
+    if worn is not None:
+        ratio, resistance = worn
+        slope = ratio[rows] * slope + resistance[rows]
+    slope -= dot(e, change)
     along = dot(e, n)
     by_load = turns[:, None] * e + ((1.0 - turns) * along)[:, None] * n
     by_load += (by_normal[rows] * along)[:, None] * normal
     K_slope = (s_slope * g - s) / (g * g)
-    softer = change - (shear.modulus * K_slope * c)[:, None] * borne
+    softer = change - (shear.modulus * K_slope * c)[:, None] * w
     tangent[rows] += outer((c / slope)[:, None] * softer, by_load)
     return tangent
 

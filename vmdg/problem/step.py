@@ -76,7 +76,7 @@ class Step:
 
     # The course of a step
 
-    def begin(self, t: float, dt: float, overstress: float = 0.0) -> None:
+    def begin(self, t: float, dt: float, overstress: float = 0.0, cycles: float = 0.0) -> None:
         """Remember the converged state, then set loads and stabilization for a step to ``t``.
 
         Args:
@@ -84,6 +84,7 @@ class Step:
             dt: Time step [s].
             overstress: Regularisation of the step: drag on the gap of bonded points in multiples
                 of the softening modulus H.
+            cycles: Of the load that the step stands for, for laws of fatigue.
 
         Raises:
             ValueError: r <= H on a facet; the converged state is kept.
@@ -92,6 +93,8 @@ class Step:
         self._remember_start()
         self._loading.spread()
         self.slow_down(overstress)
+        for active in self.discretization.active.values():
+            active.cycle(cycles)
         try:
             self.discretization.update_stabilization()
         except ValueError:
@@ -131,6 +134,11 @@ class Step:
         if dt is not None:
             self.discretization.update_points(dt)
         return float(global_sum(self._comm, self._dissipation()[0]))
+
+    def lost(self) -> float:
+        """Largest share of its strength that a point loses in the step so far; collective."""
+        lost = (active.lost() for active in self.discretization.active.values())
+        return float(global_max(self._comm, max(lost, default=0.0)))
 
     def load_rate(self) -> NDArray[np.float64]:
         """Minus the change of the residual with the load factor along the present ray, u held.

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import InitVar, dataclass
 from pathlib import Path
 
+import numpy as np
+
 from .linear import Petsc
 
 CONTROLS, UNSTABLE = ("auto", "load", "dissipation"), ("jump", "trace")
@@ -34,6 +36,11 @@ class SolveOptions:
         max_share: Share of all bonds that a step of the path breaks at most: less gives more rows,
             where a peak is to be met by one of them, for example.
         duration: Time for one unit of load factor [s]; matters to laws with viscosity only.
+        cycles: Cycles of the load for one unit of load factor, which :class:`vmdg.FatigueDebonding`
+            feels; 0 for none: the monotonic law. Loads are the largest ones of a cycle. Such a run
+            goes by load factors.
+        max_loss: Share of its strength that a point loses at most in a step with cycles; steps are
+            as long as that allows.
         petsc: Options for SNES, KSP and PC, without prefix. Default: a backtracking line search
             under load control, full steps where the work on bonds is given, and the linear solver
             of :func:`vmdg.solver.linear.automatic_options`.
@@ -70,6 +77,8 @@ class SolveOptions:
     unstable: str = "jump"
     max_share: float = 0.1
     duration: float = 1.0
+    cycles: float = 0.0
+    max_loss: float = 0.2
     petsc: Petsc | None = None
     petsc_options: InitVar[Petsc | None] = None
     condensed: bool | None = None
@@ -87,8 +96,14 @@ class SolveOptions:
                 raise ValueError(
                     f"SolveOptions: {name} = {getattr(self, name)!r} must be one of {known}"
                 )
-        if not 0 < self.max_share <= 1:
-            raise ValueError(f"SolveOptions: max_share = {self.max_share} must be in (0, 1]")
+        for name in ("max_share", "max_loss"):
+            if not 0 < getattr(self, name) <= 1:
+                raise ValueError(f"SolveOptions: {name} = {getattr(self, name)} must be in (0, 1]")
+        if not 0 <= self.cycles < np.inf:
+            raise ValueError(
+                f"SolveOptions: cycles = {self.cycles} must be zero or positive and finite: cycles "
+                "of the load for one unit of load factor"
+            )
         if petsc_options is None:
             return
         if self.petsc is not None:

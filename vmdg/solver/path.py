@@ -33,6 +33,10 @@ SMOOTH = 0.5
 #: Corrections that a step should take: with fewer the next one goes further.
 AIM = 4
 
+#: Share of the loss allowed in a step with cycles that the next one aims at, how much longer it may
+#: be, and the share of its length that is left at least when it is cut.
+STRIDE, LONGER, LEAST_STRIDE = 0.8, 8.0, 0.05
+
 #: How exactly a limit point is found, relative to the stage, and in how many steps at most.
 LIMIT, MAX_REFINEMENTS = 1e-6, 12
 
@@ -175,6 +179,7 @@ class Path:
         self._ahead: Direction | None = None
         self._spent, self._kink = 0.0, False
         self._reach: float | None = None
+        self._stride: float | None = None
 
     def advance(self, target: float) -> Iterator[Part]:
         """Steps until ``target`` is reached.
@@ -220,7 +225,8 @@ class Path:
         self._most = self._stepper.options.max_share * bonds.energy
         first = FIRST_FACETS * bonds.energy / max(bonds.facets, 1)
         self._remember(self._work or first, self._breaking)
-        by_load = self._stepper.options.control == "load" or self._stepper.viscous
+        by_load = self._stepper.options.control == "load"
+        by_load |= self._stepper.viscous or self._stepper.cyclic
         # Bonds may break or bodies buckle; where facets have yet to open nothing is known of bonds.
         small = self._problem.discretization.bodies.small
         bends = self._most > 0 or not (small or self._problem.step.activation)
@@ -249,6 +255,9 @@ class Path:
         """A converged step, after as many attempts as it takes."""
         problem, options = self._problem, self._stepper.options
         share, cuts, passed, start = 1.0, 0, None, problem.t
+        if self._stepper.cyclic:
+            stride = self._stride or self._stepper.first_stride
+            share = stride / max(abs(stage.target - start), stride)
         while True:
             end = stage.target if share == 1 else start + share * (stage.target - start)
             control, ahead = self._control(stage, end, cuts, passed)
@@ -291,7 +300,11 @@ class Path:
                 self._work *= CUT
                 if self._spent == 0 and (reach := report.arc or self._size(self._ahead)):
                     self._reach = CUT * reach
-            if not stage.follows or cuts % 2 == 0:
+            if self._stepper.cyclic:
+                # Of a step that came to no end nothing is known but that it was far too long.
+                kept = options.max_loss / report.lost if report.lost else 0.0
+                share *= max(kept / 2, LEAST_STRIDE)
+            elif not stage.follows or cuts % 2 == 0:
                 share /= 2
         # A step to the onset of damage says nothing about how much may break in one.
         broke = cuts > 0 and report.work > 0 and not report.onset
@@ -313,6 +326,9 @@ class Path:
         self._remember(self._next_work(report, work), breaking)
         self._reach = report.arc and growth_after(report, AIM) * report.arc
         stage.arcs += report.arc is not None
+        if self._stepper.cyclic:
+            room = options.max_loss / max(report.lost, options.max_loss / LONGER)
+            self._stride = STRIDE * room * abs(problem.t - start)
         return Part(problem.t, stage.done(problem.t), problem.t - start, report, cuts, 0)
 
     def _strays(self, stage: Stage) -> bool:

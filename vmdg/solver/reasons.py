@@ -83,6 +83,11 @@ REASONS = {
         f"{_SMALLER}; loads as straight before these load factors as behind them, if the way back "
         "is wanted",
     ),
+    "WORN": Reason(
+        "cycles wear a point by more than a step may, however few they are: the crack grows by "
+        "itself at this load",
+        "SolveOptions(unstable='jump'), the default; a larger max_loss, 1 at most; fewer cycles",
+    ),
     "TARGET_PASSED": Reason(
         "the path turned or snapped so close to a given load factor that no step ended there",
         "given load factors that are not so close to the snap, or fewer of them",

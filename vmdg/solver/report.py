@@ -41,6 +41,7 @@ class StepReport:
         arc: Size of the change of displacement that was to end the step; None where something else
             was [mm].
         unstable: Whether the tangent near its end is known to have negative eigenvalues.
+        lost: Largest share of its strength that a point has lost in a step with cycles.
     """
 
     converged: bool
@@ -54,6 +55,7 @@ class StepReport:
     onset: bool = False
     arc: float | None = None
     unstable: bool = False
+    lost: float = 0.0
 
     @property
     def iterations(self) -> int:

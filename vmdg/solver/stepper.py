@@ -27,6 +27,7 @@ class Stepper:
     Attributes:
         krylov: Krylov iterations of all steps so far.
         viscous: Whether the laws depend on the rate.
+        cyclic: Whether cycles of the load wear bonds.
     """
 
     def __init__(self, problem: Problem, options: SolveOptions, progress: Progress | None = None):
@@ -34,6 +35,12 @@ class Stepper:
         self.options = options
         self._progress = progress or Progress(problem, 0, options)
         self.viscous = any(interface.law.viscosity > 0 for interface in problem.interfaces)
+        self.cyclic = options.cycles > 0
+        if self.cyclic and not any(interface.law.fatigues for interface in problem.interfaces):
+            raise ValueError(
+                f"SolveOptions: cycles = {options.cycles}, but no law of the problem feels them; "
+                "use vmdg.FatigueDebonding, or cycles=0"
+            )
         self.krylov = 0
         self._newton = self._begin()
 
@@ -41,6 +48,13 @@ class Stepper:
     def rounding(self) -> float:
         """Of the energy that bodies store [N mm]."""
         return self._newton.rounding
+
+    @property
+    def first_stride(self) -> float:
+        """Change of the load factor in a first step with cycles, whatever bears how much."""
+        loss, per_factor = self.options.max_loss, self.options.cycles
+        laws = (interface.law for interface in self.problem.interfaces)
+        return min(law.cycles_at_strength(loss) for law in laws if law.fatigues) / per_factor
 
     def restart(self) -> None:
         """Go on as a run that is resumed from a checkpoint of this state; collective.
@@ -78,9 +92,12 @@ class Stepper:
 
     def _step(self, control: Control, ahead: Direction | None, overstress: float) -> StepReport:
         step = self.problem.step
+        # A jump takes no time.
+        moves = 0.0 if control.brakes else abs(control.target - self.problem.t)
+        cycles = 0.0 if overstress else moves * self.options.cycles
         while True:
             # A control changes on the way.
-            report = self._iterate(copy(control), ahead, overstress)
+            report = self._iterate(copy(control), ahead, overstress, moves, cycles)
             if not report.converged:
                 step.cancel()
                 return report
@@ -100,11 +117,16 @@ class Stepper:
                 self._progress.say(f"step to load {control.target:.8g} again: facets open in it")
                 ahead = None
                 continue
+            lost = step.lost() if cycles > 0 else 0.0
+            if lost > self.options.max_loss:
+                step.cancel()
+                return replace(report.failed("WORN"), lost=lost)
             start, owned = step.start, self.problem.discretization.owned
             change = self.problem.u.x.array[:owned] - start.u[:owned]
             report = replace(
                 report,
                 work=step.bond_work(),
+                lost=lost,
                 change=Direction(change, self.problem.t - start.t),
             )
             step.commit()
@@ -113,18 +135,24 @@ class Stepper:
                 report = replace(report, change=None)
             return report
 
-    def _iterate(self, control: Control, ahead: Direction | None, overstress: float) -> StepReport:
+    def _iterate(
+        self,
+        control: Control,
+        ahead: Direction | None,
+        overstress: float,
+        moves: float,
+        cycles: float,
+    ) -> StepReport:
         problem, options = self.problem, self.options
         if self._newton.discretization is not problem.discretization:
             self.restart()
         # A step of no length is at rest: rate effects vanish for infinite time.
-        moves = 0.0 if control.brakes else abs(control.target - problem.t)
         dt = moves * options.duration or np.inf
         # Along a ray the iteration moves the load factor itself; in a jump it stays.
         stays = problem.loading.ray is not None or control.brakes
         t = problem.t if stays else control.target
         try:
-            problem.step.begin(t, dt, overstress)
+            problem.step.begin(t, dt, overstress, cycles)
         except ValueError as error:
             if not (overstress or self.viscous):
                 raise
