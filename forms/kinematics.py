@@ -227,19 +227,6 @@ def major_components(tensor: Expr, entries: Entries) -> Expr:
     return ufl.as_vector([tensor[p + q] for p, q in combinations_with_replacement(entries, 2)])
 
 
-def from_major_components(vector: Expr, entries: Entries) -> Expr:
-    """The (n, n, n, n) tensor of these :func:`major_components`, zero elsewhere."""
-    number = {}
-    for count, (p, q) in enumerate(combinations_with_replacement(entries, 2)):
-        number[p + q] = number[q + p] = count
-    r = range(1 + max(i for i, _ in entries))
-
-    def entry(*ijkm: int) -> Expr | int:
-        return vector[number[ijkm]] if ijkm in number else 0
-
-    return ufl.as_tensor([[[[entry(i, j, k, m) for m in r] for k in r] for j in r] for i in r])
-
-
 def acoustic_tensor(body: Body, F: Expr) -> Expr:
     """A = d2W/dFdF, eq. (19), (n, n, n, n) for F (n, n) [MPa]."""
     chain = _chain(body, F)

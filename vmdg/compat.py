@@ -83,14 +83,18 @@ def form(integrand: ufl.Form, submeshes: list[FacetSubmesh], jit_options: dict) 
 
 
 def create_matrix(
-    space: fem.FunctionSpace, cells: NDArray[np.int32], facets: NDArray[np.int32]
+    test: fem.FunctionSpace,
+    trial: fem.FunctionSpace,
+    cells: NDArray[np.int32],
+    facets: NDArray[np.int32],
 ) -> PETSc.Mat:
     """A matrix that joins all dofs of every cell, and those of the two cells of every facet.
 
     The pattern needs a form, but no kernel: nothing has to be compiled.
 
     Args:
-        space: Of rows and columns.
+        test: Space of the rows.
+        trial: Space of the columns.
         cells: Local cells.
         facets: Rows (cell, facet in it, cell, facet in it), flattened.
     """
@@ -101,9 +105,9 @@ def create_matrix(
             (fem.IntegralType.interior_facet, facets),
         )
     }
-    V, mesh = space._cpp_object, space.mesh
+    spaces, mesh = [test._cpp_object, trial._cpp_object], test.mesh
     maps: Any = [] if _NEW else {}
-    pattern_form = cpp.fem.Form_float64([V, V], integrals, [], [], False, maps, mesh._cpp_object)
+    pattern_form = cpp.fem.Form_float64(spaces, integrals, [], [], False, maps, mesh._cpp_object)
     pattern = cpp.fem.create_sparsity_pattern(pattern_form)
     pattern.finalize()
     return cpp.la.petsc.create_matrix(mesh.comm, pattern)

@@ -182,7 +182,7 @@ def moved(comm, cell, degree, motion, law=None, materials=MATERIALS, jump=False,
 @TWO_CELLS
 @EVERY_DEGREE
 def test_tangent(comm, cell, degree, motion, frame):
-    """The staged tangent is the derivative of the residual in every branch of the law."""
+    """The tangent is the derivative of the residual in every branch of the law."""
     problem = moved(comm, cell, degree, motion, frame=frame)
     assert tangent_error(problem) < 1e-7
     problem.step.commit()

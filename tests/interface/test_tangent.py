@@ -1,4 +1,4 @@
-"""The staged tangent is the derivative of the residual that is assembled, damage included."""
+"""The tangent is the derivative of the residual that is assembled, damage included."""
 
 from __future__ import annotations
 
@@ -113,10 +113,10 @@ def symbolic_damage(problem, du):
 
 @pytest.mark.parametrize("cell", [cell for cell in CELLS if DIMENSION[cell] == 2])
 @EVERY_DEGREE
-def test_staged_tangent_is_the_symbolic_one(comm, cell, degree):
-    """Staged or by ufl.derivative of the symbolic residual: the same matrix to round-off.
+def test_tangent_is_the_symbolic_one(comm, cell, degree):
+    """Made at the points or by ufl.derivative of the residual: the same matrix to round-off.
 
-    In 2D only: the symbolic kernels of 3D take minutes to compile, which is why there are stages.
+    In 2D only: the symbolic kernels of 3D take minutes to compile.
     """
     problem = partly_damaged(comm, cell, degree)
     du = ufl.TrialFunction(problem.space)
@@ -132,10 +132,10 @@ def test_staged_tangent_is_the_symbolic_one(comm, cell, degree):
     problem.step.assemble_residual()
     symbolic = assembled(ufl.derivative(problem.discretization.weak_form.residual(), problem.u, du))
     for damage in (False, True):
-        staged = problem.discretization.create_matrix()
-        problem.discretization.assemble_tangent(staged, damage)
+        found = problem.discretization.create_matrix()
+        problem.discretization.assemble_tangent(found, damage)
         if damage:
             assert damage_part.norm() > 1e-3 * symbolic.norm()
             symbolic.axpy(1.0, damage_part, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        staged.axpy(-1.0, symbolic, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        assert staged.norm() < 1e-13 * symbolic.norm()
+        found.axpy(-1.0, symbolic, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        assert found.norm() < 1e-13 * symbolic.norm()

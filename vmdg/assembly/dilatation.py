@@ -17,17 +17,25 @@ joins all nodes of its two cells, which is as far as the products reach.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 
 from petsc4py import PETSc
 
+import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from dolfinx.la import InsertMode
+from numpy.typing import NDArray
 
 from ..base.timers import timer
+from ..interface.active import ActiveInterface
+from ..interface.jets import FacetJets
+from .point_matrices import add_tangent, create_matrix
 from .weak_form import WeakForm
+
+Array = NDArray[np.float64]
 
 
 class Dilatation:
@@ -77,9 +85,13 @@ class Dilatation:
         ratio = weak.over_bodies(
             lambda body, F: q * ufl.inner(ufl.diff(body.volume_ratio(F), F), gradient)
         )
-        blocks = ratio, weak.tangent(eta, p), weak.tangent(q, du), weak.tangent(q, p)
-        forms = [weak.compile(block, "dilatation") for block in blocks]
-        return [(form, fem_petsc.create_matrix(form)) for form in forms]
+        fields = (q, du), (eta, p), (q, du), (q, p)
+        forms = [ratio, *(weak.bulk_tangent(*pair) for pair in fields[1:])]
+        spaces = [[field.ufl_function_space() for field in pair] for pair in fields]
+        return [
+            (weak.compile(form, "dilatation"), create_matrix(*pair, weak.active))
+            for form, pair in zip(forms, spaces, strict=True)
+        ]
 
     def update_dilatation(self) -> None:
         """theta = 1/V int_K J dV at the current displacement; collective."""
@@ -97,13 +109,22 @@ class Dilatation:
         values.array[:] /= self._volume.x.array
         values.scatter_forward()
 
-    def add_to(self, matrix: PETSc.Mat) -> None:
-        """Add A_ut.D + D^T.(A_tu + A_tt.D) to d2Pi/du2 + p d2J/du2; collective."""
+    def add_to(self, matrix: PETSc.Mat, parts: Sequence[tuple[ActiveInterface, Array]]) -> None:
+        """Add A_ut.D + D^T.(A_tu + A_tt.D) to d2Pi/du2 + p d2J/du2; collective.
+
+        Args:
+            matrix: To which it is added.
+            parts: The interfaces, with D of :func:`.point_matrices.add_tangent`.
+        """
+        u, theta = FacetJets.displacement, FacetJets.dilatation
+        fields = None, (u, theta), (theta, u), (theta, theta)
         blocks = self._blocks
         with timer("eliminate dilatation"):
-            for form, block in blocks:
+            for (form, block), pair in zip(blocks, fields, strict=True):
                 block.zeroEntries()
                 fem_petsc.assemble_matrix(block, form)
+                for active, values in parts if pair else ():
+                    add_tangent(block, active, values, *pair)
                 block.assemble()
             D, A_ut, A_tu, A_tt = (block for _, block in blocks)
             inverse_volume = D.createVecLeft()

@@ -17,7 +17,6 @@ from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
-from .. import compat
 from ..base.parallel import global_sum
 from ..base.timers import timer
 from ..domain.materials import Bodies
@@ -27,13 +26,14 @@ from ..interface.facets import InterfaceFacets
 from ..interface.interface import Interface
 from ..interface.stabilization import Stabilization, Stabilizers
 from .dilatation import Dilatation
+from .point_matrices import add_tangent, create_matrix
 from .space import broken_space
 from .surface import Surface
 from .weak_form import WeakForm
 
 
 class _Compiled(NamedTuple):
-    """Compiled parts of a residual or tangent.
+    """Compiled parts of a residual.
 
     A cell integral is given the coefficients of its whole form: with those of the interfaces, all
     of their points, it would read 600 to 1200 numbers a hexahedron of which it needs 26.
@@ -111,8 +111,7 @@ class Discretization:
         if active.fluid is None:
             active.take_fluid()
             # What was compiled for the interface without it.
-            for name in ("_residual_forms", "_tangent_forms"):
-                self.__dict__.pop(name, None)
+            self.__dict__.pop("_residual_forms", None)
             self._dilatation = Dilatation(self.weak_form) if self._dilatation else None
         return active
 
@@ -138,7 +137,9 @@ class Discretization:
         """Compile all kernels of a solve now, or load them from the cache; collective."""
         if self._dilatation is not None:
             self._dilatation.compile()
-        _ = self._residual_forms, self._tangent_forms
+        _ = self._residual_forms, self._tangent_form
+        for active in self.active.values():
+            active.compile_tangent()
 
     @cached_property
     def _residual_forms(self) -> _Compiled:
@@ -150,14 +151,11 @@ class Discretization:
         )
 
     @cached_property
-    def _tangent_forms(self) -> _Compiled:
+    def _tangent_form(self) -> fem.Form:
+        """Of the bodies."""
         weak = self.weak_form
         eta, du = ufl.TestFunction(self.space), ufl.TrialFunction(self.space)
-        interfaces = [weak.interface_tangent(eta, du, [active]) for active in self.active.values()]
-        return _Compiled(
-            weak.compile(weak.bulk_tangent(eta, du), "bodies' tangent"),
-            [weak.compile(form, "interface's tangent") for form in interfaces],
-        )
+        return weak.compile(weak.bulk_tangent(eta, du), "bodies' tangent")
 
     @cached_property
     def _energy_forms(self) -> list[fem.Form]:
@@ -252,12 +250,7 @@ class Discretization:
 
     def create_matrix(self) -> PETSc.Mat:
         """An empty matrix with the pattern of the tangent."""
-        cells = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
-        everything = [
-            c.facets.rows(np.ones(len(c.facets.facets), bool)) for c in self.active.values()
-        ]
-        facets = np.concatenate([np.zeros(0, dtype=np.int32), *everything])
-        return compat.create_matrix(self.space, np.arange(cells, dtype=np.int32), facets)
+        return create_matrix(self.space, self.space, list(self.active.values()))
 
     def assemble_tangent(self, matrix: PETSc.Mat, damage: bool = True) -> None:
         """Tangent at the state of the last :meth:`assemble_residual`, prescribed rows included.
@@ -266,18 +259,18 @@ class Discretization:
             matrix: From :meth:`create_matrix`.
             damage: False keeps zeta: the damage part of (84) is left out.
         """
-        forms = self._tangent_forms
-        with timer("stage tangent"):
-            for active in self.active.values():
-                active.stage_tangent(damage)
+        with timer("tangent at points"):
+            parts = [(active, active.tangent(damage)[0]) for active in self.active.values()]
         with timer("assemble tangent"):
             matrix.zeroEntries()
             # All of the pattern is filled before the matrix is first assembled, or it is lost.
-            for form in (forms.bulk, *forms.interfaces, *self.surface.tangents()):
+            for form in (self._tangent_form, *self.surface.tangents()):
                 fem_petsc.assemble_matrix(matrix, form)
+            for active, D in parts:
+                add_tangent(matrix, active, D)
             matrix.assemble()
             if self._dilatation is not None:
-                self._dilatation.add_to(matrix)
+                self._dilatation.add_to(matrix, parts)
 
     def stored_energy(self) -> NDArray[np.float64]:
         """Energy of the bodies, of the interfaces (30) and of springs (3,), this rank's [N mm]."""

@@ -1,42 +1,114 @@
-"""Matrices between the points of an interface, as rows, and displacements, as columns."""
+"""Matrices of an interface, made of products of small matrices at its points."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 
 from petsc4py import PETSc
 
-import ufl
-from dolfinx.fem import petsc as fem_petsc
-from ufl.core.expr import Expr
+import numpy as np
+from dolfinx import fem
+from dolfinx.common import IndexMap
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
+from .. import compat
 from ..interface.active import ActiveInterface
-from .weak_form import WeakForm
+from ..interface.jets import Block, FacetJets
+
+Array = NDArray[np.float64]
+Field = Callable[[FacetJets, slice], Block]
+
+#: Numbers in the B of the facets that are done at a time.
+_BATCH = 1_000_000
 
 
-def traction_matrix(weak_form: WeakForm, active: ActiveInterface) -> PETSc.Mat:
+def _batches(active: ActiveInterface, columns: int) -> Iterator[slice]:
+    facets, points = active.quadrature.points_of_facet.shape
+    count = max(_BATCH // (points * active.jets.size * columns), 1)
+    return (slice(start, start + count) for start in range(0, facets, count))
+
+
+def create_matrix(
+    test: fem.FunctionSpace, trial: fem.FunctionSpace, active: Sequence[ActiveInterface]
+) -> PETSc.Mat:
+    """An empty matrix that joins the dofs of every cell, and those of both sides of every facet.
+
+    Args:
+        test: Space of the rows.
+        trial: Space of the columns.
+        active: The interfaces.
+    """
+    tdim = test.mesh.topology.dim
+    cells = np.arange(test.mesh.topology.index_map(tdim).size_local, dtype=np.int32)
+    everything = [one.facets.rows(np.ones(len(one.facets.facets), bool)) for one in active]
+    facets = np.concatenate([np.zeros(0, dtype=np.int32), *everything])
+    return compat.create_matrix(test, trial, cells, facets)
+
+
+def add_tangent(
+    matrix: PETSc.Mat,
+    active: ActiveInterface,
+    D: Array,
+    test: Field = FacetJets.displacement,
+    trial: Field = FacetJets.displacement,
+) -> None:
+    """Add int j(eta).D.j(du) dA of (84)-(85) over an interface, sum of B^T.D.B over the points.
+
+    Args:
+        matrix: To which it is added; rows of test functions, columns of trial functions.
+        active: The interface.
+        D: With dA, of its points (nq, jet, jet).
+        test, trial: The fields of rows and columns.
+    """
+    points = active.quadrature.points_of_facet
+    for rows in _batches(active, 2 * active.jets.nodes * active.quadrature.d):
+        right = trial(active.jets, rows)
+        left = right if test is trial else test(active.jets, rows)
+        product = D[points[rows]] @ right.matrix
+        # Sums over the points of a facet and its jets in one product.
+        B, DB = (part.reshape(len(part), -1, part.shape[3]) for part in (left.matrix, product))
+        matrix.setValuesLocalRCV(
+            left.dofs, right.dofs, B.transpose(0, 2, 1) @ DB, PETSc.InsertMode.ADD_VALUES
+        )
+
+
+def traction_matrix(active: ActiveInterface) -> csr_array:
     """int q.Tt(du) dA over an interface, q the test functions of its points.
 
-    Tt(du) = {(A : GRAD du).N} + r (du_2 - du_1) of (84) with the staged moduli, which at small
-    strain are constant. The caller destroys the matrix.
+    Tt(du) = {(A : GRAD du).N} + r (du_2 - du_1) of (84), whose moduli are constant at small strain.
+    A row for every component at the points of this rank, a column for every dof of the mesh.
     """
-    active.stage_tangent(damage=False)
-    return _point_matrix(weak_form, active, active.terms.traction)
+    return _point_matrix(active, active.tangent(damage=False)[1])
 
 
-def jump_matrix(weak_form: WeakForm, active: ActiveInterface) -> PETSc.Mat:
+def jump_matrix(active: ActiveInterface) -> csr_array:
     """int q.du_2 dA over an interface: the part of side 2 in its opening, as above."""
-    return _point_matrix(weak_form, active, lambda q, du: ufl.dot(q, du("-")))
+    opening = np.eye(active.quadrature.d, active.jets.size)
+    return _point_matrix(active, active.areas[:, None, None] * opening, side=1)
 
 
-def _point_matrix(
-    weak_form: WeakForm, active: ActiveInterface, integrand: Callable[[Expr, Expr], Expr]
-) -> PETSc.Mat:
-    q = ufl.TestFunction(active.quadrature.space((active.quadrature.d,)))("+")
-    du = ufl.TrialFunction(weak_form.space)
-    form = weak_form.over_interfaces(lambda terms, pair: integrand(q, du), [active])
-    form = weak_form.compile(form, "gap equation")
-    matrix = fem_petsc.create_matrix(form)
-    fem_petsc.assemble_matrix(matrix, form)
-    matrix.assemble()
-    return matrix
+def _point_matrix(active: ActiveInterface, values: Array, side: int | None = None) -> csr_array:
+    """Rows of values.j(du), (nq, d, jet); of one side only where it is given."""
+    quadrature, imap = active.quadrature, active.jets.index_map
+    d, N = quadrature.d, imap.size_global * quadrature.d
+    total = csr_array((len(quadrature.weights) * d, N))
+    for rows in _batches(active, 2 * active.jets.nodes * d):
+        dofs, B = active.jets.displacement(rows)
+        points = quadrature.points_of_facet[rows]
+        data = values[points] @ B
+        if side is not None:
+            half = dofs.shape[1] // 2
+            keep = slice(side * half, (side + 1) * half)
+            dofs, data = dofs[:, keep], data[..., keep]
+        lines = points[..., None] * d + np.arange(d)
+        columns = _global_numbers(imap, dofs, d)[:, None, None]
+        where = (np.broadcast_to(a, data.shape).ravel() for a in (lines[..., None], columns))
+        total += csr_array((data.ravel(), tuple(where)), shape=total.shape)
+    return total
+
+
+def _global_numbers(imap: IndexMap, dofs: NDArray[np.int32], d: int) -> NDArray[np.int64]:
+    """Of local dofs, component-wise."""
+    blocks = imap.local_to_global((dofs // d).ravel().astype(np.int32))
+    return blocks.reshape(dofs.shape) * d + dofs % d

@@ -1,4 +1,4 @@
-"""The weak form (27) and its tangent (85) in UFL: sums over the bodies and the interfaces."""
+"""The weak form (27) in UFL, sums over the bodies and the interfaces, and the bodies' tangent."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ class WeakForm:
     Attributes:
         u: As given.
         space: Of the displacement.
+        active: As given.
         geometry: Gradient and measure.
     """
 
@@ -36,7 +37,7 @@ class WeakForm:
         self.space = u.function_space
         self.geometry = bodies.geometry
         self._bodies = bodies
-        self._active = active
+        self.active = active
         self._mesh = mesh = self.space.mesh
         degree = self.space.ufl_element().degree
         self._facet_degree = facet_degree(degree)
@@ -57,15 +58,6 @@ class WeakForm:
         """
         eta = ufl.TestFunction(self.space) if eta is None else eta
         return self.bulk_residual(eta) + self.interface_residual(eta)
-
-    def tangent(self, eta: Expr, du: Expr) -> ufl.Form:
-        """The tangent (85), the interfaces in staged coefficients.
-
-        Args:
-            eta: Test function, as for :meth:`residual`.
-            du: Trial function.
-        """
-        return self.bulk_tangent(eta, du) + self.interface_tangent(eta, du)
 
     def energy(self) -> tuple[ufl.Form, ufl.Form]:
         """Stored energy of the bodies, and of the interfaces (30)."""
@@ -95,12 +87,6 @@ class WeakForm:
             lambda body, F: kinematics.stiffness(body, self.geometry, F, eta, du)
         )
 
-    def interface_tangent(
-        self, eta: Expr, du: Expr, interfaces: Sequence[ActiveInterface] | None = None
-    ) -> ufl.Form:
-        """The other terms of (85), of all interfaces or of these."""
-        return self.over_interfaces(lambda terms, pair: terms.tangent(eta, du), interfaces)
-
     def over_bodies(self, integrand: Callable[[Body, Expr], Expr]) -> ufl.Form:
         """Sum over the regions of ``integrand(body, F)``."""
         F = ufl.variable(self.geometry.deformation(self.u))
@@ -116,7 +102,7 @@ class WeakForm:
         interfaces: Sequence[ActiveInterface] | None = None,
     ) -> ufl.Form:
         """Sum over all interfaces, or over these, of ``integrand(terms, pair)``."""
-        chosen = self._active if interfaces is None else interfaces
+        chosen = self.active if interfaces is None else interfaces
         pairs = [(active.terms, pair) for active in chosen for pair in active.terms.pairs]
         dS = ufl.Measure(
             "dS",
@@ -129,6 +115,6 @@ class WeakForm:
 
     def compile(self, form: ufl.Form, name: str = "form") -> fem.Form:
         """Compile a form that may have coefficients of the interfaces; collective."""
-        submeshes = [active.terms.submesh for active in self._active]
+        submeshes = [active.terms.submesh for active in self.active]
         options = VECTORIZED if self._mesh.topology.dim == 3 else JIT_OPTIONS
         return compile_form(form, submeshes, self._mesh.comm, options, name)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import basix
 import basix.ufl
 import numpy as np
@@ -51,6 +53,22 @@ class GeometryMap:
         return np.einsum("tqn,cni->cqit", self.slopes, nodes, optimize=True)
 
 
+class FacetShapes(NamedTuple):
+    """Shape functions at the points of facets of cells.
+
+    Attributes:
+        gradients: GRAD (n, points, nodes, d or d + 1).
+        weights: Of the points (n, points).
+        values: N (n, points, nodes).
+        points: X (n, points, d) [mm].
+    """
+
+    gradients: Array
+    weights: Array
+    values: Array
+    points: Array
+
+
 class ShapeGradients:
     """Gradients of the shape functions where the forms integrate over cells and their facets.
 
@@ -86,7 +104,7 @@ class ShapeGradients:
         self._origins = np.array([corners[nodes[0]] for nodes in facets])
 
     def _at(self, cells: NDArray[np.int32], points: Array) -> tuple[Array, Array, Array]:
-        """GRAD of the shape functions (cells, points, nodes, d or d + 1), dX/dxi and 2 pi r."""
+        """GRAD of the shape functions (cells, points, nodes, d or d + 1), dX/dxi and X."""
         geometry_map = GeometryMap(self._mesh, points)
         nodes = geometry_map.nodes(cells)
         J, X = geometry_map.jacobians(nodes), geometry_map.positions(nodes)
@@ -95,24 +113,31 @@ class ShapeGradients:
         if self._hoop:
             hoop = (shape / X[0][..., None])[..., None]
             gradients = np.concatenate([gradients, hoop], axis=3)
-        return gradients, J, self._geometry.circumference(X)
+        return gradients, J, X
 
     def in_cells(self, cells: NDArray[np.int32]) -> tuple[Array, Array]:
         """GRAD of the shape functions and weights (cells, points) in cells."""
-        gradients, J, around = self._at(cells, self.bulk_points)
+        gradients, J, X = self._at(cells, self.bulk_points)
+        around = self._geometry.circumference(X)
         return gradients, np.abs(np.linalg.det(J)) * around * self._bulk_weights
 
-    def on_facets(self, cells: NDArray[np.int32], local: NDArray[np.int32]) -> tuple[Array, Array]:
+    def on_facets(self, cells: NDArray[np.int32], local: NDArray[np.int32]) -> FacetShapes:
         """The same on facet ``local`` of every cell."""
-        count = len(self.facet_points)
-        columns = self._edges.shape[2] + int(self._hoop)
-        gradients = np.empty((len(cells), count, self.nodes_of_cell, columns))
-        weights = np.empty((len(cells), count))
+        count, d = len(self.facet_points), self._edges.shape[2]
+        found = FacetShapes(
+            np.empty((len(cells), count, self.nodes_of_cell, d + int(self._hoop))),
+            np.empty((len(cells), count)),
+            np.empty((len(cells), count, self.nodes_of_cell)),
+            np.empty((len(cells), count, d)),
+        )
         for number, edges in enumerate(self._edges):
             chosen = np.flatnonzero(local == number)
             points = self._origins[number] + self.facet_points @ edges
-            gradients[chosen], J, around = self._at(cells[chosen], points)
+            found.gradients[chosen], J, X = self._at(cells[chosen], points)
             tangents = J @ edges.T
             metric = tangents.transpose(0, 1, 3, 2) @ tangents
-            weights[chosen] = np.sqrt(np.linalg.det(metric)) * around * self._facet_weights
-        return gradients, weights
+            around = self._geometry.circumference(X)
+            found.weights[chosen] = np.sqrt(np.linalg.det(metric)) * around * self._facet_weights
+            found.values[chosen] = self._shape.tabulate(0, points)[0]
+            found.points[chosen] = np.moveaxis(X, 0, -1)
+        return found

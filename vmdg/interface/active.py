@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from dolfinx import fem
@@ -16,10 +17,12 @@ from .facets import InterfaceFacets
 from .fluid import Fluid
 from .history import InterfaceSnapshot, PointHistory, with_rows, works
 from .interface import Interface
+from .jets import FacetJets
 from .points import InterfaceState, PointValues, joined, rows_of
 from .quadrature import FacetQuadrature
 from .return_map import ReturnMap, Trial, apply, evaluate
 from .stabilization import Stabilization, Stabilizer
+from .tangent import PointTangent
 from .terms import InterfaceTerms
 
 
@@ -78,6 +81,7 @@ class ActiveInterface:
         pressure = self.fluid.pressure
         self._return_map = ReturnMap(self.interface, *given, pressure)
         self.terms = InterfaceTerms(self.interface, *given, self.turns, pressure)
+        self.__dict__.pop("_tangent", None)
         self.terms.set_gap(self.values)
         if self.stabilization is not None:
             self.terms.set_stabilization(self.stabilization)
@@ -125,14 +129,40 @@ class ActiveInterface:
         self.values = values
         self.terms.set_gap(values)
 
-    def stage_tangent(self, damage: bool = True) -> None:
-        """First stage of the tangent: H, K and C at the points.
+    @property
+    def areas(self) -> NDArray[np.float64]:
+        """dA of the points (nq,) [mm2; times the thickness in plane strain]."""
+        return self.quadrature.weights * float(self._bodies.geometry.thickness)
+
+    @cached_property
+    def jets(self) -> FacetJets:
+        """What the terms take of a displacement at the points."""
+        return FacetJets(self.quadrature, self._u.function_space)
+
+    @cached_property
+    def _tangent(self) -> PointTangent:
+        return PointTangent(
+            self.quadrature,
+            self._u,
+            self._bodies,
+            inelastic=self.law.inelastic,
+            jump=self.interface.traction_jump,
+            fluid=None if self.fluid is None else self.fluid.pressure,
+        )
+
+    def compile_tangent(self) -> None:
+        """Compile what the tangent evaluates, or load it from the cache; collective."""
+        _ = self._tangent
+
+    def tangent(self, damage: bool = True) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """D dA and Tt dA at the points, see :class:`PointTangent`; collective.
 
         Args:
             damage: Include C = d zeta/dT; without it zeta is kept.
         """
         changes = self._return_map.tangent(self.values) if damage else (None, None)
-        self.terms.staged.fill(self.stabilization, self.values, *changes)
+        found = self._tangent(self.stabilization, self.values, *changes)
+        return tuple(self.areas[:, None, None] * matrices for matrices in found)
 
     def fine_scales(self) -> NDArray[np.float64]:
         """Fine-scale displacement (24) of sides 1 and 2 at the points (nq, 2, d) [mm].

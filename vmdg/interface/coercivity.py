@@ -132,7 +132,7 @@ class CellProblems:
         )
         self._bulk = shapes.in_cells(self._cells)
         self._free = d * (d - 1) // 2 + bodies.mean_dilatation
-        self._facets = shapes.on_facets(cells, local)
+        self._facets = shapes.on_facets(cells, local)[:2]
         self._pairs = np.column_stack([cells, local]).astype(np.int32)
         self._region = bodies.region[self._cells]
         here = np.unique(self._region)

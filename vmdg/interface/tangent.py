@@ -1,33 +1,39 @@
-"""First stage of the interface tangent: the coefficients of (84)-(85) at the facet points."""
+"""The tangent (84)-(85) of an interface at its points: D of the jets of `interface.jets`.
+
+Everything that depends on the material, H_a = (A.N)_a and K_a = Xi_a:(delta_a^T s (x) N) of every
+side, is derived in UFL (:mod:`forms.kinematics`) and evaluated at the points; what is left are
+products of small matrices. Written by ``ufl.derivative`` of (27) instead, the same form gives
+kernels of 40,000 lines in 3D.
+"""
 
 from __future__ import annotations
 
-import math
 from functools import partial
+from itertools import combinations_with_replacement
 
 import numpy as np
-import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
 from ..domain.materials import Bodies
-from ..forms import kinematics, tangent
+from ..forms import kinematics
 from .points import PointValues
 from .quadrature import FacetQuadrature, side_evaluators
 from .return_map import TurningTangent
 from .stabilization import Stabilization
 
+Array = NDArray[np.float64]
 
-class StagedTangent:
-    """Coefficients H, K and C of the tangent of one interface.
+
+class PointTangent:
+    """D of one interface: its part of the tangent is int j(eta).D.j(du) dA.
 
     Args:
         quadrature: Facet points.
         u: Displacement.
         bodies: Materials.
-        damage: The law has a damage tangent C.
-        turns: The frame of the law turns, so zeta also changes with the deformation gradient.
+        inelastic: The law has a gap, and with it the scalar r for tau_s.
         jump: The form is (26), with the traction jump.
         fluid: Pressure at the points; None for none.
     """
@@ -38,8 +44,7 @@ class StagedTangent:
         u: fem.Function,
         bodies: Bodies,
         *,
-        damage: bool,
-        turns: bool,
+        inelastic: bool,
         jump: bool,
         fluid: fem.Function | None = None,
     ):
@@ -47,105 +52,106 @@ class StagedTangent:
         d, geometry = quadrature.d, quadrature.geometry
         n = geometry.size(d)
         self._shape, self._entries = (d, n, n), geometry.entries(d)
-        self._quadrature, self._geometry = quadrature, geometry
+        self._quadrature, self._inelastic, self._jump = quadrature, inelastic, jump
         self._evaluate_moduli = evaluators(
             self._shape, lambda body, F, N, a: kinematics.traction_moduli(body, F, N), "H"
         )
-        space = quadrature.space(self._shape)
-        self._moduli = [fem.Function(space) for _ in range(2)]
-        self._compliance = fem.Function(quadrature.space((d, d))) if damage else None
-        fourth = quadrature.space((d, d, d, d)) if turns else None
-        # The frame turns in the section: no hoop direction.
-        plane = quadrature.space((d, d, d)) if turns else None
-        self._turning = [fem.Function(s) for s in (plane, plane, fourth)] if turns else []
-        self._jump = [fem.Function(space) for _ in range(2)] if jump else []
-        self._third: list[fem.Function] = []
         # At small strain the moduli do not change with the deformation: K of (85) is zero.
-        if not bodies.small:
-            vectors = quadrature.space((d,))
-            self._directions = [fem.Function(vectors) for _ in range(2)]
+        self._finite = not bodies.small
+        if self._finite:
+            self._directions = [fem.Function(quadrature.space((d,))) for _ in range(2)]
             count = len(self._entries)
-            shape = (count * (count + 1) // 2,)
-            self._evaluate_third = evaluators(shape, self._third_derivative, "K")
-            space = quadrature.space(shape)
-            self._third = [fem.Function(space) for _ in range(2)]
+            self._component = np.zeros((count, count), dtype=int)
+            for n, (p, q) in enumerate(combinations_with_replacement(range(count), 2)):
+                self._component[p, q] = self._component[q, p] = n
+            components = count * (count + 1) // 2
+            self._evaluate_third = evaluators((components,), self._third_derivative, "K")
 
     def _third_derivative(self, body, F: Expr, N: Expr, a: int) -> Expr:
         K = kinematics.projected_third_derivative(body, F, N, self._directions[a])
         return kinematics.major_components(K, self._entries)
 
-    def integrand(self, eta: Expr, du: Expr, tau: Expr) -> Expr:
-        """Second stage: the bilinear integrand of (84)-(85)."""
-        moduli = tuple(function("+") for function in self._moduli)
-        third = None
-        if self._third:
-            third = tuple(
-                kinematics.from_major_components(function("+"), self._entries)
-                for function in self._third
-            )
-        geometry = self._geometry
-
-        def flux(w: Expr) -> Expr:
-            return tangent.traction_variation(geometry, w, moduli, tau)
-
-        result = tangent.bonded_tangent(geometry, eta, du, moduli, tau, third)
-        if self._compliance is not None:
-            spin = self._turning[0]("+") if self._turning else None
-            compliance = self._compliance("+")
-            result += tangent.damage_tangent(flux(eta), flux(du), du, compliance, spin)
-        if self._turning:
-            _, by_traction, by_gradient = (function("+") for function in self._turning)
-            result += tangent.frame_couple_tangent(eta, du, flux(du), by_traction, by_gradient)
-        if self._jump:
-            result += tangent.jump_tangent(geometry, eta, du, tuple(f("+") for f in self._jump))
-        return result
-
-    def traction_term(self, q: Expr, du: Expr, tau: Expr) -> Expr:
-        """q.Tt(du), the change of the trial traction (84) against a test function at the points."""
-        moduli = tuple(function("+") for function in self._moduli)
-        return ufl.dot(q, tangent.traction_variation(self._geometry, du, moduli, tau))
-
-    def fill(
+    def __call__(
         self,
         stabilization: Stabilization,
         values: PointValues,
-        compliance: NDArray | None,
+        compliance: Array | None,
         turning: TurningTangent | None,
-    ) -> None:
-        """First stage: evaluate the coefficients at the current displacement.
+    ) -> tuple[Array, Array]:
+        """D at the current displacement, and the numerical flux it is made with.
+
+        With h(w) = {(A : GRAD w).N} and Tt(w) = h(w) + tau_s.g(w), the flux of (84),
+
+            j(eta).D.j(du) = g(eta).Tt(du) + h(eta).g(du) + {(GRAD eta : Xi : GRAD du).N}.s
+                             - Tt(eta).d zeta - S(eta):(dM/dT.Tt(du) + dM/dS : S(du))
+                             - [[(GRAD eta : A).N]].delta_s.[[(A : GRAD du).N]],
+
+        the second to fifth terms of (85), then (84) with d zeta = C.Tt(du) + Z:S(du), where the
+        frame turns with S(w) = GRAD w_1 + GRAD w_2 also that of ``residual.frame_couple``, and with
+        the traction jump that of (26). The frame of an axisymmetric body turns in its section.
 
         Args:
             stabilization: As the forms have it.
             values: At the points.
             compliance: C = d zeta/dT (nq, d, d) [mm3/N]; None keeps zeta.
-            turning: Where the frame turns; None keeps the frame.
+            turning: Z, dM/dT and dM/dS where the frame turns; None keeps the frame.
+
+        Returns:
+            D (nq, jet, jet), and Tt (nq, d, jet) [MPa and lengths].
         """
-        facet = self._quadrature.facet
-        delta, factor = stabilization.weights[facet], None
-        # v_1, v_2 with which the adjoint term of (27) or (26) tests (nq, 2, d) [mm].
-        directions = np.einsum("paji,pj->pai", delta, values.slip)
-        if self._jump:
-            delta_s = stabilization.delta_s[facet]
-            more = np.einsum("pij,pj->pi", delta_s, values.jump)
-            directions += np.stack([-more, more], axis=1)
-            factor = np.linalg.cholesky(delta_s).transpose(0, 2, 1)
-        if self._compliance is not None:
-            self._compliance.x.array[:] = 0 if compliance is None else compliance.ravel()
-        for n, function in enumerate(self._turning):
-            function.x.array[:] = 0 if turning is None else turning[n].ravel()
+        quadrature, count = self._quadrature, len(self._entries)
+        facet, d = quadrature.facet, quadrature.d
+        sides = [slice(d + a * count, d + (a + 1) * count) for a in range(2)]
+        opening, size = slice(0, d), d + 2 * count
+        delta = stabilization.weights[facet]
+        if self._inelastic:
+            tau = stabilization.norm[facet, None, None] * np.eye(d)
+        else:
+            tau = stabilization.tau[facet]
         # The kernels take the outward normal of their own side, -N on side 2.
+        i, j = np.array(self._entries).T
+        H = [self._evaluate_moduli[a]().reshape(-1, *self._shape)[:, :, i, j] for a in range(2)]
+        flux = np.zeros((len(facet), d, size))
         for a, sign in enumerate((1, -1)):
-            H = self._evaluate_moduli[a]().reshape(-1, *self._shape)
-            self._moduli[a].x.array[:] = _contract(sign * delta[:, a], H).ravel()
-            if factor is not None:
-                # [[P.N]] = P_1.N_1 + P_2.N_2 takes each side's own normal.
-                self._jump[a].x.array[:] = _contract(factor, H).ravel()
-        for a, sign in enumerate((1, -1) if self._third else ()):
+            flux[:, :, sides[a]] = sign * delta[:, a] @ H[a]
+        traction = flux.copy()
+        traction[:, :, opening] = tau
+
+        D = np.zeros((len(facet), size, size))
+        D[:, :, opening] = flux.transpose(0, 2, 1)
+        D[:, opening] += traction
+        for a, K in enumerate(self._geometric_term(stabilization, values) if self._finite else ()):
+            D[:, sides[a], sides[a]] += K
+        if compliance is not None:
+            change = compliance @ traction
+            if turning is not None:
+                spin, by_traction, by_gradient = turning
+                both = np.eye(size)
+                S = both[sides[0]][: d * d] + both[sides[1]][: d * d]
+                change += spin.reshape(-1, d, d * d) @ S
+                couple = by_traction.reshape(-1, d * d, d) @ traction
+                couple += by_gradient.reshape(-1, d * d, d * d) @ S
+                D -= S.T @ couple
+            D -= traction.transpose(0, 2, 1) @ change
+        if self._jump:
+            factor = np.linalg.cholesky(stabilization.delta_s[facet]).transpose(0, 2, 1)
+            # [[P.N]] = P_1.N_1 + P_2.N_2 takes each side's own normal.
+            jump = np.zeros_like(flux)
+            for a in range(2):
+                jump[:, :, sides[a]] = factor @ H[a]
+            D -= jump.transpose(0, 2, 1) @ jump
+        return D, traction
+
+    def _geometric_term(self, stabilization: Stabilization, values: PointValues) -> list[Array]:
+        """K_a of (85) of both sides (nq, entries, entries) [MPa]."""
+        facet = self._quadrature.facet
+        # v_1, v_2 with which the adjoint term of (27) or (26) tests (nq, 2, d) [mm].
+        directions = np.einsum("paji,pj->pai", stabilization.weights[facet], values.slip)
+        if self._jump:
+            more = np.einsum("pij,pj->pi", stabilization.delta_s[facet], values.jump)
+            directions += np.stack([-more, more], axis=1)
+        found = []
+        for a, sign in enumerate((1, -1)):
             self._directions[a].x.array[:] = (sign * directions[:, a]).ravel()
-            self._third[a].x.array[:] = self._evaluate_third[a]().ravel()
-
-
-def _contract(tensor: NDArray, moduli: NDArray) -> NDArray:
-    """Row-wise tensor.H, (nq, d, d) and (nq, d, n, n)."""
-    points, d, *shape = moduli.shape  # a rank may have no points: no -1
-    return (tensor @ moduli.reshape(points, d, math.prod(shape))).reshape(moduli.shape)
+            found.append(self._evaluate_third[a]()[:, self._component])
+        return found

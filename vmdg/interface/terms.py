@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import ufl
@@ -18,7 +17,6 @@ from .interface import Interface
 from .points import PointValues
 from .quadrature import FacetQuadrature, region_pairs
 from .stabilization import Stabilization
-from .tangent import StagedTangent
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,7 @@ class RegionPair:
 
 
 class InterfaceTerms:
-    """The integrands of one interface in the residual, the energy and the tangent.
+    """The integrands of one interface in the residual and the energy.
 
     A tie (law without history) has the tensor tau_s and no zeta; any other law has the scalar
     r = |tau_s|, and where its frame turns also a couple.
@@ -65,7 +63,7 @@ class InterfaceTerms:
         facets, d = quadrature.facets, quadrature.d
         self._inelastic, self._turns = interface.law.inelastic, turns
         self._traction_jump, self._fluid = interface.traction_jump, fluid
-        self._quadrature, self._u, self._bodies = quadrature, u, bodies
+        self._quadrature, self._u = quadrature, u
         self._geometry = quadrature.geometry
         self._N = ufl.FacetNormal(quadrature.mesh)("+")
         self.submesh = quadrature.submesh
@@ -101,32 +99,11 @@ class InterfaceTerms:
         bodies = tuple(replace(body, fluid=None) for body in bodies)
         return residual.energy(bodies, self._geometry, self._u, self._N, *self._coefficients())
 
-    def tangent(self, eta: Expr, du: Expr) -> Expr:
-        """Interface integrand of (84)-(85) in the staged coefficients."""
-        return self.staged.integrand(eta, du, self._tau("+"))
-
-    def traction(self, q: Expr, du: Expr) -> Expr:
-        """q.Tt(du) of (84) in the staged coefficients."""
-        return self.staged.traction_term(q, du, self._tau("+"))
-
     def _coefficients(self) -> tuple[Expr, Expr, Expr | None, Expr | None]:
         """delta_1, tau_s, zeta and delta_s on the facets, None where the form has none."""
         zeta = None if self._zeta is None else self._zeta("+")
         delta_s = None if self._delta_s is None else self._delta_s("+")
         return self._delta("+"), self._tau("+"), zeta, delta_s
-
-    @cached_property
-    def staged(self) -> StagedTangent:
-        """Coefficients of the tangent."""
-        return StagedTangent(
-            self._quadrature,
-            self._u,
-            self._bodies,
-            damage=self._inelastic,
-            turns=self._turns,
-            jump=self._traction_jump,
-            fluid=self._fluid,
-        )
 
     # Coefficients
 

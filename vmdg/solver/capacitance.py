@@ -15,7 +15,6 @@ from scipy.sparse import bsr_array, csr_array, vstack
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from ..assembly.point_matrices import jump_matrix, traction_matrix
-from ..assembly.weak_form import WeakForm
 from ..base.parallel import global_any
 from ..base.timers import timer
 from ..interface.active import ActiveInterface
@@ -24,7 +23,7 @@ from .linear import LDLT, destroy, make_ksp
 
 Array = NDArray[np.float64]
 Product = Callable[[Array], Array]
-Integrate = Callable[[WeakForm, ActiveInterface], PETSc.Mat]
+Integrate = Callable[[ActiveInterface], csr_array]
 
 #: Columns of S that are solved for together: one then costs a twentieth of a single solve.
 BLOCK = 128
@@ -71,9 +70,7 @@ class Capacitance:
         self._problem, self._comm, self._max_direct = problem, problem.comm, max_direct
         active = problem.discretization.active.values()
         self._interfaces = [one for one in active if one.law.inelastic]
-        weights = np.concatenate([active.quadrature.weights for active in self._interfaces])
-        # Of the points here (points,) [mm2; times the thickness in plane strain].
-        self._areas = weights * float(problem.discretization.geometry.thickness)
+        self._areas = np.concatenate([active.areas for active in self._interfaces])
         self._prescribed = problem.loading.owned_prescribed
         with timer("factorize bonded bodies"):
             matrix = problem.discretization.create_matrix()
@@ -93,13 +90,8 @@ class Capacitance:
 
     def _over_points(self, integrate: Integrate) -> PETSc.Mat:
         """A matrix of all interfaces with a row for every gap component, of the points here."""
-        rows = []
-        for active in self._interfaces:
-            matrix = integrate(self._problem.discretization.weak_form, active)
-            rows.append(_rows_here(matrix))
-            matrix.destroy()
-        columns = self._stiffness.getSizes()[1]
-        return _distributed(csr_array(vstack(rows)), columns[0], self._comm)
+        rows = csr_array(vstack([integrate(active) for active in self._interfaces]))
+        return _distributed(rows, self._stiffness.getSizes()[1][0], self._comm)
 
     # Systems
 

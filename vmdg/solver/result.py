@@ -61,7 +61,7 @@ _TIMERS = {
     "solves": ("linear solve",),
     "condensed": ("condensed solve",),
     "residuals": ("assemble residual",),
-    "tangents": ("stage tangent",),
+    "tangents": ("tangent at points",),
     "return_maps": ("return map",),
 }
 

@@ -1,0 +1,103 @@
+"""What the interface terms take of a displacement, at the facet points, as matrices of its dofs.
+
+The terms see a field w through its jet
+
+    j(w) = (g(w), GRAD w_1, GRAD w_2),   g(w) = w_2 - w_1,
+
+the opening and the entries of the gradients that are not zero for every w. With j = B.w of the dofs
+of the two cells at a facet, a bilinear form of jets j(eta).D.j(du) has the matrix B^T.D.B.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from dolfinx import fem
+from numpy.typing import NDArray
+
+from ..domain.shapes import ShapeGradients
+from ..forms.geometry import Axisymmetric
+from .quadrature import FacetQuadrature
+
+Array = NDArray[np.float64]
+
+
+class Block(NamedTuple):
+    """The jets of a field on some facets.
+
+    Attributes:
+        dofs: Local dofs of the two cells, component-wise numbers (f, n).
+        matrix: B (f, points of a facet, jet, n).
+    """
+
+    dofs: NDArray[np.int32]
+    matrix: Array
+
+
+class FacetJets:
+    """The jets of displacements, and with mean dilatation those of dilatations, on all facets.
+
+    Args:
+        quadrature: The points.
+        space: Of the displacement.
+
+    Attributes:
+        entries: (i, j) of the entries of GRAD w in a jet.
+        size: Of a jet.
+        nodes: Of a cell.
+        index_map: Of the nodes.
+    """
+
+    def __init__(self, quadrature: FacetQuadrature, space: fem.FunctionSpace):
+        geometry, self._d = quadrature.geometry, quadrature.d
+        self._dofs, self._facets = space.dofmap.list, quadrature.facets
+        self.index_map = space.dofmap.index_map
+        self.nodes = self._dofs.shape[1]
+        self.entries = geometry.entries(self._d)
+        self.size = self._d + 2 * len(self.entries)
+        self._hoop = isinstance(geometry, Axisymmetric)
+        shapes = ShapeGradients(quadrature.mesh, geometry, space.ufl_element().degree)
+        points = quadrature.points[quadrature.points_of_facet][..., : self._d]
+        sides = []
+        for cells, local in zip(self._facets.cells.T, self._facets.local.T, strict=True):
+            found = shapes.on_facets(cells, local)
+            # Each side counts the points of a facet in an order of its own.
+            apart = np.linalg.norm(found.points[:, None] - points[:, :, None], axis=3)
+            order = apart.argmin(axis=2)[:, :, None, None]
+            sides.append(
+                (
+                    np.take_along_axis(found.values, order[..., 0], axis=1),
+                    np.take_along_axis(found.gradients, order, axis=1),
+                )
+            )
+        # Of the shape functions (nf, points, 2 sides, nodes), and (..., d or d + 1) with N/r last.
+        self._values, self._gradients = (
+            np.stack(both, axis=2) for both in zip(*sides, strict=True)
+        )
+
+    def displacement(self, rows: slice) -> Block:
+        """B of the displacement on some facets."""
+        d, values, gradients = self._d, self._values[rows], self._gradients[rows]
+        count, points, _, nodes, _ = gradients.shape
+        B = np.zeros((count, points, self.size, 2, nodes, d))
+        for i in range(d):
+            B[:, :, i, 0, :, i] = -values[:, :, 0]
+            B[:, :, i, 1, :, i] = values[:, :, 1]
+        for side in range(2):
+            first = d + side * len(self.entries)
+            for n, (i, j) in enumerate(self.entries[: d * d]):
+                B[:, :, first + n, side, :, i] = gradients[:, :, side, :, j]
+            if self._hoop:
+                B[:, :, first + d * d, side, :, 0] = gradients[:, :, side, :, d]
+        blocks = self._dofs[self._facets.cells[rows]]
+        dofs = blocks[..., None] * d + np.arange(d, dtype=np.int32)
+        return Block(dofs.reshape(count, -1), B.reshape(count, points, self.size, -1))
+
+    def dilatation(self, rows: slice) -> Block:
+        """B of the dilatation, one number a cell, whose entry of GRAD is the last."""
+        cells = self._facets.cells[rows]
+        B = np.zeros((len(cells), self._values.shape[1], self.size, 2))
+        for side in range(2):
+            B[:, :, self._d + (side + 1) * len(self.entries) - 1, side] = 1.0
+        return Block(cells, B)
