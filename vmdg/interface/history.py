@@ -126,8 +126,10 @@ def _friction_between(before: PointHistory, update: Update, law: Law, N: Array, 
     first, last = (
         np.maximum(-np.einsum("pi,pi->p", T, N), 0.0) for T in (before.traction, update.traction)
     )
-    slips = update.mode == Mode.FRICTION
-    slips |= (update.mode == Mode.SHEAR) & (update.friction_work > 0)
+    rubs = law.rubbing(update.softening)
+    # A point that its bond held at first slides in a part of the step only.
+    slid = (before.mode == Mode.FRICTION) | (before.softening >= law.strength)
+    slips = (update.mode == Mode.FRICTION) & slid | (update.mode == Mode.SHEAR) & (rubs < 1.0)
     work = slips * law.friction * (first - last) * update.multiplier / 2
     lifts = (before.mode == Mode.FRICTION) & (update.mode == Mode.OPEN) & (first > 0)
     change = (update.gap - before.gap)[lifts]
@@ -136,4 +138,4 @@ def _friction_between(before: PointHistory, update: Update, law: Law, N: Array, 
     pressure = first[lifts]
     share = pressure / (pressure + r[lifts] * np.maximum(opening, 0.0))
     work[lifts] = law.friction * pressure * share * slip / 2
-    return law.rubbing(update.softening) * work
+    return rubs * work
