@@ -1,4 +1,4 @@
-"""Delamination tests with published numbers: DCB in 2D and 3D, ENF, MMB, peel; one table.
+"""Delamination tests with published numbers: DCB in 2D and 3D, ENF, MMB, peel, cycles; one table.
 
 `--case NAME` runs one of them, all without it. Modes I, II and mixed by the criterion of
 Benzeggagh and Kenane, default options: no penalty, no artificial stiffness, no viscosity. The
@@ -17,13 +17,17 @@ import numpy as np
 from helpers.options import run
 from studies.delamination.beams import Run
 from studies.delamination.cases import CASES, Case, Row, measure, table
+from studies.delamination.fatigue import BOND, paris
 
 import vmdg
+
+#: Axes of cases whose load does not begin at zero.
+LABELS = {"crack": ("crack [mm]", "N/mm"), "cycles": ("cycles", "N")}
 
 
 def curves(ax: plt.Axes, case: Case, ran: Run) -> None:
     """Load over motion beside what is published and beam theory."""
-    history, along = ran.history, case.motion == "crack"
+    history, along = ran.history, case.motion in LABELS
     motion, load = (np.append(0.0, history[column]) for column in (case.motion, case.force))
     ax.plot(motion[along:], load[along:], label="vmdg")
     if ran.points:
@@ -32,7 +36,7 @@ def curves(ax: plt.Axes, case: Case, ran: Run) -> None:
         ax.plot(*np.transpose(case.curve), "ko", ms=4, mfc="none", label="published")
     if "force_exact" in history.columns:
         ax.plot(motion, np.append(0.0, history["force_exact"]), "k--", lw=1, label="beam theory")
-    label, unit = ("crack [mm]", "N/mm") if along else ("opening or deflection [mm]", "N")
+    label, unit = LABELS.get(case.motion, ("opening or deflection [mm]", "N"))
     ax.set(xlabel=label, ylabel=f"load [{unit}]", title=case.title)
     ax.grid(lw=0.3)
 
@@ -48,13 +52,27 @@ def front(ax: plt.Axes, history: vmdg.History, count: int = 8) -> None:
     ax.grid(lw=0.3)
 
 
+def growth(ax: plt.Axes, history: vmdg.History) -> None:
+    """Growth of a crack over its energy release rate, and the slope of the line of Paris."""
+    share, speed = paris(history)
+    line = speed[-1] * (share / share[-1]) ** (BOND.wear(1.0, 0.0).exponent / 2)
+    ax.loglog(share, 1e3 * speed, "o", mfc="none", label="vmdg")
+    ax.loglog(share, 1e3 * line, "k--", lw=1, label=r"slope $\beta/2$")
+    ax.set(xlabel="$G/G_c$", ylabel="$da/dN$ [µm]")
+    ax.legend()
+    ax.grid(lw=0.3, which="both")
+
+
 def draw(case: Case, ran: Run) -> plt.Figure:
-    """Load over motion, and the crack: its front over the width in 3D, else its length."""
+    """Load over motion, and the crack: its front in 3D, its growth by cycles, else its length."""
     figure, (force, crack) = plt.subplots(1, 2, figsize=(9.5, 3.6), layout="constrained")
     curves(force, case, ran)
     force.legend()
     if any(name.startswith("front_") for name in ran.history.columns):
         front(crack, ran.history)
+        return figure
+    if case.motion == "cycles":
+        growth(crack, ran.history)
         return figure
     crack.plot(ran.history["crack"], marker=".", ms=3, lw=0.5)
     crack.set(xlabel="row", ylabel="crack [mm]")

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import delamination
+import numpy as np
 import pytest
-from studies.delamination.beams import dcb
+from studies.delamination import fatigue
+from studies.delamination.beams import Run, dcb, four_point
 from studies.delamination.cases import Case, measure, table
 from studies.delamination.laminate import MMB, T300_977
 from studies.delamination.mmb import A_0, LEVERS, lever_length, mmb, theory
 from studies.delamination.peel import peel
 from studies.delamination.peel import theory as peeling
 from studies.delamination.plies import POINTS, first_growth
+
+import vmdg
 
 
 def test_theory_of_the_lever():
@@ -60,6 +65,13 @@ def test_curved_front():
     assert edge - 31 < 0.5 * (min(inner) - 31)
 
 
+def test_four_point_bending():
+    """The load stays at that of beam theory while the crack runs."""
+    run = four_point(element_size=1.0, run=14.0, rows=1)
+    for check in run.checks:
+        assert check.error < 0.02
+
+
 def test_case(tmp_path):
     """A case as the demo runs it: lines beside the literature, and a picture."""
     bond = replace(T300_977, strength=26.0)
@@ -79,6 +91,27 @@ def test_case(tmp_path):
     assert table(rows).count("\n") == len(rows) + 1
     delamination.draw(short, run).savefig(tmp_path / "short.png")
     assert (tmp_path / "short.png").stat().st_size > 10_000
+
+
+def test_picture_of_cycles(tmp_path):
+    """The crack over cycles, and its growth over G with the slope of the law."""
+    G_c = fatigue.BOND.normal_energy
+    crack = fatigue.A_0 + np.linspace(0.0, 3.0, 61)
+    release = G_c * (fatigue.A_0 / crack) ** 8
+    speed = 1e-4 * (release / G_c) ** 7
+    cycles = np.append(0.0, np.cumsum(np.diff(crack) / np.sqrt(speed[1:] * speed[:-1])))
+    rows = zip(cycles, crack, release, strict=True)
+    names = ("cycles", "crack", "mode_1")
+    history = vmdg.History()
+    for row in rows:
+        history.append(dict(zip(names, row, strict=True)) | {"force": 1.0})
+    share, found = fatigue.paris(history)
+    assert np.polyfit(np.log(share), np.log(found), 1) == pytest.approx(
+        [7.0, math.log(1e-4)], rel=0.01
+    )
+    case = Case("cycles", lambda verbose: None, motion="cycles")
+    delamination.draw(case, Run(vmdg.Result(history=history), [])).savefig(tmp_path / "cycles.png")
+    assert (tmp_path / "cycles.png").stat().st_size > 10_000
 
 
 def test_unknown_case(tmp_path):

@@ -193,30 +193,20 @@ class ActiveInterface:
 
     # Steps
 
-    def slow_down(self, overstress: float) -> None:
-        """Choose what slows the gap of the step down.
+    def slow_down(self, overstress: float, cycles: float = 0.0) -> None:
+        """Choose what slows the gap of the step down, or wears its bonds.
 
         Args:
             overstress: Drag on the points that are bonded at the start, in multiples of H, to carry
                 an unstable stage over; 0 for the law as it is.
+            cycles: Of the load that the step stands for; only laws of fatigue feel them.
         """
         self._drag = None
+        wears = self.law.fatigues and cycles > 0
+        self._cycles = np.full(len(self.quadrature.weights), cycles) if wears else None
         if self.law.inelastic and overstress != 0:
             bonded = self.history.softening < self.law.strength
             self._drag = overstress * self.law.softening_modulus * bonded
-
-    def cycle(self, cycles: float) -> None:
-        """Choose how many cycles the step stands for; only laws of fatigue feel them."""
-        wears = self.law.fatigues and cycles > 0
-        self._cycles = np.full(len(self.quadrature.weights), cycles) if wears else None
-
-    def lost(self) -> float:
-        """Largest share of its strength that a point of this rank loses in the step."""
-        update = self.values.update
-        if update is None:
-            return 0.0
-        change = update.softening - self.history.softening
-        return float(change.max(initial=0.0)) / self.law.strength
 
     def open_free_points(self) -> None:
         """C = I/r at points without bond and traction: the next tangent takes them for open.

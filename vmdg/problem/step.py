@@ -92,9 +92,7 @@ class Step:
         self._dt = dt
         self._remember_start()
         self._loading.spread()
-        self.slow_down(overstress)
-        for active in self.discretization.active.values():
-            active.cycle(cycles)
+        self.slow_down(overstress, cycles)
         try:
             self.discretization.update_stabilization()
         except ValueError:
@@ -106,11 +104,11 @@ class Step:
         self._strained = self._work_by_eigenstrain(t)
         self._loading.apply(t)
 
-    def slow_down(self, overstress: float) -> None:
-        """Choose the overstress of the step, see :meth:`begin`."""
+    def slow_down(self, overstress: float, cycles: float = 0.0) -> None:
+        """Choose the overstress of the step and the cycles it stands for, see :meth:`begin`."""
         self.drag = overstress
         for active in self.discretization.active.values():
-            active.slow_down(overstress)
+            active.slow_down(overstress, cycles)
 
     def assemble_residual(self, dt: float = 1.0, hold: bool = False) -> NDArray[np.float64]:
         """Return maps, then internal minus external forces at the current displacement.
@@ -137,8 +135,12 @@ class Step:
 
     def lost(self) -> float:
         """Largest share of its strength that a point loses in the step so far; collective."""
-        lost = (active.lost() for active in self.discretization.active.values())
-        return float(global_max(self._comm, max(lost, default=0.0)))
+        lost = [0.0]
+        for active in self.discretization.active.values():
+            if active.law.inelastic:
+                change = active.values.update.softening - active.history.softening
+                lost.append(change.max(initial=0.0) / active.law.strength)
+        return float(global_max(self._comm, max(lost)))
 
     def load_rate(self) -> NDArray[np.float64]:
         """Minus the change of the residual with the load factor along the present ray, u held.

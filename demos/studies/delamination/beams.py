@@ -9,12 +9,14 @@ from dataclasses import dataclass
 from mpi4py import MPI
 
 import numpy as np
+from dolfinx import fem
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 import vmdg
-from studies.delamination.laminate import ALFANO_CRISFIELD, ISOTROPIC, Laminate
+from studies.delamination.laminate import ALFANO_CRISFIELD, IM7_8552, ISOTROPIC, Laminate
 from studies.verification.checks import Check, compare, describe
+from vmdg.base.parallel import global_sum
 from vmdg.meshes import TaggedMesh, beams
 from vmdg.meshes.beams import CONTACT, INTERFACE, LOWER_LEFT, RIGHT, TOP, UPPER_LEFT
 
@@ -90,6 +92,12 @@ def build(
 def at(x: float, y: float) -> Callable[[NDArray], NDArray]:
     """Predicate of a point."""
     return lambda points: np.isclose(points[0], x) & np.isclose(points[1], y)
+
+
+def node(problem: vmdg.Problem, x: float, y: float) -> NDArray:
+    """The owned node of a point, none on other ranks."""
+    nodes = fem.locate_dofs_geometrical(problem.space, at(x, y))
+    return nodes[nodes < problem.space.dofmap.index_map.size_local]
 
 
 def dcb(
@@ -261,3 +269,86 @@ def enf(
         pairs.insert(1, ("friction work before growth [N mm]", first["friction"], work))
     case, mesh = f"ENF, mu = {friction:g}", describe(problem, degree)
     return Run(result, [compare(case, what, *values, mesh) for what, *values in pairs])
+
+
+def four_point(
+    element_size: float = 0.5,
+    run: float = 40.0,
+    rows: int = 2,
+    degree: int = 2,
+    verbose: bool = False,
+    m: Laminate = IM7_8552,
+    outer: float = 203.2,
+    inner: float = 101.6,
+    a_0: float = 76.2,
+) -> Run:
+    """Four-point bend end-notched flexure (4ENF): the moment between the rollers is constant.
+
+    Supports at the ends of the span ``outer``; on each of two rollers ``inner`` apart P/2 as dead
+    load, which a loading nose that turns shares alike; the crack starts on the left and ends
+    between them. With c = (outer - inner)/2 the moment there is M = P c/2, of which each arm bears
+    one half until the crack has passed, so that
+
+        G = M^2/(2 b) (1/(2 E I) - 1/(8 E I)) = 9 P^2 c^2/(16 b^2 E h^3),  I = b h^3/12,
+
+    whatever the crack length: P = K/c with K = 4/3 b sqrt(G_c E h^3) while it runs (Martin and
+    Davidson 1999). The mean deflection of the rollers is C P, by virtual work
+
+        C = (c^3 + 3 c^2 (a_e - c))/(2 b E h^3) + (c^3 + 3 c^2 (outer - c - a_e))/(8 b E h^3)
+            + 3 c/(10 G_12 b h),  a_e = a + .42 chi h.
+
+    The lips touch at the support and under the roller, where they are an interface without
+    friction, and are a slit from there on.
+    """
+    c = (outer - inner) / 2
+    stations = (0.0, 6.0, c - 6, c + 6, a_0 - 4, a_0, a_0 + run + 10, outer - c, outer)
+    sizes = element_size * np.array([1, 4, 1, 4, 1, 1, 4, 4])
+    tagged = arms(stations, sizes, m.h, rows, a_0, contact=stations[3])
+    problem, facets = build(m, tagged, degree, friction=0.0), tagged.facet_tags
+    K, tip = 4 / 3 * math.sqrt(m.b * m.G_II * m.rigidity), 0.42 * m.chi * m.h
+
+    def compliance(a: float) -> float:
+        parted, whole = (c**3 + 3 * c**2 * (x - c) for x in (a + tip, outer - a - tip))
+        return (parted + whole / 4) / (2 * m.rigidity) + 0.3 * c / (m.G12 * m.b * m.h)
+
+    problem.dirichlet(facets.find(LOWER_LEFT), 0.0, "y")
+    problem.dirichlet_points(at(outer, -m.h), 0.0, "y")
+    problem.dirichlet_points(at(outer, 0.0), 0.0, "x")
+    rollers = c, outer - c
+    for x in rollers:
+        problem.point_load(at(x, m.h), lambda t: -t / 2, "y")
+    heights = [node(problem, x, m.h) for x in rollers]
+
+    def monitor(problem: vmdg.Problem) -> dict[str, float]:
+        u = problem.u.x.array.reshape(-1, 2)[:, 1]
+        w = -sum(global_sum(problem.comm, u[height].sum()) for height in heights) / 2
+        a = a_0 + problem.energy().damage / (m.G_II * m.b)
+        exact = w / compliance(a_0)
+        return {
+            "deflection [mm]": float(w),
+            "crack [mm]": a,
+            "force_exact [N]": min(exact, K / c),
+        }
+
+    shown = {"progress": True, "verbose": verbose, "show": ("deflection",)}
+    result = vmdg.solve(
+        problem,
+        np.array([0.3, 0.6, 20.0]) * K / c,
+        vmdg.SolveOptions(unstable="trace", max_share=0.03, **shown),
+        monitor,
+        until=lambda problem: problem.energy().damage > run * m.G_II * m.b,
+    )
+    history, mesh = result.history, describe(problem, degree)
+    w, P, a = (history[name] for name in ("deflection", "load", "crack"))
+    running = a > a_0 + 10
+    pairs = [
+        ("stiffness [N/mm]", P[0] / w[0], 1 / compliance(a_0)),
+        ("peak load [N]", P.max(), K / c),
+        ("mean load while the crack runs [N]", P[running].mean(), K / c),
+        (
+            f"deflection at a = {a[-1]:.2f} mm [mm]",
+            w[-1],
+            compliance(a[-1]) * K / c,
+        ),
+    ]
+    return Run(result, [compare("4ENF", what, *values, mesh) for what, *values in pairs])

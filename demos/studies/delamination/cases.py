@@ -11,7 +11,8 @@ import numpy as np
 from helpers.tables import markdown
 
 import vmdg
-from studies.delamination.beams import Run, dcb, enf
+from studies.delamination.beams import Run, dcb, enf, four_point
+from studies.delamination.fatigue import fatigue
 from studies.delamination.laminate import ALFANO_CRISFIELD, IM7_8552, T300_977, T300_1076
 from studies.delamination.mmb import mmb
 from studies.delamination.peel import peel
@@ -159,6 +160,18 @@ CASES = {
             element_size=0.25, steps=20, end=5.5, m=IM7_8552, L=101.6, a_0=76.2, verbose=verbose
         ),
         {"peak load": 712.0},
+    ),
+    "4enf-nasa": Case(
+        "4ENF, experiments 1555-1715 N (NASA 2020)",
+        lambda verbose: four_point(verbose=verbose),
+        {"peak load": 1645.0},
+        motion="deflection",
+        force="load",
+    ),
+    "fatigue": Case(
+        "DCB under cycles, R = .1 (Davila 2018)",
+        lambda verbose: fatigue(verbose=verbose),
+        motion="cycles",
     ),
     "peel-90": Case(
         "peel at 90 degrees, finite strain",

@@ -7,11 +7,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from dolfinx import fem
 from scipy.optimize import brentq
 
 import vmdg
-from studies.delamination.beams import Run, arms, at, build
+from studies.delamination.beams import Run, arms, at, build, node
 from studies.delamination.laminate import MMB, Laminate
 from studies.verification.checks import compare, describe
 from vmdg.base.parallel import global_sum
@@ -105,7 +104,7 @@ def mmb(
     problem.dirichlet_points(at(2 * L, -m.h), 0.0)
     problem.point_load(at(L, m.h), lambda t: -t * (c + L) / L, "y")
     problem.point_load(at(0.0, m.h), lambda t: t * c / L, "y")
-    heights = [_node(problem, x, m.h) for x in (L, 0.0)]
+    heights = [node(problem, x, m.h) for x in (L, 0.0)]
 
     def deflection(problem: vmdg.Problem) -> float:
         u = problem.u.x.array.reshape(-1, 2)[:, 1]
@@ -154,9 +153,3 @@ def mmb(
             compare(case, "load while the crack runs [N]", P[running][off], exact[off], mesh)
         )
     return Run(result, checks, top.counts.factorizations)
-
-
-def _node(problem: vmdg.Problem, x: float, y: float) -> np.ndarray:
-    """The owned node of a point, none on other ranks."""
-    nodes = fem.locate_dofs_geometrical(problem.space, at(x, y))
-    return nodes[nodes < problem.space.dofmap.index_map.size_local]
