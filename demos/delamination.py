@@ -15,6 +15,7 @@ from mpi4py import MPI
 import matplotlib.pyplot as plt
 import numpy as np
 from helpers.options import run
+from studies.delamination import intrinsic
 from studies.delamination.beams import Run
 from studies.delamination.cases import CASES, Case, Row, measure, table
 from studies.delamination.fatigue import BOND, paris
@@ -83,6 +84,7 @@ def draw(case: Case, ran: Run) -> plt.Figure:
 def main(
     case: str = "all",
     out: str = "results/delamination",
+    peer: bool = False,
     plot: bool = True,
     verbose: bool = False,
 ) -> list[Row]:
@@ -91,9 +93,13 @@ def main(
     Args:
         case: Name of one, or "all".
         out: Folder for table and pictures.
+        peer: Instead run the DCB beside a plain intrinsic cohesive law on the same mesh; one rank.
         plot: Draw a picture of every case.
         verbose: Print the residuals of every step.
     """
+    if peer:
+        print(intrinsic.table(*intrinsic.side_by_side(verbose=verbose)))
+        return []
     names = list(CASES) if case == "all" else [case]
     if unknown := set(names) - set(CASES):
         raise ValueError(f"case = {unknown.pop()!r} must be all or one of {', '.join(CASES)}")

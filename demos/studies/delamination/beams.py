@@ -17,6 +17,7 @@ import vmdg
 from studies.delamination.laminate import ALFANO_CRISFIELD, IM7_8552, ISOTROPIC, Laminate
 from studies.verification.checks import Check, compare, describe
 from vmdg.base.parallel import global_sum
+from vmdg.domain.tags import NamedTags
 from vmdg.meshes import TaggedMesh, beams
 from vmdg.meshes.beams import CONTACT, INTERFACE, LOWER_LEFT, RIGHT, TOP, UPPER_LEFT
 
@@ -100,6 +101,31 @@ def node(problem: vmdg.Problem, x: float, y: float) -> NDArray:
     return nodes[nodes < problem.space.dofmap.index_map.size_local]
 
 
+def open_beam(
+    element_size: float,
+    rows: int,
+    degree: int,
+    m: Laminate,
+    length: float,
+    a_0: float,
+    fine: float,
+    kinematics: str = "small",
+) -> tuple[vmdg.Problem, NamedTags]:
+    """A double cantilever beam whose load factor is its opening [mm], and the tags of its facets.
+
+    Facets are of ``element_size`` from the crack to x = ``fine``.
+    """
+    stations = (0.0, a_0 - 2, a_0, fine, length)
+    sizes = element_size * np.array([4, 1, 1, 8])
+    tagged = arms(stations, sizes, m.h, rows, a_0)
+    problem, facets = build(m, tagged, degree, kinematics), tagged.facet_tags
+    # At the corners: an edge that may not change its height cannot turn, at finite strain.
+    problem.dirichlet_points(at(0.0, -m.h), lambda t: -t / 2, "y")
+    problem.dirichlet_points(at(0.0, m.h), lambda t: t / 2, "y")
+    problem.dirichlet(facets.find(RIGHT), 0.0)
+    return problem, facets
+
+
 def dcb(
     element_size: float = 0.0625,
     steps: int = 40,
@@ -131,14 +157,7 @@ def dcb(
 
     # Fine where the crack runs, and a bit around.
     fine = min(math.ceil(arm(end) - m.chi * m.h + zone), length - 4)
-    stations = (0.0, a_0 - 2, a_0, fine, length)
-    sizes = element_size * np.array([4, 1, 1, 8])
-    tagged = arms(stations, sizes, m.h, rows, a_0)
-    problem, facets = build(m, tagged, degree, kinematics), tagged.facet_tags
-    # At the corners: an edge that may not change its height cannot turn, at finite strain.
-    problem.dirichlet_points(at(0.0, -m.h), lambda t: -t / 2, "y")
-    problem.dirichlet_points(at(0.0, m.h), lambda t: t / 2, "y")
-    problem.dirichlet(facets.find(RIGHT), 0.0)
+    problem, facets = open_beam(element_size, rows, degree, m, length, a_0, fine, kinematics)
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         return {
