@@ -35,6 +35,7 @@ SCENES = {
     "tutorial": "tutorial",
     "tutorial_law": "tutorial_law",
     "tutorial_material": "tutorial_material",
+    "tutorial_laminate": "tutorial_laminate",
     "two_inclusions": "two_inclusions --no-plot",
     "buckling": "buckling --no-plot",
     "fibre_matrix": "fibre_matrix --no-plot",

@@ -112,3 +112,15 @@ def test_peeling_of_the_artery():
     y = brentq(lambda y: stress(x, y)[1], 0.3, 1.0)
     _, history = peel(60.0, 24, 12.0)
     assert history["force"][-5:].mean() == pytest.approx(0.5 * stress(x, y)[0], rel=0.03)
+
+
+def test_laminate_of_the_tutorial():
+    """While the crack runs, the load is that of classical lamination theory."""
+    from tutorial_laminate import LAYUPS, open_arms, theory
+
+    angles = LAYUPS["[90/0]2s"]
+    history = open_arms(angles, 3.4, 8)
+    running = history["crack"] > 31
+    assert running.any()
+    expected = theory(angles, history["opening"][running])
+    assert history["force"][running] == pytest.approx(expected, rel=0.03)
