@@ -76,17 +76,19 @@ class Control:
     Attributes:
         target: Load factor.
         span: Load factors of the present stage, the scale of differences.
+        drag: Force against a change of an unknown in the step, by that and by the norm of K.
         onset: Change of the load factor to the onset of damage, a kink at which the step ends; None
             where it ends elsewhere.
     """
 
     target: float
     span: float = 1.0
+    drag: float = field(default=0.0, kw_only=True)
     onset: float | None = field(default=None, init=False)
 
     def __str__(self) -> str:
         """What leads the step, in words."""
-        return "by load"
+        return f"by load with drag {self.drag:.3g} |K|" if self.drag else "by load"
 
     @property
     def loaded(self) -> bool:

@@ -144,6 +144,7 @@ class Newton:
         """
         problem, krylov, scales = self._problem, self.krylov, self._problem.step.scales
         self._begin(control, dt)
+        self._system.drag = control.drag
         with timer("predictor"):
             self._predict(ahead)
         self._search(BACKTRACKING if control.loaded else FULL_STEPS)
@@ -289,6 +290,9 @@ class Newton:
         """Residual of the last assembly on owned dofs, without what supports and rigid faces take
         [N]."""
         forces = self._problem.discretization.forces.x.array[: self.owned].copy()
+        if drag := self._control.drag * self._system.norm:
+            u, start = self._problem.u.x.array, self._problem.step.start.u
+            forces += drag * (u - start)[: self.owned]
         return self._problem.loading.balance(forces)
 
     # Called by PETSc
