@@ -26,13 +26,13 @@ import vmdg
 LABELS = {"crack": ("crack [mm]", "N/mm"), "cycles": ("cycles", "N")}
 
 
-def curves(ax: plt.Axes, case: Case, ran: Run) -> None:
+def curves(ax: plt.Axes, case: Case, history: vmdg.History) -> None:
     """Load over motion beside what is published and beam theory."""
-    history, along = ran.history, case.motion in LABELS
+    along = case.motion in LABELS
     motion, load = (np.append(0.0, history[column]) for column in (case.motion, case.force))
     ax.plot(motion[along:], load[along:], label="vmdg")
-    if ran.points:
-        ax.plot(*np.transpose(ran.points), "C0x", label="vmdg, first growth")
+    if "peak load" in case.published:
+        ax.axhline(case.published["peak load"], color="k", ls=":", lw=1, label="published peak")
     if len(case.curve):
         ax.plot(*np.transpose(case.curve), "ko", ms=4, mfc="none", label="published")
     if "force_exact" in history.columns:
@@ -67,7 +67,9 @@ def growth(ax: plt.Axes, history: vmdg.History) -> None:
 def draw(case: Case, ran: Run) -> plt.Figure:
     """Load over motion, and the crack: its front in 3D, its growth by cycles, else its length."""
     figure, (force, crack) = plt.subplots(1, 2, figsize=(9.5, 3.6), layout="constrained")
-    curves(force, case, ran)
+    curves(force, case, ran.history)
+    if ran.points:
+        force.plot(*np.transpose(ran.points), "C0x", label="vmdg, first growth")
     force.legend()
     if any(name.startswith("front_") for name in ran.history.columns):
         front(crack, ran.history)
@@ -78,6 +80,24 @@ def draw(case: Case, ran: Run) -> plt.Figure:
     crack.plot(ran.history["crack"], marker=".", ms=3, lw=0.5)
     crack.set(xlabel="row", ylabel="crack [mm]")
     crack.grid(lw=0.3)
+    return figure
+
+
+def overview(folder: Path) -> plt.Figure:
+    """Load over motion of all cases whose tables are in the folder."""
+    there = {name: folder / f"{name}.csv" for name in CASES if (folder / f"{name}.csv").is_file()}
+    rows = -(-len(there) // 4)
+    figure, axes = plt.subplots(rows, 4, figsize=(13, 2.6 * rows), squeeze=False)
+    labels = {}
+    for ax, (name, file) in zip(axes.flat, there.items(), strict=False):
+        curves(ax, CASES[name], vmdg.History.from_csv(file))
+        ax.set_title(CASES[name].title, fontsize=8)
+        handles, texts = ax.get_legend_handles_labels()
+        labels |= dict(zip(texts, handles, strict=True))
+    for ax in axes.flat[len(there) :]:
+        ax.set_axis_off()
+    figure.legend(labels.values(), labels.keys(), loc="lower right", ncols=len(labels))
+    figure.tight_layout(rect=(0, 0.03, 1, 1))
     return figure
 
 
@@ -92,7 +112,7 @@ def main(
 
     Args:
         case: Name of one, or "all".
-        out: Folder for table and pictures.
+        out: Folder for table and pictures; one of them shows all cases that were run there.
         peer: Instead run the DCB beside a plain intrinsic cohesive law on the same mesh; one rank.
         plot: Draw a picture of every case.
         verbose: Print the residuals of every step.
@@ -114,6 +134,8 @@ def main(
                 draw(CASES[name], result).savefig(Path(out) / f"{name}.png", dpi=110)
             (Path(out) / "delamination.md").write_text(table(rows) + "\n")
     if MPI.COMM_WORLD.rank == 0:
+        if plot:
+            overview(Path(out)).savefig(Path(out) / "overview.png", dpi=80)
         print(table(rows))
         print(f"results are in {out}")
     return rows

@@ -91,6 +91,9 @@ def test_case(tmp_path):
     assert table(rows).count("\n") == len(rows) + 1
     delamination.draw(short, run).savefig(tmp_path / "short.png")
     assert (tmp_path / "short.png").stat().st_size > 10_000
+    run.history.to_csv(tmp_path / "dcb.csv")
+    axes = delamination.overview(tmp_path).axes
+    assert [ax.get_title() for ax in axes if ax.lines] == [delamination.CASES["dcb"].title]
 
 
 def test_picture_of_cycles(tmp_path):
