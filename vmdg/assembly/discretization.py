@@ -139,7 +139,7 @@ class Discretization:
             self._dilatation.compile()
         _ = self._residual_forms, self._tangent_form
         for active in self.active.values():
-            active.compile_tangent()
+            _ = active.point_tangent
 
     @cached_property
     def _residual_forms(self) -> _Compiled:

@@ -25,7 +25,7 @@ _BATCH = 1_000_000
 
 def _batches(active: ActiveInterface, columns: int) -> Iterator[slice]:
     facets, points = active.quadrature.points_of_facet.shape
-    count = max(_BATCH // (points * active.jets.size * columns), 1)
+    count = max(_BATCH // (points * active.point_tangent.jets.size * columns), 1)
     return (slice(start, start + count) for start in range(0, facets, count))
 
 
@@ -62,9 +62,9 @@ def add_tangent(
         test, trial: The fields of rows and columns.
     """
     points = active.quadrature.points_of_facet
-    for rows in _batches(active, 2 * active.jets.nodes * active.quadrature.d):
-        right = trial(active.jets, rows)
-        left = right if test is trial else test(active.jets, rows)
+    for rows in _batches(active, 2 * active.point_tangent.jets.nodes * active.quadrature.d):
+        right = trial(active.point_tangent.jets, rows)
+        left = right if test is trial else test(active.point_tangent.jets, rows)
         product = D[points[rows]] @ right.matrix
         # Sums over the points of a facet and its jets in one product.
         B, DB = (part.reshape(len(part), -1, part.shape[3]) for part in (left.matrix, product))
@@ -84,17 +84,17 @@ def traction_matrix(active: ActiveInterface) -> csr_array:
 
 def jump_matrix(active: ActiveInterface) -> csr_array:
     """int q.du_2 dA over an interface: the part of side 2 in its opening, as above."""
-    opening = np.eye(active.quadrature.d, active.jets.size)
-    return _point_matrix(active, active.areas[:, None, None] * opening, side=1)
+    opening = np.eye(active.quadrature.d, active.point_tangent.jets.size)
+    return _point_matrix(active, active.point_tangent.areas[:, None, None] * opening, side=1)
 
 
 def _point_matrix(active: ActiveInterface, values: Array, side: int | None = None) -> csr_array:
     """Rows of values.j(du), (nq, d, jet); of one side only where it is given."""
-    quadrature, imap = active.quadrature, active.jets.index_map
+    quadrature, imap = active.quadrature, active.point_tangent.jets.index_map
     d, N = quadrature.d, imap.size_global * quadrature.d
     total = csr_array((len(quadrature.weights) * d, N))
-    for rows in _batches(active, 2 * active.jets.nodes * d):
-        dofs, B = active.jets.displacement(rows)
+    for rows in _batches(active, 2 * active.point_tangent.jets.nodes * d):
+        dofs, B = active.point_tangent.jets.displacement(rows)
         points = quadrature.points_of_facet[rows]
         data = values[points] @ B
         if side is not None:

@@ -17,7 +17,6 @@ from .facets import InterfaceFacets
 from .fluid import Fluid
 from .history import InterfaceSnapshot, PointHistory, with_rows, works
 from .interface import Interface
-from .jets import FacetJets
 from .points import InterfaceState, PointValues, joined, rows_of
 from .quadrature import FacetQuadrature
 from .return_map import ReturnMap, Trial, apply, evaluate
@@ -81,7 +80,7 @@ class ActiveInterface:
         pressure = self.fluid.pressure
         self._return_map = ReturnMap(self.interface, *given, pressure)
         self.terms = InterfaceTerms(self.interface, *given, self.turns, pressure)
-        self.__dict__.pop("_tangent", None)
+        self.__dict__.pop("point_tangent", None)
         self.terms.set_gap(self.values)
         if self.stabilization is not None:
             self.terms.set_stabilization(self.stabilization)
@@ -129,18 +128,9 @@ class ActiveInterface:
         self.values = values
         self.terms.set_gap(values)
 
-    @property
-    def areas(self) -> NDArray[np.float64]:
-        """dA of the points (nq,) [mm2; times the thickness in plane strain]."""
-        return self.quadrature.weights * float(self._bodies.geometry.thickness)
-
     @cached_property
-    def jets(self) -> FacetJets:
-        """What the terms take of a displacement at the points."""
-        return FacetJets(self.quadrature, self._u.function_space)
-
-    @cached_property
-    def _tangent(self) -> PointTangent:
+    def point_tangent(self) -> PointTangent:
+        """What the tangent is made of; compiles its kernels, collective."""
         return PointTangent(
             self.quadrature,
             self._u,
@@ -150,19 +140,14 @@ class ActiveInterface:
             fluid=None if self.fluid is None else self.fluid.pressure,
         )
 
-    def compile_tangent(self) -> None:
-        """Compile what the tangent evaluates, or load it from the cache; collective."""
-        _ = self._tangent
-
     def tangent(self, damage: bool = True) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """D dA and Tt dA at the points, see :class:`PointTangent`; collective.
+        """D dA and Tt dA at the points, see :class:`.PointTangent`; collective.
 
         Args:
             damage: Include C = d zeta/dT; without it zeta is kept.
         """
         changes = self._return_map.tangent(self.values) if damage else (None, None)
-        found = self._tangent(self.stabilization, self.values, *changes)
-        return tuple(self.areas[:, None, None] * matrices for matrices in found)
+        return self.point_tangent(self.stabilization, self.values, *changes)
 
     def fine_scales(self) -> NDArray[np.float64]:
         """Fine-scale displacement (24) of sides 1 and 2 at the points (nq, 2, d) [mm].

@@ -18,6 +18,7 @@ from ufl.core.expr import Expr
 
 from ..domain.materials import Bodies
 from ..forms import kinematics
+from .jets import FacetJets
 from .points import PointValues
 from .quadrature import FacetQuadrature, side_evaluators
 from .return_map import TurningTangent
@@ -36,6 +37,10 @@ class PointTangent:
         inelastic: The law has a gap, and with it the scalar r for tau_s.
         jump: The form is (26), with the traction jump.
         fluid: Pressure at the points; None for none.
+
+    Attributes:
+        jets: B of the points.
+        areas: dA (nq,) [mm2; times the thickness in plane strain].
     """
 
     def __init__(
@@ -51,7 +56,9 @@ class PointTangent:
         evaluators = partial(side_evaluators, quadrature, u, bodies, fluid=fluid)
         d, geometry = quadrature.d, quadrature.geometry
         n = geometry.size(d)
-        self._shape, self._entries = (d, n, n), geometry.entries(d)
+        self.jets = FacetJets(quadrature, u.function_space)
+        self.areas = quadrature.weights * float(geometry.thickness)
+        self._shape, self._entries = (d, n, n), self.jets.entries
         self._quadrature, self._inelastic, self._jump = quadrature, inelastic, jump
         self._evaluate_moduli = evaluators(
             self._shape, lambda body, F, N, a: kinematics.traction_moduli(body, F, N), "H"
@@ -97,7 +104,7 @@ class PointTangent:
             turning: Z, dM/dT and dM/dS where the frame turns; None keeps the frame.
 
         Returns:
-            D (nq, jet, jet), and Tt (nq, d, jet) [MPa and lengths].
+            D dA (nq, jet, jet), and Tt dA (nq, d, jet).
         """
         quadrature, count = self._quadrature, len(self._entries)
         facet, d = quadrature.facet, quadrature.d
@@ -140,7 +147,7 @@ class PointTangent:
             for a in range(2):
                 jump[:, :, sides[a]] = factor @ H[a]
             D -= jump.transpose(0, 2, 1) @ jump
-        return D, traction
+        return tuple(self.areas[:, None, None] * matrices for matrices in (D, traction))
 
     def _geometric_term(self, stabilization: Stabilization, values: PointValues) -> list[Array]:
         """K_a of (85) of both sides (nq, entries, entries) [MPa]."""

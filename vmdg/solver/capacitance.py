@@ -70,7 +70,7 @@ class Capacitance:
         self._problem, self._comm, self._max_direct = problem, problem.comm, max_direct
         active = problem.discretization.active.values()
         self._interfaces = [one for one in active if one.law.inelastic]
-        self._areas = np.concatenate([active.areas for active in self._interfaces])
+        self._areas = np.concatenate([one.point_tangent.areas for one in self._interfaces])
         self._prescribed = problem.loading.owned_prescribed
         with timer("factorize bonded bodies"):
             matrix = problem.discretization.create_matrix()
