@@ -68,6 +68,19 @@ class FacetShapes(NamedTuple):
     values: Array
     points: Array
 
+    def at(self, positions: Array) -> FacetShapes:
+        """The same in the order in which others count the points of a facet.
+
+        DOLFINx since 0.10 turns the points of a facet with its orientation in the mesh.
+
+        Args:
+            positions: X of the points in that order (n, points, d) [mm].
+        """
+        apart = np.linalg.norm(self.points[:, None] - positions[:, :, None], axis=3)
+        order = apart.argmin(axis=2)
+        rows = np.arange(len(order))[:, None]
+        return FacetShapes(*(array[rows, order] for array in self))
+
 
 class ShapeGradients:
     """Gradients of the shape functions where the forms integrate over cells and their facets.

@@ -132,8 +132,14 @@ class CellProblems:
         )
         self._bulk = shapes.in_cells(self._cells)
         self._free = d * (d - 1) // 2 + bodies.mean_dilatation
-        self._facets = shapes.on_facets(cells, local)[:2]
         self._pairs = np.column_stack([cells, local]).astype(np.int32)
+        positions = compile_expression(
+            ufl.SpatialCoordinate(mesh), shapes.facet_points, mesh.comm, name="facet points"
+        )
+        X = compat.evaluate(positions, mesh, self._pairs).reshape(
+            len(cells), len(shapes.facet_points), d
+        )
+        self._facets = shapes.on_facets(cells, local).at(X)[:2]
         self._region = bodies.region[self._cells]
         here = np.unique(self._region)
         # Compiling is collective.

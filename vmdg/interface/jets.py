@@ -61,20 +61,10 @@ class FacetJets:
         points = quadrature.points[quadrature.points_of_facet][..., : self._d]
         sides = []
         for cells, local in zip(self._facets.cells.T, self._facets.local.T, strict=True):
-            found = shapes.on_facets(cells, local)
-            # Each side counts the points of a facet in an order of its own.
-            apart = np.linalg.norm(found.points[:, None] - points[:, :, None], axis=3)
-            order = apart.argmin(axis=2)[:, :, None, None]
-            sides.append(
-                (
-                    np.take_along_axis(found.values, order[..., 0], axis=1),
-                    np.take_along_axis(found.gradients, order, axis=1),
-                )
-            )
+            sides.append(shapes.on_facets(cells, local).at(points))
         # Of the shape functions (nf, points, 2 sides, nodes), and (..., d or d + 1) with N/r last.
-        self._values, self._gradients = (
-            np.stack(both, axis=2) for both in zip(*sides, strict=True)
-        )
+        self._values = np.stack([side.values for side in sides], axis=2)
+        self._gradients = np.stack([side.gradients for side in sides], axis=2)
 
     def displacement(self, rows: slice) -> Block:
         """B of the displacement on some facets."""
