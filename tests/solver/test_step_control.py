@@ -112,7 +112,7 @@ def test_given_history_is_filled(comm):
     assert list(history["load"]) == [0.001, 0.002]
     options = vmdg.SolveOptions(max_iterations=1, max_cuts=0)
     with pytest.raises(vmdg.StepFailure):
-        vmdg.solve(problem, [0.0025, 1.0], options, history=history)
+        vmdg.solve(problem, [0.0025, -100.0], options, history=history)
     assert list(history["load"]) == [0.001, 0.002, 0.0025]
 
 

@@ -98,16 +98,17 @@ class ActiveInterface:
         if self.law.inelastic:
             self.stabilizer.check_softening(stabilization)
             if before is not None:
-                self._follow_penalty(stabilization.norm - before.norm)
+                self._follow_penalty(np.maximum(stabilization.norm - before.norm, 0.0))
 
     def _follow_penalty(self, change: NDArray[np.float64]) -> None:
-        """C of the last return map with another r.
+        """C of the last return map with a larger r.
 
         dT_tr = dT + r d zeta, and d zeta by dT is a matter of the law alone, so that
-        C^-1 - r stays: with C of the old r a point that softens would have no H left.
+        C^-1 - r stays: with C of the old r a point that softens would soften by the change besides.
+        Where r falls that leaves out some of H, which makes the first correction a careful one.
 
         Args:
-            change: Of r (nf,) [MPa/mm].
+            change: By which r has grown (nf,) [MPa/mm].
         """
         if not change.any():
             return

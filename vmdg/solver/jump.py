@@ -55,7 +55,8 @@ def jump(
         back where it was.
     """
     step = stepper.problem.step
-    before, report, ahead = step.snapshot(), StepReport(False, [], ""), None
+    before, scales = step.snapshot(), step.scales
+    report, ahead = StepReport(False, [], ""), None
     drag, steps = FIRST_OVERSTRESS, 0
     while steps < max_steps and drag < MAX_OVERSTRESS:
         start, brakes = step.snapshot(), drag < FIRST_OVERSTRESS
@@ -84,6 +85,7 @@ def jump(
         if report.converged:
             return report, steps
     step.return_to(before)
+    step.scales = scales
     return report.failed(f"JUMP_FAILED after {steps} steps"), steps
 
 
