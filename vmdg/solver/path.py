@@ -286,6 +286,9 @@ class Path:
                 self._lost &= report.unstable
                 break
             self._result.failures.append((end, report.reason))
+            if self._problem.discretization is not before.discretization:
+                # Facets have opened in the attempt: directions belong to one discretization.
+                self.forget()
             cuts += 1
             if cuts > options.max_cuts and report.reason == "UNSTABLE":
                 # Nothing shows the body another way.
