@@ -126,7 +126,10 @@ def test_spin_gradient(d, seed):
     """dW equals central differences of W along a random change, to the same accuracy."""
     rng, F, N = sample(seed, d)
     dF = rng.uniform(-1, 1, size=F.shape)
-    gradient = frame.spin_gradient(F, N, frame.rotation(F, N))
+    R = frame.rotation(F, N)
+    couples = np.eye(3 if d == 3 else 1)
+    rows = [frame.spin_gradient(F, N, R, np.tile(couple, (len(N), 1))) for couple in couples]
+    gradient = np.stack(rows, axis=1)
     h = 1e-5
     ahead, behind = (frame.spin(A, N, frame.rotation(A, N)) for A in (F + h * dF, F - h * dF))
     change = np.einsum("pkabcd,pcd->pkab", gradient, dF)

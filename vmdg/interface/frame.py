@@ -97,21 +97,21 @@ def _solve(inertia: Array, moment: Array) -> Array:
     return np.linalg.solve(inertia, columns).reshape(moment.shape)
 
 
-def spin_gradient(F: Array, N: Array, R: Array) -> Array:
-    """dW_kab/dF_cd, (n, 3 or 1, d, d, d, d).
+def spin_gradient(F: Array, N: Array, R: Array, couple: Array) -> Array:
+    """c_k dW_kab/dF_cd of a couple c (n, 3 or 1), (n, d, d, d, d).
 
     In the plane with s = |F.t0|, t = R.t0 and n = R.N: W = -(n (x) t0)/s, ds = t.dF.t0 and
     dn = -omega t, so dW_ab/dF_cd = (t_a n_c + n_a t_c) t0_b t0_d / s^2 up to the sign of
     omega = W:dF. In space by the chain rule in the parts of :func:`spin`, along the unit changes
-    dF = e_c (x) e_d: dU = R^T.dM - Omega.U, dV = -V.dU.V.
+    dF = e_c (x) e_d: dU = R^T.dM - Omega.U, dV = -V.dU.V, and with w = inertia^-1.c one row of it.
     """
     if N.shape[1] == 2:
         t0 = _quarter_turn(N)
         stretch = np.linalg.norm(np.einsum("pij,pj->pi", F, t0), axis=1)
         t, n = np.einsum("pij,pj->pi", R, t0), np.einsum("pij,pj->pi", R, N)
-        both = np.einsum("pa,pc->pac", t, n) + np.einsum("pa,pc->pac", n, t)
-        square = _outer(t0, t0) / stretch[:, None, None] ** 2
-        return np.einsum("pac,pbd->pabcd", both, square)[:, None]
+        both = _outer(t, n) + _outer(n, t)
+        square = _outer(t0, t0) * (couple[:, 0] / stretch**2)[:, None, None]
+        return np.einsum("pac,pbd->pabcd", both, square)
     points = len(N)
     U, V, inertia, moment = _spin_parts(F, N, R)
     pulled = _solve(inertia, moment)
@@ -124,14 +124,14 @@ def spin_gradient(F: Array, N: Array, R: Array) -> Array:
     dU = dM.reshape(points, 9, 3, 3) - turn @ U[:, None]
     d_inertia = np.trace(dU, axis1=2, axis2=3)[..., None, None] * np.eye(3) - dU
     dV = -V[:, None] @ dU @ V[:, None]
-    d_moment = (_normal_spin(N)[:, None] @ dV)[..., None, :] * N[:, None, None, :, None]
-    right = d_moment - (d_inertia @ pulled.reshape(points, 1, 3, 9)).reshape(d_moment.shape)
-    d_pulled = _solve(inertia, right.transpose(0, 2, 1, 3, 4))
+    w = _solve(inertia, couple[..., None])[:, None, None, :, 0]
+    d_moment = (w @ _normal_spin(N)[:, None] @ dV) * N[:, None, :, None]
+    inertial = (w @ d_inertia)[:, :, 0] @ pulled.reshape(points, 3, 9)
+    d_pulled = d_moment - inertial.reshape(points, 9, 3, 3)
     # W_kgb = pulled_kab R_ga, and dR = R.Omega
-    by_pulled = np.matmul(R[:, None, None], d_pulled)
-    by_turn = np.matmul((R[:, None] @ turn)[:, None], pulled[:, :, None])
-    result = (by_pulled + by_turn).reshape(points, 3, 3, 3, 3, 3)
-    return result.transpose(0, 1, 4, 5, 2, 3)
+    held = np.einsum("pk,pkab->pab", couple, pulled)
+    result = R[:, None] @ (d_pulled + turn @ held[:, None])
+    return result.reshape(points, 3, 3, 3, 3).transpose(0, 3, 4, 1, 2)
 
 
 def cross_matrix(x: Array) -> Array:

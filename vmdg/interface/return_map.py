@@ -179,8 +179,9 @@ class ReturnMap:
         by_gradient = -(halves @ (D @ turn_q @ half)).reshape(-1, d, d, d, d)
         couple = _couple(values.frame_gap, values.frame_traction)
         loaded = np.flatnonzero(np.abs(couple).max(axis=1) > 0)
-        change = frame.spin_gradient(F[loaded], N[loaded], R[loaded])
-        by_gradient[loaded] += np.einsum("pk,pkabcd->pabcd", couple[loaded] / 4, change)
+        by_gradient[loaded] += frame.spin_gradient(
+            F[loaded], N[loaded], R[loaded], couple[loaded] / 4
+        )
         return R @ C @ R.transpose(0, 2, 1), (spin, by_traction, by_gradient)
 
 
