@@ -15,7 +15,7 @@ CELLS = ("triangle", "quadrilateral")
 LOWER_LEFT, UPPER_LEFT, RIGHT, BOTTOM, TOP, INTERFACE, SLIT, CONTACT = 1, 2, 3, 4, 5, 6, 7, 8
 
 _BODIES = {"lower arm": 1, "upper arm": 2}
-_SIDES = {
+SIDES = {
     "lower left": LOWER_LEFT,
     "upper left": UPPER_LEFT,
     "right": RIGHT,
@@ -122,5 +122,5 @@ def _build(gmsh_model, cell, stations, divisions, height, rows, precrack, contac
         if side:
             gmsh_model.addPhysicalGroup(1, side, tag)
     name_groups(gmsh_model, 2, _BODIES)
-    name_groups(gmsh_model, 1, _SIDES)
+    name_groups(gmsh_model, 1, SIDES)
     gmsh_model.mesh.generate(2)

@@ -10,21 +10,21 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import NDArray
 
+from .beams import (
+    BOTTOM,
+    CONTACT,
+    INTERFACE,
+    LOWER_LEFT,
+    RIGHT,
+    SIDES,
+    SLIT,
+    TOP,
+    UPPER_LEFT,
+)
 from .gmsh_model import TaggedMesh, distribute, model, name_groups
 
-#: Facet tags.
-LOWER_LEFT, UPPER_LEFT, RIGHT, BOTTOM, TOP, INTERFACE, SLIT = 1, 2, 3, 4, 5, 6, 7
-
 _BODIES = {"lower plate": 1, "upper plate": 2}
-_SIDES = {
-    "lower left": LOWER_LEFT,
-    "upper left": UPPER_LEFT,
-    "right": RIGHT,
-    "bottom": BOTTOM,
-    "top": TOP,
-    "interface": INTERFACE,
-    "slit": SLIT,
-}
+_SIDES = {name: tag for name, tag in SIDES.items() if tag != CONTACT}
 
 #: Types of elements in gmsh, and their corners in the order of gmsh as steps along the axes.
 _HEXAHEDRON, _QUADRILATERAL = 5, 3

@@ -55,17 +55,17 @@ def test_load_cycle(comm, out):
 
     Equal steps contain the kinks of the law: the trapezoidal work errs by 7e-4 at 200 steps and
     100 times less at 2000 (test_motion lands its steps on the kinks instead). Compressed cells ask
-    for more tau_s during the run, which takes 3e-4 more from what the interface stores.
+    for more tau_s during the run, which takes 3e-4 more from what the interface stores: 300 steps.
     """
     import load_cycle
 
-    history = load_cycle.main(out=str(out))
+    history = load_cycle.main(steps=300, out=str(out))
     comm.barrier()
     assert (out / "load_cycle.png").stat().st_size > 10_000
     assert (np.diff(history["softening"]) >= 0).all()
     assert history["softening"][-1] == load_cycle.LAW.strength
     assert history["friction"][-1] > 0.1
-    assert np.abs(history["imbalance"]).max() < 1.2e-3 * np.abs(history["external"]).max()
+    assert np.abs(history["imbalance"]).max() < 1e-3 * np.abs(history["external"]).max()
 
 
 def test_coercivity(comm, out):

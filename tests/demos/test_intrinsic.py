@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from studies.delamination.beams import open_beam
 from studies.delamination.intrinsic import Bilinear, peer, side_by_side, table
 from studies.delamination.laminate import ALFANO_CRISFIELD
 
 LAW = Bilinear(strength=50.0, energy=0.3, K=1e5)
+one_rank = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="the peer runs on one rank")
 
 
 def test_energy():
@@ -35,6 +37,7 @@ def test_tangent():
         assert (spent[0] - spent[1]) / (2 * step) == pytest.approx(rate[:, axis], abs=1e-5 * 50)
 
 
+@one_rank
 def test_curve():
     """Load at the end within 2% of corrected beam theory, and stiffness that grows with K."""
     bonded, lines = side_by_side(element_size=0.25, stiffnesses=(1e4, 1e6), share=0.1)
@@ -47,6 +50,7 @@ def test_curve():
     assert table(bonded, lines).count("\n") == 4
 
 
+@one_rank
 def test_elastic():
     """A stiff bond before damage: the stiffness of vmdg's tie on a fine mesh."""
     m = ALFANO_CRISFIELD

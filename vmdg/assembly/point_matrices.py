@@ -23,9 +23,11 @@ Field = Callable[[FacetJets, slice], Block]
 _BATCH = 1_000_000
 
 
-def _batches(active: ActiveInterface, columns: int) -> Iterator[slice]:
+def _batches(active: ActiveInterface) -> Iterator[slice]:
+    """Facets that are done at a time, by the size of the B of their displacements."""
+    jets = active.point_tangent.jets
     facets, points = active.quadrature.points_of_facet.shape
-    count = max(_BATCH // (points * active.point_tangent.jets.size * columns), 1)
+    count = max(_BATCH // (points * jets.size * 2 * jets.nodes * active.quadrature.d), 1)
     return (slice(start, start + count) for start in range(0, facets, count))
 
 
@@ -61,10 +63,10 @@ def add_tangent(
         D: With dA, of its points (nq, jet, jet).
         test, trial: The fields of rows and columns.
     """
-    points = active.quadrature.points_of_facet
-    for rows in _batches(active, 2 * active.point_tangent.jets.nodes * active.quadrature.d):
-        right = trial(active.point_tangent.jets, rows)
-        left = right if test is trial else test(active.point_tangent.jets, rows)
+    points, jets = active.quadrature.points_of_facet, active.point_tangent.jets
+    for rows in _batches(active):
+        right = trial(jets, rows)
+        left = right if test is trial else test(jets, rows)
         product = D[points[rows]] @ right.matrix
         # Sums over the points of a facet and its jets in one product.
         B, DB = (part.reshape(len(part), -1, part.shape[3]) for part in (left.matrix, product))
@@ -90,11 +92,11 @@ def jump_matrix(active: ActiveInterface) -> csr_array:
 
 def _point_matrix(active: ActiveInterface, values: Array, side: int | None = None) -> csr_array:
     """Rows of values.j(du), (nq, d, jet); of one side only where it is given."""
-    quadrature, imap = active.quadrature, active.point_tangent.jets.index_map
-    d, N = quadrature.d, imap.size_global * quadrature.d
+    quadrature, jets = active.quadrature, active.point_tangent.jets
+    d, N = quadrature.d, jets.index_map.size_global * quadrature.d
     total = csr_array((len(quadrature.weights) * d, N))
-    for rows in _batches(active, 2 * active.point_tangent.jets.nodes * d):
-        dofs, B = active.point_tangent.jets.displacement(rows)
+    for rows in _batches(active):
+        dofs, B = jets.displacement(rows)
         points = quadrature.points_of_facet[rows]
         data = values[points] @ B
         if side is not None:
@@ -102,7 +104,7 @@ def _point_matrix(active: ActiveInterface, values: Array, side: int | None = Non
             keep = slice(side * half, (side + 1) * half)
             dofs, data = dofs[:, keep], data[..., keep]
         lines = points[..., None] * d + np.arange(d)
-        columns = _global_numbers(imap, dofs, d)[:, None, None]
+        columns = _global_numbers(jets.index_map, dofs, d)[:, None, None]
         where = (np.broadcast_to(a, data.shape).ravel() for a in (lines[..., None], columns))
         total += csr_array((data.ravel(), tuple(where)), shape=total.shape)
     return total

@@ -169,8 +169,7 @@ class RigidFaces:
     @property
     def dofs(self) -> NDArray[np.int32]:
         """Owned dofs (component-wise numbers) of all faces, one after the other."""
-        none = np.zeros(0, dtype=np.int32)
-        return np.concatenate([none, *(face.dofs.ravel() for face in self.faces)])
+        return _dofs(self.faces)
 
     # Motion
 
@@ -200,8 +199,7 @@ class RigidFaces:
     @property
     def led_dofs(self) -> NDArray[np.int32]:
         """Those of :attr:`dofs` of faces of which the displacement of a point is prescribed."""
-        none = np.zeros(0, dtype=np.int32)
-        return np.concatenate([none, *(face.dofs.ravel() for face in self._led)])
+        return _dofs(self._led)
 
     def values(self, t: float) -> Array:
         """Prescribed displacements at load factor ``t``, of one point after the other [mm]."""
@@ -229,6 +227,12 @@ class RigidFaces:
             moving = global_sum(self._comm, self.columns @ forces)
             forces[self.dofs] = 0
             forces += moving @ self.columns
+
+
+def _dofs(faces: list[RigidFace]) -> NDArray[np.int32]:
+    """Of faces, one after the other."""
+    none = np.zeros(0, dtype=np.int32)
+    return np.concatenate([none, *(face.dofs.ravel() for face in faces)])
 
 
 def _motions(components: NDArray[np.intp], d: int, tilts: bool) -> list[int]:

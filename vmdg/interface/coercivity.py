@@ -67,7 +67,7 @@ MARGIN = 0.25
 # no energy, and of the square root of the cell's energy, where rigid motions have none. Both are
 # far above rounding and far below the softest deformation, bending of a cell 1000 times as long as
 # thick and nearly incompressible.
-_REGULAR_MODULI, _REGULAR_CELL = 1e-13, 1e-11
+_REGULAR_MODULI, _REGULAR_CELL = 1e-13, 1e-10
 
 #: Largest gamma: with more a body buckles cell by cell, whatever the interface does.
 _MOST_PRESSED = 0.75

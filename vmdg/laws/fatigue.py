@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -277,14 +277,11 @@ class _Points:
         lower, upper = self.at.g, np.ones_like(start)
         start = np.where(start < 1.0, start, 0.5 * (lower + 1.0))
 
-        def by_rate(g: Array) -> tuple[Array, Array]:
-            worn = self.worn(g, np.zeros(len(g), dtype=bool))
+        def equation(held: bool, g: Array) -> tuple[Array, Array]:
+            worn = self.worn(g, np.full(len(g), held))
             return worn.value, worn.slope
 
-        def by_endurance(g: Array) -> tuple[Array, Array]:
-            worn = self.worn(g, np.ones(len(g), dtype=bool))
-            return worn.value, worn.slope
-
+        by_rate, by_endurance = partial(equation, False), partial(equation, True)
         fails = by_rate(upper)[0] <= 0.0
         g = np.where(fails, 1.0, increasing_root(by_rate, lower, upper, start=start))
         held = by_endurance(g)[0] > 0.0
@@ -300,10 +297,8 @@ class _Points:
     def _spent(self, g: Array, worn: Worn) -> Array:
         """Integral of G_c lambda^2 dd (m,), N/mm: the mean of those at both ends of the step."""
         law, at = self.law, self.at
-        n, s = Scaled(law.in_opening), Scaled(law.in_shear)
-        gap_n = np.maximum(dot(at.gap, at.normal), 0.0)
-        tangential = at.gap - dot(at.gap, at.normal)[:, None] * at.normal
-        y_n, y_t = gap_n / n.scale, np.sqrt(dot(tangential, tangential)) / s.scale
+        y_n, y_t = secant.reduced_gap(law, at)
+        y_n = np.maximum(y_n, 0.0)
         length = np.sqrt(y_n * y_n + y_t * y_t)
         there = (length > 0.0) & (at.g > 0.0)
         some = np.where(there, length, 1.0)

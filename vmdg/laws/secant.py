@@ -235,6 +235,19 @@ def _open(law: RigidLaw, update: Update, at: Start) -> None:
     update.damage_work[rows[some]] = _spent(law, some_of(at, some), g[some], cos, sin)
 
 
+def reduced_gap(law: RigidLaw, at: Start) -> tuple[Array, Array]:
+    """(zeta_N/zeta_n, |zeta_T|/zeta_s) at the start of the step (m,).
+
+    Args:
+        law: Its curves and scales.
+        at: The start.
+    """
+    gap_n = dot(at.gap, at.normal)
+    tangential = at.gap - gap_n[:, None] * at.normal
+    length = np.sqrt(dot(tangential, tangential))
+    return gap_n / Scaled(law.in_opening).scale, length / Scaled(law.in_shear).scale
+
+
 def _spent(law: RigidLaw, at: Start, g: Array, cos: Array, sin: Array) -> Array:
     """Dissipation (m,), N/mm, while K falls: the integral of -dK over K at a fixed direction.
 
@@ -248,9 +261,7 @@ def _spent(law: RigidLaw, at: Start, g: Array, cos: Array, sin: Array) -> Array:
         cos, sin: Of th at the end (m,).
     """
     opening, shear = Scaled(law.in_opening), Scaled(law.in_shear)
-    gap_n = dot(at.gap, at.normal)
-    tangential = at.gap - gap_n[:, None] * at.normal
-    y_n, y_t = gap_n / opening.scale, np.sqrt(dot(tangential, tangential)) / shear.scale
+    y_n, y_t = reduced_gap(law, at)
     delta = np.sqrt(y_n * y_n + y_t * y_t)
     some = np.where(delta > 0.0, delta, 1.0)
     cos_n, sin_n = (np.where(delta > 0.0, a, b) for a, b in ((y_n / some, cos), (y_t / some, sin)))

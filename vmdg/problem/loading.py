@@ -65,16 +65,16 @@ class Ray(NamedTuple):
         """Derivative by the load factor."""
         return (ends[1] - ends[0]) / (self.end - self.start)
 
+    @property
+    def parts(self) -> tuple[tuple[Array, Array], ...]:
+        """All that is linear, at both ends."""
+        return self.prescribed, self.vectors, self.pressures, self.faces
+
     def goes_on(self, other: Ray) -> bool:
         """Whether loads change along another ray as along this one, on this rank."""
         return all(
             _same(self.rate(ends), other.rate(others))
-            for ends, others in (
-                (self.prescribed, other.prescribed),
-                (self.vectors, other.vectors),
-                (self.pressures, other.pressures),
-                (self.faces, other.faces),
-            )
+            for ends, others in zip(self.parts, other.parts, strict=True)
         )
 
 
@@ -457,8 +457,7 @@ class Loading:
         if start == end or self._bodies.eigenstrain_differs(start, end):
             return False
         ray, comm = self._ray_between(start, end), self._mesh.comm
-        ends = ray.prescribed, ray.vectors, ray.pressures, ray.faces
-        changes = any((one != other).any() for one, other in ends)
+        changes = any((one != other).any() for one, other in ray.parts)
         straight = all([self._leads(ray, start + share * (end - start)) for share in PROBES])
         if not global_any(comm, changes) or global_any(comm, not straight):
             return False
@@ -472,12 +471,7 @@ class Loading:
     def _leads(self, ray: Ray, t: float) -> bool:
         """Whether a ray has the loads that were given for a load factor, on this rank."""
         leads = True
-        for pair, at in (
-            (ray.prescribed, self.dirichlet.values),
-            (ray.vectors, self._vector_at),
-            (ray.pressures, self._surface.pressures),
-            (ray.faces, self.rigid.values),
-        ):
+        for pair, at in zip(ray.parts, self._given_parts, strict=True):
             off = np.abs(at(t) - ray.at(pair, t)).max(initial=0.0)
             leads &= bool(off <= STRAIGHT * np.abs(pair).max(initial=0.0))
         return leads
@@ -487,8 +481,12 @@ class Loading:
         self._ray, self._vector = None, None
 
     def _ray_between(self, start: float, end: float) -> Ray:
-        given = self.dirichlet.values, self._vector_at, self._surface.pressures, self.rigid.values
-        return Ray(start, end, *(tuple(at(t) for t in (start, end)) for at in given))
+        return Ray(start, end, *(tuple(at(t) for t in (start, end)) for at in self._given_parts))
+
+    @property
+    def _given_parts(self) -> tuple[Callable[[float], Array], ...]:
+        """What :attr:`Ray.parts` are, as they were given over the load factor."""
+        return self.dirichlet.values, self._vector_at, self._surface.pressures, self.rigid.values
 
     @property
     def t(self) -> float:

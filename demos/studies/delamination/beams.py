@@ -95,10 +95,23 @@ def at(x: float, y: float) -> Callable[[NDArray], NDArray]:
     return lambda points: np.isclose(points[0], x) & np.isclose(points[1], y)
 
 
+def rest(problem: vmdg.Problem, tagged: TaggedMesh, height: float, span: float) -> None:
+    """Support the lower arm at its left end and at ``span``, where nothing moves along."""
+    problem.dirichlet(tagged.facet_tags.find(LOWER_LEFT), 0.0, "y")
+    problem.dirichlet_points(at(span, -height), 0.0, "y")
+    problem.dirichlet_points(at(span, 0.0), 0.0, "x")
+
+
 def node(problem: vmdg.Problem, x: float, y: float) -> NDArray:
     """The owned node of a point, none on other ranks."""
     nodes = fem.locate_dofs_geometrical(problem.space, at(x, y))
     return nodes[nodes < problem.space.dofmap.index_map.size_local]
+
+
+def lift(problem: vmdg.Problem, nodes: NDArray) -> float:
+    """Displacement along y of what :func:`node` gives; collective [mm]."""
+    u = problem.u.x.array.reshape(-1, 2)[:, 1]
+    return float(global_sum(problem.comm, u[nodes].sum()))
 
 
 def open_beam(
@@ -254,9 +267,7 @@ def enf(
             return a
         return brentq(lambda a: compliance(a) * driving(a) - deflection, a, 2 * L)
 
-    problem.dirichlet(facets.find(LOWER_LEFT), 0.0, "y")
-    problem.dirichlet_points(at(2 * L, -m.h), 0.0, "y")
-    problem.dirichlet_points(at(2 * L, 0.0), 0.0, "x")
+    rest(problem, tagged, m.h, 2 * L)
     problem.dirichlet_points(at(L, m.h), lambda t: -t, "y")
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
@@ -323,28 +334,25 @@ def four_point(
     stations = (0.0, 6.0, c - 6, c + 6, a_0 - 4, a_0, a_0 + run + 10, outer - c, outer)
     sizes = element_size * np.array([1, 4, 1, 4, 1, 1, 4, 4])
     tagged = arms(stations, sizes, m.h, rows, a_0, contact=stations[3])
-    problem, facets = build(m, tagged, degree, friction=0.0), tagged.facet_tags
+    problem = build(m, tagged, degree, friction=0.0)
     K, tip = 4 / 3 * math.sqrt(m.b * m.G_II * m.rigidity), 0.42 * m.chi * m.h
 
     def compliance(a: float) -> float:
         parted, whole = (c**3 + 3 * c**2 * (x - c) for x in (a + tip, outer - a - tip))
         return (parted + whole / 4) / (2 * m.rigidity) + 0.3 * c / (m.G12 * m.b * m.h)
 
-    problem.dirichlet(facets.find(LOWER_LEFT), 0.0, "y")
-    problem.dirichlet_points(at(outer, -m.h), 0.0, "y")
-    problem.dirichlet_points(at(outer, 0.0), 0.0, "x")
+    rest(problem, tagged, m.h, outer)
     rollers = c, outer - c
     for x in rollers:
         problem.point_load(at(x, m.h), lambda t: -t / 2, "y")
     heights = [node(problem, x, m.h) for x in rollers]
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
-        u = problem.u.x.array.reshape(-1, 2)[:, 1]
-        w = -sum(global_sum(problem.comm, u[height].sum()) for height in heights) / 2
+        w = -sum(lift(problem, height) for height in heights) / 2
         a = a_0 + problem.energy().damage / (m.G_II * m.b)
         exact = w / compliance(a_0)
         return {
-            "deflection [mm]": float(w),
+            "deflection [mm]": w,
             "crack [mm]": a,
             "force_exact [N]": min(exact, K / c),
         }

@@ -113,7 +113,7 @@ class Interface:
         at = (np.abs(x[:, 1]) < 1e-9) & (x[:, 0] > start - 1e-9)
         rows = []
         cells, dofs = problem.mesh.topology.connectivity(2, 0), problem.space.dofmap.list
-        middle = np.array([x[row].mean(axis=0)[1] for row in dofs[: cells.num_nodes]])
+        middle = x[dofs[: cells.num_nodes], 1].mean(axis=1)
         for side in (middle < 0, middle > 0):
             nodes = np.unique(dofs[side])
             nodes = nodes[at[nodes]]
@@ -364,7 +364,13 @@ class Line:
 
 
 def peer(problem: vmdg.Problem, m: Laminate, start: float, degree: int, K: float) -> Peer:
-    """The peer of a problem of ``beams.open_beam``."""
+    """The peer of a problem of ``beams.open_beam``.
+
+    Raises:
+        RuntimeError: The problem is on several ranks: the peer factorizes on one.
+    """
+    if problem.comm.size > 1:
+        raise RuntimeError("the peer runs on one rank: leave -n out")
     x = problem.space.tabulate_dof_coordinates()
     ends = [np.flatnonzero(at(0.0, sign * m.h)(x.T)) for sign in (-1, 1)]
     right = np.flatnonzero(np.isclose(x[:, 0], x[:, 0].max()))
