@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
-from mpi4py import MPI
 from studies.delamination.beams import open_beam
 from studies.delamination.intrinsic import Bilinear, peer, side_by_side, table
 from studies.delamination.laminate import ALFANO_CRISFIELD
