@@ -49,7 +49,8 @@ def test_snap_back(comm, critical_gap, kinematics):
     assert history["load"][jumped] == pytest.approx(onset, rel=1e-6)
     assert (np.diff(history["load"]) >= 0).all()
     assert set(LOADS) <= set(history["load"])
-    assert (history["gap"][:jumped] == 0).all()
+    # The yield function is zero at the onset but for rounding.
+    assert np.abs(history["gap"][:jumped]).max() < 1e-12 * critical_gap
     assert history["traction"][jumped - 1] == pytest.approx(STRENGTH, rel=1e-6)
     assert np.abs(history["traction"][jumped:]).max() < 1e-6 * STRENGTH
     assert history["gap"][jumped:] == pytest.approx(history["load"][jumped:], abs=1e-9)

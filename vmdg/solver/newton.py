@@ -283,7 +283,8 @@ class Newton:
     def _reaction(self) -> float:
         """Norm of the reactions of the last assembly, those of springs among them [N]."""
         parts = self._problem.discretization
-        held = parts.forces.x.array[: self.owned] - self._free_forces()
+        forces = parts.forces.x.array[: self.owned]
+        held = forces - self._problem.loading.balance(forces.copy())
         return global_norm(self._comm, np.append(held, parts.surface.spring_forces()))
 
     def _free_forces(self) -> Array:
