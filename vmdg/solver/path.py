@@ -407,6 +407,9 @@ class Path:
                     stage.target, stage.span, needed, before=(0.0, t), most=most, start=t
                 )
                 return arrival, ahead
+            if needed < 2 * self._work:
+                # Two equal steps rather than a short one to the target.
+                return Work(stage.target, stage.span, needed / 2, within, kink=True), ahead
         return Work(stage.target, stage.span, self._work, within, kink=cuts == 0), ahead
 
     def _next_work(self, report: StepReport, work: float) -> float:
