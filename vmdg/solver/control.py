@@ -101,6 +101,11 @@ class Control:
         return False
 
     @property
+    def rests(self) -> bool:
+        """Whether the last equilibrium on the way ends the step if none is found further on."""
+        return False
+
+    @property
     def arc(self) -> float | None:
         """Size of the change of displacement that ends the step; None where it does not [mm]."""
         return None
@@ -358,13 +363,20 @@ class Arrival(Work):
     most: float = math.inf
     start: float = 0.0
     kink: bool = True
+    _rests: bool = field(default=False, init=False, repr=False)
+
+    @property
+    def rests(self) -> bool:
+        """Whether the last equilibrium lies before the target."""
+        return self._rests
 
     def met(self, t: float, work: float) -> bool:
         """Whether an equilibrium ends the step; if not, dD is another one."""
         if self.work is None:
             return t == self.target
         left, last = self.target - t, self.before
-        if left * (self.target - self.start) > 0:
+        self._rests = left * (self.target - self.start) > 0
+        if self._rests:
             self.before = work, t
         else:
             self.beyond = work, t

@@ -122,6 +122,7 @@ class Newton:
         self._trace, self._goal = Trace(self.krylov), np.nan
         self._trials, self._corrections, self._tolerance = 0, 0, MAX_RTOL
         self._unstable = False
+        self._rest: Direction | None = None
 
     @property
     def krylov(self) -> int:
@@ -151,7 +152,12 @@ class Newton:
         self._x.array[: self.owned] = problem.u.x.array[: self.owned]
         self._x.array[self.owned :] = self._parameter()
         self._snes.solve(None, self._x)
-        reason, reaction = self._snes.getConvergedReason(), self._reaction()
+        reason = self._snes.getConvergedReason()
+        if reason <= 0 and self._rest is not None:
+            self.go(self._rest, self._rest, 0.0)
+            problem.step.assemble_residual(dt)
+            reason = PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE
+        reaction = self._reaction()
         converged = reason > 0 and bool(np.isfinite(reaction))
         if converged:
             self._criterion.update(reaction=reaction)
@@ -327,6 +333,8 @@ class Newton:
             # At an equilibrium, which may be one on the way.
             if control.met(self._parameter(), step.bond_work()):
                 return reasons.CONVERGED_FNORM_RELATIVE
+            if control.rests:
+                self._rest = self.place()
         self._corrections += 1
         if self._corrections > self._max_iterations + 1:
             return reasons.DIVERGED_MAX_IT
