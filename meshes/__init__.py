@@ -7,10 +7,12 @@ API in ``with model(name) as gmsh_model`` on rank 0 and becomes such a mesh by :
 
 from .beams import beams
 from .discs import core_and_ring
+from .fibre_cell import fibre_cell
 from .fibres import fibre_matrix, random_fibres
 from .files import read_mesh, write_mesh
 from .gmsh_model import TaggedMesh, distribute, model
 from .inclusions import inclusions
+from .packing import pack
 from .plate import tearing
 from .plates import plates
 from .pushout import pushout
@@ -23,9 +25,11 @@ __all__ = [
     "blocks",
     "core_and_ring",
     "distribute",
+    "fibre_cell",
     "fibre_matrix",
     "inclusions",
     "model",
+    "pack",
     "plates",
     "pushout",
     "pushout_section",

@@ -67,7 +67,7 @@ def fibre_matrix(
         if comm.rank == 0:
             boundary = _geometry(gmsh_model, size, radius, centres)
             _sizes(gmsh_model, boundary, fine, element_size, reach)
-            _generate(gmsh_model, cell)
+            generate_cells(gmsh_model, cell)
         return distribute(gmsh_model, comm, 2)
 
 
@@ -173,7 +173,7 @@ def _sizes(gmsh_model, curves, fine, coarse, reach) -> None:
     field.setAsBackgroundMesh(threshold)
 
 
-def _generate(gmsh_model, cell) -> None:
+def generate_cells(gmsh_model, cell) -> None:
     options = {"MeshSizeFromPoints": 0, "MeshSizeFromCurvature": 0, "MeshSizeExtendFromBoundary": 0}
     _set(options | {"Algorithm": 6})
     if cell == "triangle":

@@ -169,6 +169,7 @@ SCENES = {
     "beams": {"divisions": (2, 3)},
     "blocks": {"cell": "hexahedron"},
     "core_and_ring": {"element_size": 0.5},
+    "fibre_cell": {"count": 2, "fraction": 0.3, "shape": "cylinder", "coating": 0.2},
     "fibre_matrix": {"element_size": 0.3},
     "inclusions": {"element_size": 0.2},
     "pushout": {"layers": 1, "around": 4, "fibre_rings": 1, "hole_rings": 1, "matrix_rings": 1},
@@ -180,7 +181,7 @@ SCENES = {
 @pytest.mark.parametrize("scene", SCENES)
 def test_scenes_name_all_their_groups(comm, scene):
     """Every tag of cells and facets of a scene has one name."""
-    tagged = getattr(meshes, scene)(comm, **SCENES[scene])
+    tagged = getattr(meshes, scene)(comm=comm, **SCENES[scene])
     for tags in (tagged.cell_tags, tagged.facet_tags):
         there = np.unique(np.concatenate(comm.allgather(np.unique(tags.values))))
         assert sorted(tags.names.values()) == there.tolist()
