@@ -8,6 +8,7 @@ from .checkpoint.checkpoint import read_checkpoint as read_checkpoint
 from .checkpoint.checkpoint import write_checkpoint as write_checkpoint
 from .domain.tags import NamedTags as NamedTags
 from .domain.tags import split_cells as split_cells
+from .domain.weibull import Weibull as Weibull
 from .forms.laminate import Laminate as Laminate
 from .forms.materials import Hyperelastic as Hyperelastic
 from .forms.materials import Material as Material

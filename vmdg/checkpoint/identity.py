@@ -7,6 +7,7 @@ from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
+from dolfinx.mesh import compute_midpoints
 
 from ..base.parallel import global_sum
 from ..interface.interface import Interface
@@ -43,6 +44,11 @@ def identity(problem: Problem) -> dict[str, Any]:
         count = int(global_sum(mesh.comm, len(problem.step.activation.facets[i].facets)))
         result[f"facets of interface {i}"] = count
         result |= {f"interface {i}: {name}": v for name, v in _options(interface).items()}
+        facets = problem.step.activation.facets[i]
+        x = compute_midpoints(mesh, mesh.topology.dim - 1, facets.facets)
+        for name, values in facets.law.varying.items():
+            moments = np.concatenate([[values.sum(), values @ values], values @ x])
+            result[f"interface {i}: {name} by facet"] = global_sum(mesh.comm, moments).tolist()
     return result
 
 

@@ -49,6 +49,7 @@ class PotentialFacets:
         self.interface = interface
         self.facets = quadrature.facets
         self._quadrature = quadrature
+        self._law = quadrature.facets.law.at(quadrature.facet)
         self._bodies = bodies
         #: Of all facets on this rank [mm2; mm in plane strain].
         self.area = float(quadrature.area.sum())
@@ -80,7 +81,7 @@ class PotentialFacets:
         T -= np.einsum("pij,pj->pi", delta[:, 1], second)
         normal = np.einsum("pi,pi->p", T, q.normal)
         shear = np.linalg.norm(T - normal[:, None] * q.normal, axis=1)
-        ratio = self.interface.law.utilization(normal, shear) / self.interface.activate_at
+        ratio = self._law.utilization(normal, shear) / self.interface.activate_at
         return ratio[q.points_of_facet].max(axis=1, initial=0.0)
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..base.quadrature import facet_degree
 from ..domain.materials import Bodies
 from ..laws import Mode
+from ..laws.base import joined_laws, same_law
 from .facets import InterfaceFacets
 from .fluid import Fluid
 from .history import InterfaceSnapshot, PointHistory, with_rows, works
@@ -37,7 +38,7 @@ class ActiveInterface:
     Attributes:
         interface: As given.
         facets: As given.
-        law: Its law.
+        law: Its law at the points.
         quadrature: Its points.
         turns: Whether the law works in a frame that turns with the interface.
         stabilizer: Derives and scales tau_s.
@@ -55,10 +56,10 @@ class ActiveInterface:
         space = u.function_space
         self.interface = interface
         self.facets = facets
-        self.law = interface.law
         self.quadrature = FacetQuadrature(
             space.mesh, facets, facet_degree(space.ufl_element().degree), bodies.geometry
         )
+        self.law = facets.law.at(self.quadrature.facet)
         self._u, self._bodies = u, bodies
         self.stabilizer = Stabilizer(interface, self.quadrature, u, bodies)
         self._return_map = ReturnMap(interface, self.quadrature, u, bodies)
@@ -274,7 +275,8 @@ def update_points(interfaces: Sequence[ActiveInterface], dt: float, hold: bool =
     for group in _with_equal_laws(interfaces):
         trials = [active.trial() for active in group]
         last = joined([replace(active.values, update=None) for active in group]) if hold else None
-        values = evaluate(group[0].law, joined(trials), dt, last)
+        law = joined_laws([active.law for active in group])
+        values = evaluate(law, joined(trials), dt, last)
         ends = np.cumsum([len(trial.opening) for trial in trials])
         for active, trial, end in zip(group, trials, ends, strict=True):
             alone = len(group) == 1
@@ -285,7 +287,8 @@ def _with_equal_laws(interfaces: Sequence[ActiveInterface]) -> list[list[ActiveI
     groups: list[list[ActiveInterface]] = []
     for active in interfaces:
         for group in groups:
-            if group[0].law == active.law and group[0].turns == active.turns:
+            one = group[0]
+            if same_law(one.interface.law, active.interface.law) and one.turns == active.turns:
                 group.append(active)
                 break
         else:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from dolfinx import la
+from dolfinx import fem, la
 from dolfinx.mesh import GhostMode, Mesh, compute_midpoints, locate_entities
 from numpy.typing import NDArray
 
@@ -21,6 +22,7 @@ from ..domain.topology import (
     mark_everywhere,
     refuse_facets,
 )
+from ..laws import Law
 from .interface import Interface
 
 
@@ -35,6 +37,7 @@ class InterfaceFacets:
         tags: Cell tags of the two sides, (nf, 2).
         everywhere: The same interface with the facets of other ranks known here (ghosts).
         damage: Of the bond at the start (nf,), 1 where it is gone.
+        law: On these facets: parameters that vary are arrays (nf,).
     """
 
     facets: NDArray[np.int32]
@@ -43,6 +46,7 @@ class InterfaceFacets:
     tags: NDArray[np.int32]
     everywhere: NDArray[np.int32]
     damage: NDArray[np.float64]
+    law: Law
 
     def among(self, mark: NDArray[np.bool_]) -> InterfaceFacets:
         """The facets that are marked, ``mark`` given for all local facets of the mesh."""
@@ -54,6 +58,7 @@ class InterfaceFacets:
             self.tags[keep],
             self.everywhere[mark[self.everywhere]],
             self.damage[keep],
+            self.law.at(keep),
         )
 
     def rows(self, select: NDArray[np.bool_]) -> NDArray[np.int32]:
@@ -105,8 +110,8 @@ def find_facets(
         names: Tag by name of the groups of cells.
 
     Raises:
-        ValueError: a facet is not interior, a tag is unknown, nothing is selected, or a function
-            gives no initial damage.
+        ValueError: a facet is not interior, a tag is unknown, nothing is selected, or the initial
+            damage or a parameter of the law has no value, or one out of range, on a facet.
     """
     comm = mesh.comm
     fdim = mesh.topology.dim - 1
@@ -141,8 +146,9 @@ def find_facets(
     cells = pairs[facets]
     cells = np.where(_reversed(mesh, cell_tags, cells, inside)[:, None], cells[:, ::-1], cells)
     local = np.column_stack([local_facets(mesh, cells[:, a], facets) for a in range(2)])
-    damage = _initial_damage(mesh, interface, facets)
-    return InterfaceFacets(facets, cells, local, cell_tags[cells], everywhere, damage)
+    damage = _initial_damage(mesh, interface, facets, cells)
+    law = _law_on(mesh, interface, facets, cells)
+    return InterfaceFacets(facets, cells, local, cell_tags[cells], everywhere, damage, law)
 
 
 def _why_empty(interface: Interface) -> str:
@@ -175,36 +181,125 @@ def _given_facets(
 
 
 def _initial_damage(
-    mesh: Mesh, interface: Interface, facets: NDArray[np.int32]
+    mesh: Mesh, interface: Interface, facets: NDArray[np.int32], cells: NDArray[np.int32]
 ) -> NDArray[np.float64]:
     """Damage of the bond on owned facets at the start (nf,); collective.
 
     Raises:
-        ValueError: a function does not give one number from 0 to 1 a point.
+        ValueError: there is not one number from 0 to 1 a facet.
     """
-    given, fdim = interface.initial_damage, mesh.topology.dim - 1
-    if given is None:
+    if interface.initial_damage is None:
         return np.zeros(len(facets))
+    given, what = interface.initial_damage, "initial_damage"
+    values = facet_values(mesh, interface, given, facets, cells, what)
+    message = None
+    if not ((values >= 0) & (values <= 1)).all():
+        message = (
+            f"{interface}: {what} gives values from {values.min():g} to {values.max():g} on "
+            "its facets; it must give a number from 0 to 1 for each, for example lambda x: "
+            "np.where(x[0] < 30, 1.0, 0.0)"
+        )
+    raise_together(mesh.comm, message)
+    return values
+
+
+def _law_on(
+    mesh: Mesh, interface: Interface, facets: NDArray[np.int32], cells: NDArray[np.int32]
+) -> Law:
+    """The law on owned facets; collective.
+
+    Raises:
+        ValueError: a parameter has no value on a facet, or one out of range.
+    """
+    law = interface.law
+    values = {
+        name: facet_values(mesh, interface, given, facets, cells, f"{name} of the law")
+        for name, given in law.varying.items()
+    }
+    message = None
+    try:
+        law = law.with_values(values)
+    except ValueError:
+        message = _why_refused(mesh, interface, values, facets)
+    raise_together(mesh.comm, message)
+    return law
+
+
+def _why_refused(
+    mesh: Mesh,
+    interface: Interface,
+    values: Mapping[str, NDArray[np.float64]],
+    facets: NDArray[np.int32],
+) -> str | None:
+    """What is wrong on the first facet on which the law is refused."""
+    for f, facet in enumerate(facets):
+        try:
+            interface.law.with_values({name: float(array[f]) for name, array in values.items()})
+        except ValueError as error:
+            x = compute_midpoints(mesh, mesh.topology.dim - 1, facets[f : f + 1])[0]
+            where = ", ".join(f"{a:.6g}" for a in x)
+            return f"{interface}: facet {facet} with its midpoint at ({where}): {error}"
+    return None
+
+
+def facet_values(
+    mesh: Mesh,
+    interface: Interface,
+    given: Any,
+    facets: NDArray[np.int32],
+    cells: NDArray[np.int32],
+    what: str,
+) -> NDArray[np.float64]:
+    """What a user gives on the facets of an interface (nf,); collective.
+
+    Args:
+        mesh: The mesh.
+        interface: The user's description.
+        given: A number, an array like ``interface.facets``, f(x) of midpoints x (3, n) [mm], or a
+            scalar Function on the mesh: the mean of both sides at the midpoints.
+        facets: Owned facets (nf,).
+        cells: Their cells (nf, 2).
+        what: Its name, for messages.
+
+    Raises:
+        ValueError: there is not one finite number a facet.
+    """
+    fdim = mesh.topology.dim - 1
     if not callable(given):
         if np.ndim(given) == 0:
-            return np.full(len(facets), given)
+            return np.full(len(facets), given, dtype=float)
         # A facet may be given on other ranks than its owner, and on several.
         sums, counts = (la.vector(mesh.topology.index_map(fdim)) for _ in range(2))
         for vector, values in ((sums, given), (counts, 1.0)):
             vector.array[interface.facets] = values
             vector.scatter_reverse(la.InsertMode.add)
         return sums.array[facets] / counts.array[facets]
-    values = np.asarray(given(compute_midpoints(mesh, fdim, facets).T), dtype=float)
-    message = None
-    if values.shape != facets.shape or not ((values >= 0) & (values <= 1)).all():
+    x, message, values = compute_midpoints(mesh, fdim, facets), None, np.zeros(len(facets))
+    try:
+        found = _at_midpoints(mesh, given, x, cells)
+        if found.shape not in ((), values.shape) or not np.isfinite(found).all():
+            raise ValueError(f"it gives values of shape {found.shape}, or not finite")
+        values[:] = found
+    except Exception as error:  # of a user's function, which may do anything
         message = (
-            f"{interface}: initial_damage gives values of shape {values.shape} from "
-            f"{values.min(initial=np.inf):g} to {values.max(initial=-np.inf):g} at the midpoints "
-            f"(3, {len(facets)}) of its facets; it must give a number from 0 to 1 for each, for "
-            "example lambda x: np.where(x[0] < 30, 1.0, 0.0)"
+            f"{interface}: {what} must give one finite number for each of the midpoints x (3, "
+            f"{len(facets)}) of its facets [mm], or be a scalar Function on the mesh: {error}"
         )
     raise_together(mesh.comm, message)
     return values
+
+
+def _at_midpoints(
+    mesh: Mesh, given: Any, x: NDArray[np.float64], cells: NDArray[np.int32]
+) -> NDArray[np.float64]:
+    if not isinstance(given, fem.Function):
+        return np.asarray(given(x.T), dtype=float)
+    if given.function_space.mesh is not mesh or given.ufl_shape != ():
+        raise ValueError("it must be a scalar Function on the mesh of the problem")
+    if not len(x):
+        return np.zeros(0)
+    sides = [given.eval(x, np.ascontiguousarray(side)).reshape(len(x)) for side in cells.T]
+    return (sides[0] + sides[1]) / 2
 
 
 def _reversed(

@@ -91,7 +91,7 @@ def works(before: PointHistory, update: Update, law: Law, N: Array, r: Array) ->
         r: Penalty (nq,) [MPa/mm].
     """
     works = np.array([update.damage_work, update.friction_work, update.viscous_work])
-    if law.friction > 0:
+    if np.any(np.greater(law.friction, 0.0)):
         between = _friction_between(before, update, law, N, r)
         works[1] = np.maximum(works[1] + between, 0.0)
     if law.viscosity > 0:
@@ -130,12 +130,12 @@ def _friction_between(before: PointHistory, update: Update, law: Law, N: Array, 
     # A point that its bond held at first slides in a part of the step only.
     slid = (before.mode == Mode.FRICTION) | (before.softening >= law.strength)
     slips = (update.mode == Mode.FRICTION) & slid | (update.mode == Mode.SHEAR) & (rubs < 1.0)
-    work = slips * law.friction * (first - last) * update.multiplier / 2
+    work = slips * (first - last) * update.multiplier / 2
     lifts = (before.mode == Mode.FRICTION) & (update.mode == Mode.OPEN) & (first > 0)
     change = (update.gap - before.gap)[lifts]
     opening = np.einsum("pi,pi->p", change, N[lifts])
     slip = np.linalg.norm(change - opening[:, None] * N[lifts], axis=1)
     pressure = first[lifts]
     share = pressure / (pressure + r[lifts] * np.maximum(opening, 0.0))
-    work[lifts] = law.friction * pressure * share * slip / 2
-    return rubs * work
+    work[lifts] = pressure * share * slip / 2
+    return law.friction * rubs * work

@@ -80,9 +80,11 @@ class Interface:
         stabilization: ``f(tau1, tau2, context) -> (tau_s (nf, d, d), delta1 (nf, d, d))``
             replaces (21)-(25), for research and tests; ``safety`` does not apply to its result.
         initial_damage: Q/strength at the start, from 0 to 1: a crack that is there already, which
-            touches and rubs, is 1. A number, one for every facet of ``facets``, or f(x) of the
-            midpoints x (3, n) of the facets [mm]. It is not counted as work. Facets that open on
-            demand are open from the start where they are damaged. None for an intact bond.
+            touches and rubs, is 1. A number, one for every facet of ``facets``, f(x) of the
+            midpoints x (3, n) of the facets [mm], or a Function, whose mean of both sides at the
+            midpoint counts. Parameters of the law that vary are given so too. It is not counted as
+            work. Facets that open on demand are open from the start where they are damaged. None
+            for an intact bond.
         name: By which a problem, its files and its pictures call the interface; None for
             "interface_0" by its number in the problem.
 
@@ -152,6 +154,9 @@ class Interface:
                 "whose file has that name"
             )
         damage = _checked_damage(initial_damage, facets, law)
+        for parameter, value in law.varying.items():
+            if not callable(value):
+                _check_one_a_facet(value, facets, f"{parameter} of the law")
         indices = facets is not None and not callable(facets)
         self.facets = np.asarray(facets, dtype=np.int32) if indices else facets
         self.between = between
@@ -200,7 +205,7 @@ def _checked_damage(given: Any, facets: Any, law: Law) -> float | NDArray | Leve
     """
     if given is None:
         return None
-    if not (law.inelastic and law.strength > 0):
+    if not law.has_bond:
         raise ValueError(
             f"Interface: initial_damage has no meaning for {law}, which has no bond to damage; "
             "leave it out, or give a law with a strength"
@@ -212,12 +217,21 @@ def _checked_damage(given: Any, facets: Any, law: Law) -> float | NDArray | Leve
         raise ValueError(f"Interface: initial_damage = {given} must lie in [0, 1]")
     if values.ndim == 0:
         return float(values)
+    _check_one_a_facet(values, facets, "initial_damage")
+    return values
+
+
+def _check_one_a_facet(values: NDArray, facets: Any, what: str) -> None:
+    """Refuse an array that does not belong to given facets.
+
+    Raises:
+        ValueError: it has another shape, or there is no such list of facets.
+    """
     if facets is None or callable(facets) or values.shape != np.shape(facets):
         raise ValueError(
-            f"Interface: initial_damage has shape {values.shape}; an array has one value for every "
+            f"Interface: {what} has shape {values.shape}; an array has one value for every "
             "facet of facets=, elsewhere give a number or a function of points x (3, n)"
         )
-    return values
 
 
 #: How users name one of a problem's interfaces: by its number, by its name, or itself.

@@ -235,7 +235,7 @@ class Stabilizer:
         """
         if not self.automatic:
             return derived
-        least = np.maximum(floor, GOOD_RATIO * self.interface.law.softening_modulus)
+        least = np.maximum(floor, GOOD_RATIO * self.facets.law.softening_modulus)
         return derived.scaled(np.maximum(factor * derived.norm, least))
 
     def suffices(
@@ -262,8 +262,9 @@ class Stabilizer:
             ValueError: r <= H on a facet: the softening is too steep for the mesh.
         """
         comm = self._quadrature.mesh.comm
-        r, H = stabilization.norm, self.interface.law.softening_modulus
-        bad = np.flatnonzero(~self.interface.law.admissible(r))
+        r, law = stabilization.norm, self.facets.law
+        H = np.broadcast_to(law.softening_modulus, r.shape)
+        bad = np.flatnonzero(~law.admissible(r))
         message = None
         worst = -global_max(comm, -r[bad].min(initial=np.inf))
         if len(bad) and r[bad].min() == worst:
@@ -271,11 +272,11 @@ class Stabilizer:
             size = self._quadrature.extent[f]
             message = (
                 f"{self.interface}: facet {self.facets.facets[f]} has r = |tau_s| = {r[f]:.6g} "
-                f"MPa/mm, not above the softening modulus H = {H:.6g} MPa/mm: the bond would "
+                f"MPa/mm, not above the softening modulus H = {H[f]:.6g} MPa/mm: the bond would "
                 f"break faster than the element can unload. Refine the facet from {size:.3g} to "
-                f"below {size * r[f] / H:.3g} mm, or raise the critical gap"
+                f"below {size * r[f] / H[f]:.3g} mm, or raise the critical gap"
             )
-            if H > SUSPICIOUS_RATIO * r[f]:
+            if H[f] > SUSPICIOUS_RATIO * r[f]:
                 message += SAME_UNITS
         raise_together(comm, message)
 

@@ -8,16 +8,21 @@ zeta_{n+1} with T = T_tr - r (zeta_{n+1} - zeta_n).
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, fields, replace
 from enum import IntEnum
 from numbers import Real
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+
+#: A number, one number for every facet or point, or f(x) of the midpoints x (3, n) of facets.
+Parameter = float | ArrayLike | Callable[[Array], ArrayLike]
 
 
 class Mode(IntEnum):
@@ -91,12 +96,16 @@ class Law(ABC):
     A new law is one class. With one softening curve for all directions derive from `RadialLaw`;
     with another yield surface from `ExtrinsicLaw`; with a law of its own kind from this class,
     whose contract is `return_map` (or `_advance`, for arguments in order) and the attributes below.
+
+    Strengths, energies, gaps and friction may vary along an interface. What calls a law resolves
+    functions (`with_values`) and takes it at its points (`at`), where such a parameter is an array
+    (n,), so that methods must be written for either. Other parameters are one number.
     """
 
     inelastic: bool = True  #: False: a tie, no history is kept and `return_map` is never needed
     fatigues: bool = False  #: whether cycles wear it; `return_map` then has `cycles` after dt
-    strength: float  #: traction at which damage starts in pure opening, MPa
-    friction: float = 0.0  #: Coulomb coefficient mu
+    strength: Parameter  #: traction at which damage starts in pure opening, MPa
+    friction: Parameter = 0.0  #: Coulomb coefficient mu
     viscosity: float = 0.0  #: overstress per opening rate, MPa s/mm
 
     @property
@@ -110,7 +119,48 @@ class Law(ABC):
     @property
     def symmetric(self) -> bool:
         """Whether the tangent is symmetric in every branch."""
-        return self.friction == 0.0
+        return is_number(self.friction, 0.0)
+
+    @property
+    def has_bond(self) -> bool:
+        """Whether there is a bond that can fail: neither in a tie nor in contact alone."""
+        return self.inelastic and not is_number(self.strength, 0.0)
+
+    @property
+    def varying(self) -> dict[str, Any]:
+        """Parameters that vary along an interface, by name: functions, or arrays (n,)."""
+        given = vars(self)
+        return {
+            name: given[name]
+            for name in VARYING
+            if name in given and not isinstance(given[name], Real)
+        }
+
+    @property
+    def resolved(self) -> bool:
+        """Whether no parameter is a function, whose values are known on an interface only."""
+        return not any(callable(value) for value in self.varying.values())
+
+    def with_values(self, values: Mapping[str, Array]) -> Law:
+        """The law with arrays (n,) in place of parameters that vary.
+
+        Args:
+            values: By name of the parameter.
+
+        Raises:
+            ValueError: a value is out of range.
+        """
+        return replace(self, **values) if values else self
+
+    def at(self, rows: NDArray | slice) -> Law:
+        """The law at some of its points; itself where no parameter varies.
+
+        Args:
+            rows: Numbers of points, as often as wanted, or marks.
+        """
+        if not self.varying:
+            return self
+        return _with(self, {name: array[rows] for name, array in _at_points(self).items()})
 
     # Tiny strengths and far tails of exponentials underflow to zero, which is what is meant.
     @np.errstate(under="ignore")
@@ -214,13 +264,20 @@ class Law(ABC):
             raise ValueError(
                 f"penalty has shape {penalty.shape}: it must be () or {softening.shape}"
             )
+        for name, value in self.varying.items():
+            if callable(value) or value.shape != softening.shape:
+                raise ValueError(
+                    f"{name} varies: at {len(softening)} points it must be one number or "
+                    f"{len(softening)}, law.with_values({{{name!r}: array}}) gives them"
+                )
         penalty = np.broadcast_to(penalty, softening.shape)
         admissible = self.admissible(penalty)
         if not admissible.all():
             worst = int(np.argmin(admissible))
+            H = np.broadcast_to(self.softening_modulus, softening.shape)[worst]
             raise ValueError(
                 f"penalty r = {penalty[worst]:.6g} MPa/mm at point {worst} does not exceed the "
-                f"softening modulus H = {self.softening_modulus:.6g} MPa/mm: the step would not "
+                f"softening modulus H = {H:.6g} MPa/mm: the step would not "
                 "have one solution only. Use smaller elements at the interface (r grows as 1/h), "
                 "or a tougher or weaker bond (smaller H)"
             )
@@ -241,6 +298,9 @@ _POSITIVE = {
     "shear_weight": "use 1 for equal weights",
 }
 
+#: Parameters that may vary along an interface.
+VARYING = (*_POSITIVE, "friction", "plateau_gap")
+
 #: What the gap of a rigid bond does when the traction falls.
 UNLOADINGS = ("plastic", "secant")
 
@@ -253,25 +313,17 @@ _NOT_NEGATIVE = {
 
 
 def check_parameters(law: Law) -> None:
-    """Refuse the first parameter of a data class that is no number or out of range.
+    """Refuse the first parameter of a data class that is of a wrong kind or out of range.
+
+    Arrays are copied and cannot be written to afterwards; functions pass.
 
     Raises:
-        TypeError: it is an array, a function or an expression.
+        TypeError: it is neither a number, nor, where it may vary, an array (n,) or a function.
         ValueError: it is out of range.
     """
     for name in (field.name for field in fields(law)):
-        value = getattr(law, name)
-        if name in _POSITIVE | _NOT_NEGATIVE and not isinstance(value, Real):
-            raise TypeError(
-                f"{name} = {value!r}: must be one number; where it varies along an interface give "
-                "parts of it laws of their own, Interface(facets=...) for each"
-            )
-        if name in _POSITIVE and not 0.0 < value < math.inf:
-            raise ValueError(f"{name} = {value}: must be positive and finite; {_POSITIVE[name]}")
-        if name in _NOT_NEGATIVE and not 0.0 <= value < math.inf:
-            raise ValueError(
-                f"{name} = {value}: must be zero or positive and finite; {_NOT_NEGATIVE[name]}"
-            )
+        if name in _POSITIVE | _NOT_NEGATIVE:
+            _check_parameter(law, name, getattr(law, name))
     unloading = getattr(law, "unloading", "plastic")
     if unloading not in UNLOADINGS:
         raise ValueError(f"unloading = {unloading!r}: must be one of {UNLOADINGS}")
@@ -283,11 +335,81 @@ def check_parameters(law: Law) -> None:
             'gradual_friction = False: with unloading="secant" the bond is a spring and friction '
             "acts beside it, on the share that has parted; leave it None"
         )
-    if unloading == "secant" and law.viscosity > 0.0:
+    viscosity = law.viscosity
+    if unloading == "secant" and viscosity > 0.0:
         raise ValueError(
             f'viscosity = {law.viscosity}: a law with unloading="secant" does not depend on the '
             'rate; use viscosity=0, or unloading="plastic"'
         )
+
+
+def _check_parameter(law: Law, name: str, value: Any) -> None:
+    """Of `check_parameters`, one of them."""
+    if not isinstance(value, Real):
+        if name not in VARYING:
+            raise TypeError(
+                f"{name} = {value!r}: must be one number; where it varies along an interface give "
+                "parts of it laws of their own, Interface(facets=...) for each"
+            )
+        if callable(value):
+            return
+        try:
+            value = np.array(value, dtype=float)
+        except (TypeError, ValueError):
+            value = np.zeros(())
+        if value.ndim != 1:
+            raise TypeError(
+                f"{name} = {getattr(law, name)!r}: must be one number, an array with a number for "
+                "every facet of Interface(facets=...), or f(x) of midpoints x (3, n) of facets"
+            )
+        value.flags.writeable = False
+        object.__setattr__(law, name, value)
+    values, positive = np.atleast_1d(value), name in _POSITIVE
+    bad = ~(np.isfinite(values) & ((values > 0.0) if positive else (values >= 0.0)))
+    if bad.any():
+        wanted = "positive" if positive else "zero or positive"
+        remedy = (_POSITIVE if positive else _NOT_NEGATIVE)[name]
+        raise ValueError(f"{name} = {values[bad][0]}: must be {wanted} and finite; {remedy}")
+
+
+def is_number(value: Any, number: float) -> bool:
+    """Whether a parameter is this number and does not vary."""
+    return isinstance(value, Real) and value == number
+
+
+def same_law(a: Law, b: Law) -> bool:
+    """Whether two laws are equal, functions and arrays among their parameters too."""
+    if a is b or type(a) is not type(b):
+        return a is b
+    if not (a.varying or b.varying):
+        return a == b
+    pairs = ((getattr(a, field.name), getattr(b, field.name)) for field in fields(a))
+    return all(x is y or (not callable(x) and np.array_equal(x, y)) for x, y in pairs)
+
+
+def joined_laws(laws: Sequence[Law]) -> Law:
+    """Equal laws at the points of several interfaces, as one law at all of them."""
+    if len(laws) == 1 or not laws[0].varying:
+        return laws[0]
+    names = _at_points(laws[0])
+    shared = [name for name in names if all(name in _at_points(law) for law in laws)]
+    return _with(laws[0], {n: np.concatenate([vars(law)[n] for law in laws]) for n in shared})
+
+
+def _at_points(law: Law) -> dict[str, Array]:
+    """Parameters that vary, and what has been found from them and kept, by name (n,)."""
+    counts = [value.shape for value in law.varying.values()]
+    arrays = {k: v for k, v in vars(law).items() if isinstance(v, np.ndarray)}
+    return {name: array for name, array in arrays.items() if array.shape in counts}
+
+
+def _with(law: Law, arrays: Mapping[str, Array]) -> Law:
+    """A law with other arrays, known to be in range; what else it has kept is found anew."""
+    result = copy(law)
+    parameters = {field.name for field in fields(law)}
+    vars(result).clear()
+    vars(result).update({k: v for k, v in vars(law).items() if k in parameters} | dict(arrays))
+    return result
 
 
 def dot(a: Array, b: Array) -> Array:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .base import Array, check_parameters
+from .base import Array, Parameter, check_parameters
 from .extrinsic import RadialLaw
 
 
@@ -24,7 +24,7 @@ class Contact(RadialLaw):
         ValueError: the coefficient is out of range.
     """
 
-    friction: float = 0.0
+    friction: Parameter = 0.0
     strength = 0.0
 
     def __post_init__(self) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .base import Array, check_parameters
+from .base import Array, Parameter, check_parameters
 from .extrinsic import RadialLaw
 
 
@@ -38,6 +38,9 @@ class Debonding(RadialLaw):
     under pressure the share Q/P_c of a point rubs while the rest holds (module `secant`). It does
     not depend on the rate.
 
+    Strength, critical gap and friction may vary along an interface: arrays, one number for every
+    facet of `Interface(facets=...)`, or f(x) of the midpoints x (3, n) of facets.
+
     Attributes:
         strength: P_c, MPa.
         critical_gap: zeta_c, mm, at which the bond is gone.
@@ -51,9 +54,9 @@ class Debonding(RadialLaw):
         ValueError: a parameter is out of range.
     """
 
-    strength: float
-    critical_gap: float
-    friction: float = 0.0
+    strength: Parameter
+    critical_gap: Parameter
+    friction: Parameter = 0.0
     viscosity: float = 0.0
     unloading: str = field(default="plastic", kw_only=True)
     gradual_friction: bool | None = field(default=None, kw_only=True)

@@ -11,10 +11,12 @@ from .base import (
     Array,
     Law,
     Mode,
+    Parameter,
     Update,
     add_to_diagonal,
     check_parameters,
     dot,
+    is_number,
     outer,
 )
 from .extrinsic import RadialLaw
@@ -44,9 +46,9 @@ class ExponentialDebonding(RadialLaw):
         ValueError: a parameter is out of range.
     """
 
-    strength: float
-    fracture_energy: float
-    friction: float = 0.0
+    strength: Parameter
+    fracture_energy: Parameter
+    friction: Parameter = 0.0
     viscosity: float = 0.0
     unloading: str = field(default="plastic", kw_only=True)
     gradual_friction: bool | None = field(default=None, kw_only=True)
@@ -84,12 +86,9 @@ class ExponentialDebonding(RadialLaw):
     def slip_to(self, resistance: Array, target: Array) -> Array:
         """x = scale ln(R_n/R), infinite for R = 0."""
         target = np.maximum(target, 0.0)
-        x = np.zeros_like(resistance)
-        softens = resistance > target
-        x[softens] = np.inf
-        finite = softens & (target > 0.0)
-        x[finite] = self.gap_scale * np.log(resistance[finite] / target[finite])
-        return x
+        softens, some = resistance > target, target > 0.0
+        fall = np.divide(resistance, target, out=np.ones_like(target), where=softens & some)
+        return np.where(softens & ~some, np.inf, self.gap_scale * np.log(fall))
 
     def bond_energy(self, resistance: Array) -> Array:
         """R scale, N/mm."""
@@ -143,9 +142,9 @@ class IntrinsicExponential(Law):
         ValueError: a parameter is out of range.
     """
 
-    strength: float
-    fracture_energy: float
-    shear_weight: float = 2.0
+    strength: Parameter
+    fracture_energy: Parameter
+    shear_weight: Parameter = 2.0
     viscosity: float = 0.0
 
     def __post_init__(self) -> None:
@@ -169,7 +168,7 @@ class IntrinsicExponential(Law):
     @property
     def symmetric(self) -> bool:
         """Only with equal weights: T has no potential in zeta otherwise while damage grows."""
-        return self.shear_weight == 1.0
+        return is_number(self.shear_weight, 1.0)
 
     def stored_energy(self, gap: Array, normal: Array, softening: Array) -> Array:
         """K (1 - d) |zeta|^2/2 (n,), N/mm."""
@@ -197,15 +196,17 @@ class IntrinsicExponential(Law):
         # exp(-y) < 1 - d_n, written so that the first small openings are not lost in round-off
         growing = -np.expm1(-y) > softening / self.strength
         rows = np.flatnonzero(growing)
-        y_n = self._opening_of(integrity_n[rows])
-        limit = 0.5 * (r[rows] / self.softening_modulus - 1.0)
-        y[rows] = self._grown_opening(load[rows], r[rows], y_n, eta, limit)
+        part = self.at(rows)
+        y_n = part._opening_of(integrity_n[rows])
+        limit = 0.5 * (r[rows] / part.softening_modulus - 1.0)
+        y[rows] = part._grown_opening(load[rows], r[rows], y_n, eta, limit)
         decay = np.exp(-y[rows])
         integrity = integrity_n.copy()
         integrity[rows] = np.minimum(decay, integrity_n[rows])
         # V = drag zeta, and the change of drag with y
-        share = np.minimum(eta * (1.0 - y_n / y[rows]), limit * stiffness)
-        share_slope = np.where(share < limit * stiffness, eta * y_n / y[rows] ** 2, 0.0)
+        most = limit * part.stiffness
+        share = np.minimum(eta * (1.0 - y_n / y[rows]), most)
+        share_slope = np.where(share < most, eta * y_n / y[rows] ** 2, 0.0)
         drag, drag_slope = decay * share, decay * (share_slope - share)
 
         bonded = stiffness * integrity
@@ -214,7 +215,7 @@ class IntrinsicExponential(Law):
         new_gap = b / secant[:, None]
         update = Update.elastic(trial, new_gap, softening)
         update.traction[:] = contact + bonded[:, None] * new_gap
-        update.softening[rows] = np.maximum(softening[rows], -self.strength * np.expm1(-y[rows]))
+        update.softening[rows] = np.maximum(softening[rows], -part.strength * np.expm1(-y[rows]))
         step = new_gap[rows] - gap[rows]
         update.multiplier[rows] = np.sqrt(dot(step, step))
 
@@ -223,8 +224,9 @@ class IntrinsicExponential(Law):
         add_to_diagonal(update.tangent, 1.0 / secant)
         held = normal[pressed]
         update.tangent[pressed] -= outer(held / secant[pressed, None], held)
-        steepening = stiffness * decay - drag_slope
-        slope = r[rows] + stiffness * decay * (1.0 - y[rows]) + (drag + y[rows] * drag_slope)
+        elastic, scale = part.stiffness * decay, part.gap_scale
+        steepening = elastic - drag_slope
+        slope = r[rows] + elastic * (1.0 - y[rows]) + (drag + y[rows] * drag_slope)
         growth = steepening / (scale * secant[rows] ** 2 * slope * delta_b[rows])
         update.tangent[rows] += outer(growth[:, None] * b[rows], weighted[rows])
 
@@ -232,16 +234,16 @@ class IntrinsicExponential(Law):
         update.mode[(integrity_n == 0.0) & ~pressed] = Mode.OPEN
         # |zeta| = ray delta along the ray of b
         ray2 = dot(b[rows], b[rows]) / delta_b[rows] ** 2
-        spent = self._undissipated(integrity_n[rows]) - self._undissipated(integrity[rows])
-        ray2_n = self._squared_ray(gap[rows], normal[rows], otherwise=ray2)
+        spent = part._undissipated(integrity_n[rows]) - part._undissipated(integrity[rows])
+        ray2_n = part._squared_ray(gap[rows], normal[rows], otherwise=ray2)
         update.damage_work[rows] = np.maximum((ray2_n + ray2) / 2 * spent, 0.0)
         update.viscous_work[rows] = drag * ray2 * scale**2 * y[rows] * (y[rows] - y_n)
         return update
 
     def _weighted(self, gap: Array, normal: Array) -> Array:
         """(N (x) N + beta^2 (I - N (x) N)) zeta (n, d)."""
-        weight = self.shear_weight**2
-        return weight * gap + ((1.0 - weight) * dot(gap, normal))[:, None] * normal
+        weight = np.broadcast_to(np.square(self.shear_weight), len(gap))
+        return weight[:, None] * gap + ((1.0 - weight) * dot(gap, normal))[:, None] * normal
 
     def _squared_ray(self, gap: Array, normal: Array, otherwise: Array) -> Array:
         """|zeta|^2/delta^2 (n,), another value where there is no gap."""

@@ -140,13 +140,14 @@ class ExtrinsicLaw(Law):
         closing = pressed & (dot(gap, normal) > 0.0)
 
         for branch, mask in (
-            (self._open, yielding & ~pressed),
-            (self._pressed, (yielding & pressed) | closing),
+            (type(self)._open, yielding & ~pressed),
+            (type(self)._pressed, (yielding & pressed) | closing),
         ):
             rows = np.flatnonzero(mask)
             if rows.size:
                 everywhere = (trial, normal, trial_n, shear, gap, softening, left, penalty)
-                branch(update, Points(rows, *(array[rows] for array in everywhere)), eta)
+                points = Points(rows, *(array[rows] for array in everywhere))
+                branch(self.at(rows), update, points, eta)
         return update
 
     def _fade(self, penalty: Array) -> Array:

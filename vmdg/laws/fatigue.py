@@ -142,7 +142,10 @@ class FatigueDebonding(MixedModeDebonding):
         cos, sin = np.asarray(cos, dtype=float), np.asarray(sin, dtype=float)
         k = self.shear_energy / self.normal_energy
         linear = cos * cos + k * sin * sin
-        share, share_by_angle = k * sin * sin / linear, 2.0 * k * sin * cos / linear**2
+        return self._wear(k * sin * sin / linear, 2.0 * k * sin * cos / linear**2)
+
+    def _wear(self, share: Array, share_by_angle: Array) -> Wear:
+        """Of the share phi of shear in the energy, and its change with th."""
         fall = 1.0 - self.shear_factor
         e = self.endurance * (1.0 - fall * share)
         e_by_angle = -self.endurance * fall * share_by_angle
@@ -178,7 +181,7 @@ class FatigueDebonding(MixedModeDebonding):
         Args:
             loss: The share.
         """
-        pure = self.wear([1.0, 0.0], [0.0, 1.0])
+        pure = self._wear(np.array([0.0, 1.0]), np.zeros(2))
         return float(loss / np.exp(pure.log_rate(np.ones(2), self.life)).max())
 
     @np.errstate(under="ignore")
@@ -217,7 +220,7 @@ class FatigueDebonding(MixedModeDebonding):
             rows = np.flatnonzero(mask)
             if rows.size:
                 at = Start(rows, *(array[rows] for array in everywhere))
-                _wear_down(branch, self, update, at, cycles[rows])
+                _wear_down(branch, self.at(rows), update, at, cycles[rows])
         return update
 
 
@@ -266,7 +269,7 @@ class _Points:
 
     def of(self, mask: NDArray[np.bool_]) -> _Points:
         """Some of the points."""
-        return type(self)(self.law, secant.some_of(self.at, mask), self.cycles[mask])
+        return type(self)(self.law.at(mask), secant.some_of(self.at, mask), self.cycles[mask])
 
     def root(self, start: Array) -> tuple[Array, NDArray[np.bool_]]:
         """g of the end, at most 1, and where damage has ended at the limit of endurance.

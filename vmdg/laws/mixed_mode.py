@@ -12,10 +12,12 @@ from numpy.typing import ArrayLike
 from .base import (
     Array,
     Mode,
+    Parameter,
     Update,
     add_to_diagonal,
     check_parameters,
     dot,
+    is_number,
     outer,
     unit,
 )
@@ -26,6 +28,9 @@ from .roots import increasing_root
 
 #: Angles at which the descent of a criterion is looked up.
 _ANGLES = 20001
+
+#: To which ratios of slopes and energies are told apart.
+_DIGITS = 12
 
 
 class Flow(NamedTuple):
@@ -97,11 +102,11 @@ class MixedModeDebonding(ExtrinsicLaw):
         ValueError: a parameter is out of range.
     """
 
-    normal_strength: float
-    shear_strength: float
-    normal_energy: float
-    shear_energy: float
-    friction: float = 0.0
+    normal_strength: Parameter
+    shear_strength: Parameter
+    normal_energy: Parameter
+    shear_energy: Parameter
+    friction: Parameter = 0.0
     viscosity: float = 0.0
     criterion: str = field(default="linear", kw_only=True)
     exponent: float | None = field(default=None, kw_only=True)
@@ -111,7 +116,7 @@ class MixedModeDebonding(ExtrinsicLaw):
     def __post_init__(self) -> None:
         check_parameters(self)
         # a wrong criterion is refused here
-        criterion_of(self.criterion, self.exponent, self.shear_energy / self.normal_energy)
+        criterion_of(self.criterion, self.exponent, 1.0)
 
     @cached_property
     def interaction(self) -> Criterion:
@@ -138,18 +143,22 @@ class MixedModeDebonding(ExtrinsicLaw):
         """H of the class docstring, MPa/mm; max(H_n, H_s) where m = 1."""
         h_n, h_s = self.in_opening.softening_modulus, self.in_shear.softening_modulus
         if isinstance(self.interaction, Linear):
-            return max(h_n, h_s)
-        angle = np.linspace(0.0, 0.5 * np.pi, _ANGLES)
-        cos, sin = np.cos(angle), np.sin(angle)
-        m, m_by_angle = self.flow_factor(cos, sin)
-        mixed = h_n * cos * cos + h_s * sin * sin + m_by_angle / m * (h_n - h_s) * sin * cos
-        return float(np.max(np.maximum(max(h_n, h_s), mixed) / m))
+            return np.maximum(h_n, h_s) if self.varying else max(h_n, h_s)
+        ratio = self.shear_energy / self.normal_energy
+        if not self.varying:
+            return h_n * _steepest(h_s / h_n, self.interaction)
+        # strengths that vary together have one ratio of the slopes and of the energies
+        pairs = np.stack(np.broadcast_arrays(h_s / h_n, ratio), axis=1).round(_DIGITS)
+        kinds, kind = np.unique(pairs, axis=0, return_inverse=True)
+        steepest = [_steepest(h, criterion_of(self.criterion, self.exponent, k)) for h, k in kinds]
+        return h_n * np.array(steepest)[kind.ravel()]
 
     @property
     def symmetric(self) -> bool:
         """No friction, and flow normal to the yield surface."""
-        equal = self.normal_energy == self.shear_energy
-        return self.friction == 0.0 and equal and self.criterion != "power"
+        if self.varying or self.normal_energy != self.shear_energy:
+            return False
+        return is_number(self.friction, 0.0) and self.criterion != "power"
 
     def energy_at(self, mixity: ArrayLike) -> Array:
         """Energy G_c to separation, N/mm.
@@ -183,9 +192,10 @@ class MixedModeDebonding(ExtrinsicLaw):
         cos, sin, length = self._ray(normal, shear, penalty)
         m, _ = self.flow_factor(cos, sin)
         result, holds = np.ones_like(normal), np.flatnonzero(length < m)
-        a, b = normal[holds] / self.normal_strength, shear[holds] / self.shear_strength
-        flow = self._flow(a, b, np.ones_like(a), penalty[holds], 0.0, np.zeros_like(a))
-        result[holds] = self.with_factor(flow.g, 1.0 / flow.m)
+        part = self.at(holds)
+        a, b = normal[holds] / part.normal_strength, shear[holds] / part.shear_strength
+        flow = part._flow(a, b, np.ones_like(a), penalty[holds], 0.0, np.zeros_like(a))
+        result[holds] = part.with_factor(flow.g, 1.0 / flow.m)
         return result
 
     def _open(self, update: Update, at: Points, eta: float) -> None:
@@ -200,9 +210,9 @@ class MixedModeDebonding(ExtrinsicLaw):
         holds = length < rho_n * m
         gone, left = (Points(*(array[mask] for array in at)) for mask in (~holds, holds))
         if gone.rows.size:
-            self._separate(update, gone)
+            self.at(~holds)._separate(update, gone)
         if left.rows.size:
-            self._soften(update, left, eta)
+            self.at(holds)._soften(update, left, eta)
 
     def _ray(self, normal: Array, shear: Array, penalty: Array) -> tuple[Array, Array, Array]:
         """(cos th, sin th) of dzeta = T_tr/r and its length, in units of the critical gaps."""
@@ -366,3 +376,17 @@ class MixedModeDebonding(ExtrinsicLaw):
         A, B, A_g, B_g, W = sizes(g, m)
         by_th = W * m_by_angle
         return Flow(g, a / A, b / B, A, B, (A_g, by_th / h_n), (B_g, by_th / h_s), m, m_by_angle)
+
+
+def _steepest(slopes: float, criterion: Criterion) -> float:
+    """H/H_n of the class docstring.
+
+    Args:
+        slopes: H_s/H_n.
+        criterion: With its exponent.
+    """
+    angle = np.linspace(0.0, 0.5 * np.pi, _ANGLES)
+    cos, sin = np.cos(angle), np.sin(angle)
+    m, m_by_angle = criterion.flow_factor(cos, sin)
+    mixed = cos * cos + slopes * sin * sin + m_by_angle / m * (1.0 - slopes) * sin * cos
+    return float(np.max(np.maximum(max(1.0, slopes), mixed) / m))

@@ -39,7 +39,7 @@ from typing import NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import Array, Mode, Update, add_to_diagonal, dot, outer, unit
+from .base import Array, Mode, Parameter, Update, add_to_diagonal, dot, outer, unit
 from .compression import ROUND_OFF, SofteningCurve
 from .roots import increasing_root
 
@@ -51,8 +51,11 @@ _PIECES = 8
 class RigidLaw(Protocol):
     """What a law that is rigid up to its strength says of itself, see `ExtrinsicLaw`."""
 
-    strength: float
-    friction: float
+    strength: Parameter
+    friction: Parameter
+
+    def at(self, rows: NDArray) -> RigidLaw:
+        """The law at some of its points."""
 
     @property
     def in_opening(self) -> SofteningCurve:
@@ -143,7 +146,7 @@ def advance(
     for branch, mask in ((_open, ~pressed), (_pressed, pressed)):
         rows = np.flatnonzero(mask)
         if rows.size:
-            branch(law, update, Start(rows, *(array[rows] for array in everywhere)))
+            branch(law.at(rows), update, Start(rows, *(array[rows] for array in everywhere)))
     return update
 
 
@@ -189,7 +192,7 @@ def _open(law: RigidLaw, update: Update, at: Start) -> None:
 
     g = at.g.copy()
     beyond = law.utilization(load_n, load_t) > 1.0
-    first = law.first_step(load_n[beyond], load_t[beyond], r[beyond])
+    first = law.at(beyond).first_step(load_n[beyond], load_t[beyond], r[beyond])
     g[beyond] = np.maximum(first, g[beyond])
     growing = (g > at.g) & (at.damage < 1.0)
     s, s_slope = opening.at(g)
@@ -205,10 +208,12 @@ def _open(law: RigidLaw, update: Update, at: Start) -> None:
     tangent = outer((c_n - c_t)[:, None] * normal, normal)
     add_to_diagonal(tangent, c_t)
     some = np.flatnonzero(growing)
+    part = law.at(some)
     y_n, y_t = c_n * load_n / opening.scale, c_t * load_t / shear.scale
     delta = np.sqrt(y_n * y_n + y_t * y_t)[some]
     cos, sin = y_n[some] / delta, y_t[some] / delta
-    m, m_by_angle = law.flow_factor(cos, sin)
+    m, m_by_angle = part.flow_factor(cos, sin)
+    opening, shear = Scaled(part.in_opening), Scaled(part.in_shear)
     # -dK/dT* from E = K delta - s(delta/m(th)) = 0, with f = 1/(K + r/H) in opening and shear
     K, w, turn = s[some] / g[some], -s_slope[some] / m, m_by_angle / m
     f_n, f_t = c_n[some] * opening.modulus, c_t[some] * shear.modulus
@@ -224,15 +229,15 @@ def _open(law: RigidLaw, update: Update, at: Start) -> None:
     tangent[some] += outer(softer, fall)
     update.tangent[rows] = tangent
 
-    damage = law.in_opening.damage(g[some])
+    damage = part.in_opening.damage(g[some])
     update.softening[rows[some]] = np.maximum(
-        update.softening[rows[some]], law.strength * np.minimum(damage, 1.0)
+        update.softening[rows[some]], part.strength * np.minimum(damage, 1.0)
     )
     step = (gap - at.gap)[some]
     update.multiplier[rows[some]] = np.sqrt(dot(step, step))
     update.mode[rows[some]] = Mode.TENSION
     update.mode[rows[update.softening[rows] >= law.strength]] = Mode.OPEN
-    update.damage_work[rows[some]] = _spent(law, some_of(at, some), g[some], cos, sin)
+    update.damage_work[rows[some]] = _spent(part, some_of(at, some), g[some], cos, sin)
 
 
 def reduced_gap(law: RigidLaw, at: Start) -> tuple[Array, Array]:
@@ -337,13 +342,14 @@ def _pressed(law: RigidLaw, update: Update, at: Start) -> None:
     growing = np.where(at.g > 0.0, further, dot(load, load) > shear.strength**2)
     growing &= at.damage < 1.0
     g, some = at.g.copy(), np.flatnonzero(growing)
-    g[some] = _grown(shear, some_of(start, some), g[some])
+    part = law.at(some)
+    g[some] = _grown(Scaled(part.in_shear), some_of(start, some), g[some])
     rubbing = rub(shear, start, g)
 
     update.gap[rows] = rubbing.gap
     update.traction[rows] = rubbing.traction - pressure[:, None] * at.normal
-    damage = np.minimum(law.in_shear.damage(g[some]), 1.0)
-    update.softening[rows[some]] = np.maximum(update.softening[rows[some]], law.strength * damage)
+    damage = np.minimum(part.in_shear.damage(g[some]), 1.0)
+    update.softening[rows[some]] = np.maximum(update.softening[rows[some]], part.strength * damage)
     update.tangent[rows] = pressed_tangent(law, at, start, g, growing, rubbing)
 
     rubs = rubbing.slips & ((start.cap * rubbing.damage > 0.0) | (at.damage >= 1.0))
@@ -354,7 +360,7 @@ def _pressed(law: RigidLaw, update: Update, at: Start) -> None:
     update.mode[rows] = np.where(closing, Mode.CLOSING, mode)
     one = np.ones(len(some))
     update.damage_work[rows[some]] = _spent(
-        law, some_of(at, some), g[some], np.zeros_like(one), one
+        part, some_of(at, some), g[some], np.zeros_like(one), one
     )
     update.friction_work[rows] = start.cap * _rubbed(shear, start.held, at.g, growing, rubbing)
 
@@ -427,7 +433,8 @@ def pressed_tangent(
     by_normal = law.friction * rubbing.damage
     tangent += outer((c * by_normal)[:, None] * n, normal)
 
-    shear, rows = Scaled(law.in_shear), np.flatnonzero(growing)
+    rows = np.flatnonzero(growing)
+    shear = Scaled(law.at(rows).in_shear)
     g, r, n, c, turns, normal = (a[rows] for a in (g, r, n, c, turns, normal))
     w, change = borne(shear, some_of(start, rows), g)
     s, s_slope = shear.at(g)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .base import Array, check_parameters
+from .base import Array, Parameter, check_parameters
 from .extrinsic import RadialLaw
 
 
@@ -33,17 +33,17 @@ class TrapezoidalDebonding(RadialLaw):
         ValueError: a parameter is out of range.
     """
 
-    strength: float
-    plateau_gap: float
-    critical_gap: float
-    friction: float = 0.0
+    strength: Parameter
+    plateau_gap: Parameter
+    critical_gap: Parameter
+    friction: Parameter = 0.0
     viscosity: float = 0.0
     unloading: str = field(default="plastic", kw_only=True)
     gradual_friction: bool | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         check_parameters(self)
-        if not self.plateau_gap < self.critical_gap:
+        if self.resolved and not np.all(np.less(self.plateau_gap, self.critical_gap)):
             raise ValueError(
                 f"plateau_gap = {self.plateau_gap}: must be less than critical_gap = "
                 f"{self.critical_gap}, at which the bond is gone"

@@ -47,7 +47,7 @@ class CrackGrowth:
     ):
         self._number = number_of(problem.interfaces, interface)
         chosen = problem.interfaces[self._number]
-        if not chosen.law.inelastic or chosen.law.strength <= 0:
+        if not chosen.law.has_bond:
             raise ValueError(f"CrackGrowth: {chosen} has no bond that can fail")
         if chosen.activate == "on-demand":
             raise ValueError(
@@ -70,7 +70,7 @@ class CrackGrowth:
         return self._problem.state[self._number]
 
     def _damage(self, state: InterfaceState) -> NDArray[np.float64]:
-        return state.softening / self._problem.interfaces[self._number].law.strength
+        return state.softening / self._problem.discretization.active[self._number].law.strength
 
     def _area(self, state: InterfaceState, share: NDArray[np.float64]) -> float:
         """Of a share of every point, over the width; collective [mm]."""

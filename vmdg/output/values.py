@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..interface.interface import Which, number_of
 from ..interface.points import InterfaceState
+from ..laws import Law
 from ..problem.problem import Problem
 
 #: Vectors at the points, which are attributes of the state, with their units.
@@ -50,17 +51,17 @@ def scalar(problem: Problem, interface: Which, name: str) -> NDArray[np.float64]
     if name == "mode":
         return state.mode.astype(float)
     if name == "damage":
-        law = problem.interfaces[number_of(problem.interfaces, interface)].law
-        return damage(state.softening, law.strength)
+        active = problem.discretization.active.get(number_of(problem.interfaces, interface))
+        return np.zeros(0) if active is None else damage(state.softening, active.law)
     if name in VECTORS:
         return _along(getattr(state, name), state)
     vector = state.gap if name == "slip" else state.traction
     return np.linalg.norm(vector - _along(vector, state)[:, None] * _normal(state), axis=1)
 
 
-def damage(softening: NDArray[np.float64], strength: float) -> NDArray[np.float64]:
-    """Q relative to the strength (nq,); 1 for a law that has no bond to lose."""
-    return softening / strength if strength > 0 else np.ones(len(softening))
+def damage(softening: NDArray[np.float64], law: Law) -> NDArray[np.float64]:
+    """Q relative to the strength of the law at the points (nq,); 1 where it has no bond to lose."""
+    return softening / law.strength if law.has_bond else np.ones(len(softening))
 
 
 def _normal(state: InterfaceState) -> NDArray[np.float64]:

@@ -131,7 +131,7 @@ def _check_supports(problem: Problem) -> bool:
     bonded = [
         c
         for c, some in zip(interfaces, holds, strict=True)
-        if some and not (c.law.inelastic and c.law.strength == 0)
+        if some and (c.law.has_bond or not c.law.inelastic)
     ]
     resting = loose_parts(problem, bonded) if len(bonded) < len(interfaces) else []
     for part in resting:
@@ -166,31 +166,32 @@ def _check_bonds(problem: Problem) -> None:
 
 
 def _check_proportions(problem: Problem, active: ActiveInterface) -> None:
-    law, comm, message = active.law, problem.comm, None
-    if law.friction > ROUGHEST:
+    law, comm, message = active.facets.law, problem.comm, None
+    if (roughest := np.max(law.friction, initial=0.0)) > ROUGHEST:
         message = (
-            f"{active.interface}: friction = {law.friction:g} is Coulomb's coefficient mu, the "
+            f"{active.interface}: friction = {roughest:g} is Coulomb's coefficient mu, the "
             "tangent of the angle of friction, usually below 1; it is neither in degrees nor in "
             "percent"
         )
     warn_together(comm, message)
-    if not (law.strength > 0 and law.softening_modulus > 0):
+    if not law.has_bond:
         return
     _check_softening(comm, active)
     stiffness = active.stabilization.norm / active.stabilization.safety
     stiffness = stiffness * active.quadrature.extent
     softest = -global_max(comm, float(-stiffness.min(initial=np.inf)))
     size = box_sides(problem.mesh).max()
-    gap = law.strength / law.softening_modulus
+    strength = np.min(law.strength, initial=np.inf)
+    gap = np.max(law.strength / law.softening_modulus, initial=0.0)
     message = None
-    if law.strength < WEAKEST * softest:
+    if strength < WEAKEST * softest:
         message = (
-            f"{active.interface}: the strength {law.strength:.3g} is less than {WEAKEST:g} of "
+            f"{active.interface}: the strength {strength:.3g} is less than {WEAKEST:g} of "
             f"the elastic moduli beside it, of the order of {softest:.3g}: the bond breaks at "
             "once. Give both in the same unit (MPa with mm and N)"
         )
     # With a strength near the moduli it makes a bond that is meant never to break.
-    elif gap > WIDEST * size and law.strength < USUAL * softest:
+    elif gap > WIDEST * size and strength < USUAL * softest:
         message = (
             f"{active.interface}: the critical gap is about {gap:.3g}, the mesh {size:.3g} wide: "
             "the bond will hardly soften. Give both in the same unit (mm with N and MPa)"
@@ -202,14 +203,15 @@ def _check_softening(comm: MPI.Comm, active: ActiveInterface) -> None:
     """Facets far too coarse for H, which the r of ``safety="auto"`` exceeds on any mesh."""
     if not active.stabilizer.automatic:
         return
-    extent, H = active.quadrature.extent, active.law.softening_modulus
+    extent = active.quadrature.extent
+    H = np.broadcast_to(active.facets.law.softening_modulus, extent.shape)
     share = active.stabilization.norm / active.stabilization.safety / H
     worst, message = -global_max(comm, float(-share.min(initial=np.inf))), None
     if worst < 1 / SUSPICIOUS_RATIO and worst == share.min(initial=np.inf):
         f = np.argmin(share)
         message = (
             f"{active.interface}: at facet {active.facets.facets[f]} the softening modulus H = "
-            f"{H:.6g} MPa/mm is far above the derived |tau_s| = {share[f] * H:.6g}: the bond "
+            f"{H[f]:.6g} MPa/mm is far above the derived |tau_s| = {share[f] * H[f]:.6g}: the bond "
             f"would break faster than the element can unload. Refine the facet from {extent[f]:.3g}"
             f" to below {extent[f] * share[f]:.3g} mm, or raise the critical gap{SAME_UNITS}"
         )

@@ -394,11 +394,11 @@ class Problem:
         """
         areas = np.zeros(2)
         for i, interface in enumerate(self.interfaces):
-            law, active = interface.law, self.discretization.active.get(i)
-            if not law.inelastic or law.strength <= 0:
+            active = self.discretization.active.get(i)
+            if not interface.law.has_bond:
                 continue
             if active is not None:
-                broken = active.history.softening >= BROKEN * law.strength
+                broken = active.history.softening >= BROKEN * active.law.strength
                 areas[0] += active.quadrature.weights[broken].sum()
             area = self.step.activation.area(i)
             areas[1] += active.quadrature.weights.sum() if area is None else area

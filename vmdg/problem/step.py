@@ -139,7 +139,7 @@ class Step:
         for active in self.discretization.active.values():
             if active.law.inelastic:
                 change = active.values.update.softening - active.history.softening
-                lost.append(change.max(initial=0.0) / active.law.strength)
+                lost.append(np.max(change / active.law.strength, initial=0.0))
         return float(global_max(self._comm, max(lost)))
 
     def load_rate(self) -> NDArray[np.float64]:

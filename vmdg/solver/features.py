@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ..base.parallel import global_sum
+from ..laws.base import is_number
 from ..problem.problem import Problem
 from .linear import Petsc, is_iterative, linear_options
 from .options import SolveOptions
@@ -49,7 +50,7 @@ def switchboard(problem: Problem, options: SolveOptions | None = None) -> list[S
         problem.discretization.can_fail,
         "an interface can fail" if problem.discretization.can_fail else "tied only",
     )
-    rubbing = any(active.law.friction > 0 for active in interfaces)
+    rubbing = any(not is_number(active.law.friction, 0.0) for active in interfaces)
     turning = any(active.turns for active in interfaces)
     small, constant = problem.discretization.bodies.small, parts.constant_stabilization
     condensed, why = condensation(problem, options)

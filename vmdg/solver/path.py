@@ -99,9 +99,10 @@ class Bonds(NamedTuple):
         found = np.zeros(2)
         for active in problem.discretization.active.values():
             law = active.law
-            if law.inelastic and law.strength > 0:
+            if law.has_bond:
                 per_area = law.strength**2 / (2 * law.softening_modulus)
-                found += per_area * active.quadrature.weights.sum(), len(active.facets.facets)
+                energy = (per_area * active.quadrature.weights).sum()
+                found += energy, len(active.facets.facets)
         energy, facets = global_sum(problem.comm, found)
         return cls(float(problem.discretization.geometry.thickness) * energy, int(facets))
 

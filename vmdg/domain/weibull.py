@@ -1,0 +1,108 @@
+"""Random properties that belong to places: the same on any number of ranks."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from numbers import Integral, Real
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+# Where the boxes of the resolution begin: away from round numbers, which would otherwise lie on the
+# edge of two boxes, and by rounding in the one or the other.
+_OFFSET = 1 / math.pi
+
+# Step, shifts and multipliers of SplitMix64 (Steele, Lea and Flood 2014, OOPSLA), which makes
+# independent numbers of counters.
+_STEP, _MIX, _LAST = 0x9E3779B97F4A7C15, ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)), 31
+
+# Rounding of coordinates relative to the resolution, at most.
+_ROUNDING = 1e-3
+
+
+@dataclass(frozen=True)
+class Weibull:
+    """A property that scatters from place to place, P(X < x) = 1 - exp(-(x/scale)^modulus).
+
+    It is f(x) and goes wherever a parameter may be one: strengths and energies of laws, one value
+    for every facet. The value is a function of the seed and the midpoint alone, so that it does not
+    depend on the ranks, on the order of the facets or on which of them are open. Two properties
+    with one seed and one modulus are their scales times the same numbers.
+
+    The values of two facets are independent however small the facets are: a mesh twice as fine has
+    more weak places. By the theory of the weakest link facets of another size A would have the
+    scale (A_0/A)^(1/modulus) times that of facets of size A_0.
+
+    Args:
+        scale: Of the distribution, in the unit of the property: 63.2% of all values are below.
+        modulus: Weibull's modulus; 5 for scattered, 20 for uniform materials.
+        seed: Number of the sample.
+        resolution: Size of the boxes of which each has one value [mm]; far below the size of the
+            facets, and far above the rounding of coordinates.
+
+    Raises:
+        ValueError: scale, modulus or resolution is not positive, or the seed is no integer.
+    """
+
+    scale: float
+    modulus: float
+    seed: int = 0
+    resolution: float = 1e-6
+
+    def __post_init__(self) -> None:
+        for name in ("scale", "modulus", "resolution"):
+            value = getattr(self, name)
+            if not (isinstance(value, Real) and 0 < value < math.inf):
+                raise ValueError(f"Weibull: {name} = {value!r} must be a positive, finite number")
+        if not isinstance(self.seed, Integral) or self.seed < 0:
+            raise ValueError(f"Weibull: seed = {self.seed!r} must be an integer, zero or more")
+
+    @property
+    def mean(self) -> float:
+        """scale Gamma(1 + 1/modulus)."""
+        return self.scale * math.gamma(1 + 1 / self.modulus)
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation."""
+        square = math.gamma(1 + 2 / self.modulus) - math.gamma(1 + 1 / self.modulus) ** 2
+        return self.scale * math.sqrt(square)
+
+    def __call__(self, x: ArrayLike) -> NDArray[np.float64]:
+        """Values at points (n,).
+
+        Args:
+            x: Points (d, n) [mm].
+
+        Raises:
+            ValueError: points are nearer to each other than the resolution, or so far away that
+                their rounding is not far below it.
+        """
+        x = np.asarray(x, dtype=float)
+        farthest, remedy = np.abs(x).max(initial=0.0), "about 1e-6 of the size of the facets"
+        if farthest * np.finfo(float).eps > _ROUNDING * self.resolution:
+            raise ValueError(
+                f"Weibull: resolution = {self.resolution:g} is near the rounding of coordinates of "
+                f"{farthest:g}; take one of {remedy}"
+            )
+        boxes = np.floor(x / self.resolution + _OFFSET).astype(np.int64)
+        if np.unique(boxes, axis=1).shape[1] < x.shape[1]:
+            raise ValueError(
+                f"Weibull: points are nearer to each other than resolution = {self.resolution:g} "
+                f"and would have one value; take one of {remedy}"
+            )
+        number = np.full(x.shape[1], self.seed, dtype=np.uint64)
+        for position in boxes.view(np.uint64):
+            number = _mixed(number + position)
+        # in (0, 1), with the 53 digits of a double
+        share = ((number >> np.uint64(11)).astype(float) + 0.5) / 2.0**53
+        return self.scale * (-np.log1p(-share)) ** (1 / self.modulus)
+
+
+def _mixed(number: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """The number of SplitMix64 for each state."""
+    number = number + np.uint64(_STEP)
+    for shift, factor in _MIX:
+        number = (number ^ (number >> np.uint64(shift))) * np.uint64(factor)
+    return number ^ (number >> np.uint64(_LAST))
