@@ -40,9 +40,12 @@ class Cartesian:
 
     Attributes:
         thickness: Of a plane body [mm], a factor of all integrals.
+        macroscopic: Of a periodic cell F_bar - I, the mean of GRAD u (d, d); the displacement of
+            the forms is then the fluctuation w of u = (F_bar - I).X + w. None where u is all of it.
     """
 
     thickness: Expr | float = 1
+    macroscopic: Expr | None = None
 
     @property
     def weight(self) -> Expr | float:
@@ -65,13 +68,17 @@ class Cartesian:
         """GRAD w, (d, d)."""
         return ufl.grad(w)
 
+    def section_gradient(self, u: Expr) -> Expr:
+        """GRAD u in the plane or the space of the mesh, (d, d)."""
+        return ufl.grad(u) if self.macroscopic is None else self.macroscopic + ufl.grad(u)
+
     def deformation(self, u: Expr) -> Expr:
-        """F = I + GRAD u, (d, d)."""
-        return _plus_identity(ufl.grad(u))
+        """F = I + GRAD u, of a periodic cell F_bar + GRAD w, (d, d)."""
+        return _plus_identity(self.section_gradient(u))
 
     def nodal_deformation(self, u: Expr) -> Expr:
         """F for points that may be nodes, (d, d)."""
-        return _plus_identity(ufl.grad(u))
+        return self.deformation(u)
 
     def bubble_stiffness(self, A: Expr, bubble: Expr) -> Expr:
         """GRAD b : A : GRAD b of (22), B_ik = b_,j A_ijkl b_,l, (d, d) [MPa/mm2]."""
@@ -120,6 +127,10 @@ class Axisymmetric:
     def gradient(self, w: Expr) -> Expr:
         """GRAD w, (3, 3); regular at Gauss points, where r > 0."""
         return with_entry(ufl.grad(w), w[0] / self.x[0])
+
+    def section_gradient(self, u: Expr) -> Expr:
+        """GRAD u in the section, (2, 2)."""
+        return ufl.grad(u)
 
     def deformation(self, u: Expr) -> Expr:
         """F = I + GRAD u, (3, 3); regular at Gauss points, where r > 0."""

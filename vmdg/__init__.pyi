@@ -27,9 +27,11 @@ from .laws import Law as Law
 from .laws import MixedModeDebonding as MixedModeDebonding
 from .laws import Mode as Mode
 from .laws import TrapezoidalDebonding as TrapezoidalDebonding
+from .output.cell import PeriodicCell as PeriodicCell
 from .output.crack import CrackGrowth as CrackGrowth
 from .output.fields import FieldWriter as FieldWriter
 from .output.history import History as History
+from .problem.periodic import Periodic as Periodic
 from .problem.problem import Problem as Problem
 from .problem.rigid_motion import RigidMotion as RigidMotion
 from .problem.states import Energy as Energy

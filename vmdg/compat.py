@@ -109,6 +109,9 @@ def create_matrix(
     maps: Any = [] if _NEW else {}
     pattern_form = cpp.fem.Form_float64(spaces, integrals, [], [], False, maps, mesh._cpp_object)
     pattern = cpp.fem.create_sparsity_pattern(pattern_form)
+    if test is trial:
+        # Of rows of no cell, too.
+        pattern.insert_diagonal(np.arange(test.dofmap.index_map.size_local, dtype=np.int32))
     pattern.finalize()
     return cpp.la.petsc.create_matrix(mesh.comm, pattern)
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import cached_property
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ from ufl.core.expr import Expr
 
 from ..base.parallel import global_sum
 from ..base.timers import timer
+from ..domain.lattice import Lattice
 from ..domain.materials import Bodies
 from ..forms.kinematics import Body
 from ..interface.active import ActiveInterface, update_points
@@ -26,7 +28,8 @@ from ..interface.facets import InterfaceFacets
 from ..interface.interface import Interface
 from ..interface.stabilization import Stabilization, Stabilizers
 from .dilatation import Dilatation
-from .point_matrices import add_tangent, create_matrix
+from .periodic import PeriodicSpace
+from .point_matrices import add_tangent, add_uniform, create_matrix
 from .space import broken_space
 from .surface import Surface
 from .weak_form import WeakForm
@@ -56,14 +59,16 @@ class Discretization:
         interfaces: What the user described.
         facets: Open facets of every interface, on this rank.
         degree: Degree of the displacement.
+        lattice: Of a periodic cell; None for none.
 
     Attributes:
         mesh: As given.
         bodies: As given.
         degree: As given.
         geometry: Gradient and measure.
-        space: Broken space.
-        u: Displacement [mm].
+        periodic: Fluctuations and macroscopic nodes of a periodic cell; None for none.
+        space: Broken space, of a periodic cell that of the fluctuation.
+        u: Displacement, of a periodic cell its fluctuation [mm].
         forces: Internal minus external forces of the last assembly, owned and ghost dofs [N].
         active: Interfaces of which a rank has an open facet, by their number.
         owned: Number of component-wise dofs this rank owns.
@@ -78,13 +83,18 @@ class Discretization:
         interfaces: Sequence[Interface],
         facets: Sequence[InterfaceFacets],
         degree: int,
+        lattice: Lattice | None = None,
     ):
         self.mesh = mesh
         self.bodies = bodies
         self.degree = degree
         self.geometry = bodies.geometry
         cut = np.concatenate([f.everywhere for f in facets] or [np.zeros(0, dtype=np.int32)])
-        self.space = broken_space(mesh, degree, cut.astype(np.int32))
+        broken = broken_space(mesh, degree, cut.astype(np.int32))
+        self.periodic = None if lattice is None else PeriodicSpace(broken, lattice)
+        self.space = broken if self.periodic is None else self.periodic.space
+        # Forces come on the nodes of the cell, from which those on its mean follow.
+        self._test_space = broken
         self.u = fem.Function(self.space, name="displacement")
         self.forces = fem.Function(self.space, name="forces")
         sizes = global_sum(mesh.comm, [len(f.facets) for f in facets]) if facets else []
@@ -96,6 +106,7 @@ class Discretization:
         self.owned = self.space.dofmap.index_map.size_local * self.space.dofmap.index_map_bs
         active = list(self.active.values())
         self._stabilizers = Stabilizers([one.stabilizer for one in active], self.u, bodies)
+        self._point_tangents: list[tuple[ActiveInterface, NDArray[np.float64]]] = []
         self.weak_form = WeakForm(self.u, bodies, active)
         self._dilatation = Dilatation(self.weak_form) if bodies.mean_dilatation else None
         self.surface = Surface(self.u, bodies)
@@ -143,7 +154,7 @@ class Discretization:
 
     @cached_property
     def _residual_forms(self) -> _Compiled:
-        weak, eta = self.weak_form, ufl.TestFunction(self.space)
+        weak, eta = self.weak_form, ufl.TestFunction(self._test_space)
         interfaces = [weak.interface_residual(eta, [active]) for active in self.active.values()]
         return _Compiled(
             weak.compile(weak.bulk_residual(eta), "bodies' residual"),
@@ -156,6 +167,14 @@ class Discretization:
         weak = self.weak_form
         eta, du = ufl.TestFunction(self.space), ufl.TrialFunction(self.space)
         return weak.compile(weak.bulk_tangent(eta, du), "bodies' tangent")
+
+    @cached_property
+    def _uniform(self) -> tuple[fem.Constant, fem.Form]:
+        """A gradient E (d, d), and the forces GRAD eta : A : E of the bodies."""
+        weak, eta = self.weak_form, ufl.TestFunction(self._test_space)
+        E = fem.Constant(self.mesh, np.zeros(2 * (self.mesh.geometry.dim,)))
+        form = weak.bulk_tangent(eta, ufl.dot(E, ufl.SpatialCoordinate(self.mesh)))
+        return E, weak.compile(form, "bodies' tangent along a gradient")
 
     @cached_property
     def _energy_forms(self) -> list[fem.Form]:
@@ -178,7 +197,7 @@ class Discretization:
         Raises:
             ValueError: the softening of a law is too steep for the mesh (r <= H).
         """
-        self.update_dilatation()
+        self.update_means()
         self._update_pressure()
         with timer("stabilization"):
             scaled = self._scaled_stabilization()
@@ -206,8 +225,11 @@ class Discretization:
             applied = [active.stabilization for active in self.active.values()]
             return self._stabilizers.suffice(applied)
 
-    def update_dilatation(self) -> None:
-        """With mean dilatation: theta at the current displacement."""
+    def update_means(self) -> None:
+        """What the forms have of the current displacement as means: H of a periodic cell, theta of
+        mean dilatation."""
+        if self.periodic is not None:
+            self.geometry.macroscopic.value[:] = self.periodic.gradient(self.u.x.array)
         if self._dilatation is not None:
             self._dilatation.update_dilatation()
 
@@ -218,7 +240,7 @@ class Discretization:
 
     def update_points(self, dt: float, hold: bool = False) -> None:
         """Return maps at the current displacement, see :meth:`assemble_residual`."""
-        self.update_dilatation()
+        self.update_means()
         with timer("return map"):
             update_points(list(self.active.values()), dt, hold)
 
@@ -240,17 +262,53 @@ class Discretization:
         self._update_pressure()
         with timer("assemble residual"):
             forces.array[:] = 0 if loads is None else -loads
-            for form in (forms.bulk, *forms.interfaces):
-                fem.assemble_vector(forces.array, form)
+            with self._nodal_forces(forces.array) as vector:
+                for form in (forms.bulk, *forms.interfaces):
+                    fem.assemble_vector(vector, form)
             if self.surface.sprung:
                 forces.array[:] += self.surface.spring_vector()
             forces.scatter_reverse(InsertMode.add)
             forces.scatter_forward()
         return forces.array[: self.owned]
 
+    @contextmanager
+    def _nodal_forces(self, vector: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+        """A vector to which nodal forces are added, and which is added to ``vector`` then."""
+        if self.periodic is None:
+            yield vector
+            return
+        forces = self.periodic.clear_forces()
+        yield forces
+        self.periodic.add_forces(forces, vector)
+
     def create_matrix(self) -> PETSc.Mat:
-        """An empty matrix with the pattern of the tangent."""
+        """An empty matrix with the pattern of the tangent, of a periodic cell that of w."""
         return create_matrix(self.space, self.space, list(self.active.values()))
+
+    def uniform_forces(
+        self, gradient: NDArray[np.float64], adjoint: bool = False
+    ) -> NDArray[np.float64]:
+        """Tangent of a periodic cell times the displacement E.X, forces on w and q; collective.
+
+        At the state of the last :meth:`assemble_tangent`, whose matrix knows w only.
+
+        Args:
+            gradient: E (d, d).
+            adjoint: Of the transposed tangent.
+
+        Returns:
+            Owned dofs [N].
+        """
+        E, form = self._uniform
+        E.value[:] = gradient
+        total = fem.Function(self.space).x
+        with self._nodal_forces(total.array) as forces:
+            fem.assemble_vector(forces, form)
+            for active, D in self._point_tangents:
+                dofs = self._test_space.dofmap.list
+                add_uniform(forces, dofs, active, D.transpose(0, 2, 1) if adjoint else D, gradient)
+        total.scatter_reverse(InsertMode.add)
+        return total.array[: self.owned]
 
     def assemble_tangent(self, matrix: PETSc.Mat, damage: bool = True) -> None:
         """Tangent at the state of the last :meth:`assemble_residual`, prescribed rows included.
@@ -268,13 +326,18 @@ class Discretization:
                 fem_petsc.assemble_matrix(matrix, form)
             for active, D in parts:
                 add_tangent(matrix, active, D)
+            if self.periodic is not None:
+                # Rows of no cell, for the identity of what is prescribed.
+                for dof in self.periodic.owned_dofs.ravel():
+                    matrix.setValueLocal(dof, dof, 0.0, PETSc.InsertMode.ADD_VALUES)
             matrix.assemble()
+            self._point_tangents = parts if self.periodic is not None else []
             if self._dilatation is not None:
                 self._dilatation.add_to(matrix, parts)
 
     def stored_energy(self) -> NDArray[np.float64]:
         """Energy of the bodies, of the interfaces (30) and of springs (3,), this rank's [N mm]."""
-        self.update_dilatation()
+        self.update_means()
         stored = np.zeros(3)
         for i, form in enumerate(self._energy_forms):
             stored[i] = fem.assemble_scalar(form)
@@ -303,6 +366,8 @@ class Discretization:
         mine, theirs = self.space.dofmap.list, other.space.dofmap.list
         bs = self.space.dofmap.index_map_bs
         self.u.x.array.reshape(-1, bs)[mine] = other.u.x.array.reshape(-1, bs)[theirs]
+        if self.periodic is not None:
+            self.u.x.array[self.periodic.dofs] = other.u.x.array[other.periodic.dofs]
         for i, active in self.active.items():
             if i in other.active:
                 active.continue_from(other.active[i])

@@ -75,6 +75,31 @@ def add_tangent(
         )
 
 
+def add_uniform(
+    vector: Array,
+    dofs: NDArray[np.int32],
+    active: ActiveInterface,
+    D: Array,
+    gradient: Array,
+) -> None:
+    """Add int j(eta).D.j(E.X) dA over an interface, the forces of a displacement without jump.
+
+    Args:
+        vector: To which it is added, over local dofs.
+        dofs: Nodes of the cells in it (cells, nodes of a cell).
+        active: The interface.
+        D: With dA, of its points (nq, jet, jet).
+        gradient: E (d, d).
+    """
+    points, jets, d = active.quadrature.points_of_facet, active.point_tangent.jets, len(gradient)
+    flux = D @ jets.of_gradient(gradient)
+    for rows in _batches(active):
+        B = jets.displacement(rows).matrix
+        forces = np.einsum("fpjn,fpj->fn", B, flux[points[rows]])
+        nodes = dofs[active.facets.cells[rows]][..., None] * d + np.arange(d)
+        np.add.at(vector, nodes.reshape(forces.shape), forces)
+
+
 def traction_matrix(active: ActiveInterface) -> csr_array:
     """int q.Tt(du) dA over an interface, q the test functions of its points.
 

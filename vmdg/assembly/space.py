@@ -45,25 +45,52 @@ def broken_space(mesh: Mesh, degree: int, cut: NDArray[np.int32]) -> fem.Functio
     component = _components(space, nodes, split, cut, pairs)
     global_dofs, size_local = _number(space, nodes, split, component)
 
-    first = int(mesh.comm.scan(size_local)) - size_local
-    ends = np.cumsum(mesh.comm.allgather(size_local))
-    foreign = (global_dofs < first) | (global_dofs >= first + size_local)
-    ghosts = np.unique(global_dofs[foreign])
+    return renumbered(space, global_dofs, size_local)[0]
+
+
+def renumbered(
+    space: fem.FunctionSpace,
+    numbers: NDArray[np.int64],
+    size_local: int,
+    more: NDArray[np.int64] | None = None,
+) -> tuple[fem.FunctionSpace, NDArray[np.int32]]:
+    """A space with another numbering of its dofs; collective.
+
+    Args:
+        space: Its elements stay.
+        numbers: New global number of every dof of every local cell (cells, dofs of a cell).
+        size_local: How many dofs this rank owns, numbered one after the other, rank by rank.
+        more: New global numbers of dofs of no cell, which every rank knows.
+
+    Returns:
+        The space, and the local numbers in it of ``more``.
+    """
+    comm = space.mesh.comm
+    first = int(comm.scan(size_local)) - size_local
+    ends = np.cumsum(comm.allgather(size_local))
+    more = np.zeros(0, dtype=np.int64) if more is None else more
+
+    def foreign(numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
+        return (numbers < first) | (numbers >= first + size_local)
+
+    ghosts = np.unique(np.concatenate([numbers[foreign(numbers)], more[foreign(more)]]))
     owners = np.searchsorted(ends, ghosts, side="right").astype(np.int32)
-    local_dofs = global_dofs - first
-    local_dofs[foreign] = size_local + np.searchsorted(ghosts, global_dofs[foreign])
+
+    def local(numbers: NDArray[np.int64]) -> NDArray[np.int32]:
+        ghost = size_local + np.searchsorted(ghosts, numbers)
+        return np.where(foreign(numbers), ghost, numbers - first).astype(np.int32)
 
     dofmap = cpp.fem.DofMap(
         space.dofmap.dof_layout,
-        compat.index_map(mesh.comm, size_local, ghosts, owners),
+        compat.index_map(comm, size_local, ghosts, owners),
         space.dofmap.index_map_bs,
-        cpp.graph.AdjacencyList_int32(local_dofs.astype(np.int32)),
+        cpp.graph.AdjacencyList_int32(local(numbers)),
         space.dofmap.bs,
     )
-    return compat.function_space_with_dofmap(space, dofmap)
+    return compat.function_space_with_dofmap(space, dofmap), local(more)
 
 
-def _facet_closure(space: fem.FunctionSpace) -> NDArray[np.int32]:
+def facet_closure(space: fem.FunctionSpace) -> NDArray[np.int32]:
     """Dofs of a cell on each of its facets, (facets of a cell, dofs of a facet)."""
     layout = space.dofmap.dof_layout
     fdim = space.mesh.topology.dim - 1
@@ -87,7 +114,7 @@ def _components(
     near = nodes.any(axis=1)
     kept &= near[pairs].all(axis=1)
     facets = np.flatnonzero(kept).astype(np.int32)
-    closure = _facet_closure(space)
+    closure = facet_closure(space)
     positions = [closure[local_facets(space.mesh, pairs[facets, a], facets)] for a in range(2)]
     values = [dofs[pairs[facets, a][:, None], positions[a]] for a in range(2)]
     same = (values[0][:, :, None] == values[1][:, None, :]) & split[values[0]][:, :, None]

@@ -48,7 +48,7 @@ class CauchyStress:
         """Evaluate at the displacement of a discretization, the first one or a later one."""
         if self._u is not discretization.u:
             self._compile(discretization)
-        discretization.update_dilatation()
+        discretization.update_means()
         for expression, cells in self._expressions:
             self.function.interpolate(expression, cells)
         self.function.x.scatter_forward()

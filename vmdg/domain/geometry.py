@@ -27,6 +27,7 @@ def make_geometry(
     thickness: float,
     volumetric: str = "pointwise",
     degree: int = 1,
+    periodic: bool = False,
 ) -> Geometry:
     """The geometry that the forms work with; collective.
 
@@ -36,6 +37,7 @@ def make_geometry(
         thickness: Of a plane body [mm].
         volumetric: "pointwise" or "mean".
         degree: Of the displacement.
+        periodic: Whether the mesh is a periodic cell.
 
     Raises:
         ValueError: unknown word, a mesh that is no half section, a thickness that has no meaning,
@@ -43,6 +45,12 @@ def make_geometry(
     """
     if volumetric not in VOLUMETRIC:
         raise ValueError(f"Problem: volumetric = {volumetric!r} must be one of {VOLUMETRIC}")
+    if periodic and (symmetry is not None or volumetric == "mean"):
+        raise ValueError(
+            f"Problem: periodic does not go with symmetry={symmetry!r}, volumetric={volumetric!r}: "
+            "a periodic cell is plane or solid, and J is that of a point; leave both out, and take "
+            "degree=2 near incompressibility"
+        )
     if volumetric == "mean":
         return _with_mean_dilatation(mesh, make_geometry(mesh, symmetry, thickness), degree)
     if symmetry not in SYMMETRIES:
@@ -51,7 +59,8 @@ def make_geometry(
     if symmetry is None:
         if not thickness > 0 or (d == 3 and thickness != 1):
             raise ValueError(f"Problem: thickness = {thickness} must be positive, and 1 in 3D")
-        return Cartesian(fem.Constant(mesh, float(thickness)) if thickness != 1 else 1)
+        constant = fem.Constant(mesh, float(thickness)) if thickness != 1 else 1
+        return Cartesian(constant, fem.Constant(mesh, np.zeros((d, d))) if periodic else None)
     if d != 2:
         raise ValueError(
             f"Problem: symmetry='axisymmetric' needs a 2D mesh, x = r and y = z; this one is {d}D"

@@ -66,6 +66,11 @@ class FacetJets:
         self._values = np.stack([side.values for side in sides], axis=2)
         self._gradients = np.stack([side.gradients for side in sides], axis=2)
 
+    def of_gradient(self, gradient: Array) -> Array:
+        """Jet of E.X, which is the same everywhere: no opening, and E (d, d) on both sides."""
+        entries = [gradient[entry] for entry in self.entries]
+        return np.concatenate([np.zeros(self._d), entries, entries])
+
     def displacement(self, rows: slice) -> Block:
         """B of the displacement on some facets."""
         d, values, gradients = self._d, self._values[rows], self._gradients[rows]

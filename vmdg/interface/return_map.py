@@ -94,7 +94,7 @@ class ReturnMap:
         """P.N, u and, where the frame turns, GRAD u of one side."""
         values = [*kinematics.traction(body, F, N), *self._u]
         if self.turns:
-            gradient = ufl.grad(self._u)
+            gradient = self._quadrature.geometry.section_gradient(self._u)
             values += [gradient[i, j] for i in range(self._d) for j in range(self._d)]
         return ufl.as_vector(values)
 

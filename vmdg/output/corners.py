@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .. import compat
 from ..problem.problem import Problem
+from .cell import whole_displacement
 
 
 def cell_corners(mesh: Mesh) -> NDArray[np.int32]:
@@ -45,8 +46,9 @@ def positions_and_displacements(
     """
     mesh = problem.mesh
     nodes = compat.geometry_dofmap(mesh)[cells[:, None], corners]
-    dofs = problem.space.dofmap.list[cells[:, None], corner_dofs(problem)[corners]]
-    return mesh.geometry.x[nodes], problem.u.x.array.reshape(-1, mesh.geometry.dim)[dofs]
+    u = whole_displacement(problem)
+    dofs = u.function_space.dofmap.list[cells[:, None], corner_dofs(problem)[corners]]
+    return mesh.geometry.x[nodes], u.x.array.reshape(-1, mesh.geometry.dim)[dofs]
 
 
 def corner_dofs(problem: Problem) -> NDArray[np.int32]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .. import compat
 from ..interface.interface import Which, interface_names, number_of
 from ..problem.problem import Problem
+from .cell import whole_displacement
 from .corners import corners_of_local, positions_and_displacements
 from .values import VECTORS, facet_scalar
 
@@ -31,7 +32,7 @@ def discontinuous(problem: Problem) -> fem.Function:
 
 def copy_displacement(problem: Problem, function: fem.Function) -> None:
     """Set a function of :func:`discontinuous` to the current displacement."""
-    u, d = problem.u, problem.mesh.geometry.dim
+    u, d = whole_displacement(problem), problem.mesh.geometry.dim
     mine, theirs = function.function_space.dofmap.list, u.function_space.dofmap.list
     function.x.array.reshape(-1, d)[mine] = u.x.array.reshape(-1, d)[theirs]
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..domain.topology import facet_cells, local_facets
 from ..forms.geometry import Axisymmetric
+from ..output.cell import whole_displacement
 from ..output.corners import (
     cell_corners,
     corner_dofs,
@@ -216,8 +217,9 @@ def boundary_facets(problem: Problem) -> NDArray[np.int32]:
 
 def deformed_ends(problem: Problem, magnify: float = 1.0) -> NDArray[np.float64]:
     """Least and largest coordinates of the deformed body over all ranks (2, 3) [mm]."""
-    d, nodes = problem.mesh.geometry.dim, problem.space.tabulate_dof_coordinates()
-    nodes[:, :d] += magnify * problem.u.x.array.reshape(-1, d)
+    d, u = problem.mesh.geometry.dim, whole_displacement(problem)
+    nodes = u.function_space.tabulate_dof_coordinates()
+    nodes[:, :d] += magnify * u.x.array.reshape(-1, d)
     ends = [nodes.min(axis=0, initial=np.inf), nodes.max(axis=0, initial=-np.inf)]
     low, high = np.swapaxes(problem.comm.allgather(ends), 0, 1)
     return np.array([low.min(axis=0), high.max(axis=0)])

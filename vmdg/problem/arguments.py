@@ -12,7 +12,7 @@ from petsc4py import PETSc
 import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import Mesh, MeshTags
+from dolfinx.mesh import Mesh, MeshTags, compute_midpoints, exterior_facet_indices
 from numpy.typing import ArrayLike, NDArray
 from ufl.core.expr import Expr
 
@@ -20,6 +20,7 @@ from .. import compat
 from ..assembly.values import Value, first_value, takes_points, value_at
 from ..base.kernels import compile_expression
 from ..base.parallel import raise_together
+from ..domain.lattice import Lattice
 from ..domain.tags import Group, by_tag
 from ..domain.topology import facet_cells
 from ..forms.materials import Material
@@ -298,3 +299,46 @@ def check_overlap(
             )
         taken[selected.everywhere] = number
     raise_together(mesh.comm, message)
+
+
+def check_faces(
+    mesh: Mesh,
+    tags: NDArray[np.int32],
+    lattice: Lattice,
+    interfaces: Sequence[Interface],
+    facets: Sequence[InterfaceFacets],
+) -> None:
+    """No interface that can fail lies on the boundary of a periodic cell, which ties; collective.
+
+    Args:
+        mesh: The mesh.
+        tags: Tag of every local cell.
+        lattice: Of the cell.
+        interfaces: What the user gave.
+        facets: Theirs.
+
+    Raises:
+        ValueError: opposite faces do not match, or two groups that such an interface is between
+            meet across the boundary.
+    """
+    comm, dim = mesh.comm, mesh.topology.dim
+    mesh.topology.create_connectivity(dim - 1, dim)
+    outer = exterior_facet_indices(mesh.topology)
+    middle = compute_midpoints(mesh, dim - 1, outer)[:, : mesh.geometry.dim]
+    found = comm.allgather((middle, tags[facet_cells(mesh)[outer, 0]]))
+    middle, groups = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    faces = lattice.images(middle[:, None])
+    across = np.sort(groups[faces], axis=1)
+    for interface, selected in zip(interfaces, facets, strict=True):
+        if interface.between is None or not interface.law.inelastic:
+            continue
+        own = np.sort(tags[selected.cells], axis=1)
+        between = np.unique(np.concatenate(comm.allgather(own)), axis=0)
+        meet = (across[:, None] == between).all(axis=2).any(axis=1)
+        if meet.any():
+            place = middle[faces[np.argmax(meet), 0]].round(6).tolist()
+            raise ValueError(
+                f"Periodic: {interface} would lie on the boundary of the cell at {place}, where "
+                "opposite faces are tied and nothing fails; shift the cell so that its boundary "
+                "runs through the bodies"
+            )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ from ..assembly.discretization import Discretization
 from ..assembly.loads import DeadLoads
 from ..assembly.rigid import RigidFaces
 from ..assembly.surface import Share
-from ..assembly.values import Value
+from ..assembly.values import Value, value_at
 from ..base.parallel import global_any, raise_together
 from ..domain.geometry import axis_dofs
 from ..domain.tags import Group, group_tag
@@ -35,6 +35,21 @@ Array = NDArray[np.float64]
 
 #: Where a programme between two load factors is compared with a straight one, and how exactly.
 PROBES, STRAIGHT = (0.382, 0.5), 1e-9
+
+
+class Drive(NamedTuple):
+    """What leads one component of H = F_bar - I, the mean gradient of a periodic cell.
+
+    Attributes:
+        row, column: i and j of H_ij.
+        prescribed: Whether H_ij is given; else the mean stress P_ij is [MPa].
+        value: A number or f(t).
+    """
+
+    row: int
+    column: int
+    prescribed: bool
+    value: Value
 
 
 class Ray(NamedTuple):
@@ -120,9 +135,11 @@ class Loading:
         """Load the space of another discretization from now on."""
         self._discretization, space = discretization, discretization.space
         self._vector: NDArray[np.float64] | None = None
-        self.dirichlet = DirichletConditions(space, axis_dofs(space, discretization.geometry))
-        self.rigid = RigidFaces(discretization.u, discretization.geometry)
-        self._loads = DeadLoads(discretization.u, discretization.geometry)
+        cell, geometry = discretization.periodic, discretization.geometry
+        zeros = axis_dofs(space, geometry) if cell is None else cell.held
+        self.dirichlet = DirichletConditions(space, zeros)
+        self.rigid = RigidFaces(discretization.u, geometry)
+        self._loads = DeadLoads(discretization.u, geometry)
         self._surface = discretization.new_surface()
         for impose in self._given:
             impose()
@@ -134,8 +151,13 @@ class Loading:
         """Impose a load or prescribed displacement now, and on every space that follows.
 
         Raises:
-            ValueError: it does not go with a rigid face, and is not imposed.
+            ValueError: it does not go with a rigid face or a periodic cell, and is not imposed.
         """
+        if self._discretization.periodic is not None and self._given:
+            raise ValueError(
+                "a periodic cell takes no supports and loads: the mean strain or stress of "
+                "Periodic(...) is its load, and its boundary is the middle of the material"
+            )
         impose()
         try:
             self._refuse_held_faces()
@@ -206,6 +228,29 @@ class Loading:
         if self._ray is not None:
             return self._ray.at(self._ray.prescribed, t)
         return self.dirichlet.values(t)
+
+    # Periodic cells
+
+    def drive_cell(self, drives: Sequence[Drive]) -> None:
+        """Lead the mean gradient of a periodic cell by these components, see
+        :class:`vmdg.Periodic`."""
+        self._add(partial(self._drive_cell, drives))
+
+    def _drive_cell(self, drives: Sequence[Drive]) -> None:
+        cell, geometry = self._discretization.periodic, self._discretization.geometry
+        length = cell.lattice.length
+        area = cell.lattice.volume * float(geometry.thickness) / length
+        for drive in drives:
+            factor = length if drive.prescribed else area
+
+            def value(t: float, given: Value = drive.value, factor: float = factor) -> Array:
+                return factor * value_at(given, t)
+
+            node = cell.macroscopic[drive.column : drive.column + 1]
+            if drive.prescribed:
+                self.dirichlet.add(node, value, drive.row, "Periodic")
+            else:
+                self._loads.add_point_load(node, value, drive.row)
 
     # Rigid faces
 

@@ -23,6 +23,7 @@ from ..base.parallel import global_sum
 from ..base.tables import html_table
 from ..domain.cells import check_cells
 from ..domain.geometry import make_geometry
+from ..domain.lattice import make_lattice
 from ..domain.materials import Bodies, LoadFactor
 from ..domain.tags import Group, by_tag, names_of
 from ..domain.topology import Locator, tags_of_cells
@@ -35,6 +36,7 @@ from ..interface.points import InterfaceState
 from ..interface.stabilization import Stabilization
 from .arguments import (
     check_approximation,
+    check_faces,
     check_mesh,
     check_overlap,
     check_rest,
@@ -43,6 +45,7 @@ from .arguments import (
     checked_materials,
 )
 from .loading import Loading
+from .periodic import Periodic, checked_periodic
 from .rigid_motion import RigidMotion
 from .states import Energy, InterfaceMean
 from .step import Step
@@ -73,6 +76,8 @@ class Problem:
         volumetric: "pointwise", or "mean" for mean dilatation (F-bar; B-bar at small strain): J of
             a cell is one number, so that quadrilaterals and hexahedra of degree 1 do not lock near
             incompressibility.
+        periodic: How the mesh repeats and what leads its means, see :class:`Periodic`; None for a
+            body with a surface.
 
     Attributes:
         mesh: As given.
@@ -101,11 +106,13 @@ class Problem:
         eigenstrain: Mapping[Group, LoadFactor] | None = None,
         symmetry: str | None = None,
         volumetric: str = "pointwise",
+        periodic: Periodic | None = None,
     ):
         self.interfaces = checked_interfaces(interfaces)
         check_mesh(mesh, cell_tags)
         check_approximation(mesh, degree, kinematics)
-        geometry = make_geometry(mesh, symmetry, thickness, volumetric, degree)
+        repeats = checked_periodic(periodic) is not None
+        geometry = make_geometry(mesh, symmetry, thickness, volumetric, degree, repeats)
         check_ghosts(mesh)
         check_cells(mesh)
         self.mesh = mesh
@@ -116,14 +123,19 @@ class Problem:
         check_rest(mesh, materials)
         self.materials = MappingProxyType(materials)
         tags = tags_of_cells(mesh, cell_tags)
+        lattice = make_lattice(mesh, periodic.vectors) if repeats else None
         bodies = Bodies(mesh, tags, materials, kinematics == "small", eigenstrain, geometry)
         facets = [find_facets(mesh, tags, interface, names) for interface in self.interfaces]
         check_overlap(mesh, self.interfaces, facets)
+        if lattice is not None:
+            check_faces(mesh, tags, lattice, self.interfaces, facets)
         activation = Activation(mesh, self.interfaces, facets, bodies, degree)
         opened = activation.facets_among(activation.open)
-        discretization = Discretization(mesh, bodies, self.interfaces, opened, degree)
+        discretization = Discretization(mesh, bodies, self.interfaces, opened, degree, lattice)
         self.loading = Loading(discretization, activation, names)
         self.load_factor = self.loading.load_factor
+        if repeats:
+            self.loading.drive_cell(periodic.drives(self.comm, mesh.geometry.dim, bodies.small))
         self.step = Step(discretization, activation, self.loading)
 
     @property
@@ -133,7 +145,10 @@ class Problem:
 
     @property
     def u(self) -> fem.Function:
-        """Displacement [mm]; another Function after facets have been opened on demand."""
+        """Displacement [mm]; another Function after facets have been opened on demand.
+
+        Of a periodic cell it is the fluctuation w; :class:`vmdg.PeriodicCell` has all of it.
+        """
         return self.discretization.u
 
     @property

@@ -171,7 +171,7 @@ class Step:
         self._loading.move(t)
         for active, state in zip(now.active.values(), points, strict=True):
             active.return_to(state)
-        now.update_dilatation()
+        now.update_means()
         now.forces.x.array[:] = forces
         return rate / change
 
@@ -350,7 +350,9 @@ class Step:
         if not global_any(self._comm, not same):
             return now
         facets = self.activation.facets_among(marks)
-        return Discretization(now.mesh, now.bodies, self.activation.interfaces, facets, now.degree)
+        interfaces = self.activation.interfaces
+        lattice = None if now.periodic is None else now.periodic.lattice
+        return Discretization(now.mesh, now.bodies, interfaces, facets, now.degree, lattice)
 
     def open_facets(self, utilization: Utilization) -> bool:
         """Open the closed facets whose utilization is high enough; collective.

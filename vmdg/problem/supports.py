@@ -95,11 +95,21 @@ def _gram(
 ) -> NDArray[np.float64]:
     """Sum of m m^T over this rank's prescribed dofs of every part, m the rigid motions there.
 
-    With springs their work m.K.m besides.
+    With springs their work m.K.m besides, in a periodic cell what motions of opposite nodes differ
+    by: a body that goes on beyond the boundary does not rotate.
     """
-    part, m = _motions_at(problem, label, parts, problem.loading.owned_prescribed)
+    held, periodic = problem.loading.owned_prescribed, problem.discretization.periodic
+    if periodic is not None:
+        held = np.setdiff1d(held, periodic.owned_dofs)
+    part, m = _motions_at(problem, label, parts, held)
     gram = np.zeros((len(parts), m.shape[1], m.shape[1]))
     np.add.at(gram, part, m[:, :, None] * m[:, None, :])
+    if periodic is not None:
+        nodes, (here, there) = periodic.shifts()
+        geometry, size = problem.discretization.geometry, _size(problem)
+        m = rigid_motions(here / size, geometry) - rigid_motions(there / size, geometry)
+        part = _part_of_nodes(problem, label, parts)[periodic.nodes[nodes]]
+        np.add.at(gram, part, np.einsum("mni,kni->nmk", m, m))
     surface = problem.discretization.surface
     if surface.sprung:
         every = np.arange(len(problem.u.x.array), dtype=np.int32)
@@ -149,11 +159,20 @@ def _motions_at(
     space = problem.space
     d = space.dofmap.index_map_bs
     coordinates = space.tabulate_dof_coordinates()[:, :d]
-    part_of_node = np.zeros(len(coordinates), dtype=np.int64)
-    part_of_node[space.dofmap.list] = np.searchsorted(parts, label)[:, None]
+    part_of_node = _part_of_nodes(problem, label, parts)
     node, component = dofs // d, dofs % d
     motions = rigid_motions(coordinates[node] / _size(problem), problem.discretization.geometry)
     return part_of_node[node], motions[:, np.arange(len(node)), component].T
+
+
+def _part_of_nodes(
+    problem: Problem, label: NDArray[np.int64], parts: NDArray[np.int64]
+) -> NDArray[np.intp]:
+    """Part of every local node, by its place in ``parts``."""
+    dofmap = problem.space.dofmap
+    result = np.zeros(dofmap.index_map.size_local + dofmap.index_map.num_ghosts, dtype=np.intp)
+    result[dofmap.list] = np.searchsorted(parts, label)[:, None]
+    return result
 
 
 def _size(problem: Problem) -> float:

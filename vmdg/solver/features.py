@@ -131,6 +131,8 @@ def _refusal(problem: Problem, options: SolveOptions | None) -> str:
         return "facets open on demand"
     if problem.loading.rigid:
         return "rigid faces"
+    if problem.discretization.periodic is not None:
+        return "periodic cell"
     if options is not None and not linear_options(problem, options.petsc).automatic:
         return "options.petsc are for the assembled tangent"
     return ""

@@ -10,11 +10,9 @@ from typing import NamedTuple
 
 from petsc4py import PETSc
 
-from dolfinx import fem
-
+from ..assembly.discretization import Discretization
 from ..base.timers import timer
 from ..domain.geometry import rigid_motions
-from ..forms.geometry import Geometry
 from ..problem.problem import Problem
 
 Petsc = Mapping[str, str | int | float | bool | None]
@@ -270,18 +268,22 @@ def destroy(item: PETSc.KSP | PETSc.SNES) -> None:
     item.destroy()
 
 
-def set_rigid_modes(space: fem.FunctionSpace, geometry: Geometry, matrix: PETSc.Mat) -> None:
+def set_rigid_modes(parts: Discretization, matrix: PETSc.Mat) -> None:
     """Tell multigrid the motions without strain: translations, rotations, along z in axisymmetry.
 
     One set of modes serves all bodies: an aggregate that lies in one body sees the rigid motions
-    of this body.
+    of this body. In a periodic cell a rotation strains what crosses its boundary: translations.
     """
+    space, periodic = parts.space, parts.periodic
     d, owned = space.dofmap.index_map_bs, space.dofmap.index_map.size_local
     x = space.tabulate_dof_coordinates()[:owned]
+    modes = rigid_motions(x[:, :d], parts.geometry)
     basis: list[PETSc.Vec] = []
-    for mode in rigid_motions(x[:, :d], geometry):
+    for mode in modes if periodic is None else modes[:d]:
         vector = matrix.createVecRight()
         vector.array[:] = mode.ravel()
+        if periodic is not None:
+            vector.array[periodic.owned_dofs] = 0.0
         for other in (*basis, *basis):  # twice: rounding of far-off origins
             vector.axpy(-vector.dot(other), other)
         vector.normalize()

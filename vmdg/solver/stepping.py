@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ..base.parallel import global_any
 from ..base.timers import timer, timings, timings_since
 from ..checkpoint.checkpoint import write_checkpoint
+from ..output.cell import PeriodicCell
 from ..output.history import History, HistoryFile
 from ..problem.checks import check_model, checked_loads, checked_row
 from ..problem.problem import Problem
@@ -132,6 +133,8 @@ def _add_row(
     }
     if any(interface.law.inelastic for interface in problem.interfaces):
         row["sliding [-]"] = problem.step.watch_sliding()
+    if problem.discretization.periodic is not None:
+        row |= PeriodicCell(problem).row()
     if options.energy:
         energy = problem.energy()
         energies = asdict(energy) | {"imbalance": energy.imbalance}

@@ -92,14 +92,26 @@ class AssembledSystem:
         self._linear = LinearSolver(matrix, linear.solver, linear.fallback)
         if self._linear.multigrid:
             parts = problem.discretization
-            set_rigid_modes(parts.space, parts.geometry, matrix)
+            set_rigid_modes(parts, matrix)
         self._x, self._b = matrix.createVecs()
         loading = problem.loading
-        # Faces have one unknown motion or a few, which are found in the end.
+        self._periodic = problem.discretization.periodic
+        # Faces have one unknown motion or a few, which are found in the end, and so are unknown
+        # components of the mean gradient of a periodic cell.
         self._faces, self._motions = loading.rigid.dofs, loading.rigid.columns
+        if self._periodic is not None:
+            self._release_gradient(loading.owned_prescribed)
         self._prescribed = np.concatenate([loading.owned_prescribed, self._faces])
         self._released = False
         self._last: list[Array] = []
+
+    def _release_gradient(self, prescribed: NDArray[np.int32]) -> None:
+        """Take the components of the mean gradient that are not prescribed as motions."""
+        self._faces = np.setdiff1d(self._periodic.owned_dofs, prescribed)
+        chosen = self._comm.bcast(self._faces)
+        self._motions = np.zeros((len(chosen), self._discretization.owned))
+        if self._comm.rank == 0:
+            self._motions[np.arange(len(chosen)), chosen] = 1.0
 
     @property
     def iterations(self) -> int:
@@ -149,7 +161,7 @@ class AssembledSystem:
         for row, motion in zip(rows, self._motions, strict=True):
             self._x.array[:] = motion
             self._matrix.multTranspose(self._x, self._b)
-            row[:] = self._b.array
+            row[:] = self._b.array + self._of_gradient(motion, adjoint=True)
         return rows
 
     def _release(self, works: Array, forces: Array, found: Array) -> list[Array]:
@@ -187,7 +199,15 @@ class AssembledSystem:
             return 0.0
         self._x.array[:] = du
         self._matrix.mult(self._x, self._b)
-        return self._b.array.copy()
+        return self._b.array + self._of_gradient(du)
+
+    def _of_gradient(self, du: Array, adjoint: bool = False) -> Array | float:
+        """What K, or its transpose, makes of the mean gradient in ``du``; the matrix knows the
+        fluctuation only."""
+        if self._periodic is None:
+            return 0.0
+        gradient = self._periodic.gradient_of_owned(du)
+        return self._discretization.uniform_forces(gradient, adjoint) if gradient.any() else 0.0
 
     def free(self) -> None:
         """Free the PETSc objects; collective."""

@@ -1,0 +1,127 @@
+"""The lattice of a periodic cell: the vectors by which it repeats, and which points are images."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from dolfinx.mesh import Mesh
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from ..base.parallel import global_max
+from .topology import box_sides
+
+Array = NDArray[np.float64]
+
+#: Distance, relative to the shortest side of the cell, within which points are the same.
+SAME_PLACE = 1e-6
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """A parallelepiped that repeats.
+
+    Attributes:
+        vectors: Of its sides, one a row (d, d) [mm].
+        origin: Its corner from which all sides set out (d,) [mm].
+    """
+
+    vectors: Array
+    origin: Array
+
+    @property
+    def centre(self) -> Array:
+        """Of the cell (d,) [mm]."""
+        return self.origin + self.vectors.sum(axis=0) / 2
+
+    @property
+    def volume(self) -> float:
+        """Of the cell, voids included [mm3; in 2D mm2]."""
+        return float(abs(np.linalg.det(self.vectors)))
+
+    @property
+    def length(self) -> float:
+        """Side of a cube of the same volume [mm]."""
+        return self.volume ** (1 / len(self.vectors))
+
+    @property
+    def tolerance(self) -> float:
+        """Distance within which points are the same [mm]."""
+        return SAME_PLACE * float(np.linalg.norm(self.vectors, axis=1).min())
+
+    def fractions(self, x: Array) -> Array:
+        """Coordinates of points x (..., d) in units of the sides, 0 to 1 in the cell."""
+        return (x - self.origin) @ np.linalg.inv(self.vectors)
+
+    def images(self, x: Array) -> NDArray[np.intp]:
+        """Pairs of entities on opposite faces of the cell (n, 2).
+
+        Args:
+            x: Points of every entity, of those of all ranks (entities, points, d).
+
+        Raises:
+            ValueError: one on a face has no image on the opposite one.
+        """
+        fractions, middle = self.fractions(x), x.mean(axis=1)
+        pairs = [np.zeros((0, 2), dtype=np.intp)]
+        for i, vector in enumerate(self.vectors):
+            near = self.tolerance / np.linalg.norm(vector)
+            low, high = (
+                np.flatnonzero((np.abs(fractions[..., i] - end) < near).all(axis=1))
+                for end in (0, 1)
+            )
+            for here, there, to in ((low, high, vector), (high, low, -vector)):
+                self._check(middle[here], middle[there], to, i)
+            found = cKDTree(middle[high]).query(middle[low] + vector)[1]
+            pairs.append(np.column_stack([low, high[found]]))
+        return np.concatenate(pairs)
+
+    def _check(self, points: Array, others: Array, to: Array, side: int) -> None:
+        """Points of a face against those of the opposite one."""
+        axis = ("first", "second", "third")[side]
+        if not len(points) and not len(others):
+            raise ValueError(
+                f"Periodic: no facet lies on the faces that the {axis} vector joins, {to.tolist()} "
+                f"from {self.origin.tolist()}; give vectors=, the sides of the cell, one a row"
+            )
+        apart = cKDTree(others).query(points + to)[0] if len(others) else np.full(len(points), 1.0)
+        bad = np.flatnonzero(~(apart < self.tolerance))
+        if len(bad):
+            here = np.array(min(points[bad].tolist()))
+            raise ValueError(
+                f"Periodic: the facet at {here.round(6).tolist()} has no image at "
+                f"{(here + to).round(6).tolist()} ({len(bad)} of {len(points)} facets of this face "
+                "have none): opposite faces must be meshed alike, in gmsh by "
+                "gmsh.model.mesh.setPeriodic before the mesh is generated"
+            )
+
+
+def make_lattice(mesh: Mesh, vectors: ArrayLike | None) -> Lattice:
+    """The lattice of a mesh; collective.
+
+    Args:
+        mesh: Of a cell.
+        vectors: Its sides, one a row (d, d); None for those of the box around it [mm].
+
+    Raises:
+        ValueError: the vectors are not independent, or the mesh does not fill the cell.
+    """
+    d, comm = mesh.geometry.dim, mesh.comm
+    A = np.diag(box_sides(mesh)[:d]) if vectors is None else np.array(vectors, dtype=float)
+    if A.shape != (d, d) or not np.isfinite(A).all() or not np.linalg.cond(A) < 1e6:
+        raise ValueError(
+            f"Periodic: vectors = {vectors!r} must be the {d} sides of the cell, one a row, that "
+            "are independent"
+        )
+    at = mesh.geometry.x[:, :d] @ np.linalg.inv(A)
+    low = np.array([-global_max(comm, float((-at[:, i]).max(initial=-np.inf))) for i in range(d)])
+    high = np.array([global_max(comm, float(at[:, i].max(initial=-np.inf))) for i in range(d)])
+    wrong = np.flatnonzero(np.abs(high - low - 1) > SAME_PLACE)
+    if len(wrong):
+        i = wrong[0]
+        raise ValueError(
+            f"Periodic: along vectors[{i}] = {A[i].tolist()} the mesh is {high[i] - low[i]:.6g} "
+            "times as long; give the vectors by which one cell repeats"
+        )
+    return Lattice(A, low @ A)

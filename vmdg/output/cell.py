@@ -1,0 +1,119 @@
+"""Means of a periodic cell, and its whole displacement."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+from dolfinx import fem
+from numpy.typing import NDArray
+
+from ..assembly.dirichlet import AXES
+from ..assembly.periodic import PeriodicSpace
+from ..base.parallel import global_sum
+from ..problem.problem import Problem
+
+Array = NDArray[np.float64]
+
+
+def whole_displacement(problem: Problem) -> fem.Function:
+    """Displacement u, of a periodic cell H.X + w as of now, on the broken space [mm]."""
+    now = problem.discretization
+    return now.u if now.periodic is None else now.periodic.displacement(now.u.x.array)
+
+
+class PeriodicCell:
+    """Means of a periodic cell at the current state; see :class:`vmdg.Periodic`.
+
+    Args:
+        problem: Of a periodic cell.
+
+    Raises:
+        ValueError: it is not one.
+    """
+
+    def __init__(self, problem: Problem):
+        if problem.discretization.periodic is None:
+            raise ValueError(
+                "PeriodicCell: the problem is a body with a surface; make it a cell by "
+                "Problem(..., periodic=vmdg.Periodic(...))"
+            )
+        self._problem = problem
+
+    @property
+    def _space(self) -> PeriodicSpace:
+        return self._problem.discretization.periodic
+
+    @property
+    def vectors(self) -> Array:
+        """Sides of the cell, one a row (d, d) [mm]."""
+        return self._space.lattice.vectors.copy()
+
+    @property
+    def volume(self) -> float:
+        """Of the cell, voids included, of a plane cell times its thickness [mm3]."""
+        thickness = float(self._problem.discretization.geometry.thickness)
+        return self._space.lattice.volume * thickness
+
+    @property
+    def gradient(self) -> Array:
+        """Mean deformation gradient F_bar (d, d)."""
+        H = self._space.gradient(self._problem.discretization.u.x.array)
+        return np.eye(len(H)) + H
+
+    @property
+    def strain(self) -> Array:
+        """Symmetric part of F_bar - I (d, d), at small strain the mean strain E_bar."""
+        F = self.gradient
+        return (F + F.T) / 2 - np.eye(len(F))
+
+    @property
+    def stress(self) -> Array:
+        """Mean stress P_bar (d, d), the force on H by the volume; collective [MPa].
+
+        Conjugate to F_bar in the weak form: V P_bar:dF_bar is the work of all stresses and
+        tractions of the cell on GRAD u = dF_bar.
+        """
+        now = self._problem.discretization
+        forces = now.forces.x.array + self._problem.loading.vector
+        lattice = self._space.lattice
+        mine = forces[self._space.dofs] if now.mesh.comm.rank == 0 else np.zeros_like(self.vectors)
+        return global_sum(now.mesh.comm, mine) * lattice.length / self.volume
+
+    def hill_mandel(self) -> float:
+        """How far the last step is from the condition of Hill and Mandel; collective.
+
+        The work of all stresses and tractions of the cell on the change of the displacement, less
+        that of the mean stress on the change of F_bar, V P_bar:dF_bar, relative to the sum of the
+        |V P_ij dF_ij|. It is what the fluctuation works against the residual that is left.
+        """
+        now, start = self._problem.discretization, self._problem.step.start
+        if start.discretization is not now:
+            return 0.0
+        change = now.u.x.array - start.u
+        forces = now.forces.x.array[: now.owned].copy()
+        forces[self._space.owned_dofs] = 0
+        work = global_sum(now.mesh.comm, forces @ change[: now.owned])
+        parts = np.abs(self.volume * self.stress * self._space.gradient(change))
+        return float(work / max(parts.sum(), np.finfo(float).tiny))
+
+    def displacement(self) -> fem.Function:
+        """Whole displacement u = (F_bar - I).X + w, X from the centre of the cell [mm].
+
+        Every call returns the same function with new values: copy what is to stay.
+        """
+        return whole_displacement(self._problem)
+
+    def row(self) -> dict[str, float]:
+        """Means for a row of the history; collective."""
+        small = self._problem.discretization.bodies.small
+        measure = self.strain if small else self.gradient
+        name, stress = "strain" if small else "gradient", self.stress
+        row: dict[str, float] = {}
+        for i, j in product(range(len(stress)), repeat=2):
+            if not small or i <= j:
+                row[f"{name}_{AXES[i] + AXES[j]} [-]"] = float(measure[i, j])
+        for i, j in product(range(len(stress)), repeat=2):
+            if not small or i <= j:
+                row[f"stress_{AXES[i] + AXES[j]} [MPa]"] = float(stress[i, j])
+        return row | {"hill_mandel [-]": self.hill_mandel()}

@@ -1,0 +1,183 @@
+"""A periodic cell as a user describes it, and its means."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import product
+
+from mpi4py import MPI
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..assembly.dirichlet import AXES
+from ..assembly.values import Value, check_resultant, value_at
+from .loading import Drive
+
+Array = NDArray[np.float64]
+
+#: Components of a mean by name, "xx" or "xy", or all of them: an array or f(t).
+Components = Mapping[str, Value] | ArrayLike | Callable[[float], ArrayLike]
+
+#: Asymmetry of a strain, relative to its size, that is rounding.
+ROUNDING = 1e-12
+
+
+@dataclass(frozen=True)
+class Periodic:
+    """A mesh as a cell that repeats, for ``Problem(..., periodic=)``: a representative volume.
+
+    The displacement is u = (F_bar - I).X + w with a fluctuation w that is the same on opposite
+    faces. F_bar, at small strain E_bar with u = E_bar.X + w, is given, or follows from a given mean
+    stress, or some components of one and some of the other. Components that are given in neither
+    are free of stress: ``strain={"xx": lambda t: 0.01 * t}`` alone is uniaxial stress along x. A
+    rotation of the cell does no work: at finite strain, where neither F_xy nor F_yx is given, one
+    of them is zero, F_yx unless its stress is given.
+
+    Opposite faces must be meshed alike. Interfaces may cross them. The boundary itself is no
+    interface: where two bodies meet across it they are tied.
+
+    Args:
+        strain: Mean strain E_bar at small strain, components by name ("xy" is the component of the
+            tensor, half the angle), an array (d, d), or f(t) of the load factor that gives one; a
+            component is a number or f(t).
+        gradient: Mean deformation gradient F_bar at finite strain, in the same way.
+        stress: Mean stress, at finite strain the first Piola-Kirchhoff stress P_bar, in the same
+            way [MPa].
+        vectors: Sides of the cell, one a row (d, d); None for those of the box around the mesh
+            [mm].
+    """
+
+    strain: Components | None = None
+    gradient: Components | None = None
+    stress: Components | None = None
+    vectors: ArrayLike | None = None
+
+    def drives(self, comm: MPI.Comm, d: int, small: bool) -> list[Drive]:
+        """What leads every component; collective.
+
+        Args:
+            comm: Communicator of the mesh.
+            d: Its dimension.
+            small: Whether strains are small.
+
+        Raises:
+            ValueError: the kinematics ask for the other measure, an unknown component, one that is
+                given twice, a value of the wrong shape, or nothing at all.
+        """
+        measure, other = ("strain", "gradient") if small else ("gradient", "strain")
+        if getattr(self, other) is not None:
+            kinematics = "small" if small else "finite"
+            raise ValueError(
+                f"Periodic: {other} does not go with kinematics={kinematics!r}; give {measure}="
+            )
+        given = _components(comm, getattr(self, measure), d, measure)
+        stress = _components(comm, self.stress, d, "stress")
+        if not given and not stress:
+            raise ValueError(f"Periodic: give {measure}=, stress= or both")
+        if small:
+            given, stress = (_upper(c, w) for c, w in ((given, measure), (stress, "stress")))
+        if both := sorted(set(given) & set(stress)):
+            raise ValueError(
+                f"Periodic: component {_name(*both[0])} is given in {measure} and in stress; leave "
+                "it out of one of them"
+            )
+        drives = _of_strain if small else _of_gradient
+        return drives(given, stress, d)
+
+
+def checked_periodic(periodic: Periodic | None) -> Periodic | None:
+    """What a user gave.
+
+    Raises:
+        TypeError: it is something else.
+    """
+    if periodic is None or isinstance(periodic, Periodic):
+        return periodic
+    raise TypeError(
+        f"Problem: periodic = {periodic!r} must be vmdg.Periodic(...), for example "
+        'vmdg.Periodic(strain={"xx": lambda t: 0.01 * t})'
+    )
+
+
+_Given = dict[tuple[int, int], Value]
+
+
+def _name(i: int, j: int) -> str:
+    return AXES[i] + AXES[j]
+
+
+def _components(comm: MPI.Comm, given: Components | None, d: int, what: str) -> _Given:
+    """Components by row and column; collective."""
+    if given is None:
+        return {}
+    entries = list(product(range(d), repeat=2))
+    if not isinstance(given, Mapping):
+        check_resultant(comm, given, [(d, d)], f"Periodic: {what}")
+        return {entry: lambda t, entry=entry: value_at(given, t)[entry] for entry in entries}
+    names, result = {_name(*entry): entry for entry in entries}, {}
+    for name, value in given.items():
+        if name not in names:
+            raise ValueError(
+                f"Periodic: {what} has no component {name!r}; in {d}D they are {', '.join(names)}"
+            )
+        check_resultant(comm, value, [()], f"Periodic: {what} {name}")
+        result[names[name]] = lambda t, value=value: value_at(value, t)
+    return result
+
+
+def _upper(given: _Given, what: str) -> _Given:
+    """Components i <= j of a symmetric tensor.
+
+    Raises:
+        ValueError: it is not symmetric at load factors 0 or 1.
+    """
+    result = {}
+    for (i, j), value in given.items():
+        twin = given.get((j, i), value)
+        for t in (0.0, 1.0):
+            one, two = float(value(t)), float(twin(t))
+            if abs(one - two) > ROUNDING * max(abs(one), abs(two)):
+                raise ValueError(
+                    f"Periodic: {what} is not symmetric, {_name(i, j)} = {one:g} and "
+                    f"{_name(j, i)} = {two:g} at load factor {t:g}; give one of them"
+                )
+        result[min(i, j), max(i, j)] = value
+    return result
+
+
+def _of_strain(given: _Given, stress: _Given, d: int) -> list[Drive]:
+    """H_ij = 2 E_ij above the diagonal and 0 below: its symmetric part is E."""
+    drives = []
+    for i, j in product(range(d), repeat=2):
+        if i > j:
+            drives.append(Drive(i, j, True, 0.0))
+        elif (i, j) in given:
+            factor, value = 1 if i == j else 2, given[i, j]
+            drives.append(Drive(i, j, True, lambda t, v=value, f=factor: f * v(t)))
+        else:
+            drives.append(Drive(i, j, False, stress.get((i, j), 0.0)))
+    return drives
+
+
+def _of_gradient(given: _Given, stress: _Given, d: int) -> list[Drive]:
+    """H = F - I, with one of F_ij and F_ji zero where neither is given."""
+    drives = []
+    for i, j in product(range(d), repeat=2):
+        twin, low = (j, i), i > j
+        if (i, j) in given:
+            drives.append(Drive(i, j, True, lambda t, v=given[i, j], one=i == j: v(t) - one))
+            continue
+        if low and (i, j) in stress and twin in stress:
+            raise ValueError(
+                f"Periodic: stress has {_name(*twin)} and {_name(i, j)}, which leave the cell free "
+                "to rotate; give one of them, the other one follows from the balance of moments"
+            )
+        if i != j and twin not in given:
+            held = (i, j) not in stress if low else twin in stress
+            if held:
+                drives.append(Drive(i, j, True, 0.0))
+                continue
+        drives.append(Drive(i, j, False, stress.get((i, j), 0.0)))
+    return drives
