@@ -99,9 +99,11 @@ def test_solvers_agree(comm, law):
     """
     ends = []
     one_iteration = {"ksp_max_it": 1, "ksp_rtol": 1e-12}
+    levels = {"pc_gamg_coarse_eq_limit": 50}
     for sizes, more in ((SMALL, {}), (MEDIUM, {}), (LARGE, {}), (LARGE, one_iteration)):
         problem = pressed(comm, "hexahedron", law)
         petsc = automatic_options(problem, *sizes)[0] | more
+        petsc |= levels if sizes == LARGE else {}
         result = vmdg.solve(problem, [0.5, 1.0], vmdg.SolveOptions(max_iterations=20, petsc=petsc))
         assert not result.failures
         counts = result.counts

@@ -310,15 +310,21 @@ class Discretization:
         total.scatter_reverse(InsertMode.add)
         return total.array[: self.owned]
 
-    def assemble_tangent(self, matrix: PETSc.Mat, damage: bool = True) -> None:
+    def assemble_tangent(
+        self, matrix: PETSc.Mat, damage: bool = True, failing: bool = True
+    ) -> None:
         """Tangent at the state of the last :meth:`assemble_residual`, prescribed rows included.
 
         Args:
             matrix: From :meth:`create_matrix`.
             damage: False keeps zeta: the damage part of (84) is left out.
+            failing: False leaves interfaces out that can fail: only ties join the bodies.
         """
         with timer("tangent at points"):
             parts = [(active, active.tangent(damage)[0]) for active in self.active.values()]
+        if not failing:
+            # Their part of the pattern stays, with zeros.
+            parts = [(active, D * (not active.law.inelastic)) for active, D in parts]
         with timer("assemble tangent"):
             matrix.zeroEntries()
             # All of the pattern is filled before the matrix is first assembled, or it is lost.

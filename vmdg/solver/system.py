@@ -92,7 +92,7 @@ class AssembledSystem:
         self._linear = LinearSolver(matrix, linear.solver, linear.fallback)
         if self._linear.multigrid:
             parts = problem.discretization
-            set_rigid_modes(parts, matrix)
+            set_rigid_modes(parts.space, parts.geometry, matrix, parts.periodic)
         self._x, self._b = matrix.createVecs()
         loading = problem.loading
         self._periodic = problem.discretization.periodic
@@ -125,6 +125,8 @@ class AssembledSystem:
 
     def solve(self, forces: Sequence[Array], moved: Sequence[Array], rtol: float) -> list[Array]:
         """Solve K.du = forces for several right-hand sides; collective."""
+        if not self._linear.coarsened and self._discretization.can_fail:
+            self._coarsen()
         self._discretization.assemble_tangent(self._matrix)
         self.norm = self.norm or self._matrix.norm(PETSc.NormType.NORM_INFINITY)
         self._matrix.shift(self.drag * self.norm)
@@ -135,6 +137,18 @@ class AssembledSystem:
             [*forces, *np.zeros_like(self._motions)], [*moved, *self._motions], rtol
         )
         return self._release(works, np.array(forces), np.array(found))
+
+    def _coarsen(self) -> None:
+        """Coarsen every body for itself, as if the interfaces that can fail had failed; collective.
+
+        However an interface fails then, the bodies at it move against each other on all levels:
+        half the iterations. Aggregates across it would have to follow a bond that goes, and the
+        rigid motions of every body as modes of the whole would double the unknowns of all coarse
+        matrices. Around a crack tip a body stays one by itself.
+        """
+        self._discretization.assemble_tangent(self._matrix, failing=False)
+        self._matrix.zeroRowsColumnsLocal(self._prescribed, 1.0)
+        self._linear.coarsen()
 
     def _solve_held(
         self, forces: Sequence[Array], moved: Sequence[Array], rtol: float

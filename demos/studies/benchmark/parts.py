@@ -8,7 +8,7 @@ from typing import Any
 from helpers.bars import progress
 from matplotlib.figure import Figure
 
-from studies.benchmark import condensed, cost, peers, precision, ratio, switches
+from studies.benchmark import condensed, cost, peers, precision, ratio, switches, zone
 from studies.benchmark.common import DIMENSION, table
 
 #: What was found, its table, and what draws it.
@@ -27,12 +27,20 @@ def precision_part(coarse: bool, repeats: int) -> Outcome:
 
 
 def ratio_part(coarse: bool, repeats: int) -> Outcome:
-    """Newton iterations, direct and with multigrid in 3D."""
-    refine = 0.2 if coarse else 1.0
-    cases = [("2D", damage, True) for damage in (False, True)]
-    cases += [("3D", damage, direct) for direct in (True, False) for damage in (False, True)]
-    rows = [ratio.measure(*case, repeats, refine) for case in progress(cases, "case")]
+    """Newton iterations, direct and with multigrid in 3D, there on a mesh twice as fine too."""
+    size = 0.2 if coarse else 1.0
+    cases = [("2D", damage, True, size) for damage in (False, True)]
+    cases += [("3D", damage, direct, size) for direct in (True, False) for damage in (False, True)]
+    cases += [("3D", damage, False, 2 * size) for damage in (False, True)]
+    rows = [ratio.measure(*case[:3], repeats, case[3]) for case in progress(cases, "case")]
     return rows, table(ratio.HEAD, map(ratio.row, rows)), None
+
+
+def zone_part(coarse: bool, repeats: int) -> Outcome:
+    """Krylov iterations while a zone of failure grows, in 3D."""
+    cases = progress((True, False), "interpolation")
+    grown = [zone.measure(bodies, 10 if coarse else 20) for bodies in cases]
+    return grown, table(zone.HEAD, [one.row() for one in grown]), None
 
 
 def peers_part(coarse: bool, repeats: int) -> Outcome:
@@ -84,6 +92,7 @@ def memory_part(coarse: bool, repeats: int) -> Outcome:
 PARTS: dict[str, Callable[[bool, int], Outcome]] = {
     "precision": precision_part,
     "ratio": ratio_part,
+    "zone": zone_part,
     "peers": peers_part,
     "switches": switches_part,
     "condensed": condensed_part,

@@ -1,8 +1,9 @@
 """A Newton iteration of vmdg against one of plain finite elements on the same mesh.
 
 One iteration is residual, tangent with its boundary conditions, and a linear solve with the same
-solver. Once the interface is tied, once every point of it is at work: the left half opens and is
-damaged, the right half is pressed, slides and rubs.
+solver, multigrid with new coarse matrices on an interpolation that is kept. Once the interface is
+tied, once every point of it is at work: the left half opens and is damaged, the right half is
+pressed, slides and rubs.
 """
 
 from __future__ import annotations
@@ -13,22 +14,33 @@ from dataclasses import dataclass
 from petsc4py import PETSc
 
 import numpy as np
+from numpy.typing import NDArray
 
 import vmdg
 from studies.benchmark.common import BOTTOM, LOWER, TOP, UPPER, layers, least_times
 from studies.benchmark.continuous import Plain
 from vmdg.domain.topology import tags_of_cells
 from vmdg.meshes import TaggedMesh
-from vmdg.solver.linear import CG_GAMG, GMRES_GAMG, LDLT, LU, Petsc, make_ksp, set_rigid_modes
+from vmdg.solver.linear import (
+    CG_GAMG,
+    GMRES_GAMG,
+    LDLT,
+    LU,
+    LinearSolver,
+    Petsc,
+    make_ksp,
+    set_rigid_modes,
+)
 
 #: Cells, and the layer below the interface.
 MESHES = {"2D": ("quadrilateral", (96, 96), 48), "3D": ("hexahedron", (22, 22, 25), 12)}
 #: Softening that the body can follow, or the tangent would be indefinite.
 STRENGTH, CRITICAL_GAP, FRICTION = 10.0, 1.0, 0.3  # MPa, mm, -
-#: Opening and slip of the interface at work, and how far its other half is pressed in [mm].
-OPENING, PRESSED = 0.05, 0.01
-BODY = {"E": 1000.0, "nu": 0.3}  # MPa
-AT_WORK = (vmdg.Mode.TENSION, vmdg.Mode.FRICTION)
+#: Largest opening, and slip, of the interface at work [mm]; strain that presses the bodies.
+OPENING, PRESSED = 0.05, 0.03
+BODY = vmdg.NeoHookean(E=1000.0, nu=0.3)  # MPa
+MATERIALS = {LOWER: BODY, UPPER: BODY}
+AT_WORK = (vmdg.Mode.TENSION, vmdg.Mode.SHEAR, vmdg.Mode.FRICTION)
 #: Of iterative linear solves.
 TOLERANCE = 1e-6
 STEPS = ("residual", "tangent", "boundary", "solve")
@@ -40,7 +52,8 @@ class Ratio:
 
     Attributes:
         name: Dimension, state of the interface and solver.
-        times: Of "plain" and "vmdg", by part.
+        times: Of "plain" and "vmdg", by part; with multigrid also of "rebuilt", plain finite
+            elements whose interpolation is made anew in every iteration, as PETSc does by itself.
         sizes: Numbers of unknowns.
         entries: Nonzero entries of the matrices.
         efforts: Krylov iterations of the linear solves, or operations of direct ones [1e9].
@@ -67,14 +80,25 @@ class Ratio:
         plain, ours = self.totals
         return ours / plain
 
+    @property
+    def to_rebuilt(self) -> float:
+        """vmdg to plain with an interpolation of every iteration; nan where there is none."""
+        rebuilt = self.times.get("rebuilt")
+        return self.totals[1] / sum(rebuilt.values()) if rebuilt else np.nan
+
 
 def _field(d: int, jump: float) -> Callable[[np.ndarray], np.ndarray]:
-    """Displacement at points [mm]; a ``jump`` of 1 opens half of the interface, closes the rest."""
+    """Displacement at points [mm]; a ``jump`` of 1 slides the interface and opens half of it.
+
+    The strain of the bodies is that of the continuous body, but for the way to the opening, so that
+    both have much the same to solve.
+    """
 
     def u(x: np.ndarray) -> np.ndarray:
         values = np.zeros((d, x.shape[1]))
         values[0] = 0.01 * x[0] + jump * OPENING
-        values[-1] = 0.003 * x[0] * x[-1] + jump * np.where(x[0] < 0.5, OPENING, -PRESSED)
+        values[-1] = (0.003 * x[0] - PRESSED) * x[-1]
+        values[-1] += jump * OPENING * np.maximum(1 - 2 * x[0], 0.0)
         return values
 
     return u
@@ -90,34 +114,40 @@ def measure(dimension: str, damage: bool, direct: bool, repeats: int, refine: fl
         repeats: The least of so many iterations.
         refine: Multiplies the numbers of cells.
     """
-    cell, divisions, below = MESHES[dimension]
-    divisions = [max(round(refine * n), 2) for n in divisions]
-    below = max(round(refine * below), 1)
-    tagged = layers(cell, divisions, np.ones(len(divisions)), below)
-    ends = np.concatenate([tagged.facet_tags.find(tag) for tag in (BOTTOM, TOP)])
-    material, d = vmdg.NeoHookean(**BODY), tagged.mesh.geometry.dim
-    plain = Plain(tagged, {LOWER: material, UPPER: material})
-    plain.u.interpolate(_field(d, 0.0))
-    plain.prescribe(ends)
-    problem = _problem(tagged, material, damage)
-    problem.dirichlet(ends, 0.0)
+    tagged = _mesh(dimension, refine)
+    plain = Plain(tagged, MATERIALS)
+    plain.u.interpolate(_field(tagged.mesh.geometry.dim, 0.0))
+    plain.prescribe(_ends(tagged))
+    problem = _problem(tagged, damage)
     matrix = problem.discretization.create_matrix()
     matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
     plain.assemble_residual()
     plain.assemble_tangent()
     residual = problem.step.assemble_residual().copy()
     problem.discretization.assemble_tangent(matrix)
+    residual[problem.loading.prescribed] = 0
+    solvers: list[_Direct | _Multigrid]
     if direct:
         options = LDLT if problem.discretization.symmetric else LU
+        solvers = [
+            _Direct(A, options, b)
+            for A, b in ((plain.matrix, plain.assemble_residual()), (matrix, residual))
+        ]
     else:
+        geometry = problem.discretization.geometry
+        set_rigid_modes(plain.space, geometry, plain.matrix)
+        set_rigid_modes(problem.space, geometry, matrix)
+        # Friction makes the tangent of the bodies no less symmetric.
+        plain.hold()
+        problem.discretization.assemble_tangent(matrix, failing=False)
+        matrix.zeroRowsColumnsLocal(problem.loading.prescribed, 1.0)
         options = CG_GAMG if problem.discretization.symmetric else GMRES_GAMG
-        for space, A in ((plain.space, plain.matrix), (problem.space, matrix)):
-            set_rigid_modes(space, problem.discretization.geometry, A)
-    residual[problem.loading.prescribed] = 0
-    solvers = [
-        _Solver(A, options, b)
-        for A, b in ((plain.matrix, plain.assemble_residual()), (matrix, residual))
-    ]
+        forces = plain.assemble_residual()
+        solvers = [
+            _Multigrid(plain.matrix, CG_GAMG, forces),
+            _Multigrid(matrix, options, residual),
+            _Multigrid(plain.matrix, CG_GAMG | {"pc_gamg_reuse_interpolation": False}, forces),
+        ]
     steps = {
         "plain": (
             plain.assemble_residual,
@@ -132,6 +162,8 @@ def measure(dimension: str, damage: bool, direct: bool, repeats: int, refine: fl
             solvers[1],
         ),
     }
+    if not direct:
+        steps["rebuilt"] = (*steps["plain"][:-1], solvers[2])
     named = {name: dict(zip(STEPS, actions, strict=True)) for name, actions in steps.items()}
     times = least_times(named, repeats)
     once = {"vmdg": {"step": lambda: problem.discretization.update_stabilization()}}
@@ -145,31 +177,44 @@ def measure(dimension: str, damage: bool, direct: bool, repeats: int, refine: fl
         times,
         (plain.size, matrix.getSize()[0]),
         tuple(int(A.getInfo()["nz_used"]) for A in (plain.matrix, matrix)),
-        tuple(solver.effort for solver in solvers),
+        tuple(solver.effort for solver in solvers[:2]),
         active,
         least_times(once, repeats)["vmdg"]["step"],
     )
 
 
-def _problem(tagged: TaggedMesh, material: vmdg.Material, damage: bool) -> vmdg.Problem:
+def block(dimension: str, damage: bool, refine: float = 1.0) -> vmdg.Problem:
+    """Both bodies, their ends held, with the displacement of which :func:`measure` tells."""
+    return _problem(_mesh(dimension, refine), damage)
+
+
+def _mesh(dimension: str, refine: float) -> TaggedMesh:
+    cell, divisions, below = MESHES[dimension]
+    divisions = [max(round(refine * n), 2) for n in divisions]
+    return layers(cell, divisions, np.ones(len(divisions)), max(round(refine * below), 1))
+
+
+def _ends(tagged: TaggedMesh) -> NDArray[np.int32]:
+    return np.concatenate([tagged.facet_tags.find(tag) for tag in (BOTTOM, TOP)])
+
+
+def _problem(tagged: TaggedMesh, damage: bool) -> vmdg.Problem:
     """Tied, or displaced so that all points of the interface are at work."""
     law = vmdg.Debonding(STRENGTH, CRITICAL_GAP, friction=FRICTION) if damage else vmdg.Bonded()
     interface = vmdg.Interface(between=(LOWER, UPPER), law=law)
-    problem = vmdg.Problem(
-        tagged.mesh, tagged.cell_tags, {LOWER: material, UPPER: material}, [interface]
-    )
+    problem = vmdg.Problem(tagged.mesh, tagged.cell_tags, MATERIALS, [interface])
     tags, d = tags_of_cells(tagged.mesh, tagged.cell_tags), tagged.mesh.geometry.dim
     for tag, jump in ((LOWER, 0.0), (UPPER, float(damage))):
         problem.u.interpolate(_field(d, jump), np.flatnonzero(tags == tag).astype(np.int32))
+    problem.dirichlet(_ends(tagged), 0.0)
     return problem
 
 
-class _Solver:
+class _Direct:
     """Solves with the present values of a matrix, from scratch."""
 
     def __init__(self, matrix: PETSc.Mat, options: Petsc, b: np.ndarray):
         self._ksp, self._matrix = make_ksp(matrix, options), matrix
-        self._ksp.setTolerances(rtol=TOLERANCE)
         self._x, self._b = matrix.createVecs()
         self._b.array[:] = b
 
@@ -179,10 +224,30 @@ class _Solver:
 
     @property
     def effort(self) -> float:
-        """Iterations of the last solve, or operations of the last elimination [1e9]."""
-        if self._ksp.getType() != PETSc.KSP.Type.PREONLY:
-            return self._ksp.getIterationNumber()
+        """Operations of the last elimination [1e9]."""
         return 1e-9 * self._ksp.getPC().getFactorMatrix().getMumpsRinfog(3)
+
+
+class _Multigrid:
+    """The same by the solver of vmdg, its interpolation from the first values of the matrix.
+
+    Attributes:
+        effort: Iterations of the last solve.
+    """
+
+    def __init__(self, matrix: PETSc.Mat, options: Petsc, b: np.ndarray):
+        self._solver = LinearSolver(matrix, options, LU)
+        self._solver.coarsen()
+        self._x, self._b = matrix.createVecs()
+        self._b.array[:] = b
+        self.effort = 0
+
+    def __call__(self) -> None:
+        before = self._solver.iterations
+        self._x.set(0.0)
+        self._solver.renew()
+        self._solver.solve(self._b, self._x, TOLERANCE)
+        self.effort = self._solver.iterations - before
 
 
 HEAD = (
@@ -193,6 +258,7 @@ HEAD = (
     "iterations or Gflop",
     "all [ms]",
     "ratio",
+    "to rebuilt",
     "active",
     "a step more [ms]",
 )
@@ -213,6 +279,7 @@ def row(ratio: Ratio) -> list[str | float]:
         both(*ratio.efforts),
         both(*(1e3 * total for total in ratio.totals)),
         f"{ratio.ratio:.3f}",
+        f"{ratio.to_rebuilt:.3f}",
         f"{ratio.active:.0%}",
         1e3 * ratio.step,
     ]

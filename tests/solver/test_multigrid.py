@@ -1,0 +1,82 @@
+"""Multigrid at interfaces: Krylov iterations are counted, on any number of ranks."""
+
+from __future__ import annotations
+
+import numpy as np
+from studies.benchmark import ratio, zone
+from support.problems import FRICTION, pressed
+
+import vmdg
+from vmdg.base.parallel import global_max
+from vmdg.base.timers import timings, timings_since
+from vmdg.solver.linear import CG_GAMG, GMRES_GAMG
+from vmdg.solver.system import AssembledSystem
+
+
+def solved(problem: vmdg.Problem, options: dict, times: int = 1, rtol: float = 1e-6):
+    """Krylov iterations of systems at the present state, and runs of timers."""
+    system, before = AssembledSystem(problem, options), timings()
+    counts = [0]
+    for _ in range(times):
+        forces = np.ones_like(problem.step.assemble_residual())
+        system.solve([forces], [0 * forces], rtol)
+        counts.append(system.iterations)
+    system.free()
+    return np.diff(counts), {timing.name: timing.runs for timing in timings_since(before)}
+
+
+def at_work(damage: bool, n: int = 10) -> vmdg.Problem:
+    """The block of the benchmark, its interface tied, or damaged or sliding at every point."""
+    return ratio.block("3D", damage, refine=n / 22)
+
+
+def test_broken_as_tied():
+    """An interface that is damaged or slides everywhere takes as many iterations as a tie."""
+    tied, _ = solved(at_work(False), CG_GAMG)
+    damaged, _ = solved(at_work(True), GMRES_GAMG)
+    assert tied <= 9
+    assert damaged <= 9
+
+
+def test_growing_zone():
+    """Steep softening takes equal iterations for all tangents; their own interpolation, more."""
+    kept, fresh = (zone.measure(bodies, 8).iterations for bodies in (True, False))
+    assert max(kept) <= 12
+    assert sum(kept) < 0.9 * sum(fresh)
+
+
+def test_coarsened_once(comm):
+    """Interpolation is made from the bodies where an interface can fail, once; a tie needs none."""
+    _, runs = solved(pressed(comm, "hexahedron", FRICTION), GMRES_GAMG, times=3)
+    assert runs["coarsen"] == 1
+    assert runs["set up preconditioner"] == 1
+    _, runs = solved(pressed(comm, "hexahedron", vmdg.Bonded()), CG_GAMG)
+    assert "coarsen" not in runs
+
+
+def test_coarsened_again(comm):
+    """What has not served is made anew, after the direct solve that took its place."""
+    options = {**GMRES_GAMG, "pc_gamg_coarse_eq_limit": 50, "ksp_max_it": 1}
+    _, runs = solved(pressed(comm, "hexahedron", FRICTION), options, times=2, rtol=1e-10)
+    assert runs["coarsen"] == 2
+    assert runs["factorize"] == 2
+
+
+def test_bodies_stand_alone(comm):
+    """Without interfaces that can fail a motion of one body pulls at no node of the other."""
+    problem = at_work(True, 4)
+    parts = problem.discretization
+    matrix, owned = parts.create_matrix(), parts.space.dofmap.index_map.size_local
+    x, y = matrix.createVecs()
+    cells, height = parts.space.dofmap.list, parts.space.tabulate_dof_coordinates()[:, 2]
+    upper = np.zeros(len(height), dtype=bool)
+    upper[cells[height[cells].mean(axis=1) > 0.4]] = True
+    upper = np.repeat(upper[:owned], 3)
+    x.array[:] = upper
+    pulls = []
+    for failing in (True, False):
+        parts.assemble_tangent(matrix, failing=failing)
+        matrix.mult(x, y)
+        pulls.append(global_max(comm, np.abs(y.array[~upper]).max(initial=0.0)))
+    assert pulls[0] > 1.0
+    assert pulls[1] == 0.0
