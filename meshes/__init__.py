@@ -15,6 +15,7 @@ from .inclusions import inclusions
 from .packing import pack
 from .plate import tearing
 from .plates import plates
+from .polycrystal import polycrystal
 from .pushout import pushout
 from .pushout_section import pushout_section
 from .two_blocks import blocks
@@ -31,6 +32,7 @@ __all__ = [
     "model",
     "pack",
     "plates",
+    "polycrystal",
     "pushout",
     "pushout_section",
     "random_fibres",

@@ -190,7 +190,7 @@ def generate_cells(gmsh_model, cell) -> None:
         worst = min(min(gmsh_model.mesh.getElementQualities(tags, "minSICN")) for tags in cells)
         quality.append(worst if len(types) == 1 else -1.0)
     if max(quality) <= 0:
-        raise RuntimeError("fibre_matrix: gmsh makes no good quadrilaterals; use smaller cells")
+        raise RuntimeError("gmsh makes no good quadrilaterals; use smaller cells")
     _recombine(gmsh_model, attempts[int(np.argmax(quality))])
 
 

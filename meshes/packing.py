@@ -94,7 +94,7 @@ def _apart(
     if 2 * radii.max() > size:  # a ball touches the sides, or its own image
         return None
     count, dim = centres.shape
-    shifts = _shifts(dim, size) if periodic else np.zeros((1, dim))
+    shifts = shifts_of(dim, size) if periodic else np.zeros((1, dim))
     for _ in range(sweeps):
         if periodic:
             centres = centres % size
@@ -115,7 +115,7 @@ def _apart(
     return None
 
 
-def _shifts(dim: int, size: float) -> NDArray[np.float64]:
+def shifts_of(dim: int, size: float) -> NDArray[np.float64]:
     """From a cell to itself and to its neighbours (3^dim, dim)."""
     return np.array(list(itertools.product((0, -1, 1), repeat=dim))) * size
 
@@ -134,7 +134,7 @@ def images(
         Centres (m, dim) [mm], numbers of the balls (m,).
     """
     count, dim = centres.shape
-    shifts = _shifts(dim, size)
+    shifts = shifts_of(dim, size)
     places = (centres + shifts[:, None]).reshape(-1, dim)
     numbers = np.tile(np.arange(count), len(shifts))
     outside = np.maximum(np.maximum(-places, places - size), 0.0)

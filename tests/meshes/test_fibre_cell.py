@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from support.cells import mismatch, volume
+from support.cells import mismatch, volumes
 
 from vmdg.meshes import fibre_cell, pack
 from vmdg.meshes.packing import UNIT_BALL, well_cut
@@ -79,7 +79,7 @@ def test_cells(comm, name):
     tagged = fibre_cell(**given, comm=comm)
     size, dim = given.get("size", 1.0), tagged.mesh.geometry.dim
     assert mismatch(tagged) < 1e-12 * size
-    bodies = {group: volume(tagged, group) for group in tagged.cell_tags.names}
+    bodies = volumes(tagged)
     whole = sum(bodies.values())
     assert bodies["fibre"] / whole == pytest.approx(
         given["fraction"], rel=0.06 if dim == 3 else 0.02
@@ -98,7 +98,7 @@ def test_not_periodic(comm):
     fibre = tagged.mesh.geometry.dofmap[tagged.cell_tags.find("fibre")]
     inside = x[fibre.ravel(), :2]
     assert ((inside > 0.005) & (inside < 0.995)).all()
-    assert volume(tagged, "fibre") == pytest.approx(0.5, rel=0.02)
+    assert volumes(tagged)["fibre"] == pytest.approx(0.5, rel=0.02)
 
 
 def test_wrong_cells():
