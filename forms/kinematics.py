@@ -24,8 +24,9 @@ class Body:
         material: The strain energy.
         parameters: UFL expressions of the material's parameters (cell-wise constants).
         small: Small strains: the energy is the quadratic one of the symmetric gradient.
-        eigenstrain: Isotropic stress-free strain e, F = F_e F_s with F_s = (1 + e) I; None where
-            the scene has none.
+        eigenstrain: Stress-free strain, F = F_e F_s: e with F_s = (1 + e) I, or a symmetric tensor
+            (3, 3) with F_s = I + e, without shear out of the plane in 2D; None where the scene has
+            none.
         mean_dilatation: The energy is w(F, theta) of :mod:`forms.dilatation`, theta an entry of F.
         fluid: Pressure p of a fluid at a facet, where tractions are those of W + p J, what is left
             of P.N without the fluid [MPa]; None for tractions P.N.
@@ -49,18 +50,20 @@ class Body:
     def energy(self, F: Expr) -> Expr:
         """Strain energy W(F) per reference volume [MPa]; F 3 x 3, or 2 x 2 in plane strain.
 
-        With an eigenstrain: W = J_s W_e(F F_s^-1); small strains: W = W_lin(sym(F) - I - e I).
+        With an eigenstrain: W = J_s W_e(F F_s^-1); small strains: W = W_lin(sym(F) - F_s).
         With mean dilatation F is diag(F, theta) and W that of F_bar.
         """
         if self.mean_dilatation:
             reduced = self.invariant_energy(F)
             return self.pointwise.energy(self.effective(F)) if reduced is None else reduced.energy
         d = F.ufl_shape[0]
-        e = 0 if self.eigenstrain is None else self.eigenstrain
+        e = 0 if self.eigenstrain is None or self.anisotropic else self.eigenstrain
         if self.small:
             strain = ufl.sym(F) - (1 + e) * ufl.Identity(d)
             if d == 2:
                 strain = with_entry(strain, -e)
+            if self.anisotropic:
+                strain -= self.eigenstrain
             return self.material.linear_energy(strain, self.parameters)
         reduced = self.invariant_energy(F)
         if reduced is not None:
@@ -69,7 +72,15 @@ class Body:
             F = with_entry(F, 1)
         if self.eigenstrain is None:
             return self.material.energy(F, self.parameters)
+        if self.anisotropic:
+            F_s = ufl.Identity(3) + self.eigenstrain
+            return ufl.det(F_s) * self.material.energy(F * ufl.inv(F_s), self.parameters)
         return (1 + e) ** 3 * self.material.energy(F / (1 + e), self.parameters)
+
+    @property
+    def anisotropic(self) -> bool:
+        """Whether the eigenstrain is a tensor."""
+        return self.eigenstrain is not None and self.eigenstrain.ufl_shape != ()
 
     @property
     def pointwise(self) -> Body:
@@ -90,19 +101,37 @@ class Body:
         """:meth:`energy` by few invariants, where the material offers that, else None."""
         if self.small:
             return None
-        stretch = 1 if self.eigenstrain is None else 1 / (1 + self.eigenstrain)
-        elastic, more = F, {}
+        elastic, more = without_entry(F) if self.mean_dilatation else F, {}
+        n = elastic.ufl_shape[0]
+        in_plane, out_of_plane, volume = self._elastic_part(n)
         if self.mean_dilatation:
-            elastic = without_entry(F)
-            more["dilatation"] = stretch ** elastic.ufl_shape[0] * dilatation(F)
-        out_of_plane = ufl.as_ufl(stretch) if elastic.ufl_shape[0] == 2 else None
+            more["dilatation"] = volume * dilatation(F)
         if self.eigenstrain is not None:
-            d = range(elastic.ufl_shape[0])
-            elastic = ufl.as_tensor([[stretch * elastic[i, j] for j in d] for i in d])
+            d = range(n)
+            if self.anisotropic:
+                elastic = elastic * in_plane
+            else:
+                elastic = ufl.as_tensor([[in_plane * elastic[i, j] for j in d] for i in d])
+        out_of_plane = ufl.as_ufl(out_of_plane) if n == 2 else None
         reduced = self.material.invariant_energy(elastic, out_of_plane, self.parameters, **more)
         if reduced is None or self.eigenstrain is None:
             return reduced
-        return replace(reduced, energy=(1 + self.eigenstrain) ** 3 * reduced.energy)
+        if self.anisotropic:
+            J_s = ufl.det(ufl.Identity(3) + self.eigenstrain)
+        else:
+            J_s = (1 + self.eigenstrain) ** 3
+        return replace(reduced, energy=J_s * reduced.energy)
+
+    def _elastic_part(self, n: int) -> tuple[Expr | float, Expr | float, Expr | float]:
+        """F_s^-1 (n, n), or the factor of I, its entry out of the plane, and det of the former."""
+        if self.eigenstrain is None:
+            return 1, 1, 1
+        if not self.anisotropic:
+            stretch = 1 / (1 + self.eigenstrain)
+            return stretch, stretch, stretch**n
+        inverse = ufl.inv(ufl.Identity(3) + self.eigenstrain)
+        block = ufl.as_tensor([[inverse[i, j] for j in range(n)] for i in range(n)])
+        return block, inverse[2, 2], ufl.det(block)
 
 
 def _chain(body: Body, F: Expr) -> InvariantChain | None:

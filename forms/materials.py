@@ -7,13 +7,14 @@ from collections.abc import Callable, Hashable, Iterator, Mapping
 from numbers import Real
 from typing import Any
 
+import numpy as np
 import ufl
 from ufl.core.expr import Expr
 
 from .invariants import Invariants
 
 
-class Parameters(Mapping[str, float]):
+class Parameters(Mapping[str, Any]):
     """Values by name, which cannot be changed: a problem has taken them over.
 
     Args:
@@ -40,6 +41,27 @@ class Parameters(Mapping[str, float]):
 
     def __repr__(self) -> str:
         return repr(self._values)
+
+
+class FromOthers:
+    """A parameter that follows, cell by cell, from others that vary.
+
+    Args:
+        function: Of numbers or arrays (n,), in the order of ``given``; may raise ValueError.
+        given: By name, as the user gave them.
+    """
+
+    def __init__(self, function: Callable[..., Any], given: Mapping[str, Any]):
+        self.function, self.given = function, dict(given)
+
+
+def varies(value: Any) -> bool:
+    """Whether a parameter is given for every cell.
+
+    Args:
+        value: f(x), a Function or an array, or what is the same everywhere.
+    """
+    return not isinstance(value, Real) and (callable(value) or np.ndim(value) == 1)
 
 
 def one_number(what: str, value: Any) -> float:
@@ -142,8 +164,11 @@ class NeoHookean(Material):
         mu: Shear modulus [MPa]; give either (E, nu) or (mu, lmbda).
         lmbda: First Lame parameter [MPa].
 
+    Each may be a number, f(x) at midpoints x (3, n) of cells, a Function of degree 0, or an array
+    with a value for each local cell of the mesh, ghosts included.
+
     Raises:
-        TypeError: a constant is no number.
+        TypeError: a constant is none of these.
         ValueError: a pair of constants is incomplete or outside its range.
     """
 
@@ -152,10 +177,10 @@ class NeoHookean(Material):
     def __init__(
         self,
         *,
-        E: float | None = None,
-        nu: float | None = None,
-        mu: float | None = None,
-        lmbda: float | None = None,
+        E: Any = None,
+        nu: Any = None,
+        mu: Any = None,
+        lmbda: Any = None,
     ):
         if (
             (E is None) != (nu is None)
@@ -163,26 +188,17 @@ class NeoHookean(Material):
             or (E is None) == (mu is None)
         ):
             raise ValueError("NeoHookean needs either E and nu, or mu and lmbda")
-        for name, value in {"E": E, "nu": nu, "mu": mu, "lmbda": lmbda}.items():
-            if value is not None:
-                one_number(f"NeoHookean: {name}", value)
-        if E is not None:
-            if not (math.isfinite(E) and E > 0):
-                raise ValueError(f"NeoHookean: E = {E} must be positive and finite")
-            if not -1 < nu < 0.5:
-                raise ValueError(
-                    f"NeoHookean: nu = {nu} must lie in (-1, 0.5); for a nearly incompressible "
-                    "body take for example nu = 0.4998"
-                )
-            mu = E / (2 * (1 + nu))
-            lmbda = nu * E / ((1 + nu) * (1 - 2 * nu))
-        if not (math.isfinite(mu) and mu > 0):
-            raise ValueError(f"NeoHookean: mu = {mu} must be positive and finite")
-        if not (math.isfinite(lmbda) and lmbda > -2 * mu / 3):
-            raise ValueError(
-                f"NeoHookean: lmbda = {lmbda} must be finite and exceed -2 mu / 3 = {-2 * mu / 3}"
-            )
-        self.parameters = {"mu": float(mu), "lmbda": float(lmbda)}
+        pair = {"mu": mu, "lmbda": lmbda} if E is None else {"E": E, "nu": nu}
+        known = {k: v if varies(v) else one_number(f"NeoHookean: {k}", v) for k, v in pair.items()}
+        lame = _lame_given if E is None else _lame_of_moduli
+        if not any(varies(v) for v in known.values()):
+            mu, lmbda = lame(*known.values())
+            self.parameters = {"mu": float(mu), "lmbda": float(lmbda)}
+        else:
+            self.parameters = {
+                name: FromOthers(lambda a, b, i=i: lame(a, b)[i], known)
+                for i, name in enumerate(("mu", "lmbda"))
+            }
 
     def energy(self, F: Expr, parameters: Mapping[str, Expr]) -> Expr:
         """Eq. (86)."""
@@ -218,6 +234,46 @@ class NeoHookean(Material):
         return mu * ufl.inner(strain, strain) + lmbda / 2 * ufl.tr(strain) ** 2
 
 
+def _lame_of_moduli(E: Any, nu: Any) -> tuple[Any, Any]:
+    """mu and lambda of numbers or of arrays.
+
+    Raises:
+        ValueError: out of range.
+    """
+    _check_range("E", E, np.isfinite(E) & np.greater(E, 0), "must be positive and finite")
+    _check_range(
+        "nu",
+        nu,
+        np.greater(nu, -1) & np.less(nu, 0.5),
+        "must lie in (-1, 0.5); for a nearly incompressible body take for example nu = 0.4998",
+    )
+    return _lame_given(E / (2 * (1 + nu)), nu * E / ((1 + nu) * (1 - 2 * nu)))
+
+
+def _lame_given(mu: Any, lmbda: Any) -> tuple[Any, Any]:
+    """The same of mu and lambda.
+
+    Raises:
+        ValueError: out of range.
+    """
+    _check_range("mu", mu, np.isfinite(mu) & np.greater(mu, 0), "must be positive and finite")
+    least = -2 * np.asarray(mu) / 3
+    _check_range(
+        "lmbda",
+        lmbda,
+        np.isfinite(lmbda) & np.greater(lmbda, least),
+        f"must be finite and exceed -2 mu / 3 = {np.max(least, initial=-np.inf)}",
+    )
+    return mu, lmbda
+
+
+def _check_range(name: str, value: Any, good: Any, rule: str) -> None:
+    bad = ~np.atleast_1d(good)
+    if bad.any():
+        worst = np.broadcast_to(value, bad.shape)[bad][0]
+        raise ValueError(f"NeoHookean: {name} = {worst} {rule}")
+
+
 class Hyperelastic(Material):
     """A material given by its strain energy, a UFL expression.
 
@@ -231,24 +287,29 @@ class Hyperelastic(Material):
 
     Args:
         energy: W(F, parameters) per reference volume [MPa] of the 3 x 3 ``F``.
-        parameters: Values by name, given to ``energy`` as cell-wise constants.
+        parameters: Values by name, given to ``energy`` as cell-wise constants: numbers, or as those
+            of :class:`NeoHookean` one for each cell.
 
     Raises:
-        TypeError: ``energy`` cannot be called, or a parameter is no number.
+        TypeError: ``energy`` cannot be called, or a parameter is none of these.
         ValueError: a parameter is not finite.
     """
 
     def __init__(
         self,
         energy: Callable[[Expr, Mapping[str, Expr]], Expr],
-        parameters: Mapping[str, float] | None = None,
+        parameters: Mapping[str, Any] | None = None,
     ):
         if not callable(energy):
             raise TypeError(f"Hyperelastic: energy(F, parameters) must be callable, got {energy!r}")
-        for name, value in (parameters or {}).items():
-            if not math.isfinite(one_number(f"Hyperelastic: {name}", value)):
+        given = dict(parameters or {})
+        for name, value in given.items():
+            if varies(value):
+                continue
+            given[name] = one_number(f"Hyperelastic: {name}", value)
+            if not math.isfinite(given[name]):
                 raise ValueError(f"Hyperelastic: {name} = {value!r} must be a finite number")
-        self.parameters = {name: float(value) for name, value in (parameters or {}).items()}
+        self.parameters = given
         self._energy = energy
 
     @property

@@ -75,7 +75,7 @@ def test_no_stress_at_rest(comm):
 
 @pytest.mark.parametrize("value", ["array", "function", "Constant", "Function"])
 def test_values_that_vary(comm, value):
-    """Moduli are numbers; what varies says how it can be given."""
+    """Moduli of Ogden's material are numbers; what varies says how it can be given."""
     mesh = two_blocks(comm, "triangle", 2).mesh
     given = {
         "array": np.ones(4),
@@ -83,11 +83,24 @@ def test_values_that_vary(comm, value):
         "Constant": fem.Constant(mesh, 1.0),
         "Function": fem.Function(fem.functionspace(mesh, ("DG", 0))),
     }[value]
-    for make in (
-        lambda: vmdg.NeoHookean(E=given, nu=0.3),
-        lambda: vmdg.NeoHookean(mu=1.0, lmbda=given),
-        lambda: vmdg.Ogden(c=(1.0,), m=(2.0,), kappa=given),
-        lambda: vmdg.Hyperelastic(relaxed, {"mu": given}),
-    ):
-        with pytest.raises(TypeError, match=r"must be one number; .* vmdg\.split_cells"):
-            make()
+    with pytest.raises(TypeError, match=r"must be one number; .* vmdg\.split_cells"):
+        vmdg.Ogden(c=(1.0,), m=(2.0,), kappa=given)
+
+
+@pytest.mark.parametrize(
+    ("material", "message"),
+    [
+        (vmdg.NeoHookean(E=lambda x: x[0] - 9, nu=0.3), r"E = -7.\d+ must be positive and finite"),
+        (vmdg.NeoHookean(E=1.0, nu=lambda x: x[0]), r"nu = 1\.\d+ must lie in"),
+        (
+            vmdg.NeoHookean(mu=1.0, lmbda=lambda x: -x[0]),
+            r"lmbda = -1.\d+ must .* exceed",
+        ),
+        (vmdg.NeoHookean(E=np.ones(3), nu=0.3), r"E: .* it has shape \(3,\)"),
+        (vmdg.Hyperelastic(relaxed, {"mu": lambda x: np.nan * x[0]}), r"mu.*: not finite"),
+    ],
+)
+def test_moduli_out_of_range(comm, material, message):
+    """Found cell by cell, refused on every rank with the tag."""
+    with pytest.raises(ValueError, match=f"(?s){message}"):
+        problem(comm, material)

@@ -152,8 +152,8 @@ UNCLEAR = {
 def test_unclear_function(problem, scene, door, value):
     """Refused on every rank, with the ways to write it."""
     function, message = UNCLEAR[value]
-    if (door, value) == ("eigenstrain", "fails"):
-        message = "is one number, Constant or lambda t: .* vmdg.split_cells"
+    if door == "eigenstrain":
+        message = message.replace("; write lambda t", "; (write lambda t|give a number e)")
     give = {
         "dirichlet": lambda: problem.dirichlet(scene.facet_tags.find(1), function),
         "traction": lambda: problem.traction(scene.facet_tags.find(1), function),
@@ -174,15 +174,28 @@ def test_fails_on_one_rank(problem, scene):
         problem.dirichlet(scene.facet_tags.find(1), fails)
 
 
-@pytest.mark.parametrize("value", [np.ones(4), "expression", "Function"])
-def test_eigenstrain_in_space(scene, value):
-    """An eigenstrain is one number for all cells of a tag."""
-    fields = {
-        "expression": ufl.SpatialCoordinate(scene.mesh)[0],
-        "Function": fem.Function(fem.functionspace(scene.mesh, ("DG", 0))),
-    }
-    value = fields[value] if isinstance(value, str) else value
-    with pytest.raises(ValueError, match=r"eigenstrain of tag 1 is one number, .*vmdg.split_cells"):
+#: What is no eigenstrain of a plane body, and what is said of it.
+NO_STRAIN = {
+    "array": (np.ones(99), r"shape \(99,\), and there are \d+ cells and \d+ ghosts"),
+    "expression": (None, "an expression of UFL has no values in cells"),
+    "Function of degree 1": (None, "a Function must be of degree 0 on the mesh of the problem"),
+    "vector": (lambda t: np.ones(3), r"load factor 0 has shape \(3,\)"),
+    "one number of points": (lambda x, t: 0.1, "axis -1 is out of bounds"),
+    "skew": (np.triu(np.ones((3, 3))), "the tensor is not symmetric"),
+    "out of the plane": (np.ones((3, 3)), "no shear strains 13 and 23"),
+    "not finite": (np.diag([np.nan, 0, 0]), "not finite"),
+}
+
+
+@pytest.mark.parametrize("kind", NO_STRAIN)
+def test_no_eigenstrain(scene, kind):
+    """Refused on every rank, with the ways to give one."""
+    value, message = NO_STRAIN[kind]
+    if kind == "expression":
+        value = ufl.SpatialCoordinate(scene.mesh)[0]
+    elif value is None:
+        value = fem.Function(fem.functionspace(scene.mesh, ("Lagrange", 1)))
+    with pytest.raises(ValueError, match=f"(?s)eigenstrain of tag 1 is .*{message}.*; give a num"):
         eigenstrain(scene, value)
 
 

@@ -2,24 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from dolfinx import fem
 from dolfinx.mesh import Mesh, compute_midpoints
 from numpy.typing import NDArray
 
-from ..base.parallel import raise_together
+from ..base.parallel import global_any, raise_together
 from ..forms.dilatation import MeanDilatation
 from ..forms.geometry import Geometry
 from ..forms.kinematics import Body
-from ..forms.materials import Material
+from ..forms.materials import FromOthers, Material
 from .topology import UNTAGGED
 
-LoadFactor = float | Callable[[float], float]
+
+class Strain(Protocol):
+    """Eigenstrain of the cells of a tag.
+
+    Attributes:
+        tensor: A tensor (3, 3), not the factor of the identity.
+        uniform: The same in all of the cells.
+    """
+
+    tensor: bool
+    uniform: bool
+
+    def __call__(self, t: float) -> NDArray[np.float64]:
+        """At load factor t: of all cells, or (n, ...) of each, ghosts included."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +56,7 @@ class Bodies:
         tags: Tag of every local cell, ghosts included.
         materials: Material of every tag.
         small: Small-strain kinematics.
-        eigenstrain: Isotropic stress-free strain by tag, a number or a function of the load
-            factor; None where there is none.
+        eigenstrain: Stress-free strain by tag; None where there is none.
         geometry: Gradient and measure.
 
     Attributes:
@@ -67,7 +79,7 @@ class Bodies:
         tags: NDArray[np.int32],
         materials: Mapping[int, Material],
         small: bool,
-        eigenstrain: Mapping[int, LoadFactor] | None,
+        eigenstrain: Mapping[int, Strain] | None,
         geometry: Geometry,
     ):
         _check_tags(mesh, tags, materials, eigenstrain)
@@ -78,7 +90,12 @@ class Bodies:
         self.mean_dilatation = isinstance(geometry, MeanDilatation)
         self.cells_of = {tag: np.flatnonzero(tags == tag) for tag in materials}
         self._eigenstrains = dict(eigenstrain or {})
-        self._eigenstrain = fem.Function(space) if self._eigenstrains else None
+        self._comm = mesh.comm
+        self._tensor = any(strain.tensor for strain in self._eigenstrains.values())
+        self._eigenstrain = None
+        if self._eigenstrains:
+            shape = ((3, 3),) if self._tensor else ()
+            self._eigenstrain = fem.Function(fem.functionspace(mesh, ("DG", 0, *shape)))
         self.regions: list[Region] = []
         self.region = np.full(len(tags), -1, dtype=np.int32)
         owned = mesh.topology.index_map(mesh.topology.dim).size_local
@@ -98,17 +115,21 @@ class Bodies:
 
     def apply_eigenstrain(self, t: float) -> None:
         """Set the eigenstrains to their values at load factor ``t``."""
-        for tag, value in self._eigenstrains_at(t).items():
-            self._eigenstrain.x.array[self.cells_of[tag]] = value
-
-    def _eigenstrains_at(self, t: float) -> dict[int, float]:
-        return {
-            tag: value(t) if callable(value) else value for tag, value in self._eigenstrains.items()
-        }
+        for tag, strain in self._eigenstrains.items():
+            value = strain(t)
+            if self._tensor:
+                value = value if strain.tensor else value[..., None, None] * np.eye(3)
+                value = value.reshape(*value.shape[:-2], 9)
+            array = self._eigenstrain.x.array.reshape(len(self.tags), *(9,) * self._tensor)
+            array[self.cells_of[tag]] = value
 
     def eigenstrain_differs(self, before: float, after: float) -> bool:
-        """Whether an eigenstrain differs between two load factors."""
-        return self._eigenstrains_at(before) != self._eigenstrains_at(after)
+        """Whether an eigenstrain differs between two load factors; collective."""
+        strains = self._eigenstrains.values()
+        differs = any(not np.array_equal(strain(before), strain(after)) for strain in strains)
+        if all(strain.uniform for strain in strains):
+            return differs
+        return global_any(self._comm, differs)
 
 
 def cell_values(
@@ -131,6 +152,8 @@ def cell_values(
     """
     if isinstance(value, Real):
         return float(value)
+    if isinstance(value, FromOthers):
+        return _found_from(mesh, value, cells, what)
     message, values = None, np.zeros(len(cells))
     try:
         values[:] = _given_on(mesh, value, cells)
@@ -143,6 +166,20 @@ def cell_values(
         message = f"{what}: not finite in {np.count_nonzero(~np.isfinite(values))} cells"
     raise_together(mesh.comm, message)
     return values
+
+
+def _found_from(
+    mesh: Mesh, value: FromOthers, cells: NDArray[np.int32], what: str
+) -> NDArray[np.float64] | float:
+    """A parameter that is found from others, cell by cell; collective."""
+    given = [cell_values(mesh, one, cells, f"{what}, {name}") for name, one in value.given.items()]
+    message, result = None, 0.0
+    try:
+        result = value.function(*given)
+    except ValueError as error:
+        message = f"{what}: {error}"
+    raise_together(mesh.comm, message)
+    return result
 
 
 def _given_on(mesh: Mesh, value: Any, cells: NDArray[np.int32]) -> NDArray[np.float64]:
@@ -169,7 +206,7 @@ def _check_tags(
     mesh: Mesh,
     tags: NDArray[np.int32],
     materials: Mapping[int, Material],
-    eigenstrain: Mapping[int, LoadFactor] | None,
+    eigenstrain: Mapping[int, Strain] | None,
 ) -> None:
     present = set(np.unique(np.concatenate(mesh.comm.allgather(np.unique(tags)))).tolist())
     untagged = np.flatnonzero(tags == UNTAGGED)

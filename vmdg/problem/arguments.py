@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -14,14 +12,13 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags, compute_midpoints, exterior_facet_indices
 from numpy.typing import ArrayLike, NDArray
-from ufl.core.expr import Expr
 
 from .. import compat
-from ..assembly.values import Value, first_value, takes_points, value_at
 from ..base.kernels import compile_expression
 from ..base.parallel import raise_together
 from ..domain.lattice import Lattice
-from ..domain.tags import Group, by_tag
+from ..domain.materials import cell_values
+from ..domain.tags import Group
 from ..domain.topology import facet_cells
 from ..forms.materials import Material
 from ..interface.facets import InterfaceFacets
@@ -85,43 +82,6 @@ def checked_materials(materials: Mapping[Group, Material]) -> Mapping[Group, Mat
                 "for example vmdg.NeoHookean(E=5000.0, nu=0.25)"
             )
     return materials
-
-
-def checked_eigenstrains(
-    comm: MPI.Comm, eigenstrain: Mapping[Group, Any] | None, names: Mapping[str, int]
-) -> dict[int, Callable[[float], float]]:
-    """Eigenstrains by tag as functions of the load factor; collective.
-
-    Args:
-        comm: Communicator.
-        eigenstrain: What the user gave.
-        names: Tag by name of the groups of cells.
-
-    Raises:
-        TypeError: they are not a mapping of tags.
-        ValueError: one is no number, Constant or f(t): a strain is the same in all of a body.
-    """
-    if not isinstance(eigenstrain or {}, Mapping):
-        raise TypeError(
-            f"Problem: eigenstrain = {eigenstrain!r} must be a dict of strains by cell tag, for "
-            "example {1: lambda t: 1e-3 * t}"
-        )
-    result: dict[int, Callable[[float], float]] = {}
-    for tag, value in by_tag(eigenstrain or {}, names, "eigenstrain").items():
-        what = f"Problem: the eigenstrain of tag {tag}"
-        known = isinstance(value, fem.Constant) or not isinstance(value, Expr)
-        if not known or takes_points(value, what) or first_value(comm, value, what).shape != ():
-            raise ValueError(
-                f"{what} is one number, Constant or lambda t: ... for all of its cells, not "
-                f"{value!r}; for one that varies give parts of the body tags of their own, by "
-                "vmdg.split_cells for example"
-            )
-        result[tag] = partial(_number_at, value)
-    return result
-
-
-def _number_at(value: Value, t: float) -> float:
-    return float(value_at(value, t))
 
 
 def check_mesh(mesh: Mesh, cell_tags: MeshTags) -> None:
@@ -196,7 +156,12 @@ def _at_rest(mesh: Mesh, material: Material) -> tuple[NDArray[np.float64], NDArr
     """P at F = I (3, 3) and some of the moduli there [MPa]; the same on every rank, collective."""
     # A Constant, and not the Identity, which UFL would put in while the user's function is called.
     F = ufl.variable(fem.Constant(mesh, np.eye(3)))
-    parameters = {name: fem.Constant(mesh, v) for name, v in material.parameters.items()}
+    # Of moduli that vary those of one cell.
+    some = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)[:1]
+    parameters = {
+        name: fem.Constant(mesh, float(np.sum(cell_values(mesh, value, some, name))))
+        for name, value in material.parameters.items()
+    }
     P = ufl.diff(material.energy(F, parameters), F)
     A = ufl.diff(P, F)
     moduli = [A[i, j, i, j] for i in range(3) for j in range(3)]

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from html import escape
 from types import MappingProxyType
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from dolfinx import fem
@@ -24,7 +24,7 @@ from ..base.tables import html_table
 from ..domain.cells import check_cells
 from ..domain.geometry import make_geometry
 from ..domain.lattice import make_lattice
-from ..domain.materials import Bodies, LoadFactor
+from ..domain.materials import Bodies
 from ..domain.tags import Group, by_tag, names_of
 from ..domain.topology import Locator, tags_of_cells
 from ..forms.materials import Material
@@ -40,10 +40,10 @@ from .arguments import (
     check_mesh,
     check_overlap,
     check_rest,
-    checked_eigenstrains,
     checked_interfaces,
     checked_materials,
 )
+from .eigenstrain import checked_eigenstrains
 from .loading import Loading
 from .periodic import Periodic, checked_periodic
 from .rigid_motion import RigidMotion
@@ -67,8 +67,10 @@ class Problem:
         degree: Degree of the displacement, at least that of the cells of the mesh.
         kinematics: "finite", or "small" for linear elasticity.
         thickness: Of a plane body [mm].
-        eigenstrain: Isotropic stress-free strain e by tag, a number, a Constant or a function of
-            the load factor; at finite strain F = F_e (1 + e).
+        eigenstrain: Stress-free strain by tag: a number e, F_s = (1 + e) I, or a symmetric tensor
+            (3, 3), F_s = I + e, with F = F_e F_s at finite strain; in axisymmetry its axes are r, z
+            and hoop. As a value, a Constant, f(t), f(x, t) at midpoints x (3, n) of cells with e
+            (n,) or (3, 3, n), a Function of degree 0, or an array over local cells.
         symmetry: "axisymmetric" makes a 2D mesh the half section of a body of revolution without
             torsion: x = r >= 0, y = z, displacement (u_r, u_z). Forces, energies, load vectors and
             the areas of interface points are those of the whole body; u_r = 0 is imposed on nodes
@@ -103,7 +105,7 @@ class Problem:
         degree: int = 1,
         kinematics: str = "finite",
         thickness: float = 1.0,
-        eigenstrain: Mapping[Group, LoadFactor] | None = None,
+        eigenstrain: Mapping[Group, Any] | None = None,
         symmetry: str | None = None,
         volumetric: str = "pointwise",
         periodic: Periodic | None = None,
@@ -119,12 +121,12 @@ class Problem:
         self.comm = mesh.comm
         names = names_of(cell_tags)
         materials = by_tag(checked_materials(materials), names, "materials")
-        eigenstrain = checked_eigenstrains(self.comm, eigenstrain, names)
         check_rest(mesh, materials)
         self.materials = MappingProxyType(materials)
         tags = tags_of_cells(mesh, cell_tags)
         lattice = make_lattice(mesh, periodic.vectors) if repeats else None
-        bodies = Bodies(mesh, tags, materials, kinematics == "small", eigenstrain, geometry)
+        strains = checked_eigenstrains(mesh, tags, eigenstrain, names)
+        bodies = Bodies(mesh, tags, materials, kinematics == "small", strains, geometry)
         facets = [find_facets(mesh, tags, interface, names) for interface in self.interfaces]
         check_overlap(mesh, self.interfaces, facets)
         if lattice is not None:

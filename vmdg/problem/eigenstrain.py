@@ -1,0 +1,144 @@
+"""Eigenstrains as users give them: numbers and tensors, over the load factor and from place to
+place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+from dolfinx import fem
+from dolfinx.mesh import Mesh, compute_midpoints
+from numpy.typing import NDArray
+from ufl.core.expr import Expr
+
+from ..assembly.values import takes_points, value_at
+from ..base.parallel import raise_together
+from ..domain.tags import Group, by_tag
+
+Array = NDArray[np.float64]
+
+_WAYS = (
+    "give a number e or a symmetric tensor (3, 3), a Constant, lambda t: ..., or lambda x, t: ... "
+    "at midpoints x (3, n) of cells with e (n,) or tensors (3, 3, n), a Function of degree 0, or "
+    "an array with one for each local cell"
+)
+
+#: Difference of e_ij and e_ji relative to the largest entry that rounding may leave.
+_SYMMETRIC = 1e-12
+
+
+class Eigenstrain:
+    """Stress-free strain of the cells of a tag; collective.
+
+    Args:
+        mesh: The mesh.
+        value: What the user gave.
+        cells: Local cells of the tag, ghosts included.
+        what: Its name, for messages.
+
+    Attributes:
+        tensor: A tensor, not the factor of the identity.
+        uniform: The same in all of the cells.
+
+    Raises:
+        ValueError: it is no strain.
+    """
+
+    def __init__(self, mesh: Mesh, value: Any, cells: NDArray[np.int32], what: str):
+        points = takes_points(value, what)
+        message, first, self.uniform = None, np.zeros(()), True
+        try:
+            self._at, self.uniform = _reader(mesh, value, cells, points)
+            first = self._at(0.0)
+            _check(first, () if self.uniform else (len(cells),), mesh.geometry.dim)
+        except Exception as error:  # of a user's function, which may do anything
+            message = f"{what} is {value!r}: {error}; {_WAYS}"
+        raise_together(mesh.comm, message)
+        self.tensor = first.ndim >= 2
+
+    def __call__(self, t: float) -> Array:
+        """At load factor t: () or (3, 3) of all cells, or (n, ...) of each."""
+        return self._at(t)
+
+
+def checked_eigenstrains(
+    mesh: Mesh,
+    tags: NDArray[np.int32],
+    eigenstrain: Mapping[Group, Any] | None,
+    names: Mapping[str, int],
+) -> dict[int, Eigenstrain]:
+    """Eigenstrains by tag; collective.
+
+    Args:
+        mesh: The mesh.
+        tags: Tag of every local cell, ghosts included.
+        eigenstrain: What the user gave.
+        names: Tag by name of the groups of cells.
+
+    Raises:
+        TypeError: they are not a mapping of tags.
+        ValueError: one is no strain.
+    """
+    if not isinstance(eigenstrain or {}, Mapping):
+        raise TypeError(
+            f"Problem: eigenstrain = {eigenstrain!r} must be a dict of strains by cell tag, for "
+            "example {1: lambda t: 1e-3 * t}"
+        )
+    return {
+        tag: Eigenstrain(
+            mesh,
+            value,
+            np.flatnonzero(tags == tag).astype(np.int32),
+            f"Problem: the eigenstrain of tag {tag}",
+        )
+        for tag, value in by_tag(eigenstrain or {}, names, "eigenstrain").items()
+    }
+
+
+def _reader(
+    mesh: Mesh, value: Any, cells: NDArray[np.int32], points: bool
+) -> tuple[Callable[[float], Array], bool]:
+    """The value as a function of t, and whether it is the same in all cells."""
+    if isinstance(value, fem.Function):
+        space = value.function_space
+        if space.mesh is not mesh or space.dofmap.list.shape[1:] != (1,):
+            raise ValueError("a Function must be of degree 0 on the mesh of the problem")
+        nodes = space.dofmap.list[cells, 0]
+        return lambda t: value.x.array.reshape(-1, *value.ufl_shape)[nodes], False
+    if points:
+        x = compute_midpoints(mesh, mesh.topology.dim, cells).T
+        return lambda t: np.moveaxis(value_at(value, t, x), -1, 0), False
+    if isinstance(value, Expr) and not isinstance(value, fem.Constant):
+        raise ValueError("an expression of UFL has no values in cells")
+    if not callable(value):
+        array = np.asarray(value, dtype=float)
+        if array.ndim in (1, 3):
+            local = mesh.topology.index_map(mesh.topology.dim)
+            if len(array) != local.size_local + local.num_ghosts:
+                raise ValueError(
+                    f"it has shape {array.shape}, and there are {local.size_local} cells and "
+                    f"{local.num_ghosts} ghosts"
+                )
+            return lambda t: array[cells], False
+    return partial(value_at, value), True
+
+
+def _check(strain: Array, rows: tuple[int, ...], d: int) -> None:
+    """Refuse what is no finite number or tensor for each row.
+
+    Raises:
+        ValueError: the reason.
+    """
+    shape = strain.shape[len(rows) :]
+    if strain.shape[: len(rows)] != rows or shape not in ((), (3, 3)):
+        raise ValueError(f"its value at load factor 0 has shape {strain.shape}")
+    if not np.isfinite(strain).all():
+        raise ValueError("its value at load factor 0 is not finite")
+    if shape:
+        largest = np.abs(strain).max(initial=0.0)
+        if np.abs(strain - strain.swapaxes(-1, -2)).max(initial=0.0) > _SYMMETRIC * largest:
+            raise ValueError("the tensor is not symmetric")
+        if d == 2 and np.abs(strain[..., :2, 2]).max(initial=0.0) > 0:
+            raise ValueError("a plane body has no shear strains 13 and 23")
