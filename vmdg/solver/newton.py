@@ -51,9 +51,6 @@ MIN_DRAG, DRAG_INCREMENT = -0.5, 1e-6
 #: backtracking, or all of it by full steps, which then go round in circles.
 STALLED, CYCLE = 0.98, 1e-3
 
-#: So it is, where the path can be followed by the work on bonds, if four leave more than this.
-CREEPING = 0.5
-
 _REASONS = {
     value: name
     for name, value in vars(PETSc.SNES.ConvergedReason).items()
@@ -347,13 +344,12 @@ class Newton:
         return reasons.ITERATING
 
     def _stalled(self) -> bool:
-        """Whether corrections lead nowhere, or not fast enough."""
+        """Whether two corrections have changed nothing."""
         norms = self._trace.norms
         if len(norms) < 5 or self._corrections < 4:
             return False
         if self._backtracks:
-            follows = self._problem.loading.ray is not None
-            return norms[-1] > STALLED * norms[-3] or follows and norms[-1] > CREEPING * norms[-5]
+            return norms[-1] > STALLED * norms[-3]
         return abs(norms[-1] - norms[-3]) < CYCLE * norms[-3]
 
     def destroy(self) -> None:
