@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from typing import NamedTuple
@@ -27,6 +27,7 @@ from ..interface.active import ActiveInterface, update_points
 from ..interface.facets import InterfaceFacets
 from ..interface.interface import Interface
 from ..interface.stabilization import Stabilization, Stabilizers
+from .cell_tangents import CellTangents
 from .dilatation import Dilatation
 from .periodic import PeriodicSpace
 from .point_matrices import add_tangent, add_uniform, create_matrix
@@ -148,7 +149,7 @@ class Discretization:
         """Compile all kernels of a solve now, or load them from the cache; collective."""
         if self._dilatation is not None:
             self._dilatation.compile()
-        _ = self._residual_forms, self._tangent_form
+        _ = self._residual_forms, self._add_bodies
         for active in self.active.values():
             _ = active.point_tangent
 
@@ -162,11 +163,14 @@ class Discretization:
         )
 
     @cached_property
-    def _tangent_form(self) -> fem.Form:
-        """Of the bodies."""
+    def _add_bodies(self) -> Callable[[PETSc.Mat], None]:
+        """Adds the bodies' tangent; in the plane a form has few products."""
+        if self.mesh.topology.dim == 3:
+            return CellTangents(self.u, self.bodies).add_to
         weak = self.weak_form
         eta, du = ufl.TestFunction(self.space), ufl.TrialFunction(self.space)
-        return weak.compile(weak.bulk_tangent(eta, du), "bodies' tangent")
+        form = weak.compile(weak.bulk_tangent(eta, du), "bodies' tangent")
+        return lambda matrix: fem_petsc.assemble_matrix(matrix, form)
 
     @cached_property
     def _uniform(self) -> tuple[fem.Constant, fem.Form]:
@@ -328,7 +332,8 @@ class Discretization:
         with timer("assemble tangent"):
             matrix.zeroEntries()
             # All of the pattern is filled before the matrix is first assembled, or it is lost.
-            for form in (self._tangent_form, *self.surface.tangents()):
+            self._add_bodies(matrix)
+            for form in self.surface.tangents():
                 fem_petsc.assemble_matrix(matrix, form)
             for active, D in parts:
                 add_tangent(matrix, active, D)

@@ -1,16 +1,23 @@
-"""Forms and expressions compiled to kernels, or loaded from the cache that processes share."""
+"""Forms, expressions and C compiled to kernels, or loaded from the cache that processes share."""
 
 from __future__ import annotations
 
 import fcntl
-from collections.abc import Iterator
+import hashlib
+import importlib.machinery
+import importlib.util
+import json
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter
+from types import ModuleType
 
 from mpi4py import MPI
 
+import cffi
 import dolfinx.jit
 import numpy as np
 import ufl
@@ -54,9 +61,14 @@ VECTORIZED = {
 }
 
 
+# C that says itself what is done at a time: at -O3 gcc 14 changes the order of its loops, and its
+# products of small matrices take three times as long.
+_PRODUCTS = ["-O2", "-funroll-loops", "-march=native", "-g0"]
+
+
 @dataclass(frozen=True)
 class Kernel:
-    """A compiled form or expression.
+    """A compiled form, expression or C file.
 
     Attributes:
         name: What it is for.
@@ -69,7 +81,7 @@ class Kernel:
     lines: int
 
 
-#: Every form and expression that this process has asked for, in order.
+#: Every kernel that this process has asked for, in order.
 requested: list[Kernel] = []
 
 
@@ -125,6 +137,52 @@ def compile_expression(
         compiled = fem.Expression(numbered, points, comm=comm, jit_options=ordered)
     _record(name, start, compiled.code)
     return compiled
+
+
+def compile_source(
+    source: Path, declaration: str, sizes: Mapping[str, int], comm: MPI.Comm, name: str
+) -> ModuleType:
+    """Compile a C file, or load it from the cache; collective.
+
+    Args:
+        source: The file.
+        declaration: Of its functions, for cffi.
+        sizes: Values of its macros.
+        comm: Of the ranks that ask for it.
+        name: For :data:`requested`.
+
+    Returns:
+        A module of cffi, with ``lib`` and ``ffi``.
+    """
+    start = perf_counter()
+    with timer("kernels"), _claims_in_order(comm, JIT_OPTIONS) as ordered:
+        module, lines = _source_module(
+            comm, source.read_text(), declaration, dict(sizes), ordered["cache_dir"]
+        )
+    requested.append(Kernel(name, perf_counter() - start, lines))
+    return module
+
+
+@dolfinx.jit.mpi_jit_decorator
+def _source_module(
+    code: str, declaration: str, sizes: dict[str, int], folder: Path
+) -> tuple[ModuleType, int]:
+    """The module, and its lines of C; 0 where it was in the cache."""
+    arguments = [*_PRODUCTS, *(f"-D{macro}={value}" for macro, value in sizes.items())]
+    key = hashlib.sha1(json.dumps([code, declaration, arguments]).encode()).hexdigest()
+    name, lines = f"vmdg_{key}", 0
+    file = folder / (name + importlib.machinery.EXTENSION_SUFFIXES[0])
+    if not file.exists():
+        builder, lines = cffi.FFI(), code.count("\n")
+        builder.cdef(declaration)
+        builder.set_source(name, code, extra_compile_args=arguments)
+        # Whoever else compiles it at the same time puts the same into its place.
+        with TemporaryDirectory(dir=folder) as work:
+            Path(builder.compile(tmpdir=work)).replace(file)
+    spec = importlib.util.spec_from_file_location(name, file)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module, lines
 
 
 def cache_folder(options: dict = JIT_OPTIONS) -> Path:

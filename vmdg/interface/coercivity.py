@@ -43,7 +43,7 @@ of a cell's energy like any other.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import basix
 import numpy as np
@@ -55,6 +55,7 @@ from ufl.core.expr import Expr
 from .. import compat
 from ..base.kernels import compile_expression
 from ..domain.materials import Bodies
+from ..domain.moduli import RegionExpressions, cell_moduli
 from ..domain.shapes import ShapeGradients
 from ..forms import kinematics
 from ..forms.kinematics import Body
@@ -123,7 +124,7 @@ class CellProblems:
         local: NDArray[np.int32],
     ):
         space, geometry = u.function_space, bodies.geometry
-        self._mesh = mesh = space.mesh
+        mesh = space.mesh
         self._d = d = mesh.geometry.dim
         self._entries = entries = geometry.entries(d)
         shapes = ShapeGradients(mesh, geometry, space.ufl_element().degree)
@@ -145,40 +146,28 @@ class CellProblems:
         # Compiling is collective.
         regions = np.unique(np.concatenate(mesh.comm.allgather(here)))
 
-        def compiled(
-            expression: Callable[[Body, Expr], Expr], points: NDArray[np.float64]
-        ) -> dict[int, fem.Expression]:
-            F = ufl.variable(geometry.deformation(u))
-            return {
-                number: compile_expression(
-                    expression(bodies.regions[number].body, F),
-                    points,
-                    mesh.comm,
-                    name="coercivity",
-                )
-                for number in regions
-            }
-
         N = ufl.FacetNormal(mesh)
-        self._moduli = compiled(
-            lambda body, F: kinematics.major_components(
-                kinematics.bulk_moduli(body, geometry, F), entries
-            ),
-            shapes.bulk_points,
-        )
+        self._moduli = cell_moduli(u, bodies, regions, shapes.bulk_points)
         self._mean_dilatation = bodies.mean_dilatation
-        self._volume_gradient: dict[int, fem.Expression] = {}
+        self._volume_gradient: RegionExpressions | None = None
         # At small strain dJ/dF is the identity, which is no expression on a mesh.
         if self._mean_dilatation and not bodies.small:
-            self._volume_gradient = compiled(
-                lambda body, F: kinematics.volume_gradient(body, F, entries), shapes.bulk_points
+            self._volume_gradient = RegionExpressions(
+                u,
+                bodies,
+                regions,
+                lambda body, F: kinematics.volume_gradient(body, F, entries),
+                shapes.bulk_points,
+                "coercivity",
             )
 
         def moduli(body: Body, F: Expr) -> Expr:
             H = kinematics.traction_moduli(body, F, N)
             return ufl.as_vector([H[k, i, j] for k in range(d) for i, j in entries])
 
-        self._traction_moduli = compiled(moduli, shapes.facet_points)
+        self._traction_moduli = RegionExpressions(
+            u, bodies, regions, moduli, shapes.facet_points, "coercivity"
+        )
         rows = len(shapes.bulk_points) * len(entries) + shapes.nodes_of_cell * d
         self._batch = max(_BATCH // (rows * shapes.nodes_of_cell * d), 1)
 
@@ -227,8 +216,8 @@ class CellProblems:
         if not self._mean_dilatation:
             return None
         gradients, volumes = (values[cells] for values in self._bulk)
-        if self._volume_gradient:
-            dJ = self._evaluate(self._volume_gradient, self._region[cells], self._cells[cells])
+        if self._volume_gradient is not None:
+            dJ = self._volume_gradient(self._region[cells], self._cells[cells])
         else:
             identity = [float(i == j) for i, j in self._entries[:-1]]
             dJ = np.broadcast_to(identity, (*volumes.shape, len(identity)))
@@ -242,7 +231,7 @@ class CellProblems:
         """R with E_K(u) = |R.u|^2 (cells, n, n), regular, and what compression adds (cells,)."""
         gradients, volumes = (values[cells] for values in self._bulk)
         n, size = gradients.shape[2] * self._d, len(self._entries)
-        A = self._evaluate(self._moduli, self._region[cells], self._cells[cells])
+        A = self._moduli(self._region[cells], self._cells[cells])
         first, second = np.triu_indices(size)
         full = np.empty((*A.shape[:2], size, size))
         full[..., first, second] = full[..., second, first] = A
@@ -263,7 +252,7 @@ class CellProblems:
         d = self._d
         gradients, areas = (values[pairs] for values in self._facets)
         region = self._region[self._cell_of_pair[pairs]]
-        H = self._evaluate(self._traction_moduli, region, self._pairs[pairs])
+        H = self._traction_moduli(region, self._pairs[pairs])
         H = H.reshape(*H.shape[:2], d, -1)
         # A tau from indefinite A may itself be: only its positive part can be matched.
         values, vectors = np.linalg.eigh(weights)
@@ -271,24 +260,6 @@ class CellProblems:
         H = np.einsum("pkm,pqke->pqem", root, H, optimize=True)
         H *= np.sqrt(areas)[:, :, None, None]
         return _contract(H, gradients, dilatations).reshape(len(H), -1, gradients.shape[2] * d)
-
-    def _evaluate(
-        self,
-        expressions: dict[int, fem.Expression],
-        region: NDArray[np.int32],
-        entities: NDArray[np.int32],
-    ) -> NDArray[np.float64]:
-        """Values (entities, points, components), every entity by the kernel of its region."""
-        first = next(iter(expressions.values()))
-        size = int(np.prod(first.ufl_expression.ufl_shape))
-        result = np.empty((len(entities), len(first.X()), size))
-        for number, expression in expressions.items():
-            chosen = np.flatnonzero(region == number)
-            if not len(chosen):
-                continue
-            values = compat.evaluate(expression, self._mesh, entities[chosen])
-            result[chosen] = values.reshape(len(chosen), -1, size)
-        return result
 
 
 def _square_root(

@@ -1,0 +1,82 @@
+"""The bodies' part of the tangent in space: sums of B^T.A.B over the points of the cells."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from petsc4py import PETSc
+
+import basix.ufl
+import numpy as np
+from dolfinx import fem
+
+from ..base.kernels import compile_source
+from ..base.quadrature import bulk_degree
+from ..domain.materials import Bodies
+from ..domain.moduli import cell_moduli
+from ..domain.shapes import GeometryMap
+
+#: Number of cells, A, nodes, derivatives of both shape functions, weights of the points, matrices.
+_DECLARATION = "void cell_tangents(long, void *, void *, void *, void *, void *, void *);"
+
+#: Numbers in the matrices of the cells that are done at a time: they and A stay in a core's cache.
+_BATCH = 60_000
+
+
+class CellTangents:
+    """First term of (85) in space, int GRAD eta : A : GRAD du dV of the bodies.
+
+    A is derived in UFL and evaluated at the points, the products are those of cell_tangents.c.
+
+    Args:
+        u: Displacement.
+        bodies: Materials; with mean dilatation the part of displacements at fixed theta and p.
+    """
+
+    def __init__(self, u: fem.Function, bodies: Bodies):
+        space = u.function_space
+        mesh, degree = space.mesh, space.ufl_element().degree
+        cell, geometry = mesh.basix_cell(), bodies.geometry
+        points, self._weights = basix.make_quadrature(
+            cell, bulk_degree(mesh.topology.cell_name(), degree, geometry)
+        )
+        self._regions, self._dofs = bodies.regions, space.dofmap.list
+        self._moduli = cell_moduli(u, bodies, range(len(bodies.regions)), points)
+        self._map = GeometryMap(mesh, points)
+        shape = basix.ufl.element("Lagrange", cell, degree)
+        self._slopes = np.array(shape.tabulate(1, points)[1:])
+        self._size = mesh.geometry.dim * shape.dim
+        module = compile_source(
+            Path(__file__).with_suffix(".c"),
+            _DECLARATION,
+            {
+                "NODES": shape.dim,
+                "MAP_NODES": self._map.slopes.shape[2],
+                "POINTS": len(points),
+                "ENTRIES": len(geometry.entries(mesh.geometry.dim)),
+            },
+            mesh.comm,
+            name="bodies' tangent",
+        )
+        self._kernel, self._pointer = module.lib.cell_tangents, module.ffi.from_buffer
+
+    def add_to(self, matrix: PETSc.Mat) -> None:
+        """Add it to a matrix that joins the dofs of every cell, at the current displacement."""
+        batch = max(_BATCH // self._size**2, 1)
+        matrices = np.empty((batch, self._size, self._size))
+        for number, region in enumerate(self._regions):
+            for start in range(0, len(region.cells), batch):
+                cells = region.cells[start : start + batch]
+                arrays = (
+                    self._moduli.in_region(number, cells),
+                    self._map.nodes(cells),
+                    self._slopes,
+                    self._map.slopes,
+                    self._weights,
+                    matrices,
+                )
+                self._kernel(len(cells), *map(self._pointer, arrays))
+                dofs = self._dofs[cells]
+                matrix.setValuesBlockedLocalRCV(
+                    dofs, dofs, matrices[: len(cells)], PETSc.InsertMode.ADD_VALUES
+                )
