@@ -37,6 +37,7 @@ from .problem.rigid_motion import RigidMotion as RigidMotion
 from .problem.states import Energy as Energy
 from .problem.states import Snapshot as Snapshot
 from .solver.features import switchboard as switchboard
+from .solver.macroscopic import macroscopic_tangent as macroscopic_tangent
 from .solver.options import SolveOptions as SolveOptions
 from .solver.result import Counts as Counts
 from .solver.result import Result as Result

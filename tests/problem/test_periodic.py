@@ -235,6 +235,36 @@ def test_stress_leads_to_the_same_state(comm, kinematics):
     assert means(other).strain == pytest.approx(means(led).strain, rel=1e-6, abs=1e-9)
 
 
+@pytest.mark.parametrize("kinematics", [SMALL, FINITE])
+def test_tangent(comm, kinematics):
+    """The macroscopic tangent of a step that breaks bonds and rubs is that of differences."""
+    before, after, h = np.diag([0.015, 0.0]), np.array([[-0.006, 0.004], [0.004, 0.001]]), 1e-7
+    precise = vmdg.SolveOptions(relative_tolerance=1e-13, control="load")
+
+    def solved(change):
+        ends = (np.zeros((2, 2)), before, after + change)
+
+        def mean(t):
+            return sum(np.interp(t, [0, 1, 2], np.eye(3)[i]) * end for i, end in enumerate(ends))
+
+        drive = {SMALL: {"strain": mean}, FINITE: {"gradient": lambda t: np.eye(2) + mean(t)}}
+        problem = included(comm, vmdg.Periodic(**drive[kinematics]), kinematics=kinematics, n=4)
+        vmdg.solve(problem, [1.0, 2.0], precise)
+        return problem
+
+    problem = solved(0.0)
+    assert problem.energy().damage > 0 and problem.energy().friction > 0
+    found = vmdg.macroscopic_tangent(problem)
+    for k, m in product(range(2), repeat=2):
+        E = np.zeros((2, 2))
+        E[k, m] = h
+        if kinematics == SMALL:
+            E = (E + E.T) / 2
+        low, high = (means(solved(change)).stress for change in (-E, E))
+        expected = (high - low) / (2 * h)
+        assert found[:, :, k, m] == pytest.approx(expected, rel=1e-6, abs=1e-3)
+
+
 def test_displacement(comm):
     """The whole displacement jumps across the cell by the mean gradient."""
     problem = included(comm, STRAIN, (3, 1))

@@ -122,6 +122,14 @@ class PeriodicSpace:
         owns = self._comm.rank == 0
         return self.dofs if owns else np.zeros((0, 0), dtype=np.int32)
 
+    def unit_vectors(self, dofs: NDArray[np.int32]) -> Array:
+        """1 at one of some :attr:`dofs` (n,) of the first rank each, over owned dofs (n, owned)."""
+        imap = self.space.dofmap.index_map
+        vectors = np.zeros((len(dofs), imap.size_local * self._d))
+        if self._comm.rank == 0:
+            vectors[np.arange(len(dofs)), dofs] = 1.0
+        return vectors
+
     def gradient(self, vector: Array) -> Array:
         """H (d, d) of a vector over local dofs, ghosts up to date."""
         return vector[self.dofs] / self.lattice.length

@@ -84,18 +84,21 @@ class PeriodicCell:
         """How far the last step is from the condition of Hill and Mandel; collective.
 
         The work of all stresses and tractions of the cell on the change of the displacement, less
-        that of the mean stress on the change of F_bar, V P_bar:dF_bar, relative to the sum of the
-        |V P_ij dF_ij|. It is what the fluctuation works against the residual that is left.
+        that of the mean stress on the change of F_bar, V P_bar:dF_bar, relative to V |P| |dF_bar|
+        with the largest mean stress of the run. It is what the fluctuation works against the
+        residual that is left.
         """
-        now, start = self._problem.discretization, self._problem.step.start
-        if start.discretization is not now:
+        now, step = self._problem.discretization, self._problem.step
+        if step.start.discretization is not now:
             return 0.0
-        change = now.u.x.array - start.u
+        change = now.u.x.array - step.start.u
         forces = now.forces.x.array[: now.owned].copy()
         forces[self._space.owned_dofs] = 0
         work = global_sum(now.mesh.comm, forces @ change[: now.owned])
-        parts = np.abs(self.volume * self.stress * self._space.gradient(change))
-        return float(work / max(parts.sum(), np.finfo(float).tiny))
+        length = self._space.lattice.length
+        force = max(step.scales.reaction, self.volume * np.linalg.norm(self.stress) / length)
+        scale = force * length * np.linalg.norm(self._space.gradient(change))
+        return float(work / max(scale, np.finfo(float).tiny))
 
     def displacement(self) -> fem.Function:
         """Whole displacement u = (F_bar - I).X + w, X from the centre of the cell [mm].

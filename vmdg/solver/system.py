@@ -24,6 +24,9 @@ from .options import SolveOptions
 
 Array = NDArray[np.float64]
 
+#: Relative tolerance of an iterative solve whose result is no correction.
+PRECISE = 1e-10
+
 
 class System(Protocol):
     """K.du = forces with the tangent at the state of the last residual.
@@ -108,10 +111,7 @@ class AssembledSystem:
     def _release_gradient(self, prescribed: NDArray[np.int32]) -> None:
         """Take the components of the mean gradient that are not prescribed as motions."""
         self._faces = np.setdiff1d(self._periodic.owned_dofs, prescribed)
-        chosen = self._comm.bcast(self._faces)
-        self._motions = np.zeros((len(chosen), self._discretization.owned))
-        if self._comm.rank == 0:
-            self._motions[np.arange(len(chosen)), chosen] = 1.0
+        self._motions = self._periodic.unit_vectors(self._comm.bcast(self._faces))
 
     @property
     def iterations(self) -> int:
@@ -132,7 +132,7 @@ class AssembledSystem:
         self._matrix.shift(self.drag * self.norm)
         if not len(self._motions):
             return self._solve_held(forces, moved, rtol)
-        works = self._works()
+        works = self._works(self._motions)
         found = self._solve_held(
             [*forces, *np.zeros_like(self._motions)], [*moved, *self._motions], rtol
         )
@@ -169,10 +169,22 @@ class AssembledSystem:
         self._last = found
         return found
 
-    def _works(self) -> Array:
-        """Rows T^T.K of the motions of rigid faces, over owned dofs (k, owned)."""
-        rows = np.empty_like(self._motions)
-        for row, motion in zip(rows, self._motions, strict=True):
+    def condensed(self, motions: Array) -> Array:
+        """K condensed to motions of prescribed dofs, T^T.K.T less what all others give way (k, k);
+        collective [N/mm].
+
+        Args:
+            motions: T^T over owned dofs (k, owned).
+        """
+        self._discretization.assemble_tangent(self._matrix)
+        works = self._works(motions)
+        found = self._solve_held(np.zeros_like(motions), motions, PRECISE)
+        return global_sum(self._comm, works @ np.array(found).T)
+
+    def _works(self, motions: Array) -> Array:
+        """Rows T^T.K of motions, over owned dofs (k, owned)."""
+        rows = np.empty_like(motions)
+        for row, motion in zip(rows, motions, strict=True):
             self._x.array[:] = motion
             self._matrix.multTranspose(self._x, self._b)
             row[:] = self._b.array + self._of_gradient(motion, adjoint=True)
