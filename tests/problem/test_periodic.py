@@ -48,14 +48,14 @@ def tagged(comm, cell, divisions, tag_of, size=1.0, corner=0.0):
     return mesh, meshtags(mesh, d, cells, tag_of(x.T).astype(np.int32))
 
 
-def laminate(comm, cell, layers, degree=1, fails=False, **options):
+def laminate(comm, cell, layers, degree=1, fails=False, bond=BOND, **options):
     """Layers across y, of which the lowest bond may fail; one cell in other directions."""
     tags, d = np.array(LAYERS[layers]), DIMENSION[cell]
     divisions = [1, len(tags), 1][:d]
     mesh, cells = tagged(
         comm, cell, divisions, lambda x: tags[np.floor(x[1] * len(tags)).astype(int)]
     )
-    lowest = [vmdg.Interface(lambda x: np.isclose(x[1], 1 / len(tags)), law=BOND)]
+    lowest = [vmdg.Interface(lambda x: np.isclose(x[1], 1 / len(tags)), law=bond, name="bond")]
     others = [
         vmdg.Interface(lambda x, y=y: np.isclose(x[1], y), law=vmdg.Bonded())
         for y in (np.flatnonzero(np.diff(tags)) + 1) / len(tags)
@@ -155,18 +155,16 @@ def test_laminate_that_fails(comm, cell, layers):
     assert broken == {2: 3, 3: 5}[d]
 
 
-def included(
-    comm, periodic, shift=(0, 0), tiles=1, kinematics=SMALL, friction=0.4, n=8, cell="quadrilateral"
-):
+def included(comm, periodic, shift=(0, 0), tiles=1, kinematics=SMALL, n=8, activate="all"):
     """Square inclusions in cells of n x n, shifted by numbers of cells, in tiles x tiles."""
 
     def tag_of(x):
         X = np.mod(np.floor(n * x[:2] + 1e-9).T - np.array(shift), n)
         return np.where(((X >= n / 4) & (X < 3 * n / 4)).all(axis=1), 2, 1)
 
-    mesh, tags = tagged(comm, cell, (n * tiles,) * 2, tag_of, float(tiles))
-    law = vmdg.Debonding(strength=5.0, critical_gap=0.004, friction=friction)
-    bond = vmdg.Interface(between=(1, 2), law=law, name="bond")
+    mesh, tags = tagged(comm, "quadrilateral", (n * tiles,) * 2, tag_of, float(tiles))
+    law = vmdg.Debonding(strength=5.0, critical_gap=0.004, friction=0.4)
+    bond = vmdg.Interface(between=(1, 2), law=law, name="bond", activate=activate)
     return vmdg.Problem(mesh, tags, materials((1, 2)), [bond], 1, kinematics, periodic=periodic)
 
 
@@ -265,6 +263,56 @@ def test_tangent(comm, kinematics):
         assert found[:, :, k, m] == pytest.approx(expected, rel=1e-6, abs=1e-3)
 
 
+@pytest.mark.parametrize("measure", ["strain", "stress"])
+def test_path_with_snap_back(comm, measure):
+    """The factor of the mean strain, or of the mean stress, falls as the one bond breaks."""
+    bond = vmdg.Debonding(strength=2.0, critical_gap=0.0005)
+    drive = vmdg.Periodic(
+        **{measure: {"yy": lambda t: {"strain": 0.01, "stress": 10.0}[measure] * t}}
+    )
+    problem = laminate(comm, "quadrilateral", 2, fails=True, bond=bond, periodic=drive)
+    trace = vmdg.SolveOptions(relative_tolerance=1e-11, unstable="trace")
+    history = vmdg.solve(
+        problem, [1.0], trace, until=lambda problem: problem.debonded() > 0.9
+    ).history
+    t, strain = history["stress_yy"], history["strain_yy"]
+    # Free to contract across, the laminate has the compliance of its first row.
+    gap = np.clip(bond.strength - t, 0, None) / bond.softening_modulus
+    holds = t > 1e-3
+    assert strain[holds] == pytest.approx((t * strain[0] / t[0] + gap)[holds], rel=1e-7)
+    assert history["traction_bond"] == pytest.approx(t, abs=1e-9)
+    assert np.abs(history["hill_mandel"]).max() < 1e-10
+    assert (np.diff(history["load"][holds]) < 0).sum() > 5
+
+
+def test_facets_on_demand(comm):
+    """Closed facets of a cell open in it, and the state goes on."""
+    results = []
+    for activate in ("all", "on-demand"):
+        problem = included(comm, STRAIN, (3, 1), activate=activate)
+        history = vmdg.solve(problem, CYCLES[:8], PRECISE).history
+        assert np.abs(history["hill_mandel"]).max() < 1e-10
+        results.append((problem.debonded(), history["stress_xx"][-1]))
+    assert results[1] == pytest.approx(results[0], rel=0.02)
+
+
+def test_checkpoint(comm, out):
+    """A run goes on from a checkpoint, on another number of ranks too."""
+    first = included(comm, GRADIENT, (3, 1), kinematics=FINITE)
+    history = vmdg.solve(first, CYCLES[:3], PRECISE).history
+    vmdg.write_checkpoint(first, out / "cell", history)
+    vmdg.solve(first, CYCLES[3:5], PRECISE)
+    for where in (comm, MPI.COMM_SELF):
+        other = included(where, GRADIENT, (3, 1), kinematics=FINITE)
+        vmdg.read_checkpoint(other, out / "cell")
+        vmdg.solve(other, CYCLES[3:5], PRECISE)
+        assert means(other).stress == pytest.approx(means(first).stress, rel=1e-8, abs=1e-9)
+        assert means(other).gradient == pytest.approx(means(first).gradient, abs=1e-15)
+    tall = included(comm, GRADIENT, (3, 1), kinematics=FINITE, tiles=2)
+    with pytest.raises(ValueError, match="another problem"):
+        vmdg.read_checkpoint(tall, out / "cell")
+
+
 def test_displacement(comm):
     """The whole displacement jumps across the cell by the mean gradient."""
     problem = included(comm, STRAIN, (3, 1))
@@ -325,3 +373,10 @@ def test_more_mistakes(comm):
     problem = vmdg.Problem(mesh, tags, **one, kinematics=SMALL, periodic=STRAIN)
     with pytest.raises(ValueError, match="takes no supports and loads"):
         problem.dirichlet(lambda x: np.isclose(x[0], 0), 0.0)
+    with pytest.raises(ValueError, match="nothing holds a periodic cell"):
+        problem.reaction(lambda x: np.isclose(x[0], 0))
+    with pytest.raises(ValueError, match="periodic cell"):
+        vmdg.solve(included(comm, STRAIN), [1.0], vmdg.SolveOptions(condensed=True))
+    mesh, tags = tagged(comm, "triangle", (2, 2), lambda x: 1 + 0 * x[0])
+    with pytest.raises(ValueError, match="a body with a surface"):
+        means(vmdg.Problem(mesh, tags, **one))

@@ -26,8 +26,10 @@ from mpi4py import MPI
 
 import dolfinx
 import numpy as np
+from dolfinx import fem
 
 from .. import __version__
+from ..assembly.discretization import Discretization
 from ..base.parallel import global_sum, raise_together
 from ..domain.topology import mark_everywhere
 from ..output.history import History
@@ -86,7 +88,11 @@ def write_checkpoint(problem: Problem, folder: str | Path, history: History | No
         "history": [] if history is None else history.rows,
         "units": {} if history is None else history.units,
     }
-    cells = cell_records(problem.u, problem.discretization.forces)
+    parts = problem.discretization
+    if parts.periodic is not None:
+        dofs = parts.periodic.dofs
+        about["macroscopic"] = {"u": parts.u.x.array[dofs], "forces": parts.forces.x.array[dofs]}
+    cells = cell_records(parts.u, parts.forces, _places(parts))
     write_files(comm, Path(folder), about, {_CELLS: cells} | interfaces)
 
 
@@ -152,6 +158,11 @@ def _name(i: int) -> str:
     return f"interface_{i}"
 
 
+def _places(parts: Discretization) -> fem.FunctionSpace:
+    """A space in which every node has one place."""
+    return parts.space if parts.periodic is None else parts.periodic.broken
+
+
 def _read_state(problem: Problem, slot: Path, about: dict[str, Any]) -> Snapshot:
     """The state of a checkpoint; the problem itself is not changed."""
     comm, mesh, counts = problem.comm, problem.mesh, about["facets"]
@@ -170,12 +181,15 @@ def _read_state(problem: Problem, slot: Path, about: dict[str, Any]) -> Snapshot
     discretization = problem.step.discretization_of(marks)
     interfaces, message = [], None
     try:
-        u, forces = restore_fields(discretization.space, arrays[_CELLS])
+        u, forces = restore_fields(discretization.space, arrays[_CELLS], _places(discretization))
         for i, active in discretization.active.items():
             interfaces.append(restore_interface(active, records[i]))
     except ValueError as error:
         message = f"{_numbered_otherwise(slot)}: {error}"
     raise_together(comm, message)
+    if discretization.periodic is not None:
+        for name, values in (("u", u), ("forces", forces)):
+            values[discretization.periodic.dofs] = about["macroscopic"][name]
     # Sums over ranks: one rank goes on with all of it.
     share, state = float(comm.rank == 0), about["state"]
     return Snapshot(

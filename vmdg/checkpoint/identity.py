@@ -38,6 +38,9 @@ def identity(problem: Problem) -> dict[str, Any]:
         "thickness": float(problem.discretization.geometry.thickness),
         "number of interfaces": len(problem.interfaces),
     }
+    if problem.discretization.periodic is not None:
+        vectors = problem.discretization.periodic.lattice.vectors
+        result["sides of the cell"] = vectors.ravel().tolist()
     for tag, material in sorted(problem.materials.items()):
         result[f"material {tag}"] = _described(material, material.parameters)
     for i, interface in enumerate(problem.interfaces):

@@ -36,12 +36,13 @@ SAME_PLACE = 1e-9
 SAME_POINT = 1e-6
 
 
-def cell_records(u: fem.Function, forces: fem.Function) -> NDArray:
+def cell_records(u: fem.Function, forces: fem.Function, places: fem.FunctionSpace) -> NDArray:
     """Displacement, forces and place of the nodes of every cell, in input order; collective.
 
     Args:
         u: Displacement [mm].
         forces: Nodal forces [N], a function of the same space.
+        places: That space, of a periodic cell the one in which its opposite faces are apart.
 
     Returns:
         This rank's share of the records, which follows that of the rank before; the fields "u",
@@ -50,12 +51,15 @@ def cell_records(u: fem.Function, forces: fem.Function) -> NDArray:
     space = u.function_space
     mesh, d = space.mesh, space.dofmap.index_map_bs
     cells = mesh.topology.index_map(mesh.topology.dim)
-    dofs = space.dofmap.list[: cells.size_local]
-    values = {"u": u.x.array, "forces": forces.x.array, "place": _places(space)}
-    kind = np.dtype([(name, float, (dofs.shape[1], d)) for name in values])
-    records = np.empty(len(dofs), dtype=kind)
-    for name, array in values.items():
-        records[name] = array.reshape(-1, d)[dofs]
+    values = {
+        "u": (u.x.array, space),
+        "forces": (forces.x.array, space),
+        "place": (_places(places), places),
+    }
+    kind = np.dtype([(name, float, (space.dofmap.list.shape[1], d)) for name in values])
+    records = np.empty(cells.size_local, dtype=kind)
+    for name, (array, own) in values.items():
+        records[name] = array.reshape(-1, d)[own.dofmap.list[: cells.size_local]]
     width = kind.itemsize // records["u"].itemsize
     ordered = PETSc.Vec().createMPI(cells.size_global * width, bsize=width, comm=mesh.comm)
     numbers = _input_numbers(mesh)[: cells.size_local].astype(PETSc.IntType)
@@ -67,18 +71,25 @@ def cell_records(u: fem.Function, forces: fem.Function) -> NDArray:
 
 
 def restore_fields(
-    space: fem.FunctionSpace, records: NDArray
+    space: fem.FunctionSpace, records: NDArray, places: fem.FunctionSpace
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Displacement and forces, ghosts included, from the records of all cells.
+
+    Args:
+        space: Of both; what belongs to no cell is zero.
+        records: Of all cells.
+        places: As for :func:`cell_records`.
 
     Raises:
         ValueError: a node lies elsewhere; on this rank only.
     """
-    mine, places = records[_input_numbers(space.mesh)], _places(space)
-    arrays = {name: np.empty_like(places) for name in records.dtype.names}
-    for name, array in arrays.items():
-        array.reshape(-1, space.dofmap.index_map_bs)[space.dofmap.list] = mine[name]
-    away, x = np.abs(places - arrays["place"]), space.mesh.geometry.x
+    mine, present = records[_input_numbers(space.mesh)], _places(places)
+    arrays = {}
+    for name, own in (("u", space), ("forces", space), ("place", places)):
+        imap, bs = own.dofmap.index_map, own.dofmap.index_map_bs
+        arrays[name] = np.zeros((imap.size_local + imap.num_ghosts) * bs)
+        arrays[name].reshape(-1, bs)[own.dofmap.list] = mine[name]
+    away, x = np.abs(present - arrays["place"]), space.mesh.geometry.x
     if len(x) and away.max() > SAME_PLACE * np.ptp(x, axis=0).max():
         raise ValueError(f"a node lies {away.max():.3g} mm from its place")
     return arrays["u"], arrays["forces"]

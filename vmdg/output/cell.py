@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from ..assembly.dirichlet import AXES
 from ..assembly.periodic import PeriodicSpace
 from ..base.parallel import global_sum
+from ..interface.interface import interface_names
 from ..problem.problem import Problem
+from .values import traction_integrals
 
 Array = NDArray[np.float64]
 
@@ -108,7 +110,11 @@ class PeriodicCell:
         return whole_displacement(self._problem)
 
     def row(self) -> dict[str, float]:
-        """Means for a row of the history; collective."""
+        """Means for a row of the history; collective.
+
+        Components of the mean strain or deformation gradient and of the mean stress, of every
+        interface the means of T_N and |T_T|, and :meth:`hill_mandel`.
+        """
         small = self._problem.discretization.bodies.small
         measure = self.strain if small else self.gradient
         name, stress = "strain" if small else "gradient", self.stress
@@ -119,4 +125,11 @@ class PeriodicCell:
         for i, j in product(range(len(stress)), repeat=2):
             if not small or i <= j:
                 row[f"stress_{AXES[i] + AXES[j]} [MPa]"] = float(stress[i, j])
+        names = interface_names(self._problem.interfaces)
+        integrals = [traction_integrals(state) for state in self._problem.state]
+        for name, (normal, shear, area) in zip(
+            names, global_sum(self._problem.comm, np.reshape(integrals, (-1, 3))), strict=True
+        ):
+            row[f"traction_{name} [MPa]"] = float(normal / area) if area > 0 else 0.0
+            row[f"shear_{name} [MPa]"] = float(shear / area) if area > 0 else 0.0
         return row | {"hill_mandel [-]": self.hill_mandel()}

@@ -55,8 +55,13 @@ def scalar(problem: Problem, interface: Which, name: str) -> NDArray[np.float64]
         return np.zeros(0) if active is None else damage(state.softening, active.law)
     if name in VECTORS:
         return _along(getattr(state, name), state)
-    vector = state.gap if name == "slip" else state.traction
-    return np.linalg.norm(vector - _along(vector, state)[:, None] * _normal(state), axis=1)
+    return _across(state.gap if name == "slip" else state.traction, state)
+
+
+def traction_integrals(state: InterfaceState) -> NDArray[np.float64]:
+    """Integrals of T_N and |T_T| over this rank's points, and their area (3,) [N, N, mm2]."""
+    T = state.traction
+    return state.weights @ np.column_stack([_along(T, state), _across(T, state), np.ones(len(T))])
 
 
 def damage(softening: NDArray[np.float64], law: Law) -> NDArray[np.float64]:
@@ -71,6 +76,10 @@ def _normal(state: InterfaceState) -> NDArray[np.float64]:
 
 def _along(vector: NDArray[np.float64], state: InterfaceState) -> NDArray[np.float64]:
     return np.einsum("pi,pi->p", vector, _normal(state))
+
+
+def _across(vector: NDArray[np.float64], state: InterfaceState) -> NDArray[np.float64]:
+    return np.linalg.norm(vector - _along(vector, state)[:, None] * _normal(state), axis=1)
 
 
 def facet_modes(mode: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -428,6 +428,9 @@ class Problem:
         By prescribed displacements and springs. In axisymmetry the axial component is the force on
         the whole body. The radial one is the sum of the radial forces all around (2 pi r t_r ds),
         which works with u_r: as a resultant it is zero.
+
+        Raises:
+            ValueError: nothing is selected, or the problem is a periodic cell, which has none.
         """
         facets = find_boundary_facets(self.mesh, facets, "reaction")
         dofs = fem.locate_dofs_topological(self.space, self.mesh.topology.dim - 1, facets)
@@ -447,6 +450,11 @@ class Problem:
     def _force_on(self, nodes: NDArray[np.int32]) -> NDArray[np.float64]:
         """Sum of the forces of supports on nodes, block numbers (d,) [N]; collective."""
         parts = self.discretization
+        if parts.periodic is not None:
+            raise ValueError(
+                "reaction: nothing holds a periodic cell, which goes on beyond its boundary; its "
+                "mean gradient takes vmdg.PeriodicCell(problem).stress times the volume"
+            )
         nodes = nodes[nodes < self.space.dofmap.index_map.size_local]
         # Springs are among the internal forces.
         forces = parts.forces.x.array[: parts.owned] - parts.surface.spring_forces()
