@@ -209,6 +209,8 @@ def _moduli(ply: Orthotropic) -> NDArray[np.float64]:
             C[i, j, i, j] = C[i, j, j, i] = p[f"G{low}{high}"]
     c, s = math.cos(angle), math.sin(angle)
     axes = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    if "R00" in p:
+        axes = np.array([[p[f"R{i}{j}"] for j in range(3)] for i in range(3)])
     C = np.einsum("ia,jb,kc,ld,abcd->ijkl", axes, axes, axes, axes, C)
     return np.array([[C[i, j, k, m] for k, m in _COMPONENTS] for i, j in _COMPONENTS])
 

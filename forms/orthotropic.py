@@ -1,4 +1,4 @@
-"""Orthotropic bodies: plies, wood, aligned fibres, with axes that may turn from cell to cell."""
+"""Orthotropic and cubic bodies: plies, wood, aligned fibres, crystals, with axes of their own."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import ufl
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from ufl.core.expr import Expr
 
 from .materials import Material, one_number
@@ -35,10 +35,13 @@ class Orthotropic(Material):
         angle: From x to axis 1, towards y [degrees]: a number, f(x) at midpoints x (3, n) of
             cells, a Function of degree 0, or an array with a value for each local cell of the mesh,
             ghosts included.
+        rotation: In place of ``angle``, any axes: a matrix (3, 3) whose columns are axes 1, 2, 3 in
+            x, y, z, for example ``scipy.spatial.transform.Rotation.as_matrix``.
 
     Raises:
         TypeError: a constant is no number, or three of them are not given.
-        ValueError: a modulus is not positive, or the ratios make no positive energy.
+        ValueError: a modulus is not positive, the ratios make no positive energy, or the rotation
+            is none.
     """
 
     free_at_rest = True
@@ -49,6 +52,7 @@ class Orthotropic(Material):
         nu: Sequence[float],
         G: Sequence[float],
         angle: Any = 0.0,
+        rotation: ArrayLike | None = None,
     ):
         E, nu, G = (_three(name, v) for name, v in (("E", E), ("nu", nu), ("G", G)))
         for name, moduli in (("E", E), ("G", G)):
@@ -56,19 +60,33 @@ class Orthotropic(Material):
                 raise ValueError(
                     f"Orthotropic: {name} = {moduli.tolist()} must be positive and finite"
                 )
-        C = _axial_stiffness(E, nu)
+        self._set(_axial_stiffness(E, nu), G, angle, rotation)
+
+    def _set(
+        self, C: NDArray[np.float64], G: Sequence[float], angle: Any, rotation: ArrayLike | None
+    ) -> None:
+        """Parameters, from the stiffness of axial strains (3, 3) and the shear moduli [MPa]."""
+        name = type(self).__name__
         number = isinstance(angle, Real)
         if number and not math.isfinite(angle):
-            raise ValueError(f"Orthotropic: angle = {angle} must be finite [degrees]")
+            raise ValueError(f"{name}: angle = {angle} must be finite [degrees]")
         parameters: dict[str, Any] = {f"C{i}{j}": C[i, j] for i in range(3) for j in range(i, 3)}
         parameters |= {f"G{i}{j}": G[n] for n, (i, j) in enumerate(_PAIRS)}
         self._turned = not (number and angle == 0)
-        self.parameters = parameters | ({"angle": angle} if self._turned else {})
+        if rotation is not None:
+            if self._turned:
+                raise ValueError(f"{name}: give an angle or a rotation, not both")
+            axes = _checked_rotation(name, rotation)
+            parameters |= {f"R{i}{j}": axes[i, j] for i in range(3) for j in range(3)}
+        elif self._turned:
+            parameters["angle"] = angle
+        self._rotated = rotation is not None
+        self.parameters = parameters
 
     @property
     def kernel_key(self) -> Hashable:
-        """One kernel for axes along x, y, z, and one for axes that are turned."""
-        return type(self), self._turned
+        """A kernel for axes along x, y, z, one for axes turned about z, one for any others."""
+        return Orthotropic, self._turned, self._rotated
 
     def energy(self, F: Expr, parameters: Mapping[str, Expr]) -> Expr:
         """E:C:E/2 of the Green strain."""
@@ -77,7 +95,10 @@ class Orthotropic(Material):
     def linear_energy(self, strain: Expr, parameters: Mapping[str, Expr]) -> Expr:
         """E:C:E/2 in the axes of the material."""
         p = parameters
-        if self._turned:
+        if self._rotated:
+            axes = ufl.as_matrix([[p[f"R{i}{j}"] for j in range(3)] for i in range(3)])
+            strain = axes.T * strain * axes
+        elif self._turned:
             angle = p["angle"] * (math.pi / 180)
             c, s = ufl.cos(angle), ufl.sin(angle)
             # Columns are the axes of the material.
@@ -90,6 +111,64 @@ class Orthotropic(Material):
         )
         shear = sum(p[f"G{i}{j}"] * (strain[i, j] + strain[j, i]) ** 2 for i, j in _PAIRS)
         return (axial + shear) / 2
+
+
+class Cubic(Orthotropic):
+    """A cubic crystal: St. Venant-Kirchhoff as :class:`Orthotropic`, linear at small strain.
+
+    Stress_11 = C11 strain_11 + C12 (strain_22 + strain_33), stress_12 = 2 C44 strain_12 along the
+    edges of the crystal, and so on (Nye 1985, Physical Properties of Crystals, VIII). The ratio
+    2 C44/(C11 - C12) is 1 for an isotropic body, 3.2 for copper, 2.5 for nickel.
+
+    Args:
+        C11: Axial stiffness [MPa].
+        C12: Coupling of axial strains [MPa].
+        C44: Shear modulus on the faces of the crystal [MPa].
+        angle: Of its edges in the plane, as for :class:`Orthotropic` [degrees].
+        rotation: In place of ``angle``, any axes, as for :class:`Orthotropic`.
+
+    Raises:
+        TypeError: a constant is no number.
+        ValueError: the energy is not positive, or the rotation is none.
+    """
+
+    def __init__(
+        self,
+        C11: float,
+        C12: float,
+        C44: float,
+        angle: Any = 0.0,
+        rotation: ArrayLike | None = None,
+    ):
+        C11, C12, C44 = (
+            one_number(f"Cubic: {name}", value)
+            for name, value in (("C11", C11), ("C12", C12), ("C44", C44))
+        )
+        if not (C44 > 0 and C11 > abs(C12) and C11 + 2 * C12 > 0 and math.isfinite(C11 + C44)):
+            raise ValueError(
+                f"Cubic: C11 = {C11}, C12 = {C12}, C44 = {C44} give an energy that is not "
+                "positive; C44 > 0, C11 > |C12| and C11 + 2 C12 > 0 make it so"
+            )
+        self._set(C12 + (C11 - C12) * np.eye(3), (C44,) * 3, angle, rotation)
+
+
+def _checked_rotation(name: str, rotation: ArrayLike) -> NDArray[np.float64]:
+    """A proper rotation (3, 3).
+
+    Raises:
+        ValueError: it is none.
+    """
+    axes = np.asarray(rotation, dtype=float)
+    if (
+        axes.shape != (3, 3)
+        or not np.abs(axes.T @ axes - np.eye(3)).max() < 1e-10
+        or np.linalg.det(axes) < 0
+    ):
+        raise ValueError(
+            f"{name}: rotation = {axes.tolist()} must be a matrix (3, 3) with orthogonal columns "
+            "of length 1, the axes of the material, and determinant 1"
+        )
+    return axes
 
 
 def _three(name: str, values: Sequence[float]) -> NDArray[np.float64]:

@@ -6,6 +6,7 @@ from .base.parallel import ModelWarning as ModelWarning
 from .checkpoint.checkpoint import discard_checkpoint as discard_checkpoint
 from .checkpoint.checkpoint import read_checkpoint as read_checkpoint
 from .checkpoint.checkpoint import write_checkpoint as write_checkpoint
+from .domain.orientation import misorientation as misorientation
 from .domain.tags import NamedTags as NamedTags
 from .domain.tags import split_cells as split_cells
 from .domain.weibull import Weibull as Weibull
@@ -14,6 +15,7 @@ from .forms.materials import Hyperelastic as Hyperelastic
 from .forms.materials import Material as Material
 from .forms.materials import NeoHookean as NeoHookean
 from .forms.ogden import Ogden as Ogden
+from .forms.orthotropic import Cubic as Cubic
 from .forms.orthotropic import Orthotropic as Orthotropic
 from .interface.interface import Interface as Interface
 from .interface.points import InterfaceState as InterfaceState

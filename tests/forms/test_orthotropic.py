@@ -62,6 +62,60 @@ def test_homogeneous_strain(comm, cell, angle, kinematics):
     assert np.abs(stress - expected).max(initial=0) < 1e-9 * np.abs(expected).max()
 
 
+#: Columns 1, 2, 3 of the crystal: turned about x by 30, then about z by 50 degrees.
+TURN = np.array(
+    [
+        [math.cos(0.87), -math.sin(0.87) * 0.8, math.sin(0.87) * 0.6],
+        [math.sin(0.87), math.cos(0.87) * 0.8, -math.cos(0.87) * 0.6],
+        [0.0, 0.6, 0.8],
+    ]
+)
+COPPER = {"C11": 168.4e3, "C12": 121.4e3, "C44": 75.4e3}
+
+
+@pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
+def test_cubic_crystal(comm, cell):
+    """Stress under homogeneous strain, in 2D that in the plane: that of the turned tensor."""
+    C = np.zeros((3, 3, 3, 3))
+    for i in range(3):
+        C[i, i, i, i] = COPPER["C11"]
+        for j in {0, 1, 2} - {i}:
+            C[i, i, j, j] = COPPER["C12"]
+            C[i, j, i, j] = C[i, j, j, i] = COPPER["C44"]
+    mesh = unit_box(comm, cell, 1)
+    d = mesh.geometry.dim
+    strain = STRAIN * (np.outer([1, 1, d == 3], [1, 1, d == 3]))
+    tags = vmdg.split_cells(mesh, lambda x: x[0] - 2, "all")
+    c, s = math.cos(math.radians(20)), math.sin(math.radians(20))
+    about_z = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    for axes, given in ((TURN, {"rotation": TURN}), (about_z, {"angle": 20.0})):
+        crystal = vmdg.Cubic(**COPPER, **given)
+        problem = vmdg.Problem(mesh, tags, {"all": crystal}, [], kinematics="small")
+        problem.dirichlet(everywhere, lambda x, t: strain[:d, :d] @ x[:d])
+        vmdg.solve(problem, [1.0])
+        turned = np.einsum("ia,jb,kc,ld,abcd->ijkl", axes, axes, axes, axes, C)
+        expected = np.einsum("ijkl,kl->ij", turned, strain)
+        if d == 2:
+            expected[2, :2] = expected[:2, 2] = 0
+        stress = problem.stress().x.array.reshape(-1, 3, 3)
+        assert np.abs(stress - expected).max(initial=0) < 1e-9 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (COPPER | {"C12": 170e3}, r"give an energy that is not positive; C44 > 0, C11 > \|C12\|"),
+        (COPPER | {"rotation": -np.eye(3)}, "orthogonal columns of length 1"),
+        (COPPER | {"rotation": TURN, "angle": 5.0}, "an angle or a rotation, not both"),
+        (COPPER | {"rotation": np.eye(2)}, r"must be a matrix \(3, 3\)"),
+    ],
+)
+def test_cubic_refused(given, message):
+    """Constants that make no crystal."""
+    with pytest.raises(ValueError, match=message):
+        vmdg.Cubic(**given)
+
+
 @pytest.mark.parametrize("way", ["f(x)", "Function", "array"])
 def test_angle_that_varies(comm, way):
     """+30 degrees on the left, -30 on the right: the same as two materials."""

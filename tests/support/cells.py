@@ -9,6 +9,7 @@ from dolfinx.mesh import compute_midpoints
 from scipy.spatial import cKDTree
 
 from support.checks import gather
+from vmdg.domain.topology import facet_cells, tags_of_cells
 from vmdg.meshes import TaggedMesh
 
 SIDES = (("left", "right"), ("bottom", "top"), ("back", "front"))
@@ -32,18 +33,22 @@ def mismatch(tagged: TaggedMesh) -> float:
     Infinite where the sides have different numbers of facets, or facets of different bodies.
     """
     mesh, _, facets = tagged
-    fdim, worst = mesh.topology.dim - 1, 0.0
+    worst = 0.0
     for axis, names in enumerate(SIDES[: mesh.topology.dim]):
-        low, high = (_places(mesh, fdim, facets.find(name)) for name in names)
+        (low, one), (high, two) = (_places(tagged, facets.find(name)) for name in names)
         assert len(low) > 0
-        if len(low) != len(high):
-            return np.inf
         high[:, axis] -= high[:, axis].max() - low[:, axis].max()
-        worst = max(worst, *(cKDTree(a).query(b)[0].max() for a, b in ((low, high), (high, low))))
+        apart, image = cKDTree(high).query(low)
+        if len(low) != len(high) or len(set(image)) != len(low) or (one != two[image]).any():
+            return np.inf
+        worst = max(worst, apart.max())
     return worst
 
 
-def _places(mesh, fdim, facets) -> np.ndarray:
-    """Midpoints of the owned facets of all ranks."""
+def _places(tagged: TaggedMesh, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Midpoints of the owned facets of all ranks, and the tags of their cells."""
+    mesh, cells, _ = tagged
+    fdim = mesh.topology.dim - 1
     owned = facets[facets < mesh.topology.index_map(fdim).size_local]
-    return gather(mesh.comm, compute_midpoints(mesh, fdim, owned))
+    bodies = tags_of_cells(mesh, cells)[facet_cells(mesh)[owned, 0]]
+    return gather(mesh.comm, compute_midpoints(mesh, fdim, owned)), gather(mesh.comm, bodies)

@@ -23,7 +23,7 @@ from ..domain.topology import (
     refuse_facets,
 )
 from ..laws import Law
-from .interface import Interface
+from .interface import ALL, Interface
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,10 @@ def find_facets(
     interior = (pairs >= 0).all(axis=1)
     known = set(np.unique(np.concatenate(comm.allgather(np.unique(cell_tags)))).tolist())
     known.discard(UNTAGGED)
-    groups = interface.between or ((interface.within,) if interface.within is not None else ())
+    several = callable(interface.between) or interface.between == ALL
+    groups = () if several else interface.between or ()
+    if interface.within is not None:
+        groups = (interface.within,)
     wanted = [group_tag(group, names or {}, f"{interface}") for group in groups]
     for tag in wanted:
         if tag not in known:
@@ -135,6 +138,8 @@ def find_facets(
     elif interface.level_set is not None:
         inside = cells_inside(mesh, interface.level_set)
         chosen = interior & (inside[pairs[:, 0]] != inside[pairs[:, 1]])
+    elif several:
+        chosen = _between_groups(mesh, interface, tags)
     elif interface.between is not None:
         chosen = (np.sort(tags, axis=1) == np.sort(np.array(wanted))).all(axis=1)
     else:
@@ -151,6 +156,38 @@ def find_facets(
     return InterfaceFacets(facets, cells, local, cell_tags[cells], everywhere, damage, law)
 
 
+def _between_groups(mesh: Mesh, interface: Interface, tags: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Marks of the facets between any two groups, or between those that a user's function chooses.
+
+    Args:
+        mesh: The mesh.
+        interface: The user's description.
+        tags: Of the two cells of every local facet (nf, 2), UNTAGGED on the boundary of the mesh.
+
+    Raises:
+        ValueError: the function does not give one truth value a pair; on all ranks.
+    """
+    chosen = (tags[:, 0] != tags[:, 1]) & (tags != UNTAGGED).all(axis=1)
+    if interface.between == ALL:
+        return chosen
+    pairs = np.sort(tags[chosen], axis=1)
+    message = None
+    try:
+        wanted = np.asarray(interface.between(*pairs.T))
+    except Exception as error:  # of a user's function, which may do anything
+        wanted, message = np.zeros(0), f"it fails: {error}"
+    if message is None and (wanted.shape != pairs.shape[:1] or wanted.dtype != bool):
+        message = f"it gives values of shape {wanted.shape} and type {wanted.dtype}"
+    if message is not None:
+        message = (
+            f"{interface}: the function of two tags, arrays ({len(pairs)},), must give True or "
+            f"False for each pair, for example lambda a, b: angle[a] == angle[b]; {message}"
+        )
+    raise_together(mesh.comm, message)
+    chosen[chosen] = wanted
+    return chosen
+
+
 def _why_empty(interface: Interface) -> str:
     if interface.level_set is not None:
         return (
@@ -162,6 +199,8 @@ def _why_empty(interface: Interface) -> str:
             "the predicate is true at all vertices of no facet inside the mesh; compare "
             "coordinates by np.isclose, and the mesh must have facets there"
         )
+    if callable(interface.between):
+        return "the function is true for no two groups that touch"
     return (
         "the tags do not touch, or their bodies are meshed separately (make the mesh conforming, "
         "for example by gmsh.model.occ.fragment)"

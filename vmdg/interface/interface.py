@@ -19,9 +19,13 @@ NORMS = ("frobenius", "spectral")
 FRAMES = ("corotating", "reference")
 ACTIVATIONS = ("all", "on-demand")
 AUTO = "auto"
+ALL = "all"
 _NAME = re.compile(r"\w[\w .+-]*")
 
 T = TypeVar("T")
+
+#: Whether the groups of tags a < b (n,), (n,) have this interface between them (n,).
+PairRule = Callable[[NDArray[np.int32], NDArray[np.int32]], NDArray[np.bool_]]
 
 #: A user's rule in place of (21)-(25).
 StabilizationRule = Callable[[NDArray, NDArray, "StabilizationContext"], tuple[NDArray, NDArray]]
@@ -59,7 +63,9 @@ class Interface:
         facets: Local facet indices, for example ``facet_tags.find("crack")``, where on several
             ranks each rank gives those it knows; or a predicate on coordinates (3, n), true at
             all vertices of a facet inside the mesh.
-        between: The facets that separate cells of these two groups.
+        between: The facets that separate cells of these two groups; of any two groups with "all",
+            the boundaries of all grains; or of those two for which a function of their tags a < b,
+            (n,) and (n,), is true: classes of grain boundaries, see :func:`vmdg.misorientation`.
         within: All facets that separate two cells of this group (cracks through a region).
         level_set: The facets between cells where phi(x), x (3, n) [mm], is negative at the
             midpoint and all others. Of two cells of one tag side 1 is the negative one.
@@ -97,7 +103,7 @@ class Interface:
         self,
         facets: ArrayLike | Locator | None = None,
         *,
-        between: tuple[Group, Group] | None = None,
+        between: tuple[Group, Group] | str | PairRule | None = None,
         within: Group | None = None,
         level_set: LevelSet | None = None,
         law: Law,
@@ -140,12 +146,13 @@ class Interface:
             raise ValueError(f"Interface: activate_at = {activate_at} must lie in (0, 1]")
         if activate == "on-demand" and not law.inelastic:
             raise ValueError("Interface: a tie never fails, so it cannot open on demand")
-        if isinstance(between, str) or (
-            between is not None and (len(between) != 2 or between[0] == between[1])
+        several = between is None or callable(between) or between == ALL
+        if not several and (
+            isinstance(between, str) or len(between) != 2 or between[0] == between[1]
         ):
             raise ValueError(
-                f"Interface: between = {between!r} must be two different tags; for the facets "
-                "inside one tag use within=tag"
+                f"Interface: between = {between!r} must be two different tags, {ALL!r}, or a "
+                "function of two tags; for the facets inside one tag use within=tag"
             )
         usable = name is None or (isinstance(name, str) and _NAME.fullmatch(name))
         if not usable or name == "bodies":
@@ -183,8 +190,10 @@ class Interface:
         super().__setattr__(name, value)
 
     def __repr__(self) -> str:
-        if self.between is not None:
-            where = f"between={self.between}"
+        if callable(self.between):
+            where = "between=<function>"
+        elif self.between is not None:
+            where = f"between={self.between!r}"
         elif self.within is not None:
             where = f"within={self.within!r}"
         elif self.level_set is not None:
