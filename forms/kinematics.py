@@ -13,7 +13,7 @@ from ufl.core.expr import Expr
 from .dilatation import dilatation, mean_dilated, volume_ratio
 from .geometry import Entries, Geometry, with_entry, without_entry
 from .invariants import InvariantChain, Invariants
-from .materials import Material
+from .materials import Material, least
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,8 @@ class Body:
         eigenstrain: Stress-free strain, F = F_e F_s: e with F_s = (1 + e) I, or a symmetric tensor
             (3, 3) with F_s = I + e, without shear out of the plane in 2D; None where the scene has
             none.
+        plane_stress: F (2, 2), and F_33 such that there is no stress out of the plane; without it
+            F_33 = 1.
         mean_dilatation: The energy is w(F, theta) of :mod:`forms.dilatation`, theta an entry of F.
         fluid: Pressure p of a fluid at a facet, where tractions are those of W + p J, what is left
             of P.N without the fluid [MPa]; None for tractions P.N.
@@ -38,6 +40,7 @@ class Body:
     eigenstrain: Expr | None = None
     mean_dilatation: bool = False
     fluid: Expr | None = None
+    plane_stress: bool = False
 
     def __call__(self, side: str) -> Body:
         """The same body with its parameters restricted to ``side`` ('+' or '-') of a facet."""
@@ -56,6 +59,8 @@ class Body:
         if self.mean_dilatation:
             reduced = self.invariant_energy(F)
             return self.pointwise.energy(self.effective(F)) if reduced is None else reduced.energy
+        if self.plane_stress:
+            return self._plane_stress_energy(F)
         d = F.ufl_shape[0]
         e = 0 if self.eigenstrain is None or self.anisotropic else self.eigenstrain
         if self.small:
@@ -76,6 +81,28 @@ class Body:
             F_s = ufl.Identity(3) + self.eigenstrain
             return ufl.det(F_s) * self.material.energy(F * ufl.inv(F_s), self.parameters)
         return (1 + e) ** 3 * self.material.energy(F / (1 + e), self.parameters)
+
+    def _plane_stress_energy(self, F: Expr) -> Expr:
+        """:meth:`energy` of the plane F (2, 2), the least over F_33."""
+        if not self.small:
+            elastic, J_s = self._elastic(F), self._stress_free_volume
+            return J_s * self.material.plane_stress_energy(elastic, self.parameters)
+        strain = ufl.sym(F) - ufl.Identity(2)
+        if self.anisotropic:
+            strain -= without_entry(self.eigenstrain)
+        elif self.eigenstrain is not None:
+            strain -= self.eigenstrain * ufl.Identity(2)
+        return least(
+            lambda e_33: self.material.linear_energy(with_entry(strain, e_33), self.parameters)
+        )[0]
+
+    def thickness_stretch(self, F: Expr) -> Expr:
+        """F_33 in plane stress at finite strain, of the plane F (2, 2)."""
+        stretch = self.material.free_stretch(self._elastic(F), self.parameters)
+        if self.eigenstrain is None:
+            return stretch
+        e = self.eigenstrain[2, 2] if self.anisotropic else self.eigenstrain
+        return (1 + e) * stretch
 
     @property
     def anisotropic(self) -> bool:
@@ -99,28 +126,37 @@ class Body:
 
     def invariant_energy(self, F: Expr) -> Invariants | None:
         """:meth:`energy` by few invariants, where the material offers that, else None."""
-        if self.small:
+        if self.small or self.plane_stress:
             return None
-        elastic, more = without_entry(F) if self.mean_dilatation else F, {}
-        n = elastic.ufl_shape[0]
-        in_plane, out_of_plane, volume = self._elastic_part(n)
+        plane, more = without_entry(F) if self.mean_dilatation else F, {}
+        n = plane.ufl_shape[0]
+        _, out_of_plane, volume = self._elastic_part(n)
         if self.mean_dilatation:
             more["dilatation"] = volume * dilatation(F)
-        if self.eigenstrain is not None:
-            d = range(n)
-            if self.anisotropic:
-                elastic = elastic * in_plane
-            else:
-                elastic = ufl.as_tensor([[in_plane * elastic[i, j] for j in d] for i in d])
-        out_of_plane = ufl.as_ufl(out_of_plane) if n == 2 else None
+        elastic, out_of_plane = self._elastic(plane), ufl.as_ufl(out_of_plane) if n == 2 else None
         reduced = self.material.invariant_energy(elastic, out_of_plane, self.parameters, **more)
         if reduced is None or self.eigenstrain is None:
             return reduced
+        return replace(reduced, energy=self._stress_free_volume * reduced.energy)
+
+    @property
+    def _stress_free_volume(self) -> Expr | float:
+        """J_s = det F_s."""
+        if self.eigenstrain is None:
+            return 1
         if self.anisotropic:
-            J_s = ufl.det(ufl.Identity(3) + self.eigenstrain)
-        else:
-            J_s = (1 + self.eigenstrain) ** 3
-        return replace(reduced, energy=J_s * reduced.energy)
+            return ufl.det(ufl.Identity(3) + self.eigenstrain)
+        return (1 + self.eigenstrain) ** 3
+
+    def _elastic(self, F: Expr) -> Expr:
+        """F_e = F F_s^-1 (n, n) in the plane or in space."""
+        if self.eigenstrain is None:
+            return F
+        n = F.ufl_shape[0]
+        inverse, _, _ = self._elastic_part(n)
+        if self.anisotropic:
+            return F * inverse
+        return ufl.as_tensor([[inverse * F[i, j] for j in range(n)] for i in range(n)])
 
     def _elastic_part(self, n: int) -> tuple[Expr | float, Expr | float, Expr | float]:
         """F_s^-1 (n, n), or the factor of I, its entry out of the plane, and det of the former."""

@@ -11,6 +11,7 @@ import numpy as np
 import ufl
 from ufl.core.expr import Expr
 
+from .geometry import with_entry
 from .invariants import Invariants
 
 
@@ -82,6 +83,19 @@ def one_number(what: str, value: Any) -> float:
     return float(value)
 
 
+def least(energy: Callable[[Expr], Expr]) -> tuple[Expr, Expr]:
+    """Least value W(0) - W'^2/(2 W'') of a quadratic energy W(x), and the x = -W'/W'' of it.
+
+    Args:
+        energy: W.
+    """
+    x = ufl.variable(ufl.as_ufl(0.0))
+    at_zero = energy(x)
+    slope = ufl.diff(at_zero, x)
+    curvature = ufl.diff(slope, x)
+    return at_zero - slope**2 / (2 * curvature), -slope / curvature
+
+
 class Material:
     """A hyperelastic material: named parameters and a strain energy W(F).
 
@@ -91,10 +105,13 @@ class Material:
     Attributes:
         parameters: Values by name, in the user's consistent units (N, mm, MPa); set once.
         free_at_rest: Whether it is known that there is no stress at F = I; else a problem looks.
+        mirrored: Whether xy is a plane of symmetry, so that strains in it make no shear stress out
+            of it; plane stress takes that for granted.
     """
 
     parameters: Mapping[str, float]
     free_at_rest = False
+    mirrored = True
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name == "parameters":
@@ -139,6 +156,27 @@ class Material:
                 with mean dilatation only.
         """
         return None
+
+    def free_stretch(self, F: Expr, parameters: Mapping[str, Expr]) -> Expr:
+        """F_33 at which P_33 = dW/dF_33 vanishes, for plane stress at finite strain.
+
+        Args:
+            F: In the plane, 2 x 2.
+            parameters: Values by name, cell-wise constants.
+        """
+        raise NotImplementedError(
+            f"{type(self).__name__} has no closed form of the stretch of the thickness: for plane "
+            "stress use kinematics='small', NeoHookean or Orthotropic, or define "
+            "free_stretch(F, parameters)"
+        )
+
+    def plane_stress_energy(self, F: Expr, parameters: Mapping[str, Expr]) -> Expr:
+        """W at :meth:`free_stretch`, the least over F_33 [MPa].
+
+        Args:
+            F, parameters: As of :meth:`free_stretch`.
+        """
+        return self.energy(with_entry(F, self.free_stretch(F, parameters)), parameters)
 
     def linear_energy(self, strain: Expr, parameters: Mapping[str, Expr]) -> Expr:
         """Quadratic energy [MPa] of small strain.
@@ -227,6 +265,13 @@ class NeoHookean(Material):
         j = volume * F33
         energy = mu / 2 * (first + rest - 3) - mu * ufl.ln(j) + lmbda / 2 * (j - 1) ** 2
         return Invariants(energy, (first, volume), (square, J, theta))
+
+    def free_stretch(self, F: Expr, parameters: Mapping[str, Expr]) -> Expr:
+        """Positive root of (mu + lambda j^2) F_33^2 - lambda j F_33 - mu = 0, j = det F."""
+        mu, lmbda = parameters["mu"], parameters["lmbda"]
+        j = ufl.det(F)
+        square = mu + lmbda * j**2
+        return (lmbda * j + ufl.sqrt((lmbda * j) ** 2 + 4 * mu * square)) / (2 * square)
 
     def linear_energy(self, strain: Expr, parameters: Mapping[str, Expr]) -> Expr:
         """mu eps:eps + lambda/2 tr(eps)^2, the limit of (86) at small strain."""

@@ -12,10 +12,14 @@ import ufl
 from numpy.typing import ArrayLike, NDArray
 from ufl.core.expr import Expr
 
+from .geometry import with_entry
 from .materials import Material, one_number
 
 #: Pairs of axes, in the order of nu and G.
 _PAIRS = ((0, 1), (0, 2), (1, 2))
+
+#: Cosine of an axis and z, less 1, that is rounding.
+_ALONG = 1e-12
 
 
 class Orthotropic(Material):
@@ -88,22 +92,50 @@ class Orthotropic(Material):
         """A kernel for axes along x, y, z, one for axes turned about z, one for any others."""
         return Orthotropic, self._turned, self._rotated
 
+    @property
+    def mirrored(self) -> bool:
+        """Whether axis 3 is along z."""
+        return not self._rotated or abs(abs(self.parameters["R22"]) - 1) < _ALONG
+
     def energy(self, F: Expr, parameters: Mapping[str, Expr]) -> Expr:
         """E:C:E/2 of the Green strain."""
         return self.linear_energy((F.T * F - ufl.Identity(3)) / 2, parameters)
 
+    def free_stretch(self, F: Expr, parameters: Mapping[str, Expr]) -> Expr:
+        """sqrt(1 + 2 E_33) at the E_33 = -(C_13 E_11 + C_23 E_22)/C_33 without stress."""
+        p, strain = parameters, self._in_own_axes((F.T * F - ufl.Identity(2)) / 2, parameters)
+        return ufl.sqrt(1 - 2 * (p["C02"] * strain[0, 0] + p["C12"] * strain[1, 1]) / p["C22"])
+
+    def plane_stress_energy(self, F: Expr, parameters: Mapping[str, Expr]) -> Expr:
+        """E:Q:E/2, Q_ab = C_ab - C_a3 C_b3/C_33."""
+        p, strain = parameters, self._in_own_axes((F.T * F - ufl.Identity(2)) / 2, parameters)
+        axial = sum(
+            (p[f"C{min(i, j)}{max(i, j)}"] - p[f"C{i}2"] * p[f"C{j}2"] / p["C22"])
+            * strain[i, i]
+            * strain[j, j]
+            for i in range(2)
+            for j in range(2)
+        )
+        return (axial + p["G01"] * (strain[0, 1] + strain[1, 0]) ** 2) / 2
+
+    def _in_own_axes(self, strain: Expr, parameters: Mapping[str, Expr]) -> Expr:
+        """Components in the axes of the material, of a strain (3, 3) or in the plane (2, 2)."""
+        n = range(strain.ufl_shape[0])
+        if self._rotated:
+            axes = ufl.as_matrix([[parameters[f"R{i}{j}"] for j in n] for i in n])
+            return axes.T * strain * axes
+        if not self._turned:
+            return strain
+        angle = parameters["angle"] * (math.pi / 180)
+        c, s = ufl.cos(angle), ufl.sin(angle)
+        # Columns are the axes of the material.
+        axes = ufl.as_matrix([[c, -s], [s, c]])
+        axes = axes if len(n) == 2 else with_entry(axes, 1)
+        return axes.T * strain * axes
+
     def linear_energy(self, strain: Expr, parameters: Mapping[str, Expr]) -> Expr:
         """E:C:E/2 in the axes of the material."""
-        p = parameters
-        if self._rotated:
-            axes = ufl.as_matrix([[p[f"R{i}{j}"] for j in range(3)] for i in range(3)])
-            strain = axes.T * strain * axes
-        elif self._turned:
-            angle = p["angle"] * (math.pi / 180)
-            c, s = ufl.cos(angle), ufl.sin(angle)
-            # Columns are the axes of the material.
-            axes = ufl.as_matrix([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-            strain = axes.T * strain * axes
+        p, strain = parameters, self._in_own_axes(strain, parameters)
         axial = sum(
             p[f"C{min(i, j)}{max(i, j)}"] * strain[i, i] * strain[j, j]
             for i in range(3)

@@ -19,7 +19,7 @@ class CauchyStress:
     At small strain no configuration is told from another, and sigma = P.
 
     In axisymmetry the order is r, z, hoop; in plane strain sigma_zz = (dW/dF_33) / J stands at the
-    end.
+    end, in plane stress 0, and J has the stretch of the thickness.
 
     Args:
         discretization: Of the problem; its mesh and degree stay.
@@ -60,6 +60,9 @@ def _cauchy(body: kinematics.Body, F: Expr) -> Expr:
     own = without_entry(F) if body.mean_dilatation else F
     # At small strain a gradient of 1 takes the place of F.
     forward, J = (ufl.Identity(own.ufl_shape[0]), 1) if body.small else (own.T, ufl.det(own))
+    if body.plane_stress:
+        J = J if body.small else J * body.thickness_stretch(own)
+        return with_entry(P * forward / J, 0)
     stress = P * forward / J
     if own.ufl_shape[0] == 3:
         return stress

@@ -41,6 +41,8 @@ def identity(problem: Problem) -> dict[str, Any]:
     if problem.discretization.periodic is not None:
         vectors = problem.discretization.periodic.lattice.vectors
         result["sides of the cell"] = vectors.ravel().tolist()
+    if problem.discretization.bodies.plane_stress:
+        result["plane"] = "stress"
     for tag, material in sorted(problem.materials.items()):
         result[f"material {tag}"] = _described(material, material.parameters)
     for i, interface in enumerate(problem.interfaces):

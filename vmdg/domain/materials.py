@@ -58,12 +58,14 @@ class Bodies:
         small: Small-strain kinematics.
         eigenstrain: Stress-free strain by tag; None where there is none.
         geometry: Gradient and measure.
+        plane_stress: No stress out of the plane, in place of no strain.
 
     Attributes:
         tags: As given.
         cells_of: Local cells of every tag, ghosts included.
         small: As given.
         geometry: As given.
+        plane_stress: As given.
         mean_dilatation: J of a cell is one number, as the geometry says.
         regions: All regions.
         region: Region of every local cell.
@@ -81,12 +83,14 @@ class Bodies:
         small: bool,
         eigenstrain: Mapping[int, Strain] | None,
         geometry: Geometry,
+        plane_stress: bool = False,
     ):
         _check_tags(mesh, tags, materials, eigenstrain)
         space = fem.functionspace(mesh, ("DG", 0))
         self.tags = tags
         self.small = small
         self.geometry = geometry
+        self.plane_stress = plane_stress
         self.mean_dilatation = isinstance(geometry, MeanDilatation)
         self.cells_of = {tag: np.flatnonzero(tags == tag) for tag in materials}
         self._eigenstrains = dict(eigenstrain or {})
@@ -110,7 +114,14 @@ class Bodies:
                     parameters[name].x.array[cells] = cell_values(mesh, value, cells, what)
                 self.region[cells] = len(self.regions)
             cells = np.flatnonzero(self.region[:owned] == len(self.regions))
-            body = Body(representative, parameters, small, self._eigenstrain, self.mean_dilatation)
+            body = Body(
+                representative,
+                parameters,
+                small,
+                self._eigenstrain,
+                self.mean_dilatation,
+                plane_stress=plane_stress,
+            )
             self.regions.append(Region(body, cells.astype(np.int32)))
 
     def apply_eigenstrain(self, t: float) -> None:

@@ -25,6 +25,7 @@ from ..interface.facets import InterfaceFacets
 from ..interface.interface import Interface, interface_names
 
 KINEMATICS = ("finite", "small")
+PLANES = ("strain", "stress")
 #: Stress at F = I relative to the moduli that rounding may leave.
 RESTS = 1e-9
 
@@ -130,6 +131,48 @@ def check_mesh(mesh: Mesh, cell_tags: MeshTags) -> None:
             f"Problem: the mesh has {mesh.geometry.dim} coordinates for cells of dimension "
             f"{mesh.topology.dim}; pass gdim={mesh.topology.dim} when reading it"
         )
+
+
+def check_plane(
+    mesh: Mesh,
+    plane: str,
+    materials: Mapping[int, Material],
+    kinematics: str,
+    symmetry: str | None,
+    volumetric: str,
+) -> bool:
+    """Whether a problem is one of plane stress.
+
+    Raises:
+        ValueError: an unknown word, what has no meaning in plane stress, a material that is tilted
+            out of the plane, or one without the stretch of its thickness.
+    """
+    if plane not in PLANES:
+        raise ValueError(f"Problem: plane = {plane!r} must be one of {PLANES}")
+    if plane == "strain":
+        return False
+    if mesh.geometry.dim != 2 or symmetry is not None:
+        raise ValueError("Problem: plane='stress' is for plane bodies: a 2D mesh, symmetry=None")
+    if volumetric != "pointwise":
+        raise ValueError(
+            "Problem: bodies in plane stress do not lock near incompressibility, their thickness "
+            "follows; leave out volumetric="
+        )
+    for tag, material in materials.items():
+        if not material.mirrored:
+            raise ValueError(
+                f"Problem: the axes of the {type(material).__name__} of tag {tag} are tilted out "
+                "of the plane, so that strains in it make shear stresses out of it; plane='stress' "
+                "needs an axis along z: turn the material by angle=, or mesh the sheet in 3D"
+            )
+        if kinematics == "finite" and type(material).free_stretch is Material.free_stretch:
+            raise ValueError(
+                f"Problem: the {type(material).__name__} of tag {tag} has no closed form of the "
+                "stretch of the thickness, which plane='stress' needs at finite strain; use "
+                "NeoHookean or Orthotropic, kinematics='small', or a subclass of Material with "
+                "free_stretch(F, parameters)"
+            )
+    return True
 
 
 def check_rest(mesh: Mesh, materials: Mapping[int, Material]) -> None:

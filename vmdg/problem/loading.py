@@ -434,6 +434,12 @@ class Loading:
                 "pressure: a UFL expression cannot be followed along the load; give a number, f(t) "
                 "or f(x, t) at points x (3, n)"
             )
+        if self._bodies.plane_stress and not self._bodies.small:
+            raise ValueError(
+                "pressure: a surface of a body in plane stress becomes thinner or thicker as it "
+                "strains, which follower loads do not know; use traction(), plane='strain', 3D, or "
+                "kinematics='small'"
+            )
         if isinstance(where, Interface | str):
             self._add_fluid(where, value, debonded, share)
             return

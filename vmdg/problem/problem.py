@@ -39,6 +39,7 @@ from .arguments import (
     check_faces,
     check_mesh,
     check_overlap,
+    check_plane,
     check_rest,
     checked_interfaces,
     checked_materials,
@@ -58,7 +59,7 @@ class Problem:
 
     Args:
         mesh: Triangles, quadrilaterals, tetrahedra or hexahedra; in 2D plane strain unless
-            ``symmetry`` says otherwise. On more than one rank it needs facet ghosts
+            ``plane`` or ``symmetry`` says otherwise. On more than one rank it needs facet ghosts
             (``GhostMode.shared_facet``).
         cell_tags: A tag for every cell. With :class:`vmdg.NamedTags` (meshes from gmsh have them)
             a group may be given by its name wherever a tag is asked for.
@@ -80,6 +81,9 @@ class Problem:
             incompressibility.
         periodic: How the mesh repeats and what leads its means, see :class:`Periodic`; None for a
             body with a surface.
+        plane: "strain", or "stress" for thin sheets, in the bodies and in the tractions of their
+            interfaces: F_33 is such that P_33 vanishes. At finite strain materials need a
+            ``free_stretch`` (:class:`NeoHookean` and :class:`Orthotropic` have one).
 
     Attributes:
         mesh: As given.
@@ -109,6 +113,7 @@ class Problem:
         symmetry: str | None = None,
         volumetric: str = "pointwise",
         periodic: Periodic | None = None,
+        plane: str = "strain",
     ):
         self.interfaces = checked_interfaces(interfaces)
         check_mesh(mesh, cell_tags)
@@ -122,11 +127,13 @@ class Problem:
         names = names_of(cell_tags)
         materials = by_tag(checked_materials(materials), names, "materials")
         check_rest(mesh, materials)
+        stress_only = check_plane(mesh, plane, materials, kinematics, symmetry, volumetric)
         self.materials = MappingProxyType(materials)
         tags = tags_of_cells(mesh, cell_tags)
         lattice = make_lattice(mesh, periodic.vectors) if repeats else None
         strains = checked_eigenstrains(mesh, tags, eigenstrain, names)
-        bodies = Bodies(mesh, tags, materials, kinematics == "small", strains, geometry)
+        small = kinematics == "small"
+        bodies = Bodies(mesh, tags, materials, small, strains, geometry, stress_only)
         facets = [find_facets(mesh, tags, interface, names) for interface in self.interfaces]
         check_overlap(mesh, self.interfaces, facets)
         if lattice is not None:

@@ -1,0 +1,223 @@
+"""Thin sheets: bodies and interfaces without stress out of the plane, against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from support.checks import assert_residual_is_energy_derivative, modes, tangent_error
+from support.problems import displace
+from support.scenes import LEFT, RIGHT, two_blocks
+
+import vmdg
+from vmdg.meshes import blocks
+
+E, NU, THICKNESS = 2000.0, 0.3, 2.5
+STEEL = vmdg.NeoHookean(E=E, nu=NU)
+PLY = vmdg.Orthotropic(E=(9000, 800, 700), nu=(0.3, 0.25, 0.4), G=(500, 400, 300), angle=25.0)
+TIGHT = vmdg.SolveOptions(relative_tolerance=1e-13)
+
+
+def tilted(axis: int, angle: float = 25.0) -> vmdg.Orthotropic:
+    """PLY turned about another axis, or about z by its rotation."""
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    plane = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    rotation = np.roll(plane, axis, axis=(0, 1))
+    return vmdg.Orthotropic(
+        E=(9000, 800, 700), nu=(0.3, 0.25, 0.4), G=(500, 400, 300), rotation=rotation
+    )
+
+
+def sheet(scene, material=STEEL, law=None, **options) -> vmdg.Problem:
+    """Two blocks of one material or of two, and their interface x = 1."""
+    one, two = material if isinstance(material, tuple) else (material, material)
+    bond = vmdg.Interface(between=(1, 2), law=vmdg.Bonded() if law is None else law)
+    return vmdg.Problem(
+        scene.mesh, scene.cell_tags, {1: one, 2: two}, [bond], plane="stress", **options
+    )
+
+
+def strained(problem, scene, gradient) -> None:
+    """Prescribe u = gradient.x all around."""
+    H = np.asarray(gradient)
+    problem.dirichlet(lambda x: np.full(x.shape[1], True), lambda x, t: t * H @ x[:2])
+
+
+def stretched(problem, scene) -> None:
+    """Pull along x, free across."""
+    problem.dirichlet(scene.facet_tags.find(LEFT), 0.0, "x")
+    problem.dirichlet(scene.facet_tags.find(RIGHT), lambda t: t, "x")
+    problem.dirichlet(lambda x: np.isclose(x[1], 0), 0.0, "y")
+
+
+def first_piola(stretch: float, J: float) -> float:
+    """Of a principal stretch of the neo-Hookean material."""
+    mu, lmbda = E / (2 * (1 + NU)), NU * E / ((1 + NU) * (1 - 2 * NU))
+    return mu * (stretch - 1 / stretch) + lmbda * (J - 1) * J / stretch
+
+
+def stress(problem) -> np.ndarray:
+    """Cauchy stresses at the nodes of this rank (n, 3, 3)."""
+    return problem.stress().x.array.reshape(-1, 3, 3)
+
+
+def test_bar_of_two_materials_with_a_bond_that_fails(comm):
+    """Equal contractions nu/E: sigma = u/c to the strength, then (zeta_c - u)/(1/H - c)."""
+    P, gap = 30.0, 0.1
+    materials = (vmdg.NeoHookean(E=E, nu=0.2), vmdg.NeoHookean(E=2 * E, nu=0.4))
+    scene = two_blocks(comm, "quadrilateral", 2)
+    bar = sheet(scene, materials, vmdg.Debonding(P, gap), kinematics="small", thickness=THICKNESS)
+    stretched(bar, scene)
+    loads = np.array([0.01, 0.02, 0.04, 0.07, 0.09, 0.12])
+    facets = scene.facet_tags.find(RIGHT)
+    history = vmdg.solve(bar, loads, TIGHT, lambda p: {"force": p.reaction(facets)[0]}).history
+    c = 1 / E + 1 / (2 * E)
+    expected = np.clip((gap - loads) / (gap / P - c), 0.0, None)
+    expected = np.where(loads < P * c, loads / c, expected) * THICKNESS
+    np.testing.assert_allclose(
+        np.interp(loads, history["load"], history["force"]), expected, rtol=0, atol=1e-10 * P
+    )
+    energy = bar.energy()
+    assert energy.damage == pytest.approx(THICKNESS * P * gap / 2, rel=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("cell", "degree", "law"),
+    [
+        ("triangle", 1, vmdg.Bonded()),
+        ("triangle", 2, vmdg.Debonding(1e4, 10.0)),
+        ("quadrilateral", 2, vmdg.Bonded()),
+        ("quadrilateral", 1, vmdg.Debonding(1e4, 10.0)),
+    ],
+)
+def test_biaxial_plate(comm, cell, degree, law):
+    """sigma_x = E/(1 - nu^2) (e_x + nu e_y), shear 2 G e_xy, in the bodies and at the interface."""
+    scene = two_blocks(comm, cell, 2, distortion=0.1)
+    plate = sheet(scene, law=law, kinematics="small", degree=degree, thickness=THICKNESS)
+    e = np.array([[0.01, 0.004], [0.004, -0.003]])
+    strained(plate, scene, e)
+    vmdg.solve(plate, [1.0], TIGHT)
+    sigma = E / (1 - NU**2) * ((1 - NU) * e + NU * np.trace(e) * np.eye(2))
+    found = stress(plate)
+    np.testing.assert_allclose(
+        found[:, :2, :2], np.broadcast_to(sigma, (len(found), 2, 2)), rtol=0, atol=1e-10 * E
+    )
+    assert np.abs(found[:, 2]).max(initial=0.0) == 0.0
+    state = plate.state[0]
+    np.testing.assert_allclose(state.traction, state.normal @ sigma, rtol=0, atol=1e-10 * E)
+
+
+def test_disc_under_pressure(comm):
+    """A part of a disc, its radii planes of symmetry: u = -p (1 - nu)/E X, sigma = -p I."""
+    p = 12.0
+    scene = blocks(comm, "triangle", (3, 3, 3))
+    disc = sheet(scene, kinematics="small")
+    disc.dirichlet(lambda x: np.isclose(x[0], 0), 0.0, "x")
+    disc.dirichlet(lambda x: np.isclose(x[1], 0), 0.0, "y")
+    disc.pressure(lambda x: np.isclose(x[0], 2) | np.isclose(x[1], 1), lambda t: p * t)
+    vmdg.solve(disc, [1.0], TIGHT)
+    x = disc.space.tabulate_dof_coordinates()[:, :2]
+    np.testing.assert_allclose(
+        disc.u.x.array.reshape(-1, 2), -p * (1 - NU) / E * x, rtol=0, atol=1e-12
+    )
+    np.testing.assert_allclose(disc.state[0].traction, -p * disc.state[0].normal, atol=1e-9)
+
+
+@pytest.mark.parametrize("law", [vmdg.Bonded(), vmdg.Debonding(1e4, 50.0)], ids=["tie", "bond"])
+def test_neo_hookean_pulled_to_twice_its_length(comm, law):
+    """P_i = mu (l_i - 1/l_i) + lambda (J - 1) J/l_i, the two stretches s across by P_s = 0."""
+    scene = two_blocks(comm, "quadrilateral", 1)
+    bar = sheet(scene, law=law, thickness=THICKNESS)
+    stretched(bar, scene)
+    facets, forces = scene.facet_tags.find(RIGHT), []
+    vmdg.solve(
+        bar, np.linspace(0.25, 2.0, 8), TIGHT, lambda p: forces.append((p.t, p.reaction(facets)[0]))
+    )
+    for t, force in forces:
+        stretch = 1 + t / 2
+        s = brentq(lambda s, a=stretch: first_piola(s, a * s * s), 0.3, 1, xtol=1e-15)
+        P = first_piola(stretch, stretch * s * s)
+        assert force == pytest.approx(THICKNESS * P, rel=1e-10)
+    found = stress(bar)
+    np.testing.assert_allclose(found[:, 0, 0], P / s**2, rtol=1e-10)
+    assert np.abs(found[:, 1:]).max(initial=0.0) < 1e-8 * E
+
+
+@pytest.mark.parametrize(
+    ("kinematics", "rotated"), [("small", False), ("finite", False), ("small", True)]
+)
+def test_orthotropic_sheet(comm, kinematics, rotated):
+    """S = Q : E with Q_ab = C_ab - C_a3 C_b3/C_33 in the axes of the ply."""
+    angle, H = np.radians(25.0), np.array([[0.05, 0.02], [0.01, -0.03]])
+    c, s = np.cos(angle), np.sin(angle)
+    axes = np.array([[c, -s], [s, c]])
+    compliance = np.array([[1 / 9000, -0.3 / 9000], [-0.3 / 9000, 1 / 800]])
+    Q = np.linalg.inv(compliance)
+    F = np.eye(2) + H
+    strain = (H + H.T) / 2 if kinematics == "small" else (F.T @ F - np.eye(2)) / 2
+    local = axes.T @ strain @ axes
+    S = np.diag(Q @ np.diag(local)) + 2 * 500 * local[0, 1] * (np.ones((2, 2)) - np.eye(2))
+    P = axes @ S @ axes.T if kinematics == "small" else F @ axes @ S @ axes.T
+    scene = two_blocks(comm, "triangle", 1)
+    ply = sheet(scene, tilted(2) if rotated else PLY, kinematics=kinematics)
+    strained(ply, scene, H)
+    vmdg.solve(ply, [0.5, 1.0], TIGHT)
+    state = ply.state[0]
+    np.testing.assert_allclose(
+        state.traction, state.normal @ P.T, rtol=0, atol=1e-9 * np.abs(P).max()
+    )
+
+
+@pytest.mark.parametrize("kinematics", ["small", "finite"])
+@pytest.mark.parametrize("strain", [0.02, np.diag([0.02, 0.02, -0.3])], ids=["number", "tensor"])
+def test_eigenstrain(comm, kinematics, strain):
+    """A clamped sheet that would grow by e bears -E e/(1 - nu); its thickness is free."""
+    scene = two_blocks(comm, "quadrilateral", 1)
+    held = sheet(scene, kinematics=kinematics, eigenstrain={1: strain, 2: strain})
+    strained(held, scene, np.zeros((2, 2)))
+    vmdg.solve(held, [1.0], TIGHT)
+    T = held.state[0].traction
+    if kinematics == "small":
+        expected = -E * 0.02 / (1 - NU)
+    else:
+        a, out = 1 / 1.02, 1.02 if np.ndim(strain) == 0 else 0.7
+        s = brentq(lambda s: first_piola(s, a * a * s), 0.9, 1.2, xtol=1e-15)
+        expected = 1.02 * out * first_piola(a, a * a * s)
+    np.testing.assert_allclose(T[:, 0], expected, rtol=1e-10)
+    np.testing.assert_allclose(T[:, 1], 0.0, rtol=0, atol=1e-9 * E)
+
+
+def test_tangent(comm):
+    """The residual is the derivative of the energy, the tangent that of the residual."""
+    scene = two_blocks(comm, "quadrilateral", 2, distortion=0.1)
+    problem = sheet(scene, law=vmdg.Debonding(40.0, 2.0, 0.3))
+    problem.step.begin(1.0, 1.0)
+    displace(problem, scene, 0.5)
+    assert tangent_error(problem) < 1e-8
+    assert (modes(problem) > 0).all()
+    tied = sheet(scene)
+    tied.step.begin(1.0, 1.0)
+    displace(tied, scene, 0.5)
+    assert_residual_is_energy_derivative(tied)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"plane": "stres"}, r"plane = 'stres' must be one of \('strain', 'stress'\)"),
+        ({"symmetry": "axisymmetric"}, "is for plane bodies"),
+        ({"volumetric": "mean"}, "do not lock"),
+        ({"material": vmdg.Ogden(c=(1.0,), m=(2.0,), kappa=10.0)}, "Ogden of tag 1 has no closed"),
+        ({"material": tilted(0)}, "tilted out of the plane"),
+    ],
+)
+def test_refused(comm, options, words):
+    """At the door, with what to do instead."""
+    scene = two_blocks(comm, "quadrilateral", 1)
+    chosen = {"plane": "stress", **options}
+    material = chosen.pop("material", STEEL)
+    with pytest.raises(ValueError, match=words):
+        vmdg.Problem(scene.mesh, scene.cell_tags, {1: material, 2: material}, [], **chosen)
+    problem = sheet(scene)
+    with pytest.raises(ValueError, match="becomes thinner or thicker"):
+        problem.pressure(scene.facet_tags.find(RIGHT), 1.0)
