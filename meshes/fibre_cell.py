@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .extrusion import extrude
 from .fibres import generate_cells
 from .gmsh_model import TaggedMesh, distribute, model, name_groups
-from .packing import images, pack, well_cut
+from .packing import cut_balls, images, pack
 from .periodic import SIDES, match_sides, sides
 
 #: Cells of every shape, the default first.
@@ -90,7 +90,7 @@ def fibre_cell(
     if periodic:
         # The poles of a sphere lie above its centre, and no side is to pass near them.
         kept_clear = [*circles, 0.0] if dim == 3 else circles
-        centres = well_cut(centres, np.tile(kept_clear, (count, 1)), size)
+        centres = cut_balls(centres, kept_clear, size)
     fine = element_size or circles[-1] / 4
     with model("fibre_cell") as gmsh_model:
         if comm.rank == 0:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -143,37 +143,57 @@ def images(
 
 
 def well_cut(
-    centres: NDArray[np.float64], radii: Any, size: float, candidates: int = 12
+    tangents: Sequence[NDArray[np.float64]],
+    size: float,
+    clear: Callable[[NDArray[np.float64]], float],
+    candidates: int = 12,
 ) -> NDArray[np.float64]:
-    """Centres shifted all by one vector, so that the sides of the cell cut the balls at best.
+    """Where a periodic cell is best cut: the low corner (dim,) of a cell with well placed sides.
 
-    A side that nearly touches a ball leaves a sliver, inside or outside: the shift makes the
-    distance between sides and tangents as large as can be, and puts corners of a square far from
-    circles.
+    A side that nearly touches a body leaves a sliver, inside or outside: the least distance between
+    sides and places to avoid is as large as can be, as is that of corners.
 
     Args:
-        centres: Of a periodic cell (n, dim) [mm].
-        radii: Of circles around them (n, k) [mm], k of every centre.
+        tangents: Along every axis, places where no side is to be (n,) [mm].
         size: Side of the cell [mm].
-        candidates: Gaps between tangents that are looked at along each direction.
+        clear: Of a corner of the cell, its distance from what it is to avoid [mm].
+        candidates: Gaps between places to avoid that are looked at along each axis.
     """
-    radii = np.reshape(radii, (len(centres), -1))
-    shifts, margins = [], []
-    for x in centres.T:
-        tangents = np.sort(np.concatenate([x[:, None] - radii, x[:, None] + radii]).ravel() % size)
-        gaps = np.diff(tangents, append=tangents[0] + size)
+    places, margins = [], []
+    for x in tangents:
+        ordered = np.sort(np.ravel(x) % size)
+        gaps = np.diff(ordered, append=ordered[0] + size)
         best = np.argsort(-gaps, kind="stable")[:candidates]
-        shifts.append((tangents[best] + gaps[best] / 2) % size)
+        places.append((ordered[best] + gaps[best] / 2) % size)
         margins.append(gaps[best] / 2)
-    choices = list(itertools.product(*(range(len(s)) for s in shifts)))
+    choices = itertools.product(*(range(len(x)) for x in places))
+
+    def corner(choice: tuple[int, ...]) -> NDArray[np.float64]:
+        return np.array([x[i] for x, i in zip(places, choice, strict=True)])
 
     def margin(choice: tuple[int, ...]) -> float:
-        """Least distance of side and tangent, corner and circle."""
-        corner = np.array([s[i] for s, i in zip(shifts, choice, strict=True)])
+        return min(clear(corner(choice)), *(m[i] for m, i in zip(margins, choice, strict=True)))
+
+    return corner(max(choices, key=margin))
+
+
+def cut_balls(
+    centres: NDArray[np.float64], radii: Sequence[float], size: float
+) -> NDArray[np.float64]:
+    """Centres of a periodic cell whose sides pass tangents of balls at a distance.
+
+    Args:
+        centres: (n, dim) [mm].
+        radii: Of the circles around each centre, all the same [mm].
+        size: Side of the cell [mm].
+    """
+    around = np.array(radii)[:, None]
+
+    def clear(corner: NDArray[np.float64]) -> float:
+        """Distance of a corner from the circles."""
         apart = centres - corner
         apart -= size * np.round(apart / size)
-        from_corner = np.abs(np.linalg.norm(apart, axis=1)[:, None] - radii).min()
-        return min(from_corner, *(m[i] for m, i in zip(margins, choice, strict=True)))
+        return np.abs(np.linalg.norm(apart, axis=1) - around).min()
 
-    chosen = max(choices, key=margin)
-    return (centres - [s[i] for s, i in zip(shifts, chosen, strict=True)]) % size
+    tangents = [np.concatenate([x - around, x + around]).ravel() for x in centres.T]
+    return (centres - well_cut(tangents, size, clear)) % size

@@ -67,16 +67,26 @@ def tessellate(
     planes = _bounded(seeds, weights, size, periodic)
     if periodic:
         corners = [_corners(own)[0] for own in planes]
-        there = np.concatenate(corners)
-        shift = well_cut(there, np.zeros((len(there), 1)), size)[0] - there[0]
-        middles = np.array([x.mean(axis=0) for x in corners]) + shift
+        there = np.concatenate(corners).T
+        low = well_cut(there, size, lambda x: _from_boundaries(x, seeds, weights, size))
+        middles = np.array([x.mean(axis=0) for x in corners]) - low
         planes = [
-            _moved(own, shift - size * np.floor(middle / size))
+            _moved(own, -low - size * np.floor(middle / size))
             for own, middle in zip(planes, middles, strict=True)
         ]
     pieces = list(_pieces(planes, size, seeds.shape[1], periodic))
-    near = shortest if seeds.shape[1] == 2 else 100 * SMALL * size
-    return _joined(pieces, size, periodic, near)
+    return _joined(pieces, size, periodic, shortest if seeds.shape[1] == 2 else 0.0)
+
+
+def _from_boundaries(
+    x: NDArray[np.float64], seeds: NDArray[np.float64], weights: NDArray[np.float64], size: float
+) -> float:
+    """Distance of a point from the boundary between the two cells nearest to it [mm]."""
+    shifts = shifts_of(seeds.shape[1], size)
+    apart = (seeds + shifts[:, None]).reshape(-1, seeds.shape[1]) - x
+    power = (apart**2).sum(axis=1) - np.tile(weights, len(shifts))
+    one, two = np.argsort(power)[:2]
+    return (power[two] - power[one]) / (2 * np.linalg.norm(apart[two] - apart[one]))
 
 
 def _bounded(
@@ -181,11 +191,15 @@ def _in_order(
 
 
 def _joined(pieces: list[Piece], size: float, periodic: bool, shortest: float) -> Tessellation:
-    """Pieces that share their corners; those and images of those within ``shortest`` are one."""
+    """Pieces that share their corners.
+
+    Corners within ``shortest`` of each other are one, both inside or both on the same side: a
+    corner that moved to a side would lay a boundary of grains along it.
+    """
     corners = np.concatenate([x for _, x, _ in pieces])
     low, high = (np.abs(corners - side) < 10 * SMALL * size for side in (0, size))
     corners = np.where(low, 0.0, np.where(high, size, corners))
-    one = _classes(corners, size, periodic, shortest)
+    one = _classes(corners, low + 2 * high, size, periodic, shortest)
     points, number, image = _shared(corners, one, (low, high), size, periodic)
     joined, start, dim = [], 0, corners.shape[1]
     for grain, x, faces in pieces:
@@ -198,11 +212,26 @@ def _joined(pieces: list[Piece], size: float, periodic: bool, shortest: float) -
 
 
 def _classes(
-    corners: NDArray[np.float64], size: float, periodic: bool, near: float
+    corners: NDArray[np.float64],
+    sides: NDArray[np.int64],
+    size: float,
+    periodic: bool,
+    near: float,
 ) -> NDArray[np.int64]:
-    """Number of the class of every corner, a chain of corners nearer to each other than that."""
+    """Number of the class of every corner, a chain of corners nearer to each other than that.
+
+    Args:
+        corners: (n, d).
+        sides: Equal rows (n, d) for corners on the same sides.
+        size: [mm].
+        periodic: Whether images are of the same class.
+        near: [mm].
+    """
     tree = cKDTree(corners % size if periodic else corners, boxsize=size if periodic else None)
-    one, two = tree.query_pairs(near, output_type="ndarray").T
+    same = tree.query_pairs(100 * SMALL * size, output_type="ndarray")
+    close = cKDTree(corners).query_pairs(near, output_type="ndarray")
+    close = close[(sides[close[:, 0]] == sides[close[:, 1]]).all(axis=1)]
+    one, two = np.concatenate([same, close]).T
     graph = coo_array((np.ones(len(one)), (one, two)), shape=(len(corners),) * 2)
     return connected_components(graph, directed=False)[1].astype(np.int64)
 

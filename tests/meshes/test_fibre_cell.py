@@ -9,7 +9,7 @@ import pytest
 from support.cells import mismatch, volumes
 
 from vmdg.meshes import fibre_cell, pack
-from vmdg.meshes.packing import UNIT_BALL, well_cut
+from vmdg.meshes.packing import UNIT_BALL, cut_balls
 
 CELLS = {
     "discs": {"count": 12, "fraction": 0.6, "seed": 3},
@@ -58,7 +58,7 @@ def test_balls_keep_their_distance(comm, count, fraction, dim, periodic, spread)
 def test_sides_cut_well():
     """No side is as near to a tangent as in the cell that is not shifted."""
     centres, radii = pack(20, 0.5, 1)
-    shifted = well_cut(centres, radii[:, None], 1.0)
+    shifted = cut_balls(centres, radii[:1], 1.0)
     moved = (shifted - centres + 0.5) % 1
     assert np.allclose(moved, moved[0])
 

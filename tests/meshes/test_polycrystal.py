@@ -13,6 +13,7 @@ from vmdg.meshes.tessellation import tessellate
 GRAINS = {
     "plane": {"count": 12, "seed": 2, "size": 0.3},
     "spread": {"count": 12, "spread": 0.35, "cell": "quadrilateral"},
+    "coarse": {"count": 60, "seed": 1, "element_size": 0.05},
     "two": {"count": 2, "seed": 4, "element_size": 0.05},
     "solid": {"count": 4, "dim": 3, "element_size": 0.2},
 }
