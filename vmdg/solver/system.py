@@ -27,6 +27,9 @@ Array = NDArray[np.float64]
 #: Relative tolerance of an iterative solve whose result is no correction.
 PRECISE = 1e-10
 
+#: Stiffness of a component of the mean gradient, relative to the norm of K, that is rounding.
+UNHELD = 1e-11
+
 
 class System(Protocol):
     """K.du = forces with the tangent at the state of the last residual.
@@ -198,7 +201,9 @@ class AssembledSystem:
             T^T.K.(du_0 + sum_k q_k du_k) = T^T.forces.
 
         K has a negative eigenvalue if it has one with the faces at rest (Cauchy), or if the small
-        matrix of q has one, what is left of K when all else is eliminated (Haynsworth).
+        matrix of q has one, what is left of K when all else is eliminated (Haynsworth). A periodic
+        cell that has come apart resists some components of its mean gradient no more, but for
+        rounding; they stay.
         """
         count = len(forces)
         at_rest, moving = found[:count], found[count:]
@@ -210,9 +215,15 @@ class AssembledSystem:
             [len(moving)],
             axis=1,
         )
+        nothing = 0.0 if self._periodic is None else UNHELD * self.norm
         try:
-            q = np.linalg.solve(stiffness, loads)
-            self._released = bool((np.linalg.eigvals(stiffness).real < 0).any())
+            if nothing:
+                left, sizes, right = np.linalg.svd(stiffness)
+                holds = sizes > nothing
+                q = right[holds].T @ (left[:, holds].T @ loads / sizes[holds, None])
+            else:
+                q = np.linalg.solve(stiffness, loads)
+            self._released = bool((np.linalg.eigvals(stiffness).real < -nothing).any())
         except np.linalg.LinAlgError:
             q, self._released = np.full_like(loads, np.nan), False
         return list(at_rest + q.T @ moving)
