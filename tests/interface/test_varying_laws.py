@@ -115,6 +115,18 @@ def test_equals_groups(comm, law, kinematics):
     assert comm.allreduce(lost, MPI.MAX) > 0.99
 
 
+def test_interfaces_share_a_law(comm):
+    """Two interfaces of one varying law are mapped together, each with its own values."""
+    scene = two_blocks(comm, "quadrilateral", 4)
+    together = pulled(scene, [vmdg.Interface(between=(1, 2), law=bond(step))])
+    law = bond(step)
+    shared = pulled(scene, [vmdg.Interface(place, law=law) for place in (high, low)])
+    one, two = run(together), run(shared)
+    expected = both(together)
+    assert (np.abs(both(shared) - expected) <= 1e-12 * np.abs(expected).max(axis=0)).all()
+    np.testing.assert_allclose(two["damage"], one["damage"], rtol=1e-12)
+
+
 def test_on_demand(comm):
     """Facets open where their own strength asks for it, and take it with them."""
     scene = two_blocks(comm, "quadrilateral", 4)

@@ -258,6 +258,8 @@ def _law_on(
     message = None
     try:
         law = law.with_values(values)
+        # Found once here: laws at points and parts of them take it along.
+        _ = law.softening_modulus
     except ValueError:
         message = _why_refused(mesh, interface, values, facets)
     raise_together(mesh.comm, message)
