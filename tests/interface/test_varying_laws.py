@@ -72,7 +72,7 @@ def pulled(scene, interfaces, **options) -> vmdg.Problem:
 
 
 def run(problem, loads=LOADS, history=None, **more) -> vmdg.History:
-    options = vmdg.SolveOptions(relative_tolerance=1e-12, energy=True, **more)
+    options = vmdg.SolveOptions(relative_tolerance=1e-12, energy=True, control="load", **more)
     return vmdg.solve(problem, loads, options, history=history).history
 
 
