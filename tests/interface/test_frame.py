@@ -113,7 +113,7 @@ def test_spin_is_the_derivative(d, seed):
     R = frame.rotation(F, N)
     dF = rng.uniform(-1, 1, size=F.shape)
     x = rng.uniform(-1, 1, size=N.shape)
-    omega = np.einsum("pkij,pij->pk", frame.spin(F, N, R), dF)
+    omega = np.einsum("pkij,pij->pk", frame.Spin(F, N, R).W, dF)
     change = apply(R, apply(frame.cross_matrix(x), omega))
     h = 1e-5
     difference = (frame.rotation(F + h * dF, N) - frame.rotation(F - h * dF, N)) / (2 * h)
@@ -128,10 +128,10 @@ def test_spin_gradient(d, seed):
     dF = rng.uniform(-1, 1, size=F.shape)
     R = frame.rotation(F, N)
     couples = np.eye(3 if d == 3 else 1)
-    rows = [frame.spin_gradient(F, N, R, np.tile(couple, (len(N), 1))) for couple in couples]
+    rows = [frame.Spin(F, N, R).gradient(np.tile(couple, (len(N), 1))) for couple in couples]
     gradient = np.stack(rows, axis=1)
     h = 1e-5
-    ahead, behind = (frame.spin(A, N, frame.rotation(A, N)) for A in (F + h * dF, F - h * dF))
+    ahead, behind = (frame.Spin(A, N, frame.rotation(A, N)).W for A in (F + h * dF, F - h * dF))
     change = np.einsum("pkabcd,pcd->pkab", gradient, dF)
     assert change == pytest.approx((ahead - behind) / (2 * h), abs=1e-6)
 

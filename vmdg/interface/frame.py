@@ -8,8 +8,6 @@ identity for pure stretches along the surface or across it, and Q.R for a rotate
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -59,79 +57,98 @@ def rotation(F: Array, N: Array) -> Array:
     return _outer(turned_a, a) + _outer(turned_b, b) + _outer(n, N)
 
 
-def spin(F: Array, N: Array, R: Array) -> Array:
-    """W with omega = W:dF, where dR = R.Omega and Omega.x = omega x x; (n, 3 or 1, d, d).
+class Spin:
+    """The spin of the frame at many points and its derivative.
 
     From M = R.U: (tr(U) I - U).omega = -eps:(R^T.dM), with dM = dF.(I - N (x) N) + dn (x) N and
-    R^T.dn = -U^-1.(I - N (x) N).(R^T.dF)^T.N. In the plane omega = -n.dF.t0 / |F.t0|.
+    R^T.dn = -V.(R^T.dF)^T.N, V = U^-1 in the surface. In the plane omega = -n.dF.t0 / |F.t0|.
+
+    Args:
+        F: Mean deformation gradient (n, d, d).
+        N: Reference unit normal (n, d).
+        R: Rotation of the frame (n, d, d).
+
+    Attributes:
+        W: omega = W:dF, where dR = R.Omega and Omega.x = omega x x; (n, 3 or 1, d, d).
     """
-    if N.shape[1] == 2:
-        t0 = _quarter_turn(N)
-        stretch = np.linalg.norm(np.einsum("pij,pj->pi", F, t0), axis=1)
-        pulled = -_outer(N, t0) / stretch[:, None, None]
-        return np.einsum("pab,pca->pcb", pulled, R)[:, None]
-    *_, inertia, moment = _spin_parts(F, N, R)
-    return np.einsum("pkab,pca->pkcb", _solve(inertia, moment), R)
+
+    def __init__(self, F: Array, N: Array, R: Array):
+        self._N, self._R = N, R
+        if N.shape[1] == 2:
+            self._t0 = _quarter_turn(N)
+            self._stretch = np.linalg.norm(_apply(F, self._t0), axis=1)
+            pulled = -_outer(N, self._t0) / self._stretch[:, None, None]
+            self.W = (R @ pulled)[:, None]
+            return
+        one, NN = np.eye(3), _outer(N, N)
+        self._plane = plane = one - NN
+        self._U = U = R.transpose(0, 2, 1) @ (F @ plane) + NN
+        self._V = V = plane @ _inverse(U) @ plane
+        trace = U[:, 0, 0] + U[:, 1, 1] + U[:, 2, 2]
+        self._inverse_inertia = _inverse(trace[:, None, None] * one - U)
+        # Of R^T.dF to -eps:(R^T.dM).
+        moment = (-_EPSILON.reshape(9, 3) @ plane).reshape(-1, 3, 3, 3)
+        moment += (cross_matrix(N) @ V)[:, :, None] * N[:, None, :, None]
+        self._pulled = self._inverse_inertia @ moment.reshape(-1, 3, 9)
+        self.W = R[:, None] @ self._pulled.reshape(-1, 3, 3, 3)
+
+    def gradient(self, couple: Array) -> Array:
+        """c_k dW_kab/dF_cd of a couple c (n, 3 or 1), (n, d, d, d, d).
+
+        In the plane with s = |F.t0|, t = R.t0 and n = R.N: W = -(n (x) t0)/s, ds = t.dF.t0 and
+        dn = -omega t, so dW_ab/dF_cd = (t_a n_c + n_a t_c) t0_b t0_d / s^2 up to the sign of
+        omega = W:dF.
+
+        In space for two changes A = R^T.dF, A', with w = (tr(U) I - U)^-1.c, b = V.A^T.N and
+        dU' = A'.(I - N (x) N) - b' (x) N - Omega'.U, where U is symmetric and V.N = 0:
+
+            -(V.(N x w)).dU'.b + w.dU'.omega - (w.omega) tr(dU') + (c.W~):(Omega'.A)^T,
+
+        W = R.W~ and the last term from dR, a sum of ten products of two linear functions.
+        """
+        N, R = self._N, self._R
+        if N.shape[1] == 2:
+            t, n = _apply(R, self._t0), _apply(R, N)
+            both = _outer(t, n) + _outer(n, t)
+            square = (couple[:, 0] / self._stretch**2)[:, None, None] * _outer(self._t0, self._t0)
+            return both[:, :, None, :, None] * square[:, None, :, None, :]
+        count, pulled, plane, V = len(N), self._pulled, self._plane, self._V
+        w = _apply(self._inverse_inertia, couple)
+        slope = (V[:, :, None, :] * N[:, None, :, None]).reshape(count, 3, 9)
+        held = (couple[:, None] @ pulled).reshape(count, 3, 3)
+        turned = np.einsum("alc,pcb->plab", _EPSILON, held).reshape(count, 3, 9)
+        left = np.concatenate([-slope, pulled, turned, -w[:, None] @ pulled], axis=1)
+
+        def stretch(vector: Array) -> Array:
+            """vector.dU'."""
+            straight = vector[:, None, :, None] * plane[:, :, None]
+            straight -= N[:, :, None, None] * _outer(N, _apply(V, vector))[:, None]
+            return straight.reshape(count, 3, 9) + self._U @ cross_matrix(vector) @ pulled
+
+        across = stretch(_apply(V, np.cross(N, w)))
+        right = np.concatenate([across, stretch(w), pulled, plane.reshape(count, 1, 9)], axis=1)
+        left, right = ((R[:, None] @ part.reshape(-1, 10, 3, 3)) for part in (left, right))
+        product = left.reshape(-1, 10, 9).transpose(0, 2, 1) @ right.reshape(-1, 10, 9)
+        return product.reshape(-1, 3, 3, 3, 3)
+
+    def of(self, points: NDArray[np.intp]) -> Spin:
+        """That of some of the points."""
+        some = object.__new__(Spin)
+        for name, values in vars(self).items():
+            setattr(some, name, values[points])
+        return some
 
 
-def _spin_parts(F: Array, N: Array, R: Array) -> tuple[Array, Array, Array, Array]:
-    """U, V = U^-1 in the surface, tr(U) I - U, and the map of R^T.dF to -eps:(R^T.dM) in 3D."""
-    one, NN = np.eye(3), _outer(N, N)
-    plane = one - NN
-    U = R.transpose(0, 2, 1) @ (F @ plane) + NN
-    V = plane @ np.linalg.inv(U) @ plane
-    inertia = np.trace(U, axis1=1, axis2=2)[:, None, None] * one - U
-    moment = -np.einsum("kaj,pbj->pkab", _EPSILON, plane)
-    moment += (_normal_spin(N) @ V)[:, :, None] * N[:, None, :, None]
-    return U, V, inertia, moment
+def _inverse(A: Array) -> Array:
+    """Inverse of (n, 3, 3) by the vector products of its rows."""
+    a, b, c = A[:, 0], A[:, 1], A[:, 2]
+    columns = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=2)
+    return columns / np.einsum("pi,pi->p", a, columns[:, :, 0])[:, None, None]
 
 
-def _normal_spin(N: Array) -> Array:
-    """eps_kij N_j (n, 3, 3)."""
-    return np.einsum("kij,pj->pki", _EPSILON, N)
-
-
-def _solve(inertia: Array, moment: Array) -> Array:
-    """inertia^-1.moment with any number of indices behind the first of ``moment``."""
-    columns = moment.reshape(len(moment), 3, math.prod(moment.shape[2:]))
-    return np.linalg.solve(inertia, columns).reshape(moment.shape)
-
-
-def spin_gradient(F: Array, N: Array, R: Array, couple: Array) -> Array:
-    """c_k dW_kab/dF_cd of a couple c (n, 3 or 1), (n, d, d, d, d).
-
-    In the plane with s = |F.t0|, t = R.t0 and n = R.N: W = -(n (x) t0)/s, ds = t.dF.t0 and
-    dn = -omega t, so dW_ab/dF_cd = (t_a n_c + n_a t_c) t0_b t0_d / s^2 up to the sign of
-    omega = W:dF. In space by the chain rule in the parts of :func:`spin`, along the unit changes
-    dF = e_c (x) e_d: dU = R^T.dM - Omega.U, dV = -V.dU.V, and with w = inertia^-1.c one row of it.
-    """
-    if N.shape[1] == 2:
-        t0 = _quarter_turn(N)
-        stretch = np.linalg.norm(np.einsum("pij,pj->pi", F, t0), axis=1)
-        t, n = np.einsum("pij,pj->pi", R, t0), np.einsum("pij,pj->pi", R, N)
-        both = _outer(t, n) + _outer(n, t)
-        square = _outer(t0, t0) * (couple[:, 0] / stretch**2)[:, None, None]
-        return np.einsum("pac,pbd->pabcd", both, square)
-    points = len(N)
-    U, V, inertia, moment = _spin_parts(F, N, R)
-    pulled = _solve(inertia, moment)
-    W = np.einsum("pkab,pca->pkcb", pulled, R)
-    # The nine changes are the second index.
-    turn = np.einsum("ilm,plcd->pcdim", _EPSILON, W).reshape(points, 9, 3, 3)
-    plane = np.eye(3) - _outer(N, N)
-    along = np.einsum("pci,pi->pc", R, N)
-    dM = np.einsum("pci,pdj->pcdij", R, plane) - np.einsum("pc,pid,pj->pcdij", along, V, N)
-    dU = dM.reshape(points, 9, 3, 3) - turn @ U[:, None]
-    d_inertia = np.trace(dU, axis1=2, axis2=3)[..., None, None] * np.eye(3) - dU
-    dV = -V[:, None] @ dU @ V[:, None]
-    w = _solve(inertia, couple[..., None])[:, None, None, :, 0]
-    d_moment = (w @ _normal_spin(N)[:, None] @ dV) * N[:, None, :, None]
-    inertial = (w @ d_inertia)[:, :, 0] @ pulled.reshape(points, 3, 9)
-    d_pulled = d_moment - inertial.reshape(points, 9, 3, 3)
-    # W_kgb = pulled_kab R_ga, and dR = R.Omega
-    held = np.einsum("pk,pkab->pab", couple, pulled)
-    result = R[:, None] @ (d_pulled + turn @ held[:, None])
-    return result.reshape(points, 3, 3, 3, 3).transpose(0, 3, 4, 1, 2)
+def _apply(tensor: Array, vector: Array) -> Array:
+    """Row-wise tensor.vector."""
+    return (tensor @ vector[..., None])[..., 0]
 
 
 def cross_matrix(x: Array) -> Array:

@@ -168,7 +168,8 @@ class ReturnMap:
         N = self._quadrature.normal
         F, C, q = values.frame_gradient, values.compliance, values.frame_total
         R = frame.rotation(F, N)
-        W = frame.spin(F, N, R)
+        spins = frame.Spin(F, N, R)
+        W = spins.W
         turn, turn_q = frame.cross_matrix(values.frame_gap), frame.cross_matrix(q)
         # dF is the mean of both sides: half of each side's gradient.
         d, half = self._d, W.reshape(*W.shape[:2], self._d**2) / 2
@@ -179,9 +180,7 @@ class ReturnMap:
         by_gradient = -(halves @ (D @ turn_q @ half)).reshape(-1, d, d, d, d)
         couple = _couple(values.frame_gap, values.frame_traction)
         loaded = np.flatnonzero(np.abs(couple).max(axis=1) > 0)
-        by_gradient[loaded] += frame.spin_gradient(
-            F[loaded], N[loaded], R[loaded], couple[loaded] / 4
-        )
+        by_gradient[loaded] += spins.of(loaded).gradient(couple[loaded] / 4)
         return R @ C @ R.transpose(0, 2, 1), (spin, by_traction, by_gradient)
 
 
@@ -246,7 +245,7 @@ def _in_frame(trial: Trial, mapped: Callable[[Array], PointValues]) -> PointValu
     """
     F, N = trial.F, trial.N
     R = frame.rotation(F, N)
-    W = frame.spin(F, N, R)
+    W = frame.Spin(F, N, R).W
     q = np.einsum("pji,pj->pi", R, trial.total)
     inside = mapped(q)
     values = replace(
