@@ -133,12 +133,14 @@ class PointTangent:
             change = compliance @ traction
             if turning is not None:
                 spin, by_traction, by_gradient = turning
-                both = np.eye(size)
-                S = both[sides[0]][: d * d] + both[sides[1]][: d * d]
-                change += spin.reshape(-1, d, d * d) @ S
+                # S sees the gradients of both sides alike.
+                gradients = [slice(side.start, side.start + d * d) for side in sides]
                 couple = by_traction.reshape(-1, d * d, d) @ traction
-                couple += by_gradient.reshape(-1, d * d, d * d) @ S
-                D -= S.T @ couple
+                for gradient in gradients:
+                    change[:, :, gradient] += spin.reshape(-1, d, d * d)
+                    couple[:, :, gradient] += by_gradient.reshape(-1, d * d, d * d)
+                for gradient in gradients:
+                    D[:, gradient] -= couple
             D -= traction.transpose(0, 2, 1) @ change
         if self._jump:
             factor = np.linalg.cholesky(stabilization.delta_s[facet]).transpose(0, 2, 1)
@@ -147,7 +149,9 @@ class PointTangent:
             for a in range(2):
                 jump[:, :, sides[a]] = factor @ H[a]
             D -= jump.transpose(0, 2, 1) @ jump
-        return tuple(self.areas[:, None, None] * matrices for matrices in (D, traction))
+        for matrices in (D, traction):
+            matrices *= self.areas[:, None, None]
+        return D, traction
 
     def _geometric_term(self, stabilization: Stabilization, values: PointValues) -> list[Array]:
         """K_a of (85) of both sides (nq, entries, entries) [MPa]."""
