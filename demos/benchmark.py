@@ -1,11 +1,11 @@
 """Seconds, counts and memory of vmdg beside plain finite elements and other cohesive codes.
 
 Parts, one or several by name: "precision" draws error against unknowns and processor time, "ratio"
-compares one Newton iteration, "zone" counts Krylov iterations while a zone of failure grows,
-"peers" runs two scenes that other codes were given, "switches" runs one of them with and without
-what can be spared, "condensed" linear systems at small strain, "kernels" lists what is compiled,
-"memory" measures the push-out. Seconds are processor time of warm runs on one core, the least of
-some; whatever is compared takes turns in one process. On one rank.
+compares one Newton iteration, "zone" counts Krylov iterations while a zone of failure grows, "step"
+tells what else a load step does, "peers" runs two scenes that other codes were given, "switches"
+runs one of them with and without what can be spared, "condensed" linear systems at small strain,
+"kernels" lists what is compiled, "memory" measures the push-out. Seconds are processor time of warm
+runs on one core, the least of some; whatever is compared takes turns in one process. On one rank.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ def main(
     """Run parts; what each has found by name.
 
     Args:
-        parts: Some of precision, ratio, zone, peers, switches, condensed, kernels and memory;
-            all without any.
+        parts: Some of precision, ratio, zone, step, peers, switches, condensed, kernels and
+            memory; all without any.
         coarse: Small meshes.
         repeats: Runs, of which the fastest counts.
         out: Folder for tables and pictures.

@@ -97,8 +97,11 @@ def _contract(
         tensor, theta = tensor[:, :, :-1], tensor[:, :, -1]
     hoop = tensor.shape[2] != gradients.shape[3] ** 2
     d = gradients.shape[3] - hoop
-    section = tensor[:, :, : d * d].reshape(*tensor.shape[:2], d, d, -1)
-    result = np.einsum("cqijm,cqaj->cqmai", section, gradients[..., :d], optimize=True)
+    cells, points, _, m = tensor.shape
+    section = tensor[:, :, : d * d].reshape(cells, points, d, d, m).transpose(0, 1, 4, 2, 3)
+    # (m, i) j by j a: einsum has no BLAS for products within a point.
+    result = section.reshape(cells, points, m * d, d) @ gradients[..., :d].transpose(0, 1, 3, 2)
+    result = result.reshape(cells, points, m, d, -1).transpose(0, 1, 2, 4, 3)
     if hoop:
         result[..., 0] += np.einsum("cqm,cqa->cqma", tensor[:, :, -1], gradients[..., -1])
     if theta is not None:

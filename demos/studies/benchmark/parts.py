@@ -8,7 +8,7 @@ from typing import Any
 from helpers.bars import progress
 from matplotlib.figure import Figure
 
-from studies.benchmark import condensed, cost, peers, precision, ratio, switches, zone
+from studies.benchmark import condensed, cost, peers, precision, ratio, step, switches, zone
 from studies.benchmark.common import DIMENSION, table
 
 #: What was found, its table, and what draws it.
@@ -41,6 +41,12 @@ def zone_part(coarse: bool, repeats: int) -> Outcome:
     cases = progress((True, False), "interpolation")
     grown = [zone.measure(bodies, 10 if coarse else 20) for bodies in cases]
     return grown, table(zone.HEAD, [one.row() for one in grown]), None
+
+
+def step_part(coarse: bool, repeats: int) -> Outcome:
+    """What a step does besides assembly and solves, by facet and cell."""
+    actions = step.measure(repeats, 0.2 if coarse else 1.0)
+    return actions, table(step.HEAD, step.rows(actions)), None
 
 
 def peers_part(coarse: bool, repeats: int) -> Outcome:
@@ -93,6 +99,7 @@ PARTS: dict[str, Callable[[bool, int], Outcome]] = {
     "precision": precision_part,
     "ratio": ratio_part,
     "zone": zone_part,
+    "step": step_part,
     "peers": peers_part,
     "switches": switches_part,
     "condensed": condensed_part,

@@ -183,15 +183,21 @@ def measure(dimension: str, damage: bool, direct: bool, repeats: int, refine: fl
     )
 
 
-def block(dimension: str, damage: bool, refine: float = 1.0) -> vmdg.Problem:
-    """Both bodies, their ends held, with the displacement of which :func:`measure` tells."""
-    return _problem(_mesh(dimension, refine), damage)
+def block(dimension: str, damage: bool, refine: float = 1.0, across: float = 1.0) -> vmdg.Problem:
+    """Both bodies, their ends held, with the displacement of which :func:`measure` tells.
+
+    Args:
+        dimension, damage, refine: As there.
+        across: Multiplies the number of cells across the interface.
+    """
+    return _problem(_mesh(dimension, refine, across), damage)
 
 
-def _mesh(dimension: str, refine: float) -> TaggedMesh:
-    cell, divisions, below = MESHES[dimension]
-    divisions = [max(round(refine * n), 2) for n in divisions]
-    return layers(cell, divisions, np.ones(len(divisions)), max(round(refine * below), 1))
+def _mesh(dimension: str, refine: float, across: float = 1.0) -> TaggedMesh:
+    cell, (*along, last), below = MESHES[dimension]
+    below, last = (max(round(refine * across * n), least) for n, least in ((below, 1), (last, 2)))
+    divisions = [*(max(round(refine * n), 2) for n in along), last]
+    return layers(cell, divisions, np.ones(len(divisions)), below)
 
 
 def _ends(tagged: TaggedMesh) -> NDArray[np.int32]:
