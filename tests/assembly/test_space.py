@@ -20,7 +20,7 @@ from support.scenes import (
 )
 
 from vmdg import compat
-from vmdg.assembly.space import broken_space
+from vmdg.assembly.space import broken_space, count_pieces
 from vmdg.domain.topology import facet_cells
 
 N = 4  # cells along each side: even, so that half the box is a whole number of cells
@@ -150,3 +150,13 @@ def test_bodies_carry_different_fields(comm, cell, degree):
     nodes = V.tabulate_dof_coordinates()[V.dofmap.list][:, :, :d]
     expected = tags.values[:, None, None] * (1 + nodes)
     assert comm.allreduce(np.abs(cell_values(u) - expected).max()) < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("cut", "pieces"),
+    [("none", 1), ("full", 2), ("tip", 1), ("cross", 4), ("inclusion", 2), ("every", N * N)],
+)
+def test_pieces(comm, cut, pieces):
+    """Around a crack tip a body is one piece; a cut that goes through makes two, on any ranks."""
+    mesh = unit_box(comm, "quadrilateral", N)
+    assert count_pieces(broken_space(mesh, 2, interior_facets(mesh, CUTS[cut]))) == pieces

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from studies.benchmark import ratio, zone
 from support.problems import FRICTION, pressed
+from support.scenes import everywhere, tag_cells, unit_box
 
 import vmdg
 from vmdg.base.parallel import global_max
@@ -60,6 +61,18 @@ def test_coarsened_again(comm):
     _, runs = solved(pressed(comm, "hexahedron", FRICTION), options, times=2, rtol=1e-10)
     assert runs["coarsen"] == 2
     assert runs["factorize"] == 2
+
+
+def test_pieces_of_a_cell(comm):
+    """Where every cell is a piece for itself nothing would be left to coarsen: as a tie."""
+    mesh = unit_box(comm, "hexahedron", 6)
+    everything = vmdg.Interface(facets=everywhere, law=FRICTION)
+    body = {1: vmdg.NeoHookean(E=5000.0, nu=0.25)}
+    problem = vmdg.Problem(mesh, tag_cells(mesh, {1: everywhere}), body, [everything])
+    problem.dirichlet(lambda x: np.isclose(x[0], 0.0), 0.0)
+    counts, runs = solved(problem, GMRES_GAMG)
+    assert "coarsen" not in runs
+    assert counts <= 15
 
 
 def test_bodies_stand_alone(comm):

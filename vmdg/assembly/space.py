@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from .. import compat
-from ..base.parallel import global_any, group_maxima
+from ..base.parallel import global_any, global_sum, group_maxima
 from ..domain.topology import facet_cells, local_facets
 
 
@@ -163,6 +163,21 @@ def _number(
     _, group = np.unique(smallest[nodes], return_inverse=True)
     numbers = group_maxima(mesh.comm, cells, numbers, nodes, group)
     return np.where(nodes, numbers, unsplit.array[dofs]), size_local
+
+
+def count_pieces(space: fem.FunctionSpace) -> int:
+    """Pieces of the mesh that share no node of a space, over all ranks; collective.
+
+    A piece is named by its last node, as far as it reaches over ranks.
+    """
+    nodes, dofs = space.dofmap.index_map, space.dofmap.list
+    size = nodes.size_local + nodes.num_ghosts
+    ends = np.repeat(dofs[:, 0], dofs.shape[1] - 1), dofs[:, 1:].ravel()
+    graph = coo_array((np.ones(len(ends[0]), dtype=np.int8), ends), shape=(size, size))
+    names = nodes.local_to_global(np.arange(size, dtype=np.int32))[:, None]
+    piece = connected_components(graph, directed=False)[1]
+    last = group_maxima(space.mesh.comm, nodes, names, np.ones_like(names, dtype=bool), piece)
+    return int(global_sum(space.mesh.comm, (last == names)[: nodes.size_local].sum()))
 
 
 def at_owners(space: fem.FunctionSpace, vector: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -14,6 +14,7 @@ from petsc4py import PETSc
 from dolfinx import fem
 
 from ..assembly.periodic import PeriodicSpace
+from ..assembly.space import count_pieces
 from ..base.timers import timer
 from ..domain.geometry import rigid_motions
 from ..forms.geometry import Geometry
@@ -57,6 +58,10 @@ GAMG = {
     "mg_levels_pc_type": "pbjacobi",
 }
 GMRES_GAMG = {**GMRES, **GAMG}
+#: The option of its size, which is to hold the rigid motions of all bodies, and a few more.
+COARSEST, MOTIONS = "pc_gamg_coarse_eq_limit", 7
+#: Pieces up to which each is coarsened for itself: the coarsest matrix, factorized, moves them all.
+MAX_PIECES = 200
 #: How PETSc makes coarse matrices.
 PRODUCTS = "matptap_via"
 #: For tangents that are symmetric and, away from a loss of stability, positive.
@@ -98,7 +103,18 @@ def automatic_options(
         return direct, direct
     if size <= max_factored or problem.discretization.bodies.mean_dilatation:
         return lagged, direct
-    return (GMRES_GAMG if problem.discretization.can_fail else CG_GAMG), direct
+    if not problem.discretization.can_fail:
+        return CG_GAMG, direct
+    coarsest = max(MOTIONS * pieces_apart(problem), GMRES_GAMG[COARSEST])
+    return GMRES_GAMG | {COARSEST: coarsest}, direct
+
+
+def pieces_apart(problem: Problem) -> int:
+    """Pieces of the bodies that multigrid coarsens each for itself, 0 for none; collective."""
+    if not problem.discretization.can_fail:
+        return 0
+    pieces = count_pieces(problem.space)
+    return pieces if pieces <= MAX_PIECES else 0
 
 
 class LinearOptions(NamedTuple):

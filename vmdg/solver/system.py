@@ -18,6 +18,7 @@ from .linear import (
     LinearSolver,
     Petsc,
     linear_options,
+    pieces_apart,
     set_rigid_modes,
 )
 from .options import SolveOptions
@@ -94,11 +95,12 @@ class AssembledSystem:
         self._comm, self._discretization = problem.comm, problem.discretization
         self._matrix = matrix = problem.discretization.create_matrix()
         matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        self.norm = 0.0
+        self.norm, self._apart = 0.0, False
         self._linear = LinearSolver(matrix, linear.solver, linear.fallback)
         if self._linear.multigrid:
             parts = problem.discretization
             set_rigid_modes(parts.space, parts.geometry, matrix, parts.periodic)
+            self._apart = pieces_apart(problem) > 0
         self._x, self._b = matrix.createVecs()
         loading = problem.loading
         self._periodic = problem.discretization.periodic
@@ -128,7 +130,7 @@ class AssembledSystem:
 
     def solve(self, forces: Sequence[Array], moved: Sequence[Array], rtol: float) -> list[Array]:
         """Solve K.du = forces for several right-hand sides; collective."""
-        if not self._linear.coarsened and self._discretization.can_fail:
+        if not self._linear.coarsened and self._apart:
             self._coarsen()
         self._discretization.assemble_tangent(self._matrix)
         self.norm = self.norm or self._matrix.norm(PETSc.NormType.NORM_INFINITY)
