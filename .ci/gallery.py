@@ -38,6 +38,7 @@ SCENES = {
     "tutorial_laminate": "tutorial_laminate",
     "two_inclusions": "two_inclusions --no-plot",
     "buckling": "buckling --no-plot",
+    "fibre_cell": "fibre_cell --no-plot",
     "polycrystal": "polycrystal --no-plot",
     "fibre_matrix": "fibre_matrix --no-plot",
     "fibre_film": f"fibre_matrix {_CELL} --growth 1.04 --no-plot",

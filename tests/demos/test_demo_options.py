@@ -139,6 +139,7 @@ def test_unknown_part_of_the_benchmark(out):
         ("patch_shear", {}),
         ("load_cycle", {"steps": 5}),
         ("buckling", {"cells": 1, "end": 1e-3, "steps": 1}),
+        ("fibre_cell", {"fibres": 2, "cells": 1.5, "end": 1e-3, "steps": 1}),
         ("fibre_matrix", {"element_size": 0.3, "end": 1e-3, "interface_only": True}),
         ("polycrystal", {"grains": 4, "cells": 2.0, "end": 1e-3, "steps": 1}),
         ("pushout", {"layers": 4, "refine": 0.4, "steps": 2, "end": 0.004}),
