@@ -51,6 +51,17 @@ def test_iterations_have_equal_parts(out):
         assert row.active == ("damage" in row.name), row.name
 
 
+def test_a_step_costs_in_proportion(out):
+    """What interfaces hold goes with their facets; their history is little beside tau_s."""
+    actions = {a.name: a for a in benchmark.main(["step"], True, 1, out=str(out))["step"]}
+    memory = {name: action.shares(action.memory) for name, action in actions.items()}
+    for name in ("tangent", "of it return map", "tau_s and its coercivity"):
+        facet, cell = memory[name]
+        assert facet > 1e3 and abs(cell) < 100, name
+    assert memory["commit, works"][0] < 0.01 * memory["tau_s and its coercivity"][0]
+    assert memory["checkpoint, files"][1] > 24 * 8 * 2
+
+
 def test_cracked_plate(out):
     """P1 in 40 steps: peak within 1%, work within .5%, few corrections.
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import vmdg
+from vmdg.base.timers import timings, timings_since
 from vmdg.checkpoint.checkpoint import read_checkpoint, write_checkpoint
 from vmdg.meshes import blocks
 
@@ -38,6 +39,20 @@ def squeezed(comm, law: vmdg.Law, amount, n: int = 2, degree: int = 1) -> vmdg.P
     problem.dirichlet(facets.find(1), 0.0)
     problem.dirichlet(facets.find(2), lambda t: np.array([-amount(t), 0.0]))
     return problem
+
+
+def test_coercivity_is_asked_once_a_step(comm):
+    """A step begins where the last one was checked; elsewhere tau_s is found anew."""
+    problem = squeezed(comm, vmdg.Bonded(), lambda t: 0.02 * t)
+    before = timings()
+    result = vmdg.solve(problem, [0.5, 1.0])
+    assert len(result.history) == 2 and not result.failures
+    (runs,) = (timing.runs for timing in timings_since(before) if timing.name == "coercivity")
+    assert runs == 2
+    there = problem.stabilization[0].norm.copy()
+    problem.u.x.array[:] *= 5.0
+    problem.step.begin(1.0, 1.0)
+    assert comm.allreduce(bool((problem.stabilization[0].norm > there).any()), op=MPI.LOR)
 
 
 @pytest.mark.filterwarnings("ignore:equilibria beyond:vmdg.ModelWarning")

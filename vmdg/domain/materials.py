@@ -124,6 +124,12 @@ class Bodies:
             )
             self.regions.append(Region(body, cells.astype(np.int32)))
 
+    @property
+    def fields(self) -> list[fem.Function]:
+        """What the stress in a body changes with besides the displacement."""
+        mean = [self.geometry.theta, self.geometry.pressure] if self.mean_dilatation else []
+        return mean if self._eigenstrain is None else [self._eigenstrain, *mean]
+
     def apply_eigenstrain(self, t: float) -> None:
         """Set the eigenstrains to their values at load factor ``t``."""
         for tag, strain in self._eigenstrains.items():

@@ -11,7 +11,7 @@ from dolfinx import fem
 from numpy.typing import NDArray
 
 from ..base.kernels import compile_form
-from ..base.parallel import global_max, raise_together
+from ..base.parallel import global_any, global_max, raise_together
 from ..base.quadrature import bubble_degree
 from ..base.timers import timer
 from ..domain.materials import Bodies
@@ -281,6 +281,10 @@ class Stabilizer:
         raise_together(comm, message)
 
 
+#: What :meth:`Stabilizers.derive` and :meth:`Stabilizers.coercivity` give.
+_Needed = tuple[list[Stabilization], list[NDArray[np.float64]]]
+
+
 class Stabilizers:
     """The stabilization of all active interfaces, which share the energy of their cells.
 
@@ -298,8 +302,9 @@ class Stabilizers:
     def __init__(self, interfaces: Sequence[Stabilizer], u: fem.Function, bodies: Bodies):
         self._interfaces = interfaces
         self._u, self._bodies = u, bodies
-        derived = all(one.interface.stabilization is None for one in interfaces)
-        self.constant = bodies.small and derived
+        self._derived = all(one.interface.stabilization is None for one in interfaces)
+        self.constant = bodies.small and self._derived
+        self._last: tuple[list[NDArray[np.float64]], _Needed] | None = None
         self._coercivity: Coercivity | None = None
         self._constants: list[Stabilization] | None = None
 
@@ -311,8 +316,7 @@ class Stabilizers:
         """
         if self._constants is not None:
             return self._constants
-        derived = self.derive()
-        arguments = zip(self._interfaces, derived, self.coercivity(derived), floors, strict=True)
+        arguments = zip(self._interfaces, *self._needed(), floors, strict=True)
         scaled = [one.scaled(*values) for one, *values in arguments]
         if self.constant:
             self._constants = scaled
@@ -326,10 +330,21 @@ class Stabilizers:
         """
         if self._bodies.small:
             return True
-        derived = self.derive()
-        factors = self.coercivity(derived)
-        checks = zip(self._interfaces, applied, derived, factors, strict=True)
+        checks = zip(self._interfaces, applied, *self._needed(), strict=True)
         return all([one.suffices(*values) for one, *values in checks])
+
+    def _needed(self) -> _Needed:
+        """:meth:`derive` and :meth:`coercivity` at the current displacement; collective.
+
+        A step begins where the last one was checked at its end: they are found once for both. A
+        callable of the user's may depend on more, and is always asked.
+        """
+        state = [f.x.array.copy() for f in (self._u, *self._bodies.fields)]
+        moved = self._last is None or not all(map(np.array_equal, state, self._last[0]))
+        if not self._derived or global_any(self._u.function_space.mesh.comm, moved):
+            derived = self.derive()
+            self._last = state, (derived, self.coercivity(derived))
+        return self._last[1]
 
     def derive(self) -> list[Stabilization]:
         """Of every interface at the current displacement, not scaled yet; collective."""
