@@ -1,8 +1,8 @@
 """A composite fails across its fibres: periodic cells of glass in epoxy at random places.
 
 Plane strain. The bond of the fibres fails first, then cracks run through the matrix along any
-facet, from bond to bond. With ``--directions 4 --seeds 3`` the strengths of 12 runs make an
-envelope from pull along x to shear; those that ``strengths.csv`` has are not done again.
+facet. With ``--directions 4 --seeds 3`` the strengths of 12 runs make an envelope from pull along
+x to shear; those that ``strengths.csv`` has are not done again.
 """
 
 from __future__ import annotations
@@ -62,14 +62,13 @@ def main(
             return cell.row()
 
         name = f"{folder}/fibre_cell_{number}_{angle:g}"
-        shown = {"progress": True, "show": ("stress_xx", "stress_xy"), "verbose": verbose}
-        options = vmdg.SolveOptions(energy=True, csv=f"{name}.csv", **shown)
+        said = {"progress": True, "show": ("stress_xx", "stress_xy"), "verbose": verbose}
+        options = vmdg.SolveOptions(energy=True, csv=f"{name}.csv", **said)
         history = vmdg.solve(problem, loads, options, monitor).history
         stress = "stress_xx" if angle < 45 else "stress_xy"
+        shown = "load", stress, "mises", 3
         if animate:
-            vmdg.plot.animate(
-                f"{name}.gif", problem, snapshots, history, "load", stress, "mises", 3
-            )
+            vmdg.plot.animate(f"{name}.gif", problem, snapshots, history, *shown)
         if plot:
             draw_run(problem, history, stress, states, f"{name}.png")
         keep_strength(folder, number, angle, history, problem.comm)

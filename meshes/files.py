@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 from mpi4py import MPI
@@ -14,7 +15,7 @@ from dolfinx.mesh import GhostMode
 from vmdg.base.parallel import raise_together
 from vmdg.domain.tags import NamedTags, names_of
 
-from .gmsh_model import TaggedMesh, distribute, model
+from .gmsh_model import TaggedMesh, distribute, model, name_groups
 
 #: Names of the tags in XDMF files.
 CELL_TAGS, FACET_TAGS = "cell_tags", "facet_tags"
@@ -29,8 +30,9 @@ def read_mesh(
     """Read and distribute a mesh; collective.
 
     Args:
-        path: A file of gmsh (.msh, tags and names by physical groups), or of XDMF (.xdmf, with
-            its .h5) as :func:`write_mesh` and ``dolfinx.io.XDMFFile`` write it.
+        path: A file of gmsh (.msh, tags and names by physical groups) or of Neper (.msh, a group
+            for every grain, "poly1" or, in 2D, "face1", and for every face between two), or of XDMF
+            (.xdmf, with its .h5) as :func:`write_mesh` and ``dolfinx.io.XDMFFile`` write it.
         comm: Communicator.
         cell_tags: Name of the cell tags in an XDMF file.
         facet_tags: Name of the facet tags in an XDMF file.
@@ -56,6 +58,8 @@ def _read_gmsh(path: Path, comm: MPI.Comm) -> TaggedMesh:
         if comm.rank == 0:
             gmsh.open(str(path))
             gdim = gmsh_model.getDimension()
+            for dim, tag, name in _bare_names(path):
+                name_groups(gmsh_model, dim, {name: tag})
             if not gmsh_model.getPhysicalGroups(gdim):
                 message = (
                     f"read_mesh: {path} has no physical group of dimension {gdim}; make one for "
@@ -63,6 +67,24 @@ def _read_gmsh(path: Path, comm: MPI.Comm) -> TaggedMesh:
                 )
         raise_together(comm, message)
         return distribute(gmsh_model, comm, comm.bcast(gdim))
+
+
+def _bare_names(path: Path) -> Iterator[tuple[int, int, str]]:
+    """Dimension, tag and name of physical groups whose names have no quotes; gmsh leaves them out.
+
+    Neper writes them so (its manual, Mesh File).
+    """
+    lines = iter(path.read_bytes().splitlines())
+    for line in lines:
+        if line.strip() == b"$PhysicalNames":
+            break
+    next(lines, None)  # how many there are
+    for line in lines:
+        words = line.decode().split(maxsplit=2)
+        if len(words) < 3:
+            return
+        if not words[2].startswith('"'):
+            yield int(words[0]), int(words[1]), words[2].strip()
 
 
 def _read_xdmf(path: Path, comm: MPI.Comm, cell_tags: str, facet_tags: str) -> TaggedMesh:
