@@ -78,7 +78,7 @@ class Cartesian:
 
     def nodal_deformation(self, u: Expr) -> Expr:
         """F for points that may be nodes, (d, d)."""
-        return self.deformation(u)
+        return _plus_identity(self.section_gradient(u))
 
     def bubble_stiffness(self, A: Expr, bubble: Expr) -> Expr:
         """GRAD b : A : GRAD b of (22), B_ik = b_,j A_ijkl b_,l, (d, d) [MPa/mm2]."""
