@@ -49,9 +49,7 @@ def main(
     """
     folder, loads = Path(out), np.linspace(0, end, steps + 1)[1:]
     studied = [(s, a) for s in range(seed, seed + seeds) for a in np.linspace(0, 90, directions)]
-    for number, angle in studied:
-        if is_done(folder, number, angle):
-            continue
+    for number, angle in (one for one in studied if not is_done(folder, *one)):
         problem = build(fibres, fraction, number, cells, angle)
         cell, snapshots, states = vmdg.PeriodicCell(problem), [], []
 

@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", *sorted(ROOT.glob("[!.]*/*.md"))]
 
 #: Commands of others, which are not ours to try.
-OTHERS = ("git", "cd", "export", "conda", "source")
+OTHERS = ("git", "cd", "export", "conda", "source", "neper")
 
 #: Modules of others, and a word that stands for one.
 OTHER_MODULES = ("code", "pip", "jupyterlab", "MODULE")
