@@ -48,8 +48,8 @@ MAX_DISPLACEMENT = 1e6
 MIN_DRAG, DRAG_INCREMENT = -0.5, 1e-6
 
 #: An attempt is given up if two corrections leave more than this share of the residual by
-#: backtracking, or all of it by full steps, which then go round in circles.
-STALLED, CYCLE = 0.98, 1e-3
+#: backtracking, or if full steps go round in circles: so many of them leave all of it.
+STALLED, CYCLE, LENGTHS = 0.98, 1e-3, (2, 3, 4)
 
 _REASONS = {
     value: name
@@ -348,13 +348,14 @@ class Newton:
         return reasons.ITERATING
 
     def _stalled(self) -> bool:
-        """Whether two corrections have changed nothing."""
+        """Whether the last corrections have changed nothing."""
         norms = self._trace.norms
-        if len(norms) < 5 or self._corrections < 4:
+        # At an equilibrium on the way residuals are rounding, alike or not.
+        if len(norms) < 5 or self._corrections < 4 or norms[-1] <= self._goal:
             return False
         if self._backtracks:
             return norms[-1] > STALLED * norms[-3]
-        return abs(norms[-1] - norms[-3]) < CYCLE * norms[-3]
+        return any(abs(norms[-1] - norms[-1 - n]) < CYCLE * norms[-1] for n in LENGTHS)
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
