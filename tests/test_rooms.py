@@ -24,7 +24,7 @@ FLOORS = (
     ("assembly",),
     ("problem",),
     ("output",),
-    ("plot", "checkpoint"),
+    ("plot", "checkpoint", "linear"),
     ("solver",),
     ("vmdg",),
     ("doctor",),

@@ -29,6 +29,7 @@ from .laws import Law as Law
 from .laws import MixedModeDebonding as MixedModeDebonding
 from .laws import Mode as Mode
 from .laws import TrapezoidalDebonding as TrapezoidalDebonding
+from .linear.macroscopic import macroscopic_tangent as macroscopic_tangent
 from .output.cell import PeriodicCell as PeriodicCell
 from .output.crack import CrackGrowth as CrackGrowth
 from .output.fields import FieldWriter as FieldWriter
@@ -39,7 +40,6 @@ from .problem.rigid_motion import RigidMotion as RigidMotion
 from .problem.states import Energy as Energy
 from .problem.states import Snapshot as Snapshot
 from .solver.features import switchboard as switchboard
-from .solver.macroscopic import macroscopic_tangent as macroscopic_tangent
 from .solver.options import SolveOptions as SolveOptions
 from .solver.result import Counts as Counts
 from .solver.result import Result as Result

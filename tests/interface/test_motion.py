@@ -16,10 +16,10 @@ from support.scenes import two_blocks
 import vmdg
 from vmdg import Mode
 from vmdg.interface.return_map import map_back
+from vmdg.linear.ksp import LU
 from vmdg.meshes import beams
 from vmdg.meshes.beams import INTERFACE, LOWER_LEFT, RIGHT, UPPER_LEFT
 from vmdg.solver.control import Control
-from vmdg.solver.linear import LU
 from vmdg.solver.newton import Newton
 
 LAW = vmdg.Debonding(strength=100.0, critical_gap=0.2)

@@ -9,7 +9,7 @@ from support.scenes import everywhere, tag_cells, two_blocks, unit_box
 
 import vmdg
 from vmdg.base.parallel import global_sum
-from vmdg.solver.features import condensation, gap_components
+from vmdg.linear.condensation import condensation, gap_components
 
 LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05)
 RUBBING = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.4)
@@ -76,7 +76,7 @@ def derived(tau1, tau2, context):
 
 def refusal(problem, **options) -> str:
     """Why the default does not condense; asking for it is an error with the same reason."""
-    condensed, why = condensation(problem, vmdg.SolveOptions(**options))
+    condensed, why = condensation(problem, **options)
     assert not condensed
     with pytest.raises(ValueError, match="condensed = True is not possible") as error:
         vmdg.solve(problem, [0.1], vmdg.SolveOptions(condensed=True, **options))
@@ -124,8 +124,8 @@ def test_where_it_is_cheaper(comm):
     # Facets, points, components.
     assert global_sum(comm, gap_components(problem)) == 2 * 2 * 2
     assert condensation(problem)[0]
-    assert condensation(problem, vmdg.SolveOptions(condensed=True))[0]
-    assert not condensation(problem, vmdg.SolveOptions(condensed=False))[0]
+    assert condensation(problem, wanted=True)[0]
+    assert not condensation(problem, wanted=False)[0]
     # Every facet of 11 x 11 cells.
     mesh = unit_box(comm, "quadrilateral", 11)
     interface = vmdg.Interface(within=1, law=LAW)

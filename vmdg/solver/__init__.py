@@ -2,6 +2,5 @@
 
 From the run down: :mod:`stepping` (load factors, table, checkpoints), :mod:`path` (how far steps
 go, cuts, snaps), :mod:`jump`, :mod:`stepper` (one step), :mod:`newton` with :mod:`control` and
-:mod:`criterion`, :mod:`system` with the tangent assembled (:mod:`linear`) or condensed to the
-interface (:mod:`capacitance`).
+:mod:`criterion`, which solves the systems of :mod:`vmdg.linear`.
 """

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from ..base.parallel import global_max, global_norm, global_sum
 from ..base.timers import timer
 from ..domain.topology import box_sides
+from ..linear.ksp import Petsc, destroy, set_options
+from ..linear.system import make_system
 from ..problem.problem import Problem
 from .control import Control, Direction
 from .criterion import Criterion
-from .linear import Petsc, destroy, set_options
 from .options import SolveOptions
 from .report import StepReport, Trace
-from .system import make_system
 from .turn import turn
 
 Array = NDArray[np.float64]
@@ -98,7 +98,7 @@ class Newton:
         self._criterion = Criterion(options.relative_tolerance, problem.step)
         self._max_iterations = options.max_iterations
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))
-        self._system = make_system(problem, options)
+        self._system = make_system(problem, options.condensed, options.petsc)
         # lambda is the last unknown of the first rank.
         local = self.owned + (problem.comm.rank == 0)
         self._x = PETSc.Vec().createMPI((local, None), comm=problem.comm)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .linear import Petsc
+from ..linear.ksp import Petsc
 
 CONTROLS, UNSTABLE = ("auto", "load", "dissipation"), ("jump", "trace")
 
@@ -43,12 +43,12 @@ class SolveOptions:
             as long as that allows.
         petsc: Options for SNES, KSP and PC, without prefix. Default: a backtracking line search
             under load control, full steps where the work on bonds is given, and the linear solver
-            of :func:`vmdg.solver.linear.automatic_options`.
+            of :func:`vmdg.linear.ksp.automatic_options`.
         petsc_options: Another name of ``petsc``, that of DOLFINx.
         condensed: Solve the systems of a problem of small strain by factors of its linear bodies,
             made once, and a dense matrix of the gaps at the interface points, see
-            :mod:`vmdg.solver.capacitance`: None where that is possible and cheaper, False never,
-            True wherever it is possible, see :mod:`vmdg.solver.features`.
+            :mod:`vmdg.linear.capacitance`: None where that is possible and cheaper, False never,
+            True wherever it is possible, see :mod:`vmdg.linear.condensation`.
         energy: Add the energies of every step to the history.
         progress: Show a progress bar and the summary of the run (rank 0): load factor, size,
             iterations of the step, forces, share of the interfaces that is debonded, and with

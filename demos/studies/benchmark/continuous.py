@@ -24,8 +24,8 @@ from vmdg.base.quadrature import bulk_degree, facet_degree, load_degree
 from vmdg.domain.topology import facet_cells, local_facets, tags_of_cells
 from vmdg.forms.geometry import CARTESIAN
 from vmdg.forms.kinematics import Body
+from vmdg.linear.ksp import Petsc, destroy, make_ksp
 from vmdg.meshes import TaggedMesh
-from vmdg.solver.linear import Petsc, destroy, make_ksp
 
 
 class Plain:

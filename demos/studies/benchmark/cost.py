@@ -21,9 +21,9 @@ import vmdg
 from studies.benchmark.common import layers
 from studies.benchmark.continuous import Plain
 from vmdg.base import kernels
+from vmdg.linear.ksp import LU
 from vmdg.meshes import pushout
 from vmdg.meshes.pushout import FIBRE, FIBRE_TOP, MATRIX, SUPPORT, SYMMETRY_X, SYMMETRY_Y
-from vmdg.solver.linear import LU
 
 #: Where the push-out is cut short, load factors (1 is the end of the cure, then the punch in mm).
 LOADS = (0.5, 1.0, 1.01, 1.02)

@@ -21,7 +21,7 @@ import vmdg
 from studies.benchmark.common import DIMENSION
 from studies.benchmark.continuous import Plain
 from studies.convergence.rates import Study, field_errors, interpolate, tied
-from vmdg.solver.linear import LDLT
+from vmdg.linear.ksp import LDLT
 
 #: Stiffness of the springs [MPa/mm]: 250 soft moduli a mm, as the public one-fibre deck has a dummy
 #: stiffness of 1e6 N/mm3 with a matrix of 4000 MPa.

@@ -20,8 +20,7 @@ import vmdg
 from studies.benchmark.common import BOTTOM, LOWER, TOP, UPPER, layers, least_times
 from studies.benchmark.continuous import Plain
 from vmdg.domain.topology import tags_of_cells
-from vmdg.meshes import TaggedMesh
-from vmdg.solver.linear import (
+from vmdg.linear.ksp import (
     CG_GAMG,
     GMRES_GAMG,
     LDLT,
@@ -31,6 +30,7 @@ from vmdg.solver.linear import (
     make_ksp,
     set_rigid_modes,
 )
+from vmdg.meshes import TaggedMesh
 
 #: Cells, and the layer below the interface.
 MESHES = {"2D": ("quadrilateral", (96, 96), 48), "3D": ("hexahedron", (22, 22, 25), 12)}

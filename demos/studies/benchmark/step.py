@@ -20,7 +20,7 @@ from petsc4py import PETSc
 import vmdg
 from studies.benchmark.common import least_times
 from studies.benchmark.ratio import TOLERANCE, block, stabilize
-from vmdg.solver.linear import GMRES_GAMG, LU, LinearSolver, set_rigid_modes
+from vmdg.linear.ksp import GMRES_GAMG, LU, LinearSolver, set_rigid_modes
 
 #: Corrections of a step; it asks for one residual more.
 CORRECTIONS = 3

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import vmdg
 from studies.benchmark.peers import CRITICAL_GAP, P1, STRENGTH, Scene, build, loads
-from vmdg.solver.linear import LDLT, LU
+from vmdg.linear.ksp import LDLT, LU
 
 BOND = vmdg.Debonding(strength=STRENGTH, critical_gap=CRITICAL_GAP)
 TIE = vmdg.Bonded()

@@ -18,7 +18,7 @@ import numpy as np
 import vmdg
 from studies.benchmark.common import BOTTOM, LOWER, TOP, UPPER, layers
 from vmdg.domain.topology import tags_of_cells
-from vmdg.solver.linear import GMRES_GAMG, LU, LinearSolver, set_rigid_modes
+from vmdg.linear.ksp import GMRES_GAMG, LU, LinearSolver, set_rigid_modes
 
 BODY = {"E": 1000.0, "nu": 0.3}  # MPa
 BOND = vmdg.Debonding(strength=10.0, critical_gap=0.01, friction=0.3)  # MPa, mm

@@ -25,8 +25,8 @@ from scipy.sparse import csr_array
 import vmdg
 from studies.delamination.beams import at, open_beam
 from studies.delamination.laminate import ALFANO_CRISFIELD, Laminate
+from vmdg.linear.ksp import LDLT, make_ksp
 from vmdg.meshes.beams import UPPER_LEFT
-from vmdg.solver.linear import LDLT, make_ksp
 
 Array = NDArray[np.float64]
 

@@ -7,13 +7,11 @@ from numpy.typing import NDArray
 
 from ..output.cell import PeriodicCell
 from ..problem.problem import Problem
-from .options import SolveOptions
+from .ksp import Petsc
 from .system import AssembledSystem
 
 
-def macroscopic_tangent(
-    problem: Problem, options: SolveOptions | None = None
-) -> NDArray[np.float64]:
+def macroscopic_tangent(problem: Problem, petsc: Petsc | None = None) -> NDArray[np.float64]:
     """dP_ij/dF_kl of the mean stress by the mean deformation gradient; collective [MPa].
 
     At small strain d sigma_ij/dE_kl. It is the tangent of the last step, consistent with its return
@@ -22,7 +20,7 @@ def macroscopic_tangent(
 
     Args:
         problem: A periodic cell at the end of a step, in a monitor for example.
-        options: Of which the linear solver counts; None for the default.
+        petsc: Options for KSP and PC, without prefix; None for those that fit.
 
     Returns:
         (d, d, d, d).
@@ -33,7 +31,7 @@ def macroscopic_tangent(
     cell, parts = PeriodicCell(problem), problem.discretization
     parts.update_means()
     periodic, d = parts.periodic, problem.mesh.geometry.dim
-    system = AssembledSystem(problem, (options or SolveOptions()).petsc)
+    system = AssembledSystem(problem, petsc)
     dofs = problem.comm.bcast(periodic.dofs.ravel())
     stiffness = system.condensed(periodic.unit_vectors(dofs))
     system.free()

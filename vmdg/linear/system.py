@@ -13,15 +13,14 @@ from numpy.typing import NDArray
 from ..base.parallel import global_any, global_sum
 from ..problem.problem import Problem
 from .capacitance import Capacitance
-from .features import condensation
-from .linear import (
+from .condensation import condensation
+from .ksp import (
     LinearSolver,
     Petsc,
     linear_options,
     pieces_apart,
     set_rigid_modes,
 )
-from .options import SolveOptions
 
 Array = NDArray[np.float64]
 
@@ -69,11 +68,17 @@ class System(Protocol):
         """Free the PETSc objects; collective."""
 
 
-def make_system(problem: Problem, options: SolveOptions) -> System:
-    """The linear systems that fit a problem and what the user wants; collective."""
-    if condensation(problem, options)[0]:
+def make_system(problem: Problem, condensed: bool | None, petsc: Petsc | None) -> System:
+    """The linear systems that fit a problem and what the user wants; collective.
+
+    Args:
+        problem: The problem.
+        condensed: As ``wanted`` of :func:`.condensation`.
+        petsc: Options of the user's, without prefix.
+    """
+    if condensation(problem, condensed, petsc)[0]:
         return Capacitance(problem)
-    return AssembledSystem(problem, options.petsc)
+    return AssembledSystem(problem, petsc)
 
 
 class AssembledSystem:

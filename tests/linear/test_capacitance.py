@@ -13,9 +13,9 @@ from support.scenes import everywhere, tag_cells, two_blocks, unit_box
 import vmdg
 from vmdg.base.parallel import global_norm, global_sum
 from vmdg.base.timers import timings, timings_since
-from vmdg.solver.capacitance import MAX_DIRECT, Capacitance, GapSystem
-from vmdg.solver.linear import LU
-from vmdg.solver.system import AssembledSystem
+from vmdg.linear.capacitance import MAX_DIRECT, Capacitance, GapSystem
+from vmdg.linear.ksp import LU
+from vmdg.linear.system import AssembledSystem
 
 LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.4)
 TWO_CELLS = pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])

@@ -10,8 +10,8 @@ from support.scenes import everywhere, tag_cells, unit_box
 import vmdg
 from vmdg.base.parallel import global_max
 from vmdg.base.timers import timings, timings_since
-from vmdg.solver.linear import CG_GAMG, GMRES_GAMG
-from vmdg.solver.system import AssembledSystem
+from vmdg.linear.ksp import CG_GAMG, GMRES_GAMG
+from vmdg.linear.system import AssembledSystem
 
 
 def solved(problem: vmdg.Problem, options: dict, times: int = 1, rtol: float = 1e-6):

@@ -19,7 +19,7 @@ from ..base.parallel import global_any
 from ..base.timers import timer
 from ..interface.active import ActiveInterface
 from ..problem.problem import Problem
-from .linear import LDLT, destroy, make_ksp
+from .ksp import LDLT, destroy, make_ksp
 
 Array = NDArray[np.float64]
 Product = Callable[[Array], Array]
@@ -39,7 +39,7 @@ MIN_EIGENVALUE = 1e-4
 
 
 class Capacitance:
-    """Systems of bodies whose own stiffness never changes, see :class:`vmdg.solver.system.System`.
+    """Systems of bodies whose own stiffness never changes, see :class:`vmdg.linear.system.System`.
 
     At small strain damage changes the tangent at the points of the interfaces only,
 

@@ -11,7 +11,7 @@ from support.problems import FRICTION, pressed
 
 import vmdg
 from vmdg.base.timers import timings, timings_since
-from vmdg.solver.linear import (
+from vmdg.linear.ksp import (
     CG_GAMG,
     GMRES_GAMG,
     GMRES_LDLT,

@@ -1,0 +1,73 @@
+"""Whether systems are condensed to the interface, found out from the problem itself."""
+
+from __future__ import annotations
+
+from ..base.parallel import global_sum
+from ..problem.problem import Problem
+from .ksp import Petsc, linear_options
+
+#: Squared number of gap components over that of the dofs beyond which the capacitance matrix, which
+#: is dense, is no longer cheaper than factors of every tangent, by dimension. A DCB with 560 facets
+#: has 455, and takes twice as long with it; the push-out in 3D has 306. With 600 compact bodies are
+#: 2.5 times as fast by multigrid; thin plies, which it finds hard, are 2.8 times as fast without.
+MAX_GAPS_SQUARED = {2: 100, 3: 500}
+
+#: Dofs in 3D up to which the bodies are factorized.
+MAX_CONDENSED = 60_000
+
+
+def condensation(
+    problem: Problem, wanted: bool | None = None, petsc: Petsc | None = None
+) -> tuple[bool, str]:
+    """Whether systems are condensed to the interface points, and why; collective.
+
+    Args:
+        problem: The problem.
+        wanted: False never, True wherever it is possible, None where it is cheaper.
+        petsc: Options of the user's, without prefix.
+
+    Raises:
+        ValueError: ``wanted`` is True and the problem does not allow it.
+    """
+    if wanted is False:
+        return False, "options.condensed = False"
+    if refusal := _refusal(problem, petsc):
+        if wanted:
+            raise ValueError(f"SolveOptions: condensed = True is not possible: {refusal}")
+        return False, refusal
+    n, N = global_sum(problem.comm, [gap_components(problem), problem.discretization.owned])
+    if wanted:
+        return True, "options.condensed = True"
+    if problem.mesh.topology.dim == 3 and N > MAX_CONDENSED:
+        return False, f"{N} dofs are more than are factorized in 3D"
+    if n * n > MAX_GAPS_SQUARED[problem.mesh.topology.dim] * N:
+        return False, f"{n} gap components are too many for {N} dofs"
+    return True, f"small strain: {n} gap components for {N} dofs"
+
+
+def gap_components(problem: Problem) -> int:
+    """Points of interfaces that can fail times the dimension, of this rank."""
+    interfaces = problem.discretization.active.values()
+    points = sum(len(c.quadrature.weights) for c in interfaces if c.law.inelastic)
+    return points * problem.mesh.geometry.dim
+
+
+def _refusal(problem: Problem, petsc: Petsc | None) -> str:
+    """Why condensed systems do not serve this problem, or nothing."""
+    if not problem.discretization.bodies.small:
+        return "finite strain: the tangent of the bodies changes"
+    if not problem.discretization.can_fail:
+        return "tied only: the tangent does not change"
+    if problem.discretization.bodies.mean_dilatation:
+        return "mean dilatation"
+    if not problem.discretization.constant_stabilization:
+        return "a stabilization of the user's own may change"
+    if problem.step.activation:
+        return "facets open on demand"
+    if problem.loading.rigid:
+        return "rigid faces"
+    if problem.discretization.periodic is not None:
+        return "periodic cell"
+    if not linear_options(problem, petsc).automatic:
+        return "options.petsc are for the assembled tangent"
+    return ""
