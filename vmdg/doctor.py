@@ -134,7 +134,7 @@ def report() -> dict[str, str]:
         from .base.kernels import cache_folder
 
         folder = Path(cache_folder())
-        lines["kernels"] = f"{folder}  ({len(list(folder.glob('*.c.cached')))} compiled)"
+        lines["kernels"] = f"{folder}  ({len(list(folder.glob('*/*.c.cached')))} compiled)"
     lines["C compiler"] = shutil.which(os.environ.get("CC", "cc").split()[0]) or "missing"
     lines["threads"] = threads()
     return {name: text for name, text in lines.items() if text}

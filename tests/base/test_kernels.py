@@ -33,7 +33,7 @@ def claim(comm, cache):
     """Make the only kernel of a cache one that was claimed and never became ready."""
     comm.barrier()
     if comm.rank == 0:
-        (ready,) = cache.glob("*.c.cached")
+        (ready,) = cache.glob("*/*.c.cached")
         ready.unlink()
         ready.with_suffix("").write_text("")
     comm.barrier()
@@ -49,7 +49,8 @@ def test_claim_of_a_living_process_counts(comm, options):
     """The process that holds the lock may still be compiling: wait for it, and give up in time."""
     area(comm, options)
     claim(comm, options["cache_dir"])
-    with (options["cache_dir"] / "vmdg.lock").open("a") as lock:
+    (lock,) = options["cache_dir"].glob("*/vmdg.lock")
+    with lock.open("a") as lock:
         fcntl.flock(lock, fcntl.LOCK_SH)
         with pytest.raises(TimeoutError if comm.size == 1 else RuntimeError):
             area(comm, options)
@@ -75,11 +76,11 @@ def test_kill_while_compiling(comm, options):
         pytest.skip("a process of its own on one rank")
     cache = options["cache_dir"]
     process = subprocess.Popen([sys.executable, "-c", COMPILE, str(cache)])
-    while process.poll() is None and not list(cache.glob("*.c")):
+    while process.poll() is None and not list(cache.glob("*/*.c")):
         time.sleep(0.001)
     process.kill()
     process.wait()
-    assert list(cache.glob("*.c")) and not list(cache.glob("*.c.cached"))
+    assert list(cache.glob("*/*.c")) and not list(cache.glob("*/*.c.cached"))
     assert area(comm, options) == pytest.approx(1.0)
 
 
@@ -97,4 +98,4 @@ def test_claims_elsewhere_are_left_alone(comm, out, monkeypatch):
     comm.barrier()
     assert area(comm, JIT_OPTIONS) == pytest.approx(1.0)
     assert stranger.exists()
-    assert len(list((out / "vmdg").glob("*.c.cached"))) == 1
+    assert len(list((out / "vmdg").glob("*/*.c.cached"))) == 1

@@ -113,7 +113,10 @@ def compile_form(
         name: For :data:`requested`.
     """
     start = perf_counter()
-    with timer("kernels"), _claims_in_order(comm, options) as ordered:
+    # Python's import system lists the whole folder for every kernel it loads: several milliseconds
+    # where thousands lie in one, as much as all the rest of setting up a small problem.
+    folder_name = form.signature()[:2]
+    with timer("kernels"), _claims_in_order(comm, options, folder_name) as ordered:
         compiled = compat.form(form, submeshes, ordered)
     _record(name, start, compiled.code)
     return compiled
@@ -133,7 +136,7 @@ def compile_expression(
     """
     numbered = map_expr_dag(_NumberLabels(), expression)
     start = perf_counter()
-    with timer("kernels"), _claims_in_order(comm, options) as ordered:
+    with timer("kernels"), _claims_in_order(comm, options, "expressions") as ordered:
         compiled = fem.Expression(numbered, points, comm=comm, jit_options=ordered)
     _record(name, start, compiled.code)
     return compiled
@@ -155,7 +158,7 @@ def compile_source(
         A module of cffi, with ``lib`` and ``ffi``.
     """
     start = perf_counter()
-    with timer("kernels"), _claims_in_order(comm, JIT_OPTIONS) as ordered:
+    with timer("kernels"), _claims_in_order(comm, JIT_OPTIONS, "sources") as ordered:
         module, lines = _source_module(
             comm, source.read_text(), declaration, dict(sizes), ordered["cache_dir"]
         )
@@ -186,13 +189,13 @@ def _source_module(
 
 
 def cache_folder(options: dict = JIT_OPTIONS) -> Path:
-    """Where compiled kernels are kept for all later runs."""
+    """Where compiled kernels are kept for all later runs, in folders of this folder."""
     return options.get("cache_dir") or Path(dolfinx.jit.get_options()["cache_dir"]) / "vmdg"
 
 
 @contextmanager
-def _claims_in_order(comm: MPI.Comm, options: dict) -> Iterator[dict]:
-    """Options with a folder where no kernel is claimed by a process that died.
+def _claims_in_order(comm: MPI.Comm, options: dict, folder_name: str) -> Iterator[dict]:
+    """Options with a folder of the cache where no kernel is claimed by a process that died.
 
     FFCx claims a kernel by its C file and marks it when it is ready. A process that was killed in
     between leaves its claim, and all later ones would wait for the mark until their time is out.
@@ -201,7 +204,7 @@ def _claims_in_order(comm: MPI.Comm, options: dict) -> Iterator[dict]:
     compile without the lock have their kernels elsewhere: these are in a folder of their own in
     DOLFINx's, unless ``options`` name one. Only the first rank of ``comm`` claims kernels.
     """
-    folder = cache_folder(options)
+    folder = cache_folder(options) / folder_name
     options = {**options, "cache_dir": folder}
     if comm.rank > 0:
         yield options
