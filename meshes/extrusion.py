@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .periodic import BACK, FRONT, TOLERANCE
 
 #: Element types of gmsh.
-LINE, TRIANGLE, QUADRILATERAL, TETRAHEDRON, HEXAHEDRON = 1, 2, 3, 4, 5
+TRIANGLE, QUADRILATERAL, TETRAHEDRON, HEXAHEDRON = 2, 3, 4, 5
 
 
 def extrude(gmsh_model: Any, size: float, depth: float, layer: float) -> None:

@@ -6,13 +6,19 @@ from typing import Any
 
 from mpi4py import MPI
 
-import gmsh
 import numpy as np
 from numpy.typing import NDArray
 
 from .extrusion import extrude
-from .fibres import generate_cells
-from .gmsh_model import TaggedMesh, distribute, model, name_groups
+from .fibres import FIBRE, INTERFACE, MATRIX, generate_cells
+from .gmsh_model import (
+    TaggedMesh,
+    distribute,
+    generate_tetrahedra,
+    model,
+    name_groups,
+    one_size,
+)
 from .packing import cut_balls, images, pack
 from .periodic import SIDES, match_sides, sides
 
@@ -23,8 +29,8 @@ CELLS = {
     "sphere": ("tetrahedron",),
 }
 
-#: Cell tags as for one fibre; and the tag of the facets between two of them.
-FIBRE, MATRIX, COATING, INTERFACE = 1, 2, 3, 3
+#: Cell tag besides those of :mod:`vmdg.meshes.fibres`.
+COATING = 3
 
 _BODIES = {"fibre": FIBRE, "matrix": MATRIX, "coating": COATING}
 
@@ -95,11 +101,9 @@ def fibre_cell(
     with model("fibre_cell") as gmsh_model:
         if comm.rank == 0:
             _geometry(gmsh_model, centres, circles, size, periodic)
-            gmsh.option.setNumber("Mesh.MeshSizeMin", fine)
-            gmsh.option.setNumber("Mesh.MeshSizeMax", fine)
+            one_size(fine)
             if shape == "sphere":
-                gmsh.option.setNumber("Mesh.Algorithm3D", 10)  # HXT, of better shapes
-                gmsh_model.mesh.generate(3)
+                generate_tetrahedra(gmsh_model)
             else:
                 flat = "triangle" if cell in ("triangle", "tetrahedron") else "quadrilateral"
                 generate_cells(gmsh_model, flat)

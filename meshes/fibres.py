@@ -12,14 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .gmsh_model import TaggedMesh, distribute, model, name_groups
+from .periodic import BOTTOM, LEFT, RIGHT, TOP
 
 CELLS = ("triangle", "quadrilateral")
 
 #: Cell tags; the fibre has the lower one, so N of the interface points into the matrix.
 FIBRE, MATRIX = 1, 2
 
-#: Facet tags, as for the blocks.
-LEFT, RIGHT, INTERFACE, BOTTOM, TOP = 1, 2, 3, 4, 5
+#: Facet tag besides those of the sides.
+INTERFACE = 3
 
 _BODIES = {"fibre": FIBRE, "matrix": MATRIX}
 _SIDES = {"left": LEFT, "right": RIGHT, "interface": INTERFACE, "bottom": BOTTOM, "top": TOP}
@@ -174,6 +175,7 @@ def _sizes(gmsh_model, curves, fine, coarse, reach) -> None:
 
 
 def generate_cells(gmsh_model, cell) -> None:
+    """Mesh a plane model with "triangle" or "quadrilateral" cells; rank 0 only."""
     options = {"MeshSizeFromPoints": 0, "MeshSizeFromCurvature": 0, "MeshSizeExtendFromBoundary": 0}
     _set(options | {"Algorithm": 6})
     if cell == "triangle":

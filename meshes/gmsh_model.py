@@ -51,6 +51,18 @@ def model(name: str) -> Iterator[Any]:
         gmsh.finalize()
 
 
+def one_size(size: float) -> None:
+    """Ask for cells of one size [mm] in the present model."""
+    for bound in ("Min", "Max"):
+        gmsh.option.setNumber(f"Mesh.MeshSize{bound}", size)
+
+
+def generate_tetrahedra(gmsh_model: Any) -> None:
+    """By HXT, whose shapes are better."""
+    gmsh.option.setNumber("Mesh.Algorithm3D", 10)
+    gmsh_model.mesh.generate(3)
+
+
 def name_groups(gmsh_model: Any, dim: int, names: Mapping[str, int]) -> None:
     """Name physical groups of a dimension, those of them that the model has.
 

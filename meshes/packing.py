@@ -94,13 +94,13 @@ def _apart(
     if 2 * radii.max() > size:  # a ball touches the sides, or its own image
         return None
     count, dim = centres.shape
-    shifts = shifts_of(dim, size) if periodic else np.zeros((1, dim))
+    shifts = shifts_of(dim, size, periodic)
     for _ in range(sweeps):
         if periodic:
             centres = centres % size
         else:
             centres = np.clip(centres, radii[:, None], size - radii[:, None])
-        everywhere = (centres + shifts[:, None]).reshape(-1, dim)
+        everywhere = at_images(centres, shifts)
         near = cKDTree(centres).sparse_distance_matrix(
             cKDTree(everywhere), 2 * radii.max() * (1 + aim), output_type="ndarray"
         )
@@ -115,9 +115,14 @@ def _apart(
     return None
 
 
-def shifts_of(dim: int, size: float) -> NDArray[np.float64]:
-    """From a cell to itself and to its neighbours (3^dim, dim)."""
-    return np.array(list(itertools.product((0, -1, 1), repeat=dim))) * size
+def shifts_of(dim: int, size: float, periodic: bool = True) -> NDArray[np.float64]:
+    """From a cell to itself and, in a periodic one, to its neighbours (3^dim, dim)."""
+    return np.array(list(itertools.product((0, -1, 1) if periodic else (0,), repeat=dim))) * size
+
+
+def at_images(x: NDArray[np.float64], shifts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (n, dim) at every shift, one shift after the other (shifts * n, dim)."""
+    return (x + shifts[:, None]).reshape(-1, x.shape[1])
 
 
 def images(
@@ -135,7 +140,7 @@ def images(
     """
     count, dim = centres.shape
     shifts = shifts_of(dim, size)
-    places = (centres + shifts[:, None]).reshape(-1, dim)
+    places = at_images(centres, shifts)
     numbers = np.tile(np.arange(count), len(shifts))
     outside = np.maximum(np.maximum(-places, places - size), 0.0)
     into = np.linalg.norm(outside, axis=1) < np.broadcast_to(radii, count)[numbers]

@@ -21,13 +21,13 @@ from .beams import (
     TOP,
     UPPER_LEFT,
 )
+from .extrusion import HEXAHEDRON, QUADRILATERAL
 from .gmsh_model import TaggedMesh, distribute, model, name_groups
 
 _BODIES = {"lower plate": 1, "upper plate": 2}
 _SIDES = {name: tag for name, tag in SIDES.items() if tag != CONTACT}
 
-#: Types of elements in gmsh, and their corners in the order of gmsh as steps along the axes.
-_HEXAHEDRON, _QUADRILATERAL = 5, 3
+#: Corners of a quadrilateral in the order of gmsh as steps along the axes.
 _ROUND = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 
@@ -96,12 +96,12 @@ def _build(gmsh_model, x: NDArray, y: NDArray, height: float, rows: int, cracked
             gmsh_model.mesh.addNodes(3, 1, numbers, points[first].ravel())
         low, high = _cells(grid[:, :, :-1]), _cells(grid[:, :, 1:])
         cells = np.concatenate([low, high], axis=-1).reshape(-1, 8)
-        gmsh_model.mesh.addElementsByType(tag, _HEXAHEDRON, [], cells.ravel())
+        gmsh_model.mesh.addElementsByType(tag, HEXAHEDRON, [], cells.ravel())
         gmsh_model.addPhysicalGroup(3, [tag], tag)
     for tag, grids in surfaces.items():
         gmsh_model.addDiscreteEntity(2, tag)
         faces = np.concatenate([_cells(grid).reshape(-1, 4) for grid in grids])
-        gmsh_model.mesh.addElementsByType(tag, _QUADRILATERAL, [], faces.ravel())
+        gmsh_model.mesh.addElementsByType(tag, QUADRILATERAL, [], faces.ravel())
         gmsh_model.addPhysicalGroup(2, [tag], tag)
     name_groups(gmsh_model, 3, _BODIES)
     name_groups(gmsh_model, 2, _SIDES)

@@ -6,11 +6,17 @@ from typing import Any
 
 from mpi4py import MPI
 
-import gmsh
 import numpy as np
 
 from .fibres import generate_cells
-from .gmsh_model import TaggedMesh, distribute, model, name_groups
+from .gmsh_model import (
+    TaggedMesh,
+    distribute,
+    generate_tetrahedra,
+    model,
+    name_groups,
+    one_size,
+)
 from .packing import pack
 from .periodic import PAIRS, SIDES
 from .tessellation import Tessellation, tessellate
@@ -78,11 +84,9 @@ def polycrystal(
         if comm.rank == 0:
             grains = tessellate(seeds, radii**2, size, periodic, SHORTEST * fine)
             _geometry(gmsh_model, grains, size, periodic)
-            gmsh.option.setNumber("Mesh.MeshSizeMin", fine)
-            gmsh.option.setNumber("Mesh.MeshSizeMax", fine)
+            one_size(fine)
             if dim == 3:
-                gmsh.option.setNumber("Mesh.Algorithm3D", 10)  # HXT, of better shapes
-                gmsh_model.mesh.generate(3)
+                generate_tetrahedra(gmsh_model)
             else:
                 generate_cells(gmsh_model, cell)
             name_groups(gmsh_model, dim, {f"grain {n}": n for n in range(1, count + 1)})

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, HalfspaceIntersection, cKDTree
 
-from .packing import shifts_of, well_cut
+from vmdg.base.graph import components
+
+from .packing import at_images, shifts_of, well_cut
 
 #: Neighbours whose planes are tried for a cell, by dimension; the sum of volumes is checked.
 NEAREST = {2: 60, 3: 150}
@@ -83,7 +83,7 @@ def _from_boundaries(
 ) -> float:
     """Distance of a point from the boundary between the two cells nearest to it [mm]."""
     shifts = shifts_of(seeds.shape[1], size)
-    apart = (seeds + shifts[:, None]).reshape(-1, seeds.shape[1]) - x
+    apart = at_images(seeds, shifts) - x
     power = (apart**2).sum(axis=1) - np.tile(weights, len(shifts))
     one, two = np.argsort(power)[:2]
     return (power[two] - power[one]) / (2 * np.linalg.norm(apart[two] - apart[one]))
@@ -94,8 +94,8 @@ def _bounded(
 ) -> list[NDArray[np.float64]]:
     """Planes (m, d + 1) around the cell of every seed, n.x + c <= 0 inside."""
     count, dim = seeds.shape
-    shifts = shifts_of(dim, size) if periodic else np.zeros((1, dim))
-    everywhere = (seeds + shifts[:, None]).reshape(-1, dim)
+    shifts = shifts_of(dim, size, periodic)
+    everywhere = at_images(seeds, shifts)
     heavy = np.tile(weights, len(shifts))
     near = cKDTree(everywhere).query(seeds, min(NEAREST[dim] + 1, len(everywhere)))[1]
     cells, volume = [], 0.0
@@ -159,7 +159,7 @@ def _pieces(
     planes: list[NDArray[np.float64]], size: float, dim: int, periodic: bool
 ) -> Iterator[Piece]:
     """Grain, corners and faces (corners in order) of all that lies in the cell."""
-    shifts = shifts_of(dim, size) if periodic else np.zeros((1, dim))
+    shifts = shifts_of(dim, size, periodic)
     box = _box(dim, size)
     for grain, own in enumerate(planes):
         around = _corners(own)[0]
@@ -231,9 +231,7 @@ def _classes(
     same = tree.query_pairs(100 * SMALL * size, output_type="ndarray")
     close = cKDTree(corners).query_pairs(near, output_type="ndarray")
     close = close[(sides[close[:, 0]] == sides[close[:, 1]]).all(axis=1)]
-    one, two = np.concatenate([same, close]).T
-    graph = coo_array((np.ones(len(one)), (one, two)), shape=(len(corners),) * 2)
-    return connected_components(graph, directed=False)[1].astype(np.int64)
+    return components(*np.concatenate([same, close]).T, len(corners)).astype(np.int64)
 
 
 def _shared(

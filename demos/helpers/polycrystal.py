@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 import vmdg
 from vmdg.meshes import polycrystal
+from vmdg.output.values import scalar
 
 SIZE, LOW_ANGLE = 0.1, 15.0  # mm, degrees
 NICKEL = {"C11": 246.5e3, "C12": 147.3e3, "C44": 124.7e3}  # MPa
@@ -45,7 +46,7 @@ def build(grains: int, seed: int, spread: float, cells: float) -> vmdg.Problem:
 def damage(problem: vmdg.Problem) -> NDArray[np.float64]:
     """x, y and Q/strength of all points of all interfaces (n, 3), on rank 0; collective."""
     rows = [
-        np.column_stack([state.points[:, :2], state.softening / interface.law.strength])
+        np.column_stack([state.points[:, :2], scalar(problem, interface, "damage")])
         for state, interface in zip(problem.state, problem.interfaces, strict=True)
     ]
     parts = problem.comm.gather(np.concatenate(rows))

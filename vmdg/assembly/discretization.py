@@ -308,8 +308,8 @@ class Discretization:
         total = fem.Function(self.space).x
         with self._nodal_forces(total.array) as forces:
             fem.assemble_vector(forces, form)
+            dofs = self._test_space.dofmap.list
             for active, D in self._point_tangents:
-                dofs = self._test_space.dofmap.list
                 add_uniform(forces, dofs, active, D.transpose(0, 2, 1) if adjoint else D, gradient)
         total.scatter_reverse(InsertMode.add)
         return total.array[: self.owned]

@@ -20,9 +20,8 @@ import numpy as np
 from dolfinx import fem, la
 from dolfinx.mesh import exterior_facet_indices
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from ..base.graph import components
 from ..base.parallel import global_sum
 from ..domain.lattice import Lattice
 from ..domain.topology import facet_cells, local_facets
@@ -202,9 +201,7 @@ def _merged(
     image = np.take_along_axis(names[high], apart.argmin(axis=2), axis=1)
     pairs = np.column_stack([names[low].ravel(), image.ravel()])
     merged, index = np.unique(pairs, return_inverse=True)
-    first, second = index.reshape(pairs.shape).T
-    graph = coo_array((np.ones(len(first), dtype=np.int8), (first, second)), shape=2 * merged.shape)
-    component = connected_components(graph, directed=False)[1]
+    component = components(*index.reshape(pairs.shape).T, len(merged))
     # The first of each component in ascending order is its smallest one.
     return merged, merged[np.unique(component, return_index=True)[1]][component]
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import basix
 import numpy as np
 from dolfinx import cpp, fem, la
 from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from .. import compat
+from ..base.graph import components
 from ..base.parallel import global_any, global_sum, group_maxima
 from ..domain.topology import facet_cells, local_facets
 
@@ -122,9 +123,7 @@ def _components(
     number = np.cumsum(nodes.ravel()).reshape(nodes.shape) - 1
     start = number[pairs[facets[facet], 0], positions[0][facet, i]]
     end = number[pairs[facets[facet], 1], positions[1][facet, j]]
-    count = int(nodes.sum())
-    graph = coo_array((np.ones(len(start), dtype=np.int8), (start, end)), shape=(count, count))
-    return connected_components(graph, directed=False)[1]
+    return components(start, end, int(nodes.sum()))
 
 
 def _number(
@@ -165,19 +164,33 @@ def _number(
     return np.where(nodes, numbers, unsplit.array[dofs]), size_local
 
 
-def count_pieces(space: fem.FunctionSpace) -> int:
-    """Pieces of the mesh that share no node of a space, over all ranks; collective.
+def node_pieces(
+    space: fem.FunctionSpace, joined: Iterable[NDArray[np.int32]] = ()
+) -> NDArray[np.int64]:
+    """A name of its piece for every local node: the last node of it, over all ranks; collective.
 
-    A piece is named by its last node, as far as it reaches over ranks.
+    A piece is what shares nodes of the space.
+
+    Args:
+        space: The space.
+        joined: Pairs of local cells (n, 2) that are one piece besides.
     """
     nodes, dofs = space.dofmap.index_map, space.dofmap.list
-    size = nodes.size_local + nodes.num_ghosts
-    ends = np.repeat(dofs[:, 0], dofs.shape[1] - 1), dofs[:, 1:].ravel()
-    graph = coo_array((np.ones(len(ends[0]), dtype=np.int8), ends), shape=(size, size))
+    size, first = nodes.size_local + nodes.num_ghosts, dofs[:, 0]
+    pairs = [first[cells] for cells in joined]
+    starts = [np.repeat(first, dofs.shape[1] - 1), *(pair[:, 0] for pair in pairs)]
+    ends = [dofs[:, 1:].ravel(), *(pair[:, 1] for pair in pairs)]
+    piece = components(np.concatenate(starts), np.concatenate(ends), size)
     names = nodes.local_to_global(np.arange(size, dtype=np.int32))[:, None]
-    piece = connected_components(graph, directed=False)[1]
-    last = group_maxima(space.mesh.comm, nodes, names, np.ones_like(names, dtype=bool), piece)
-    return int(global_sum(space.mesh.comm, (last == names)[: nodes.size_local].sum()))
+    everywhere = np.ones_like(names, dtype=bool)
+    return group_maxima(space.mesh.comm, nodes, names, everywhere, piece)[:, 0]
+
+
+def count_pieces(space: fem.FunctionSpace) -> int:
+    """Pieces of the mesh that share no node of a space, over all ranks; collective."""
+    owned = np.arange(space.dofmap.index_map.size_local, dtype=np.int32)
+    names = space.dofmap.index_map.local_to_global(owned)
+    return int(global_sum(space.mesh.comm, (node_pieces(space)[owned] == names).sum()))
 
 
 def at_owners(space: fem.FunctionSpace, vector: NDArray[np.float64]) -> NDArray[np.float64]:

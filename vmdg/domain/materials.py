@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from dolfinx import fem
 from dolfinx.mesh import Mesh, compute_midpoints
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..base.parallel import global_any, raise_together
 from ..forms.dilatation import MeanDilatation
@@ -201,17 +201,29 @@ def _found_from(
 
 def _given_on(mesh: Mesh, value: Any, cells: NDArray[np.int32]) -> NDArray[np.float64]:
     if isinstance(value, fem.Function):
-        space = value.function_space
-        dofs = space.dofmap.list
-        if space.mesh is not mesh or dofs.shape[1:] != (1,) or space.dofmap.index_map_bs != 1:
-            raise ValueError("it must be of functionspace(mesh, ('DG', 0)) on the same mesh")
-        return value.x.array[dofs[cells, 0]]
+        return rows_of_cells(mesh, value, cells)
     if callable(value):
         midpoints = compute_midpoints(mesh, mesh.topology.dim, cells)
         return np.asarray(value(midpoints.T), dtype=float)
-    index_map = mesh.topology.index_map(mesh.topology.dim)
+    return rows_of_cells(mesh, value, cells)
+
+
+def rows_of_cells(
+    mesh: Mesh, value: fem.Function | ArrayLike, cells: NDArray[np.int32]
+) -> NDArray[np.float64]:
+    """Values of a Function of degree 0, or rows of an array of all local cells, at cells (n, ...).
+
+    Raises:
+        ValueError: the Function is of another degree or mesh, or the array of another length.
+    """
+    if isinstance(value, fem.Function):
+        space = value.function_space
+        if space.mesh is not mesh or space.dofmap.list.shape[1:] != (1,):
+            raise ValueError("a Function must be of degree 0 on the mesh of the problem")
+        return value.x.array.reshape(-1, *value.ufl_shape)[space.dofmap.list[cells, 0]]
     values = np.asarray(value, dtype=float)
-    if values.shape != (index_map.size_local + index_map.num_ghosts,):
+    index_map = mesh.topology.index_map(mesh.topology.dim)
+    if values.ndim == 0 or len(values) != index_map.size_local + index_map.num_ghosts:
         raise ValueError(
             f"it has shape {values.shape}, and there are {index_map.size_local} cells and "
             f"{index_map.num_ghosts} ghosts"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -273,14 +274,20 @@ def _why_refused(
     facets: NDArray[np.int32],
 ) -> str | None:
     """What is wrong on the first facet on which the law is refused."""
-    for f, facet in enumerate(facets):
+
+    def refused(among: range) -> ValueError | None:
+        chosen = slice(among.start, among.stop)
         try:
-            interface.law.with_values({name: float(array[f]) for name, array in values.items()})
+            interface.law.with_values({name: array[chosen] for name, array in values.items()})
         except ValueError as error:
-            x = compute_midpoints(mesh, mesh.topology.dim - 1, facets[f : f + 1])[0]
-            where = ", ".join(f"{a:.6g}" for a in x)
-            return f"{interface}: facet {facet} with its midpoint at ({where}): {error}"
-    return None
+            return error
+        return None
+
+    f = bisect_left(range(len(facets)), True, key=lambda f: refused(range(f + 1)) is not None)
+    x = compute_midpoints(mesh, mesh.topology.dim - 1, facets[f : f + 1])[0]
+    where = ", ".join(f"{a:.6g}" for a in x)
+    reason = refused(range(f, f + 1))
+    return f"{interface}: facet {facets[f]} with its midpoint at ({where}): {reason}"
 
 
 def facet_values(

@@ -335,8 +335,7 @@ def check_parameters(law: Law) -> None:
             'gradual_friction = False: with unloading="secant" the bond is a spring and friction '
             "acts beside it, on the share that has parted; leave it None"
         )
-    viscosity = law.viscosity
-    if unloading == "secant" and viscosity > 0.0:
+    if unloading == "secant" and law.viscosity > 0.0:
         raise ValueError(
             f'viscosity = {law.viscosity}: a law with unloading="secant" does not depend on the '
             'rate; use viscosity=0, or unloading="plastic"'
@@ -391,9 +390,9 @@ def joined_laws(laws: Sequence[Law]) -> Law:
     """Equal laws at the points of several interfaces, as one law at all of them."""
     if len(laws) == 1 or not laws[0].varying:
         return laws[0]
-    names = _at_points(laws[0])
-    shared = [name for name in names if all(name in _at_points(law) for law in laws)]
-    return _with(laws[0], {n: np.concatenate([vars(law)[n] for law in laws]) for n in shared})
+    found = [_at_points(law) for law in laws]
+    shared = [name for name in found[0] if all(name in arrays for arrays in found)]
+    return _with(laws[0], {n: np.concatenate([arrays[n] for arrays in found]) for n in shared})
 
 
 def _at_points(law: Law) -> dict[str, Array]:

@@ -12,6 +12,7 @@ from ..forms.geometry import Axisymmetric
 from ..interface.interface import Which, number_of
 from ..interface.points import InterfaceState
 from ..problem.problem import Problem
+from .values import damage
 
 
 class CrackGrowth:
@@ -70,7 +71,7 @@ class CrackGrowth:
         return self._problem.state[self._number]
 
     def _damage(self, state: InterfaceState) -> NDArray[np.float64]:
-        return state.softening / self._problem.discretization.active[self._number].law.strength
+        return damage(state.softening, self._problem.discretization.active[self._number].law)
 
     def _area(self, state: InterfaceState, share: NDArray[np.float64]) -> float:
         """Of a share of every point, over the width; collective [mm]."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.sparse.csgraph import dijkstra
 
+from ..base.graph import components
 from ..interface.interface import Which, number_of
 from ..problem.problem import Problem
 from .corners import corners_of_local, positions_and_displacements
@@ -52,7 +53,9 @@ def profile(
     points, values, start, end = _gathered(problem, i, values)
     nodes, vertices = np.unique(np.concatenate([start, end]), axis=0, return_inverse=True)
     vertices = vertices.reshape(2, -1)
-    pieces = _pieces(vertices, len(nodes)) if plane else np.zeros(len(points), dtype=int)
+    pieces = np.zeros(len(points), dtype=int)
+    if plane:
+        pieces = components(*vertices, len(nodes))[vertices[0]]
     rows = []
     for piece in range(pieces.max(initial=-1) + 1):
         here = pieces == piece
@@ -77,12 +80,6 @@ def _gathered(problem: Problem, i: int, values: NDArray) -> tuple[NDArray, ...]:
     own = np.column_stack([q.points, values, ends.reshape(-1, 6)])
     rows = np.concatenate(problem.comm.allgather(own))
     return rows[:, :3], rows[:, 3], rows[:, 4:7], rows[:, 7:]
-
-
-def _pieces(vertices: NDArray[np.intp], count: int) -> NDArray[np.int32]:
-    """Number of the connected piece of the facet of every point."""
-    graph = coo_matrix((np.ones(vertices.shape[1]), vertices), shape=(count, count))
-    return connected_components(graph, directed=False)[1][vertices[0]]
 
 
 def _around(points: NDArray, corners: NDArray, centre: ArrayLike | None) -> NDArray[np.float64]:

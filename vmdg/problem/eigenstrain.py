@@ -15,6 +15,7 @@ from ufl.core.expr import Expr
 
 from ..assembly.values import takes_points, value_at
 from ..base.parallel import raise_together
+from ..domain.materials import rows_of_cells
 from ..domain.tags import Group, by_tag
 
 Array = NDArray[np.float64]
@@ -102,11 +103,7 @@ def _reader(
 ) -> tuple[Callable[[float], Array], bool]:
     """The value as a function of t, and whether it is the same in all cells."""
     if isinstance(value, fem.Function):
-        space = value.function_space
-        if space.mesh is not mesh or space.dofmap.list.shape[1:] != (1,):
-            raise ValueError("a Function must be of degree 0 on the mesh of the problem")
-        nodes = space.dofmap.list[cells, 0]
-        return lambda t: value.x.array.reshape(-1, *value.ufl_shape)[nodes], False
+        return lambda t: rows_of_cells(mesh, value, cells), False
     if points:
         x = compute_midpoints(mesh, mesh.topology.dim, cells).T
         return lambda t: np.moveaxis(value_at(value, t, x), -1, 0), False
@@ -115,13 +112,8 @@ def _reader(
     if not callable(value):
         array = np.asarray(value, dtype=float)
         if array.ndim in (1, 3):
-            local = mesh.topology.index_map(mesh.topology.dim)
-            if len(array) != local.size_local + local.num_ghosts:
-                raise ValueError(
-                    f"it has shape {array.shape}, and there are {local.size_local} cells and "
-                    f"{local.num_ghosts} ghosts"
-                )
-            return lambda t: array[cells], False
+            rows = rows_of_cells(mesh, array, cells)
+            return lambda t: rows, False
     return partial(value_at, value), True
 
 

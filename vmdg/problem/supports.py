@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-import basix
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from ..base.parallel import global_max, global_sum, group_maxima
+from ..assembly.space import node_pieces
+from ..base.parallel import global_max, global_sum
 from ..domain.geometry import rigid_motions
 from ..forms.geometry import Axisymmetric
 from ..interface.active import ActiveInterface
@@ -72,22 +70,9 @@ def loose_parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> list
 
 
 def _parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> NDArray[np.int64]:
-    """A name of its part for every local cell: its smallest global cell."""
-    mesh, dofmap = problem.mesh, problem.space.dofmap
-    cells = mesh.topology.index_map(mesh.topology.dim)
-    count = cells.size_local + cells.num_ghosts
-    corners = range(len(basix.topology(mesh.basix_cell())[0]))
-    vertices = [dofmap.dof_layout.entity_dofs(0, corner)[0] for corner in corners]
-    nodes = count + dofmap.list[:, vertices].astype(np.int64)
+    """A name of its part for every local cell; collective."""
     joined = [active.facets.cells for active in interfaces]
-    first = np.concatenate([np.repeat(np.arange(count), len(vertices)), *(c[:, 0] for c in joined)])
-    second = np.concatenate([nodes.ravel(), *(c[:, 1] for c in joined)])
-    size = int(second.max(initial=count)) + 1
-    graph = coo_array((np.ones(len(first), dtype=np.int8), (first, second)), shape=(size, size))
-    component = connected_components(graph, directed=False)[1][:count]
-    names = cells.local_to_global(np.arange(count, dtype=np.int32))[:, None]
-    members = np.ones(names.shape, dtype=bool)
-    return -group_maxima(mesh.comm, cells, -names, members, component)[:, 0]
+    return node_pieces(problem.space, joined)[problem.space.dofmap.list[:, 0]]
 
 
 def _gram(

@@ -1,0 +1,22 @@
+"""Connected components."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+
+def components(
+    first: NDArray[np.integer], second: NDArray[np.integer], count: int
+) -> NDArray[np.int32]:
+    """Number of the connected component of every node of a graph (count,).
+
+    Args:
+        first, second: Nodes that every edge joins (edges,), from 0.
+        count: Of nodes.
+    """
+    ones = np.ones(len(first), dtype=np.int8)
+    graph = coo_array((ones, (first, second)), shape=(count, count))
+    return connected_components(graph, directed=False)[1]
