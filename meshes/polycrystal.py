@@ -31,7 +31,7 @@ BOUNDARY = 3
 #: those of annealed metals, and edges that are seldom short.
 FILLED = {2: 0.6, 3: 0.45}
 
-#: Edges in 2D shorter than this share of the element size become points.
+#: Edges shorter than this share of the element size become points.
 SHORTEST = 0.4
 
 
@@ -49,8 +49,8 @@ def polycrystal(
     """Grains in the cell [0, size]^dim: Voronoi cells of random seeds, Laguerre of a spread size.
 
     Seeds are the centres of packed balls. With ``spread`` their radii differ, and the cells of the
-    power diagram with these radii follow them. In 2D edges much shorter than the cells become
-    points; in 3D they stay, and cells at them are small and flat.
+    power diagram with these radii follow them. Edges much shorter than ``element_size`` become
+    points; in 3D faces of grains that are bent by this are made of triangles.
 
     Args:
         count: Number of grains.

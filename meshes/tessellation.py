@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +23,9 @@ NEAREST = {2: 60, 3: 150}
 
 #: Of the size of the cell: planes meet, points are one, a body is thick, if by this much.
 SMALL = 1e-9
+
+#: Of the size of the cell: a face is bent if corners are off its plane by this much.
+BENT = 1e-6
 
 #: Grain, corners, and the numbers of the corners of every face.
 Piece = tuple[int, NDArray[np.float64], list[NDArray[np.int64]]]
@@ -50,9 +57,8 @@ def tessellate(
 ) -> Tessellation:
     """Cells {x: |x - s|^2 - w is least} of seeds s with weights w, cut by the sides.
 
-    In 2D corners nearer to each other than ``shortest`` become one, so edges shorter than that
-    vanish; in 3D faces stay flat. A periodic diagram is shifted so that its sides pass corners at a
-    distance.
+    Edges shorter than ``shortest`` become points; in 3D faces that are bent by that become
+    triangles. A periodic diagram is shifted so that its sides pass corners at a distance.
 
     Args:
         seeds: (n, d) [mm].
@@ -75,7 +81,7 @@ def tessellate(
             for own, middle in zip(planes, middles, strict=True)
         ]
     pieces = list(_pieces(planes, size, seeds.shape[1], periodic))
-    return _joined(pieces, size, periodic, shortest if seeds.shape[1] == 2 else 0.0)
+    return _joined(pieces, size, periodic, shortest)
 
 
 def _from_boundaries(
@@ -191,47 +197,169 @@ def _in_order(
 
 
 def _joined(pieces: list[Piece], size: float, periodic: bool, shortest: float) -> Tessellation:
-    """Pieces that share their corners.
+    """Pieces that share their corners; edges below ``shortest`` become points.
 
-    Corners within ``shortest`` of each other are one, both inside or both on the same side: a
-    corner that moved to a side would lay a boundary of grains along it.
+    Where a piece would be turned inside out or a boundary of grains be laid along a side, edges
+    stay, the longest first.
     """
     corners = np.concatenate([x for _, x, _ in pieces])
     low, high = (np.abs(corners - side) < 10 * SMALL * size for side in (0, size))
     corners = np.where(low, 0.0, np.where(high, size, corners))
-    one = _classes(corners, low + 2 * high, size, periodic, shortest)
-    points, number, image = _shared(corners, one, (low, high), size, periodic)
-    joined, start, dim = [], 0, corners.shape[1]
-    for grain, x, faces in pieces:
-        around = [_without_repeats(number[start + face]) for face in faces]
-        around = [face for face in around if len(face) >= dim]
-        if len({frozenset(face) for face in around}) > dim:
-            joined.append((grain, around))
-        start += len(x)
-    return Tessellation(points, joined, image)
+    tree = cKDTree(corners % size if periodic else corners, boxsize=size if periodic else None)
+    one = _classes(len(corners), tree.query_pairs(100 * SMALL * size, output_type="ndarray"))
+    starts = np.cumsum([0, *(len(x) for _, x, _ in pieces)])[:-1]
+    pairs = _short_edges(pieces, starts, corners, one, shortest)
+    alone = np.bincount([grain for grain, _, _ in pieces]) == 1
+    while True:
+        group = _classes(one.max() + 1, pairs)
+        stay = np.zeros(len(pairs), dtype=bool)
+        for astray in _astray(group[one], low | high):
+            stay[np.flatnonzero(group[pairs[:, 0]] == astray)[-1]] = True
+        if not stay.any():
+            points, number, image = _shared(corners, group[one], (low, high), size, periodic)
+            joined, faces_of = [], _Faces(points, size)
+            for (grain, x, faces), start in zip(pieces, starts, strict=True):
+                around = [_without_repeats(number[start + face]) for face in faces]
+                kept = [n for n, face in enumerate(around) if len(face) >= points.shape[1]]
+                around, outward = [around[n] for n in kept], [_sense(x, faces[n]) for n in kept]
+                if not alone[grain] and faces_of.vanish(around):
+                    continue
+                if not faces_of.enclose(around, outward):
+                    touching = np.isin(pairs, one[start : start + len(x)]).any(axis=1)
+                    stay[np.flatnonzero(touching)[-1]] = True
+                joined.append((grain, [part for face in around for part in faces_of.flat(face)]))
+            if not stay.any():
+                return Tessellation(points, joined, image)
+        pairs = pairs[~stay]
 
 
-def _classes(
-    corners: NDArray[np.float64],
-    sides: NDArray[np.int64],
-    size: float,
-    periodic: bool,
-    near: float,
-) -> NDArray[np.int64]:
-    """Number of the class of every corner, a chain of corners nearer to each other than that.
+def _astray(joined: NDArray[np.int64], sides: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Classes whose corners lie on several sides, and none on all of these.
 
     Args:
-        corners: (n, d).
-        sides: Equal rows (n, d) for corners on the same sides.
-        size: [mm].
-        periodic: Whether images are of the same class.
-        near: [mm].
+        joined: Class of every corner (n,).
+        sides: Whether a corner is on a side, by axis (n, d).
     """
-    tree = cKDTree(corners % size if periodic else corners, boxsize=size if periodic else None)
-    same = tree.query_pairs(100 * SMALL * size, output_type="ndarray")
-    close = cKDTree(corners).query_pairs(near, output_type="ndarray")
-    close = close[(sides[close[:, 0]] == sides[close[:, 1]]).all(axis=1)]
-    return components(*np.concatenate([same, close]).T, len(corners)).astype(np.int64)
+    all_sides = np.zeros((joined.max() + 1, sides.shape[1]), dtype=bool)
+    np.logical_or.at(all_sides, joined, sides)
+    return np.setdiff1d(joined, joined[(sides == all_sides[joined]).all(axis=1)])
+
+
+def _classes(count: int, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Number of the class of every item (count,), of those that a chain of pairs (n, 2) joins."""
+    return components(*pairs.T, count).astype(np.int64)
+
+
+def _short_edges(
+    pieces: list[Piece],
+    starts: NDArray[np.int64],
+    corners: NDArray[np.float64],
+    one: NDArray[np.int64],
+    shortest: float,
+) -> NDArray[np.int64]:
+    """Classes of the ends of edges that are short (n, 2), by growing length.
+
+    Args:
+        pieces: Of the cell.
+        starts: Number of the first corner of every piece.
+        corners: Of all pieces (k, d).
+        one: Class of every corner.
+        shortest: Length of those that are not [mm].
+    """
+    edges = np.concatenate(
+        [
+            np.column_stack([face, np.roll(face, -1)]) + start
+            for (_, _, faces), start in zip(pieces, starts, strict=True)
+            for face in faces
+        ]
+    )
+    length = np.linalg.norm(corners[edges[:, 0]] - corners[edges[:, 1]], axis=1)
+    ends = np.sort(one[edges], axis=1)
+    short = np.flatnonzero((length < shortest) & (ends[:, 0] != ends[:, 1]))
+    short = short[np.argsort(length[short], kind="stable")]
+    first = np.unique(ends[short], axis=0, return_index=True)[1]
+    return ends[short[np.sort(first)]]
+
+
+class _Faces:
+    """Faces between points that may have moved.
+
+    Args:
+        points: (n, d) [mm].
+        size: Side of the cell [mm].
+    """
+
+    def __init__(self, points: NDArray[np.float64], size: float):
+        self._points, self._size = points, size
+        self._parts: dict[frozenset[int], list[tuple[int, ...]]] = {}
+
+    def flat(self, face: tuple[int, ...]) -> list[tuple[int, ...]]:
+        """The face, or triangles in its place if it is bent."""
+        key = frozenset(face)
+        if key not in self._parts:
+            bent = len(face) > 3 and not self._on_side(face)
+            if bent:
+                x = self._points[list(face)]
+                height = np.linalg.svd(x - x.mean(axis=0))[2][-1]
+                bent = np.abs((x - x.mean(axis=0)) @ height).max() > BENT * self._size
+            self._parts[key] = _triangles(face, self._points) if bent else [face]
+        return self._parts[key]
+
+    def _on_side(self, face: tuple[int, ...]) -> bool:
+        x = self._points[list(face)]
+        return bool(((x == 0).all(axis=0) | (x == self._size).all(axis=0)).any())
+
+    def vanish(self, around: list[tuple[int, ...]]) -> bool:
+        """Whether nothing is between faces, which cover each other in pairs inside the cell."""
+        times = Counter(frozenset(face) for face in around)
+        return all(n == 2 and not self._on_side(tuple(face)) for face, n in times.items())
+
+    def enclose(self, around: list[tuple[int, ...]], outward: list[int]) -> bool:
+        """Whether faces are seen from the middle between them as before: they are a body."""
+        if not around or any(len(set(face)) < len(face) for face in around):
+            return False
+        simplices = []
+        for face, sense in zip(around, outward, strict=True):
+            for part in self.flat(face):
+                # Parts may have been made from the other side.
+                ordered = sorted(part, key=face.index)
+                simplices += [
+                    [ordered[0], a, b][-len(self._points[0]) :][::sense]
+                    for a, b in itertools.pairwise(ordered[len(ordered) > 2 :])
+                ]
+        middle = self._points[list(set(itertools.chain(*around)))].mean(axis=0)
+        return bool((np.linalg.det(self._points[np.array(simplices)] - middle) > 0).all())
+
+
+def _sense(corners: NDArray[np.float64], face: NDArray[np.int64]) -> int:
+    """1 where a face is run through so that the middle of its body is on its inner side, or -1."""
+    dim, arms = corners.shape[1], corners[face] - corners.mean(axis=0)
+    if dim == 2:
+        return 1 if np.linalg.det(arms) > 0 else -1
+    area = np.cross(arms, np.roll(arms, -1, axis=0)).sum(axis=0)
+    return 1 if area @ arms[0] > 0 else -1
+
+
+def _triangles(face: tuple[int, ...], points: NDArray[np.float64]) -> list[tuple[int, ...]]:
+    """Triangles between the corners of a polygon, of which the flattest is as good as can be."""
+
+    def goodness(i: int, j: int, k: int) -> float:
+        x = points[[face[i], face[j], face[k]]]
+        edges = x - np.roll(x, 1, axis=0)
+        return float(np.linalg.norm(np.cross(edges[0], edges[1])) / (edges**2).sum())
+
+    @cache
+    def best(i: int, k: int) -> tuple[float, list[tuple[int, ...]]]:
+        """Of the corners i to k."""
+        found = (math.inf, []) if k - i < 2 else (-1.0, [])
+        for j in range(i + 1, k):
+            one, two = best(i, j), best(j, k)
+            least = min(goodness(i, j, k), one[0], two[0])
+            if least > found[0]:
+                found = least, [*one[1], *two[1], (face[i], face[j], face[k])]
+        return found
+
+    return best(0, len(face) - 1)[1]
 
 
 def _shared(

@@ -37,15 +37,29 @@ def test_grains_fill_the_cell(comm, name):
     assert comm.allreduce(int((tags[:, 0] != tags[:, 1]).sum())) > 10
 
 
+def shortest_edge(mesh):
+    """Of all cells, triangles or tetrahedra."""
+    corners = mesh.geometry.x[mesh.geometry.dofmap]
+    one, two = np.triu_indices(corners.shape[1], 1)
+    lengths = np.linalg.norm(corners[:, one] - corners[:, two], axis=2)
+    return min(mesh.comm.allgather(lengths.min(initial=np.inf)))
+
+
 def test_no_short_edges(comm):
     """Grains of a few cells, ten times: no edge of a cell is much shorter than asked for."""
-    least = np.inf
     for seed in range(10):
         mesh = polycrystal(15, seed, periodic=seed % 2 == 0, element_size=0.08, comm=comm).mesh
-        corners = mesh.geometry.x[mesh.geometry.dofmap]
-        edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-        least = min(least, *comm.allgather(edges.min(initial=np.inf)))
-    assert least > 0.25 * 0.08
+        assert shortest_edge(mesh) > 0.25 * 0.08
+
+
+def test_short_edges_of_solids_are_points(comm):
+    """Bodies stay whole, and sides fit, where edges of grains become points."""
+    tagged = polycrystal(12, 1, dim=3, element_size=0.15, comm=comm)
+    assert shortest_edge(tagged.mesh) > 0.1 * 0.15
+    parts = list(volumes(tagged).values())
+    assert min(parts) > 0.05 / len(parts)
+    assert sum(parts) == pytest.approx(1.0)
+    assert mismatch(tagged) < 1e-10
 
 
 @pytest.mark.parametrize("dim", [2, 3])
