@@ -83,24 +83,26 @@ def fibre_cell(
     cell = cell or CELLS[shape][0]
     if cell not in CELLS[shape]:
         raise ValueError(f"fibre_cell: cell = {cell!r} of a {shape} must be one of {CELLS[shape]}")
-    if not coating >= 0 or (depth is not None and not depth > 0):
+    if not coating >= 0 or not size > 0 or (depth is not None and not depth > 0):
         raise ValueError(
-            f"fibre_cell: coating = {coating} must be 0 or positive, and depth = {depth} positive"
+            f"fibre_cell: coating = {coating} must be 0 or positive, size = {size} and "
+            f"depth = {depth} positive"
         )
     dim = 3 if shape == "sphere" else 2
     filled = fraction * (1 + coating) ** dim
     # A spacing in radii of the fibres, and pack takes it in radii of what it packs.
-    centres, radii = pack(count, filled, seed, periodic, size, dim, spacing / (1 + coating))
+    # All in a cell of side 1: gmsh's geometry has absolute tolerances, and cells may be small.
+    centres, radii = pack(count, filled, seed, periodic, 1.0, dim, spacing / (1 + coating))
     outer = radii[0]
     circles = sorted({outer, outer / (1 + coating)}, reverse=True)
     if periodic:
         # The poles of a sphere lie above its centre, and no side is to pass near them.
         kept_clear = [*circles, 0.0] if dim == 3 else circles
-        centres = cut_balls(centres, kept_clear, size)
-    fine = element_size or circles[-1] / 4
+        centres = cut_balls(centres, kept_clear, 1.0)
+    fine = element_size / size if element_size else circles[-1] / 4
     with model("fibre_cell") as gmsh_model:
         if comm.rank == 0:
-            _geometry(gmsh_model, centres, circles, size, periodic)
+            _geometry(gmsh_model, centres, circles, 1.0, periodic)
             one_size(fine)
             if shape == "sphere":
                 generate_tetrahedra(gmsh_model)
@@ -108,11 +110,13 @@ def fibre_cell(
                 flat = "triangle" if cell in ("triangle", "tetrahedron") else "quadrilateral"
                 generate_cells(gmsh_model, flat)
             if shape == "cylinder":
-                extrude(gmsh_model, size, depth or fine, fine)
+                extrude(gmsh_model, 1.0, depth / size if depth else fine, fine)
             name_groups(gmsh_model, gmsh_model.getDimension(), _BODIES)
             names = SIDES | {"interface": INTERFACE}
             name_groups(gmsh_model, gmsh_model.getDimension() - 1, names)
-        return distribute(gmsh_model, comm, 2 if shape == "disc" else 3)
+        tagged = distribute(gmsh_model, comm, 2 if shape == "disc" else 3)
+    tagged.mesh.geometry.x[:] *= size
+    return tagged
 
 
 def _geometry(

@@ -14,7 +14,7 @@ from vmdg.meshes.packing import UNIT_BALL, cut_balls
 CELLS = {
     "discs": {"count": 12, "fraction": 0.6, "seed": 3},
     "quadrilaterals": {"count": 5, "fraction": 0.5, "cell": "quadrilateral", "size": 30.0},
-    "coated": {"count": 5, "fraction": 0.4, "coating": 0.1},
+    "coated": {"count": 5, "fraction": 0.4, "coating": 0.1, "size": 1e-3},
     "cylinders": {"count": 3, "fraction": 0.5, "shape": "cylinder", "depth": 0.3, "size": 2.0},
     "hexahedra": {"count": 3, "fraction": 0.4, "shape": "cylinder", "cell": "hexahedron"},
     "spheres": {"count": 3, "fraction": 0.3, "shape": "sphere", "element_size": 0.12},
