@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -244,3 +245,19 @@ def test_mpi_of_the_wheel(tmp_path, wheel):
         check=True,
     )
     assert done.stdout.strip() == (str(library) if wheel else "")
+
+
+def test_process_that_dies(tmp_path):
+    """``tests/run -j`` ends where a process ends in a test, fails, and names the test once."""
+    (tmp_path / "test_dies.py").write_text("import os\n\ndef test_dies():\n    os._exit(0)\n")
+    (tmp_path / "test_lives.py").write_text("def test_lives():\n    pass\n")
+    own = {"VMDG_PYTHON": sys.executable, "XDG_CACHE_HOME": str(tmp_path)}
+    done = subprocess.run(
+        ["bash", str(ROOT / "tests" / "run"), "-j", "2", str(tmp_path)],
+        env=os.environ | own,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1, done.stderr
+    assert len(re.findall("crashed while running '.*test_dies.py::test_dies'", done.stdout)) == 1

@@ -79,7 +79,10 @@ def form(integrand: ufl.Form, submeshes: list[FacetSubmesh], jit_options: dict) 
         entity_maps = {}
         for submesh in submeshes:
             entity_maps |= submesh.entity_map
-    return fem.form(integrand, jit_options=jit_options, entity_maps=entity_maps)
+    compiled = fem.form(integrand, jit_options=jit_options, entity_maps=entity_maps)
+    # fem.form leaves a circle that holds them, and with them the meshes and their communicators.
+    entity_maps.clear()
+    return compiled
 
 
 def create_matrix(
@@ -121,6 +124,17 @@ def evaluate(
 ) -> NDArray[np.float64]:
     """Values of an expression on cells (n,), or on rows (cell, facet in it) (n, 2); (n, ...)."""
     return expression.eval(mesh, entities if _NEW else entities.ravel())
+
+
+def interpolate(
+    into: fem.Function, source: fem.Function | fem.Expression, cells: NDArray[np.int32]
+) -> None:
+    """Interpolate on local cells; ``Function.interpolate`` leaves a circle that keeps ``into``."""
+    function = into._cpp_object
+    if isinstance(source, fem.Expression) and hasattr(function, "interpolate_expr"):
+        function.interpolate_expr(source._cpp_object, cells, cells)
+    else:
+        function.interpolate(source._cpp_object, cells, cells)
 
 
 def index_map(

@@ -10,6 +10,7 @@ from dolfinx.mesh import locate_entities_boundary
 from numpy.typing import ArrayLike, NDArray
 from ufl.core.expr import Expr
 
+from .. import compat
 from ..base.parallel import global_sum, raise_together
 from ..domain.topology import Locator, checked_facets
 from .values import Value, first_value, takes_points, value_at
@@ -168,7 +169,8 @@ class DirichletConditions:
                 f"{what}: an expression of UFL has no values at nodes; write lambda x, t: ... at "
                 "points x (3, n), or interpolate it into a Function"
             )
-        d, same = self._d, value.ufl_domain() == self._space.mesh.ufl_domain()
+        d, space = self._d, self._space
+        same = value.ufl_domain() == space.mesh.ufl_domain()
         if value.ufl_shape != (d,) or not same:
             raise ValueError(
                 f"{what}: the Function has shape {value.ufl_shape}"
@@ -178,8 +180,9 @@ class DirichletConditions:
             )
 
         def nodal(t: float) -> NDArray[np.float64]:
-            field = fem.Function(self._space)
-            field.interpolate(value)
+            field = fem.Function(space)
+            cells = np.arange(len(space.dofmap.list), dtype=np.int32)
+            compat.interpolate(field, value, cells)
             values = field.x.array.reshape(-1, d)[dofs].T
             return values if index is None else values[index]
 

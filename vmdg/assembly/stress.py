@@ -50,7 +50,7 @@ class CauchyStress:
             self._compile(discretization)
         discretization.update_means()
         for expression, cells in self._expressions:
-            self.function.interpolate(expression, cells)
+            compat.interpolate(self.function, expression, cells)
         self.function.x.scatter_forward()
         return self.function
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -125,7 +124,9 @@ class Loading:
         self._activation = activation
         self._interfaces = activation.interfaces
         self._names = names
-        self._given: list[Callable[[], None]] = []
+        # Functions of this object, not its bound methods: a circle would keep meshes alive after
+        # the last name for a problem is gone, and their communicators, of which MPICH has 2048.
+        self._given: list[Callable[[Loading], None]] = []
         self._ray: Ray | None = None
         self.load_factor = fem.Constant(mesh, 0.0)
         self.loaded = np.zeros(len(self._bodies.tags), dtype=bool)
@@ -142,12 +143,12 @@ class Loading:
         self._loads = DeadLoads(discretization.u, geometry)
         self._surface = discretization.new_surface()
         for impose in self._given:
-            impose()
+            impose(self)
         if self._ray is not None:
             self._ray = self._ray_between(self._ray.start, self._ray.end)
         self.move(self.t)
 
-    def _add(self, impose: Callable[[], None]) -> None:
+    def _add(self, impose: Callable[[Loading], None]) -> None:
         """Impose a load or prescribed displacement now, and on every space that follows.
 
         Raises:
@@ -158,7 +159,7 @@ class Loading:
                 "a periodic cell takes no supports and loads: the mean strain or stress of "
                 "Periodic(...) is its load, and its boundary is the middle of the material"
             )
-        impose()
+        impose(self)
         try:
             self._refuse_held_faces()
         except ValueError:
@@ -188,14 +189,14 @@ class Loading:
                 "dirichlet: relative=True does not go with activate='on-demand'; prescribe the "
                 "displacement from the start"
             )
-        self._add(partial(self._prescribe, "dirichlet", facets, value, component, relative))
+        self._prescribe("dirichlet", facets, value, component, relative)
 
     def add_dirichlet_points(
         self, where: Locator, value: Value | Expr, component: int | str | None
     ) -> None:
         """See :meth:`vmdg.Problem.dirichlet_points`."""
         check_condition("dirichlet_points", where, value)
-        self._add(partial(self._prescribe, "dirichlet_points", where, value, component))
+        self._prescribe("dirichlet_points", where, value, component)
 
     def _prescribe(
         self,
@@ -205,13 +206,16 @@ class Loading:
         component: int | str | None,
         relative: bool = False,
     ) -> None:
-        space = self._discretization.space
-        if callable(where):
-            dofs = fem.locate_dofs_geometrical(space, where)
-        else:
-            dofs = fem.locate_dofs_topological(space, self._mesh.topology.dim - 1, where)
-        u = self._discretization.u.x.array.reshape(-1, space.dofmap.index_map_bs)
-        self.dirichlet.add(dofs, value, component, what, u[dofs] if relative else None)
+        def impose(loading: Loading) -> None:
+            u, space = loading._discretization.u, loading._discretization.space
+            if callable(where):
+                dofs = fem.locate_dofs_geometrical(space, where)
+            else:
+                dofs = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, where)
+            start = u.x.array.reshape(-1, space.dofmap.index_map_bs)[dofs] if relative else None
+            loading.dirichlet.add(dofs, value, component, what, start)
+
+        self._add(impose)
 
     @property
     def prescribed(self) -> NDArray[np.int32]:
@@ -234,7 +238,7 @@ class Loading:
     def drive_cell(self, drives: Sequence[Drive]) -> None:
         """Lead the mean gradient of a periodic cell by these components, see
         :class:`vmdg.Periodic`."""
-        self._add(partial(self._drive_cell, drives))
+        self._add(lambda loading: loading._drive_cell(drives))
 
     def _drive_cell(self, drives: Sequence[Drive]) -> None:
         cell, geometry = self._discretization.periodic, self._discretization.geometry
@@ -270,12 +274,12 @@ class Loading:
         facets, number = self._boundary(where, "rigid_face"), len(self.rigid.faces)
         point = None if at is None else np.asarray(at, dtype=float)
 
-        def impose() -> None:
-            space = self._discretization.space
-            nodes = fem.locate_dofs_topological(space, self._mesh.topology.dim - 1, facets)
-            face = self.rigid.add(nodes, component, tilts, point, displacement)
+        def impose(loading: Loading) -> None:
+            space = loading._discretization.space
+            nodes = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, facets)
+            face = loading.rigid.add(nodes, component, tilts, point, displacement)
             if force is not None:
-                self._loads.add_face_load(face, force)
+                loading._loads.add_face_load(face, force)
 
         self._add(impose)
         if force is not None:
@@ -336,7 +340,7 @@ class Loading:
     def add_traction(self, facets: Where, value: Value | Expr) -> None:
         """See :meth:`vmdg.Problem.traction`."""
         facets = self._boundary(facets, "traction")
-        self._add(lambda: self._loads.add_traction(facets, value))
+        self._add(lambda loading: loading._loads.add_traction(facets, value))
         self.loaded[facet_cells(self._mesh)[facets, 0]] = True
 
     def _boundary(self, where: Where, what: str) -> NDArray[np.int32]:
@@ -365,7 +369,7 @@ class Loading:
         if tag is not None and tag not in cells_of:
             raise ValueError(f"body_force: no cell has tag {tag}; tags are {sorted(cells_of)}")
         cells = np.arange(len(self._bodies.tags)) if tag is None else cells_of[tag]
-        self._add(lambda: self._loads.add_body_force(cells.astype(np.int32), value))
+        self._add(lambda loading: loading._loads.add_body_force(cells.astype(np.int32), value))
         self.loaded[cells] = True
 
     def add_point_load(self, where: Locator, value: Value, component: int | str | None) -> None:
@@ -378,11 +382,13 @@ class Loading:
             )
         self._refuse_split_nodes(where)
 
-        def nodes() -> NDArray[np.int32]:
-            return find_nodes(self._discretization.space, where, "point_load")
+        def impose(loading: Loading) -> None:
+            nodes = find_nodes(loading._discretization.space, where, "point_load")
+            loading._loads.add_point_load(nodes, value, component)
 
-        cells, loaded = self._discretization.space.dofmap.list, nodes()
-        self._add(lambda: self._loads.add_point_load(nodes(), value, component))
+        space = self._discretization.space
+        cells, loaded = space.dofmap.list, find_nodes(space, where, "point_load")
+        self._add(impose)
         self.loaded |= np.isin(cells, loaded).any(axis=1)[: len(self.loaded)]
 
     def _refuse_split_nodes(self, where: Locator) -> None:
@@ -446,7 +452,7 @@ class Loading:
         if debonded or share is not None:
             raise ValueError("pressure: debonded and share are for interfaces, not for a boundary")
         facets = self._boundary(where, "pressure")
-        self._add(lambda: self._surface.add_pressure(facets, value))
+        self._add(lambda loading: loading._surface.add_pressure(facets, value))
         self.move(self.t)
         self.loaded[facet_cells(self._mesh)[facets, 0]] = True
 
@@ -466,10 +472,10 @@ class Loading:
                 "in; give debonded=True"
             )
 
-        def impose() -> None:
-            now = self._discretization
+        def impose(loading: Loading) -> None:
+            now = loading._discretization
             if number in now.active:
-                self._surface.add_fluid(now.take_fluid(number), value, debonded, share)
+                loading._surface.add_fluid(now.take_fluid(number), value, debonded, share)
 
         self._add(impose)
         self.move(self.t)
@@ -478,7 +484,7 @@ class Loading:
     def add_spring(self, where: Where, stiffness: ArrayLike) -> None:
         """See :meth:`vmdg.Problem.spring`."""
         facets = self._boundary(where, "spring")
-        self._add(lambda: self._surface.add_spring(facets, stiffness))
+        self._add(lambda loading: loading._surface.add_spring(facets, stiffness))
 
     @property
     def pressurised(self) -> bool:

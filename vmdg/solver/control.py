@@ -333,18 +333,30 @@ class Work(Control):
 
     def _reach(self, trials: Trials, start: Direction, direction: Direction, end: float) -> float:
         """Length of a direction at which D is dD, at most ``end``."""
-
-        def excess(length: float) -> float:
-            return trials.bond_work(start, direction, length) - self.work
-
-        first = excess(0.0)
+        sought = (trials, start, direction, self.work)
+        first = _excess(0.0, *sought)
         if first >= 0 or end == 0:
             return 0.0
-        if excess(end) <= 0:
+        if _excess(end, *sought) <= 0:
             return end
-        return brentq(
-            lambda x: excess(x) if x else first, 0.0, end, xtol=GUESSED * abs(end), rtol=GUESSED
-        )
+        # As arguments: brentq's wrapper of a function refers to itself, and would keep the problem.
+        args = (*sought, first)
+        return brentq(_excess, 0.0, end, args, xtol=GUESSED * abs(end), rtol=GUESSED)
+
+
+def _excess(
+    length: float,
+    trials: Trials,
+    start: Direction,
+    direction: Direction,
+    work: float,
+    first: float | None = None,
+) -> float:
+    """Work on bonds at a length of a direction beyond dD, known to be ``first`` at 0; collective
+    [N mm]."""
+    if length == 0 and first is not None:
+        return first
+    return trials.bond_work(start, direction, length) - work
 
 
 @dataclass
