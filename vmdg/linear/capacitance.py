@@ -15,7 +15,7 @@ from scipy.sparse import bsr_array, csr_array, vstack
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from ..assembly.point_matrices import jump_matrix, traction_matrix
-from ..base.parallel import global_any
+from ..base.parallel import global_any, global_sum
 from ..base.timers import timer
 from ..interface.active import ActiveInterface
 from ..problem.problem import Problem
@@ -54,6 +54,11 @@ class Capacitance:
     dense, is made when a point has damage for the first time. The first rank has it and solves the
     systems of the gaps for all ranks. A second right-hand side costs a third of the first.
 
+    Rigid faces move by u = T.q, :mod:`vmdg.assembly.rigid`. With the factors of faces at rest, and
+    with X, what all nodes do where T moves the faces and no other force acts, their inverse is
+
+        K_0^-1 = (K_0)_rest^-1 + X.(X^T.K_0.X)^-1.X^T.
+
     Args:
         problem: Of small strain; its prescribed dofs are those of now. Collective.
         max_direct: Gap components with damage up to which their system is solved directly.
@@ -71,7 +76,9 @@ class Capacitance:
         active = problem.discretization.active.values()
         self._interfaces = [one for one in active if one.law.inelastic]
         self._areas = np.concatenate([one.point_tangent.areas for one in self._interfaces])
-        self._prescribed = problem.loading.owned_prescribed
+        rigid = problem.loading.rigid
+        self._motions = rigid.columns
+        self._prescribed = np.union1d(problem.loading.owned_prescribed, rigid.dofs)
         with timer("factorize bonded bodies"):
             matrix = problem.discretization.create_matrix()
             problem.discretization.assemble_tangent(matrix, damage=False)
@@ -85,8 +92,22 @@ class Capacitance:
         self._tractions = self._over_points(traction_matrix)
         self._forces = self._tractions.transpose(PETSc.Mat())
         self._forces.zeroRows(prescribed, 0.0)
+        self._free_faces()
         self._system: GapSystem | None = None
         self.iterations = 0
+
+    def _free_faces(self) -> None:
+        """What rigid faces need to move: X, X^T.K_0.X = T^T.K_0.X and B.X; collective."""
+        self._moving, self._works = self._motions.T, self._motions
+        self._opening = np.zeros((self._tractions.getLocalSize()[0], 0))
+        self._resistance = np.zeros((0, 0))
+        if not len(self._motions):  # products of PETSc want a column
+            return
+        motions = self._motions.T[self._prescribed]
+        self._moving = self._solve_at_rest(np.zeros(self._motions.T.shape), motions)
+        self._works = _times(self._lift, motions, self._comm).T
+        self._resistance = global_sum(self._comm, self._works @ self._moving)
+        self._opening = _times(self._tractions, self._moving, self._comm)
 
     def _over_points(self, integrate: Integrate) -> PETSc.Mat:
         """A matrix of all interfaces with a row for every gap component, of the points here."""
@@ -98,15 +119,28 @@ class Capacitance:
     def solve(self, forces: Sequence[Array], moved: Sequence[Array], rtol: float) -> Array:
         """Solve K.du = forces for several right-hand sides (k, owned dofs); collective."""
         with timer("linear solve"):
-            known = np.column_stack(moved)[self._prescribed]
-            right = np.column_stack(forces) - _times(self._lift, known, self._comm)
-            right[self._prescribed] = known
-            found = self._relax(right)
+            right = np.column_stack(forces)
+            found = self._solve_at_rest(right, np.column_stack(moved)[self._prescribed])
+            found += self._faces_under(self._motions @ right - self._works @ found)
             D = self._damage()
             if global_any(self._comm, D.any()):
                 gaps = self._solve_gaps(D, _times(self._tractions, found, self._comm))
                 found += self._relax(_times(self._forces, gaps, self._comm))
+                found += self._faces_under(self._opening.T @ gaps)
         return found.T
+
+    def _solve_at_rest(self, forces: Array, known: Array) -> Array:
+        """Displacements (owned dofs, k) of bonded bodies, rigid faces held, from forces and what
+        prescribed dofs do (prescribed, k)."""
+        right = forces - _times(self._lift, known, self._comm)
+        right[self._prescribed] = known
+        return self._relax(right)
+
+    def _faces_under(self, forces: Array) -> Array:
+        """X.q (owned dofs, k) by which rigid faces yield to forces on their motions, of which every
+        rank has its part (motions, k)."""
+        forces = global_sum(self._comm, forces)
+        return self._moving @ np.linalg.solve(self._resistance, forces)
 
     def _damage(self) -> Array:
         """Diagonal blocks of D of the last return maps (points here, d, d) [mm/N]."""
@@ -168,6 +202,10 @@ class Capacitance:
                 S[start : start + count] = np.concatenate(parts).T
             for item in (columns, right, solution, product):
                 item.destroy()
+        opening = self._comm.gather(self._opening)
+        if opening is not None:
+            opening = np.concatenate(opening)
+            S += opening @ np.linalg.solve(self._resistance, opening.T)
         return S
 
     def _gathered(self, matrix: PETSc.Mat) -> csr_array:

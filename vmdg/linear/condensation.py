@@ -64,8 +64,6 @@ def _refusal(problem: Problem, petsc: Petsc | None) -> str:
         return "a stabilization of the user's own may change"
     if problem.step.activation:
         return "facets open on demand"
-    if problem.loading.rigid:
-        return "rigid faces"
     if problem.discretization.periodic is not None:
         return "periodic cell"
     if not linear_options(problem, petsc).automatic:
