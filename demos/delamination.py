@@ -15,7 +15,7 @@ from mpi4py import MPI
 import matplotlib.pyplot as plt
 import numpy as np
 from helpers.options import run
-from studies.delamination import intrinsic
+from studies.delamination import intrinsic, vcct
 from studies.delamination.beams import Run
 from studies.delamination.cases import CASES, Case, Row, measure, table
 from studies.delamination.fatigue import BOND, paris
@@ -105,6 +105,7 @@ def main(
     case: str = "all",
     out: str = "results/delamination",
     peer: bool = False,
+    linear: bool = False,
     plot: bool = True,
     verbose: bool = False,
 ) -> list[Row]:
@@ -114,11 +115,16 @@ def main(
         case: Name of one, or "all".
         out: Folder for table and pictures; one of them shows all cases that were run there.
         peer: Instead run the DCB beside a plain intrinsic cohesive law on the same mesh; one rank.
+        linear: Instead find the critical points of the MMB by linear fracture mechanics on several
+            meshes, without vmdg.
         plot: Draw a picture of every case.
         verbose: Print the residuals of every step.
     """
     if peer:
         print(intrinsic.table(*intrinsic.side_by_side(verbose=verbose)))
+        return []
+    if linear:
+        print(vcct.study())
         return []
     names = list(CASES) if case == "all" else [case]
     if unknown := set(names) - set(CASES):

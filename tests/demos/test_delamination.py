@@ -12,10 +12,11 @@ from studies.delamination import fatigue
 from studies.delamination.beams import Run, dcb, four_point
 from studies.delamination.cases import Case, measure, table
 from studies.delamination.laminate import MMB, T300_977
-from studies.delamination.mmb import A_0, LEVERS, lever_length, mmb, theory
+from studies.delamination.mmb import A_0, CRITICAL, LEVERS, lever_length, mmb, theory
 from studies.delamination.peel import peel
 from studies.delamination.peel import theory as peeling
-from studies.delamination.plies import POINTS, first_growth
+from studies.delamination.plies import D30, first_growth
+from studies.delamination.vcct import flexibility
 
 import vmdg
 
@@ -28,6 +29,19 @@ def test_theory_of_the_lever():
         assert start.load == pytest.approx(load, rel=0.006)
         assert start.ratio == pytest.approx(ratio, abs=0.01)
         assert lever_length(MMB, start.ratio) == pytest.approx(LEVERS[ratio], rel=1e-9)
+
+
+def test_linear_fracture_mechanics():
+    """The published critical points within 1% by a mesh of two cells over an arm; beam theory, its
+    deflection with what the load presses in, within 1.5% by a finer one."""
+    coarse, fine = flexibility(rows=2), flexibility(rows=8, tip=0.125)
+    for ratio, (deflection, load) in CRITICAL.items():
+        c = LEVERS[ratio]
+        assert coarse.critical(c, MMB)[:2] == pytest.approx((load, deflection), rel=0.01)
+        P, w, share = fine.critical(c, MMB)
+        start = theory(MMB, c, A_0)
+        assert (P, w) == pytest.approx((start.load, start.deflection), rel=0.015)
+        assert share == pytest.approx(start.ratio, abs=0.01)
 
 
 def test_mixed_mode_bending():
@@ -55,8 +69,8 @@ def test_peel():
 def test_curved_front():
     """Stiffness 1% and first growth 3% of the published ones, with four cells over the width; the
     middle is ahead of the edges."""
-    opening, published = POINTS[31.0]
-    load, stiffness, result = first_growth(31.0, columns=4)
+    opening, published = D30.points[31.0]
+    load, stiffness, result = first_growth(D30, 31.0, columns=4)
     assert stiffness == pytest.approx(published / opening, rel=0.01)
     assert load == pytest.approx(published, rel=0.03)
     last = result.history.rows[-1]

@@ -17,8 +17,9 @@ from studies.verification.checks import compare, describe
 #: Half the span, and the crack at the start [mm].
 L, A_0 = 50.4, 25.4
 
-#: Lever lengths of Krueger 2012 by G_II/G_T [mm].
-LEVERS = {0.2: 92.9, 0.8: 27.3}
+#: Krueger 2012 by G_II/G_T: lever lengths [mm]; deflection [mm] and load [N] of first growth.
+LEVERS = {0.2: 92.9, 0.5: 41.3, 0.8: 27.3}
+CRITICAL = {0.2: (1.64, 128.5), 0.5: (1.34, 385.0), 0.8: (1.65, 751.0)}
 
 
 class Theory(NamedTuple):
@@ -74,7 +75,7 @@ def lever_length(m: Laminate, ratio: float) -> float:
 def mmb(
     ratio: float = 0.2,
     end: float = 9.0,
-    element_size: float = 0.25,
+    element_size: float = 0.5,
     rows: int = 2,
     m: Laminate = MMB,
     verbose: bool = False,
