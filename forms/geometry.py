@@ -87,6 +87,51 @@ class Cartesian:
         return ufl.as_tensor(db[j] * A[i, j, k, m] * db[m], (i, k))
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class GeneralizedPlane(Cartesian):
+    """Generalized plane strain of a given thickness; d = 2, n = 3.
+
+    The ends of the body stay plane and parallel, F_33 is one number: GRAD u = diag(GRAD u in the
+    plane, F_33 - 1). A test or trial function of F_33 is a scalar.
+
+    Attributes:
+        axial: F_33 - 1.
+    """
+
+    axial: Expr
+
+    def size(self, d: int) -> int:
+        """Rows n of GRAD w: 3."""
+        return 3
+
+    def entries(self, d: int) -> Entries:
+        """Entries of GRAD: in the plane, and F_33 - 1."""
+        return [*product(range(2), repeat=2), (2, 2)]
+
+    def gradient(self, w: Expr) -> Expr:
+        """GRAD of a displacement in the plane, or of a strain along z, a scalar, (3, 3)."""
+        if w.ufl_shape:
+            return with_entry(ufl.grad(w), 0)
+        return with_entry(ufl.zero((2, 2)), w)
+
+    def deformation(self, u: Expr) -> Expr:
+        """F = diag(F in the plane, F_33), (3, 3)."""
+        return _plus_identity(with_entry(self.section_gradient(u), self.axial))
+
+    def nodal_deformation(self, u: Expr) -> Expr:
+        """F for points that may be nodes, (3, 3)."""
+        return self.deformation(u)
+
+    def bubble_stiffness(self, A: Expr, bubble: Expr) -> Expr:
+        """GRAD b : A : GRAD b of (22) in the plane, (2, 2) [MPa/mm2]."""
+        db = ufl.grad(bubble)
+
+        def component(i: int, k: int) -> Expr:
+            return sum(db[j] * A[i, j, k, m] * db[m] for j, m in product(range(2), repeat=2))
+
+        return ufl.as_tensor([[component(i, k) for k in range(2)] for i in range(2)])
+
+
 @dataclass(frozen=True, eq=False)
 class Axisymmetric:
     """The half section of a body of revolution, x = r and y = z, without torsion; d = 2, n = 3.
@@ -163,7 +208,7 @@ class Axisymmetric:
         return ufl.as_tensor([[component(i, k) for k in range(2)] for i in range(2)])
 
 
-Geometry = Cartesian | Axisymmetric
+Geometry = Cartesian | GeneralizedPlane | Axisymmetric
 
 #: 3D, and plane strain of unit thickness.
 CARTESIAN = Cartesian()

@@ -30,10 +30,12 @@ from .laws import MixedModeDebonding as MixedModeDebonding
 from .laws import Mode as Mode
 from .laws import TrapezoidalDebonding as TrapezoidalDebonding
 from .linear.macroscopic import macroscopic_tangent as macroscopic_tangent
+from .output.axial import AxialMotion as AxialMotion
 from .output.cell import PeriodicCell as PeriodicCell
 from .output.crack import CrackGrowth as CrackGrowth
 from .output.fields import FieldWriter as FieldWriter
 from .output.history import History as History
+from .problem.axial import GeneralizedStrain as GeneralizedStrain
 from .problem.periodic import Periodic as Periodic
 from .problem.problem import Problem as Problem
 from .problem.rigid_motion import RigidMotion as RigidMotion

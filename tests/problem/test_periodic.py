@@ -380,6 +380,13 @@ def test_mistakes(comm, words):
         laminate(comm, "triangle", 2, periodic=vmdg.Periodic(**MISTAKES[words]))
 
 
+#: Interfaces inside a cell that have facets on its boundary, and what may help.
+ON_BOUNDARY = [
+    ({"facets": lambda x: np.isclose(x[0] % 0.5, 0)}, "leave its boundary out of facets="),
+    ({"level_set": lambda x: x[0] - 0.5}, "inside of it by facets="),
+]
+
+
 def test_more_mistakes(comm):
     """Meshes that do not match, interfaces on the boundary, supports, rotations, checkpoints."""
     mesh, tags = tagged(comm, "triangle", (2, 4), lambda x: 1 + 0 * x[0])
@@ -390,6 +397,11 @@ def test_more_mistakes(comm):
     with pytest.raises(ValueError, match="would lie on the boundary of the cell"):
         included(comm, STRAIN, (2, 0))
     mesh, tags = tagged(comm, "triangle", (2, 2), lambda x: 1 + 0 * x[0])
+    half = {"materials": materials((1,)), "kinematics": SMALL, "periodic": STRAIN}
+    for place, words in ON_BOUNDARY:
+        with pytest.raises(ValueError, match=rf"boundary of the cell at \[0.0, 0.25\].*{words}"):
+            vmdg.Problem(mesh, tags, interfaces=[vmdg.Interface(**place, law=BOND)], **half)
+        vmdg.Problem(mesh, tags, interfaces=[vmdg.Interface(**place, law=vmdg.Bonded())], **half)
     turns = vmdg.Periodic(stress={"xy": 1.0, "yx": 1.0})
     with pytest.raises(ValueError, match="free to rotate"):
         vmdg.Problem(mesh, tags, **one, periodic=turns)

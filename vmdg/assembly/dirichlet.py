@@ -39,13 +39,20 @@ def find_boundary_facets(mesh, where: Where, what: str) -> NDArray[np.int32]:
     return facets
 
 
+def nodes_where(space: fem.FunctionSpace, where: Locator) -> NDArray[np.int32]:
+    """Local nodes of cells by a predicate on the coordinates (3, n), block numbers; those of means
+    lie nowhere."""
+    nodes = fem.locate_dofs_geometrical(space, where)
+    return nodes[np.isin(nodes, space.dofmap.list)]
+
+
 def find_nodes(space: fem.FunctionSpace, where: Locator, what: str) -> NDArray[np.int32]:
     """Local nodes by a predicate on the coordinates (3, n), block numbers; collective.
 
     Raises:
         ValueError: no node is selected on any rank.
     """
-    nodes = fem.locate_dofs_geometrical(space, where)
+    nodes = nodes_where(space, where)
     if global_sum(space.mesh.comm, len(nodes)) == 0:
         raise ValueError(f"{what}: no node is selected on any rank")
     return nodes

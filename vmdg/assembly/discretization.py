@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -22,6 +21,7 @@ from ..base.parallel import global_sum
 from ..base.timers import timer
 from ..domain.lattice import Lattice
 from ..domain.materials import Bodies
+from ..forms.geometry import GeneralizedPlane
 from ..forms.kinematics import Body
 from ..interface.active import ActiveInterface, update_points
 from ..interface.facets import InterfaceFacets
@@ -29,8 +29,8 @@ from ..interface.interface import Interface
 from ..interface.stabilization import Stabilization, Stabilizers
 from .cell_tangents import CellTangents
 from .dilatation import Dilatation
-from .periodic import PeriodicSpace
-from .point_matrices import add_tangent, add_uniform, create_matrix
+from .means import MeanSpace
+from .point_matrices import add_tangent, add_uniform, create_matrix, uniform_flux
 from .space import broken_space
 from .surface import Surface
 from .weak_form import WeakForm
@@ -67,7 +67,7 @@ class Discretization:
         bodies: As given.
         degree: As given.
         geometry: Gradient and measure.
-        periodic: Fluctuations and macroscopic nodes of a periodic cell; None for none.
+        means: What is unknown of means, of a periodic cell or F_33; None for nothing.
         space: Broken space, of a periodic cell that of the fluctuation.
         u: Displacement, of a periodic cell its fluctuation [mm].
         forces: Internal minus external forces of the last assembly, owned and ghost dofs [N].
@@ -92,9 +92,11 @@ class Discretization:
         self.geometry = bodies.geometry
         cut = np.concatenate([f.everywhere for f in facets] or [np.zeros(0, dtype=np.int32)])
         broken = broken_space(mesh, degree, cut.astype(np.int32))
-        self.periodic = None if lattice is None else PeriodicSpace(broken, lattice)
-        self.space = broken if self.periodic is None else self.periodic.space
-        # Forces come on the nodes of the cell, from which those on its mean follow.
+        self._axial = isinstance(self.geometry, GeneralizedPlane)
+        unknown = lattice is not None or self._axial
+        self.means = MeanSpace(broken, lattice, self._axial) if unknown else None
+        self.space = broken if self.means is None else self.means.space
+        # Forces come on the nodes of the mesh, from which those on means follow.
         self._test_space = broken
         self.u = fem.Function(self.space, name="displacement")
         self.forces = fem.Function(self.space, name="forces")
@@ -123,7 +125,8 @@ class Discretization:
         if active.fluid is None:
             active.take_fluid()
             # What was compiled for the interface without it.
-            self.__dict__.pop("_residual_forms", None)
+            for forms in ("_residual_forms", "_axial_residual"):
+                self.__dict__.pop(forms, None)
             self._dilatation = Dilatation(self.weak_form) if self._dilatation else None
         return active
 
@@ -150,6 +153,8 @@ class Discretization:
         if self._dilatation is not None:
             self._dilatation.compile()
         _ = self._residual_forms, self._add_bodies
+        if self._axial:
+            _ = self._axial_residual
         for active in self.active.values():
             _ = active.point_tangent
 
@@ -163,6 +168,20 @@ class Discretization:
         )
 
     @cached_property
+    def _axial_test(self) -> Expr:
+        """Of F_33, one for every cell: the forces on them have a sum."""
+        return ufl.TestFunction(fem.functionspace(self.mesh, ("DG", 0)))
+
+    @cached_property
+    def _axial_residual(self) -> fem.Form:
+        form = self.weak_form.residual(self._axial_test)
+        return self.weak_form.compile(form, "force along z")
+
+    def _axial_force(self, form: fem.Form) -> float:
+        """Sum of a vector of :attr:`_axial_test`, this rank's."""
+        return float(fem.assemble_vector(form).array.sum())
+
+    @cached_property
     def _add_bodies(self) -> Callable[[PETSc.Mat], None]:
         """Adds the bodies' tangent; in the plane a form has few products."""
         if self.mesh.topology.dim == 3:
@@ -173,12 +192,19 @@ class Discretization:
         return lambda matrix: fem_petsc.assemble_matrix(matrix, form)
 
     @cached_property
-    def _uniform(self) -> tuple[fem.Constant, fem.Form]:
-        """A gradient E (d, d), and the forces GRAD eta : A : E of the bodies."""
-        weak, eta = self.weak_form, ufl.TestFunction(self._test_space)
-        E = fem.Constant(self.mesh, np.zeros(2 * (self.mesh.geometry.dim,)))
-        form = weak.bulk_tangent(eta, ufl.dot(E, ufl.SpatialCoordinate(self.mesh)))
-        return E, weak.compile(form, "bodies' tangent along a gradient")
+    def _uniform(self) -> tuple[list[fem.Constant], list[fem.Form]]:
+        """A uniform gradient, in the plane or in space (d, d) and of F_33, and the forces
+        GRAD eta : A : E of the bodies, on nodes and on F_33."""
+        weak, d = self.weak_form, self.mesh.geometry.dim
+        E = [fem.Constant(self.mesh, np.zeros((d, d)))]
+        fields = [ufl.dot(E[0], ufl.SpatialCoordinate(self.mesh))]
+        tests = [ufl.TestFunction(self._test_space)]
+        if self._axial:
+            E.append(fem.Constant(self.mesh, 0.0))
+            fields.append(E[1])
+            tests.append(self._axial_test)
+        forms = [sum((weak.bulk_tangent(eta, du) for du in fields), ufl.Form([])) for eta in tests]
+        return E, [weak.compile(form, "bodies' tangent along a gradient") for form in forms]
 
     @cached_property
     def _energy_forms(self) -> list[fem.Form]:
@@ -230,10 +256,14 @@ class Discretization:
             return self._stabilizers.suffice(applied)
 
     def update_means(self) -> None:
-        """What the forms have of the current displacement as means: H of a periodic cell, theta of
-        mean dilatation."""
-        if self.periodic is not None:
-            self.geometry.macroscopic.value[:] = self.periodic.gradient(self.u.x.array)
+        """What the forms have of the current displacement as means: H of a periodic cell, F_33,
+        theta of mean dilatation."""
+        if self.means is not None:
+            H, d = self.means.gradient(self.u.x.array), self.mesh.geometry.dim
+            if self.means.lattice is not None:
+                self.geometry.macroscopic.value[:] = H[:d, :d]
+            if self._axial:
+                self.geometry.axial.value = H[2, 2]
         if self._dilatation is not None:
             self._dilatation.update_dilatation()
 
@@ -266,51 +296,62 @@ class Discretization:
         self._update_pressure()
         with timer("assemble residual"):
             forces.array[:] = 0 if loads is None else -loads
-            with self._nodal_forces(forces.array) as vector:
-                for form in (forms.bulk, *forms.interfaces):
-                    fem.assemble_vector(vector, form)
+            vector, axial = self._nodal_forces(forces.array), 0.0
+            for form in (forms.bulk, *forms.interfaces):
+                fem.assemble_vector(vector, form)
+            if self._axial:
+                axial = self._axial_force(self._axial_residual)
+            self._add_nodal_forces(vector, axial, forces.array)
             if self.surface.sprung:
                 forces.array[:] += self.surface.spring_vector()
             forces.scatter_reverse(InsertMode.add)
             forces.scatter_forward()
         return forces.array[: self.owned]
 
-    @contextmanager
-    def _nodal_forces(self, vector: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
-        """A vector to which nodal forces are added, and which is added to ``vector`` then."""
-        if self.periodic is None:
-            yield vector
-            return
-        forces = self.periodic.clear_forces()
-        yield forces
-        self.periodic.add_forces(forces, vector)
+    def _nodal_forces(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
+        """A vector for nodal forces: ``vector`` itself, with means another one that is zero."""
+        return vector if self.means is None else self.means.clear_forces()
+
+    def _add_nodal_forces(
+        self, forces: NDArray[np.float64], axial: float, vector: NDArray[np.float64]
+    ) -> None:
+        """Add nodal forces of :meth:`_nodal_forces`, and a force on F_33, to ``vector``."""
+        if self.means is not None:
+            self.means.add_forces(forces, axial, vector)
 
     def create_matrix(self) -> PETSc.Mat:
-        """An empty matrix with the pattern of the tangent, of a periodic cell that of w."""
+        """An empty matrix with the pattern of the tangent, of displacements without means."""
         return create_matrix(self.space, self.space, list(self.active.values()))
 
     def uniform_forces(
         self, gradient: NDArray[np.float64], adjoint: bool = False
     ) -> NDArray[np.float64]:
-        """Tangent of a periodic cell times the displacement E.X, forces on w and q; collective.
+        """Tangent times a uniform gradient E, forces on w and on the means; collective.
 
         At the state of the last :meth:`assemble_tangent`, whose matrix knows w only.
 
         Args:
-            gradient: E (d, d).
+            gradient: E of all means (n, n).
             adjoint: Of the transposed tangent.
 
         Returns:
             Owned dofs [N].
         """
-        E, form = self._uniform
-        E.value[:] = gradient
+        E, forms = self._uniform
+        d, axial = self.mesh.geometry.dim, 0.0
+        E[0].value[:] = gradient[:d, :d]
         total = fem.Function(self.space).x
-        with self._nodal_forces(total.array) as forces:
-            fem.assemble_vector(forces, form)
-            dofs = self._test_space.dofmap.list
-            for active, D in self._point_tangents:
-                add_uniform(forces, dofs, active, D.transpose(0, 2, 1) if adjoint else D, gradient)
+        forces = self._nodal_forces(total.array)
+        if self._axial:
+            E[1].value = gradient[2, 2]
+            axial = self._axial_force(forms[1])
+        fem.assemble_vector(forces, forms[0])
+        for active, D in self._point_tangents:
+            flux = uniform_flux(active, D.transpose(0, 2, 1) if adjoint else D, gradient)
+            add_uniform(forces, self._test_space.dofmap.list, active, flux)
+            if self._axial:
+                axial += active.point_tangent.jets.of_gradient(np.diag([0, 0, 1])) @ flux.sum(0)
+        self._add_nodal_forces(forces, axial, total.array)
         total.scatter_reverse(InsertMode.add)
         return total.array[: self.owned]
 
@@ -337,12 +378,12 @@ class Discretization:
                 fem_petsc.assemble_matrix(matrix, form)
             for active, D in parts:
                 add_tangent(matrix, active, D)
-            if self.periodic is not None:
+            if self.means is not None:
                 # Rows of no cell, for the identity of what is prescribed.
-                for dof in self.periodic.owned_dofs.ravel():
+                for dof in self.means.owned_rows:
                     matrix.setValueLocal(dof, dof, 0.0, PETSc.InsertMode.ADD_VALUES)
             matrix.assemble()
-            self._point_tangents = parts if self.periodic is not None else []
+            self._point_tangents = parts if self.means is not None else []
             if self._dilatation is not None:
                 self._dilatation.add_to(matrix, parts)
 
@@ -377,8 +418,8 @@ class Discretization:
         mine, theirs = self.space.dofmap.list, other.space.dofmap.list
         bs = self.space.dofmap.index_map_bs
         self.u.x.array.reshape(-1, bs)[mine] = other.u.x.array.reshape(-1, bs)[theirs]
-        if self.periodic is not None:
-            self.u.x.array[self.periodic.dofs] = other.u.x.array[other.periodic.dofs]
+        if self.means is not None:
+            self.u.x.array[self.means.dofs] = other.u.x.array[other.means.dofs]
         for i, active in self.active.items():
             if i in other.active:
                 active.continue_from(other.active[i])

@@ -75,24 +75,30 @@ def add_tangent(
         )
 
 
+def uniform_flux(active: ActiveInterface, D: Array, gradient: Array) -> Array:
+    """D.j(E.X) dA at the points of an interface (nq, jet), of a displacement without jump.
+
+    Args:
+        active: The interface.
+        D: With dA, of its points (nq, jet, jet).
+        gradient: E (n, n).
+    """
+    return D @ active.point_tangent.jets.of_gradient(gradient)
+
+
 def add_uniform(
-    vector: Array,
-    dofs: NDArray[np.int32],
-    active: ActiveInterface,
-    D: Array,
-    gradient: Array,
+    vector: Array, dofs: NDArray[np.int32], active: ActiveInterface, flux: Array
 ) -> None:
-    """Add int j(eta).D.j(E.X) dA over an interface, the forces of a displacement without jump.
+    """Add int j(eta).flux over an interface, the forces of :func:`uniform_flux`.
 
     Args:
         vector: To which it is added, over local dofs.
         dofs: Nodes of the cells in it (cells, nodes of a cell).
         active: The interface.
-        D: With dA, of its points (nq, jet, jet).
-        gradient: E (d, d).
+        flux: With dA, at its points (nq, jet).
     """
-    points, jets, d = active.quadrature.points_of_facet, active.point_tangent.jets, len(gradient)
-    flux = D @ jets.of_gradient(gradient)
+    quadrature, jets = active.quadrature, active.point_tangent.jets
+    points, d = quadrature.points_of_facet, quadrature.d
     for rows in _batches(active):
         B = jets.displacement(rows).matrix
         forces = np.einsum("fpjn,fpj->fn", B, flux[points[rows]])

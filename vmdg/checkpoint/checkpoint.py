@@ -89,8 +89,8 @@ def write_checkpoint(problem: Problem, folder: str | Path, history: History | No
         "units": {} if history is None else history.units,
     }
     parts = problem.discretization
-    if parts.periodic is not None:
-        dofs = parts.periodic.dofs
+    if parts.means is not None:
+        dofs = parts.means.dofs
         about["macroscopic"] = {"u": parts.u.x.array[dofs], "forces": parts.forces.x.array[dofs]}
     cells = cell_records(parts.u, parts.forces, _places(parts))
     write_files(comm, Path(folder), about, {_CELLS: cells} | interfaces)
@@ -160,7 +160,7 @@ def _name(i: int) -> str:
 
 def _places(parts: Discretization) -> fem.FunctionSpace:
     """A space in which every node has one place."""
-    return parts.space if parts.periodic is None else parts.periodic.broken
+    return parts.space if parts.means is None else parts.means.broken
 
 
 def _read_state(problem: Problem, slot: Path, about: dict[str, Any]) -> Snapshot:
@@ -187,9 +187,9 @@ def _read_state(problem: Problem, slot: Path, about: dict[str, Any]) -> Snapshot
     except ValueError as error:
         message = f"{_numbered_otherwise(slot)}: {error}"
     raise_together(comm, message)
-    if discretization.periodic is not None:
+    if discretization.means is not None:
         for name, values in (("u", u), ("forces", forces)):
-            values[discretization.periodic.dofs] = about["macroscopic"][name]
+            values[discretization.means.dofs] = about["macroscopic"][name]
     # Sums over ranks: one rank goes on with all of it.
     share, state = float(comm.rank == 0), about["state"]
     return Snapshot(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from dolfinx.mesh import compute_midpoints
 
+from ..assembly.means import lattice_of
 from ..base.parallel import global_sum
 from ..interface.interface import Interface
 from ..problem.problem import Problem
@@ -38,9 +39,8 @@ def identity(problem: Problem) -> dict[str, Any]:
         "thickness": float(problem.discretization.geometry.thickness),
         "number of interfaces": len(problem.interfaces),
     }
-    if problem.discretization.periodic is not None:
-        vectors = problem.discretization.periodic.lattice.vectors
-        result["sides of the cell"] = vectors.ravel().tolist()
+    if lattice := lattice_of(problem.discretization.means):
+        result["sides of the cell"] = lattice.vectors.ravel().tolist()
     if problem.discretization.bodies.plane_stress:
         result["plane"] = "stress"
     for tag, material in sorted(problem.materials.items()):

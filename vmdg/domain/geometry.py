@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..base.parallel import global_max
 from ..forms.dilatation import MeanAxisymmetric, MeanCartesian
-from ..forms.geometry import Axisymmetric, Cartesian, Geometry
+from ..forms.geometry import Axisymmetric, Cartesian, GeneralizedPlane, Geometry
 
 SYMMETRIES = (None, "axisymmetric")
 VOLUMETRIC = ("pointwise", "mean")
@@ -28,6 +28,7 @@ def make_geometry(
     volumetric: str = "pointwise",
     degree: int = 1,
     periodic: bool = False,
+    axial: bool = False,
 ) -> Geometry:
     """The geometry that the forms work with; collective.
 
@@ -38,6 +39,7 @@ def make_geometry(
         volumetric: "pointwise" or "mean".
         degree: Of the displacement.
         periodic: Whether the mesh is a periodic cell.
+        axial: Whether F_33 of a plane body is an unknown.
 
     Raises:
         ValueError: unknown word, a mesh that is no half section, a thickness that has no meaning,
@@ -60,7 +62,10 @@ def make_geometry(
         if not thickness > 0 or (d == 3 and thickness != 1):
             raise ValueError(f"Problem: thickness = {thickness} must be positive, and 1 in 3D")
         constant = fem.Constant(mesh, float(thickness)) if thickness != 1 else 1
-        return Cartesian(constant, fem.Constant(mesh, np.zeros((d, d))) if periodic else None)
+        macroscopic = fem.Constant(mesh, np.zeros((d, d))) if periodic else None
+        if axial:
+            return GeneralizedPlane(constant, macroscopic, axial=fem.Constant(mesh, 0.0))
+        return Cartesian(constant, macroscopic)
     if d != 2:
         raise ValueError(
             f"Problem: symmetry='axisymmetric' needs a 2D mesh, x = r and y = z; this one is {d}D"

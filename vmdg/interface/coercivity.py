@@ -36,6 +36,9 @@ M the softest deformation of A, the first eigenvalue above those that are 0 at r
 With mean dilatation the forms are those of :mod:`forms.dilatation`: GRAD u has the mean dilatation
 of the cell as one more entry, A and the fluxes have the derivatives by theta, and A that of p J.
 
+In generalized plane strain F_33 is a dof of every cell besides, for which the whole has one: (*) is
+asked for all the more.
+
 The form is (27) while everything is bonded, at a state without slip. The further term of (26)
 takes energy of the cells that no tau returns. A facet whose safety is a number takes its share
 of a cell's energy like any other.
@@ -58,6 +61,7 @@ from ..domain.materials import Bodies
 from ..domain.moduli import RegionExpressions, cell_moduli
 from ..domain.shapes import ShapeGradients
 from ..forms import kinematics
+from ..forms.geometry import GeneralizedPlane
 from ..forms.kinematics import Body
 from .facets import InterfaceFacets
 
@@ -129,6 +133,7 @@ class CellProblems:
         space, geometry = u.function_space, bodies.geometry
         mesh = space.mesh
         self._d = d = mesh.geometry.dim
+        self._axial = isinstance(geometry, GeneralizedPlane)
         self._entries = entries = geometry.entries(d)
         shapes = ShapeGradients(mesh, geometry, space.ufl_element().degree)
         self._cells, self._first, self._cell_of_pair = np.unique(
@@ -233,16 +238,16 @@ class CellProblems:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """R with E_K(u) = |R.u|^2 (cells, n, n), regular, and what compression adds (cells,)."""
         gradients, volumes = (values[cells] for values in self._bulk)
-        n, size = gradients.shape[2] * self._d, len(self._entries)
+        size = len(self._entries)
         A = self._moduli(self._region[cells], self._cells[cells])
         first, second = np.triu_indices(size)
         full = np.empty((*A.shape[:2], size, size))
         full[..., first, second] = full[..., second, first] = A
         L, pressed = _square_root(full, self._free)
         L *= np.sqrt(volumes)[:, :, None, None]
-        Y = _contract(L, gradients, dilatations).reshape(len(A), -1, n)
+        Y = self._columns(L, gradients, dilatations)
         scale = _REGULAR_CELL * np.abs(Y).max(axis=(1, 2))
-        Y = np.concatenate([Y, scale[:, None, None] * np.eye(n)], axis=1)
+        Y = np.concatenate([Y, scale[:, None, None] * np.eye(Y.shape[2])], axis=1)
         return np.linalg.qr(Y, mode="r"), pressed
 
     def _flux_factor(
@@ -262,7 +267,23 @@ class CellProblems:
         root = vectors * np.sqrt(np.maximum(values, 0))[:, None]
         H = np.einsum("pkm,pqke->pqem", root, H, optimize=True)
         H *= np.sqrt(areas)[:, :, None, None]
-        return _contract(H, gradients, dilatations).reshape(len(H), -1, gradients.shape[2] * d)
+        return self._columns(H, gradients, dilatations)
+
+    def _columns(
+        self,
+        tensor: NDArray[np.float64],
+        gradients: NDArray[np.float64],
+        dilatations: NDArray[np.float64] | None,
+    ) -> NDArray[np.float64]:
+        """tensor : GRAD by the dofs of a cell (cells, rows, n), see :func:`_contract`.
+
+        In generalized plane strain F_33 is one more, in the last column.
+        """
+        count, size = len(tensor), gradients.shape[2] * self._d
+        if not self._axial:
+            return _contract(tensor, gradients, dilatations).reshape(count, -1, size)
+        plane = _contract(tensor[:, :, :-1], gradients).reshape(count, -1, size)
+        return np.concatenate([plane, tensor[:, :, -1].reshape(count, -1, 1)], axis=2)
 
 
 def _square_root(

@@ -67,7 +67,7 @@ class FacetJets:
         self._gradients = np.stack([side.gradients for side in sides], axis=2)
 
     def of_gradient(self, gradient: Array) -> Array:
-        """Jet of E.X, which is the same everywhere: no opening, and E (d, d) on both sides."""
+        """Jet of E.X, which is the same everywhere: no opening, and E (n, n) on both sides."""
         entries = [gradient[entry] for entry in self.entries]
         return np.concatenate([np.zeros(self._d), entries, entries])
 

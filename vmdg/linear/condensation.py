@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ..assembly.means import lattice_of
 from ..base.parallel import global_sum
 from ..problem.problem import Problem
 from .ksp import Petsc, linear_options
@@ -65,8 +66,10 @@ def _refusal(problem: Problem, petsc: Petsc | None) -> str:
         return "a stabilization of the user's own may change"
     if problem.step.activation:
         return "facets open on demand"
-    if problem.discretization.periodic is not None:
+    if lattice_of(problem.discretization.means) is not None:
         return "periodic cell"
+    if problem.discretization.means is not None:
+        return "generalized plane strain"
     if not linear_options(problem, petsc).automatic:
         return "options.petsc are for the assembled tangent"
     return ""

@@ -13,7 +13,7 @@ from petsc4py import PETSc
 
 from dolfinx import fem
 
-from ..assembly.periodic import PeriodicSpace
+from ..assembly.means import MeanSpace, lattice_of
 from ..assembly.space import count_pieces
 from ..base.timers import timer
 from ..domain.geometry import rigid_motions
@@ -347,7 +347,7 @@ def set_rigid_modes(
     space: fem.FunctionSpace,
     geometry: Geometry,
     matrix: PETSc.Mat,
-    periodic: PeriodicSpace | None = None,
+    means: MeanSpace | None = None,
 ) -> None:
     """Tell multigrid the motions without strain: translations, rotations, along z in axisymmetry.
 
@@ -359,11 +359,11 @@ def set_rigid_modes(
     x = space.tabulate_dof_coordinates()[:owned]
     modes = rigid_motions(x[:, :d], geometry)
     basis: list[PETSc.Vec] = []
-    for mode in modes if periodic is None else modes[:d]:
+    for mode in modes if lattice_of(means) is None else modes[:d]:
         vector = matrix.createVecRight()
         vector.array[:] = mode.ravel()
-        if periodic is not None:
-            vector.array[periodic.owned_dofs] = 0.0
+        if means is not None:
+            vector.array[means.owned_rows] = 0.0
         for other in (*basis, *basis):  # twice: rounding of far-off origins
             vector.axpy(-vector.dot(other), other)
         vector.normalize()

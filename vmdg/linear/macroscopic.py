@@ -16,23 +16,25 @@ def macroscopic_tangent(problem: Problem, petsc: Petsc | None = None) -> NDArray
 
     At small strain d sigma_ij/dE_kl. It is the tangent of the last step, consistent with its return
     maps as Newton's is, with all of F_bar at hand, whatever leads the cell: the fluctuation is
-    eliminated by one factorization and d^2 solves.
+    eliminated by one factorization and a solve for every component.
 
     Args:
         problem: A periodic cell at the end of a step, in a monitor for example.
         petsc: Options for KSP and PC, without prefix; None for those that fit.
 
     Returns:
-        (d, d, d, d).
+        (n, n, n, n), n = 3 in generalized plane strain, else d.
 
     Raises:
         ValueError: the problem is no periodic cell.
     """
     cell, parts = PeriodicCell(problem), problem.discretization
     parts.update_means()
-    periodic, d = parts.periodic, problem.mesh.geometry.dim
+    means = parts.means
     system = AssembledSystem(problem, petsc)
-    dofs = problem.comm.bcast(periodic.dofs.ravel())
-    stiffness = system.condensed(periodic.unit_vectors(dofs))
+    stiffness = system.condensed(means.unit_vectors(problem.comm.bcast(means.dofs)))
     system.free()
-    return (stiffness * periodic.lattice.length**2 / cell.volume).reshape(4 * (d,))
+    result = np.zeros(4 * cell.gradient.shape[:1])
+    i, j = np.transpose(means.entries)
+    result[i[:, None], j[:, None], i, j] = stiffness * means.length**2 / cell.volume
+    return result

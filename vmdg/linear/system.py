@@ -10,6 +10,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
+from ..assembly.means import lattice_of
 from ..base.parallel import global_any, global_sum
 from ..problem.problem import Problem
 from .capacitance import Capacitance
@@ -104,24 +105,27 @@ class AssembledSystem:
         self._linear = LinearSolver(matrix, linear.solver, linear.fallback)
         if self._linear.multigrid:
             parts = problem.discretization
-            set_rigid_modes(parts.space, parts.geometry, matrix, parts.periodic)
+            set_rigid_modes(parts.space, parts.geometry, matrix, parts.means)
             self._apart = pieces_apart(problem) > 0
         self._x, self._b = matrix.createVecs()
         loading = problem.loading
-        self._periodic = problem.discretization.periodic
-        # Faces have one unknown motion or a few, which are found in the end, and so are unknown
-        # components of the mean gradient of a periodic cell.
+        self._means = problem.discretization.means
+        # Faces have one unknown motion or a few, which are found in the end, and so are means that
+        # are not prescribed.
         self._faces, self._motions = loading.rigid.dofs, loading.rigid.columns
-        if self._periodic is not None:
-            self._release_gradient(loading.owned_prescribed)
+        self._rigid = len(self._motions)
+        if self._means is not None:
+            self._release_means(loading.owned_prescribed)
         self._prescribed = np.concatenate([loading.owned_prescribed, self._faces])
         self._released = False
         self._last: list[Array] = []
 
-    def _release_gradient(self, prescribed: NDArray[np.int32]) -> None:
-        """Take the components of the mean gradient that are not prescribed as motions."""
-        self._faces = np.setdiff1d(self._periodic.owned_dofs, prescribed)
-        self._motions = self._periodic.unit_vectors(self._comm.bcast(self._faces))
+    def _release_means(self, prescribed: NDArray[np.int32]) -> None:
+        """Take the means that are not prescribed as motions besides those of rigid faces."""
+        free = np.setdiff1d(self._means.owned_dofs, prescribed)
+        motions = self._means.unit_vectors(self._comm.bcast(free))
+        self._faces = np.concatenate([self._faces, free])
+        self._motions = np.concatenate([self._motions, motions])
 
     @property
     def iterations(self) -> int:
@@ -198,7 +202,15 @@ class AssembledSystem:
             self._x.array[:] = motion
             self._matrix.multTranspose(self._x, self._b)
             row[:] = self._b.array + self._of_gradient(motion, adjoint=True)
+        if self._means is not None and self._rigid:
+            self._add_works_on_axial(rows, motions)
         return rows
+
+    def _add_works_on_axial(self, rows: Array, motions: Array) -> None:
+        """Add T^T.K.q of motions of nodes, those of rigid faces, with F_33: the matrix lacks it."""
+        unit = self._means.unit_vectors(self._comm.bcast(self._means.owned_dofs))[0]
+        works = global_sum(self._comm, motions[: self._rigid] @ self._of_gradient(unit))
+        rows[: self._rigid] += np.outer(works, unit)
 
     def _release(self, works: Array, forces: Array, found: Array) -> list[Array]:
         """Let rigid faces move until the forces on them are those given; collective.
@@ -222,7 +234,7 @@ class AssembledSystem:
             [len(moving)],
             axis=1,
         )
-        nothing = 0.0 if self._periodic is None else UNHELD * self.norm
+        nothing = 0.0 if lattice_of(self._means) is None else UNHELD * self.norm
         try:
             if nothing:
                 left, sizes, right = np.linalg.svd(stiffness)
@@ -246,11 +258,11 @@ class AssembledSystem:
         return self._b.array + self._of_gradient(du)
 
     def _of_gradient(self, du: Array, adjoint: bool = False) -> Array | float:
-        """What K, or its transpose, makes of the mean gradient in ``du``; the matrix knows the
-        fluctuation only."""
-        if self._periodic is None:
+        """What K, or its transpose, makes of the means in ``du``; the matrix knows displacements
+        without them only."""
+        if self._means is None:
             return 0.0
-        gradient = self._periodic.gradient_of_owned(du)
+        gradient = self._means.gradient_of_owned(du)
         return self._discretization.uniform_forces(gradient, adjoint) if gradient.any() else 0.0
 
     def free(self) -> None:

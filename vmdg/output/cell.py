@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
 from dolfinx import fem
 from numpy.typing import NDArray
 
 from ..assembly.dirichlet import AXES
-from ..assembly.periodic import PeriodicSpace
+from ..assembly.means import MeanSpace, lattice_of
 from ..base.parallel import global_sum
 from ..interface.interface import interface_names
 from ..problem.problem import Problem
@@ -21,7 +19,13 @@ Array = NDArray[np.float64]
 def whole_displacement(problem: Problem) -> fem.Function:
     """Displacement u, of a periodic cell H.X + w as of now, on the broken space [mm]."""
     now = problem.discretization
-    return now.u if now.periodic is None else now.periodic.displacement(now.u.x.array)
+    return now.u if now.means is None else now.means.displacement(now.u.x.array)
+
+
+def forces_on_means(problem: Problem) -> Array:
+    """Forces on H by all stresses and tractions (n, n), n = 3 with F_33; collective [N mm]."""
+    now = problem.discretization
+    return now.means.forces_on_means(now.forces.x.array + problem.loading.vector)
 
 
 class PeriodicCell:
@@ -35,7 +39,7 @@ class PeriodicCell:
     """
 
     def __init__(self, problem: Problem):
-        if problem.discretization.periodic is None:
+        if lattice_of(problem.discretization.means) is None:
             raise ValueError(
                 "PeriodicCell: the problem is a body with a surface; make it a cell by "
                 "Problem(..., periodic=vmdg.Periodic(...))"
@@ -43,8 +47,8 @@ class PeriodicCell:
         self._problem = problem
 
     @property
-    def _space(self) -> PeriodicSpace:
-        return self._problem.discretization.periodic
+    def _space(self) -> MeanSpace:
+        return self._problem.discretization.means
 
     @property
     def vectors(self) -> Array:
@@ -59,28 +63,24 @@ class PeriodicCell:
 
     @property
     def gradient(self) -> Array:
-        """Mean deformation gradient F_bar (d, d)."""
+        """Mean deformation gradient F_bar (n, n), n = 3 in generalized plane strain, else d."""
         H = self._space.gradient(self._problem.discretization.u.x.array)
         return np.eye(len(H)) + H
 
     @property
     def strain(self) -> Array:
-        """Symmetric part of F_bar - I (d, d), at small strain the mean strain E_bar."""
+        """Symmetric part of F_bar - I (n, n), at small strain the mean strain E_bar."""
         F = self.gradient
         return (F + F.T) / 2 - np.eye(len(F))
 
     @property
     def stress(self) -> Array:
-        """Mean stress P_bar (d, d), the force on H by the volume; collective [MPa].
+        """Mean stress P_bar (n, n), the force on H by the volume; collective [MPa].
 
         Conjugate to F_bar in the weak form: V P_bar:dF_bar is the work of all stresses and
         tractions of the cell on GRAD u = dF_bar.
         """
-        now = self._problem.discretization
-        forces = now.forces.x.array + self._problem.loading.vector
-        lattice = self._space.lattice
-        mine = forces[self._space.dofs] if now.mesh.comm.rank == 0 else np.zeros_like(self.vectors)
-        return global_sum(now.mesh.comm, mine) * lattice.length / self.volume
+        return forces_on_means(self._problem) / self.volume
 
     def hill_mandel(self) -> float:
         """How far the last step is from the condition of Hill and Mandel; collective.
@@ -97,7 +97,7 @@ class PeriodicCell:
         forces = now.forces.x.array[: now.owned].copy()
         forces[self._space.owned_dofs] = 0
         work = global_sum(now.mesh.comm, forces @ change[: now.owned])
-        length = self._space.lattice.length
+        length = self._space.length
         force = max(step.scales.reaction, self.volume * np.linalg.norm(self.stress) / length)
         scale = force * length * np.linalg.norm(self._space.gradient(change))
         return float(work / max(scale, np.finfo(float).tiny))
@@ -119,12 +119,11 @@ class PeriodicCell:
         measure = self.strain if small else self.gradient
         name, stress = "strain" if small else "gradient", self.stress
         row: dict[str, float] = {}
-        for i, j in product(range(len(stress)), repeat=2):
-            if not small or i <= j:
-                row[f"{name}_{AXES[i] + AXES[j]} [-]"] = float(measure[i, j])
-        for i, j in product(range(len(stress)), repeat=2):
-            if not small or i <= j:
-                row[f"stress_{AXES[i] + AXES[j]} [MPa]"] = float(stress[i, j])
+        entries = [(i, j) for i, j in self._space.entries if not small or i <= j]
+        for i, j in entries:
+            row[f"{name}_{AXES[i] + AXES[j]} [-]"] = float(measure[i, j])
+        for i, j in entries:
+            row[f"stress_{AXES[i] + AXES[j]} [MPa]"] = float(stress[i, j])
         names = interface_names(self._problem.interfaces)
         integrals = [traction_integrals(state) for state in self._problem.state]
         for name, (normal, shear, area) in zip(

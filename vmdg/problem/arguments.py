@@ -10,7 +10,13 @@ from petsc4py import PETSc
 import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import Mesh, MeshTags, compute_midpoints, exterior_facet_indices
+from dolfinx.mesh import (
+    Mesh,
+    MeshTags,
+    compute_midpoints,
+    exterior_facet_indices,
+    locate_entities,
+)
 from numpy.typing import ArrayLike, NDArray
 
 from .. import compat
@@ -19,13 +25,14 @@ from ..base.parallel import raise_together
 from ..domain.lattice import Lattice
 from ..domain.materials import cell_values
 from ..domain.tags import Group
-from ..domain.topology import facet_cells
+from ..domain.topology import cells_inside, facet_cells
 from ..forms.materials import Material
 from ..interface.facets import InterfaceFacets
 from ..interface.interface import Interface, interface_names
 
 KINEMATICS = ("finite", "small")
-PLANES = ("strain", "stress")
+GENERALIZED = "generalized strain"
+PLANES = ("strain", GENERALIZED, "stress")
 #: Stress at F = I relative to the moduli that rounding may leave.
 RESTS = 1e-9
 
@@ -144,15 +151,23 @@ def check_plane(
     """Whether a problem is one of plane stress.
 
     Raises:
-        ValueError: an unknown word, what has no meaning in plane stress, a material that is tilted
-            out of the plane, or one without the stretch of its thickness.
+        ValueError: an unknown word, what has no meaning in plane stress or generalized plane
+            strain; in plane stress a material that is tilted out of the plane, or one without the
+            stretch of its thickness.
     """
     if plane not in PLANES:
         raise ValueError(f"Problem: plane = {plane!r} must be one of {PLANES}")
     if plane == "strain":
         return False
     if mesh.geometry.dim != 2 or symmetry is not None:
-        raise ValueError("Problem: plane='stress' is for plane bodies: a 2D mesh, symmetry=None")
+        raise ValueError(f"Problem: plane={plane!r} is for plane bodies: a 2D mesh, symmetry=None")
+    if plane == GENERALIZED:
+        if volumetric != "pointwise":
+            raise ValueError(
+                f"Problem: plane={plane!r} does not go with volumetric={volumetric!r}; take "
+                "degree=2 near incompressibility"
+            )
+        return False
     if volumetric != "pointwise":
         raise ValueError(
             "Problem: bodies in plane stress do not lock near incompressibility, their thickness "
@@ -169,8 +184,8 @@ def check_plane(
             raise ValueError(
                 f"Problem: the {type(material).__name__} of tag {tag} has no closed form of the "
                 "stretch of the thickness, which plane='stress' needs at finite strain; use "
-                "NeoHookean or Orthotropic, kinematics='small', or a subclass of Material with "
-                "free_stretch(F, parameters)"
+                "NeoHookean or Orthotropic, kinematics='small', a sheet of one cell in 3D, or a "
+                "subclass of Material with free_stretch(F, parameters)"
             )
     return True
 
@@ -326,27 +341,39 @@ def check_faces(
         facets: Theirs.
 
     Raises:
-        ValueError: opposite faces do not match, or two groups that such an interface is between
-            meet across the boundary.
+        ValueError: opposite faces do not match, two groups that such an interface is between meet
+            across the boundary, or its predicate or the change of sign of its level set is there.
     """
+
+    def everywhere(values: NDArray) -> NDArray:
+        return np.concatenate(comm.allgather(values))
+
     comm, dim = mesh.comm, mesh.topology.dim
     mesh.topology.create_connectivity(dim - 1, dim)
     outer = exterior_facet_indices(mesh.topology)
     middle = compute_midpoints(mesh, dim - 1, outer)[:, : mesh.geometry.dim]
-    found = comm.allgather((middle, tags[facet_cells(mesh)[outer, 0]]))
-    middle, groups = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    cells, middle = facet_cells(mesh)[outer, 0], everywhere(middle)
     faces = lattice.images(middle[:, None])
-    across = np.sort(groups[faces], axis=1)
+    across = np.sort(everywhere(tags[cells])[faces], axis=1)
     for interface, selected in zip(interfaces, facets, strict=True):
-        if interface.between is None or not interface.law.inelastic:
+        if not interface.law.inelastic:
             continue
-        own = np.sort(tags[selected.cells], axis=1)
-        between = np.unique(np.concatenate(comm.allgather(own)), axis=0)
-        meet = (across[:, None] == between).all(axis=2).any(axis=1)
-        if meet.any():
-            place = middle[faces[np.argmax(meet), 0]].round(6).tolist()
+        remedy = "shift the cell so that its boundary runs through the bodies"
+        if interface.between is not None:
+            between = np.unique(everywhere(np.sort(tags[selected.cells], axis=1)), axis=0)
+            lies = (across[:, None] == between).all(axis=2).any(axis=1)
+        elif interface.level_set is not None:
+            lies = np.diff(everywhere(cells_inside(mesh, interface.level_set)[cells])[faces])[:, 0]
+            remedy += ", or select what is meant inside of it by facets="
+        elif callable(interface.facets):
+            chosen = locate_entities(mesh, dim - 1, interface.facets)
+            lies = everywhere(np.isin(outer, chosen))[faces].any(axis=1)
+            remedy += ", or leave its boundary out of facets="
+        else:
+            continue
+        if lies.any():
+            place = middle[faces[np.argmax(lies), 0]].round(6).tolist()
             raise ValueError(
                 f"Periodic: {interface} would lie on the boundary of the cell at {place}, where "
-                "opposite faces are tied and nothing fails; shift the cell so that its boundary "
-                "runs through the bodies"
+                f"opposite faces are tied and nothing fails; {remedy}"
             )

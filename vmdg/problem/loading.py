@@ -16,9 +16,11 @@ from ..assembly.dirichlet import (
     Where,
     find_boundary_facets,
     find_nodes,
+    nodes_where,
 )
 from ..assembly.discretization import Discretization
 from ..assembly.loads import DeadLoads
+from ..assembly.means import lattice_of
 from ..assembly.rigid import RigidFaces
 from ..assembly.surface import Share
 from ..assembly.values import Value, value_at
@@ -26,6 +28,7 @@ from ..base.parallel import global_any, raise_together
 from ..domain.geometry import axis_dofs
 from ..domain.tags import Group, group_tag
 from ..domain.topology import Locator, facet_cells, refuse_facets
+from ..forms.geometry import GeneralizedPlane
 from ..interface.activation import Activation
 from ..interface.interface import Interface, number_of
 from .arguments import check_condition, check_rigid_face
@@ -37,11 +40,12 @@ PROBES, STRAIGHT = (0.382, 0.5), 1e-9
 
 
 class Drive(NamedTuple):
-    """What leads one component of H = F_bar - I, the mean gradient of a periodic cell.
+    """What leads one component of H = F_bar - I, the mean gradient of a periodic cell, or F_33 - 1.
 
     Attributes:
         row, column: i and j of H_ij.
-        prescribed: Whether H_ij is given; else the mean stress P_ij is [MPa].
+        prescribed: Whether H_ij is given; else the mean stress P_ij is [MPa], or the force along z
+            [N].
         value: A number or f(t).
     """
 
@@ -136,8 +140,8 @@ class Loading:
         """Load the space of another discretization from now on."""
         self._discretization, space = discretization, discretization.space
         self._vector: NDArray[np.float64] | None = None
-        cell, geometry = discretization.periodic, discretization.geometry
-        zeros = axis_dofs(space, geometry) if cell is None else cell.held
+        means, geometry = discretization.means, discretization.geometry
+        zeros = axis_dofs(space, geometry) if means is None else means.held
         self.dirichlet = DirichletConditions(space, zeros)
         self.rigid = RigidFaces(discretization.u, geometry)
         self._loads = DeadLoads(discretization.u, geometry)
@@ -148,13 +152,17 @@ class Loading:
             self._ray = self._ray_between(self._ray.start, self._ray.end)
         self.move(self.t)
 
-    def _add(self, impose: Callable[[Loading], None]) -> None:
+    def _add(self, impose: Callable[[Loading], None], of_means: bool = False) -> None:
         """Impose a load or prescribed displacement now, and on every space that follows.
+
+        Args:
+            impose: Does so in the present space.
+            of_means: It leads a mean, as it may in a periodic cell.
 
         Raises:
             ValueError: it does not go with a rigid face or a periodic cell, and is not imposed.
         """
-        if self._discretization.periodic is not None and self._given:
+        if lattice_of(self._discretization.means) is not None and not of_means:
             raise ValueError(
                 "a periodic cell takes no supports and loads: the mean strain or stress of "
                 "Periodic(...) is its load, and its boundary is the middle of the material"
@@ -209,7 +217,7 @@ class Loading:
         def impose(loading: Loading) -> None:
             u, space = loading._discretization.u, loading._discretization.space
             if callable(where):
-                dofs = fem.locate_dofs_geometrical(space, where)
+                dofs = nodes_where(space, where)
             else:
                 dofs = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, where)
             start = u.x.array.reshape(-1, space.dofmap.index_map_bs)[dofs] if relative else None
@@ -233,28 +241,32 @@ class Loading:
             return self._ray.at(self._ray.prescribed, t)
         return self.dirichlet.values(t)
 
-    # Periodic cells
+    # Means
 
-    def drive_cell(self, drives: Sequence[Drive]) -> None:
-        """Lead the mean gradient of a periodic cell by these components, see
-        :class:`vmdg.Periodic`."""
-        self._add(lambda loading: loading._drive_cell(drives))
+    def drive_means(self, drives: Sequence[Drive]) -> None:
+        """Lead the mean gradient of a periodic cell, see :class:`vmdg.Periodic`, and F_33, see
+        :class:`vmdg.GeneralizedStrain`, by these components."""
+        if drives:
+            self._add(lambda loading: loading._drive_means(drives), of_means=True)
 
-    def _drive_cell(self, drives: Sequence[Drive]) -> None:
-        cell, geometry = self._discretization.periodic, self._discretization.geometry
-        length = cell.lattice.length
-        area = cell.lattice.volume * float(geometry.thickness) / length
+    def _drive_means(self, drives: Sequence[Drive]) -> None:
+        means, geometry = self._discretization.means, self._discretization.geometry
+        d, length = self._mesh.geometry.dim, means.length
         for drive in drives:
+            axial = drive.column == d
+            area = float(geometry.thickness) * (1.0 if axial else means.lattice.volume) / length
             factor = length if drive.prescribed else area
 
             def value(t: float, given: Value = drive.value, factor: float = factor) -> Array:
                 return factor * value_at(given, t)
 
-            node = cell.macroscopic[drive.column : drive.column + 1]
+            place = means.entries.index((drive.row, drive.column))
+            node, component = divmod(means.dofs[place : place + 1], d)
             if drive.prescribed:
-                self.dirichlet.add(node, value, drive.row, "Periodic")
+                what = "GeneralizedStrain" if axial else "Periodic"
+                self.dirichlet.add(node, value, int(component[0]), what)
             else:
-                self._loads.add_point_load(node, value, drive.row)
+                self._loads.add_point_load(node, value, int(component[0]))
 
     # Rigid faces
 
@@ -440,11 +452,12 @@ class Loading:
                 "pressure: a UFL expression cannot be followed along the load; give a number, f(t) "
                 "or f(x, t) at points x (3, n)"
             )
-        if self._bodies.plane_stress and not self._bodies.small:
+        thickens = self._bodies.plane_stress or isinstance(self._bodies.geometry, GeneralizedPlane)
+        if thickens and not self._bodies.small:
             raise ValueError(
-                "pressure: a surface of a body in plane stress becomes thinner or thicker as it "
-                "strains, which follower loads do not know; use traction(), plane='strain', 3D, or "
-                "kinematics='small'"
+                "pressure: a surface of a body in plane stress or generalized plane strain becomes "
+                "thinner or thicker as it strains, which follower loads do not know; use "
+                "traction(), plane='strain', 3D, or kinematics='small'"
             )
         if isinstance(where, Interface | str):
             self._add_fluid(where, value, debonded, share)

@@ -36,7 +36,8 @@ class Periodic:
     of them is zero, F_yx unless its stress is given.
 
     Opposite faces must be meshed alike. Interfaces may cross them. The boundary itself is no
-    interface: where two bodies meet across it they are tied.
+    interface: where two bodies meet across it they are tied, and an interface that would lie there
+    is refused.
 
     Args:
         strain: Mean strain E_bar at small strain, components by name ("xy" is the component of the

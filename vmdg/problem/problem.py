@@ -16,6 +16,7 @@ from ufl.core.expr import Expr
 
 from ..assembly.dirichlet import Where, find_boundary_facets, find_nodes
 from ..assembly.discretization import Discretization
+from ..assembly.means import lattice_of
 from ..assembly.stress import CauchyStress
 from ..assembly.surface import BROKEN, Share
 from ..assembly.values import Value
@@ -35,6 +36,7 @@ from ..interface.interface import Interface, InterfaceList, Which, interface_nam
 from ..interface.points import InterfaceState
 from ..interface.stabilization import Stabilization
 from .arguments import (
+    GENERALIZED,
     check_approximation,
     check_faces,
     check_mesh,
@@ -44,6 +46,7 @@ from .arguments import (
     checked_interfaces,
     checked_materials,
 )
+from .axial import GeneralizedStrain, generalized
 from .eigenstrain import checked_eigenstrains
 from .loading import Loading
 from .periodic import Periodic, checked_periodic
@@ -81,9 +84,11 @@ class Problem:
             incompressibility.
         periodic: How the mesh repeats and what leads its means, see :class:`Periodic`; None for a
             body with a surface.
-        plane: "strain", or "stress" for thin sheets, in the bodies and in the tractions of their
-            interfaces: F_33 is such that P_33 vanishes. At finite strain materials need a
-            ``free_stretch`` (:class:`NeoHookean` and :class:`Orthotropic` have one).
+        plane: "strain"; "generalized strain", in which F_33 is one number for the whole body, such
+            that no force acts along z, or as :class:`GeneralizedStrain` says; or "stress" for thin
+            sheets, in the bodies and in the tractions of their interfaces: F_33 is such that P_33
+            vanishes. At finite strain materials need a ``free_stretch`` for that
+            (:class:`NeoHookean` and :class:`Orthotropic` have one).
 
     Attributes:
         mesh: As given.
@@ -113,21 +118,25 @@ class Problem:
         symmetry: str | None = None,
         volumetric: str = "pointwise",
         periodic: Periodic | None = None,
-        plane: str = "strain",
+        plane: str | GeneralizedStrain = "strain",
     ):
         self.interfaces = checked_interfaces(interfaces)
         check_mesh(mesh, cell_tags)
         check_approximation(mesh, degree, kinematics)
         repeats = checked_periodic(periodic) is not None
-        geometry = make_geometry(mesh, symmetry, thickness, volumetric, degree, repeats)
+        names = names_of(cell_tags)
+        materials = by_tag(checked_materials(materials), names, "materials")
+        axial = generalized(plane)
+        word = GENERALIZED if axial else plane
+        stress_only = check_plane(mesh, word, materials, kinematics, symmetry, volumetric)
+        geometry = make_geometry(
+            mesh, symmetry, thickness, volumetric, degree, repeats, axial is not None
+        )
         check_ghosts(mesh)
         check_cells(mesh)
         self.mesh = mesh
         self.comm = mesh.comm
-        names = names_of(cell_tags)
-        materials = by_tag(checked_materials(materials), names, "materials")
         check_rest(mesh, materials)
-        stress_only = check_plane(mesh, plane, materials, kinematics, symmetry, volumetric)
         self.materials = MappingProxyType(materials)
         tags = tags_of_cells(mesh, cell_tags)
         lattice = make_lattice(mesh, periodic.vectors) if repeats else None
@@ -143,8 +152,9 @@ class Problem:
         discretization = Discretization(mesh, bodies, self.interfaces, opened, degree, lattice)
         self.loading = Loading(discretization, activation, names)
         self.load_factor = self.loading.load_factor
-        if repeats:
-            self.loading.drive_cell(periodic.drives(self.comm, mesh.geometry.dim, bodies.small))
+        drives = periodic.drives(self.comm, mesh.geometry.dim, bodies.small) if repeats else []
+        drives += axial.drives(self.comm) if axial else []
+        self.loading.drive_means(drives)
         self.step = Step(discretization, activation, self.loading)
 
     @property
@@ -457,7 +467,7 @@ class Problem:
     def _force_on(self, nodes: NDArray[np.int32]) -> NDArray[np.float64]:
         """Sum of the forces of supports on nodes, block numbers (d,) [N]; collective."""
         parts = self.discretization
-        if parts.periodic is not None:
+        if lattice_of(parts.means) is not None:
             raise ValueError(
                 "reaction: nothing holds a periodic cell, which goes on beyond its boundary; its "
                 "mean gradient takes vmdg.PeriodicCell(problem).stress times the volume"

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..assembly.discretization import Discretization
+from ..assembly.means import lattice_of
 from ..assembly.space import at_owners
 from ..base.parallel import global_any, global_max, global_sum, warn_together
 from ..interface.activation import Activation, Utilization
@@ -351,7 +352,7 @@ class Step:
             return now
         facets = self.activation.facets_among(marks)
         interfaces = self.activation.interfaces
-        lattice = None if now.periodic is None else now.periodic.lattice
+        lattice = lattice_of(now.means)
         return Discretization(now.mesh, now.bodies, interfaces, facets, now.degree, lattice)
 
     def open_facets(self, utilization: Utilization) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from ..assembly.means import lattice_of
 from ..assembly.space import node_pieces
 from ..base.parallel import global_max, global_sum
 from ..domain.geometry import rigid_motions
@@ -83,17 +84,17 @@ def _gram(
     With springs their work m.K.m besides, in a periodic cell what motions of opposite nodes differ
     by: a body that goes on beyond the boundary does not rotate.
     """
-    held, periodic = problem.loading.owned_prescribed, problem.discretization.periodic
-    if periodic is not None:
-        held = np.setdiff1d(held, periodic.owned_dofs)
+    held, means = problem.loading.owned_prescribed, problem.discretization.means
+    if means is not None:
+        held = np.setdiff1d(held, means.owned_rows)
     part, m = _motions_at(problem, label, parts, held)
     gram = np.zeros((len(parts), m.shape[1], m.shape[1]))
     np.add.at(gram, part, m[:, :, None] * m[:, None, :])
-    if periodic is not None:
-        nodes, (here, there) = periodic.shifts()
+    if lattice_of(means) is not None:
+        nodes, (here, there) = means.shifts()
         geometry, size = problem.discretization.geometry, _size(problem)
         m = rigid_motions(here / size, geometry) - rigid_motions(there / size, geometry)
-        part = _part_of_nodes(problem, label, parts)[periodic.nodes[nodes]]
+        part = _part_of_nodes(problem, label, parts)[means.nodes[nodes]]
         np.add.at(gram, part, np.einsum("mni,kni->nmk", m, m))
     surface = problem.discretization.surface
     if surface.sprung:

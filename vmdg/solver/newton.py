@@ -287,13 +287,13 @@ class Newton:
         return (residuals[1] - residuals[0]) / DRAG_INCREMENT
 
     def _reaction(self) -> float:
-        """Norm of the reactions of the last assembly, those of springs among them, of a periodic
-        cell that of the mean stress, given or not [N]."""
+        """Norm of the reactions of the last assembly, those of springs among them, and the
+        forces on means, given or not [N]."""
         parts, loading = self._problem.discretization, self._problem.loading
         forces = parts.forces.x.array[: self.owned]
         held = forces - loading.balance(forces.copy())
-        if parts.periodic is not None:
-            dofs = parts.periodic.owned_dofs
+        if parts.means is not None:
+            dofs = parts.means.owned_dofs
             held[dofs] = forces[dofs] + loading.vector[dofs]
         return global_norm(self._comm, np.append(held, parts.surface.spring_forces()))
 

@@ -8,9 +8,11 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from ..assembly.means import lattice_of
 from ..base.parallel import global_any
 from ..base.timers import timer, timings, timings_since
 from ..checkpoint.checkpoint import write_checkpoint
+from ..output.axial import AxialMotion
 from ..output.cell import PeriodicCell
 from ..output.history import History, HistoryFile
 from ..problem.checks import check_model, checked_loads, checked_row
@@ -133,8 +135,10 @@ def _add_row(
     }
     if any(interface.law.inelastic for interface in problem.interfaces):
         row["sliding [-]"] = problem.step.watch_sliding()
-    if problem.discretization.periodic is not None:
+    if lattice_of(problem.discretization.means) is not None:
         row |= PeriodicCell(problem).row()
+    elif problem.discretization.means is not None:
+        row |= AxialMotion(problem).row()
     if options.energy:
         energy = problem.energy()
         energies = asdict(energy) | {"imbalance": energy.imbalance}

@@ -59,12 +59,13 @@ def turn(problem: Problem) -> bool:
 
     Returns:
         False, and nothing has changed, where it is not, at small strain, where faces are rigid,
-        which do not turn so far, or in a periodic cell, whose mean gradient turns all of it.
+        which do not turn so far, or where means are unknowns: the mean gradient of a periodic cell
+        turns all of it.
     """
     parts, loading = problem.discretization, problem.loading
     if parts.bodies.small or loading.rigid or isinstance(parts.geometry, Axisymmetric):
         return False
-    if parts.periodic is not None:
+    if parts.means is not None:
         return False
     space, d = parts.space, parts.space.dofmap.index_map_bs
     u, owned = problem.u.x.array, parts.owned

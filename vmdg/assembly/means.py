@@ -1,4 +1,4 @@
-"""The space of a periodic cell: fluctuations that repeat, and the macroscopic gradient.
+"""The space of a body of which means are unknowns: of a periodic cell, in generalized plane strain.
 
 The displacement of a cell with sides a_i is
 
@@ -12,9 +12,14 @@ Column j of H is the displacement of one more node j of no cell, q_j = l H.e_j [
 of the cell. All that is done to displacements of nodes can be done to these: they are prescribed,
 unknown, followed along a path, and the force that works on q_j is V P_bar.e_j / l, with P_bar the
 mean stress.
+
+In generalized plane strain F_33 - 1 is known in the same way: of one more node, with or without a
+cell around, the first displacement is q = l (F_33 - 1), and the second one is held.
 """
 
 from __future__ import annotations
+
+from itertools import product
 
 import numpy as np
 from dolfinx import fem, la
@@ -24,64 +29,81 @@ from numpy.typing import NDArray
 from ..base.graph import components
 from ..base.parallel import global_sum
 from ..domain.lattice import Lattice
-from ..domain.topology import facet_cells, local_facets
+from ..domain.topology import box_sides, facet_cells, local_facets
 from .space import facet_closure, renumbered
 
 Array = NDArray[np.float64]
 
 
-class PeriodicSpace:
-    """The space of w and of the macroscopic nodes.
+class MeanSpace:
+    """The space of a displacement and of nodes of no cell, whose displacements are means.
 
     Args:
         broken: Space of the whole displacement, in which opposite faces do not know each other.
-        lattice: Of the cell.
+        lattice: Of a periodic cell; None for a body with a surface, which has no mean gradient.
+        axial: Whether F_33 is an unknown.
 
     Attributes:
         lattice: As given.
         broken: As given.
         space: Of w.
         nodes: Node of ``space`` for every local node of ``broken``.
-        macroscopic: Local nodes (d,) of the columns of H, on every rank; the first one owns them.
-        held: Local dofs (component-wise numbers) of the one node that is held: w is known but for
-            a translation.
+        length: l [mm].
+        entries: (i, j) of the means H_ij; (2, 2) is F_33 - 1.
+        dofs: Local dofs (component-wise numbers) of the means, on every rank; the first one owns
+            them.
+        rows: The same of all dofs of nodes of no cell.
+        held: Local dofs that are zero: those of one node of a periodic cell, whose w is known but
+            for a translation, and of the node of F_33 the other one.
         x: Places of the nodes of ``broken`` from the centre of the cell (n, d) [mm].
     """
 
-    def __init__(self, broken: fem.FunctionSpace, lattice: Lattice):
+    def __init__(self, broken: fem.FunctionSpace, lattice: Lattice | None, axial: bool):
         self.lattice, self.broken = lattice, broken
         mesh, imap = broken.mesh, broken.dofmap.index_map
         self._comm, self._d = mesh.comm, mesh.geometry.dim
-        self.x = broken.tabulate_dof_coordinates()[:, : self._d] - lattice.centre
-        numbers, size_local, columns = self._number(*_merged(broken, lattice))
-        self.space, self.macroscopic = renumbered(
-            broken, numbers[broken.dofmap.list], size_local, columns
-        )
+        d = self._d
+        x = broken.tabulate_dof_coordinates()[:, :d]
+        self.entries = [] if lattice is None else list(product(range(d), repeat=2))
+        self.entries += [(2, 2)] * axial
+        columns = sorted({j for _, j in self.entries})
+        none = np.zeros(0, dtype=np.int64)
+        merged = (none, none) if lattice is None else _merged(broken, lattice)
+        numbers, size_local, more = self._number(*merged, len(columns))
+        self.space, nodes = renumbered(broken, numbers[broken.dofmap.list], size_local, more)
+        of_column = dict(zip(columns, nodes * d, strict=True))
+        dofs = [of_column[j] + (i if j < d else 0) for i, j in self.entries]
+        self.dofs = np.array(dofs, dtype=np.int32)
+        self.rows = (nodes[:, None] * d + np.arange(d, dtype=np.int32)).ravel()
         self.nodes = np.zeros(imap.size_local + imap.num_ghosts, dtype=np.int32)
         self.nodes[broken.dofmap.list] = self.space.dofmap.list
-        first = self._first_node(numbers)
-        nodes = np.unique(self.nodes[numbers == first])
-        self.held = (nodes[:, None] * self._d + np.arange(self._d, dtype=np.int32)).ravel()
+        self.held = np.setdiff1d(self.rows, self.dofs)
+        self.x, self.length = x, float(np.sqrt(np.prod(box_sides(mesh)[:d])))
+        if lattice is not None:
+            self.x, self.length = x - lattice.centre, lattice.length
+            first = np.unique(self.nodes[numbers == self._first_node(numbers)])
+            first = (first[:, None] * d + np.arange(d, dtype=np.int32)).ravel()
+            self.held = np.concatenate([self.held, first])
         self._whole = fem.Function(broken, name="displacement")
         self._forces = np.zeros_like(self._whole.x.array)
 
     def _number(
-        self, merged: NDArray[np.int64], names: NDArray[np.int64]
+        self, merged: NDArray[np.int64], names: NDArray[np.int64], more: int
     ) -> tuple[NDArray[np.int64], int, NDArray[np.int64]]:
-        """New number of every local node, how many this rank owns, and those of the columns of H.
+        """New number of every local node, how many this rank owns, and those of nodes of no cell.
 
         Args:
             merged: Global nodes that have images, ascending.
             names: The smallest of them and of their images.
+            more: How many nodes of no cell there are.
         """
         comm, imap = self._comm, self.broken.dofmap.index_map
         count = imap.size_local + imap.num_ghosts
         known = imap.local_to_global(np.arange(count, dtype=np.int32))
-        place = np.minimum(np.searchsorted(merged, known), len(merged) - 1)
-        has_image = merged[place] == known
-        name = np.where(has_image, names[place], known)
+        has_image, name = np.isin(known, merged), known.copy()
+        name[has_image] = names[np.searchsorted(merged, known[has_image])]
         kept = (name == known)[: imap.size_local]
-        size_local = int(kept.sum()) + self._d * (comm.rank == 0)
+        size_local = int(kept.sum()) + more * (comm.rank == 0)
         first = int(comm.scan(size_local)) - size_local
         numbers = la.vector(imap, dtype=np.int64)
         numbers.array[: imap.size_local][kept] = first + np.arange(kept.sum())
@@ -94,7 +116,7 @@ class PeriodicSpace:
         found = np.searchsorted(owners_names, name[has_image], sorter=order)
         numbers.array[has_image] = owners_numbers[order[found]]
         end = comm.bcast(size_local)
-        return numbers.array, size_local, np.arange(end - self._d, end)
+        return numbers.array, size_local, np.arange(end - more, end)
 
     def _first_node(self, numbers: NDArray[np.int64]) -> int:
         """Number of the node that is first along the first side, then the second, ...; collective.
@@ -108,18 +130,17 @@ class PeriodicSpace:
             first = (*at[order], numbers[order])
         return int(min(self._comm.allgather(first))[-1])
 
-    # Macroscopic gradient
-
-    @property
-    def dofs(self) -> NDArray[np.int32]:
-        """Local dofs of H (d, d): that of H_ij stands in row i, column j."""
-        return self.macroscopic * self._d + np.arange(self._d, dtype=np.int32)[:, None]
+    # Means
 
     @property
     def owned_dofs(self) -> NDArray[np.int32]:
-        """Those of :attr:`dofs` that this rank owns, all or none, (n, n)."""
-        owns = self._comm.rank == 0
-        return self.dofs if owns else np.zeros((0, 0), dtype=np.int32)
+        """Those of :attr:`dofs` that this rank owns, all or none."""
+        return self.dofs if self._comm.rank == 0 else self.dofs[:0]
+
+    @property
+    def owned_rows(self) -> NDArray[np.int32]:
+        """Those of :attr:`rows` that this rank owns, all or none."""
+        return self.rows if self._comm.rank == 0 else self.rows[:0]
 
     def unit_vectors(self, dofs: NDArray[np.int32]) -> Array:
         """1 at one of some :attr:`dofs` (n,) of the first rank each, over owned dofs (n, owned)."""
@@ -130,20 +151,34 @@ class PeriodicSpace:
         return vectors
 
     def gradient(self, vector: Array) -> Array:
-        """H (d, d) of a vector over local dofs, ghosts up to date."""
-        return vector[self.dofs] / self.lattice.length
+        """H (n, n), n = 3 with F_33, of a vector over local dofs, ghosts up to date."""
+        return self.tensor(vector[self.dofs] / self.length)
 
     def gradient_of_owned(self, vector: Array) -> Array:
-        """H (d, d) of a vector over owned dofs; collective."""
-        mine = np.zeros((self._d, self._d))
+        """H (n, n) of a vector over owned dofs; collective."""
+        return self.tensor(self._at_owner(vector) / self.length)
+
+    def forces_on_means(self, vector: Array) -> Array:
+        """Forces on H (n, n) of a vector of forces over owned or local dofs; collective [N mm]."""
+        return self.tensor(self._at_owner(vector) * self.length)
+
+    def _at_owner(self, vector: Array) -> Array:
+        mine = np.zeros(len(self.dofs))
         if self._comm.rank == 0:
             mine = vector[self.dofs]
-        return global_sum(self._comm, mine) / self.lattice.length
+        return global_sum(self._comm, mine)
+
+    def tensor(self, values: Array) -> Array:
+        """The tensor (n, n) that has values of :attr:`entries`, and is zero elsewhere."""
+        n = max(self._d, 1 + max(i for i, _ in self.entries))
+        result = np.zeros((n, n))
+        result[tuple(np.transpose(self.entries))] = values
+        return result
 
     def displacement(self, vector: Array) -> fem.Function:
         """u = H.X + w of a vector over local dofs; every call returns the same function [mm]."""
-        u = self._whole.x.array.reshape(-1, self._d)
-        u[:] = vector.reshape(-1, self._d)[self.nodes] + self.x @ self.gradient(vector).T
+        u, d = self._whole.x.array.reshape(-1, self._d), self._d
+        u[:] = vector.reshape(-1, d)[self.nodes] + self.x @ self.gradient(vector)[:d, :d].T
         return self._whole
 
     def shifts(self) -> tuple[NDArray[np.int32], Array]:
@@ -164,16 +199,24 @@ class PeriodicSpace:
         self._forces[:] = 0
         return self._forces
 
-    def add_forces(self, forces: Array, vector: Array) -> None:
+    def add_forces(self, forces: Array, axial: float, vector: Array) -> None:
         """Add nodal forces f on ``broken``: on w their sums, on q_j sum_n f_n X_nj / l.
 
         Args:
             forces: This rank's, over its local dofs [N].
+            axial: This rank's force on F_33 [N mm].
             vector: Over local dofs of ``space``; ghosts still to be added to their owners.
         """
         f, total = forces.reshape(-1, self._d), vector.reshape(-1, self._d)
         np.add.at(total, self.nodes, f)
-        total[self.macroscopic] += self.x.T @ f / self.lattice.length
+        moments = f.T @ self.x
+        for dof, (i, j) in zip(self.dofs, self.entries, strict=True):
+            vector[dof] += (moments[i, j] if j < self._d else axial) / self.length
+
+
+def lattice_of(means: MeanSpace | None) -> Lattice | None:
+    """That of a periodic cell; None for a body with a surface."""
+    return None if means is None else means.lattice
 
 
 def _merged(
