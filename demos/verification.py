@@ -62,7 +62,7 @@ def main(
         lambda: shrink_fit(size, verbose=verbose),
         lambda: goodier(size, verbose=verbose),
         lambda: partial_slip(0.2 if coarse else 0.05, verbose=verbose),
-        lambda: push_out(40 if coarse else 80, verbose=verbose),
+        lambda: push_out(20 if coarse else 80, verbose=verbose),
     ]
     for scene in scenes:
         with timed(checks):

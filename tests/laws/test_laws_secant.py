@@ -150,7 +150,7 @@ def test_work_is_stored_or_dissipated(make, pressure):
     corners = 1e-3 * np.array([[0, 0], [4, 1], [1, 0.5], [1, -6], [8, 0], [0, 0]])
     if pressure:
         corners = 1e-3 * np.array([[0, 0], [0, 6], [0, -2], [0, -11], [0, 0]])
-    for steps in (150, 300):
+    for steps in (150, 300) if pressure else (300,):
         updates = led(law, path(corners, steps), pressure=pressure)
         gap, traction = histories(updates)
         # from the onset, where the traction does no work yet
@@ -160,7 +160,7 @@ def test_work_is_stored_or_dissipated(make, pressure):
         missing.append(abs(work - spent - stored) / work)
         assert (total(updates, "friction_work") > 0.0) == (pressure > 0.0)
     # at a reversal of slip the traction jumps by 2 d mu p, and the rule of trapezoids errs by that
-    assert missing[1] <= (4e-3 if pressure else 2e-5)
+    assert missing[-1] <= (4e-3 if pressure else 2e-5)
     # a balance that is closed but for kinks within a step need not halve
     if pressure:
         assert missing[1] <= max(0.62 * missing[0], 4e-5)

@@ -104,8 +104,10 @@ def test_given_load_factors(comm):
     assert (history["load"][: places[3]] < 0.039).all()
 
 
-@pytest.mark.parametrize("kinematics", ["finite", "small"])
-@pytest.mark.parametrize("critical_gap", [0.041, 0.2, 0.02])
+@pytest.mark.parametrize(
+    ("critical_gap", "kinematics"),
+    [(0.041, "finite"), (0.2, "finite"), (0.02, "finite"), (0.02, "small")],
+)
 @pytest.mark.parametrize("shares", [(1.5, 2, 4), (1, 1.01, 2), (0.99, 1.2, 3), (50, 100)])
 def test_steps_to_separation_and_beyond(comm, kinematics, critical_gap, shares):
     """A first step that ends at, next to or far beyond the separation, and those after it."""
