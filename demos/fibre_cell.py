@@ -1,26 +1,30 @@
 """A composite fails across its fibres: periodic cells of glass in epoxy at random places.
 
 Plane strain. The bond of the fibres fails first, then cracks run through the matrix along any
-facet. With ``--directions 4 --seeds 3`` the strengths of 12 runs make an envelope from pull along
-x to shear; those that ``strengths.csv`` has are not done again.
+facet. The mean strain turns from pull along x at 0 degrees over shear at 90 to pressure at 180:
+``--directions 4 --seeds 3`` makes an envelope of 12 runs, ``--seeds 10`` the scatter of the
+strength. Several runs are shared by the ranks of ``demos/run -n 2``, one by all of them; those that
+``strengths.csv`` has are not done again.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-from helpers.fibre_cell import build, draw_envelope, draw_run, is_done, keep_strength, strengths
-from helpers.options import run
-from helpers.polycrystal import damage
+from mpi4py import MPI
 
-import vmdg
+import numpy as np
+from helpers.fibre_cell import Study, draw_envelope
+from helpers.options import run
 
 
 def main(
     fibres: int = 7,
     fraction: float = 0.5,
     directions: int = 1,
+    first: float = 0.0,
+    last: float = 90.0,
+    friction: float = 0.0,
     seeds: int = 1,
     seed: int = 0,
     cells: float = 2.5,
@@ -31,12 +35,15 @@ def main(
     plot: bool = True,
     verbose: bool = False,
 ) -> np.ndarray:
-    """Load every cell in every direction beyond its strength; seed, angle, stresses xx, xy there.
+    """Load every cell in every direction beyond its strength; rows of :meth:`Study.rows`.
 
     Args:
         fibres: Number of fibres.
         fraction: Share of the area that they have [-].
-        directions: Of the mean strain, from pull at 0 to shear at 90 degrees; 1 for pull alone.
+        directions: Of the mean strain, from the first to the last; 1 for the first alone.
+        first: Direction [degrees].
+        last: Direction [degrees].
+        friction: Of surfaces that have parted [-].
         seeds: Number of cells.
         seed: Of the first one.
         cells: Along the radius of a fibre [-].
@@ -47,32 +54,20 @@ def main(
         plot: Draw the pictures.
         verbose: Print the residuals of every step.
     """
-    folder, loads = Path(out), np.linspace(0, end, steps + 1)[1:]
-    studied = [(s, a) for s in range(seed, seed + seeds) for a in np.linspace(0, 90, directions)]
-    for number, angle in (one for one in studied if not is_done(folder, *one)):
-        problem = build(fibres, fraction, number, cells, angle)
-        cell, snapshots, states = vmdg.PeriodicCell(problem), [], []
-
-        def monitor(problem, cell=cell, snapshots=snapshots, states=states) -> dict[str, float]:
-            if animate:
-                snapshots.append(problem.step.snapshot())
-            states.append(damage(problem))
-            return cell.row()
-
-        name = f"{folder}/fibre_cell_{number}_{angle:g}"
-        said = {"progress": True, "show": ("stress_xx", "stress_xy"), "verbose": verbose}
-        options = vmdg.SolveOptions(energy=True, csv=f"{name}.csv", **said)
-        history = vmdg.solve(problem, loads, options, monitor).history
-        stress = "stress_xx" if angle < 45 else "stress_xy"
-        shown = "load", stress, "mises", 3
-        if animate:
-            vmdg.plot.animate(f"{name}.gif", problem, snapshots, history, *shown)
-        if plot:
-            draw_run(problem, history, stress, states, f"{name}.png")
-        keep_strength(folder, number, angle, history, problem.comm)
-    if plot and len(studied) > 1:
-        draw_envelope(strengths(folder), folder / "envelope.png")
-    return strengths(folder)
+    loads, world = np.linspace(0, end, steps + 1)[1:], MPI.COMM_WORLD
+    study = Study(Path(out), fibres, fraction, friction, cells, loads)
+    angles = np.linspace(first, last, directions)
+    left = study.begin(range(seed, seed + seeds), angles)
+    shared = seeds * directions > 1
+    for number, angle in left[world.rank :: world.size] if shared else left:
+        study.run(number, angle, MPI.COMM_SELF if shared else world, plot, animate, verbose)
+    world.barrier()
+    rows = study.rows()
+    if plot and shared:
+        draw_envelope(rows, study.folder / "envelope.png")
+    if world.rank == 0:
+        print(study.summary())
+    return rows
 
 
 if __name__ == "__main__":

@@ -2,76 +2,214 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from mpi4py import MPI
 
 import matplotlib.pyplot as plt
 import numpy as np
+from dolfinx.mesh import entities_to_geometry
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
 
 import vmdg
-from helpers.polycrystal import draw_damage
-from vmdg.meshes import fibre_cell
+from helpers.polycrystal import damage, draw_damage
+from vmdg.meshes import TaggedMesh, fibre_cell
 from vmdg.meshes.packing import UNIT_BALL
 
-#: Glass in epoxy; lengths are relative to the cell, as on a scale of a few micrometres.
-BODIES = {"fibre": vmdg.NeoHookean(E=40e3, nu=0.33), "matrix": vmdg.NeoHookean(E=4e3, nu=0.4)}
-BOND, MATRIX = vmdg.Debonding(50.0, 0.01), vmdg.Debonding(80.0, 0.02)
+#: Glass in epoxy; lengths are in radii of a fibre.
+ELASTIC = {"fibre": (40e3, 0.33), "matrix": (4e3, 0.4)}  # E [MPa], nu
+BODIES = {name: vmdg.NeoHookean(E=E, nu=nu) for name, (E, nu) in ELASTIC.items()}
+BOND, MATRIX = (50.0, 0.07), (80.0, 0.14)  # strength [MPa], critical gap
 
-COLUMNS = "seed,angle [deg],stress_xx [MPa],stress_xy [MPa]"
+COLUMNS = (
+    "fibres,fraction,friction,cells,seed,angle [deg],stress_xx [MPa],stress_xy [MPa],"
+    "bulk [MPa],shear [MPa],cut [MPa],share"
+)
 
 
-def build(fibres: int, fraction: float, seed: int, cells: float, angle: float) -> vmdg.Problem:
-    """A cell under the mean strain xx = t cos, xy = t sin of an angle, free of stress across.
+@dataclass(frozen=True)
+class Study:
+    """Runs that differ in the places of the fibres and in the direction of the mean strain.
 
-    Args:
+    Attributes:
+        folder: For strengths, histories and pictures.
         fibres: Number of fibres.
         fraction: Share of the area that they have.
-        seed: Of their places.
+        friction: Of surfaces that have parted.
         cells: Along the radius of a fibre.
-        angle: Between pull along x, at 0, and shear, where xx is free of stress too [degrees].
+        loads: Sizes of the mean strain (n,).
     """
-    radius = np.sqrt(fraction / (fibres * UNIT_BALL[2]))
-    mesh, tags, _ = fibre_cell(fibres, fraction, seed, element_size=radius / cells)
-    interfaces = [
-        vmdg.Interface(between=("fibre", "matrix"), law=BOND, name="bond"),
-        vmdg.Interface(within="matrix", law=MATRIX, name="cracks"),
-    ]
-    shares = {"xx": np.cos(np.radians(angle)), "xy": np.sin(np.radians(angle))}
-    given = {name: lambda t, s=s: s * t for name, s in shares.items() if abs(s) > 1e-12}
-    load = vmdg.Periodic(strain=given)
-    return vmdg.Problem(mesh, tags, BODIES, interfaces, kinematics="small", periodic=load)
+
+    folder: Path
+    fibres: int
+    fraction: float
+    friction: float
+    cells: float
+    loads: NDArray[np.float64]
+
+    @property
+    def _file(self) -> Path:
+        return self.folder / "strengths.csv"
+
+    @property
+    def _key(self) -> tuple[float, ...]:
+        return self.fibres, self.fraction, self.friction, self.cells
+
+    def rows(self) -> NDArray[np.float64]:
+        """What is known of such cells, as in the columns from the seed on (n, 8)."""
+        lines = self._file.read_text().splitlines()[1:] if self._file.is_file() else []
+        rows = np.reshape([[float(v) for v in line.split(",")] for line in lines], (-1, 12))
+        rows = rows[np.isclose(rows[:, :4], self._key).all(axis=1), 4:]
+        return rows[np.lexsort((rows[:, 0], rows[:, 1]))]
+
+    def begin(self, seeds: range, angles: NDArray[np.float64]) -> list[tuple[int, float]]:
+        """Seed and angle of the runs that are to be done; collective over the world."""
+        if MPI.COMM_WORLD.rank == 0 and not self._file.is_file():
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._file.write_text(COLUMNS + "\n")
+        done = {(row[0], row[1]) for row in MPI.COMM_WORLD.bcast(self.rows())}
+        return [(seed, angle) for seed in seeds for angle in angles if (seed, angle) not in done]
+
+    def mesh(self, seed: int, comm: MPI.Comm) -> TaggedMesh:
+        """A cell of fibres of radius 1."""
+        size = np.sqrt(self.fibres * UNIT_BALL[2] / self.fraction)
+        given = {"size": size, "element_size": 1 / self.cells, "comm": comm}
+        return fibre_cell(self.fibres, self.fraction, seed, **given)
+
+    def problem(self, tagged: TaggedMesh, angle: float) -> vmdg.Problem:
+        """A cell under the mean strain xx = t cos, xy = t sin of an angle, free of stress across.
+
+        Args:
+            tagged: Mesh and groups.
+            angle: 0 for pull along x, 90 for shear, where xx is free of stress too, 180 for
+                pressure [degrees].
+        """
+        bond, matrix = (vmdg.Debonding(*law, friction=self.friction) for law in (BOND, MATRIX))
+        interfaces = [
+            vmdg.Interface(between=("fibre", "matrix"), law=bond, name="bond"),
+            vmdg.Interface(within="matrix", law=matrix, name="cracks"),
+        ]
+        shares = {"xx": np.cos(np.radians(angle)), "xy": np.sin(np.radians(angle))}
+        strain = {name: lambda t, s=s: s * t for name, s in shares.items() if abs(s) > 1e-12}
+        kinds = {"kinematics": "small", "periodic": vmdg.Periodic(strain=strain)}
+        return vmdg.Problem(tagged.mesh, tagged.cell_tags, BODIES, interfaces, **kinds)
+
+    def run(
+        self, seed: int, angle: float, comm: MPI.Comm, plot: bool, animate: bool, verbose: bool
+    ) -> None:
+        """Load a cell beyond its strength, and add that to the file; collective over ``comm``."""
+        tagged, name = self.mesh(seed, comm), f"{self.folder}/fibre_cell_{seed}_{angle:g}"
+        problem = self.problem(tagged, angle)
+        known = *plane_moduli(problem), shortest_cut(problem), fibre_share(tagged)
+        cell, snapshots, states = vmdg.PeriodicCell(problem), [], []
+
+        def monitor(problem: vmdg.Problem) -> dict[str, float]:
+            if animate:
+                snapshots.append(problem.step.snapshot())
+            states.append(damage(problem))
+            return cell.row()
+
+        alone = comm.size == 1 and MPI.COMM_WORLD.rank > 0
+        said = {"progress": not alone, "show": ("stress_xx", "stress_xy")}
+        # Where many points are about to break at once short steps lead nowhere, and a jump does.
+        steps = {"max_cuts": 2, "energy": True, "csv": f"{name}.csv"}
+        options = vmdg.SolveOptions(**steps, **said, verbose=verbose)
+        history = vmdg.solve(problem, self.loads, options, monitor).history
+        stress = "stress_xx" if abs(np.cos(np.radians(angle))) > 0.7 else "stress_xy"
+        if animate:
+            shown = "load", stress, "mises", 3
+            vmdg.plot.animate(f"{name}.gif", problem, snapshots, history, *shown)
+        if plot:
+            draw_run(problem, history, stress, states, f"{name}.png")
+        both = np.column_stack([history["stress_xx"], history["stress_xy"]])
+        peak = both[np.argmax(np.linalg.norm(both, axis=1))]
+        if comm.rank == 0:
+            row = *self._key, seed, angle, *peak, *known
+            with open(self._file, "a") as file:
+                file.write(",".join(repr(float(v)) for v in row) + "\n")
+        comm.barrier()
+
+    def summary(self) -> str:
+        """Means and standard deviations over the seeds, and the bounds they keep."""
+        rows, lines = self.rows(), []
+        for angle in np.unique(rows[:, 1]):
+            own = rows[rows[:, 1] == angle]
+            means = [f"{x.mean():.4g} +- {x.std(ddof=len(own) > 1):.2g}" for x in own[:, 2:].T]
+            lines.append(
+                f"{len(own)} cells, {angle:g} degrees: stress xx {means[0]}, xy {means[1]} MPa; "
+                f"weakest cut {means[4]} MPa; bulk {means[2]}, shear {means[3]} MPa"
+            )
+        share = rows[:, 7].mean() if len(rows) else self.fraction
+        low, high = hashin_shtrikman(share)
+        lines.append(
+            f"bounds of Hashin at {share:.4f} of fibres: bulk {low[0]:.4g} to {high[0]:.4g}, shear "
+            f"{low[1]:.4g} to {high[1]:.4g} MPa"
+        )
+        return "\n".join(lines)
 
 
-def _file(folder: Path) -> Path:
-    return folder / "strengths.csv"
+def plane_moduli(problem: vmdg.Problem) -> tuple[float, float]:
+    """Mean bulk and shear modulus of plane strain at the start, over all directions [MPa]."""
+    C = vmdg.macroscopic_tangent(problem)
+    bulk = (C[0, 0, 0, 0] + C[1, 1, 1, 1] + 2 * C[0, 0, 1, 1]) / 4
+    along = (C[0, 0, 0, 0] + C[1, 1, 1, 1] - 2 * C[0, 0, 1, 1]) / 4
+    return bulk, (along + C[0, 1, 0, 1]) / 2
 
 
-def strengths(folder: Path) -> NDArray[np.float64]:
-    """Seed, angle and stresses xx and xy of the runs that are done (n, 4)."""
-    if not _file(folder).is_file():
-        return np.zeros((0, 4))
-    return np.loadtxt(_file(folder), delimiter=",", skiprows=1, ndmin=2)
+def fibre_share(tagged: TaggedMesh) -> float:
+    """Share of the area that the fibres have in the mesh, where they are polygons; collective."""
+    mesh, cells, _ = tagged
+    owned = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+    corners = mesh.geometry.x[entities_to_geometry(mesh, 2, owned)]
+    area = np.abs(np.linalg.det(corners[:, 1:, :2] - corners[:, :1, :2]))
+    fibre = area[np.isin(owned, cells.find("fibre"))].sum()
+    return float(mesh.comm.allreduce(fibre) / mesh.comm.allreduce(area.sum()))
 
 
-def is_done(folder: Path, seed: int, angle: float) -> bool:
-    """Whether the file has the strength of this run."""
-    return bool((strengths(folder)[:, :2] == (seed, angle)).all(axis=1).any())
+def hashin_shtrikman(fraction: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Lower and upper bound of bulk and shear modulus across the fibres [MPa].
+
+    For plane strain, k = lambda + mu; fibres that are stiffer in both; Hashin 1965 (JMPS 13, 119).
+    """
+    found = []
+    shares = {"matrix": 1 - fraction, "fibre": fraction}
+    m = {name: E / (2 + 2 * nu) for name, (E, nu) in ELASTIC.items()}
+    k = {name: m[name] / (1 - 2 * nu) for name, (_, nu) in ELASTIC.items()}
+    for one, two in (("matrix", "fibre"), ("fibre", "matrix")):
+        f, f_other = shares[one], shares[two]
+        bulk = k[one] + f_other / (1 / (k[two] - k[one]) + f / (k[one] + m[one]))
+        soft = f * (k[one] + 2 * m[one]) / (2 * m[one] * (k[one] + m[one]))
+        found.append((bulk, m[one] + f_other / (1 / (m[two] - m[one]) + soft)))
+    return tuple(found)
 
 
-def keep_strength(
-    folder: Path, seed: int, angle: float, history: vmdg.History, comm: MPI.Comm
-) -> None:
-    """Add the largest stress of a run, by the size of (xx, xy), to the file; collective."""
-    both = np.column_stack([history["stress_xx"], history["stress_xy"]])
-    peak = both[np.argmax(np.linalg.norm(both, axis=1))]
-    if comm.rank == 0:
-        new = not _file(folder).is_file()
-        with open(_file(folder), "a") as file:
-            file.write(COLUMNS + "\n" if new else "")
-            file.write(",".join(repr(float(v)) for v in (seed, angle, *peak)) + "\n")
-    comm.barrier()
+def shortest_cut(problem: vmdg.Problem) -> float:
+    """No mean stress xx, alone, is larger: strength of the weakest cut across x [MPa]; collective.
+
+    Along any path of facets from an image of a point to the next one along y the tractions balance
+    the mean stress, and nowhere are they larger than the strength (Strang 1983, Math. Program. 26).
+    """
+    mesh, rows = problem.mesh, []
+    for interface, own in zip(problem.interfaces, problem.step.activation.facets, strict=True):
+        ends = mesh.geometry.x[entities_to_geometry(mesh, 1, own.facets), :2]
+        rows.append(np.insert(ends.reshape(-1, 4), 4, interface.law.strength, axis=1))
+    size = problem.comm.allreduce(mesh.geometry.x.max(), MPI.MAX)
+    parts, least = problem.comm.gather(np.concatenate(rows)), np.inf
+    if parts:
+        rows = np.concatenate(parts)
+        ends = rows[:, :4].reshape(-1, 2, 2) / size
+        weight = rows[:, 4] * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        # Left and right are one place, bottom and top are not.
+        places = np.round(ends, 7).reshape(-1, 2) % [1.0, 2.0]
+        nodes, number = np.unique(places, axis=0, return_inverse=True)
+        graph = coo_array((weight, number.reshape(-1, 2).T), shape=(len(nodes),) * 2).tocsr()
+        low, high = ({x: n for n, (x, y) in enumerate(nodes) if y == side} for side in (0, 1))
+        for x in low.keys() & high.keys():
+            least = min(least, dijkstra(graph, directed=False, indices=low[x])[high[x]])
+    return float(problem.comm.bcast(least))
 
 
 def draw_run(
@@ -85,7 +223,7 @@ def draw_run(
     figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
     vmdg.plot.curve(history, "load", stress, ax=axes[0], origin=True, color="black")
     axes[0].set(xlabel="size of the mean strain [-]")
-    peak = int(np.argmax(history[stress]))
+    peak = int(np.argmax(np.abs(history[stress])))
     draw_damage(axes[1], problem, states[peak], f"{history['load'][peak]:.2%}")
     vmdg.plot.stress(problem, "mises", magnify=3, ax=axes[2], edges=0)
     if problem.comm.rank == 0:
@@ -96,12 +234,12 @@ def draw_run(
 def draw_envelope(rows: NDArray[np.float64], path: Path) -> None:
     """Strengths in the plane of pull and shear, the means of every direction joined."""
     figure, ax = plt.subplots(figsize=(4.6, 4.2), layout="constrained")
-    seed, angle, pull, shear = rows.T
+    seed, angle, pull, shear = rows.T[:4]
     drawn = ax.scatter(pull, shear, c=seed, s=14, cmap="viridis")
-    means = [rows[angle == a, 2:].mean(axis=0) for a in np.unique(angle)]
+    means = [rows[angle == a, 2:4].mean(axis=0) for a in np.unique(angle)]
     ax.plot(*np.transpose(means), color="black")
     figure.colorbar(drawn, ax=ax, label="seed")
-    ax.set(xlabel="mean stress xx [MPa]", ylabel="mean stress xy [MPa]", xlim=0, ylim=0)
+    ax.set(xlabel="mean stress xx [MPa]", ylabel="mean stress xy [MPa]", ylim=0)
     if MPI.COMM_WORLD.rank == 0:
         figure.savefig(path, dpi=130)
     plt.close(figure)

@@ -16,7 +16,7 @@ DEMOS = sorted(
     for path in (Path(__file__).resolve().parents[2] / "demos").glob("[!_]*.py")
     if "def main" in path.read_text()
 )
-UNIT = re.compile(r"\[(mm|MPa|-|N|N/mm|s)\]")
+UNIT = re.compile(r"\[(mm|MPa|-|N|N/mm|s|degrees)\]")
 
 
 def test_all_demos_are_there():
