@@ -83,7 +83,8 @@ def random_fibres(
 ) -> tuple[NDArray[np.float64], float]:
     """Centres (count, 2) and radius [mm] of equal fibres at random places, none cut by the sides.
 
-    Fibres are dropped one after the other; one that finds no place starts the cell anew.
+    Fibres are dropped one after the other; one that finds no place starts the cell anew. Where few
+    fibres have room that is more random than :func:`pack`, which leaves them side by side.
 
     Args:
         count: Number of fibres.

@@ -372,7 +372,7 @@ def check_faces(
         else:
             continue
         if lies.any():
-            place = middle[faces[np.argmax(lies), 0]].round(6).tolist()
+            place = min(middle[faces[lies, 0]].round(6).tolist())
             raise ValueError(
                 f"Periodic: {interface} would lie on the boundary of the cell at {place}, where "
                 f"opposite faces are tied and nothing fails; {remedy}"

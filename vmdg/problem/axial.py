@@ -30,6 +30,9 @@ class GeneralizedStrain:
     def drives(self, comm: MPI.Comm) -> list[Drive]:
         """What leads F_33 - 1; collective.
 
+        Args:
+            comm: Communicator of the mesh.
+
         Raises:
             ValueError: both are given, or one that is no number.
         """
