@@ -21,7 +21,7 @@ settings.load_profile("vmdg")
 
 
 #: Seconds after which a test is taken for a deadlock, cold compilers included.
-PATIENCE = 1200
+PATIENCE = 1800
 
 
 class FailuresOnly:
