@@ -57,7 +57,8 @@ def main(
     loads, world = np.linspace(0, end, steps + 1)[1:], MPI.COMM_WORLD
     study = Study(Path(out), fibres, fraction, friction, cells, loads)
     angles = np.linspace(first, last, directions)
-    left = study.begin(range(seed, seed + seeds), angles)
+    asked = range(seed, seed + seeds), angles
+    left = study.begin(*asked)
     shared = seeds * directions > 1
     for number, angle in left[world.rank :: world.size] if shared else left:
         study.run(number, angle, MPI.COMM_SELF if shared else world, plot, animate, verbose)
@@ -67,6 +68,8 @@ def main(
         draw_envelope(rows, study.folder / "envelope.png")
     if world.rank == 0:
         print(study.summary())
+    if left := study.begin(*asked):
+        raise RuntimeError(f"runs of these seeds and angles have stopped before they fail: {left}")
     return rows
 
 
