@@ -90,6 +90,7 @@ def create_matrix(
     trial: fem.FunctionSpace,
     cells: NDArray[np.int32],
     facets: NDArray[np.int32],
+    kind: PETSc.Mat.Type = PETSc.Mat.Type.AIJ,
 ) -> PETSc.Mat:
     """A matrix that joins all dofs of every cell, and those of the two cells of every facet.
 
@@ -100,6 +101,7 @@ def create_matrix(
         trial: Space of the columns.
         cells: Local cells.
         facets: Rows (cell, facet in it, cell, facet in it), flattened.
+        kind: Of the matrix.
     """
     integrals = {
         kind: [(0, 0, entities, np.zeros(0, dtype=np.int8))]
@@ -116,7 +118,7 @@ def create_matrix(
         # Of rows of no cell, too.
         pattern.insert_diagonal(np.arange(test.dofmap.index_map.size_local, dtype=np.int32))
     pattern.finalize()
-    return cpp.la.petsc.create_matrix(mesh.comm, pattern)
+    return cpp.la.petsc.create_matrix(mesh.comm, pattern, kind)
 
 
 def evaluate(

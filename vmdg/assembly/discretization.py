@@ -319,9 +319,13 @@ class Discretization:
         if self.means is not None:
             self.means.add_forces(forces, axial, vector)
 
-    def create_matrix(self) -> PETSc.Mat:
-        """An empty matrix with the pattern of the tangent, of displacements without means."""
-        return create_matrix(self.space, self.space, list(self.active.values()))
+    def create_matrix(self, kind: PETSc.Mat.Type = PETSc.Mat.Type.AIJ) -> PETSc.Mat:
+        """An empty matrix with the pattern of the tangent, of displacements without means.
+
+        Args:
+            kind: By rows, or in blocks of nodes (BAIJ): PETSc looks nine entries up at a time.
+        """
+        return create_matrix(self.space, self.space, list(self.active.values()), kind)
 
     def uniform_forces(
         self, gradient: NDArray[np.float64], adjoint: bool = False

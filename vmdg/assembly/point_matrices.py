@@ -8,7 +8,6 @@ from petsc4py import PETSc
 
 import numpy as np
 from dolfinx import fem
-from dolfinx.common import IndexMap
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
@@ -32,7 +31,10 @@ def _batches(active: ActiveInterface) -> Iterator[slice]:
 
 
 def create_matrix(
-    test: fem.FunctionSpace, trial: fem.FunctionSpace, active: Sequence[ActiveInterface]
+    test: fem.FunctionSpace,
+    trial: fem.FunctionSpace,
+    active: Sequence[ActiveInterface],
+    kind: PETSc.Mat.Type = PETSc.Mat.Type.AIJ,
 ) -> PETSc.Mat:
     """An empty matrix that joins the dofs of every cell, and those of both sides of every facet.
 
@@ -40,12 +42,13 @@ def create_matrix(
         test: Space of the rows.
         trial: Space of the columns.
         active: The interfaces.
+        kind: Of the matrix.
     """
     tdim = test.mesh.topology.dim
     cells = np.arange(test.mesh.topology.index_map(tdim).size_local, dtype=np.int32)
     everything = [one.facets.rows(np.ones(len(one.facets.facets), bool)) for one in active]
     facets = np.concatenate([np.zeros(0, dtype=np.int32), *everything])
-    return compat.create_matrix(test, trial, cells, facets)
+    return compat.create_matrix(test, trial, cells, facets, kind)
 
 
 def add_tangent(
@@ -70,8 +73,8 @@ def add_tangent(
         product = D[points[rows]] @ right.matrix
         # Sums over the points of a facet and its jets in one product.
         B, DB = (part.reshape(len(part), -1, part.shape[3]) for part in (left.matrix, product))
-        matrix.setValuesLocalRCV(
-            left.dofs, right.dofs, B.transpose(0, 2, 1) @ DB, PETSc.InsertMode.ADD_VALUES
+        matrix.setValuesBlockedLocalRCV(
+            left.blocks, right.blocks, B.transpose(0, 2, 1) @ DB, PETSc.InsertMode.ADD_VALUES
         )
 
 
@@ -127,21 +130,16 @@ def _point_matrix(active: ActiveInterface, values: Array, side: int | None = Non
     d, N = quadrature.d, jets.index_map.size_global * quadrature.d
     total = csr_array((len(quadrature.weights) * d, N))
     for rows in _batches(active):
-        dofs, B = jets.displacement(rows)
+        nodes, B = jets.displacement(rows)
         points = quadrature.points_of_facet[rows]
         data = values[points] @ B
         if side is not None:
-            half = dofs.shape[1] // 2
-            keep = slice(side * half, (side + 1) * half)
-            dofs, data = dofs[:, keep], data[..., keep]
+            half = nodes.shape[1] // 2
+            nodes = nodes[:, side * half : (side + 1) * half]
+            data = data[..., side * half * d : (side + 1) * half * d]
         lines = points[..., None] * d + np.arange(d)
-        columns = _global_numbers(jets.index_map, dofs, d)[:, None, None]
+        numbers = jets.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
+        columns = (numbers[..., None] * d + np.arange(d)).reshape(len(nodes), 1, 1, -1)
         where = (np.broadcast_to(a, data.shape).ravel() for a in (lines[..., None], columns))
         total += csr_array((data.ravel(), tuple(where)), shape=total.shape)
     return total
-
-
-def _global_numbers(imap: IndexMap, dofs: NDArray[np.int32], d: int) -> NDArray[np.int64]:
-    """Of local dofs, component-wise."""
-    blocks = imap.local_to_global((dofs // d).ravel().astype(np.int32))
-    return blocks.reshape(dofs.shape) * d + dofs % d

@@ -27,11 +27,11 @@ class Block(NamedTuple):
     """The jets of a field on some facets.
 
     Attributes:
-        dofs: Local dofs of the two cells, component-wise numbers (f, n).
-        matrix: B (f, points of a facet, jet, n).
+        blocks: Local nodes of the two cells, or the cells themselves (f, n).
+        matrix: B (f, points of a facet, jet, n times the components of a block).
     """
 
-    dofs: NDArray[np.int32]
+    blocks: NDArray[np.int32]
     matrix: Array
 
 
@@ -85,9 +85,8 @@ class FacetJets:
                 B[:, :, first + n, side, :, i] = gradients[:, :, side, :, j]
             if self._hoop:
                 B[:, :, first + d * d, side, :, 0] = gradients[:, :, side, :, d]
-        blocks = self._dofs[self._facets.cells[rows]]
-        dofs = blocks[..., None] * d + np.arange(d, dtype=np.int32)
-        return Block(dofs.reshape(count, -1), B.reshape(count, points, self.size, -1))
+        blocks = self._dofs[self._facets.cells[rows]].reshape(count, -1)
+        return Block(blocks, B.reshape(count, points, self.size, -1))
 
     def dilatation(self, rows: slice) -> Block:
         """B of the dilatation, one number a cell, whose entry of GRAD is the last."""

@@ -19,6 +19,7 @@ from .ksp import (
     LinearSolver,
     Petsc,
     linear_options,
+    matrix_kind,
     pieces_apart,
     set_rigid_modes,
 )
@@ -99,7 +100,8 @@ class AssembledSystem:
     def __init__(self, problem: Problem, petsc: Petsc | None):
         linear = linear_options(problem, petsc)
         self._comm, self._discretization = problem.comm, problem.discretization
-        self._matrix = matrix = problem.discretization.create_matrix()
+        kind = matrix_kind(linear.solver)
+        self._matrix = matrix = problem.discretization.create_matrix(kind)
         matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self.norm, self._apart = 0.0, False
         self._linear = LinearSolver(matrix, linear.solver, linear.fallback)

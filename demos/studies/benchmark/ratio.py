@@ -119,7 +119,8 @@ def measure(dimension: str, damage: bool, direct: bool, repeats: int, refine: fl
     plain.u.interpolate(_field(tagged.mesh.geometry.dim, 0.0))
     plain.prescribe(_ends(tagged))
     problem = _problem(tagged, damage)
-    matrix = problem.discretization.create_matrix()
+    kind = PETSc.Mat.Type.AIJ if direct else PETSc.Mat.Type.BAIJ
+    matrix = problem.discretization.create_matrix(kind)
     matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
     plain.assemble_residual()
     plain.assemble_tangent()

@@ -72,7 +72,7 @@ class _Box:
     def __init__(self, refine: float, height: float):
         self._problem = problem = block("3D", True, refine, height)
         parts = problem.discretization
-        self._matrix = matrix = parts.create_matrix()
+        self._matrix = matrix = parts.create_matrix(PETSc.Mat.Type.BAIJ)
         matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         set_rigid_modes(problem.space, parts.geometry, matrix)
         self._residual = problem.step.assemble_residual().copy()

@@ -74,7 +74,7 @@ def measure(bodies: bool, n: int, fronts: Sequence[float] = FRONTS) -> Growth:
     ends = np.concatenate([tagged.facet_tags.find(tag) for tag in (BOTTOM, TOP)])
     problem.dirichlet(ends, 0.0)
     parts, held = problem.discretization, problem.loading.owned_prescribed
-    matrix = parts.create_matrix()
+    matrix = parts.create_matrix(PETSc.Mat.Type.BAIJ)
     matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
     set_rigid_modes(problem.space, parts.geometry, matrix)
     solver = LinearSolver(matrix, GMRES_GAMG | {"pc_gamg_reuse_interpolation": bodies}, LU)
