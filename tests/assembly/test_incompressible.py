@@ -43,7 +43,7 @@ from support.scenes import (
 )
 
 import vmdg
-from vmdg.assembly.point_matrices import add_tangent, create_matrix
+from vmdg.assembly.point_matrices import add_fields, create_matrix
 from vmdg.base.parallel import global_sum
 from vmdg.interface.jets import FacetJets
 from vmdg.meshes import blocks
@@ -307,7 +307,7 @@ def test_blocks_are_ufl_derivatives(comm, kinematics):
             found = create_matrix(row.function_space, column.function_space, weak_form.active)
             bodies = weak_form.compile(weak_form.bulk_tangent(eta, step))
             fem_petsc.assemble_matrix(found, bodies)
-            add_tangent(found, active, D, test, trial)
+            add_fields(found, active, D, test, trial)
             found.assemble()
             size = expected.norm()
             found.axpy(-1.0, expected)

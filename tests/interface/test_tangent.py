@@ -15,7 +15,9 @@ from support.scenes import CELLS, DIMENSION, EVERY_CELL, EVERY_DEGREE, two_block
 
 import vmdg
 from vmdg import Mode
+from vmdg.assembly.point_matrices import add_fields, add_tangent
 from vmdg.base.kernels import compile_form
+from vmdg.interface.jets import FacetJets
 
 
 @EVERY_CELL
@@ -41,6 +43,16 @@ def test_active_damage(comm, cell, degree):
     assert matrix.isSymmetric(1e-12 * matrix.norm())
     active = modes(problem)
     assert set(active) == {Mode.ELASTIC, Mode.TENSION}
+    # The products in C are those of matrices B of all points.
+    (part,) = problem.discretization.active.values()
+    D, w = part.tangent()[0], FacetJets.displacement
+    found, expected = (problem.discretization.create_matrix() for _ in range(2))
+    add_tangent(found, part, D)
+    add_fields(expected, part, D, w, w)
+    for one in (found, expected):
+        one.assemble()
+    found.axpy(-1.0, expected, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    assert found.norm() < 1e-14 * expected.norm()
     # Damage matters: without its part the tangent is another one.
     problem.step.assemble_residual()
     held = problem.discretization.create_matrix()

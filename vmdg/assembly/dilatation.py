@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from ..base.timers import timer
 from ..interface.active import ActiveInterface
 from ..interface.jets import FacetJets
-from .point_matrices import add_tangent, create_matrix
+from .point_matrices import add_fields, create_matrix
 from .weak_form import WeakForm
 
 Array = NDArray[np.float64]
@@ -114,7 +114,7 @@ class Dilatation:
 
         Args:
             matrix: To which it is added.
-            parts: The interfaces, with D of :func:`.point_matrices.add_tangent`.
+            parts: The interfaces, with D of :func:`.point_matrices.add_fields`.
         """
         u, theta = FacetJets.displacement, FacetJets.dilatation
         fields = None, (u, theta), (theta, u), (theta, theta)
@@ -124,7 +124,7 @@ class Dilatation:
                 block.zeroEntries()
                 fem_petsc.assemble_matrix(block, form)
                 for active, values in parts if pair else ():
-                    add_tangent(block, active, values, *pair)
+                    add_fields(block, active, values, *pair)
                 block.assemble()
             D, A_ut, A_tu, A_tt = (block for _, block in blocks)
             inverse_volume = D.createVecLeft()

@@ -47,6 +47,8 @@ class FacetJets:
         size: Of a jet.
         nodes: Of a cell.
         index_map: Of the nodes.
+        values: Of the shape functions (nf, points, 2 sides, nodes).
+        gradients: Theirs (nf, points, 2 sides, nodes, d or d + 1), N/r last.
     """
 
     def __init__(self, quadrature: FacetQuadrature, space: fem.FunctionSpace):
@@ -62,18 +64,22 @@ class FacetJets:
         sides = []
         for cells, local in zip(self._facets.cells.T, self._facets.local.T, strict=True):
             sides.append(shapes.on_facets(cells, local).at(points))
-        # Of the shape functions (nf, points, 2 sides, nodes), and (..., d or d + 1) with N/r last.
-        self._values = np.stack([side.values for side in sides], axis=2)
-        self._gradients = np.stack([side.gradients for side in sides], axis=2)
+        self.values = np.stack([side.values for side in sides], axis=2)
+        self.gradients = np.stack([side.gradients for side in sides], axis=2)
 
     def of_gradient(self, gradient: Array) -> Array:
         """Jet of E.X, which is the same everywhere: no opening, and E (n, n) on both sides."""
         entries = [gradient[entry] for entry in self.entries]
         return np.concatenate([np.zeros(self._d), entries, entries])
 
+    def nodes_at(self, rows: slice) -> NDArray[np.int32]:
+        """Local nodes of the two cells at some facets (f, 2 nodes)."""
+        cells = self._facets.cells[rows]
+        return self._dofs[cells].reshape(len(cells), -1)
+
     def displacement(self, rows: slice) -> Block:
         """B of the displacement on some facets."""
-        d, values, gradients = self._d, self._values[rows], self._gradients[rows]
+        d, values, gradients = self._d, self.values[rows], self.gradients[rows]
         count, points, _, nodes, _ = gradients.shape
         B = np.zeros((count, points, self.size, 2, nodes, d))
         for i in range(d):
@@ -85,13 +91,12 @@ class FacetJets:
                 B[:, :, first + n, side, :, i] = gradients[:, :, side, :, j]
             if self._hoop:
                 B[:, :, first + d * d, side, :, 0] = gradients[:, :, side, :, d]
-        blocks = self._dofs[self._facets.cells[rows]].reshape(count, -1)
-        return Block(blocks, B.reshape(count, points, self.size, -1))
+        return Block(self.nodes_at(rows), B.reshape(count, points, self.size, -1))
 
     def dilatation(self, rows: slice) -> Block:
         """B of the dilatation, one number a cell, whose entry of GRAD is the last."""
         cells = self._facets.cells[rows]
-        B = np.zeros((len(cells), self._values.shape[1], self.size, 2))
+        B = np.zeros((len(cells), self.values.shape[1], self.size, 2))
         for side in range(2):
             B[:, :, self._d + (side + 1) * len(self.entries) - 1, side] = 1.0
         return Block(cells, B)

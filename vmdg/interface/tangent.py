@@ -2,20 +2,21 @@
 
 Everything that depends on the material, H_a = (A.N)_a and K_a = Xi_a:(delta_a^T s (x) N) of every
 side, is derived in UFL (:mod:`forms.kinematics`) and evaluated at the points; what is left are
-products of small matrices. Written by ``ufl.derivative`` of (27) instead, the same form gives
+products of small matrices, which tangent.c has. Written by ``ufl.derivative`` of (27) instead, the same form gives
 kernels of 40,000 lines in 3D.
 """
 
 from __future__ import annotations
 
 from functools import partial
-from itertools import combinations_with_replacement
+from pathlib import Path
 
 import numpy as np
 from dolfinx import fem
 from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
+from ..base.kernels import compile_source
 from ..domain.materials import Bodies
 from ..forms import kinematics
 from .jets import FacetJets
@@ -25,6 +26,12 @@ from .return_map import TurningTangent
 from .stabilization import Stabilization
 
 Array = NDArray[np.float64]
+
+#: Number of points or facets, and arrays as tangent.c has them.
+_DECLARATIONS = f"""
+void point_tangents(long{", void *" * 14});
+void facet_tangents(long{", void *" * 5});
+"""
 
 
 class PointTangent:
@@ -60,6 +67,19 @@ class PointTangent:
         self.areas = quadrature.weights * float(geometry.thickness)
         self._shape, self._entries = (d, n, n), self.jets.entries
         self._quadrature, self._inelastic, self._jump = quadrature, inelastic, jump
+        self._module = compile_source(
+            Path(__file__).with_suffix(".c"),
+            _DECLARATIONS,
+            {
+                "DIM": d,
+                "ENTRIES": len(self._entries),
+                "NODES": self.jets.nodes,
+                "SLOPES": self.jets.gradients.shape[4],
+                "POINTS": quadrature.points_of_facet.shape[1],
+            },
+            quadrature.mesh.comm,
+            name="interface's tangent",
+        )
         self._evaluate_moduli = evaluators(
             self._shape, lambda body, F, N, a: kinematics.traction_moduli(body, F, N), "H"
         )
@@ -68,9 +88,6 @@ class PointTangent:
         if self._finite:
             self._directions = [fem.Function(quadrature.space((d,))) for _ in range(2)]
             count = len(self._entries)
-            self._component = np.zeros((count, count), dtype=int)
-            for n, (p, q) in enumerate(combinations_with_replacement(range(count), 2)):
-                self._component[p, q] = self._component[q, p] = n
             components = count * (count + 1) // 2
             self._evaluate_third = evaluators((components,), self._third_derivative, "K")
 
@@ -106,55 +123,49 @@ class PointTangent:
         Returns:
             D dA (nq, jet, jet), and Tt dA (nq, d, jet).
         """
-        quadrature, count = self._quadrature, len(self._entries)
-        facet, d = quadrature.facet, quadrature.d
-        sides = [slice(d + a * count, d + (a + 1) * count) for a in range(2)]
-        opening, size = slice(0, d), d + 2 * count
-        delta = stabilization.weights[facet]
+        quadrature = self._quadrature
+        facet, d, size = quadrature.facet, quadrature.d, self.jets.size
         if self._inelastic:
             tau = stabilization.norm[facet, None, None] * np.eye(d)
         else:
             tau = stabilization.tau[facet]
         # The kernels take the outward normal of their own side, -N on side 2.
         i, j = np.array(self._entries).T
-        H = [self._evaluate_moduli[a]().reshape(-1, *self._shape)[:, :, i, j] for a in range(2)]
-        flux = np.zeros((len(facet), d, size))
-        for a, sign in enumerate((1, -1)):
-            flux[:, :, sides[a]] = sign * delta[:, a] @ H[a]
-        traction = flux.copy()
-        traction[:, :, opening] = tau
-
-        D = np.zeros((len(facet), size, size))
-        D[:, :, opening] = flux.transpose(0, 2, 1)
-        D[:, opening] += traction
-        for a, K in enumerate(self._geometric_term(stabilization, values) if self._finite else ()):
-            D[:, sides[a], sides[a]] += K
-        if compliance is not None:
-            change = compliance @ traction
-            if turning is not None:
-                spin, by_traction, by_gradient = turning
-                # S sees the gradients of both sides alike.
-                gradients = [slice(side.start, side.start + d * d) for side in sides]
-                couple = by_traction.reshape(-1, d * d, d) @ traction
-                for gradient in gradients:
-                    change[:, :, gradient] += spin.reshape(-1, d, d * d)
-                    couple[:, :, gradient] += by_gradient.reshape(-1, d * d, d * d)
-                for gradient in gradients:
-                    D[:, gradient] -= couple
-            D -= traction.transpose(0, 2, 1) @ change
-        if self._jump:
-            factor = np.linalg.cholesky(stabilization.delta_s[facet]).transpose(0, 2, 1)
-            # [[P.N]] = P_1.N_1 + P_2.N_2 takes each side's own normal.
-            jump = np.zeros_like(flux)
-            for a in range(2):
-                jump[:, :, sides[a]] = factor @ H[a]
-            D -= jump.transpose(0, 2, 1) @ jump
-        for matrices in (D, traction):
-            matrices *= self.areas[:, None, None]
+        H = [side().reshape(-1, *self._shape)[:, :, i, j] for side in self._evaluate_moduli]
+        K = self._geometric_term(stabilization, values) if self._finite else (None, None)
+        changes = (None, None, None) if compliance is None or turning is None else turning
+        delta_s = stabilization.delta_s[facet] if self._jump else None
+        D, traction = np.empty((len(facet), size, size)), np.empty((len(facet), d, size))
+        self._run(
+            "point_tangents",
+            *(self.areas, stabilization.weights[facet], tau, *H, *K),
+            *(compliance, *changes, delta_s, D, traction),
+        )
         return D, traction
 
+    def of_facets(self, D: Array, rows: slice) -> Array:
+        """Sums of B^T.D.B over the points of some facets, for displacements (f, n, n).
+
+        Args:
+            D: Of all points.
+            rows: The facets.
+        """
+        points, values = self._quadrature.points_of_facet[rows], self.jets.values[rows]
+        size = 2 * self.jets.nodes * self._quadrature.d
+        matrices = np.empty((len(points), size, size))
+        self._run("facet_tangents", points, values, self.jets.gradients[rows], D, matrices)
+        return matrices
+
+    def _run(self, name: str, *arrays: Array | None) -> None:
+        """Call a function of tangent.c; the first array has a row for all it is to do."""
+        ffi, function = self._module.ffi, getattr(self._module.lib, name)
+        given = [ffi.NULL if one is None else np.ascontiguousarray(one) for one in arrays]
+        function(
+            len(arrays[0]), *(one if one is ffi.NULL else ffi.from_buffer(one) for one in given)
+        )
+
     def _geometric_term(self, stabilization: Stabilization, values: PointValues) -> list[Array]:
-        """K_a of (85) of both sides (nq, entries, entries) [MPa]."""
+        """Independent components of K_a of (85) of both sides (nq, components) [MPa]."""
         facet = self._quadrature.facet
         # v_1, v_2 with which the adjoint term of (27) or (26) tests (nq, 2, d) [mm].
         directions = np.einsum("paji,pj->pai", stabilization.weights[facet], values.slip)
@@ -164,5 +175,5 @@ class PointTangent:
         found = []
         for a, sign in enumerate((1, -1)):
             self._directions[a].x.array[:] = (sign * directions[:, a]).ravel()
-            found.append(self._evaluate_third[a]()[:, self._component])
+            found.append(self._evaluate_third[a]())
         return found
