@@ -112,24 +112,23 @@ class Spin:
             both = _outer(t, n) + _outer(n, t)
             square = (couple[:, 0] / self._stretch**2)[:, None, None] * _outer(self._t0, self._t0)
             return both[:, :, None, :, None] * square[:, None, :, None, :]
-        count, pulled, plane, V = len(N), self._pulled, self._plane, self._V
-        w = _apply(self._inverse_inertia, couple)
-        slope = (V[:, :, None, :] * N[:, None, :, None]).reshape(count, 3, 9)
-        held = (couple[:, None] @ pulled).reshape(count, 3, 3)
-        turned = np.einsum("alc,pcb->plab", _EPSILON, held).reshape(count, 3, 9)
-        left = np.concatenate([-slope, pulled, turned, -w[:, None] @ pulled], axis=1)
+        count, plane, V, W = len(N), self._plane, self._V, self.W.reshape(-1, 3, 9)
+        n, w = _apply(R, N), _apply(self._inverse_inertia, couple)
+        slope = (V[:, :, None, :] * n[:, None, :, None]).reshape(count, 3, 9)
+        held = (couple[:, None] @ self._pulled).reshape(count, 1, 3, 3)
+        turned = (R[:, None] @ _EPSILON.transpose(1, 0, 2) @ held).reshape(count, 3, 9)
+        left = np.concatenate([-slope, W, turned, -w[:, None] @ W], axis=1)
 
         def stretch(vector: Array) -> Array:
             """vector.dU'."""
-            straight = vector[:, None, :, None] * plane[:, :, None]
-            straight -= N[:, :, None, None] * _outer(N, _apply(V, vector))[:, None]
-            return straight.reshape(count, 3, 9) + self._U @ cross_matrix(vector) @ pulled
+            straight = _apply(R, vector)[:, None, :, None] * plane[:, :, None]
+            straight -= N[:, :, None, None] * _outer(n, _apply(V, vector))[:, None]
+            return straight.reshape(count, 3, 9) + self._U @ cross_matrix(vector) @ W
 
         across = stretch(_apply(V, np.cross(N, w)))
-        right = np.concatenate([across, stretch(w), pulled, plane.reshape(count, 1, 9)], axis=1)
-        left, right = ((R[:, None] @ part.reshape(-1, 10, 3, 3)) for part in (left, right))
-        product = left.reshape(-1, 10, 9).transpose(0, 2, 1) @ right.reshape(-1, 10, 9)
-        return product.reshape(-1, 3, 3, 3, 3)
+        trace = (R @ plane).reshape(count, 1, 9)
+        right = np.concatenate([across, stretch(w), W, trace], axis=1)
+        return (left.transpose(0, 2, 1) @ right).reshape(-1, 3, 3, 3, 3)
 
     def of(self, points: NDArray[np.intp]) -> Spin:
         """That of some of the points."""

@@ -2,8 +2,8 @@
 
 Everything that depends on the material, H_a = (A.N)_a and K_a = Xi_a:(delta_a^T s (x) N) of every
 side, is derived in UFL (:mod:`forms.kinematics`) and evaluated at the points; what is left are
-products of small matrices, which tangent.c has. Written by ``ufl.derivative`` of (27) instead, the same form gives
-kernels of 40,000 lines in 3D.
+products of small matrices, those of tangent.c. Written by ``ufl.derivative`` of (27) instead, the
+same form gives kernels of 40,000 lines in 3D.
 """
 
 from __future__ import annotations
@@ -159,10 +159,9 @@ class PointTangent:
     def _run(self, name: str, *arrays: Array | None) -> None:
         """Call a function of tangent.c; the first array has a row for all it is to do."""
         ffi, function = self._module.ffi, getattr(self._module.lib, name)
-        given = [ffi.NULL if one is None else np.ascontiguousarray(one) for one in arrays]
-        function(
-            len(arrays[0]), *(one if one is ffi.NULL else ffi.from_buffer(one) for one in given)
-        )
+        given = [None if one is None else np.ascontiguousarray(one) for one in arrays]
+        pointers = [ffi.NULL if one is None else ffi.from_buffer(one) for one in given]
+        function(len(arrays[0]), *pointers)
 
     def _geometric_term(self, stabilization: Stabilization, values: PointValues) -> list[Array]:
         """Independent components of K_a of (85) of both sides (nq, components) [MPa]."""
