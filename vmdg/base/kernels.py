@@ -63,7 +63,7 @@ VECTORIZED = {
 
 # C that says itself what is done at a time: at -O3 gcc 14 changes the order of its loops, and its
 # products of small matrices take three times as long.
-_PRODUCTS = ["-O2", "-funroll-loops", "-march=native", "-g0"]
+_PRODUCTS = ["-O2", "-fopenmp-simd", "-funroll-loops", "-march=native", "-g0"]
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,7 @@ static void add_product(int rows, const double A[][JET], const double B[][JET], 
     for (int m = 0; m < rows; ++m)
     {
       double a = factor * A[m][r];
+#pragma omp simd
       for (int c = 0; c < JET; ++c)
         D[r][c] += a * B[m][c];
     }
@@ -47,11 +48,13 @@ static void add_product(int rows, const double A[][JET], const double B[][JET], 
 static void apply(int rows, const double A[][DIM], const double B[DIM][JET], double AB[][JET])
 {
   for (int m = 0; m < rows; ++m)
+#pragma omp simd
     for (int c = 0; c < JET; ++c)
     {
-      AB[m][c] = 0;
+      double sum = 0;
       for (int l = 0; l < DIM; ++l)
-        AB[m][c] += A[m][l] * B[l][c];
+        sum += A[m][l] * B[l][c];
+      AB[m][c] = sum;
     }
 }
 
@@ -148,28 +151,31 @@ void point_tangents(long count, const double area[], const double delta[][2][DIM
   }
 }
 
-/* What the dofs of component i have of a jet on a side: the opening, and the slopes of w_i. */
-static int kinds(int i) { return i == 0 ? 1 + SLOPES : 1 + DIM; }
-
-/* Place in a jet of kind m of component i. */
+/* Place in a jet of what component i of a side has in it: m = 0 the opening, then slopes of w_i. */
 static int place(int side, int i, int m)
 {
   return m == 0 ? i : DIM + side * ENTRIES + (m > DIM ? SECTION : DIM * i + m - 1);
 }
+
+/* Whether component i has it: only w_1 has a hoop entry. */
+static int has(int i, int m) { return i == 0 || m <= DIM; }
 
 /* Sum over the points of a facet for components i, k and sides a, b of test and trial functions. */
 static void add_block(int i, int k, int a, int b, const double D[][JET][JET], const int points[POINTS],
                       shapes g[POINTS][2][1 + SLOPES], shapes block[NODES])
 {
   for (int q = 0; q < POINTS; ++q)
-    for (int m = 0; m < kinds(i); ++m)
+    for (int m = 0; m <= SLOPES && has(i, m); ++m)
     {
       const double *row = D[points[q]][place(a, i, m)], *test = (const double*)g[q][a][m];
+      double moduli[1 + SLOPES];
+      for (int l = 0; l <= SLOPES; ++l)
+        moduli[l] = has(k, l) ? row[place(b, k, l)] : 0;
       for (int c = 0; c < CHUNKS; ++c)
       {
-        chunk flux = row[k] * g[q][b][0][c];
-        for (int l = 1; l < kinds(k); ++l)
-          flux += row[place(b, k, l)] * g[q][b][l][c];
+        chunk flux = moduli[0] * g[q][b][0][c];
+        for (int l = 1; l <= SLOPES; ++l)
+          flux += moduli[l] * g[q][b][l][c];
         for (int n = 0; n < NODES; ++n)
           block[n][c] += test[n] * flux;
       }

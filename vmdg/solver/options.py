@@ -34,7 +34,8 @@ class SolveOptions:
             that break one by one, are always traced. Stages that go by load factors jump where the
             smallest attempt has failed, not with ``control="load"``.
         max_share: Share of all bonds that a step of the path breaks at most: less gives more rows,
-            where a peak is to be met by one of them, for example.
+            where a peak is to be met by one of them, for example, and laws that depend on the way
+            are integrated more exactly, with an error of first order.
         duration: Time for one unit of load factor [s]; matters to laws with viscosity only.
         cycles: Cycles of the load for one unit of load factor, which :class:`vmdg.FatigueDebonding`
             feels; 0 for none: the monotonic law. Loads are the largest ones of a cycle. Such a run
