@@ -23,6 +23,7 @@ from studies.scaling.measure import HEAD, Row, draw, measure
 def main(
     cells: int = 18,
     load: float = 1.0,
+    share: float = 0.01,
     weak: bool = False,
     out: str = "results/scaling",
     fresh: bool = False,
@@ -34,6 +35,7 @@ def main(
     Args:
         cells: Cells along an edge of one of the two cubes, on one rank.
         load: Share of the load, which takes all of the bond through its law [-].
+        share: Of the bond that breaks in a step at most [-].
         weak: Multiply the cells with the number of ranks.
         out: Folder of the results.
         fresh: Forget what it has.
@@ -41,7 +43,8 @@ def main(
         verbose: Print the residuals of every step.
     """
     comm = MPI.COMM_WORLD
-    row = measure(round(cells * comm.size ** (1 / 3)) if weak else cells, comm, load, verbose)
+    n = round(cells * comm.size ** (1 / 3)) if weak else cells
+    row = measure(n, comm, load, share, verbose)
     rows: list[Row] = []
     if comm.rank == 0:
         file = Path(out) / ("weak.jsonl" if weak else "strong.jsonl")

@@ -46,9 +46,9 @@ def test_scaling(comm, tmp_path_factory):
     """A line a run; the cubes of all ranks are those of one, their ghosts those of the model."""
     folder = comm.bcast(str(tmp_path_factory.mktemp("scaling")))
     for fresh in (True, False):
-        rows = scaling.main(cells=4, out=folder, fresh=fresh)
+        rows = scaling.main(cells=4, share=0.1, out=folder, fresh=fresh)
     assert comm.bcast((Path(folder) / "strong.png").stat().st_size) > 10_000
-    row, alone = rows[-1], measure(4, MPI.COMM_SELF)
+    row, alone = rows[-1], measure(4, MPI.COMM_SELF, share=0.1)
     assert len(rows) == 2
     assert (row.unknowns, row.newton) == (alone.unknowns, alone.newton)
     assert row.force == pytest.approx(alone.force, rel=1e-8)

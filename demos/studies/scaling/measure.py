@@ -39,9 +39,6 @@ TIMERS = {
 }
 BOND = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.3)  # MPa, mm
 BODY = {"E": 4000.0, "nu": 0.3}  # MPa
-#: Share of the bond that breaks in a step. Longer steps would follow the counts of corrections, which
-#: differ by one with the linear solver and its ranks, and the force at the end follows the steps.
-MAX_SHARE = 0.01
 
 
 @dataclass(frozen=True)
@@ -138,14 +135,28 @@ def build(n: int, comm: MPI.Comm) -> tuple[vmdg.Problem, np.ndarray]:
 
 
 def measure(
-    n: int, comm: MPI.Comm = MPI.COMM_WORLD, load: float = 1.0, verbose: bool = False
+    n: int,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    load: float = 1.0,
+    share: float = 0.01,
+    verbose: bool = False,
 ) -> Row:
-    """Two steps to a share of the load; collective."""
+    """Two stages to a share of the load; collective.
+
+    Args:
+        n: Cells along an edge of a cube.
+        comm: Of all ranks.
+        load: Share of the load.
+        share: Of the bond that breaks in a step. Longer steps follow the counts of corrections,
+            which differ by one with the linear solver and its ranks, and the force at the end
+            follows the steps.
+        verbose: Print the residuals of every step.
+    """
     problem, top = build(n, comm)
     problem.discretization.compile()
     comm.barrier()
     start = perf_counter()
-    options = vmdg.SolveOptions(relative_tolerance=1e-10, max_share=MAX_SHARE, verbose=verbose)
+    options = vmdg.SolveOptions(relative_tolerance=1e-10, max_share=share, verbose=verbose)
     result = vmdg.solve(problem, [load / 2, load], options)
     comm.barrier()
     seconds = perf_counter() - start
