@@ -1,9 +1,11 @@
 """The cache of kernels: what a killed process leaves there does not stop the next one."""
 
 import fcntl
+import gc
 import subprocess
 import sys
 import time
+import weakref
 
 import dolfinx.jit
 import pytest
@@ -54,6 +56,21 @@ def test_claim_of_a_living_process_counts(comm, options):
         fcntl.flock(lock, fcntl.LOCK_SH)
         with pytest.raises(TimeoutError if comm.size == 1 else RuntimeError):
             area(comm, options)
+
+
+def test_mesh_is_not_kept(comm, options):
+    """What UFL leaves of a form that was compiled does not keep the mesh, and communicators."""
+    gc.disable()
+    try:
+        mesh = create_unit_square(comm, 2, 2)
+        u = fem.Function(fem.functionspace(mesh, ("P", 1)))
+        form = ufl.derivative(u**2 * ufl.dx, u)
+        compile_form(form, [], comm, options)
+        gone = weakref.ref(mesh)
+        del mesh, u, form
+        assert gone() is None
+    finally:
+        gc.enable()
 
 
 COMPILE = """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import gc
 import hashlib
 import importlib.machinery
 import importlib.util
@@ -86,7 +87,11 @@ requested: list[Kernel] = []
 
 
 def _record(name: str, start: float, code: object) -> None:
-    requested.append(Kernel(name, perf_counter() - start, _lines(code)))
+    lines = _lines(code)
+    if lines:
+        # UFL's algorithms leave circles, which would keep the mesh and its communicators.
+        gc.collect()
+    requested.append(Kernel(name, perf_counter() - start, lines))
 
 
 def _lines(code: object) -> int:
