@@ -29,6 +29,7 @@ from .laws import Law as Law
 from .laws import MixedModeDebonding as MixedModeDebonding
 from .laws import Mode as Mode
 from .laws import TrapezoidalDebonding as TrapezoidalDebonding
+from .linear.features import switchboard as switchboard
 from .linear.macroscopic import macroscopic_tangent as macroscopic_tangent
 from .output.axial import AxialMotion as AxialMotion
 from .output.cell import PeriodicCell as PeriodicCell
@@ -41,7 +42,6 @@ from .problem.problem import Problem as Problem
 from .problem.rigid_motion import RigidMotion as RigidMotion
 from .problem.states import Energy as Energy
 from .problem.states import Snapshot as Snapshot
-from .solver.features import switchboard as switchboard
 from .solver.options import SolveOptions as SolveOptions
 from .solver.result import Counts as Counts
 from .solver.result import Result as Result

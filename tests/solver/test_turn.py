@@ -7,10 +7,9 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from support.checks import in_frame
-from support.problems import MATERIALS, driven, rotation
+from support.problems import MATERIALS, driven
 
 import vmdg
-from vmdg.solver.turn import rigid_part
 
 LAW = vmdg.Debonding(strength=100.0, critical_gap=0.2)
 PRECISE = vmdg.SolveOptions(relative_tolerance=1e-12)
@@ -58,21 +57,3 @@ def test_one_step_of_turn_and_stretch(cell):
         states.append(in_frame(problem))
     for still, moved in zip(*states, strict=True):
         assert moved == pytest.approx(still, rel=1e-6, abs=1e-9)
-
-
-@pytest.mark.parametrize("d", [2, 3])
-def test_rigid_part(comm, d):
-    """Of points that turn and move with some noise; none where they do not tell the turn."""
-    rng = np.random.default_rng(d + 10 * comm.rank)
-    x, R = rng.normal(size=(5, d)), rotation(d, 2.0)
-    y = x @ R.T + np.arange(d)
-    found, before, after = rigid_part(comm, x, y)
-    assert found == pytest.approx(R, abs=1e-12)
-    assert (x - before) @ R.T + after == pytest.approx(y, abs=1e-12)
-    mirrored = x * [-1.0, *[1.0] * (d - 1)]
-    assert np.linalg.det(rigid_part(comm, x, mirrored)[0]) == pytest.approx(1.0)
-    alike = np.ones((5, d))
-    line = alike * np.arange(5)[:, None]
-    assert rigid_part(comm, alike, alike) is None
-    assert (rigid_part(comm, line, line) is None) == (d == 3)
-    assert rigid_part(comm, x[:0], y[:0]) is None

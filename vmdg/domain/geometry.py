@@ -4,21 +4,29 @@ from __future__ import annotations
 
 from itertools import combinations
 
+from mpi4py import MPI
+
 import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 
-from ..base.parallel import global_max
+from ..base.parallel import global_max, global_sum
 from ..forms.dilatation import MeanAxisymmetric, MeanCartesian
 from ..forms.geometry import Axisymmetric, Cartesian, GeneralizedPlane, Geometry
+
+Array = NDArray[np.float64]
 
 SYMMETRIES = (None, "axisymmetric")
 VOLUMETRIC = ("pointwise", "mean")
 
 # Nodes within this share of the largest radius lie on the axis: the rounding of a mesher.
 _ON_AXIS = 1e-10
+
+# Square of the width of points across their longest line, relative to its length, below which a
+# turn about it is not known.
+_WIDTH = 1e-6
 
 
 def make_geometry(
@@ -130,3 +138,30 @@ def rigid_motions(x: NDArray[np.float64], geometry: Geometry) -> NDArray[np.floa
         rotation[:, i], rotation[:, j] = -x[:, j], x[:, i]
         rotations.append(rotation)
     return np.array([*translations, *rotations])
+
+
+def rigid_part(comm: MPI.Comm, x: Array, y: Array) -> tuple[Array, Array, Array] | None:
+    """The rigid motion that takes points nearest to others (Kabsch 1976); collective.
+
+        R = argmin sum_i |y_i - c' - R (x_i - c)|^2,    c and c' the mean positions.
+
+    Args:
+        comm: Communicator.
+        x: Points of this rank (n, d) [mm].
+        y: Where they go (n, d) [mm].
+
+    Returns:
+        Rotation (d, d), mean of all x and mean of all y; None where they do not tell the rotation.
+    """
+    d = x.shape[1]
+    count = int(global_sum(comm, len(x)))
+    if count < d:
+        return None
+    before, after = (global_sum(comm, points.sum(axis=0)) / count for points in (x, y))
+    U, sizes, V = np.linalg.svd(global_sum(comm, (y - after).T @ (x - before)))
+    # In 3D points on a line leave the turn about it open, in 2D a single one.
+    if sizes[d - 2] <= _WIDTH * sizes[0]:
+        return None
+    mirror = np.ones(d)
+    mirror[-1] = np.sign(np.linalg.det(U @ V))
+    return U @ (mirror[:, None] * V), before, after

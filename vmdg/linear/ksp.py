@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import count
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from petsc4py import PETSc
 
@@ -21,6 +21,14 @@ from ..forms.geometry import Geometry
 from ..problem.problem import Problem
 
 Petsc = Mapping[str, str | int | float | bool | None]
+
+
+class Choice(Protocol):
+    """What a user chooses of linear systems, see :class:`vmdg.SolveOptions`."""
+
+    petsc: Petsc | None
+    condensed: bool | None
+
 
 #: Of the objects that options have configured.
 _numbers = count()

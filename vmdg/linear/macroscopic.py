@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from ..output.cell import PeriodicCell
 from ..problem.problem import Problem
-from .ksp import Petsc
+from .ksp import Choice
 from .system import AssembledSystem
 
 
-def macroscopic_tangent(problem: Problem, petsc: Petsc | None = None) -> NDArray[np.float64]:
+def macroscopic_tangent(problem: Problem, options: Choice | None = None) -> NDArray[np.float64]:
     """dP_ij/dF_kl of the mean stress by the mean deformation gradient; collective [MPa].
 
     At small strain d sigma_ij/dE_kl. It is the tangent of the last step, consistent with its return
@@ -20,7 +20,7 @@ def macroscopic_tangent(problem: Problem, petsc: Petsc | None = None) -> NDArray
 
     Args:
         problem: A periodic cell at the end of a step, in a monitor for example.
-        petsc: Options for KSP and PC, without prefix; None for those that fit.
+        options: As :class:`vmdg.SolveOptions`, for their ``petsc``; None for the default.
 
     Returns:
         (n, n, n, n), n = 3 in generalized plane strain, else d.
@@ -31,7 +31,7 @@ def macroscopic_tangent(problem: Problem, petsc: Petsc | None = None) -> NDArray
     cell, parts = PeriodicCell(problem), problem.discretization
     parts.update_means()
     means = parts.means
-    system = AssembledSystem(problem, petsc)
+    system = AssembledSystem(problem, options.petsc if options else None)
     stiffness = system.condensed(means.unit_vectors(problem.comm.bcast(means.dofs)))
     system.free()
     result = np.zeros(4 * cell.gradient.shape[:1])

@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, field
 
 from ..base.tables import html_table
 from ..base.timers import Timing
+from ..linear.features import Switch
 from ..output.history import History
-from .features import Switch
 from .reasons import explained, is_jump
 
 

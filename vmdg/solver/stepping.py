@@ -12,12 +12,12 @@ from ..assembly.means import lattice_of
 from ..base.parallel import global_any
 from ..base.timers import timer, timings, timings_since
 from ..checkpoint.checkpoint import write_checkpoint
+from ..linear.features import switchboard
 from ..output.axial import AxialMotion
 from ..output.cell import PeriodicCell
 from ..output.history import History, HistoryFile
 from ..problem.checks import check_model, checked_loads, checked_row
 from ..problem.problem import Problem
-from .features import switchboard
 from .options import SolveOptions
 from .path import Part, Path
 from .progress import Progress

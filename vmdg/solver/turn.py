@@ -2,56 +2,22 @@
 
 Prescribed displacements that are a rigid motion of where their nodes are leave a body in its state:
 turned with them it is in equilibrium. The tangent does not know: it takes a turn by 90 degrees for
-a stretch to 1.9 of the size. So the rigid part of the motion of the supports is found, from the
-positions x_i before and y_i after it (Kabsch 1976),
-
-    R = argmin sum_i |y_i - c' - R (x_i - c)|^2,
-
-c and c' the mean positions, and where little else is left the body follows it first.
+a stretch to 1.9 of the size. So where little is left of the motion of the supports without its
+rigid part, the body follows that first.
 """
 
 from __future__ import annotations
 
-from mpi4py import MPI
-
 import numpy as np
-from numpy.typing import NDArray
 
-from ..base.parallel import global_norm, global_sum
+from ..base.parallel import global_norm
+from ..domain.geometry import rigid_part
 from ..forms.geometry import Axisymmetric
 from ..problem.problem import Problem
 
-Array = NDArray[np.float64]
-
-#: Share of the motion of the supports that may be left when its rigid part is done, the angle below
-#: which the tangent does as well [rad], and the square of the width of the points across their
-#: longest line, relative to its length, below which a turn about it is not known.
-LEFT, ANGLE, WIDTH = 0.1, 1e-2, 1e-6
-
-
-def rigid_part(comm: MPI.Comm, x: Array, y: Array) -> tuple[Array, Array, Array] | None:
-    """The rigid motion that takes points nearest to others; collective.
-
-    Args:
-        comm: Communicator.
-        x: Points of this rank (n, d) [mm].
-        y: Where they go (n, d) [mm].
-
-    Returns:
-        Rotation (d, d), mean of all x and mean of all y; None where they do not tell the rotation.
-    """
-    d = x.shape[1]
-    count = int(global_sum(comm, len(x)))
-    if count < d:
-        return None
-    before, after = (global_sum(comm, points.sum(axis=0)) / count for points in (x, y))
-    U, sizes, V = np.linalg.svd(global_sum(comm, (y - after).T @ (x - before)))
-    # In 3D points on a line leave the turn about it open, in 2D a single one.
-    if sizes[d - 2] <= WIDTH * sizes[0]:
-        return None
-    mirror = np.ones(d)
-    mirror[-1] = np.sign(np.linalg.det(U @ V))
-    return U @ (mirror[:, None] * V), before, after
+#: Share of the motion of the supports that may be left when its rigid part is done, and the angle
+#: below which the tangent does as well [rad].
+LEFT, ANGLE = 0.1, 1e-2
 
 
 def turn(problem: Problem) -> bool:

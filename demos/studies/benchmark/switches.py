@@ -1,4 +1,4 @@
-"""What a run is spared by the switches of :mod:`vmdg.solver.features`: P1 with and without it."""
+"""What a run is spared by the switches of :mod:`vmdg.linear.features`: P1 with and without it."""
 
 from __future__ import annotations
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ..laws.base import is_number
-from ..linear.condensation import condensation
-from ..linear.ksp import Petsc, is_iterative, linear_options
 from ..problem.problem import Problem
-from .options import SolveOptions
+from .condensation import condensation
+from .ksp import Choice, Petsc, is_iterative, linear_options
 
 
 class Switch(NamedTuple):
@@ -25,12 +24,12 @@ class Switch(NamedTuple):
     reason: str
 
 
-def switchboard(problem: Problem, options: SolveOptions | None = None) -> list[Switch]:
+def switchboard(problem: Problem, options: Choice | None = None) -> list[Switch]:
     """The features a run of ``problem`` uses and those it spares, with reasons; collective.
 
     Args:
         problem: With its interfaces, and the facets that are open now.
-        options: Of the solver; None for the default.
+        options: As :class:`vmdg.SolveOptions`; None for the default.
 
     Raises:
         ValueError: ``options.condensed`` is True and the problem does not allow it.
@@ -45,9 +44,9 @@ def switchboard(problem: Problem, options: SolveOptions | None = None) -> list[S
     rubbing = any(not is_number(active.law.friction, 0.0) for active in interfaces)
     turning = any(active.turns for active in interfaces)
     small, constant = problem.discretization.bodies.small, parts.constant_stabilization
-    options = options or SolveOptions()
-    condensed, why = condensation(problem, options.condensed, options.petsc)
-    linear = linear_options(problem, options.petsc)
+    wanted, petsc = (options.condensed, options.petsc) if options else (None, None)
+    condensed, why = condensation(problem, wanted, petsc)
+    linear = linear_options(problem, petsc)
     solver = _name(linear.solver) if linear.automatic else "options.petsc"
     if condensed:
         solver = "LDL^T of the bonded bodies, once; dense at the interface"
