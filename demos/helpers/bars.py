@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from tqdm import tqdm
 
-from vmdg.solver.progress import interval
+from vmdg.output.bar import interval
 
 
 def progress(items: Iterable, unit: str, shown: bool = True) -> tqdm:

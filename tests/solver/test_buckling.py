@@ -13,8 +13,6 @@ import vmdg
 from vmdg.base.parallel import global_max
 from vmdg.meshes import blocks
 from vmdg.solver.control import Direction, Work
-from vmdg.solver.jump import MAX_STEPS, move
-from vmdg.solver.stepper import Stepper
 
 #: Of a column 1 mm thick, of two halves [mm, MPa]; its bending stiffness [N mm^2].
 LENGTH, E = 20.0, 1e4
@@ -98,26 +96,6 @@ def test_nothing_shows_the_way(comm):
     assert all("small imperfection" in text for text in said)
     assert result.history["load"][-1] == 0.5
     assert {reason for _, reason in result.failures} == {"UNSTABLE"}
-
-
-def test_motion_to_the_next_equilibrium(comm):
-    """Pushed aside at a held end, a straight column moves against a drag until it has buckled."""
-    problem, find = column(comm, LAWS["tie"], 0.0)
-    problem.dirichlet(find(2), lambda t: (-min(t, 0.5), 0.0))
-    problem.traction(find(5), lambda t: (0.0, 1e-4 * (t > 0.5)))
-    options = vmdg.SolveOptions(control="load")
-    vmdg.solve(problem, [0.25, 0.5], options)
-    before = problem.energy().stored
-    assert deflection(problem)["deflection [mm]"] < 1e-9
-    stepper = Stepper(problem, options)
-    report, steps = move(stepper, 0.51, 1.0, MAX_STEPS)
-    stepper.close()
-    assert report.converged
-    assert not report.unstable
-    assert steps < 60
-    amplitude = 2 / np.pi * np.sqrt(LENGTH * (0.5 - CLAMPED * LENGTH / E))
-    assert deflection(problem)["deflection [mm]"] == pytest.approx(amplitude, rel=0.01)
-    assert problem.energy().stored < before
 
 
 class Plane:

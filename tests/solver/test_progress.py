@@ -1,23 +1,20 @@
-"""What a run says: its bar, tables of residuals, timers, and that other ranks are quiet."""
+"""What a run says: its bar, residuals, timers, and that other ranks are quiet."""
 
 from __future__ import annotations
 
 import re
-import sys
-from io import StringIO
 from time import sleep
 
 import numpy as np
 import pytest
-from helpers.bars import progress
 from support.problems import MATERIALS, joined
 from support.scenes import two_blocks
 
 import vmdg
 from vmdg.base.timers import timer, timings, timings_since
 from vmdg.solver.control import Control
-from vmdg.solver.progress import described, interval, shown
-from vmdg.solver.report import Correction, StepReport
+from vmdg.solver.progress import described
+from vmdg.solver.report import StepReport
 
 LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.3)
 #: Seconds between two states of the bar.
@@ -85,15 +82,6 @@ def test_bar_shows_what_is_asked_for(comm, capsys):
         solve(pulled(comm), [0.01], progress=ALWAYS, show="torque")
 
 
-def test_forces_by_name():
-    """Columns called force or reaction, alone or with other words, three at most; no arrays."""
-    history = vmdg.History()
-    names = ["reinforced", "force", "Force_x", "top_reaction", "force_y"]
-    history.append({"forces": 1.0, "reaction_all": np.zeros(2)} | dict.fromkeys(names, 1.0))
-    assert shown(history, None) == ["force", "Force_x", "top_reaction"]
-    assert shown(history, "forces") == ["forces"]
-
-
 def test_bar_while_a_step_is_cut_or_jumps(comm, capsys):
     """Why a step fails, the viscous steps of a jump, and part of a step on the bar."""
     brittle = vmdg.Debonding(strength=20.0, critical_gap=0.004)
@@ -117,7 +105,7 @@ def test_log_files_are_not_flooded(comm, capsys):
 
 
 def test_verbose(comm, capsys):
-    """The residuals of every step with ratios, trials, Krylov iterations and their tolerance."""
+    """The residuals of every step and its Krylov iterations, on rank 0 only."""
     chosen = {"control": "load", "petsc": ITERATIVE}
     result = solve(pulled(comm), [0.01, 0.15], verbose=True, **chosen)
     said = capsys.readouterr()
@@ -126,20 +114,11 @@ def test_verbose(comm, capsys):
         return
     steps = said.out.split("step to load ")[1:]
     assert [step.split(",")[0] for step in steps] == ["0.01", "0.15"]
-    krylov = []
     for step, norms in zip(steps, result.residuals, strict=True):
-        rows = [row.split() for row in re.findall(r"^ +(\d+ .*)$", step.split("asked")[0], re.M)]
-        rows = [row for row in rows if row[0].isdigit() and "." in row[1]][: len(norms)]
-        assert [float(row[1]) for row in rows] == pytest.approx(norms, rel=1e-6)
-        ratios = np.array(norms[1:]) / norms[:-1]
-        assert [float(row[2]) for row in rows[1:]] == pytest.approx(ratios, rel=0.06)
-        assert all(int(row[3]) >= 1 for row in rows[1:])
-        counts = [int(row[4]) for row in rows[1:]] + [
-            int(rows[0][1 + 1]) if len(rows[0]) == 4 else 0
-        ]
-        krylov.append(sum(counts))
+        printed = re.search("residuals (.*) N, .* asked for", step).group(1)
+        assert [float(norm) for norm in printed.split()] == pytest.approx(norms, rel=1e-3)
+    krylov = [int(number) for number in re.findall(r"asked for, (\d+) Krylov", said.out)]
     assert krylov == result.history["krylov"].tolist()
-    assert min(krylov) > 0
     assert "timer" in said.out
 
 
@@ -150,24 +129,20 @@ def test_failures_as_they_happen(comm, capsys):
         solve(pulled(comm), [0.3], **options)
     said = capsys.readouterr().out
     if comm.rank == 0:
-        failures = re.findall(r"failed: (\S+); the problem is at load 0$", said, re.M)
+        failures = re.findall(r"failed: (\S+); the problem is at load 0,", said)
         assert failures == [reason for _, reason in error.value.result.failures]
         assert len(failures) == 2
-        assert said.count("residual [N]") == 2
 
 
-def test_table_of_an_attempt():
-    """How each residual was reached; a jump says its overstress, a path its work on bonds."""
-    steps = [Correction(0, 7, 1e-3), Correction(3, 12, 0.01)]
-    report = StepReport(True, [2.0, 1e-7], "CONVERGED", steps, 1e-6, 19, work=0.25)
+def test_an_attempt_in_words():
+    """Its residuals and how it ended; a jump says its overstress, a path its work on bonds."""
+    report = StepReport(True, [2.0, 1e-7], "CONVERGED", 1e-6, 19, work=0.25)
     lines = described(0.1, Control(0.2), 4.0, report).split("\n")
-    assert lines[0].startswith("step to load 0.2, ")
-    assert lines[0].endswith(" with overstress 4 H")
-    assert lines[2].split() == ["0", "2.000000e+00", "7", "1.0e-03"]
-    assert lines[3].split() == ["1", "1.000000e-07", "5.0e-08", "3", "12", "1.0e-02"]
-    assert lines[4].split() == ["1.000000e-06", "asked", "for,", "CONVERGED"]
-    assert lines[5] == "  at load 0.1, work 0.25"
-    assert len(lines) == 6
+    assert lines == [
+        "step to load 0.2, by load with overstress 4 H",
+        "  residuals 2.000e+00 1.000e-07 N, 1.000e-06 N asked for, 19 Krylov iterations",
+        "  at load 0.1, work 0.25",
+    ]
 
 
 def test_krylov_iterations(comm):
@@ -233,25 +208,3 @@ def test_summary_has_the_timers(comm):
     start = next(i for i, line in enumerate(lines) if "timer" in line)
     assert len(lines) == start + 1 + len(result.timings)
     assert "100%" in lines[start + 1] or whole.seconds == 0
-
-
-@pytest.mark.parametrize(("terminal", "longest"), [(True, 1.0), (False, 60.0)])
-def test_seconds_between_lines(monkeypatch, terminal, longest):
-    """Bars of runs and of studies write a line now and then in a file."""
-    monkeypatch.setattr("sys.stderr", Stream(terminal))
-    assert longest / 10 <= interval() <= longest
-    for _ in progress(range(5), "run"):
-        sleep(0.15)
-    assert terminal == (sys.stderr.getvalue().count("\r") > 4)
-
-
-class Stream(StringIO):
-    """A file, or a terminal."""
-
-    def __init__(self, terminal: bool):
-        super().__init__()
-        self._terminal = terminal
-
-    def isatty(self) -> bool:
-        """What it is."""
-        return self._terminal

@@ -38,12 +38,10 @@ class System(Protocol):
 
     Attributes:
         norm: Infinity norm of the first tangent, prescribed rows included [N/mm].
-        drag: What is added to the diagonal of K, relative to the norm; for finite strain only.
         iterations: Krylov iterations so far.
     """
 
     norm: float
-    drag: float
 
     @property
     def iterations(self) -> int: ...
@@ -92,10 +90,7 @@ class AssembledSystem:
 
     Attributes:
         norm: Infinity norm of the first tangent, prescribed rows included [N/mm].
-        drag: What is added to the diagonal of K, relative to the norm.
     """
-
-    drag = 0.0
 
     def __init__(self, problem: Problem, petsc: Petsc | None):
         linear = linear_options(problem, petsc)
@@ -145,7 +140,6 @@ class AssembledSystem:
             self._coarsen()
         self._discretization.assemble_tangent(self._matrix)
         self.norm = self.norm or self._matrix.norm(PETSc.NormType.NORM_INFINITY)
-        self._matrix.shift(self.drag * self.norm)
         if not len(self._motions):
             return self._solve_held(forces, moved, rtol)
         works = self._works(self._motions)

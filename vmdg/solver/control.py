@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +39,8 @@ MAX_REACH = 4.0
 ROUNDING, ONSET = 1e-11, 1e-9
 
 #: Share of the work on bonds that is left, by the tangent of a stable state, when load control
-#: leads to the target, and in which none breaks.
-NEAR, CLOSE = 0.03, 1e-3
+#: leads to the target.
+NEAR = 0.03
 
 
 class Direction(NamedTuple):
@@ -51,22 +51,13 @@ class Direction(NamedTuple):
 
 
 class Trials(Protocol):
-    """States along a direction, see :class:`vmdg.solver.newton.Newton`."""
+    """States along a direction, see :class:`vmdg.solver.newton.Newton`; collective."""
 
-    def place(self) -> Direction:
-        """Displacement and load factor now."""
-
-    def go(self, start: Direction, direction: Direction, length: float) -> None:
-        """Change displacement and load factor."""
-
-    def bond_work(self, start: Direction, direction: Direction, length: float) -> float:
-        """Work on bonds if the step ended there; collective [N mm]."""
-
-    def size(self, direction: Direction) -> float:
-        """Norm of the displacement; collective [mm]."""
-
-    def product(self, one: Direction, other: Direction) -> float:
-        """Inner product of two displacements; collective [mm^2]."""
+    def place(self) -> Direction: ...
+    def go(self, start: Direction, direction: Direction, length: float) -> None: ...
+    def bond_work(self, start: Direction, direction: Direction, length: float) -> float: ...
+    def size(self, direction: Direction) -> float: ...
+    def product(self, one: Direction, other: Direction) -> float: ...
 
 
 @dataclass
@@ -76,39 +67,28 @@ class Control:
     Attributes:
         target: Load factor.
         span: Load factors of the present stage, the scale of differences.
-        drag: Force against a change of an unknown in the step, by that and by the norm of K.
+        work: Work on bonds that the step does; None for load control [N mm].
         onset: Change of the load factor to the onset of damage, a kink at which the step ends; None
             where it ends elsewhere.
+        arc: Size of the change of displacement that ends the step; None where it does not [mm].
+        brakes: Whether an overstress takes the place of the load factor.
     """
 
     target: float
     span: float = 1.0
-    drag: float = field(default=0.0, kw_only=True)
+    work: float | None = None
     onset: float | None = field(default=None, init=False)
+    arc: float | None = field(default=None, init=False)
+    brakes: ClassVar[bool] = False
 
     def __str__(self) -> str:
         """What leads the step, in words."""
-        return f"by load with drag {self.drag:.3g} |K|" if self.drag else "by load"
+        return "by load"
 
     @property
     def loaded(self) -> bool:
         """Whether the load factor itself is prescribed."""
-        return True
-
-    @property
-    def brakes(self) -> bool:
-        """Whether an overstress takes the place of the load factor."""
-        return False
-
-    @property
-    def rests(self) -> bool:
-        """Whether the last equilibrium on the way ends the step if none is found further on."""
-        return False
-
-    @property
-    def arc(self) -> float | None:
-        """Size of the change of displacement that ends the step; None where it does not [mm]."""
-        return None
+        return self.work is None
 
     def snapped(self, t: float) -> float:
         """The target where a load factor differs from it by rounding."""
@@ -148,7 +128,7 @@ class Work(Control):
 
     Attributes:
         target: Load factor to which the load goes before anything is damaged.
-        work: dD; None where the target is met without so much work: load control [N mm].
+        work: dD, until the target is foreseen to come without so much of it [N mm].
         within: Share of the work that the way to the target is foreseen to take of which dD is no
             more; 1 for load control where dD is enough for all of it.
         kink: Whether dD stays the control whatever is foreseen: at the onset of damage nothing can
@@ -158,14 +138,12 @@ class Work(Control):
             if that share is less than 1 [mm].
     """
 
-    work: float | None = None
     within: float = 1.0
     kink: bool = False
     bends: bool = False
     reach: float | None = None
     _forward: Direction | None = field(default=None, init=False, repr=False)
     _origin: Direction | None = field(default=None, init=False, repr=False)
-    _bounded: bool = field(default=False, init=False, repr=False)
     _limited: bool = field(default=False, init=False, repr=False)
     _first: bool = field(default=True, init=False, repr=False)
     _gradient: float = field(default=0.0, init=False, repr=False)
@@ -177,23 +155,11 @@ class Work(Control):
         """What leads the step, in words."""
         return f"by work {self.work:.4g} N mm on bonds"
 
-    @property
-    def loaded(self) -> bool:
-        """Whether the load factor itself is prescribed."""
-        return self.work is None
-
-    @property
-    def arc(self) -> float | None:
-        """Size of the change of displacement that ends the step; None where it does not [mm]."""
-        return self.reach if self._bounded and not self.loaded else None
-
     def met(self, t: float, work: float) -> bool:
         """Whether an equilibrium ends the step."""
-        if self.work is None:
-            return t == self.target
-        if self._bounded:
+        if self.loaded or self.arc is not None:
             # Full steps stay on the arc.
-            return True
+            return self.arc is not None or t == self.target
         if self.onset is not None:
             return abs(self.onset) <= MISSED * self.span and work <= self.work
         return abs(work - self.work) <= MISSED * self.work
@@ -209,7 +175,7 @@ class Work(Control):
         """
         first, self._first = self._first, False
         self._origin = self._origin or start
-        if self._bounded:
+        if self.arc is not None:
             return self._along_arc(trials, start, zero, one)
         D, middle = self._worked(trials, start, zero, 0.0), Direction(start.u + zero.u, start.t)
         if self.onset is not None:
@@ -260,8 +226,9 @@ class Work(Control):
         way = trials.size(Direction(zero.u + length * one.u, length))
         if self.reach is None and self.within < 1:
             self.reach = self.within * (trials.size(self._forward) if self._forward else way)
-        self._bounded = self.bends and self.reach is not None and way > self.reach
-        return self._bounded
+        if self.bends and self.reach is not None and way > self.reach:
+            self.arc = self.reach
+        return self.arc is not None
 
     def _along_arc(
         self, trials: Trials, start: Direction, zero: Direction, one: Direction
@@ -270,7 +237,7 @@ class Work(Control):
         before = Direction(start.u - self._origin.u, start.t - self._origin.t)
         after = Direction(before.u + zero.u, before.t)
         a, b = trials.product(one, one), trials.product(after, one)
-        root = math.sqrt(max(b * b - a * (trials.product(after, after) - self.reach**2), 0.0))
+        root = math.sqrt(max(b * b - a * (trials.product(after, after) - self.arc**2), 0.0))
         forward = before if trials.size(before) > 0 else self._forward
         if forward is None:
             along = self.target - start.t
@@ -280,7 +247,7 @@ class Work(Control):
         left = self.target - start.t
         if length * left > 0 and abs(length) >= abs(left):
             # The target comes first.
-            self.work = None
+            self.work = self.arc = None
             return left
         return length
 
@@ -364,35 +331,31 @@ class Arrival(Work):
     """A step that ends at the target, controlled by the work on bonds on the way.
 
     Attributes:
-        before: D and lambda of the last equilibrium before the target.
-        beyond: Those of one beyond it, if there is one.
-        most: Work at which the step ends before its target [N mm].
         start: lambda at the start of the step.
+        beyond: D and lambda of an equilibrium beyond the target, if there is one.
+        most: Work at which the step ends before its target [N mm].
     """
 
-    before: tuple[float, float] = (0.0, 0.0)
+    start: float = 0.0
     beyond: tuple[float, float] | None = None
     most: float = math.inf
-    start: float = 0.0
     kink: bool = True
-    _rests: bool = field(default=False, init=False, repr=False)
+    _before: tuple[float, float] = field(default=(0.0, 0.0), init=False, repr=False)
 
-    @property
-    def rests(self) -> bool:
-        """Whether the last equilibrium lies before the target."""
-        return self._rests
+    def __post_init__(self):
+        super().__post_init__()
+        self._before = 0.0, self.start
 
     def met(self, t: float, work: float) -> bool:
         """Whether an equilibrium ends the step; if not, dD is another one."""
         if self.work is None:
             return t == self.target
-        left, last = self.target - t, self.before
-        self._rests = left * (self.target - self.start) > 0
-        if self._rests:
-            self.before = work, t
+        left, last = self.target - t, self._before
+        if left * (self.target - self.start) > 0:
+            self._before = work, t
         else:
             self.beyond = work, t
-        (D, t), (D_next, t_next) = self.before, self.beyond or self.before
+        (D, t), (D_next, t_next) = self._before, self.beyond or self._before
         if self.beyond is None:
             # Not there yet: as the last two equilibria lead, but no more than twice as far. A path
             # that has turned back, or leads on too slowly, ends the step here.
@@ -407,9 +370,6 @@ class Arrival(Work):
         stable = self._gradient * (self.target - self.start) > 0
         if stable and abs(self._gradient * left) <= NEAR * work:
             self.work = None
-        elif self.beyond is not None and D_next - D <= CLOSE * D_next:
-            # No bond breaks in between.
-            self.work = None
         return left == 0
 
 
@@ -422,11 +382,7 @@ class Brake(Work):
     """
 
     kink: bool = True
-
-    @property
-    def brakes(self) -> bool:
-        """Whether an overstress takes the place of the load factor."""
-        return True
+    brakes: ClassVar[bool] = True
 
     def __post_init__(self):
         super().__post_init__()

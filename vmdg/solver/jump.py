@@ -2,34 +2,24 @@
 
 from __future__ import annotations
 
-from ..base.parallel import global_norm
 from .control import ROUGH, Brake, Control
 from .report import StepReport
 from .stepper import Stepper
 
-#: The overstress at the start of a jump and its largest one, in multiples of H.
+#: The overstress at the start of a jump, and at which it is given up, in multiples of H.
 FIRST_OVERSTRESS, MAX_OVERSTRESS = 4.0, 1e8
-
-#: Drag on the displacement at the start of a motion and its largest one, relative to the norm of K,
-#: and the share of its largest forces below which a step without it ends the motion.
-FIRST_DRAG, MAX_DRAG, SETTLED = 1e-2, 1e4, 1e-4
 
 #: Corrections that a step should take, the largest growth of one, and what one that fails is cut
 #: by.
-AIM, GROWTH, CUT = 5, 2.0, 0.25
+AIM, GROWTH, CUT = 4, 2.0, 0.25
 
-#: Steps before a jump is given up.
+#: Steps before a jump, or a given load factor, is given up.
 MAX_STEPS = 200
 
 
-def growth_after(report: StepReport, aim: float) -> float:
-    """How much longer than a step that took its corrections the next one may be.
-
-    Args:
-        report: Of the step.
-        aim: Corrections that a step should take.
-    """
-    return min(aim / max(report.iterations, 1), GROWTH)
+def growth_after(report: StepReport) -> float:
+    """How much longer than a step the next one may be, by the corrections it took."""
+    return min(AIM / max(report.iterations, 1), GROWTH)
 
 
 def jump(
@@ -76,55 +66,9 @@ def jump(
                 return report, steps
             work, drag, ahead = CUT * work, FIRST_OVERSTRESS, None
             continue
-        growth = growth_after(report, AIM)
+        growth = growth_after(report)
         work, ahead = growth * max(work, report.work), report.change if brakes else None
         drag = min(slowed, FIRST_OVERSTRESS) / max(growth, GROWTH if not brakes else 1.0)
-    if not stepper.problem.discretization.bodies.small:
-        report, more = move(stepper, t, span, max_steps)
-        steps += more
-        if report.converged:
-            return report, steps
     step.return_to(before)
     step.scales = scales
     return report.failed(f"JUMP_FAILED after {steps} steps"), steps
-
-
-def move(stepper: Stepper, t: float, span: float, max_steps: int) -> tuple[StepReport, int]:
-    """Let bodies move at a load factor, against a drag, until they rest in an equilibrium.
-
-    Where bodies snap there are no bonds to slow down. Steps of
-
-        R(u) + c (u - u_n) = 0
-
-    are those of the steepest descent of the energy in time, backward Euler: K + c I is positive
-    definite for a c that is large enough, and each step takes energy away. Where the motion comes
-    to rest c falls (pseudo-transient continuation; Kelley and Keyes 1998).
-
-    Args:
-        stepper: Takes the steps; the problem is in a state from which it runs away at this load.
-        t: Load factor.
-        span: Of the stage.
-        max_steps: Steps before it is given up.
-
-    Returns:
-        As :func:`jump`.
-    """
-    report = StepReport(False, [], "")
-    drag, largest, steps = FIRST_DRAG, 0.0, 0
-    while steps < max_steps and drag < MAX_DRAG:
-        start = stepper.problem.step.snapshot()
-        report = stepper.step(Control(t, span, drag=drag))
-        steps += 1
-        if report.unstable or not report.converged or report.change is None:
-            stepper.problem.step.return_to(start)
-            drag /= CUT
-            continue
-        force = drag * global_norm(stepper.problem.comm, report.change.u)
-        largest = max(largest, force)
-        if force <= SETTLED * largest:
-            report = stepper.step(Control(t, span))
-            if report.converged and not report.unstable:
-                return report, steps
-        if report.iterations <= AIM:
-            drag /= GROWTH
-    return report.failed(""), steps

@@ -11,6 +11,8 @@ give the correction du = du_0 + dlambda du_1, which takes the linearised R away 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from petsc4py import PETSc
 
 import numpy as np
@@ -19,13 +21,13 @@ from numpy.typing import NDArray
 from ..base.parallel import global_max, global_norm, global_sum
 from ..base.timers import timer
 from ..domain.topology import box_sides
-from ..linear.ksp import Petsc, destroy, set_options
+from ..linear.ksp import destroy, set_options
 from ..linear.system import make_system
 from ..problem.problem import Problem
 from .control import Control, Direction
 from .criterion import Criterion
 from .options import SolveOptions
-from .report import StepReport, Trace
+from .report import StepReport
 from .turn import turn
 
 Array = NDArray[np.float64]
@@ -34,10 +36,8 @@ Array = NDArray[np.float64]
 #: correction that is not exact leads to another branch.
 MAX_RTOL, MIN_RTOL = 1e-4, 1e-6
 
-#: Under load control a backtracking line search on the residual norm carries the iteration over
-#: the kinks where points change branch. Where the work on bonds is given full steps do better.
-BACKTRACKING = {"snes_linesearch_type": "bt"}
-FULL_STEPS = {"snes_linesearch_type": "basic"}
+#: The kind of line search is chosen in every step; backtracking halves a correction, and gives up.
+KIND = "snes_linesearch_type"
 LINE_SEARCH = {"snes_linesearch_order": 1, "snes_linesearch_max_it": 8}
 
 #: Displacements in sizes of the body beyond which a trial state is given up as it is.
@@ -80,8 +80,8 @@ class Newton:
 
     Args:
         problem: The problem.
-        options: Tolerance, corrections from one equilibrium to the next before an attempt is given
-            up, and what chooses the linear systems.
+        options: Tolerance, corrections before an attempt is given up, and what chooses the linear
+            systems.
 
     Attributes:
         discretization: What it was made for.
@@ -119,10 +119,9 @@ class Newton:
 
     def _begin(self, control: Control, dt: float) -> None:
         self._control, self._dt = control, dt
-        self._trace, self._goal = Trace(self.krylov), np.nan
-        self._trials, self._corrections, self._tolerance = 0, 0, MAX_RTOL
+        self._norms: list[float] = []
+        self._goal, self._tolerance = np.nan, MAX_RTOL
         self._unstable = False
-        self._rest: Direction | None = None
 
     @property
     def krylov(self) -> int:
@@ -145,31 +144,28 @@ class Newton:
         """
         problem, krylov, scales = self._problem, self.krylov, self._problem.step.scales
         self._begin(control, dt)
-        self._system.drag = control.drag
         with timer("predictor"):
             self._predict(ahead)
-        self._search(BACKTRACKING if control.loaded else FULL_STEPS)
+        # Backtracking on the residual norm carries the iteration over kinks where points change
+        # branch. Where the work on bonds is given full steps do better.
+        self._backtracks = control.loaded
+        kind = self._own.get(KIND, "bt" if self._backtracks else "basic")
+        PETSc.Options(self._snes.getOptionsPrefix())[KIND] = kind
+        self._snes.setFromOptions()
         self._x.array[: self.owned] = problem.u.x.array[: self.owned]
         self._x.array[self.owned :] = self._parameter()
         self._snes.solve(None, self._x)
         reason = self._snes.getConvergedReason()
-        if reason <= 0 and self._rest is not None:
-            self.go(self._rest, self._rest, 0.0)
-            problem.step.assemble_residual(dt)
-            reason = PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE
-        reaction = self._reaction()
-        converged = reason > 0 and bool(np.isfinite(reaction))
+        converged = reason > 0
         if converged:
-            self._criterion.update(reaction=reaction)
+            self._criterion.update(reaction=self._reaction())
         else:
             # The forces of a state that is given up say nothing about the run.
             problem.step.scales = scales
-        trace, name = self._trace, _REASONS.get(reason, str(reason))
         return StepReport(
             converged,
-            trace.norms,
-            name,
-            trace.solves,
+            self._norms,
+            _REASONS.get(reason, str(reason)),
             self._goal,
             self.krylov - krylov,
             onset=control.onset is not None,
@@ -177,19 +173,11 @@ class Newton:
             unstable=self._unstable,
         )
 
-    def _search(self, options: Petsc) -> None:
-        """Choose the line search, where the user has not."""
-        self._backtracks = options is BACKTRACKING
-        database = PETSc.Options(self._snes.getOptionsPrefix())
-        for name, value in (options | self._own).items():
-            database[name] = value
-        self._snes.setFromOptions()
-
     def _predict(self, ahead: Direction | None) -> None:
         """Turn with the supports, go on as in the last step, or along the tangent of the state."""
         if self._problem.loading.ray is None and turn(self._problem):
             self._problem.step.assemble_residual(self._dt)
-            self.go(self.place(), self._correction(-self._free_forces(), MAX_RTOL), 1.0)
+            self.go(self.place(), self.correct(-self._free_forces()), 1.0)
             return
         if ahead is not None and self._control.extrapolate(self, ahead):
             return
@@ -199,7 +187,7 @@ class Newton:
         self._problem.step.assemble_residual(self._dt, hold=True)
         free = self._free_forces()
         self._criterion.update(global_norm(self._comm, free))
-        self.go(self.place(), self._correction(-free, MAX_RTOL), 1.0)
+        self.go(self.place(), self.correct(-free), 1.0)
 
     # Trial states, see vmdg.solver.control.Trials
 
@@ -243,27 +231,18 @@ class Newton:
 
     # Corrections
 
-    def correct(self, right: Array) -> Direction:
-        """Correction that takes the residual ``right`` away and follows the control; collective."""
-        return self._correction(-right, self._tolerance)
-
-    def _correction(self, forces: Array, rtol: float) -> Direction:
-        found = self._linearised(forces, rtol)
-        self._unstable = self._system.unstable
-        return found
-
-    def _linearised(self, forces: Array, rtol: float) -> Direction:
+    def correct(self, forces: Array) -> Direction:
+        """Correction that takes a residual of -forces away and follows the control; collective."""
         problem, control = self._problem, self._control
         loading, start = problem.loading, self.place()
         away = loading.away(problem.t)
         if loading.ray is None and not control.brakes:
-            return Direction(self._system.solve([forces], [away], rtol)[0], 0.0)
+            return Direction(self._solve([forces], [away])[0], 0.0)
         load, rate = self._rates()
         if control.loaded:
             dt = control.target - start.t
-            right, moved = forces + dt * load, away + dt * rate
-            return Direction(self._system.solve([right], [moved], rtol)[0], dt)
-        found = self._system.solve([forces, load], [away, rate], rtol)
+            return Direction(self._solve([forces + dt * load], [away + dt * rate])[0], dt)
+        found = self._solve([forces, load], [away, rate])
         zero, one = Direction(found[0], 0.0), Direction(found[1], 1.0)
         if not np.isfinite(self.size(zero) + self.size(one)):
             return Direction(np.full_like(zero.u, np.nan), 0.0)
@@ -271,20 +250,21 @@ class Newton:
         self.go(start, zero, 0.0)
         return Direction(zero.u + dt * one.u, dt)
 
+    def _solve(self, forces: list[Array], moved: list[Array]) -> Sequence[Array]:
+        found = self._system.solve(forces, moved, self._tolerance)
+        self._unstable = self._system.unstable
+        return found
+
     def _rates(self) -> tuple[Array, Array]:
         """Change of forces [N] and prescribed displacements [mm] with the parameter."""
-        if self._control.brakes:
-            return self._drag_forces(), np.zeros(self.owned)
-        return self._problem.step.load_rate(), self._problem.loading.rate()
-
-    def _drag_forces(self) -> Array:
-        """-dR/deta of the overstress [N]."""
-        step, drag, residuals = self._problem.step, self._problem.step.drag, []
-        for trial in (drag + DRAG_INCREMENT, drag):
-            step.slow_down(trial)
+        step, residuals = self._problem.step, []
+        if not self._control.brakes:
+            return step.load_rate(), self._problem.loading.rate()
+        for drag in (step.drag + DRAG_INCREMENT, step.drag):
+            step.slow_down(drag)
             step.assemble_residual(self._dt)
             residuals.append(self._free_forces())
-        return (residuals[1] - residuals[0]) / DRAG_INCREMENT
+        return (residuals[1] - residuals[0]) / DRAG_INCREMENT, np.zeros(self.owned)
 
     def _reaction(self) -> float:
         """Norm of the reactions of the last assembly, those of springs among them, and the
@@ -301,15 +281,11 @@ class Newton:
         """Residual of the last assembly on owned dofs, without what supports and rigid faces take
         [N]."""
         forces = self._problem.discretization.forces.x.array[: self.owned].copy()
-        if drag := self._control.drag * self._system.norm:
-            u, start = self._problem.u.x.array, self._problem.step.start.u
-            forces += drag * (u - start)[: self.owned]
         return self._problem.loading.balance(forces)
 
     # Called by PETSc
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
-        self._trials += 1
         if not x.norm(PETSc.NormType.NORM_INFINITY) <= MAX_DISPLACEMENT * self._size:
             f.set(np.nan)
             return
@@ -323,35 +299,30 @@ class Newton:
         f.array[: self.owned] = self._free_forces()
 
     def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
-        reasons, residual = PETSc.SNES.ConvergedReason, norms[2]
-        self._trace.note(residual, self._trials if iteration else 0, self.krylov, self._tolerance)
-        self._trials = 0
-        if not np.isfinite(residual):
+        reasons, residual, reaction = PETSc.SNES.ConvergedReason, norms[2], self._reaction()
+        self._norms.append(residual)
+        if not np.isfinite(residual + reaction):
             return reasons.DIVERGED_FNORM_NAN
         # Differences of positions x + u, of nodes that may have gone far, times stiffness.
         far = global_max(self._comm, float(np.abs(self._problem.u.x.array).max(initial=0.0)))
         self._criterion.floor = float(np.finfo(float).eps) * (self._size + far) * self._system.norm
-        self._goal = goal = self._criterion.goal(self._reaction())
+        self._goal = goal = self._criterion.goal(reaction)
         control, step = self._control, self._problem.step
-        if residual <= goal:
-            # At an equilibrium, which may be one on the way.
-            if control.met(self._parameter(), step.bond_work()):
-                return reasons.CONVERGED_FNORM_RELATIVE
-            if control.rests:
-                self._rest = self.place()
-        self._corrections += 1
-        if self._corrections > self._max_iterations + 1:
+        # At an equilibrium, which may be one on the way.
+        if residual <= goal and control.met(self._parameter(), step.bond_work()):
+            return reasons.CONVERGED_FNORM_RELATIVE
+        if len(self._norms) > self._max_iterations + 1:
             return reasons.DIVERGED_MAX_IT
         if self._stalled():
             return reasons.DIVERGED_LOCAL_MIN
-        self._tolerance = linear_tolerance(self._trace.norms, goal)
+        self._tolerance = linear_tolerance(self._norms, goal)
         return reasons.ITERATING
 
     def _stalled(self) -> bool:
         """Whether the last corrections have changed nothing."""
-        norms = self._trace.norms
+        norms = self._norms
         # At an equilibrium on the way residuals are rounding, alike or not.
-        if len(norms) < 5 or self._corrections < 4 or norms[-1] <= self._goal:
+        if len(norms) < 5 or norms[-1] <= self._goal:
             return False
         if self._backtracks:
             return norms[-1] > STALLED * norms[-3]
@@ -374,7 +345,7 @@ class _Bordered:
     def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """J.x = b; PETSc subtracts x."""
         owned = self._newton.owned
-        du, dt = self._newton.correct(b.array_r[:owned].copy())
+        du, dt = self._newton.correct(-b.array_r[:owned])
         x.array[:owned] = -du
         x.array[owned:] = -dt
         ksp.setConvergedReason(PETSc.KSP.ConvergedReason.CONVERGED_ITS)

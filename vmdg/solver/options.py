@@ -57,9 +57,9 @@ class SolveOptions:
             between two states of the bar [s].
         show: Names of the columns of the history that the bar shows as forces; None for the first
             three called force or reaction, alone or with more words ("force_x").
-        verbose: Print the residual norms of every step, with the ratio to the norm before, the
-            residuals the line search has tried, Krylov iterations and their tolerance, why steps
-            fail, and the summary (rank 0).
+        verbose: Print what leads every attempt of a step, its residual norms, Krylov iterations and
+            why it fails, and the summary (rank 0). More of a correction is told by PETSc itself:
+            ``petsc={"snes_monitor": None, "snes_linesearch_monitor": None}``.
         csv: File for the history, written while the run goes on: a row that is complete is on the
             disk. Rows of an earlier run that ``history`` does not have are dropped.
         checkpoint: Folder for a checkpoint of the run, see :func:`vmdg.read_checkpoint`.

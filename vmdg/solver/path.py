@@ -14,7 +14,7 @@ from ..problem.loading import Ray
 from ..problem.problem import Problem
 from ..problem.states import Snapshot
 from .control import Arrival, Control, Direction, Work
-from .jump import CUT, growth_after, jump
+from .jump import CUT, MAX_STEPS, growth_after, jump
 from .reasons import explained
 from .report import StepReport
 from .result import Result, StepFailure
@@ -30,19 +30,12 @@ RELEASED = 0.05
 #: Share by which the work of a step may differ from what was foreseen on a smooth path.
 SMOOTH = 0.5
 
-#: Corrections that a step should take: with fewer the next one goes further.
-AIM = 4
-
 #: Share of the loss allowed in a step with cycles that the next one aims at, how much longer it may
 #: be, and the share of its length that is left at least when it is cut.
 STRIDE, LONGER, LEAST_STRIDE = 0.8, 8.0, 0.05
 
 #: How exactly a limit point is found, relative to the stage, and in how many steps at most.
 LIMIT, MAX_REFINEMENTS = 1e-6, 12
-
-#: Steps by displacement before a given load factor is given up: nothing is spent on their way, and
-#: it may lead on for ever.
-MAX_ARCS = 200
 
 #: How far behind it a jump begins, relative to the stage.
 AWAY = 1e-2
@@ -68,43 +61,21 @@ class Part(NamedTuple):
     jumps: int
 
 
-class Passed(NamedTuple):
-    """An equilibrium beyond a given load factor, found on the way to it.
+def bonds(problem: Problem) -> tuple[float, float]:
+    """What there is to break on open facets; collective.
 
-    Attributes:
-        work: On bonds since the start of the step [N mm].
-        t: Load factor.
-        change: Of the state; None where facets have opened.
+    Returns:
+        Energy of intact bonds, P_c^2/(2 H) times their area [N mm], and their number of facets.
     """
-
-    work: float
-    t: float
-    change: Direction | None
-
-
-class Bonds(NamedTuple):
-    """What there is to break.
-
-    Attributes:
-        energy: Of all intact bonds, P_c^2/(2 H) times their area [N mm].
-        facets: Number of facets.
-    """
-
-    energy: float
-    facets: int
-
-    @classmethod
-    def of(cls, problem: Problem) -> Bonds:
-        """Of the open facets of a problem; collective."""
-        found = np.zeros(2)
-        for active in problem.discretization.active.values():
-            law = active.law
-            if law.has_bond:
-                per_area = law.strength**2 / (2 * law.softening_modulus)
-                energy = (per_area * active.quadrature.weights).sum()
-                found += energy, len(active.facets.facets)
-        energy, facets = global_sum(problem.comm, found)
-        return cls(float(problem.discretization.geometry.thickness) * energy, int(facets))
+    found = np.zeros(2)
+    for active in problem.discretization.active.values():
+        law = active.law
+        if law.has_bond:
+            per_area = law.strength**2 / (2 * law.softening_modulus)
+            energy = (per_area * active.quadrature.weights).sum()
+            found += energy, len(active.facets.facets)
+    energy, facets = global_sum(problem.comm, found)
+    return float(problem.discretization.geometry.thickness) * energy, facets
 
 
 @dataclass
@@ -121,7 +92,7 @@ class Stage:
         limit: State of the largest load so far, where the path has turned back after it.
         after: States behind it, which become rows if the load grows beyond the limit again.
         traces: Whether there is no jump: snaps are followed back, or stop the run.
-        arcs: How many steps the displacement has led.
+        arcs: Steps led by the displacement, on whose way nothing is spent: it may go on for ever.
     """
 
     start: float
@@ -201,7 +172,7 @@ class Path:
                     yield from self._jump(stage)
                     continue
                 # No equilibrium near this one: the stable path ends within the smallest attempt.
-                part = self._leap(stage, self._result.failures[-1][0])
+                part = self._leap(stage, self._result.failures[-1][0], before, before)
                 if part is None:
                     raise
             if stage.traces or not stage.follows:
@@ -221,13 +192,11 @@ class Path:
 
     def _set_out(self, target: float) -> Stage:
         """The stage to a load factor."""
-        loading, start = self._problem.loading, self._problem.t
-        bonds = Bonds.of(self._problem)
-        self._most = self._stepper.options.max_share * bonds.energy
-        first = FIRST_FACETS * bonds.energy / max(bonds.facets, 1)
-        self._remember(self._work or first, self._breaking)
-        by_load = self._stepper.options.control == "load"
-        by_load |= self._stepper.viscous or self._stepper.cyclic
+        loading, start, options = self._problem.loading, self._problem.t, self._stepper.options
+        energy, facets = bonds(self._problem)
+        self._most = options.max_share * energy
+        self._remember(self._work or FIRST_FACETS * energy / max(facets, 1), self._breaking)
+        by_load = options.control == "load" or self._stepper.viscous or self._stepper.cyclic
         # Bonds may break or bodies buckle; where facets have yet to open nothing is known of bonds.
         small = self._problem.discretization.bodies.small
         bends = self._most > 0 or not (small or self._problem.step.activation)
@@ -245,7 +214,6 @@ class Path:
         if global_any(self._problem.comm, turns or back):
             self.forget()
         self._ray = ray
-        options = self._stepper.options
         # Jumps are slowed down by bonds.
         never = options.unstable == "trace" or options.control == "load" or self._most == 0
         return Stage(start, target, follows, back, traces=never)
@@ -265,24 +233,14 @@ class Path:
             before = problem.step.snapshot()
             report = self._stepper.step(control, ahead)
             if report.converged and stage.follows:
-                beyond = stage.ahead(problem.t, stage.target) > 0
-                if beyond and passed is None:
+                if stage.ahead(problem.t, stage.target) > 0 and passed is None:
                     # The target was passed on the way: look for the state in between.
-                    passed = Passed(report.work, problem.t, report.change)
+                    passed = report, problem.t
                     problem.step.return_to(before)
                     continue
-                if beyond:
+                if refusal := self._refusal(stage, before, report):
                     problem.step.return_to(before)
-                    report = report.failed("TARGET_PASSED")
-                if self._jumped(before, report):
-                    problem.step.return_to(before)
-                    report = report.failed("JUMPED")
-                if self._strays(stage):
-                    problem.step.return_to(before)
-                    report = report.failed("PROGRAMME_LEFT")
-                if self._unstable(report, forward=stage.ahead(problem.t, start) > 0):
-                    problem.step.return_to(before)
-                    report = report.failed("UNSTABLE")
+                    report = report.failed(refusal)
             if report.converged:
                 self._lost &= report.unstable
                 break
@@ -299,10 +257,11 @@ class Path:
             if cuts > options.max_cuts or start == stage.target:
                 raise StepFailure(self._complaint(start, end, report), self._result)
             if passed is not None:
-                self._work, passed = passed.work / 2, None
+                self._work, passed = passed[0].work / 2, None
             elif type(control) is Work:
                 self._work *= CUT
-                if self._spent == 0 and (reach := report.arc or self._size(self._ahead)):
+                reach = report.arc or (self._ahead and global_norm(problem.comm, self._ahead.u))
+                if self._spent == 0 and reach:
                     self._reach = CUT * reach
             if self._stepper.cyclic:
                 # Of a step that came to no end nothing is known but that it was far too long.
@@ -328,26 +287,26 @@ class Path:
         if self._kink:
             self._ahead, self._spent = None, 0.0
         self._remember(self._next_work(report, work), breaking)
-        self._reach = report.arc and growth_after(report, AIM) * report.arc
+        self._reach = report.arc and growth_after(report) * report.arc
         stage.arcs += report.arc is not None
         if self._stepper.cyclic:
             room = options.max_loss / max(report.lost, options.max_loss / LONGER)
             self._stride = STRIDE * room * abs(problem.t - start)
         return Part(problem.t, stage.done(problem.t), problem.t - start, report, cuts, 0)
 
-    def _strays(self, stage: Stage) -> bool:
-        """Whether the path has led so far back that other loads were given for where it is."""
+    def _refusal(self, stage: Stage, before: Snapshot, report: StepReport) -> str:
+        """Why a step does not count although it has converged; nothing where it does."""
         t = self._problem.t
-        back = stage.ahead(stage.start, t) > stage.span
-        return back and not self._problem.loading.as_given(t)
-
-    def _unstable(self, report: StepReport, forward: bool) -> bool:
-        """Whether a step in which nothing breaks has left the stable path, which it can follow.
-
-        Bonds that break are followed by the work on them, and behind a limit point of the load
-        stable states are not near.
-        """
-        return report.unstable and report.work == 0 and forward and not self._lost
+        if stage.ahead(t, stage.target) > 0:
+            return "TARGET_PASSED"
+        if self._jumped(before, report):
+            return "JUMPED"
+        if stage.ahead(stage.start, t) > stage.span and not self._problem.loading.as_given(t):
+            return "PROGRAMME_LEFT"
+        # Bonds that break are followed by the work on them, and behind a limit point of the load
+        # stable states are not near.
+        strays = report.unstable and report.work == 0 and stage.ahead(t, before.t) > 0
+        return "UNSTABLE" if strays and not self._lost else ""
 
     def _lose(self, t: float) -> None:
         """Warn that the run goes on over unstable states."""
@@ -372,7 +331,7 @@ class Path:
         return abs(released) > RELEASED * report.work + self._stepper.rounding
 
     def _control(
-        self, stage: Stage, end: float, cuts: int, passed: Passed | None
+        self, stage: Stage, end: float, cuts: int, passed: tuple[StepReport, float] | None
     ) -> tuple[Control, Direction | None]:
         """How the next attempt is controlled, and where its first guess leads.
 
@@ -380,34 +339,30 @@ class Path:
             stage: The stage.
             end: Where the attempt ends by load control.
             cuts: Attempts that have failed.
-            passed: An equilibrium beyond the target.
+            passed: How a step went that has passed the target, and its load factor.
         """
         t, ahead = self._problem.t, self._ahead
         if passed is not None:
-            beyond = passed.work, passed.t
-            first = (stage.target - t) / (passed.t - t) * passed.work
-            most = 2 * passed.work
+            report, beyond = passed
+            first = (stage.target - t) / (beyond - t) * report.work
             arrival = Arrival(
-                stage.target, stage.span, first, before=(0.0, t), beyond=beyond, most=most, start=t
+                stage.target, stage.span, first, start=t, beyond=(report.work, beyond)
             )
-            return arrival, passed.change
+            return arrival, report.change
         by_load = cuts > 0 or not self._breaking or (stage.back and t == stage.start)
         if not stage.follows or (cuts % 2 == 0 and by_load):
             return Control(end, stage.span), ahead
         # Where load control has failed it is not to come back by another name.
         within = CUT ** (cuts // 2 + 1) if cuts else 1.0
         if self._spent == 0 or ahead is None:
-            bends = self._spent == 0 and not self._kink and stage.arcs < MAX_ARCS
+            bends = self._spent == 0 and not self._kink and stage.arcs < MAX_STEPS
             way = within, self._kink, bends, self._reach
             return Work(stage.target, stage.span, self._work, *way), ahead if bends else None
         if cuts == 0 and ahead.t * (stage.target - t) > 0:
             needed = (stage.target - t) / ahead.t * self._spent
             if needed <= self._work:
                 most = 4 * self._work
-                arrival = Arrival(
-                    stage.target, stage.span, needed, before=(0.0, t), most=most, start=t
-                )
-                return arrival, ahead
+                return Arrival(stage.target, stage.span, needed, start=t, most=most), ahead
             if needed < 2 * self._work:
                 # Two equal steps rather than a short one to the target.
                 return Work(stage.target, stage.span, needed / 2, within, kink=True), ahead
@@ -415,12 +370,8 @@ class Path:
 
     def _next_work(self, report: StepReport, work: float) -> float:
         """Work on bonds that the next step may do, after one that might do ``work``."""
-        growth = growth_after(report, AIM)
+        growth = growth_after(report)
         return growth * work if report.work >= work / 2 else max(work, growth * report.work)
-
-    def _size(self, change: Direction | None) -> float:
-        """Norm of a change of the displacement, 0 for none; collective [mm]."""
-        return 0.0 if change is None else global_norm(self._problem.comm, change.u)
 
     def _complaint(self, start: float, end: float, report: StepReport) -> str:
         norms = ", ".join(f"{norm:.3g}" for norm in report.norms[-4:]) or "none"
@@ -456,49 +407,43 @@ class Path:
 
     def _jump(self, stage: Stage) -> Iterator[Part]:
         """From the limit point to the next equilibrium at its load; the path if none is found."""
-        step, traced = self._problem.step, stage.after
+        traced = stage.after
         # At the limit point itself nothing would drive the problem on.
         away = [
             state for _, state in traced if stage.ahead(stage.limit.t, state.t) > AWAY * stage.span
         ]
         self._refine(stage)
-        t = stage.limit.t
-        start = away[0] if away else traced[-1][1]
-        report, steps = self._carry(t, stage.span, stage.limit, start)
+        part = self._leap(stage, stage.limit.t, stage.limit, away[0] if away else traced[-1][1])
         stage.limit, stage.after = None, None
-        if report.converged:
-            self.forget()
-            yield Part(t, stage.done(t), 0.0, report, 0, steps)
+        if part is not None:
+            yield part
             return
-        self._result.failures.append((t, report.reason))
         stage.traces = True
         for part, state in traced:
-            step.return_to(state)
+            self._problem.step.return_to(state)
             yield part
 
-    def _leap(self, stage: Stage, t: float) -> Part | None:
-        """To an equilibrium at a load factor that none of the near ones leads to; None if none."""
-        now = self._problem.step.snapshot()
-        report, steps = self._carry(t, stage.span, now, now)
-        if not report.converged:
-            self._result.failures.append((t, report.reason))
-            return None
-        self.forget()
-        return Part(t, stage.done(t), 0.0, report, 0, steps)
+    def _leap(self, stage: Stage, t: float, limit: Snapshot, start: Snapshot) -> Part | None:
+        """To an equilibrium that no near one leads to; None, and undone, if there is none.
 
-    def _carry(
-        self, t: float, span: float, limit: Snapshot, start: Snapshot
-    ) -> tuple[StepReport, int]:
-        """Jump from a state beside the limit point; what is released is counted from the point."""
+        Args:
+            stage: The stage.
+            t: Its load factor.
+            limit: The last state of the stable path, from which what is released is counted.
+            start: A state from which the problem runs away at this load.
+        """
         problem = self._problem
         problem.step.return_to(limit)
         imbalance = problem.energy().imbalance
         problem.step.return_to(start)
-        report, steps = jump(self._stepper, t, span, self._work)
-        if report.converged:
-            # Not less than nothing, by rounding where bonds are next to nothing.
-            problem.step.release(max(problem.energy().imbalance - imbalance, 0.0))
-        return report, steps
+        report, steps = jump(self._stepper, t, stage.span, self._work)
+        if not report.converged:
+            self._result.failures.append((t, report.reason))
+            return None
+        # Not less than nothing, by rounding where bonds are next to nothing.
+        problem.step.release(max(problem.energy().imbalance - imbalance, 0.0))
+        self.forget()
+        return Part(t, stage.done(t), 0.0, report, 0, steps)
 
     def _refine(self, stage: Stage) -> None:
         """Find the limit point: the largest load factor over the work, between two states."""
@@ -536,6 +481,11 @@ def summit(points: list[tuple[float, float]]) -> tuple[float, float]:
     Args:
         points: Argument and value, by argument.
     """
+
+    def slope(k: int) -> float:
+        (x, y), (x_next, y_next) = points[k : k + 2]
+        return (y_next - y) / (x_next - x)
+
     best = max(range(len(points)), key=lambda k: points[k][1])
     found = []
     for k in (best - 1, best):
@@ -544,15 +494,9 @@ def summit(points: list[tuple[float, float]]) -> tuple[float, float]:
         (x, y), (x_next, y_next) = points[k], points[k + 1]
         middle = (x + x_next) / 2, math.inf
         if 0 < k < len(points) - 2:
-            rises = slope(points[k - 1], points[k])
-            falls = slope(points[k + 1], points[k + 2])
-            if rises > slope(points[k], points[k + 1]) > falls:
+            rises, falls = slope(k - 1), slope(k + 1)
+            if rises > slope(k) > falls:
                 at = (y_next - y + rises * x - falls * x_next) / (rises - falls)
                 middle = at, y + rises * (at - x)
         found.append(middle)
     return max(found, key=lambda guess: guess[1])
-
-
-def slope(point: tuple[float, float], other: tuple[float, float]) -> float:
-    """Of the line through two points."""
-    return (other[1] - point[1]) / (other[0] - point[0])

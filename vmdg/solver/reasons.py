@@ -51,14 +51,6 @@ REASONS = {
         "tangent was singular",
         _BROKEN,
     ),
-    "DIVERGED_DTOL": Reason(
-        "the forces got further and further out of balance",
-        _RESIDUAL,
-    ),
-    "CONVERGED_FNORM_RELATIVE": Reason(
-        "the forces on the supports are not finite",
-        _BROKEN,
-    ),
     "CELLS_INVERTED": Reason(
         "forces balance, but with cells turned inside out (det F <= 0)",
         f"{_SMALLER}; larger or better shaped cells where strains are largest (notches, crack "
@@ -115,11 +107,6 @@ def reason(text: str) -> Reason:
     if word in REASONS:
         return REASONS[word]
     return _OTHER if re.fullmatch(r"[A-Z_]+|-?\d+", word) else Reason(text, "")
-
-
-def is_jump(text: str) -> bool:
-    """Whether what has failed is a jump to another equilibrium."""
-    return text.startswith("JUMP_FAILED")
 
 
 def explained(attempts: Sequence[str]) -> str:

@@ -3,24 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 from .control import Direction
-
-
-class Correction(NamedTuple):
-    """How a residual norm was reached from the one before, or from the start of the step.
-
-    Attributes:
-        trials: Residuals the line search has looked at: 1 for a full step, 0 in the predictor.
-        krylov: Krylov iterations of its linear systems, 0 where they were solved directly.
-        tolerance: Relative tolerance of these iterations.
-    """
-
-    trials: int
-    krylov: int
-    tolerance: float
 
 
 @dataclass(frozen=True)
@@ -31,7 +16,6 @@ class StepReport:
         converged: Whether the residual met the tolerance.
         norms: Residual norms on the free dofs, before every correction and at the end [N].
         reason: PETSc's word for how it ended, or one of vmdg.solver.reasons.
-        solves: How each of the norms was reached.
         goal: Residual norm at which the step has converged [N].
         krylov: Krylov iterations of all linear systems of the step, the predictor's included; 0
             where they were solved directly.
@@ -47,7 +31,6 @@ class StepReport:
     converged: bool
     norms: list[float]
     reason: str
-    solves: list[Correction] = field(default_factory=list)
     goal: float = math.nan
     krylov: int = 0
     work: float = 0.0
@@ -65,26 +48,3 @@ class StepReport:
     def failed(self, reason: str) -> StepReport:
         """The same step, given up for another reason."""
         return replace(self, converged=False, reason=reason)
-
-
-class Trace:
-    """The residual norms of an attempt and what each of them has cost.
-
-    Args:
-        krylov: Krylov iterations before the attempt.
-
-    Attributes:
-        norms: See :class:`StepReport`.
-        solves: See :class:`StepReport`.
-    """
-
-    def __init__(self, krylov: int):
-        self.norms: list[float] = []
-        self.solves: list[Correction] = []
-        self._krylov = krylov
-
-    def note(self, norm: float, trials: int, krylov: int, tolerance: float) -> None:
-        """Add a norm [N]; ``krylov`` is the count so far, the others as in :class:`Correction`."""
-        self.norms.append(norm)
-        self.solves.append(Correction(trials, krylov - self._krylov, tolerance))
-        self._krylov = krylov

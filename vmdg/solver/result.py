@@ -9,7 +9,7 @@ from ..base.tables import html_table
 from ..base.timers import Timing
 from ..linear.features import Switch
 from ..output.history import History
-from .reasons import explained, is_jump
+from .reasons import explained
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ class StepFailure(RuntimeError):
 
     def __str__(self) -> str:
         """The message, and the last jump that led nowhere, which may have been tried after it."""
-        jumps = [(t, text) for t, text in self.result.failures if is_jump(text)]
+        jumps = [(t, text) for t, text in self.result.failures if text.startswith("JUMP_FAILED")]
         if not jumps:
             return super().__str__()
         t, text = jumps[-1]

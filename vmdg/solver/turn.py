@@ -29,9 +29,8 @@ def turn(problem: Problem) -> bool:
         turns all of it.
     """
     parts, loading = problem.discretization, problem.loading
-    if parts.bodies.small or loading.rigid or isinstance(parts.geometry, Axisymmetric):
-        return False
-    if parts.means is not None:
+    apart = loading.rigid or parts.means is not None
+    if parts.bodies.small or apart or isinstance(parts.geometry, Axisymmetric):
         return False
     space, d = parts.space, parts.space.dofmap.index_map_bs
     u, owned = problem.u.x.array, parts.owned
