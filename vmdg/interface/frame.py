@@ -154,7 +154,7 @@ def cross_matrix(x: Array) -> Array:
     """X with X.omega = omega x x at many points, (n, d, 3 or 1)."""
     if x.shape[1] == 2:
         return _quarter_turn(x)[:, :, None]
-    return np.einsum("mkn,pn->pmk", _EPSILON, x)
+    return (x @ _EPSILON.reshape(9, 3).T).reshape(-1, 3, 3)
 
 
 def _quarter_turn(x: Array) -> Array:
