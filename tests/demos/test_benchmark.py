@@ -55,9 +55,12 @@ def test_a_step_costs_in_proportion(out):
     """What interfaces hold goes with their facets; their history is little beside tau_s."""
     actions = {a.name: a for a in benchmark.main(["step"], True, 1, out=str(out))["step"]}
     memory = {name: action.shares(action.memory) for name, action in actions.items()}
-    for name in ("tangent", "of it return map", "tau_s and its coercivity"):
+    for name in ("of it return map", "tau_s and its coercivity"):
         facet, cell = memory[name]
         assert facet > 1e3 and abs(cell) < 100, name
+    # Bodies are done in batches of cells, and these meshes are smaller than one.
+    facet, cell = memory["tangent"]
+    assert facet > 1e3 and cell * actions["tangent"].cells[1] < 1e6
     assert memory["commit, works"][0] < 0.01 * memory["tau_s and its coercivity"][0]
     assert memory["checkpoint, files"][1] > 24 * 8 * 2
 
