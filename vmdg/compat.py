@@ -25,6 +25,8 @@ from dolfinx.mesh import (
 from numpy.typing import NDArray
 
 _NEW = tuple(int(part) for part in dolfinx.__version__.split(".")[:2]) >= (0, 10)
+if _NEW:
+    from ufl.corealg.dag_traverser import DAGTraverser
 # Newer index maps take a message tag.
 _TAG = [0] if "tag: int" in IndexMap.__init__.__doc__ else []
 
@@ -83,6 +85,20 @@ def form(integrand: ufl.Form, submeshes: list[FacetSubmesh], jit_options: dict) 
     # fem.form leaves a circle that holds them, and with them the meshes and their communicators.
     entity_maps.clear()
     return compiled
+
+
+def forget_traversals() -> None:
+    """Let go of what UFL's algorithms have seen of a form.
+
+    Python 3.13.0 and 3.13.1 keep every object that a ``functools.singledispatchmethod`` was called
+    on (issue 127750 of CPython), as those of newer versions of UFL, which know the mesh.
+    """
+    kinds = [DAGTraverser] if _NEW else []
+    for kind in kinds:
+        kinds += kind.__subclasses__()
+        cache = getattr(vars(kind).get("process"), "_method_cache", None)
+        if cache is not None:
+            cache.clear()
 
 
 def create_matrix(

@@ -6,7 +6,6 @@ import subprocess
 import sys
 import time
 import weakref
-from functools import singledispatchmethod
 
 import dolfinx.jit
 import pytest
@@ -59,23 +58,6 @@ def test_claim_of_a_living_process_counts(comm, options):
             area(comm, options)
 
 
-def dispatch_keeps_objects():
-    """Whether Python keeps what ``singledispatchmethod`` has met, as 3.13.0 does (gh-127750)."""
-
-    class Rules:
-        @singledispatchmethod
-        def process(self, o):
-            return o
-
-    rules = Rules()
-    rules.process(1)
-    kept = weakref.ref(rules)
-    del rules
-    gc.collect()
-    return kept() is not None
-
-
-@pytest.mark.skipif(dispatch_keeps_objects(), reason="this Python keeps rules of UFL for ever")
 def test_mesh_is_not_kept(comm, options):
     """What UFL leaves of a form that was compiled does not keep the mesh, and communicators."""
     gc.disable()

@@ -90,6 +90,7 @@ def _record(name: str, start: float, code: object) -> None:
     lines = _lines(code)
     if lines:
         # UFL's algorithms leave circles, which would keep the mesh and its communicators.
+        compat.forget_traversals()
         gc.collect()
     requested.append(Kernel(name, perf_counter() - start, lines))
 
