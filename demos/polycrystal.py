@@ -13,7 +13,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from helpers.options import run
-from helpers.polycrystal import build, damage, draw_damage
+from helpers.polycrystal import CellMonitor, build, draw_damage
 
 import vmdg
 from vmdg.plot import animate as write_film
@@ -46,25 +46,18 @@ def main(
         verbose: Print the residuals of every step.
     """
     problem = build(grains, seed, spread, cells)
-    cell, snapshots, states = vmdg.PeriodicCell(problem), [], []
-
-    def monitor(problem: vmdg.Problem) -> dict[str, float]:
-        if animate:
-            snapshots.append(problem.step.snapshot())
-        states.append(damage(problem))
-        return cell.row()
-
+    monitor = CellMonitor(problem, animate)
     shown = {"progress": True, "show": ("stress_xx",), "verbose": verbose}
     options = vmdg.SolveOptions(energy=True, csv=f"{out}/history.csv", **shown)
     history = vmdg.solve(problem, np.linspace(0, end, steps + 1)[1:], options, monitor).history
     names = "strain_xx", "stress_xx"
     if animate:
-        write_film(f"{out}/polycrystal.gif", problem, snapshots, history, *names, "xx", 20)
+        write_film(f"{out}/polycrystal.gif", problem, monitor.snapshots, history, *names, "xx", 20)
     if plot:
         figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
         vmdg.plot.curve(history, *names, ax=axes[0], origin=True, color="black")
         peak = int(np.argmax(history["stress_xx"]))
-        draw_damage(axes[1], problem, states[peak], f"{history['strain_xx'][peak]:.2%}")
+        draw_damage(axes[1], problem, monitor.states[peak], f"{history['strain_xx'][peak]:.2%}")
         vmdg.plot.stress(problem, "xx", magnify=10, ax=axes[2], edges=0)
         if problem.comm.rank == 0:
             figure.savefig(Path(out) / "polycrystal.png", dpi=130)

@@ -68,7 +68,7 @@ def test_checkout_is_one_package():
     reason="starts a process; needs setuptools 77",
 )
 def test_wheel(tmp_path):
-    """A wheel has every module and C file of the checkout under vmdg, and its mark of types."""
+    """A wheel has every module, C source and header of vmdg, and its mark of types."""
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, tmp_path)
     for name in ("forms", "meshes", "vmdg"):
@@ -81,7 +81,7 @@ def test_wheel(tmp_path):
         found = {name for name in wheel.namelist() if ".dist-info/" not in name}
     folders = [ROOT / "vmdg", *(path for path in (ROOT / "vmdg").iterdir() if path.is_dir())]
     modules = [
-        path for folder in folders for end in ("py", "c") for path in folder.glob(f"*.{end}")
+        path for folder in folders for end in ("py", "c", "h") for path in folder.glob(f"*.{end}")
     ]
     assert found == {
         "vmdg/py.typed",

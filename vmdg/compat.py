@@ -120,8 +120,8 @@ def create_matrix(
         kind: Of the matrix.
     """
     integrals = {
-        kind: [(0, 0, entities, np.zeros(0, dtype=np.int8))]
-        for kind, entities in (
+        integral: [(0, 0, entities, np.zeros(0, dtype=np.int8))]
+        for integral, entities in (
             (fem.IntegralType.cell, cells),
             (fem.IntegralType.interior_facet, facets),
         )

@@ -15,7 +15,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 import vmdg
-from helpers.polycrystal import damage, draw_damage
+from helpers.polycrystal import CellMonitor, draw_damage
 from vmdg.meshes import TaggedMesh, fibre_cell
 from vmdg.meshes.packing import UNIT_BALL
 
@@ -107,14 +107,7 @@ class Study:
         tagged, name = self.mesh(seed, comm), f"{self.folder}/fibre_cell_{seed}_{angle:g}"
         problem = self.problem(tagged, angle)
         known = *plane_moduli(problem), shortest_cut(problem), fibre_share(tagged)
-        cell, snapshots, states = vmdg.PeriodicCell(problem), [], []
-
-        def monitor(problem: vmdg.Problem) -> dict[str, float]:
-            if animate:
-                snapshots.append(problem.step.snapshot())
-            states.append(damage(problem))
-            return cell.row()
-
+        monitor = CellMonitor(problem, animate)
         alone = comm.size == 1 and MPI.COMM_WORLD.rank > 0
         said = {"progress": not alone, "show": ("stress_xx", "stress_xy")}
         # Where many points are about to break at once short steps lead nowhere, and a jump does.
@@ -133,9 +126,9 @@ class Study:
         stress = "stress_xx" if abs(np.cos(np.radians(angle))) > 0.7 else "stress_xy"
         if animate:
             shown = "load", stress, "mises", 3
-            vmdg.plot.animate(f"{name}.gif", problem, snapshots, history, *shown)
+            vmdg.plot.animate(f"{name}.gif", problem, monitor.snapshots, history, *shown)
         if plot:
-            draw_run(problem, history, stress, states, f"{name}.png")
+            draw_run(problem, history, stress, monitor.states, f"{name}.png")
         both = np.column_stack([history["stress_xx"], history["stress_xy"]])
         peak = both[np.argmax(np.linalg.norm(both, axis=1))]
         if comm.rank == 0:

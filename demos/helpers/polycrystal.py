@@ -53,6 +53,30 @@ def damage(problem: vmdg.Problem) -> NDArray[np.float64]:
     return np.concatenate(parts) if parts else np.zeros((0, 3))
 
 
+class CellMonitor:
+    """Monitor of a run: what a cell has for every row, and states for pictures; collective.
+
+    Args:
+        problem: A periodic cell.
+        film: Whether to keep what a film needs.
+
+    Attributes:
+        states: :func:`damage` of every row.
+        snapshots: Of every row, for a film; else none.
+    """
+
+    def __init__(self, problem: vmdg.Problem, film: bool):
+        self._cell, self._film = vmdg.PeriodicCell(problem), film
+        self.states, self.snapshots = [], []
+
+    def __call__(self, problem: vmdg.Problem) -> dict[str, float]:
+        """Columns of the row."""
+        if self._film:
+            self.snapshots.append(problem.step.snapshot())
+        self.states.append(damage(problem))
+        return self._cell.row()
+
+
 def draw_damage(ax: Axes, problem: vmdg.Problem, points: NDArray, strain: str) -> None:
     """Points of the interfaces, coloured by their damage.
 

@@ -9,26 +9,14 @@
 
 #include <string.h>
 
-/* Numbers in a vector register. */
-#if defined(__AVX512F__) && NODES % 8 == 0
-#define LANES 8
-#elif defined(__AVX__)
-#define LANES 4
-#else
-#define LANES 2
-#endif
+#include "vectors.h"
 
 enum
 {
   DIM = 3,
   SIZE = DIM * NODES,
-  COMPONENTS = ENTRIES * (ENTRIES + 1) / 2,
-  CHUNKS = (NODES + LANES - 1) / LANES
+  COMPONENTS = ENTRIES * (ENTRIES + 1) / 2
 };
-
-/* Some shape functions; of a cell there are CHUNKS, filled up with zeros. Vectors of gcc and clang. */
-typedef double chunk __attribute__((vector_size(LANES * sizeof(double))));
-typedef chunk shapes[CHUNKS];
 
 /* Place of A_rc, r <= c, in the upper half of A, row by row. */
 #define UPPER(r, c) ((r) * (2 * ENTRIES - (r) - 1) / 2 + (c))

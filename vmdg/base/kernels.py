@@ -65,6 +65,8 @@ VECTORIZED = {
 # C that says itself what is done at a time: at -O3 gcc 14 changes the order of its loops, and its
 # products of small matrices take three times as long.
 _PRODUCTS = ["-O2", "-fopenmp-simd", "-funroll-loops", "-march=native", "-g0"]
+# What such C files include.
+_VECTORS = Path(__file__).with_name("vectors.h")
 
 
 @dataclass(frozen=True)
@@ -178,13 +180,15 @@ def _source_module(
 ) -> tuple[ModuleType, int]:
     """The module, and its lines of C; 0 where it was in the cache."""
     arguments = [*_PRODUCTS, *(f"-D{macro}={value}" for macro, value in sizes.items())]
-    key = hashlib.sha1(json.dumps([code, declaration, arguments]).encode()).hexdigest()
+    read = [code, _VECTORS.read_text(), declaration, arguments]
+    key = hashlib.sha1(json.dumps(read).encode()).hexdigest()
     name, lines = f"vmdg_{key}", 0
     file = folder / (name + importlib.machinery.EXTENSION_SUFFIXES[0])
     if not file.exists():
         builder, lines = cffi.FFI(), code.count("\n")
         builder.cdef(declaration)
-        builder.set_source(name, code, extra_compile_args=arguments)
+        folders = [str(_VECTORS.parent)]
+        builder.set_source(name, code, extra_compile_args=arguments, include_dirs=folders)
         # Whoever else compiles it at the same time puts the same into its place.
         with TemporaryDirectory(dir=folder) as work:
             Path(builder.compile(tmpdir=work)).replace(file)

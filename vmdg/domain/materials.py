@@ -200,9 +200,7 @@ def _found_from(
 
 
 def _given_on(mesh: Mesh, value: Any, cells: NDArray[np.int32]) -> NDArray[np.float64]:
-    if isinstance(value, fem.Function):
-        return rows_of_cells(mesh, value, cells)
-    if callable(value):
+    if callable(value) and not isinstance(value, fem.Function):
         midpoints = compute_midpoints(mesh, mesh.topology.dim, cells)
         return np.asarray(value(midpoints.T), dtype=float)
     return rows_of_cells(mesh, value, cells)

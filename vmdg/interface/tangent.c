@@ -8,27 +8,15 @@
 
 #include <string.h>
 
-/* Numbers in a vector register. */
-#if defined(__AVX512F__) && NODES % 8 == 0
-#define LANES 8
-#elif defined(__AVX__)
-#define LANES 4
-#else
-#define LANES 2
-#endif
+#include "vectors.h"
 
 enum
 {
   JET = DIM + 2 * ENTRIES,
   SECTION = DIM * DIM,
   SIZE = 2 * NODES * DIM,
-  COMPONENTS = ENTRIES * (ENTRIES + 1) / 2,
-  CHUNKS = (NODES + LANES - 1) / LANES
+  COMPONENTS = ENTRIES * (ENTRIES + 1) / 2
 };
-
-/* Some shape functions; of a cell there are CHUNKS, filled up with zeros. Vectors of gcc and clang. */
-typedef double chunk __attribute__((vector_size(LANES * sizeof(double))));
-typedef chunk shapes[CHUNKS];
 
 /* Adds factor A^T.B of rows of jets. */
 static void add_product(int rows, const double A[][JET], const double B[][JET], double factor,
