@@ -81,6 +81,14 @@ WRONG_UNITS = {
 }
 
 
+def test_whole_numbers(comm):
+    """A strength without a decimal point is a strength."""
+    tagged = scene(comm, 2.0)
+    law = vmdg.Debonding(strength=100, critical_gap=1, friction=0)
+    look(held(tagged, bonded(tagged, law, STEEL), "left", "right"))
+    assert law == vmdg.Debonding(100.0, 1.0, 0.0)
+
+
 @pytest.mark.parametrize("mistake", WRONG_UNITS)
 def test_units(comm, mistake):
     """Numbers out of all proportion are warned of."""

@@ -315,7 +315,8 @@ _NOT_NEGATIVE = {
 def check_parameters(law: Law) -> None:
     """Refuse the first parameter of a data class that is of a wrong kind or out of range.
 
-    Arrays are copied and cannot be written to afterwards; functions pass.
+    Whole numbers become floats; arrays are copied and cannot be written to afterwards; functions
+    pass.
 
     Raises:
         TypeError: it is neither a number, nor, where it may vary, an array (n,) or a function.
@@ -362,7 +363,9 @@ def _check_parameter(law: Law, name: str, value: Any) -> None:
                 "every facet of Interface(facets=...), or f(x) of midpoints x (3, n) of facets"
             )
         value.flags.writeable = False
-        object.__setattr__(law, name, value)
+    else:
+        value = float(value)
+    object.__setattr__(law, name, value)
     values, positive = np.atleast_1d(value), name in _POSITIVE
     bad = ~(np.isfinite(values) & ((values > 0.0) if positive else (values >= 0.0)))
     if bad.any():
