@@ -13,6 +13,8 @@ import vmdg
 from vmdg.base.parallel import global_max
 from vmdg.meshes import blocks
 from vmdg.solver.control import Direction, Work
+from vmdg.solver.jump import jump
+from vmdg.solver.stepper import Stepper
 
 #: Of a column 1 mm thick, of two halves [mm, MPa]; its bending stiffness [N mm^2].
 LENGTH, E = 20.0, 1e4
@@ -96,6 +98,32 @@ def test_nothing_shows_the_way(comm):
     assert all("small imperfection" in text for text in said)
     assert result.history["load"][-1] == 0.5
     assert {reason for _, reason in result.failures} == {"UNSTABLE"}
+
+
+def test_motion_to_the_next_equilibrium(comm):
+    """Pushed aside, a straight column that would long have buckled moves, against a drag.
+
+    Where it comes to rest it also is if it is pushed first, and pressed then.
+    """
+    options, ends = vmdg.SolveOptions(control="load"), []
+    for pressed, pushed in ((0.5, 0.5), (1.0, 0.0)):
+        problem, find = column(comm, LAWS["bond"], 0.0)
+        problem.dirichlet(find(2), lambda t, end=pressed: (-0.5 * min(t / end, 1.0), 0.0))
+        problem.traction(find(5), lambda t, start=pushed: (0.0, 10.0 * (t > start)))
+        vmdg.solve(problem, [0.25, 0.5], options)
+        if pressed == 0.5:
+            assert deflection(problem)["deflection [mm]"] < 1e-9
+            stepper = Stepper(problem, options)
+            report, steps = jump(stepper, 1.0, 1.0, 1.0)
+            stepper.close()
+            assert report.converged
+            assert not report.unstable
+            assert steps < 30
+        else:
+            vmdg.solve(problem, [1.0], options)
+        ends.append(deflection(problem)["deflection [mm]"])
+    assert ends[0] == pytest.approx(ends[1], rel=1e-6)
+    assert ends[0] > 2
 
 
 class Plane:

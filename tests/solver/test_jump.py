@@ -103,13 +103,14 @@ def test_viscous_bond_that_is_held(comm):
     assert len(result.failures) == 1
 
 
-def test_failed_jump_returns(comm):
+def test_failed_jump_returns(comm, monkeypatch):
     """A jump that is given up leaves the problem as it was, to all digits."""
     problem = bar.build(comm, 0.01)
     stepper, onset = Stepper(problem, vmdg.SolveOptions()), 2 * (bar.stretch(STRENGTH) - 1)
     assert stepper.step(Control(0.9 * onset)).converged
     tau, forces = problem.stabilization[0].tau, problem.discretization.forces.x.array.copy()
-    report, _ = jump(stepper, 1.1 * onset, SPAN, WORK, max_steps=1)
+    monkeypatch.setattr("vmdg.solver.jump.MAX_STEPS", 1)
+    report, _ = jump(stepper, 1.1 * onset, SPAN, WORK)
     assert "JUMP_FAILED" in report.reason
     assert np.array_equal(problem.stabilization[0].tau, tau)
     problem.step.assemble_residual(hold=True)
@@ -118,14 +119,15 @@ def test_failed_jump_returns(comm):
     stepper.close()
 
 
-def test_overstress_is_no_measure_of_residuals(comm):
+def test_overstress_is_no_measure_of_residuals(comm, monkeypatch):
     """What the bond bears with an overstress only, here four times its strength, is forgotten."""
     onset = 2 * (bar.stretch(STRENGTH) - 1)
     stepper = Stepper(bar.build(comm, 0.01), vmdg.SolveOptions())
     stepper.step(Control(0.9 * onset))
     largest = stepper.problem.step.scales.reaction
     assert largest > 0
-    jump(stepper, 4 * onset, SPAN, WORK, max_steps=3)
+    monkeypatch.setattr("vmdg.solver.jump.MAX_STEPS", 3)
+    jump(stepper, 4 * onset, SPAN, WORK)
     assert stepper.problem.step.scales.reaction == largest
     stepper.close()
 

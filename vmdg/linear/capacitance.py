@@ -69,7 +69,7 @@ class Capacitance:
     """
 
     #: Bodies of small strain do not buckle.
-    unstable = False
+    unstable, drag = False, 0.0
 
     def __init__(self, problem: Problem, max_direct: int = MAX_DIRECT):
         self._problem, self._comm, self._max_direct = problem, problem.comm, max_direct

@@ -38,10 +38,12 @@ class System(Protocol):
 
     Attributes:
         norm: Infinity norm of the first tangent, prescribed rows included [N/mm].
+        drag: What is added to the diagonal of K, relative to the norm; for finite strain only.
         iterations: Krylov iterations so far.
     """
 
     norm: float
+    drag: float
 
     @property
     def iterations(self) -> int: ...
@@ -90,7 +92,10 @@ class AssembledSystem:
 
     Attributes:
         norm: Infinity norm of the first tangent, prescribed rows included [N/mm].
+        drag: What is added to the diagonal of K, relative to the norm; for finite strain only.
     """
+
+    drag = 0.0
 
     def __init__(self, problem: Problem, petsc: Petsc | None):
         linear = linear_options(problem, petsc)
@@ -140,6 +145,8 @@ class AssembledSystem:
             self._coarsen()
         self._discretization.assemble_tangent(self._matrix)
         self.norm = self.norm or self._matrix.norm(PETSc.NormType.NORM_INFINITY)
+        if self.drag:
+            self._matrix.shift(self.drag * self.norm)
         if not len(self._motions):
             return self._solve_held(forces, moved, rtol)
         works = self._works(self._motions)

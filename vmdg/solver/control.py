@@ -68,6 +68,7 @@ class Control:
         target: Load factor.
         span: Load factors of the present stage, the scale of differences.
         work: Work on bonds that the step does; None for load control [N mm].
+        moves: Whether an overstress slows down bodies as it does bonds.
         onset: Change of the load factor to the onset of damage, a kink at which the step ends; None
             where it ends elsewhere.
         arc: Size of the change of displacement that ends the step; None where it does not [mm].
@@ -77,6 +78,7 @@ class Control:
     target: float
     span: float = 1.0
     work: float | None = None
+    moves: bool = field(default=False, kw_only=True)
     onset: float | None = field(default=None, init=False)
     arc: float | None = field(default=None, init=False)
     brakes: ClassVar[bool] = False
@@ -301,28 +303,18 @@ class Work(Control):
     def _reach(self, trials: Trials, start: Direction, direction: Direction, end: float) -> float:
         """Length of a direction at which D is dD, at most ``end``."""
         sought = (trials, start, direction, self.work)
-        first = _excess(0.0, *sought)
-        if first >= 0 or end == 0:
+        if end == 0 or _excess(0.0, *sought) >= 0:
             return 0.0
         if _excess(end, *sought) <= 0:
             return end
         # As arguments: brentq's wrapper of a function refers to itself, and would keep the problem.
-        args = (*sought, first)
-        return brentq(_excess, 0.0, end, args, xtol=GUESSED * abs(end), rtol=GUESSED)
+        return brentq(_excess, 0.0, end, sought, xtol=GUESSED * abs(end), rtol=GUESSED)
 
 
 def _excess(
-    length: float,
-    trials: Trials,
-    start: Direction,
-    direction: Direction,
-    work: float,
-    first: float | None = None,
+    length: float, trials: Trials, start: Direction, direction: Direction, work: float
 ) -> float:
-    """Work on bonds at a length of a direction beyond dD, known to be ``first`` at 0; collective
-    [N mm]."""
-    if length == 0 and first is not None:
-        return first
+    """Work on bonds at a length of a direction beyond dD; collective [N mm]."""
     return trials.bond_work(start, direction, length) - work
 
 

@@ -47,6 +47,9 @@ MAX_DISPLACEMENT = 1e6
 #: of H.
 MIN_DRAG, DRAG_INCREMENT = -0.5, 1e-6
 
+#: Drag on bodies that move in a jump, relative to the norm of K and to the overstress.
+DRAG = 1e-3
+
 #: An attempt is given up if two corrections leave more than this share of the residual by
 #: backtracking, or if full steps go round in circles: so many of them leave all of it.
 STALLED, CYCLE, LENGTHS = 0.98, 1e-3, (2, 3, 4)
@@ -115,13 +118,6 @@ class Newton:
         snes.setConvergenceTest(self._test)
         self._own = {k: v for k, v in (options.petsc or {}).items() if k.startswith("snes_")}
         set_options(snes, LINE_SEARCH | self._own)
-        self._begin(Control(0.0), 1.0)
-
-    def _begin(self, control: Control, dt: float) -> None:
-        self._control, self._dt = control, dt
-        self._norms: list[float] = []
-        self._goal, self._tolerance = np.nan, MAX_RTOL
-        self._unstable = False
 
     @property
     def krylov(self) -> int:
@@ -143,7 +139,9 @@ class Newton:
                 tangent of the present state.
         """
         problem, krylov, scales = self._problem, self.krylov, self._problem.step.scales
-        self._begin(control, dt)
+        self._control, self._dt, self._norms = control, dt, []
+        self._goal, self._tolerance, self._unstable = np.nan, MAX_RTOL, False
+        self._system.drag = DRAG * problem.step.drag * control.moves
         with timer("predictor"):
             self._predict(ahead)
         # Backtracking on the residual norm carries the iteration over kinks where points change
@@ -281,6 +279,9 @@ class Newton:
         """Residual of the last assembly on owned dofs, without what supports and rigid faces take
         [N]."""
         forces = self._problem.discretization.forces.x.array[: self.owned].copy()
+        if drag := self._system.drag * self._system.norm:
+            u, start = self._problem.u.x.array, self._problem.step.start.u
+            forces += drag * (u - start)[: self.owned]
         return self._problem.loading.balance(forces)
 
     # Called by PETSc

@@ -92,12 +92,9 @@ class Stepper:
 
     def _step(self, control: Control, ahead: Direction | None, overstress: float) -> StepReport:
         step = self.problem.step
-        # A jump takes no time.
-        moves = 0.0 if control.brakes else abs(control.target - self.problem.t)
-        cycles = 0.0 if overstress else moves * self.options.cycles
         while True:
             # A control changes on the way.
-            report = self._iterate(copy(control), ahead, overstress, moves, cycles)
+            report = self._iterate(copy(control), ahead, overstress)
             if not report.converged:
                 step.cancel()
                 return report
@@ -117,7 +114,8 @@ class Stepper:
                 self._progress.say(f"step to load {control.target:.8g} again: facets open in it")
                 ahead = None
                 continue
-            lost = step.lost() if cycles > 0 else 0.0
+            wears = self.cyclic and not overstress and self.problem.t != step.start.t
+            lost = step.lost() if wears else 0.0
             if lost > self.options.max_loss:
                 step.cancel()
                 return replace(report.failed("WORN"), lost=lost)
@@ -135,24 +133,19 @@ class Stepper:
                 report = replace(report, change=None)
             return report
 
-    def _iterate(
-        self,
-        control: Control,
-        ahead: Direction | None,
-        overstress: float,
-        moves: float,
-        cycles: float,
-    ) -> StepReport:
+    def _iterate(self, control: Control, ahead: Direction | None, overstress: float) -> StepReport:
         problem, options = self.problem, self.options
         if self._newton.discretization is not problem.discretization:
             self.restart()
-        # A step of no length is at rest: rate effects vanish for infinite time.
+        # A jump takes no time, and a step of no length is at rest: rate effects vanish for infinite
+        # time.
+        moves = 0.0 if control.brakes else abs(control.target - problem.t)
         dt = moves * options.duration or np.inf
         # Along a ray the iteration moves the load factor itself; in a jump it stays.
         stays = problem.loading.ray is not None or control.brakes
         t = problem.t if stays else control.target
         try:
-            problem.step.begin(t, dt, overstress, cycles)
+            problem.step.begin(t, dt, overstress, 0.0 if overstress else moves * options.cycles)
         except ValueError as error:
             if not (overstress or self.viscous):
                 raise
