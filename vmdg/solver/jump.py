@@ -9,8 +9,9 @@ from .stepper import Stepper
 #: The overstress at the start of a jump, and at which it is given up, in multiples of H.
 FIRST_OVERSTRESS, MAX_OVERSTRESS = 4.0, 1e8
 
-#: The overstress that as good as holds bonds, and the one at which bodies that moved are at rest.
-HELD, REST = 1e3, 1e-4
+#: The overstress that as good as holds bonds, the one at which bodies that moved are at rest, and
+#: the share of the work on bonds in a jump that is little for a step.
+HELD, REST, SPENT = 1e3, 1e-4, 1e-2
 
 #: Corrections that a step should take, the largest growth of one, and what one that fails is cut
 #: by.
@@ -56,7 +57,7 @@ def jump(stepper: Stepper, t: float, span: float, work: float) -> tuple[StepRepo
     step = stepper.problem.step
     before, scales = step.snapshot(), step.scales
     report, ahead = StepReport(False, [], ""), None
-    drag, steps, moves = FIRST_OVERSTRESS, 0, False
+    drag, steps, done, moves = FIRST_OVERSTRESS, 0, 0.0, False
     while steps < MAX_STEPS and drag < MAX_OVERSTRESS:
         start, brakes = step.snapshot(), drag < FIRST_OVERSTRESS and not moves
         control = Brake(0.0, drag, work) if brakes else Control(t, span, moves=moves)
@@ -70,7 +71,9 @@ def jump(stepper: Stepper, t: float, span: float, work: float) -> tuple[StepRepo
             work, drag, ahead = CUT * work, drag / CUT, None
             continue
         slowed = step.drag
-        rests = drag < REST if moves else report.work <= (1 - ROUGH) * work * brakes
+        done += report.work
+        little = (1 - ROUGH) * work if brakes else SPENT * done
+        rests = drag < REST if moves else report.work <= little
         if slowed <= 0 or rests:
             if slowed <= 0:
                 step.return_to(start)
