@@ -24,6 +24,7 @@ def main(
     cells: int = 18,
     load: float = 1.0,
     share: float = 0.01,
+    apart: bool = False,
     weak: bool = False,
     out: str = "results/scaling",
     fresh: bool = False,
@@ -36,6 +37,7 @@ def main(
         cells: Cells along an edge of one of the two cubes, on one rank.
         load: Share of the load, which takes all of the bond through its law [-].
         share: Of the bond that breaks in a step at most [-].
+        apart: Pull the cubes apart by the work on their bond, which nothing holds in the end.
         weak: Multiply the cells with the number of ranks.
         out: Folder of the results.
         fresh: Forget what it has.
@@ -44,7 +46,7 @@ def main(
     """
     comm = MPI.COMM_WORLD
     n = round(cells * comm.size ** (1 / 3)) if weak else cells
-    row = measure(n, comm, load, share, verbose)
+    row = measure(n, comm, load, share, apart, verbose)
     rows: list[Row] = []
     if comm.rank == 0:
         file = Path(out) / ("weak.jsonl" if weak else "strong.jsonl")

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vmdg.interface import frame
+from vmdg.interface.frame import Frame, cross_matrix
 
 COUNT = 50
 EVERY_DIMENSION = pytest.mark.parametrize("d", [2, 3])
+FRAMES = {d: Frame(d, MPI.COMM_SELF) for d in (2, 3)}
 SEEDS = given(seed=st.integers(0, 2**32 - 1))
 
 # Rounding of a few dozen operations on numbers of order 1, times the condition of F: sample()
@@ -27,6 +30,16 @@ def sample(seed: int, d: int):
     F = rotations(rng, d) @ F
     keep = np.linalg.det(F) > 0.1
     return rng, F[keep], N[keep]
+
+
+def rotation(F, N):
+    """R at many points."""
+    return FRAMES[N.shape[1]].at(F, N)[0]
+
+
+def spin(F, N):
+    """W at many points."""
+    return FRAMES[N.shape[1]].at(F, N)[1]
 
 
 def rotations(rng, d: int):
@@ -46,7 +59,7 @@ def apply(tensor, vector):
 def test_proper_rotation(d, seed):
     """R^T.R = I and det R = 1."""
     _, F, N = sample(seed, d)
-    R = frame.rotation(F, N)
+    R = rotation(F, N)
     assert np.abs(R.transpose(0, 2, 1) @ R - np.eye(d)).max() < ROUNDING
     assert np.abs(np.linalg.det(R) - 1).max() < ROUNDING
 
@@ -57,7 +70,7 @@ def test_objective(d, seed):
     """R(Q.F) = Q.R(F): the frame of a body that turns rigidly turns with it."""
     rng, F, N = sample(seed, d)
     Q = rotations(rng, d)[: len(F)]
-    assert np.abs(frame.rotation(Q @ F, N) - Q @ frame.rotation(F, N)).max() < ROUNDING
+    assert np.abs(rotation(Q @ F, N) - Q @ rotation(F, N)).max() < ROUNDING
 
 
 @EVERY_DIMENSION
@@ -67,7 +80,7 @@ def test_normal_is_the_current_one(d, seed):
     _, F, N = sample(seed, d)
     n = apply(np.linalg.inv(F).transpose(0, 2, 1), N)
     n /= np.linalg.norm(n, axis=1, keepdims=True)
-    assert np.abs(apply(frame.rotation(F, N), N) - n).max() < ROUNDING
+    assert np.abs(apply(rotation(F, N), N) - n).max() < ROUNDING
 
 
 @EVERY_DIMENSION
@@ -87,7 +100,7 @@ def test_no_rotation_in_pure_stretch(d, seed):
     U = S + N[:, :, None] * N[:, None, :]
     positive = np.linalg.eigvalsh(U)[:, 0] > 0.1
     assert positive.any()
-    R = frame.rotation(F[positive], N[positive])
+    R = rotation(F[positive], N[positive])
     assert np.abs(R - np.eye(d)).max() < ROUNDING
 
 
@@ -96,7 +109,7 @@ def test_turns_in_the_surface_by_the_polar_decomposition(seed):
     """In 3D R^T.F is a symmetric positive stretch of the surface: R is the polar rotation."""
     _, F, N = sample(seed, 3)
     P = np.eye(3) - N[:, :, None] * N[:, None, :]
-    U = frame.rotation(F, N).transpose(0, 2, 1) @ F @ P
+    U = rotation(F, N).transpose(0, 2, 1) @ F @ P
     assert np.abs(U - U.transpose(0, 2, 1)).max() < ROUNDING
     assert np.linalg.eigvalsh(U + N[:, :, None] * N[:, None, :]).min() > 0
 
@@ -110,30 +123,45 @@ def test_spin_is_the_derivative(d, seed):
     cube of the smallest stretch of the surface; rounding adds 1e-11.
     """
     rng, F, N = sample(seed, d)
-    R = frame.rotation(F, N)
+    R = rotation(F, N)
     dF = rng.uniform(-1, 1, size=F.shape)
     x = rng.uniform(-1, 1, size=N.shape)
-    omega = np.einsum("pkij,pij->pk", frame.Spin(F, N, R).W, dF)
-    change = apply(R, apply(frame.cross_matrix(x), omega))
+    omega = np.einsum("pkij,pij->pk", spin(F, N), dF)
+    change = apply(R, apply(cross_matrix(x), omega))
     h = 1e-5
-    difference = (frame.rotation(F + h * dF, N) - frame.rotation(F - h * dF, N)) / (2 * h)
+    difference = (rotation(F + h * dF, N) - rotation(F - h * dF, N)) / (2 * h)
     assert change == pytest.approx(apply(difference, x), abs=1e-7)
 
 
 @EVERY_DIMENSION
 @SEEDS
-def test_spin_gradient(d, seed):
-    """dW equals central differences of W along a random change, to the same accuracy."""
+def test_tangent(d, seed):
+    """What turns with the frame equals central differences along random changes, as accurately.
+
+    A law zeta~ = q / 2 + zeta_0 with q = R^T.T, so that C~ = I / 2, and T~ = q - r zeta~ with
+    r = 1: zeta = R.zeta~ and M = (zeta~ x T~).W / 2 follow from F and T.
+    """
     rng, F, N = sample(seed, d)
+    T, shift, dT = rng.uniform(-1, 1, size=(3, *N.shape))
     dF = rng.uniform(-1, 1, size=F.shape)
-    R = frame.rotation(F, N)
-    couples = np.eye(3 if d == 3 else 1)
-    rows = [frame.Spin(F, N, R).gradient(np.tile(couple, (len(N), 1))) for couple in couples]
-    gradient = np.stack(rows, axis=1)
+
+    def state(F, T):
+        R, W = FRAMES[d].at(F, N)
+        q = apply(R.transpose(0, 2, 1), T)
+        gap = q / 2 + shift
+        traction = q - gap
+        couple = np.einsum("pmk,pm->pk", cross_matrix(gap), traction)
+        return q, gap, traction, apply(R, gap), np.einsum("pk,pkab->pab", couple, W) / 2
+
+    half = np.tile(np.eye(d) / 2, (len(N), 1, 1))
+    C, (Z, MT, MS) = FRAMES[d].tangent(F, N, half, *state(F, T)[:3])
     h = 1e-5
-    ahead, behind = (frame.Spin(A, N, frame.rotation(A, N)).W for A in (F + h * dF, F - h * dF))
-    change = np.einsum("pkabcd,pcd->pkab", gradient, dF)
-    assert change == pytest.approx((ahead - behind) / (2 * h), abs=1e-6)
+    ahead, behind = state(F + h * dF, T + h * dT), state(F - h * dF, T - h * dT)
+    gap, moment = ((a - b) / (2 * h) for a, b in zip(ahead[3:], behind[3:], strict=True))
+    # Each side has half of F.
+    assert apply(C, dT) + 2 * np.einsum("piab,pab->pi", Z, dF) == pytest.approx(gap, abs=1e-6)
+    changes = np.einsum("pabi,pi->pab", MT, dT) + 2 * np.einsum("pabcd,pcd->pab", MS, dF)
+    assert changes == pytest.approx(moment, abs=1e-6)
 
 
 @EVERY_DIMENSION
@@ -147,4 +175,4 @@ def test_cross_matrix(d, seed):
     full[:, :d] = x
     axis = omega if d == 3 else np.column_stack([np.zeros((COUNT, 2)), omega])
     expected = np.cross(axis, full)[:, :d]
-    assert apply(frame.cross_matrix(x), omega) == pytest.approx(expected, abs=1e-14)
+    assert apply(cross_matrix(x), omega) == pytest.approx(expected, abs=1e-14)

@@ -174,6 +174,19 @@ def compile_source(
     return module
 
 
+def call(module: ModuleType, name: str, *arrays: NDArray | None) -> None:
+    """Call a function of a module of :func:`compile_source`.
+
+    Args:
+        module: The module.
+        name: Of a function of the number of rows of the first array, and of pointers.
+        arrays: Contiguous where they are written to; NULL for None.
+    """
+    ffi, function = module.ffi, getattr(module.lib, name)
+    given = [None if one is None else np.ascontiguousarray(one) for one in arrays]
+    function(len(given[0]), *(ffi.NULL if one is None else ffi.from_buffer(one) for one in given))
+
+
 @dolfinx.jit.mpi_jit_decorator
 def _source_module(
     code: str, declaration: str, sizes: dict[str, int], folder: Path

@@ -15,7 +15,7 @@ from ..domain.materials import Bodies
 from ..forms import kinematics
 from ..forms.kinematics import Body
 from ..laws import Law, Update
-from . import frame
+from .frame import Frame, TurningTangent, cross_matrix, turns
 from .history import PointHistory
 from .interface import Interface
 from .points import PointValues
@@ -23,10 +23,6 @@ from .quadrature import FacetQuadrature, side_evaluators
 from .stabilization import Stabilization
 
 Array = NDArray[np.float64]
-
-#: Z, the change of zeta with the gradient of either side (nq, d, d, d), and the changes of the
-#: couple M with the traction (nq, d, d, d) and with that gradient (nq, d, d, d, d).
-TurningTangent = tuple[Array, Array, Array]
 
 
 @dataclass(frozen=True)
@@ -43,7 +39,8 @@ class Trial:
         softening: Q_n (nq,) [MPa].
         drag: k of :func:`map_back` (nq,) [MPa/mm]; None for the law as it is.
         cycles: Of the load that the step stands for (nq,); None for none.
-        F: Mean deformation gradient (nq, d, d); None where the frame does not turn.
+        F: Mean deformation gradient (nq, d, d); this and the next None where no frame turns.
+        R, W: Rotation and spin of the frame, see :meth:`.Frame.at`.
     """
 
     total: Array
@@ -56,6 +53,8 @@ class Trial:
     drag: Array | None = None
     cycles: Array | None = None
     F: Array | None = None
+    R: Array | None = None
+    W: Array | None = None
 
 
 class ReturnMap:
@@ -84,7 +83,8 @@ class ReturnMap:
         self._quadrature = quadrature
         self._d = d = quadrature.d
         self._u = u
-        self.turns = frame.turns(interface, bodies)
+        self.turns = turns(interface, bodies)
+        self._frame = Frame(d, quadrature.mesh.comm) if self.turns else None
         size = 2 * d + d * d if self.turns else 2 * d
         self._flux = side_evaluators(
             quadrature, u, bodies, (size,), self._flux_of, "flux", fluid=fluid
@@ -144,18 +144,15 @@ class ReturnMap:
         if not self._law.inelastic:
             return Trial(mean + apply(stabilization.tau[facet], opening), opening, jump, N)
         r = stabilization.norm[facet]
-        F = None
-        if self.turns:
-            F = np.eye(d) + (flux1[:, 2 * d :] + flux2[:, 2 * d :]).reshape(-1, d, d) / 2
         total = mean + r[:, None] * opening
-        return Trial(total, opening, jump, N, r, history.gap, history.softening, drag, cycles, F)
+        known = total, opening, jump, N, r, history.gap, history.softening, drag, cycles
+        if self._frame is None:
+            return Trial(*known)
+        F = np.eye(d) + (flux1[:, 2 * d :] + flux2[:, 2 * d :]).reshape(-1, d, d) / 2
+        return Trial(*known, F, *self._frame.at(F, N))
 
     def tangent(self, values: PointValues) -> tuple[Array | None, TurningTangent | None]:
         """C = d zeta/dT (nq, d, d) [mm3/N], and what follows from the turning frame.
-
-        With q = R^T.({P.N} + r g), dR = R.Omega and omega = W:dF its axial vector,
-        d zeta = C.Tt(du) + R.(Omega.zeta~ - C~.Omega.q), C = R.C~.R^T. The couple changes by
-        dc = D.dT~_tr with D = [zeta~]^T - [q]^T.C~, where [x].omega = omega x x.
 
         Args:
             values: From :meth:`evaluate`.
@@ -163,25 +160,11 @@ class ReturnMap:
         Returns:
             None in place of what the interface does not have.
         """
-        if not self.turns:
+        if self._frame is None:
             return values.compliance, None
-        N = self._quadrature.normal
-        F, C, q = values.frame_gradient, values.compliance, values.frame_total
-        R = frame.rotation(F, N)
-        spins = frame.Spin(F, N, R)
-        W = spins.W
-        turn, turn_q = frame.cross_matrix(values.frame_gap), frame.cross_matrix(q)
-        # dF is the mean of both sides: half of each side's gradient.
-        d, half = self._d, W.reshape(*W.shape[:2], self._d**2) / 2
-        halves = half.transpose(0, 2, 1)
-        spin = (R @ (turn - C @ turn_q) @ half).reshape(-1, d, d, d)
-        D = turn.transpose(0, 2, 1) - turn_q.transpose(0, 2, 1) @ C
-        by_traction = (halves @ (D @ R.transpose(0, 2, 1))).reshape(-1, d, d, d)
-        by_gradient = -(halves @ (D @ turn_q @ half)).reshape(-1, d, d, d, d)
-        couple = _couple(values.frame_gap, values.frame_traction)
-        loaded = np.flatnonzero(np.abs(couple).max(axis=1) > 0)
-        by_gradient[loaded] += spins.of(loaded).gradient(couple[loaded] / 4)
-        return R @ C @ R.transpose(0, 2, 1), (spin, by_traction, by_gradient)
+        inside = values.frame_total, values.frame_gap, values.frame_traction
+        F, N = values.frame_gradient, self._quadrature.normal
+        return self._frame.tangent(F, N, values.compliance, *inside)
 
 
 def evaluate(law: Law, trial: Trial, dt: float, last: PointValues | None = None) -> PointValues:
@@ -243,9 +226,7 @@ def _in_frame(trial: Trial, mapped: Callable[[Array], PointValues]) -> PointValu
     The couple c = zeta~ x T~ gives M = c_k W_k / 2 of ``forms.residual.frame_couple``, with
     omega = W:dF the axial vector of R^T.dR.
     """
-    F, N = trial.F, trial.N
-    R = frame.rotation(F, N)
-    W = frame.Spin(F, N, R).W
+    R = trial.R
     q = np.einsum("pji,pj->pi", R, trial.total)
     inside = mapped(q)
     values = replace(
@@ -253,13 +234,13 @@ def _in_frame(trial: Trial, mapped: Callable[[Array], PointValues]) -> PointValu
         gap=apply(R, inside.gap),
         traction=apply(R, inside.traction),
         rotation=R,
-        moment=np.einsum("pk,pkab->pab", _couple(inside.gap, inside.traction), W) / 2,
+        moment=np.einsum("pk,pkab->pab", _couple(inside.gap, inside.traction), trial.W) / 2,
     )
     if inside.update is None:
         return values
     return replace(
         values,
-        frame_gradient=F,
+        frame_gradient=trial.F,
         frame_total=q,
         frame_gap=inside.gap,
         frame_traction=inside.traction,
@@ -268,7 +249,7 @@ def _in_frame(trial: Trial, mapped: Callable[[Array], PointValues]) -> PointValu
 
 def _couple(gap: Array, traction: Array) -> Array:
     """zeta~ x T~ (nq, 3 or 1) [N/mm]."""
-    return np.einsum("pmk,pm->pk", frame.cross_matrix(gap), traction)
+    return np.einsum("pmk,pm->pk", cross_matrix(gap), traction)
 
 
 def apply(tensor: Array, vector: Array) -> Array:

@@ -16,8 +16,8 @@ from ..base.quadrature import bubble_degree
 from ..base.timers import timer
 from ..domain.materials import Bodies
 from ..forms import bubbles
-from . import frame
 from .coercivity import MARGIN, Coercivity
+from .frame import turns
 from .interface import AUTO, Interface, StabilizationContext
 from .quadrature import FacetQuadrature, bubble_integrals
 
@@ -163,7 +163,7 @@ class Stabilizer:
         self.facets = facets = quadrature.facets
         self.automatic = interface.safety == AUTO and interface.stabilization is None
         self._quadrature = quadrature
-        self._turns = frame.turns(interface, bodies)
+        self._turns = turns(interface, bodies)
         self._stiffness = BubbleIntegrals(u, bodies, facets.cells.T.ravel(), facets.local.T.ravel())
         area = quadrature.area
         self._factor = bubble_integrals(quadrature) ** 2 / area

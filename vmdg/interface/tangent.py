@@ -16,13 +16,13 @@ from dolfinx import fem
 from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
-from ..base.kernels import compile_source
+from ..base.kernels import call, compile_source
 from ..domain.materials import Bodies
 from ..forms import kinematics
+from .frame import TurningTangent
 from .jets import FacetJets
 from .points import PointValues
 from .quadrature import FacetQuadrature, side_evaluators
-from .return_map import TurningTangent
 from .stabilization import Stabilization
 
 Array = NDArray[np.float64]
@@ -136,7 +136,8 @@ class PointTangent:
         changes = (None, None, None) if compliance is None or turning is None else turning
         delta_s = stabilization.delta_s[facet] if self._jump else None
         D, traction = np.empty((len(facet), size, size)), np.empty((len(facet), d, size))
-        self._run(
+        call(
+            self._module,
             "point_tangents",
             *(self.areas, stabilization.weights[facet], tau, *H, *K),
             *(compliance, *changes, delta_s, D, traction),
@@ -153,21 +154,15 @@ class PointTangent:
         points, values = self._quadrature.points_of_facet[rows], self.jets.values[rows]
         size = 2 * self.jets.nodes * self._quadrature.d
         matrices = np.empty((len(points), size, size))
-        self._run("facet_tangents", points, values, self.jets.gradients[rows], D, matrices)
+        call(self._module, "facet_tangents", points, values, self.jets.gradients[rows], D, matrices)
         return matrices
-
-    def _run(self, name: str, *arrays: Array | None) -> None:
-        """Call a function of tangent.c; the first array has a row for all it is to do."""
-        ffi, function = self._module.ffi, getattr(self._module.lib, name)
-        given = [None if one is None else np.ascontiguousarray(one) for one in arrays]
-        pointers = [ffi.NULL if one is None else ffi.from_buffer(one) for one in given]
-        function(len(arrays[0]), *pointers)
 
     def _geometric_term(self, stabilization: Stabilization, values: PointValues) -> list[Array]:
         """Independent components of K_a of (85) of both sides (nq, components) [MPa]."""
         facet = self._quadrature.facet
         # v_1, v_2 with which the adjoint term of (27) or (26) tests (nq, 2, d) [mm].
-        directions = np.einsum("paji,pj->pai", stabilization.weights[facet], values.slip)
+        weights = stabilization.weights[facet].swapaxes(2, 3)
+        directions = (weights @ values.slip[:, None, :, None])[..., 0]
         if self._jump:
             more = np.einsum("pij,pj->pi", stabilization.delta_s[facet], values.jump)
             directions += np.stack([-more, more], axis=1)

@@ -164,7 +164,9 @@ class Work(Control):
             return self.arc is not None or t == self.target
         if self.onset is not None:
             return abs(self.onset) <= MISSED * self.span and work <= self.work
-        return abs(work - self.work) <= MISSED * self.work
+        # Where less is left to break than dD the way ends at the target.
+        arrived = t == self.target and work < self.work
+        return arrived or abs(work - self.work) <= MISSED * self.work
 
     def change(self, trials: Trials, start: Direction, zero: Direction, one: Direction) -> float:
         """Change of the load factor in a correction, by D linearised in du_0 and du_1; collective.
