@@ -16,6 +16,7 @@ from mpi4py import MPI
 import numpy as np
 from helpers.fibre_cell import Study, draw_envelope
 from helpers.options import run
+from helpers.study import shared
 
 
 def main(
@@ -35,7 +36,7 @@ def main(
     plot: bool = True,
     verbose: bool = False,
 ) -> np.ndarray:
-    """Load every cell in every direction beyond its strength; rows of :meth:`Study.rows`.
+    """Load every cell in every direction beyond its strength; rows of its table.
 
     Args:
         fibres: Number of fibres.
@@ -54,21 +55,19 @@ def main(
         plot: Draw the pictures.
         verbose: Print the residuals of every step.
     """
-    loads, world = np.linspace(0, end, steps + 1)[1:], MPI.COMM_WORLD
-    study = Study(Path(out), fibres, fraction, friction, cells, loads)
-    angles = np.linspace(first, last, directions)
-    asked = range(seed, seed + seeds), angles
-    left = study.begin(*asked)
-    shared = seeds * directions > 1
-    for number, angle in left[world.rank :: world.size] if shared else left:
-        study.run(number, angle, MPI.COMM_SELF if shared else world, plot, animate, verbose)
+    study = Study(Path(out), fibres, fraction, friction, cells, np.linspace(0, end, steps + 1)[1:])
+    angles, world = np.linspace(first, last, directions), MPI.COMM_WORLD
+    asked = [(float(n), angle) for n in range(seed, seed + seeds) for angle in angles]
+    runs, comm = shared(study.table.left(asked), len(asked) > 1)
+    for number, angle in runs:
+        study.run(int(number), angle, comm, plot, animate, verbose)
     world.barrier()
-    rows = study.rows()
-    if plot and shared:
+    rows = study.table.read()
+    if plot and len(asked) > 1:
         draw_envelope(rows, study.folder / "envelope.png")
     if world.rank == 0:
         print(study.summary())
-    if left := study.begin(*asked):
+    if left := study.table.left(asked):
         raise RuntimeError(f"runs of these seeds and angles have stopped before they fail: {left}")
     return rows
 

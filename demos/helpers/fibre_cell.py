@@ -16,6 +16,7 @@ from scipy.sparse.csgraph import dijkstra
 
 import vmdg
 from helpers.polycrystal import CellMonitor, draw_damage
+from helpers.study import Table
 from vmdg.meshes import TaggedMesh, fibre_cell
 from vmdg.meshes.packing import UNIT_BALL
 
@@ -28,8 +29,14 @@ BOND, MATRIX = (50.0, 0.07), (80.0, 0.14)  # strength [MPa], critical gap
 FALLEN = 0.9
 
 COLUMNS = (
-    "fibres,fraction,friction,cells,seed,angle [deg],stress_xx [MPa],stress_xy [MPa],"
-    "bulk [MPa],shear [MPa],cut [MPa],share"
+    "seed",
+    "angle [deg]",
+    "stress_xx [MPa]",
+    "stress_xy [MPa]",
+    "bulk [MPa]",
+    "shear [MPa]",
+    "cut [MPa]",
+    "share",
 )
 
 
@@ -54,27 +61,10 @@ class Study:
     loads: NDArray[np.float64]
 
     @property
-    def _file(self) -> Path:
-        return self.folder / "strengths.csv"
-
-    @property
-    def _key(self) -> tuple[float, ...]:
-        return self.fibres, self.fraction, self.friction, self.cells
-
-    def rows(self) -> NDArray[np.float64]:
-        """What is known of such cells, as in the columns from the seed on (n, 8)."""
-        lines = self._file.read_text().splitlines()[1:] if self._file.is_file() else []
-        rows = np.reshape([[float(v) for v in line.split(",")] for line in lines], (-1, 12))
-        rows = rows[np.isclose(rows[:, :4], self._key).all(axis=1), 4:]
-        return rows[np.lexsort((rows[:, 0], rows[:, 1]))]
-
-    def begin(self, seeds: range, angles: NDArray[np.float64]) -> list[tuple[int, float]]:
-        """Seed and angle of the runs that are to be done; collective over the world."""
-        if MPI.COMM_WORLD.rank == 0 and not self._file.is_file():
-            self.folder.mkdir(parents=True, exist_ok=True)
-            self._file.write_text(COLUMNS + "\n")
-        done = {(row[0], row[1]) for row in MPI.COMM_WORLD.bcast(self.rows())}
-        return [(seed, angle) for seed in seeds for angle in angles if (seed, angle) not in done]
+    def table(self) -> Table:
+        """What runs have found."""
+        names = ("fibres", "fraction", "friction", "cells")
+        return Table(self.folder / "strengths.csv", {n: getattr(self, n) for n in names}, COLUMNS)
 
     def mesh(self, seed: int, comm: MPI.Comm) -> TaggedMesh:
         """A cell of fibres of radius 1."""
@@ -132,14 +122,12 @@ class Study:
         both = np.column_stack([history["stress_xx"], history["stress_xy"]])
         peak = both[np.argmax(np.linalg.norm(both, axis=1))]
         if comm.rank == 0:
-            row = *self._key, seed, angle, *peak, *known
-            with open(self._file, "a") as file:
-                file.write(",".join(repr(float(v)) for v in row) + "\n")
+            self.table.add(seed, angle, *peak, *known)
         comm.barrier()
 
     def summary(self) -> str:
         """Means and standard deviations over the seeds, and the bounds they keep."""
-        rows, lines = self.rows(), []
+        rows, lines = self.table.read(), []
         for angle in np.unique(rows[:, 1]):
             own = rows[rows[:, 1] == angle]
             means = [f"{x.mean():.4g} +- {x.std(ddof=len(own) > 1):.2g}" for x in own[:, 2:].T]
@@ -234,7 +222,7 @@ def draw_run(
     vmdg.plot.curve(history, "load", stress, ax=axes[0], origin=True, color="black")
     axes[0].set(xlabel="size of the mean strain [-]")
     peak = int(np.argmax(np.abs(history[stress])))
-    draw_damage(axes[1], problem, states[peak], f"{history['load'][peak]:.2%}")
+    draw_damage(axes[1], states[peak], f"damage at the peak, {history['load'][peak]:.2%}")
     vmdg.plot.stress(problem, "mises", magnify=3, ax=axes[2], edges=0)
     if problem.comm.rank == 0:
         figure.savefig(path, dpi=130)
