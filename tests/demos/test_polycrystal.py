@@ -8,7 +8,7 @@ import pytest
 #: Grains in the plane and in space; the latter are parted to the last bond that bears something.
 CELLS = {
     "plane": {"grains": 8, "cells": 3.0, "end": 0.006, "steps": 4},
-    "solid": {"grains": 3, "cells": 1.5, "end": 0.02, "steps": 4, "solid": True},
+    "solid": {"grains": 4, "cells": 1.0, "end": 0.008, "steps": 2, "solid": True},
 }
 
 
