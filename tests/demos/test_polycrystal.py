@@ -49,6 +49,7 @@ def test_polycrystal(comm, out, name):
     assert found["rows"] == len(history)
     assert (out / "polycrystal_0.png").stat().st_size > 10_000
     # A study goes on: what is known is not done again.
+    comm.barrier()
     (out / "polycrystal_0.csv").unlink(missing_ok=True)
     comm.barrier()
     assert (demo.main(**CELLS[name], out=str(out)) == rows).all()
