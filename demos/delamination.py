@@ -18,7 +18,7 @@ from helpers.options import run
 from studies.delamination import intrinsic, vcct
 from studies.delamination.beams import Run
 from studies.delamination.cases import CASES, Case, Row, measure, table
-from studies.delamination.fatigue import BOND, paris
+from studies.delamination.fatigue import of_history, paris, without_vmdg
 
 import vmdg
 
@@ -53,19 +53,32 @@ def front(ax: plt.Axes, history: vmdg.History, count: int = 8) -> None:
     ax.grid(lw=0.3)
 
 
+def release(ax: plt.Axes, history: vmdg.History) -> None:
+    """Energy release rates of opening and shear over the crack."""
+    for name, mode in (("mode_1", "I"), ("mode_2", "II")):
+        ax.plot(history["crack"], history[name], label=f"$J_{{{mode}}}$")
+    ax.set(xlabel="crack [mm]", ylabel="N/mm", title="energy release rate")
+    ax.legend()
+    ax.grid(lw=0.3)
+
+
 def growth(ax: plt.Axes, history: vmdg.History) -> None:
-    """Growth of a crack over its energy release rate, and the slope of the line of Paris."""
-    share, speed = paris(history)
-    line = speed[-1] * (share / share[-1]) ** (BOND.wear(1.0, 0.0).exponent / 2)
-    ax.loglog(share, 1e3 * speed, "o", mfc="none", label="vmdg")
-    ax.loglog(share, 1e3 * line, "k--", lw=1, label=r"slope $\beta/2$")
-    ax.set(xlabel="$G/G_c$", ylabel="$da/dN$ [µm]")
+    """Growth of a crack over its energy release rate, and the same without vmdg."""
+    computed = of_history(history)
+    share, speed = paris(computed)
+    ax.loglog(share, 1e6 * speed, "o", mfc="none", label="vmdg")
+    share, speed = paris(without_vmdg(computed.crack[-1] - computed.crack[0]))
+    ax.loglog(share, 1e6 * speed, "k--", lw=1, label="without vmdg")
+    ax.set(xlabel="$G/G_c$", ylabel="$da/dN$ [nm]", title="growth")
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter("{x:g}")
     ax.legend()
     ax.grid(lw=0.3, which="both")
 
 
 def draw(case: Case, ran: Run) -> plt.Figure:
-    """Load over motion, and the crack: its front in 3D, its growth by cycles, else its length."""
+    """Load over motion; the front in 3D, growth by cycles, energy released in peel, else length."""
     figure, (force, crack) = plt.subplots(1, 2, figsize=(9.5, 3.6), layout="constrained")
     curves(force, case, ran.history)
     if ran.points:
@@ -77,8 +90,11 @@ def draw(case: Case, ran: Run) -> plt.Figure:
     if case.motion == "cycles":
         growth(crack, ran.history)
         return figure
-    crack.plot(ran.history["crack"], marker=".", ms=3, lw=0.5)
-    crack.set(xlabel="row", ylabel="crack [mm]")
+    if case.motion == "crack":
+        release(crack, ran.history)
+        return figure
+    crack.plot(ran.history[case.motion], ran.history["crack"], marker=".", ms=3, lw=0.5)
+    crack.set(xlabel="opening or deflection [mm]", ylabel="crack [mm]", title="crack")
     crack.grid(lw=0.3)
     return figure
 

@@ -57,10 +57,15 @@ def plates(
     """
     for name, planes in (("x", x), ("y", y)):
         if len(planes) < 2 or not all(a < b for a, b in pairwise(planes)):
-            raise ValueError(f"plates: {name} = {list(planes)} must ascend, two planes at least")
+            given = np.round(planes, 9).tolist()
+            raise ValueError(f"plates: {name} = {given} must ascend, two planes at least")
     cracked = np.flatnonzero(np.isclose(x, precrack, atol=1e-9 * (x[-1] - x[0])))
     if len(cracked) != 1 or not 0 < cracked[0] < len(x) - 1:
-        raise ValueError(f"plates: precrack = {precrack} must be one of the planes inside x = {x}")
+        raise ValueError(
+            f"plates: precrack = {precrack} must be one of the planes inside x = "
+            f"{np.round(x, 9).tolist()}; where its faces may touch end it before, and let the "
+            "interface there have initial_damage=1"
+        )
     with model("plates") as gmsh_model:
         if comm.rank == 0:
             _build(gmsh_model, np.asarray(x), np.asarray(y), height, rows, int(cracked[0]))

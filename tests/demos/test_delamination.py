@@ -110,22 +110,23 @@ def test_case(tmp_path):
     assert [ax.get_title() for ax in axes if ax.lines] == [delamination.CASES["dcb"].title]
 
 
-def test_picture_of_cycles(tmp_path):
-    """The crack over cycles, and its growth over G with the slope of the law."""
-    G_c = fatigue.BOND.normal_energy
+def test_cycles_without_vmdg(tmp_path):
+    """Arms and law in numpy: the slope of the law, and the growth of a zone that bears sqrt(G/G_c)
+    of what it can; the picture with a run that follows a line of Paris."""
+    found = fatigue.line(fatigue.without_vmdg(2.7))
+    law = fatigue.BOND.wear(1.0, 0.0)
+    assert found[0] == pytest.approx(law.exponent / 2, rel=0.005)
+    zone = found[1] / math.exp(law.log_rate(math.sqrt(fatigue.SHARE), fatigue.BOND.life))
+    assert 0.25 < zone < 0.35
     crack = fatigue.A_0 + np.linspace(0.0, 3.0, 61)
-    release = G_c * (fatigue.A_0 / crack) ** 8
-    speed = 1e-4 * (release / G_c) ** 7
+    release = fatigue.PLY.G_I * (fatigue.A_0 / crack) ** 8
+    speed = 1e-4 * (release / fatigue.PLY.G_I / fatigue.SHARE) ** 7
     cycles = np.append(0.0, np.cumsum(np.diff(crack) / np.sqrt(speed[1:] * speed[:-1])))
-    rows = zip(cycles, crack, release, strict=True)
-    names = ("cycles", "crack", "mode_1")
     history = vmdg.History()
-    for row in rows:
-        history.append(dict(zip(names, row, strict=True)) | {"force": 1.0})
-    share, found = fatigue.paris(history)
-    assert np.polyfit(np.log(share), np.log(found), 1) == pytest.approx(
-        [7.0, math.log(1e-4)], rel=0.01
-    )
+    for row in zip(cycles, crack, release, strict=True):
+        named = zip(("cycles", "crack", "mode_1"), row, strict=True)
+        history.append(dict(named) | {"force": 1.0})
+    assert fatigue.line(fatigue.of_history(history)) == pytest.approx((7.0, 1e-4), rel=0.01)
     case = Case("cycles", lambda verbose: None, motion="cycles")
     delamination.draw(case, Run(vmdg.Result(history=history), [])).savefig(tmp_path / "cycles.png")
     assert (tmp_path / "cycles.png").stat().st_size > 10_000

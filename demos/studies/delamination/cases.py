@@ -109,7 +109,7 @@ def _points(tested: Plates) -> dict[str, float]:
 
 
 def _mmb(ratio: float, end: float, curve: Points = ()) -> Case:
-    title, published = f"MMB, G_II/G_T = {ratio:g}", {}
+    title, published = f"MMB, $G_{{II}}/G_T$ = {ratio:g}", {}
     if ratio in CRITICAL:
         deflection, load = CRITICAL[ratio]
         title += " (Krueger 2012)"
@@ -158,7 +158,7 @@ CASES = {
     "enf-nasa": Case(
         "ENF, experiments 692-732 N (NASA 2020)",
         lambda verbose: enf(
-            element_size=0.25, steps=20, end=5.5, m=IM7_8552, L=101.6, a_0=76.2, verbose=verbose
+            element_size=0.25, steps=18, end=4.95, m=IM7_8552, L=101.6, a_0=76.2, verbose=verbose
         ),
         {"peak load": 712.0},
     ),
