@@ -41,8 +41,7 @@ def jump(stepper: Stepper, t: float, span: float, work: float) -> tuple[StepRepo
         R(u) + c (u - u_n) = 0,
 
     the steepest descent of the energy in time by backward Euler: K + c I is positive definite for a
-    c that is large enough. It falls until they rest (Kelley and Keyes 1998), which is not where K
-    has negative eigenvalues: there it would have to stay above them.
+    c that is large enough. It falls until they rest (Kelley and Keyes 1998).
 
     Args:
         stepper: Takes the steps; the problem is in a state from which it runs away at this load.
@@ -77,11 +76,12 @@ def jump(stepper: Stepper, t: float, span: float, work: float) -> tuple[StepRepo
         if slowed <= 0 or rests:
             if slowed <= 0:
                 step.return_to(start)
-            report = stepper.step(Control(t, span))
-            if report.converged:
-                return report, steps
-            work, drag, ahead = CUT * work, FIRST_OVERSTRESS, None
-            continue
+            end = stepper.step(Control(t, span))
+            if end.converged:
+                return end, steps
+            if brakes or moves:
+                work, drag, ahead = CUT * work, FIRST_OVERSTRESS, None
+                continue
         growth = growth_after(report)
         work, ahead = growth * max(work, report.work), report.change if brakes else None
         slowed = drag if moves else min(slowed, FIRST_OVERSTRESS)

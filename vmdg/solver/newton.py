@@ -44,11 +44,8 @@ LINE_SEARCH = {"snes_linesearch_order": 1, "snes_linesearch_max_it": 8}
 MAX_DISPLACEMENT = 1e6
 
 #: Least overstress that a step of a jump may try, and the increment of its derivative, in multiples
-#: of H.
-MIN_DRAG, DRAG_INCREMENT = -0.5, 1e-6
-
-#: Drag on bodies that move in a jump, relative to the norm of K and to the overstress.
-DRAG = 1e-3
+#: of H; drag on bodies that move, relative to the norm of K and to the overstress.
+MIN_DRAG, DRAG_INCREMENT, DRAG = -0.5, 1e-6, 1e-3
 
 #: An attempt is given up if two corrections leave more than this share of the residual by
 #: backtracking, or if full steps go round in circles: so many of them leave all of it.
