@@ -210,6 +210,21 @@ class ActiveInterface:
         compliance = np.where(free, np.eye(self.quadrature.d) / r, self.values.compliance)
         self.values = replace(self.values, compliance=compliance)
 
+    def hold_sliding_points(self) -> None:
+        """C = 0 at points that have slid: the next tangent takes them for held.
+
+        The first guess of a step that does not go on as the last one. Where points slide nothing
+        couples the lips along the slip, so that all would follow the load. Take a point with r on
+        a body of stiffness k that is pushed by f, |f| < c = mu |T_N|: from sliding one way, k s + c
+        = f, it slides back, s < 0, from sliding back on again, and so forth. Held, (k + r) s = f,
+        it stays where it is; if |f| > c its slip s has the sign of the end.
+        """
+        if self.law.inelastic:
+            slid = (self.history.mode == Mode.FRICTION)[:, None, None]
+            self.values = replace(
+                self.values, compliance=np.where(slid, 0.0, self.values.compliance)
+            )
+
     def commit(self) -> None:
         """Take the last return map as the converged history."""
         self.history = self.history.after(self.values.update)

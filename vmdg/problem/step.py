@@ -123,6 +123,18 @@ class Step:
         """
         return self.discretization.assemble_residual(dt, hold, self._loading.vector)
 
+    def hold(self, dt: float, sliding: bool) -> None:
+        """The residual that a first guess takes away: with zeta at its converged value.
+
+        Args:
+            dt: Time step of the return maps [s].
+            sliding: Whether points that have slid are held in the tangent.
+        """
+        if sliding:
+            for active in self.discretization.active.values():
+                active.hold_sliding_points()
+        self.assemble_residual(dt, hold=True)
+
     def bond_work(self, dt: float | None = None) -> float:
         """Work on bonds of the step so far; collective [N mm].
 

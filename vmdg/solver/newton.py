@@ -179,7 +179,7 @@ class Newton:
         if self._control.brakes:
             # What has held the bonds so far is gone: they move by themselves.
             return
-        self._problem.step.assemble_residual(self._dt, hold=True)
+        self._problem.step.hold(self._dt, sliding=ahead is None)
         free = self._free_forces()
         self._criterion.update(global_norm(self._comm, free))
         self.go(self.place(), self.correct(-free), 1.0)
