@@ -207,7 +207,7 @@ class CellMonitor:
 
 
 def draw_damage(ax: Axes, points: NDArray, title: str) -> None:
-    """Points of the interfaces, coloured by their damage; in space those that have some.
+    """Points of the interfaces, coloured by their damage; in space those that have much of it.
 
     Args:
         ax: Where to draw.
@@ -215,7 +215,7 @@ def draw_damage(ax: Axes, points: NDArray, title: str) -> None:
         title: Of the picture.
     """
     if points.shape[1] == 4:
-        points = points[points[:, 3] > 0.01]
+        points = points[points[:, 3] > 0.5]
     colours = {"c": points[:, -1], "cmap": "inferno_r", "vmin": 0, "vmax": 1}
     drawn = ax.scatter(*points[:, :-1].T, s=4, **colours)
     ax.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title=title)
@@ -225,14 +225,15 @@ def draw_damage(ax: Axes, points: NDArray, title: str) -> None:
 def draw_run(
     problem: vmdg.Problem, history: vmdg.History, states: list[NDArray], path: str
 ) -> None:
-    """Curve, damage at the peak, stress at the end; collective."""
-    space = {"projection": "3d"} if problem.mesh.geometry.dim == 3 else {}
+    """Curve, damage at the peak or in space at the end, stress at the end; collective."""
+    solid = problem.mesh.geometry.dim == 3
+    space = {"projection": "3d"} if solid else {}
     figure = plt.figure(figsize=(12, 3.6), layout="constrained")
     axes = [figure.add_subplot(1, 3, n, **(space if n > 1 else {})) for n in (1, 2, 3)]
     vmdg.plot.curve(history, "strain_xx", "stress_xx", ax=axes[0], origin=True, color="black")
-    peak = int(np.argmax(history["stress_xx"]))
-    draw_damage(axes[1], states[peak], f"damage at the peak, {history['strain_xx'][peak]:.2%}")
-    vmdg.plot.stress(problem, "xx", magnify=10, ax=axes[2], edges=0)
+    row, when = (-1, "end") if solid else (int(np.argmax(history["stress_xx"])), "peak")
+    draw_damage(axes[1], states[row], f"damage at the {when}, {history['strain_xx'][row]:.2%}")
+    vmdg.plot.stress(problem, "xx", magnify=10, ax=axes[2], edges=0.2 if solid else 0)
     if problem.comm.rank == 0:
         figure.savefig(path, dpi=130)
     plt.close(figure)

@@ -13,7 +13,7 @@ from ..base.parallel import global_any, global_norm, global_sum, warn_together
 from ..problem.loading import Ray
 from ..problem.problem import Problem
 from ..problem.states import Snapshot
-from .control import Arrival, Control, Direction, Work
+from .control import ROUNDING, Arrival, Control, Direction, Work
 from .jump import CUT, MAX_STEPS, growth_after, jump
 from .reasons import explained
 from .report import StepReport
@@ -269,6 +269,9 @@ class Path:
                 share *= max(kept / 2, LEAST_STRIDE)
             elif not stage.follows or cuts % 2 == 0:
                 share /= 2
+        if report.work <= ROUNDING * self._most:
+            # Pressed surfaces of parted bodies: no next step is led by it.
+            report = replace(report, work=0.0)
         # A step to the onset of damage says nothing about how much may break in one.
         broke = cuts > 0 and report.work > 0 and not report.onset
         work = min(self._work, report.work) if broke else self._work
