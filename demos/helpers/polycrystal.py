@@ -234,6 +234,10 @@ def draw_run(
     row, when = (-1, "end") if solid else (int(np.argmax(history["stress_xx"])), "peak")
     draw_damage(axes[1], states[row], f"damage at the {when}, {history['strain_xx'][row]:.2%}")
     vmdg.plot.stress(problem, "xx", magnify=10, ax=axes[2], edges=0.2 if solid else 0)
+    if solid:
+        for ax in axes[1:]:
+            ax.locator_params(nbins=3)
+            ax.set(zlabel="")
     if problem.comm.rank == 0:
         figure.savefig(path, dpi=130)
     plt.close(figure)
