@@ -20,6 +20,9 @@ from .work import Arc, next_arc
 #: Change of the load factor for the derivative of the residual, relative to its ray.
 INCREMENT = 1e-7
 
+#: Share of a step over which the change of the energy with the eigenstrains is taken.
+SMALL = 1e-2
+
 #: How often a step is done again with the tau_s of its end before it is cut.
 MOST_REPEATS = 3
 
@@ -67,7 +70,7 @@ class Step:
         activation.follow(discretization.u)
         loading.apply(0.0)
         discretization.update_stabilization()
-        self._strained, self._dt = 0.0, 1.0
+        self._rate_at_start, self._dt = 0.0, 1.0
         self._remember_start()
 
     def _remember_start(self) -> None:
@@ -102,7 +105,7 @@ class Step:
         if not self.rests_on_contact:
             for active in self.discretization.active.values():
                 active.open_free_points()
-        self._strained = self._work_by_eigenstrain(t)
+        self._rate_at_start = self._eigenstrain_rate(t)
         self._loading.apply(t)
 
     def slow_down(self, overstress: float, cycles: float = 0.0) -> None:
@@ -218,7 +221,6 @@ class Step:
     def commit(self) -> None:
         """Take the current state as converged: history, dissipation and external work."""
         self.external += self._external_work()
-        self.external -= (self._work_by_eigenstrain(self.start.t) - self._strained) / 2
         self.dissipated += self._dissipation()
         for active in self.discretization.active.values():
             active.commit()
@@ -269,7 +271,8 @@ class Step:
         return float(self.discretization.geometry.thickness) * sum(works, start=np.zeros(3))
 
     def _external_work(self) -> float:
-        """Work of prescribed displacements and dead loads in the step, this rank's [N mm].
+        """Work of prescribed displacements, dead loads and eigenstrains in the step, this rank's
+        [N mm].
 
         What the step adds to the accuracy of the one before it is on the first rank.
         """
@@ -289,6 +292,11 @@ class Step:
             fluids = self._fluids_at_start, self._fluids()
             ends = [np.append(end, p) for end, (p, _) in zip(ends, fluids, strict=True)]
             change = np.append(change, fluids[1][1] - fluids[0][1])
+        # Eigenstrains are as a force, the change of the energy with t, on the load factor.
+        rates = self._rate_at_start, self._eigenstrain_rate(start.t)
+        ends = [np.append(end, rate) for end, rate in zip(ends, rates, strict=True)]
+        led = any(rates) and self._comm.rank == 0
+        change = np.append(change, (self._loading.t - start.t) * led)
         self.arc, correction = next_arc(self._comm, self.arc, ends[1] - ends[0], change)
         return float((ends[0] + ends[1]) @ change) / 2 + correction * (self._comm.rank == 0)
 
@@ -303,17 +311,18 @@ class Step:
             lost.append(-active.fluid.intrusion(active.values, active.stabilization))
         return np.concatenate(forces), np.concatenate(lost)
 
-    def _work_by_eigenstrain(self, t: float) -> float:
-        """Stored energy that the eigenstrains of load factor ``t`` add at the present displacement,
-        this rank's [N mm]."""
+    def _eigenstrain_rate(self, t: float) -> float:
+        """Change of the stored energy with the eigenstrains at the present displacement, as they
+        change from now on towards load factor ``t``; collective [N mm]."""
         now, bodies = self._loading.t, self.discretization.bodies
         if not bodies.eigenstrain_differs(now, t):
             return 0.0
-        before = self.discretization.stored_energy().sum()
-        bodies.apply_eigenstrain(t)
-        after = self.discretization.stored_energy().sum()
-        bodies.apply_eigenstrain(now)
-        return float(after - before)
+        h, energies = SMALL * (t - now), []
+        for factor in (now + h, now + 2 * h, now):
+            bodies.apply_eigenstrain(factor)
+            energies.append(self.discretization.stored_energy().sum())
+        one, two, here = global_sum(self._comm, energies)
+        return float(4 * one - two - 3 * here) / (2 * h)
 
     # States
 
