@@ -216,6 +216,7 @@ def draw_damage(ax: Axes, points: NDArray, title: str) -> None:
     """
     if points.shape[1] == 4:
         points = points[points[:, 3] > 0.5]
+        ax.set(xlim=(0, SIZE), ylim=(0, SIZE), zlim=(0, SIZE))
     colours = {"c": points[:, -1], "cmap": "inferno_r", "vmin": 0, "vmax": 1}
     drawn = ax.scatter(*points[:, :-1].T, s=4, **colours)
     ax.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title=title)
