@@ -275,14 +275,12 @@ class Work(Control):
     def _begin_of_damage(self, trials: Trials, start: Direction, one: Direction) -> float:
         """Length of a direction up to which nothing breaks; negative where something has."""
 
-        def damages(length: float) -> bool:
-            return trials.bond_work(start, one, length) > 0
-
         toward = math.copysign(self.span, self.target - start.t)
-        low, high = (-toward, 0.0) if damages(0.0) else (0.0, toward)
+        low, high = (-toward, 0.0) if trials.bond_work(start, one, 0.0) > 0 else (0.0, toward)
         while abs(high - low) > ONSET * self.span:
             middle = (low + high) / 2
-            low, high = (low, middle) if damages(middle) else (middle, high)
+            breaks = trials.bond_work(start, one, middle) > 0
+            low, high = (low, middle) if breaks else (middle, high)
         return low
 
     def extrapolate(self, trials: Trials, ahead: Direction) -> bool:
