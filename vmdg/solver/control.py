@@ -274,7 +274,6 @@ class Work(Control):
 
     def _begin_of_damage(self, trials: Trials, start: Direction, one: Direction) -> float:
         """Length of a direction up to which nothing breaks; negative where something has."""
-
         toward = math.copysign(self.span, self.target - start.t)
         low, high = (-toward, 0.0) if trials.bond_work(start, one, 0.0) > 0 else (0.0, toward)
         while abs(high - low) > ONSET * self.span:
