@@ -57,7 +57,8 @@ def test_a_step_costs_in_proportion(out):
     memory = {name: action.shares(action.memory) for name, action in actions.items()}
     for name in ("of it return map", "tau_s and its coercivity"):
         facet, cell = memory[name]
-        assert facet > 1e3 and abs(cell) < 100, name
+        # Less than nothing where the first box makes what is made once.
+        assert facet > 1e3 and cell < 100, name
     # Bodies are done in batches of cells, and these meshes are smaller than one.
     facet, cell = memory["tangent"]
     assert facet > 1e3 and cell * actions["tangent"].cells[1] < 1e6
