@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,8 +14,9 @@ import vmdg
 from vmdg.base.parallel import global_max
 from vmdg.solver.control import Control
 from vmdg.solver.jump import CUT, FIRST_OVERSTRESS, jump
-from vmdg.solver.path import summit
+from vmdg.solver.path import Path, summit
 from vmdg.solver.report import StepReport
+from vmdg.solver.result import Result
 from vmdg.solver.stepper import Stepper
 
 #: Of the stage in which the bar breaks.
@@ -162,6 +164,31 @@ def test_overstress_of_a_jump(comm):
     assert len(factors) == steps
     assert factors[0] == FIRST_OVERSTRESS
     assert factors[3:6] == [factors[3], factors[3] / CUT, factors[3] / CUT**2]
+    assert abs(stepper.problem.mean(0).traction[0]) < 1e-6 * STRENGTH
+    stepper.close()
+
+
+class Stuck(Stepper):
+    """No step finds an equilibrium before a jump at ``free``."""
+
+    free = math.inf
+
+    def step(self, control, ahead=None, overstress=0.0) -> StepReport:
+        if control.target == self.free and overstress > 0:
+            self.free = None
+        found = super().step(control, ahead, overstress) if self.free is None else None
+        return found or StepReport(False, [], "DIVERGED_LOCAL_MIN")
+
+
+def test_jump_at_the_given_load(comm):
+    """Where none at the smallest attempt comes to an equilibrium."""
+    onset, result = 2 * (bar.stretch(STRENGTH) - 1), Result()
+    stepper = Stuck(bar.build(comm, 0.02), vmdg.SolveOptions())
+    stepper.free = 1.05 * onset
+    parts = list(Path(stepper, result).advance(1.05 * onset))
+    assert [part.t for part in parts] == [1.05 * onset]
+    assert parts[0].jumps > 1
+    assert [reason.split()[0] for _, reason in result.failures].count("JUMP_FAILED") == 1
     assert abs(stepper.problem.mean(0).traction[0]) < 1e-6 * STRENGTH
     stepper.close()
 

@@ -171,8 +171,9 @@ class Path:
                     # Rows that are kept back lead nowhere else.
                     yield from self._jump(stage)
                     continue
-                # No equilibrium near this one: the stable path ends within the smallest attempt.
-                part = self._leap(stage, self._result.failures[-1][0], before, before)
+                # The stable path ends within the smallest attempt: jump there or at the given load.
+                states, last = (before, before), self._result.failures[-1][0]
+                part = self._leap(stage, last, *states) or self._leap(stage, target, *states)
                 if part is None:
                     raise
             if stage.traces or not stage.follows:
