@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import dijkstra
 
 import vmdg
 from helpers.polycrystal import CellMonitor, draw_damage
-from helpers.study import Table
+from helpers.study import Table, reports
 from vmdg.meshes import TaggedMesh, fibre_cell
 from vmdg.meshes.packing import UNIT_BALL
 
@@ -98,8 +98,7 @@ class Study:
         problem = self.problem(tagged, angle)
         known = *plane_moduli(problem), shortest_cut(problem), fibre_share(tagged)
         monitor = CellMonitor(problem, animate)
-        alone = comm.size == 1 and MPI.COMM_WORLD.rank > 0
-        said = {"progress": not alone, "show": ("stress_xx", "stress_xy")}
+        said = {"progress": reports(comm), "show": ("stress_xx", "stress_xy")}
         # Where many points are about to break at once short steps lead nowhere, and a jump does.
         steps = {"max_cuts": 2, "energy": True, "csv": f"{name}.csv"}
         options = vmdg.SolveOptions(**steps, **said, verbose=verbose)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import vmdg
-from helpers.study import Table
+from helpers.study import Table, reports
 from vmdg.linear.ksp import LDLT
 from vmdg.meshes import polycrystal
 from vmdg.output.values import scalar
@@ -109,8 +109,7 @@ class Study:
         name, start = f"{self.folder}/polycrystal_{seed}", process_time()
         problem = self.problem(seed, comm)
         monitor = CellMonitor(problem, animate)
-        alone = comm.size == 1 and MPI.COMM_WORLD.rank > 0
-        said = {"progress": not alone, "show": ("stress_xx",), "verbose": verbose}
+        said = {"progress": reports(comm), "show": ("stress_xx",), "verbose": verbose}
         # Where many points are about to break at once short steps lead nowhere, and a jump does.
         # Tetrahedra between grains are flat: factors cost less than 130 iterations of multigrid.
         solver = {"max_cuts": 2, "petsc": LDLT if self.dimension == 3 else None}

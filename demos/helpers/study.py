@@ -59,3 +59,8 @@ def shared(runs: Sequence[tuple[float, ...]], several: bool) -> tuple[list, MPI.
     """
     world = MPI.COMM_WORLD
     return (list(runs[world.rank :: world.size]), MPI.COMM_SELF) if several else (list(runs), world)
+
+
+def reports(comm: MPI.Comm) -> bool:
+    """Whether a run shows its progress: of runs that ranks share, those of the first rank."""
+    return comm.size > 1 or MPI.COMM_WORLD.rank == 0

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from helpers.tables import markdown
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
 from studies.delamination.laminate import MMB, Laminate
@@ -73,6 +73,17 @@ def stiffness(dx: float, dy: float, D: Array) -> Array:
     return K[:8, :8] - K[:8, 8:] @ np.linalg.solve(K[8:, 8:], K[8:, :8])
 
 
+def dofs_of(corners: Array) -> Array:
+    """Dofs of cells (n, 8) by the nodes at their corners (..., 4)."""
+    return (2 * corners[..., None] + [0, 1]).reshape(-1, 8)
+
+
+def assembled(dofs: Array, cells: Array, n: int) -> csc_array:
+    """Stiffness of a body of n dofs by those of its cells (..., 8, 8), in the order of `dofs`."""
+    pairs = np.repeat(dofs, 8), np.tile(dofs, 8).ravel()
+    return coo_array((np.ravel(cells), pairs), (n, n)).tocsc()
+
+
 def planes(size: float, tip: float) -> Array:
     """x of the cells [mm], ``tip`` long within 5 mm of the tip and ``size`` elsewhere."""
     x = np.zeros(1)
@@ -103,12 +114,10 @@ def flexibility(rows: int, size: float = 1.0, tip: float = 0.25, m: Laminate = M
     for row in range(2 * rows):
         low = upper if row == rows else nodes[:, row]
         around = np.stack([low[:-1], low[1:], nodes[1:, row + 1], nodes[:-1, row + 1]], 1)
-        dofs.append((2 * around[..., None] + [0, 1]).reshape(-1, 8))
+        dofs.append(dofs_of(around))
         values.append(cells)
-    of_cell = np.concatenate(dofs)
     n = 2 * (nodes.size + crack)
-    rows_of, columns = np.repeat(of_cell, 8), np.tile(of_cell, 8).ravel()
-    K = coo_array((np.ravel(values), (rows_of, columns)), (n, n)).tocsc()
+    K = assembled(np.concatenate(dofs), values, n)
 
     middle = int(np.argmin(abs(x - L)))
     end, load, far = 2 * nodes[0, -1] + 1, 2 * nodes[middle, -1] + 1, 2 * nodes[-1, 0]

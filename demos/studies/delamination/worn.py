@@ -10,11 +10,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
 
 from studies.delamination.laminate import Laminate
-from studies.delamination.vcct import Array, moduli, stiffness
+from studies.delamination.vcct import Array, assembled, dofs_of, moduli, stiffness
 
 #: dd/dN over lambda.
 Rate = Callable[[Array], Array]
@@ -87,10 +86,8 @@ def arm(m: Laminate, a_0: float, far: float, size: float, rows: int = 12) -> Arm
     lengths, column = np.unique(np.diff(x).round(9), return_inverse=True)
     cells = np.array([[stiffness(dx, dy, D) for dy in np.diff(y)] for dx in lengths])
     of_cell = np.stack([nodes[:-1, :-1], nodes[1:, :-1], nodes[1:, 1:], nodes[:-1, 1:]], -1)
-    dofs = (2 * of_cell[..., None] + [0, 1]).reshape(-1, 8)
-    pairs = np.repeat(dofs, 8), np.tile(dofs, 8).ravel()
     n = 2 * nodes.size
-    K = coo_array((cells[column].ravel(), pairs), (n, n)).tocsc()
+    K = assembled(dofs_of(of_cell), cells[column], n)
 
     lower, end = nodes[:, 0], a_0 + far
     held = np.concatenate([2 * nodes[-1], 2 * nodes[-1] + 1, 2 * lower[x > end + 1e-9] + 1])
