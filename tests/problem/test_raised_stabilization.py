@@ -30,9 +30,11 @@ def crushed(comm, law: vmdg.Law) -> vmdg.Problem:
     return problem
 
 
-def squeezed(comm, law: vmdg.Law, amount, n: int = 2, degree: int = 1) -> vmdg.Problem:
+def squeezed(
+    comm, law: vmdg.Law, amount, n: int = 2, degree: int = 1, cell: str = "quadrilateral"
+) -> vmdg.Problem:
     """Two squares side by side, shortened by ``amount(t)`` between rigid ends, nu = .45."""
-    mesh, cells, facets = blocks(comm, "quadrilateral", (n // 2, n), 1.0, interface=(0.5, 0.5))
+    mesh, cells, facets = blocks(comm, cell, (n // 2, n), 1.0, interface=(0.5, 0.5))
     material = vmdg.NeoHookean(E=E, nu=0.45)
     interface = vmdg.Interface(between=(1, 2), law=law)
     problem = vmdg.Problem(mesh, cells, {1: material, 2: material}, [interface], degree=degree)
@@ -105,18 +107,21 @@ def test_raise_ends_and_leaves_no_trace(comm):
 
 
 @pytest.mark.parametrize("degree", [2, 3])
-@pytest.mark.parametrize("law", [vmdg.Bonded(), vmdg.Contact(friction=0.2)], ids=["tie", "contact"])
-def test_squeezed_joint_rests(law, degree):
+@pytest.mark.parametrize(
+    ("law", "cell"),
+    [(vmdg.Bonded(), "quadrilateral"), (vmdg.Contact(friction=0.2), "triangle")],
+    ids=["tie", "contact"],
+)
+def test_squeezed_joint_rests(law, cell, degree):
     """Shortened by 10%: 3 corrections a step at most, and a load that is held moves nothing.
-
-    More in the first step of contact, which starts open and closes.
 
     tau_s and the flux weights are those of the start of a step, and follow in the first one that
     the load is held for. Then 20 steps change less than 1e-9 of the shortening.
     """
-    problem = squeezed(MPI.COMM_SELF, law, lambda t: 0.1 * min(t, 1.0), 16, degree)
+    problem = squeezed(MPI.COMM_SELF, law, lambda t: 0.1 * min(t, 1.0), 16, degree, cell)
     result = vmdg.solve(problem, np.linspace(0.1, 1, 10))
-    assert max(result.history["iterations"][law.inelastic :]) <= 3
+    assert not result.failures
+    assert max(result.history["iterations"]) <= 3
     vmdg.solve(problem, [1.0])
     rest, norm = problem.u.x.array.copy(), problem.stabilization[0].norm
     vmdg.solve(problem, [1.0] * 20)

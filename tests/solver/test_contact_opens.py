@@ -46,6 +46,26 @@ def test_crack_opens_at_once(comm, kinematics, friction):
     assert max(iterations) <= 10
 
 
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_pressed_lips_close_at_once(comm, cell, friction):
+    """Points that touch are closed before the first correction: held, or free to slide.
+
+    The stiffer block is held by friction, and slides without any, on the other that gets wider.
+    """
+    mesh, cells, facets = blocks(comm, cell, (8, 16), 1.0, interface=(0.5, 0.5))
+    interface = vmdg.Interface(between=(1, 2), law=vmdg.Contact(friction))
+    bodies = {1: vmdg.NeoHookean(E=1e3, nu=0.3), 2: vmdg.NeoHookean(E=5e3, nu=0.2)}
+    problem = vmdg.Problem(mesh, cells, bodies, [interface], degree=2)
+    problem.dirichlet(facets.find(1), 0.0)
+    problem.dirichlet(facets.find(2), lambda t: np.array([-0.02 * t, 0.0]))
+    result = vmdg.solve(problem, [1.0])
+    assert not result.failures
+    assert result.history["iterations"][0] <= 3
+    expected = vmdg.Mode.ELASTIC if friction else vmdg.Mode.FRICTION
+    assert (problem.state[0].mode == expected).all()
+
+
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_block_rests_on_contact(comm, friction):
     """Nothing else holds it, so its points must not start open; a dead load presses it."""

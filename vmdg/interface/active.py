@@ -195,36 +195,6 @@ class ActiveInterface:
             bonded = self.history.softening < self.law.strength
             self._drag = overstress * self.law.softening_modulus * bonded
 
-    def open_free_points(self) -> None:
-        """C = I/r at points without bond and traction: the next tangent takes them for open.
-
-        Taken for closed, a crack would open like a zip: behind the points that have opened the
-        lips press on each other, so that a correction opens one or two facets more. Of points that
-        are taken for open by mistake the next return map closes all at once.
-        """
-        if not self.law.inelastic:
-            return
-        gone = self.history.softening >= self.law.strength
-        free = (gone & ~self.values.traction.any(axis=1))[:, None, None]
-        r = self.stabilization.norm[self.quadrature.facet][:, None, None]
-        compliance = np.where(free, np.eye(self.quadrature.d) / r, self.values.compliance)
-        self.values = replace(self.values, compliance=compliance)
-
-    def hold_sliding_points(self) -> None:
-        """C = 0 at points that have slid: the next tangent takes them for held.
-
-        The first guess of a step that does not go on as the last one. Where points slide nothing
-        couples the lips along the slip, so that all would follow the load. Take a point with r on
-        a body of stiffness k that is pushed by f, |f| < c = mu |T_N|: from sliding one way, k s + c
-        = f, it slides back, s < 0, from sliding back on again, and so forth. Held, (k + r) s = f,
-        it stays where it is; if |f| > c its slip s has the sign of the end.
-        """
-        if self.law.inelastic:
-            slid = (self.history.mode == Mode.FRICTION)[:, None, None]
-            self.values = replace(
-                self.values, compliance=np.where(slid, 0.0, self.values.compliance)
-            )
-
     def commit(self) -> None:
         """Take the last return map as the converged history."""
         self.history = self.history.after(self.values.update)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,17 @@ from ..assembly.means import lattice_of
 from ..assembly.space import at_owners
 from ..base.parallel import global_any, global_max, global_sum, warn_together
 from ..interface.activation import Activation, Utilization
+from ..interface.active import ActiveInterface
+from ..interface.guess import (
+    close_points,
+    hold_sliding_points,
+    open_free_points,
+    pressed_points,
+    touching_points,
+)
+from ..interface.points import PointValues
 from ..interface.sliding import sliding
+from ..laws import Mode
 from .loading import Loading
 from .states import RunScales, Snapshot
 from .work import Arc, next_arc
@@ -103,8 +113,8 @@ class Step:
             self.cancel()
             raise
         if not self.rests_on_contact:
-            for active in self.discretization.active.values():
-                active.open_free_points()
+            for active in self._failing():
+                open_free_points(active)
         self._rate_at_start = self._eigenstrain_rate(t)
         self._loading.apply(t)
 
@@ -126,17 +136,60 @@ class Step:
         """
         return self.discretization.assemble_residual(dt, hold, self._loading.vector)
 
-    def hold(self, dt: float, sliding: bool) -> None:
+    def hold(self, dt: float, sliding: bool) -> Iterator[None]:
         """The residual that a first guess takes away: with zeta at its converged value.
 
         Args:
             dt: Time step of the return maps [s].
             sliding: Whether points that have slid are held in the tangent.
+
+        Returns:
+            Further guesses, as long as points that the one before has taken for open, and pressed,
+            are closed in the tangent; collective. Whether lips that touch are open or closed is
+            said by the step alone. Where the first guess makes them overlap the second one takes
+            them for held, and where friction cannot hold them all a third one for free to slide,
+            since nothing is known yet of the pressure that friction needs. Every time the step is
+            back at its start, with that residual; the caller makes the guess, and assembles the
+            residual there.
         """
+        failing = self._failing()
         if sliding:
-            for active in self.discretization.active.values():
-                active.hold_sliding_points()
+            for active in failing:
+                hold_sliding_points(active)
         self.assemble_residual(dt, hold=True)
+        return self._closings(dt, [active.values for active in failing])
+
+    def _closings(self, dt: float, begun: Sequence[PointValues]) -> Iterator[None]:
+        """Further guesses of :meth:`hold`, which begin with these values at the points."""
+        failing = self._failing()
+        touching = [touching_points(active) for active in failing]
+        if self.rests_on_contact or not self._any(touching):
+            return
+        self.discretization.update_points(dt)
+        for active, points in zip(failing, touching, strict=True):
+            points &= pressed_points(active)
+        asking = touching
+        for slide in (False, True):
+            if not self._any(asking):
+                return
+            for active, values, points in zip(failing, begun, touching, strict=True):
+                close_points(active, values, points, slide)
+            self.discretization.u.x.array[:] = self.start.u
+            if self._loading.ray is not None:
+                self._loading.move(self.start.t)
+            self.assemble_residual(dt, hold=True)
+            yield
+            modes = [active.values.update.mode for active in failing]
+            asking = [p & (m == Mode.FRICTION) for p, m in zip(touching, modes, strict=True)]
+
+    def _any(self, points: Sequence[NDArray[np.bool_]]) -> bool:
+        """Whether there is any of some points on any rank; collective."""
+        return global_any(self._comm, any(rows.any() for rows in points))
+
+    def _failing(self) -> list[ActiveInterface]:
+        """Interfaces that can fail."""
+        parts = self.discretization.active.values()
+        return [active for active in parts if active.law.inelastic]
 
     def bond_work(self, dt: float | None = None) -> float:
         """Work on bonds of the step so far; collective [N mm].

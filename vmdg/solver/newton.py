@@ -12,6 +12,8 @@ give the correction du = du_0 + dlambda du_1, which takes the linearised R away 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
+from operator import itemgetter
 
 from petsc4py import PETSc
 
@@ -117,11 +119,6 @@ class Newton:
         set_options(snes, LINE_SEARCH | self._own)
 
     @property
-    def krylov(self) -> int:
-        """Krylov iterations of all steps so far; 0 where systems are solved directly."""
-        return self._system.iterations
-
-    @property
     def rounding(self) -> float:
         """Of the energy that bodies store, by that of their forces in the last step [N mm]."""
         return self._criterion.floor * self._size
@@ -135,7 +132,7 @@ class Newton:
             ahead: Change in the last step, where the path goes on as it was; None begins with the
                 tangent of the present state.
         """
-        problem, krylov, scales = self._problem, self.krylov, self._problem.step.scales
+        problem, krylov, scales = self._problem, self._system.iterations, self._problem.step.scales
         self._control, self._dt, self._norms = control, dt, []
         self._goal, self._tolerance, self._unstable = np.nan, MAX_RTOL, False
         self._system.drag = DRAG * problem.step.drag * control.moves
@@ -143,7 +140,7 @@ class Newton:
             self._predict(ahead)
         # Backtracking on the residual norm carries the iteration over kinks where points change
         # branch. Where the work on bonds is given full steps do better.
-        self._backtracks = control.loaded
+        self._backtracks = self._control.loaded
         kind = self._own.get(KIND, "bt" if self._backtracks else "basic")
         PETSc.Options(self._snes.getOptionsPrefix())[KIND] = kind
         self._snes.setFromOptions()
@@ -151,20 +148,19 @@ class Newton:
         self._x.array[self.owned :] = self._parameter()
         self._snes.solve(None, self._x)
         reason = self._snes.getConvergedReason()
-        converged = reason > 0
-        if converged:
+        if reason > 0:
             self._criterion.update(reaction=self._reaction())
         else:
             # The forces of a state that is given up say nothing about the run.
             problem.step.scales = scales
         return StepReport(
-            converged,
+            reason > 0,
             self._norms,
             _REASONS.get(reason, str(reason)),
             self._goal,
-            self.krylov - krylov,
-            onset=control.onset is not None,
-            arc=control.arc,
+            self._system.iterations - krylov,
+            onset=self._control.onset is not None,
+            arc=self._control.arc,
             unstable=self._unstable,
         )
 
@@ -174,15 +170,24 @@ class Newton:
             self._problem.step.assemble_residual(self._dt)
             self.go(self.place(), self.correct(-self._free_forces()), 1.0)
             return
-        if ahead is not None and self._control.extrapolate(self, ahead):
+        goes_on = ahead is not None and self._control.extrapolate(self, ahead)
+        if goes_on or self._control.brakes:
+            # In a jump what has held the bonds so far is gone: they move by themselves.
             return
-        if self._control.brakes:
-            # What has held the bonds so far is gone: they move by themselves.
-            return
-        self._problem.step.hold(self._dt, sliding=ahead is None)
+        step, start, control = self._problem.step, self.place(), copy(self._control)
+        further, guesses = step.hold(self._dt, sliding=ahead is None), []
         free = self._free_forces()
         self._criterion.update(global_norm(self._comm, free))
-        self.go(self.place(), self.correct(-free), 1.0)
+        self.go(start, self.correct(-free), 1.0)
+        for _ in further:
+            self._control = copy(control)
+            way = self.correct(-self._free_forces())
+            self.go(start, way, 1.0)
+            step.assemble_residual(self._dt)
+            guesses.append((global_norm(self._comm, self._free_forces()), way, self._control))
+        if guesses:
+            _, way, self._control = min(guesses, key=itemgetter(0))
+            self.go(start, way, 1.0)
 
     # Trial states, see vmdg.solver.control.Trials
 

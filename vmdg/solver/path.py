@@ -290,8 +290,10 @@ class Path:
         self._kink = report.onset
         if self._kink:
             self._ahead, self._spent = None, 0.0
-        self._remember(self._next_work(report, work), breaking)
-        self._reach = report.arc and growth_after(report) * report.arc
+        growth = growth_after(report)
+        may = growth * work if report.work >= work / 2 else max(work, growth * report.work)
+        self._remember(may, breaking)
+        self._reach = report.arc and growth * report.arc
         stage.arcs += report.arc is not None
         if self._stepper.cyclic:
             room = options.max_loss / max(report.lost, options.max_loss / LONGER)
@@ -371,11 +373,6 @@ class Path:
                 # Two equal steps rather than a short one to the target.
                 return Work(stage.target, stage.span, needed / 2, within, kink=True), ahead
         return Work(stage.target, stage.span, self._work, within, kink=cuts == 0), ahead
-
-    def _next_work(self, report: StepReport, work: float) -> float:
-        """Work on bonds that the next step may do, after one that might do ``work``."""
-        growth = growth_after(report)
-        return growth * work if report.work >= work / 2 else max(work, growth * report.work)
 
     def _complaint(self, start: float, end: float, report: StepReport) -> str:
         norms = ", ".join(f"{norm:.3g}" for norm in report.norms[-4:]) or "none"

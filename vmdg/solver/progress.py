@@ -42,8 +42,7 @@ class Progress:
         """A step has converged or failed."""
         if not self._speaks:
             return
-        if self._options.verbose:
-            self.say(described(self._problem.t, control, overstress, report))
+        self.say(described(self._problem.t, control, overstress, report))
         if report.converged and not overstress:
             return  # a row follows
         jump = f"jump, overstress {overstress:.3g} H"

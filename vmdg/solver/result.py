@@ -109,8 +109,7 @@ class Result:
 
     def _repr_html_(self) -> str:
         """For notebooks: the work, what failed, and the history."""
-        names = ("load", "failed attempt")
-        failures = html_table(names, self.failures) if self.failures else ""
+        failures = html_table(("load", "failed attempt"), self.failures) if self.failures else ""
         return f"<p>{self._head()}; {self.counts}</p>{failures}{self.history._repr_html_()}"
 
     def _timing_lines(self) -> list[str]:
