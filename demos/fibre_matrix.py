@@ -52,7 +52,8 @@ def main(
         critical_gap: Residual gap zeta_c at which a bond is gone [mm].
         step: First steps of the pull of a side [mm].
         growth: Ratio of a step to the one before, beyond .003 mm [-].
-        end: Pull of a side at the end [mm]; without it until the cell is in parts.
+        end: Pull of a side at which the run ends [mm], if the cell is not in parts before; without
+            it where the cell is in parts.
         fibres: Number of fibres; more than one are put at random places.
         fraction: Share of the area that many fibres have [-].
         offset: Distance of a single fibre from the middle [mm].
@@ -88,8 +89,6 @@ def main(
         row = {"strain [-]": strain, "stress [MPa]": stress}
         return row | {"stage [-]": stage, "nodes [-]": nodes}
 
-    separated = (0.525 if fibres == 1 else 0.65) * critical_gap
-    end = end or (0.005 if interface_only else separated)
     # Fragments that hang on a last point invite distant equilibria: watch the energy.
     checkpoint = Path(out) / "checkpoint"
     options = vmdg.SolveOptions(
@@ -104,9 +103,15 @@ def main(
     history = resumed(problem, resume, checkpoint)
     if history:
         stages.skip(history)
-    loads = pulls(step, end, growth)
-    loads = loads[loads > problem.t * (1 + 1e-12)]
-    history = vmdg.solve(problem, loads, options, monitor, history).history
+    separated = (0.525 if fibres == 1 else 0.65) * critical_gap
+    loads = pulls(step, end or (0.005 if interface_only else separated), growth)
+    if not (end or interface_only):
+        # Fragments between two cracks may bridge them for long.
+        loads = np.append(loads, separated * 1.1 ** np.arange(1, 32))
+    loads = loads[(loads > problem.t * (1 + 1e-12)) & (stages.stage < 4)]
+    history = vmdg.solve(
+        problem, loads, options, monitor, history, until=lambda _: stages.stage == 4
+    ).history
 
     if animate:
         film = Path(out) / "fibre_matrix.gif"

@@ -16,7 +16,7 @@ DECK = {"fibre": vmdg.NeoHookean(E=40e3, nu=0.33), "matrix": vmdg.NeoHookean(E=4
 
 STAGES = ("debonding starts", "cracks kink into the matrix", "cracks reach an edge", "separation")
 MAGNIFY = (20, 20, 20, 1)
-SEPARATED = 0.01  # of the peak force
+SEPARATED = 1e-3  # of the peak force
 
 
 def build(
@@ -67,7 +67,7 @@ class Cell:
     """The stage a cell is in, with a picture and the gap of one fibre as each one starts.
 
     1 an interface point is damaged, 2 a matrix point is, 3 a damaged matrix point lies within
-    ``near`` of the top or bottom, 4 the force is below 1% of its peak.
+    ``near`` of the top or bottom, 4 the force is below .1% of its peak.
 
     Args:
         problem: The cell; interface 0 is around the fibres, 1 (if any) in the matrix.
