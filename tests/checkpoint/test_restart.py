@@ -35,7 +35,8 @@ from vmdg.checkpoint.records import cell_records, restore_fields
 # along the path ends by that of a difference of works; 1e-9 of the largest value is the promise,
 # 1e-12 what is seen under load control and 4e-10 on a path.
 SAME = 1e-9
-ENERGIES = ("bulk", "interface", "damage", "friction", "viscosity", "external")
+SPENT = ("bulk", "interface", "damage", "friction", "viscosity")
+ENERGIES = (*SPENT, "external", "discretization")
 BOND = vmdg.Debonding(strength=60.0, critical_gap=0.2, friction=0.3)
 MATERIAL = vmdg.NeoHookean(E=1000.0, nu=0.3)
 TURNING = {"frame": "corotating"}

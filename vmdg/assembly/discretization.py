@@ -221,8 +221,11 @@ class Discretization:
 
     # Assembly
 
-    def update_stabilization(self) -> None:
+    def update_stabilization(self) -> float:
         """Evaluate tau_s and delta of every interface at the current displacement; collective.
+
+        Returns:
+            What the change adds to the energy (30), this rank's [N mm].
 
         Raises:
             ValueError: the softening of a law is too steep for the mesh (r <= H).
@@ -230,9 +233,9 @@ class Discretization:
         self.update_means()
         self._update_pressure()
         with timer("stabilization"):
-            scaled = self._scaled_stabilization()
-            for active, stabilization in zip(self.active.values(), scaled, strict=True):
-                active.apply(stabilization)
+            scaled = zip(self.active.values(), self._scaled_stabilization(), strict=True)
+            energy = sum(active.apply(stabilization) for active, stabilization in scaled)
+        return float(self.geometry.thickness) * energy
 
     def _scaled_stabilization(self) -> list[Stabilization]:
         return self._stabilizers.scaled([active.floor for active in self.active.values()])

@@ -47,7 +47,7 @@ from .records import (
 )
 
 #: Changed whenever older files can no longer be read as they are.
-FORMAT = 4
+FORMAT = 5
 
 _CELLS = "cells"
 
@@ -200,7 +200,7 @@ def _read_state(problem: Problem, slot: Path, about: dict[str, Any]) -> Snapshot
         interfaces,
         marks,
         share * np.array(state["dissipated"]),
-        share * state["external"],
+        share * np.array(state["external"]),
         arc=None,
     )
 

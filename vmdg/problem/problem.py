@@ -536,6 +536,6 @@ class Problem:
     def energy(self) -> Energy:
         """Energies at the current state, with what is dissipated as in (34); collective."""
         bulk, interface, springs = self.discretization.stored_energy()
-        done = *self.step.dissipated, self.step.external
+        done = *self.step.dissipated, *self.step.external
         values = [bulk, interface, *done, springs]
         return Energy(*(float(value) for value in global_sum(self.comm, values)))

@@ -26,6 +26,8 @@ class Energy:
         friction: Spent on sliding since the start.
         viscosity: Spent on the overstress since the start, or released in jumps [N mm].
         external: Work of prescribed displacements, loads and eigenstrains since the start.
+        discretization: Added since the start by tau_s that changes between steps, the change of
+            (30) at fixed u and zeta, and by facets that open, which relax: these are negative.
         springs: Stored by springs.
     """
 
@@ -35,6 +37,7 @@ class Energy:
     friction: float
     viscosity: float
     external: float
+    discretization: float = 0.0
     springs: float = 0.0
 
     @property
@@ -49,8 +52,8 @@ class Energy:
 
     @property
     def imbalance(self) -> float:
-        """external - stored - dissipated."""
-        return self.external - self.stored - self.dissipated
+        """external + discretization - stored - dissipated."""
+        return self.external + self.discretization - self.stored - self.dissipated
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,8 @@ class Snapshot:
         interfaces: State of every active interface.
         open: By interface, which of its facets were open.
         dissipated: Works spent so far on damage, friction and viscosity [N mm].
-        external: Work of loads, prescribed displacements and eigenstrains so far [N mm].
+        external: Work of loads, prescribed displacements and eigenstrains so far, and what the
+            discretization has added (2,) [N mm].
         arc: The step that ended here.
     """
 
@@ -95,7 +99,7 @@ class Snapshot:
     interfaces: list[InterfaceSnapshot]
     open: list[NDArray[np.bool_]]
     dissipated: NDArray[np.float64]
-    external: float
+    external: NDArray[np.float64]
     arc: Arc | None
 
 

@@ -54,8 +54,11 @@ class Step:
         scales: Sizes of the run so far, which the solver updates.
         start: State in which the last step began.
         dissipated: Damage, friction and viscous work so far (3,), this rank's [N mm].
-        external: Work of loads, prescribed displacements and eigenstrains so far, this rank's
-            [N mm].
+        external: Work of loads, prescribed displacements and eigenstrains so far, and what the
+            discretization has added (2,), this rank's [N mm].
+        within: Work of loads that the last step has beyond that of the mean of its ends, by points
+            that begin to yield, part or close in it, this rank's [N mm]. It is that of equilibria
+            between both ends, which a snap does not go through.
         arc: The last step along the path; None where the next one does not go on from there.
         sliding: Largest slip of points in contact so far, relative to the size of their facets.
         drag: Overstress of the step, in multiples of H.
@@ -71,7 +74,8 @@ class Step:
         self.scales = RunScales()
         self.sliding = 0.0
         self.dissipated = np.zeros(3)
-        self.external = 0.0
+        self.external = np.zeros(2)
+        self.within = 0.0
         self.arc: Arc | None = None
         self.drag = 0.0
         # How often the present step has been done again with a larger tau_s.
@@ -80,7 +84,7 @@ class Step:
         activation.follow(discretization.u)
         loading.apply(0.0)
         discretization.update_stabilization()
-        self._rate_at_start, self._dt = 0.0, 1.0
+        self._rate_at_start, self._dt, self._added = 0.0, 1.0, 0.0
         self._remember_start()
 
     def _remember_start(self) -> None:
@@ -108,7 +112,7 @@ class Step:
         self._loading.spread()
         self.slow_down(overstress, cycles)
         try:
-            self.discretization.update_stabilization()
+            self._added = self.discretization.update_stabilization()
         except ValueError:
             self.cancel()
             raise
@@ -273,7 +277,7 @@ class Step:
 
     def commit(self) -> None:
         """Take the current state as converged: history, dissipation and external work."""
-        self.external += self._external_work()
+        self.external += self._external_work(), self._added + self._relaxed()
         self.dissipated += self._dissipation()
         for active in self.discretization.active.values():
             active.commit()
@@ -345,13 +349,32 @@ class Step:
             fluids = self._fluids_at_start, self._fluids()
             ends = [np.append(end, p) for end, (p, _) in zip(ends, fluids, strict=True)]
             change = np.append(change, fluids[1][1] - fluids[0][1])
+        # With the points' forces -T on zeta these are the derivative of an energy, whose work does
+        # not depend on the path. That of T does, on where in the step points begin to yield.
+        thickness, work, straight = float(now.geometry.thickness), 0.0, 0.0
+        held = bool(self.drag) or self._loading.t == start.t
+        for active in now.active.values():
+            *forces, gap = active.gap_forces()
+            ends = [np.append(end, thickness * f) for end, f in zip(ends, forces, strict=True)]
+            change = np.append(change, gap)
+            work += thickness * active.gap_work(self._dt, held)
+            straight -= thickness * float(sum(forces) @ gap) / 2
+        self.within = work - straight
         # Eigenstrains are as a force, the change of the energy with t, on the load factor.
         rates = self._rate_at_start, self._eigenstrain_rate(start.t)
         ends = [np.append(end, rate) for end, rate in zip(ends, rates, strict=True)]
         led = any(rates) and self._comm.rank == 0
         change = np.append(change, (self._loading.t - start.t) * led)
         self.arc, correction = next_arc(self._comm, self.arc, ends[1] - ends[0], change)
-        return float((ends[0] + ends[1]) @ change) / 2 + correction * (self._comm.rank == 0)
+        work += correction * (self._comm.rank == 0)
+        return float((ends[0] + ends[1]) @ change) / 2 + work
+
+    def _relaxed(self) -> float:
+        """Work of the forces that facets which have opened left out of balance, this rank's
+        [N mm]."""
+        start, owned = self.start, slice(self.discretization.owned)
+        forces = self._loading.balance(start.forces[owned].copy())
+        return float(forces @ (self.discretization.u.x.array - start.u)[owned]) / 2
 
     def _fluids(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Pressures in fluids times areas [N], and what they lose of their gaps [mm], at points."""
@@ -390,7 +413,7 @@ class Step:
             [active.snapshot() for active in now.active.values()],
             list(self.activation.open),
             self.dissipated.copy(),
-            self.external,
+            self.external.copy(),
             self.arc,
         )
 
@@ -407,7 +430,7 @@ class Step:
         now.u.x.array[:] = snapshot.u
         now.forces.x.array[:] = snapshot.forces
         self.dissipated = snapshot.dissipated.copy()
-        self.external, self.arc = snapshot.external, snapshot.arc
+        self.external, self.arc = snapshot.external.copy(), snapshot.arc
         for active, interface in zip(now.active.values(), snapshot.interfaces, strict=True):
             active.return_to(interface)
         self._loading.apply(snapshot.t)
@@ -444,6 +467,7 @@ class Step:
         before, after = self.discretization, self.discretization_of(marks)
         if after is before:
             return False
+        stored = before.stored_energy().sum()
         self.activation.open = marks
         self._follow(after)
         after.continue_from(before)
@@ -451,6 +475,10 @@ class Step:
         after.update_stabilization()
         # The force on a node is now shared by its duplicates.
         self.assemble_residual(hold=True)
+        for active in after.active.values():
+            active.take_traction()
+        # Facets of one cell share its energy, so that tau_s changes next to those that open.
+        self.external[1] += after.stored_energy().sum() - stored
         return True
 
     def _follow(self, discretization: Discretization) -> None:

@@ -1,17 +1,29 @@
 """Work of the loads along the equilibrium path.
 
-With forces f on the displacements u, W = int f.du. The trapezoidal rule misses the curvature of
-f(u). Where f and u are parabolas in the arc length of u over two steps a and b of lengths l_a and
-l_b,
+With Pi(u, zeta) the energy of the bodies and (30), (27) is F = dPi/du and tractions are
+T = -dPi/dzeta. The loads do the work
+
+    int F.du = int (F.du - T.dzeta) + int T.dzeta.
+
+The first integral is that of the derivative of an energy: for linear bodies the trapezoidal rule is
+exact, however zeta goes from one end of a step to the other. The second one is a matter of the
+points: it is added up where return maps on the way say when they yield, part or close,
+:meth:`.ActiveInterface.gap_work`. What the laws say that they have spent is in neither, so that the
+balance of the energies holds them to it. A snap goes through no equilibrium: a jump, whose load
+is held, has the work of its ends only.
+
+With forces f on displacements u, here both of the first integral, W = int f.du. The trapezoidal
+rule misses the curvature of f(u). Where f and u are parabolas in the arc length of u over two steps
+a and b of lengths l_a and l_b,
 
     int_b f.du = (f_0 + f_1)/2.D_b u + l_b^2/(6 l_a (l_a + l_b)) X,
     X = D_a f.D_b u - D_b f.D_a u,
 
-and with a and b exchanged in the factor for step a. Where points begin or end to break within a
-step f has a kink there. Of both parabolas through a step, with the step before and after it, the
-smaller correction counts, and none where they differ in sign: the choice of essentially
-non-oscillatory schemes (Harten and others 1987), by which a kink between steps, such as the onset
-of damage, does not spoil the smooth step beside it.
+and with a and b exchanged in the factor for step a. Where points begin or end to break u turns. Of
+both parabolas through a step, with the step before and after it, the smaller correction counts, and
+none where they differ in sign: the choice of essentially non-oscillatory schemes (Harten and others
+1987), by which a turn between steps, such as the onset of damage, does not spoil the smooth step
+beside it.
 """
 
 from __future__ import annotations

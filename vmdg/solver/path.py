@@ -329,7 +329,7 @@ class Path:
         if report.work <= self._most:
             return False
         step, now = self._problem.step, self._problem.step.snapshot()
-        released = self._problem.energy().imbalance
+        released = self._problem.energy().imbalance - global_sum(self._problem.comm, step.within)
         step.return_to(before)
         released -= self._problem.energy().imbalance
         step.return_to(now)
