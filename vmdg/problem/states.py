@@ -26,8 +26,8 @@ class Energy:
         friction: Spent on sliding since the start.
         viscosity: Spent on the overstress since the start, or released in jumps [N mm].
         external: Work of prescribed displacements, loads and eigenstrains since the start.
-        discretization: Added since the start by tau_s that changes between steps, the change of
-            (30) at fixed u and zeta, and by facets that open, which relax: these are negative.
+        discretization: Added since the start by a tau_s that changes between steps, the change of
+            (30) at fixed u and zeta, and by facets that open, less what relaxes as they do.
         springs: Stored by springs.
     """
 
