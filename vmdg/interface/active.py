@@ -20,14 +20,10 @@ from .history import InterfaceSnapshot, PointHistory, with_rows, works
 from .interface import Interface
 from .points import InterfaceState, PointValues, joined, rows_of
 from .quadrature import FacetQuadrature
-from .return_map import ReturnMap, Trial, apply, evaluate, map_back
+from .return_map import ReturnMap, Trial, apply, evaluate
 from .stabilization import Stabilization, Stabilizer
 from .tangent import PointTangent
 from .terms import InterfaceTerms
-
-#: Parts of a step for each of which the mean traction works on the gap.
-PARTS = 16
-
 
 class ActiveInterface:
     """An interface with its open facets and the state of their points.
@@ -268,51 +264,6 @@ class ActiveInterface:
             return np.zeros(3)
         r = self.stabilization.norm[q.facet]
         return works(self.history, update, self.law, q.normal, r) @ q.weights
-
-    def gap_forces(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """-T dA at the start and end of the step [N; N/mm in plane strain] and d zeta [mm], flat.
-
-        What the energy of bodies and (30) has for a force on zeta, in the frame of the law.
-        """
-        history, update = self.history, self.values.update
-        if update is None:
-            return np.zeros(0), np.zeros(0), np.zeros(0)
-        weights = self.quadrature.weights[:, None]
-        start, end = (-(weights * T).ravel() for T in (history.traction, update.traction))
-        return start, end, (update.gap - history.gap).ravel()
-
-    def gap_work(self, dt: float, straight: bool) -> float:
-        """int T.d zeta over the step, of this rank's points [N mm; N in plane strain].
-
-        The trial traction goes straight from the start of the step to its end. Return maps on the
-        way tell where in the step points begin to yield, part or close. The work of an overstress
-        is that of the mean traction, as in :func:`.works`.
-
-        Args:
-            dt: Time step [s].
-            straight: Take the mean of the tractions at both ends.
-        """
-        update, history, q = self.values.update, self.history, self.quadrature
-        if update is None:
-            return 0.0
-        moved = np.flatnonzero((update.gap != history.gap).any(axis=1))
-        parts = 1 if straight or self.law.viscosity > 0 else PARTS
-        ends = [(history.traction[moved], history.gap[moved])]
-        if parts > 1 and moved.size:
-            rows = np.tile(moved, parts - 1)
-            share = np.repeat(np.arange(1, parts) / parts, len(moved))
-            r, gap = self.stabilization.norm[q.facet[rows]], history.gap[rows]
-            start = history.traction[rows]
-            last = update.traction[rows] + r[:, None] * (update.gap[rows] - gap)
-            load = start + share[:, None] * (last - start)
-            cycles = None if self._cycles is None else share * self._cycles[rows]
-            known = q.normal[rows], r, gap, history.softening[rows], None, cycles
-            between = map_back(self.law.at(rows), load, Trial(load, load, load, *known), dt)
-            ends.append((between.traction, between.gap))
-        ends.append((update.traction[moved], update.gap[moved]))
-        T, gap = (np.concatenate(a).reshape(parts + 1, -1, q.d) for a in zip(*ends, strict=True))
-        work = np.einsum("spi,spi->p", (T[1:] + T[:-1]) / 2, np.diff(gap, axis=0))
-        return float(work @ q.weights[moved])
 
     def recoverable_energy(self) -> float:
         """Work in the gap that the law of this rank's points stores and can return [N mm]."""

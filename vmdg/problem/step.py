@@ -13,6 +13,7 @@ from ..assembly.space import at_owners
 from ..base.parallel import global_any, global_max, global_sum, warn_together
 from ..interface.activation import Activation, Utilization
 from ..interface.active import ActiveInterface
+from ..interface.gap_work import gap_forces, gap_work
 from ..interface.guess import (
     close_points,
     hold_sliding_points,
@@ -77,7 +78,7 @@ class Step:
         self.external = np.zeros(2)
         self.within = 0.0
         self.arc: Arc | None = None
-        self.drag = 0.0
+        self.drag, self._cycles = 0.0, 0.0
         # How often the present step has been done again with a larger tau_s.
         self._repeats = 0
         self.rests_on_contact = False
@@ -124,7 +125,7 @@ class Step:
 
     def slow_down(self, overstress: float, cycles: float = 0.0) -> None:
         """Choose the overstress of the step and the cycles it stands for, see :meth:`begin`."""
-        self.drag = overstress
+        self.drag, self._cycles = overstress, cycles
         for active in self.discretization.active.values():
             active.slow_down(overstress, cycles)
 
@@ -350,14 +351,15 @@ class Step:
             ends = [np.append(end, p) for end, (p, _) in zip(ends, fluids, strict=True)]
             change = np.append(change, fluids[1][1] - fluids[0][1])
         # With the points' forces -T on zeta these are the derivative of an energy, whose work does
-        # not depend on the path. That of T does, on where in the step points begin to yield.
+        # not depend on the path. That of T does, on where in the step points begin to yield. Cycles
+        # wear a bond while the load stays.
         thickness, work, straight = float(now.geometry.thickness), 0.0, 0.0
-        held = bool(self.drag) or self._loading.t == start.t
+        held = self.drag != 0 or self._cycles > 0 or self._loading.t == start.t
         for active in now.active.values():
-            *forces, gap = active.gap_forces()
+            *forces, gap = gap_forces(active)
             ends = [np.append(end, thickness * f) for end, f in zip(ends, forces, strict=True)]
             change = np.append(change, gap)
-            work += thickness * active.gap_work(self._dt, held)
+            work += thickness * gap_work(active, self._dt, held)
             straight -= thickness * float(sum(forces) @ gap) / 2
         self.within = work - straight
         # Eigenstrains are as a force, the change of the energy with t, on the load factor.

@@ -8,7 +8,7 @@ T = -dPi/dzeta. The loads do the work
 The first integral is that of the derivative of an energy: for linear bodies the trapezoidal rule is
 exact, however zeta goes from one end of a step to the other. The second one is a matter of the
 points: it is added up where return maps on the way say when they yield, part or close,
-:meth:`.ActiveInterface.gap_work`. What the laws say that they have spent is in neither, so that the
+:mod:`vmdg.interface.gap_work`. What the laws say that they have spent is in neither, so that the
 balance of the energies holds them to it. A snap goes through no equilibrium: a jump, whose load
 is held, has the work of its ends only.
 
