@@ -146,7 +146,7 @@ class Material:
     ) -> Invariants | None:
         """The same W as a function of few invariants; None where :meth:`energy` serves as it is.
 
-        Worth defining for energies whose kernels are slow to compile otherwise.
+        Worth defining for energies whose kernels are large, and slow, otherwise.
 
         Args:
             F: Deformation gradient, 3 x 3, or 2 x 2 in plane strain.
@@ -251,20 +251,23 @@ class NeoHookean(Material):
         parameters: Mapping[str, Expr],
         dilatation: Expr | None = None,
     ) -> Invariants | None:
-        """Eq. (86) at F_bar by |F|^2, J and theta; None without a ``dilatation``."""
-        if dilatation is None:
+        """Eq. (86) by |F|^2 and J, at F_bar by theta too; None in the plane without it."""
+        if dilatation is None and out_of_plane is not None:
             return None
         mu, lmbda = parameters["mu"], parameters["lmbda"]
-        square, J = ufl.variable(ufl.inner(F, F)), ufl.variable(ufl.det(F))
-        theta = ufl.variable(dilatation)
-        # |F_bar|^2 and det F_bar with the stretch out of the plane, which mean dilatation leaves.
-        first = ufl.variable((theta / J) ** (2 / F.ufl_shape[0]) * square)
-        volume = ufl.variable(theta)
+        square, J = variables = ufl.variable(ufl.inner(F, F)), ufl.variable(ufl.det(F))
+        first, volume = square, J
+        if dilatation is not None:
+            volume = ufl.variable(dilatation)
+            variables = *variables, volume
+            # |F_bar|^2 with the stretch out of the plane, which mean dilatation leaves.
+            first = (volume / J) ** (2 / F.ufl_shape[0]) * square
+        first, volume = arguments = ufl.variable(first), ufl.variable(volume)
         F33 = 1 if out_of_plane is None else out_of_plane
         rest = 0 if out_of_plane is None else F33**2
         j = volume * F33
         energy = mu / 2 * (first + rest - 3) - mu * ufl.ln(j) + lmbda / 2 * (j - 1) ** 2
-        return Invariants(energy, (first, volume), (square, J, theta))
+        return Invariants(energy, arguments, variables)
 
     def free_stretch(self, F: Expr, parameters: Mapping[str, Expr]) -> Expr:
         """Positive root of (mu + lambda j^2) F_33^2 - lambda j F_33 - mu = 0, j = det F."""

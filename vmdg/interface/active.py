@@ -25,6 +25,7 @@ from .stabilization import Stabilization, Stabilizer
 from .tangent import PointTangent
 from .terms import InterfaceTerms
 
+
 class ActiveInterface:
     """An interface with its open facets and the state of their points.
 

@@ -84,7 +84,7 @@ static void normalize(vector a)
 }
 
 /* By the vector products of its rows. */
-static void invert(const tensor A, tensor inverse)
+static void invert(const vector A[], vector inverse[])
 {
   tensor columns;
   for (int i = 0; i < 3; ++i)

@@ -65,7 +65,10 @@ class PointTangent:
         n = geometry.size(d)
         self.jets = FacetJets(quadrature, u.function_space)
         self.areas = quadrature.weights * float(geometry.thickness)
-        self._shape, self._entries = (d, n, n), self.jets.entries
+        self._entries = self.jets.entries
+        # Where these are all of GRAD, in their order, they need no copy.
+        columns = [i * n + j for i, j in self._entries]
+        self._columns = slice(None) if columns == list(range(n * n)) else columns
         self._quadrature, self._inelastic, self._jump = quadrature, inelastic, jump
         self._module = compile_source(
             Path(__file__).with_suffix(".c"),
@@ -81,7 +84,7 @@ class PointTangent:
             name="interface's tangent",
         )
         self._evaluate_moduli = evaluators(
-            self._shape, lambda body, F, N, a: kinematics.traction_moduli(body, F, N), "H"
+            (d, n, n), lambda body, F, N, a: kinematics.traction_moduli(body, F, N), "H"
         )
         # At small strain the moduli do not change with the deformation: K of (85) is zero.
         self._finite = not bodies.small
@@ -130,8 +133,8 @@ class PointTangent:
         else:
             tau = stabilization.tau[facet]
         # The kernels take the outward normal of their own side, -N on side 2.
-        i, j = np.array(self._entries).T
-        H = [side().reshape(-1, *self._shape)[:, :, i, j] for side in self._evaluate_moduli]
+        shape = -1, d, quadrature.geometry.size(d) ** 2
+        H = [side().reshape(shape)[..., self._columns] for side in self._evaluate_moduli]
         K = self._geometric_term(stabilization, values) if self._finite else (None, None)
         changes = (None, None, None) if compliance is None or turning is None else turning
         delta_s = stabilization.delta_s[facet] if self._jump else None
