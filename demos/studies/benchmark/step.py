@@ -109,6 +109,13 @@ class _Box:
             parts.assemble_tangent(self._matrix)
             self._hold()
 
+        active = parts.active[0]
+        history = active.history
+
+        def commit() -> None:
+            active.history = history  # points move in every one
+            step.commit()
+
         return {
             "linear solve": (CORRECTIONS, self._solve),
             "tangent": (CORRECTIONS, hold),
@@ -120,7 +127,7 @@ class _Box:
             "state to come back to": (1, step.snapshot),
             "cells turned inside out": (1, step.inverted),
             "facets to open": (1, step.activation.utilization),
-            "commit, works": (1, step.commit),
+            "commit, works": (1, commit),
             "row: energies": (1, problem.energy),
             "row: sliding": (1, step.watch_sliding),
             "fields, a file": (1, lambda: writer.write(1.0)),
