@@ -69,9 +69,10 @@ def layers(
 def least_times(
     variants: Mapping[str, Mapping[str, Callable[[], Any]]], repeats: int
 ) -> dict[str, dict[str, float]]:
-    """Processor time of the steps of several variants [s], the least of some runs.
+    """Processor time of the steps of several variants [s], the least of some runs; collective.
 
-    The variants take turns, so that a change of the machine's speed hits all of them.
+    The variants take turns, so that a change of the machine's speed hits all of them. That of the
+    slowest rank.
 
     Args:
         variants: For every variant what it does, by name, in this order.
@@ -83,7 +84,8 @@ def least_times(
             for step, action in steps.items():
                 start = process_time()
                 action()
-                least[name][step] = min(least[name][step], process_time() - start)
+                spent = MPI.COMM_WORLD.allreduce(process_time() - start, MPI.MAX)
+                least[name][step] = min(least[name][step], spent)
     return least
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
+from dolfinx.la import InsertMode
 from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
@@ -42,7 +43,7 @@ class Plain:
     Attributes:
         u: Displacement [mm].
         matrix: Tangent.
-        forces: Internal minus external forces [N].
+        forces: Internal minus external forces, at ghosts a share of them [N].
         iterations: Of Newton's method in the last :meth:`solve`.
     """
 
@@ -95,7 +96,8 @@ class Plain:
             fem.assemble_vector(self._load, compile_form(load, [], mesh.comm, options))
         self.matrix = fem_petsc.create_matrix(self._tangent)
         self.matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        self.forces = np.zeros_like(u.x.array)
+        self._forces = fem.Function(self.space).x
+        self.forces = self._forces.array
         self.prescribed = np.zeros(0, dtype=np.int32)
         self.iterations = 0
 
@@ -116,12 +118,13 @@ class Plain:
         return d * fem.locate_dofs_topological(self.space, d - 1, facets) + i
 
     def assemble_residual(self) -> NDArray[np.float64]:
-        """Forces on all dofs; zero on prescribed ones in the copy that is returned [N]."""
+        """Forces on owned dofs, zero on prescribed ones [N]; collective."""
         self.forces[:] = -self._load
         fem.assemble_vector(self.forces, self._residual)
+        self._forces.scatter_reverse(InsertMode.add)
         free = self.forces.copy()
         free[self.prescribed] = 0
-        return free
+        return free[: self.matrix.getLocalSize()[0]]
 
     def assemble_tangent(self) -> None:
         """Fill the matrix, prescribed rows included."""
@@ -134,7 +137,7 @@ class Plain:
         self.matrix.zeroRowsColumnsLocal(self.prescribed, 1.0)
 
     def solve(self, options: Petsc, tolerance: float, most: int = 20) -> None:
-        """Newton's method from the present displacement.
+        """Newton's method from the present displacement, on one rank.
 
         Args:
             options: Of the linear solver.

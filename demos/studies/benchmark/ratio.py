@@ -52,8 +52,9 @@ class Ratio:
 
     Attributes:
         name: Dimension, state of the interface and solver.
-        times: Of "plain" and "vmdg", by part; with multigrid also of "rebuilt", plain finite
-            elements whose interpolation is made anew in every iteration, as PETSc does by itself.
+        times: Of "plain" and "vmdg", by part, on the slowest rank; with multigrid also of
+            "rebuilt", plain finite elements whose interpolation is made anew in every iteration,
+            as PETSc does by itself.
         sizes: Numbers of unknowns.
         entries: Nonzero entries of the matrices.
         efforts: Krylov iterations of the linear solves, or operations of direct ones [1e9].
@@ -115,6 +116,7 @@ def measure(dimension: str, damage: bool, direct: bool, repeats: int, refine: fl
         refine: Multiplies the numbers of cells.
     """
     tagged = _mesh(dimension, refine)
+    comm = tagged.mesh.comm
     plain = Plain(tagged, MATERIALS)
     plain.u.interpolate(_field(tagged.mesh.geometry.dim, 0.0))
     plain.prescribe(_ends(tagged))
@@ -126,7 +128,7 @@ def measure(dimension: str, damage: bool, direct: bool, repeats: int, refine: fl
     plain.assemble_tangent()
     residual = problem.step.assemble_residual().copy()
     problem.discretization.assemble_tangent(matrix)
-    residual[problem.loading.prescribed] = 0
+    residual[problem.loading.owned_prescribed] = 0
     solvers: list[_Direct | _Multigrid]
     if direct:
         options = LDLT if problem.discretization.symmetric else LU
@@ -171,7 +173,8 @@ def measure(dimension: str, damage: bool, direct: bool, repeats: int, refine: fl
     active = 0.0
     if damage:
         problem.discretization.active[0].commit()
-        active = float(np.isin(problem.discretization.active[0].history.mode, AT_WORK).mean())
+        working = np.isin(problem.discretization.active[0].history.mode, AT_WORK)
+        active = comm.allreduce(working.sum()) / comm.allreduce(working.size)
     return Ratio(
         f"{dimension}, {'damage and friction' if damage else 'tied'}, "
         f"{'direct' if direct else 'multigrid'}",
