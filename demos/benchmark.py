@@ -5,7 +5,8 @@ compares one Newton iteration, "zone" counts Krylov iterations while a zone of f
 tells what else a load step does, "peers" runs two scenes that other codes were given, "switches"
 runs one of them with and without what can be spared, "condensed" linear systems at small strain,
 "kernels" lists what is compiled, "memory" measures the push-out. Seconds are processor time of warm
-runs on one core, the least of some; whatever is compared takes turns in one process. On one rank.
+runs on one core, the least of some; whatever is compared takes turns in one process. On one rank,
+but "ratio", which on several tells the times of the slowest.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 from typing import Any
+
+from mpi4py import MPI
 
 from helpers.options import run
 from studies.benchmark.common import table
@@ -46,12 +49,12 @@ def main(
     """
     if unknown := set(parts or ()) - set(PARTS):
         raise ValueError(f"no part is called {', '.join(unknown)}; they are {', '.join(PARTS)}")
-    found, folder = {}, Path(out)
+    found, folder, writes = {}, Path(out), MPI.COMM_WORLD.rank == 0
     folder.mkdir(parents=True, exist_ok=True)
     for part in parts or PARTS:
         before = timings()
         found[part], text, draw = PARTS[part](coarse, repeats)
-        if MPI.COMM_WORLD.rank > 0:
+        if not writes:
             continue
         if verbose:
             print(table(("timer", "runs", "s"), timings_since(before)))
@@ -65,7 +68,8 @@ def main(
             writer = csv.DictWriter(file, list(lines[0]))
             writer.writeheader()
             writer.writerows(lines)
-    print(f"results are in {out}")
+    if writes:
+        print(f"results are in {out}")
     return found
 
 

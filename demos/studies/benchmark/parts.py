@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from mpi4py import MPI
+
 from helpers.bars import progress
 from matplotlib.figure import Figure
 
@@ -32,7 +34,8 @@ def ratio_part(coarse: bool, repeats: int) -> Outcome:
     cases = [("2D", damage, True, size) for damage in (False, True)]
     cases += [("3D", damage, direct, size) for direct in (True, False) for damage in (False, True)]
     cases += [("3D", damage, False, 2 * size) for damage in (False, True)]
-    rows = [ratio.measure(*case[:3], repeats, case[3]) for case in progress(cases, "case")]
+    shown = MPI.COMM_WORLD.rank == 0
+    rows = [ratio.measure(*c[:3], repeats, c[3]) for c in progress(cases, "case", shown)]
     return rows, table(ratio.HEAD, map(ratio.row, rows)), None
 
 
