@@ -210,10 +210,9 @@ class Step:
     def lost(self) -> float:
         """Largest share of its strength that a point loses in the step so far; collective."""
         lost = [0.0]
-        for active in self.discretization.active.values():
-            if active.law.inelastic:
-                change = active.values.update.softening - active.history.softening
-                lost.append(np.max(change / active.law.strength, initial=0.0))
+        for active in self._failing():
+            change = active.values.update.softening - active.history.softening
+            lost.append(np.max(change / active.law.strength, initial=0.0))
         return float(global_max(self._comm, max(lost)))
 
     def load_rate(self) -> NDArray[np.float64]:
