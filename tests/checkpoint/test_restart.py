@@ -363,13 +363,6 @@ def test_folder_that_is_a_file(comm, out):
         vmdg.write_checkpoint(small(comm), out / "file")
 
 
-def test_no_steps_between(comm, out):
-    """checkpoint_every must be a number of steps."""
-    options = vmdg.SolveOptions(checkpoint=out, checkpoint_every=0)
-    with pytest.raises(ValueError, match="checkpoint_every = 0"):
-        vmdg.solve(small(comm), [1.0], options)
-
-
 @EVERY_CELL
 @pytest.mark.parametrize("degree", [1, 2, 3])
 def test_every_element(comm, cell, degree):

@@ -160,11 +160,14 @@ def test_rotation_left_free(comm):
 
 
 def test_only_contact_holds_a_body(comm):
-    """A block that leans on another one without any support is warned of."""
+    """A block that leans on another one without any support is warned of, once: no bond holds it,
+    whether it bears a load or not."""
     tagged = scene(comm)
     problem = held(tagged, bonded(tagged, vmdg.Contact(friction=0.3)), "left")
-    with warned(comm, "only contact holds the body of tag 2 .* prescribe displacements"):
+    problem.pressure(tagged.facet_tags.find("right"), 1.0)
+    with warned(comm, "only contact holds the body of tag 2 .* prescribe displacements") as caught:
         look(problem)
+    assert comm.rank > 0 or len(caught) == 1
 
 
 def test_only_a_bond_bears_a_load(comm):
@@ -238,6 +241,14 @@ def run(tagged: TaggedMesh, **arguments) -> None:
     """A run with one wrong argument."""
     problem = held(tagged, bonded(tagged), "left", "right")
     vmdg.solve(**({"problem": problem, "loads": [1.0]} | arguments))
+
+
+def ended(tagged: TaggedMesh, value) -> vmdg.Problem:
+    """Its right end moved along x."""
+    problem = held(tagged, bonded(tagged), "left")
+    problem.dirichlet(tagged.facet_tags.find("right"), value, "x")
+    problem.dirichlet(tagged.facet_tags.find("right"), 0.0, "y")
+    return problem
 
 
 def tie(**options) -> vmdg.Interface:
@@ -380,6 +391,10 @@ WRONG_VALUES = {
         lambda s: bonded(s).body_force(ufl.SpatialCoordinate(scene(s.mesh.comm).mesh)),
         "the expression belongs to another mesh",
     ),
+    "a displacement that ends in NaN": (
+        lambda s: look(ended(s, lambda t: t if t < 1.0 else np.nan)),
+        "displacement, load or pressure is not finite at load factor 1: look at its function",
+    ),
     "no load factors": (lambda s: run(s, loads=[]), "one or more finite load factors"),
     "a load factor of NaN": (lambda s: run(s, loads=[0.1, np.nan]), "finite load factors"),
     "no steps": (lambda s: run(s, loads=0), "loads = 0 is a number of steps"),
@@ -436,6 +451,29 @@ def test_refused(comm, mistake):
     attempt, message = (WRONG_VALUES | WRONG_TYPES)[mistake]
     with pytest.raises(TypeError if mistake in WRONG_TYPES else ValueError, match=message):
         attempt(scene(comm))
+
+
+#: By option: a value that makes no sense, and what the error says it must be.
+WRONG_OPTIONS = {
+    "relative_tolerance": (0.0, r"in \(0, 1\]"),
+    "max_iterations": (2.5, "a whole number, zero or more"),
+    "max_cuts": (-1, "a whole number, zero or more"),
+    "control": ("force", r"one of \('auto', 'load', 'dissipation'\)"),
+    "unstable": ("snap", r"one of \('jump', 'trace'\)"),
+    "max_share": (2.0, r"in \(0, 1\]"),
+    "duration": (0.0, "positive and finite"),
+    "cycles": (-1.0, "zero or positive and finite"),
+    "max_loss": (0.0, r"in \(0, 1\]"),
+    "checkpoint_every": (0, "a whole number, at least 1"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_OPTIONS)
+def test_options(name):
+    """Refused when they are given, not when a run meets them."""
+    value, words = WRONG_OPTIONS[name]
+    with pytest.raises(ValueError, match=f"SolveOptions: {name} = {value!r} must be {words}"):
+        vmdg.SolveOptions(**{name: value})
 
 
 def test_a_change_after_the_fact(comm):

@@ -40,11 +40,14 @@ def check_model(problem: Problem, loads: NDArray[np.float64], traced: bool = Fal
         Whether contact alone holds a body.
 
     Raises:
-        ValueError: nothing holds a part of the problem, whatever its interfaces do.
+        ValueError: nothing holds a part of the problem, whatever its interfaces do, or loads are
+            not finite at the first or the last load factor.
     """
     rests_on_contact = _check_supports(problem)
     if not traced:
         _check_bonds(problem)
+    for t in (loads[0], loads[-1]):
+        problem.loading.check_finite(float(t))
     first, last = (problem.loading.dirichlet.conflict(float(t)) for t in (loads[0], loads[-1]))
     warn_together(problem.comm, first or last)
     for active in problem.discretization.active.values():
@@ -126,13 +129,7 @@ def _check_supports(problem: Problem) -> bool:
             "a symmetric body those of its planes of symmetry, dirichlet(facets, 0.0, 'x')"
         )
     raise_together(problem.comm, message)
-    # Where a crack is all of an interface no bond of it holds.
-    holds = [global_any(problem.comm, bool((c.facets.damage < 1).any())) for c in interfaces]
-    bonded = [
-        c
-        for c, some in zip(interfaces, holds, strict=True)
-        if some and (c.law.has_bond or not c.law.inelastic)
-    ]
+    bonded = _bonded(problem)
     resting = loose_parts(problem, bonded) if len(bonded) < len(interfaces) else []
     for part in resting:
         warn_together(
@@ -143,13 +140,25 @@ def _check_supports(problem: Problem) -> bool:
     return bool(resting)
 
 
+def _bonded(problem: Problem) -> list[ActiveInterface]:
+    """Interfaces that are not cracks from end to end; collective."""
+    interfaces = problem.discretization.active.values()
+    holds = [global_any(problem.comm, bool((c.facets.damage < 1).any())) for c in interfaces]
+    return [
+        c
+        for c, some in zip(interfaces, holds, strict=True)
+        if some and (c.law.has_bond or not c.law.inelastic)
+    ]
+
+
 def _check_bonds(problem: Problem) -> None:
     """Warn of a load that only bonds bear."""
     interfaces = problem.discretization.active.values()
     # Cracks within a body leave it in one piece, as far as is known before.
     lasting = [c for c in interfaces if not c.law.inelastic or c.interface.within is not None]
     loaded = problem.loading.loaded
-    if len(lasting) == len(interfaces) or not global_any(problem.comm, bool(loaded.any())):
+    breakable = [c for c in _bonded(problem) if c not in lasting]
+    if not breakable or not global_any(problem.comm, bool(loaded.any())):
         return
     for part in loose_parts(problem, lasting):
         if global_any(problem.comm, bool(loaded[part.cells].any())):

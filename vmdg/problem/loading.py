@@ -534,6 +534,19 @@ class Loading:
         self._ray, self._vector = ray, None
         return True
 
+    def check_finite(self, t: float) -> None:
+        """Refuse loads at load factor ``t`` that are not finite; collective.
+
+        Raises:
+            ValueError: a prescribed displacement, load or pressure is not.
+        """
+        finite = all([np.isfinite(part(t)).all() for part in self._given_parts])
+        message = (
+            f"a prescribed displacement, load or pressure is not finite at load factor {t:g}: look "
+            "at its function of the load factor there, for example at a root or a quotient"
+        )
+        raise_together(self._mesh.comm, None if finite else message)
+
     def as_given(self, t: float) -> bool:
         """Whether the present ray has the loads at ``t`` that were given for it; collective."""
         return not global_any(self._mesh.comm, not self._leads(self._ray, t))

@@ -12,6 +12,22 @@ from ..linear.ksp import Petsc
 
 CONTROLS, UNSTABLE = ("auto", "load", "dissipation"), ("jump", "trace")
 
+#: What options may be, in words and as a test.
+_SHARE = ("in (0, 1]", lambda value: 0 < value <= 1)
+_COUNT = ("a whole number, zero or more", lambda value: value >= 0 and value % 1 == 0)
+VALUES = {
+    "relative_tolerance": _SHARE,
+    "max_iterations": _COUNT,
+    "max_cuts": _COUNT,
+    "control": (f"one of {CONTROLS}", CONTROLS.__contains__),
+    "unstable": (f"one of {UNSTABLE}", UNSTABLE.__contains__),
+    "max_share": _SHARE,
+    "duration": ("positive and finite", lambda value: 0 < value < np.inf),
+    "cycles": ("zero or positive and finite", lambda value: 0 <= value < np.inf),
+    "max_loss": _SHARE,
+    "checkpoint_every": ("a whole number, at least 1", lambda value: value >= 1 and value % 1 == 0),
+}
+
 
 @dataclass(frozen=True, kw_only=True)
 class SolveOptions:
@@ -33,9 +49,8 @@ class SolveOptions:
             what is released as viscosity; "trace" follows the path back. Smaller snaps, of points
             that break one by one, are always traced. Stages that go by load factors jump where the
             smallest attempt has failed, not with ``control="load"``.
-        max_share: Share of all bonds that a step of the path breaks at most: less gives more rows,
-            where a peak is to be met by one of them, for example, and laws that depend on the way
-            are integrated more exactly, with an error of first order.
+        max_share: Share of all bonds that a step of the path breaks at most: with less a row lies
+            nearer to a peak, and the error of laws that depend on the way falls in first order.
         duration: Time for one unit of load factor [s]; matters to laws with viscosity only.
         cycles: Cycles of the load for one unit of load factor, which :class:`vmdg.FatigueDebonding`
             feels; 0 for none: the monotonic law. Loads are the largest ones of a cycle. Such a run
@@ -58,8 +73,7 @@ class SolveOptions:
         show: Names of the columns of the history that the bar shows as forces; None for the first
             three called force or reaction, alone or with more words ("force_x").
         verbose: Print what leads every attempt of a step, its residual norms, Krylov iterations and
-            why it fails, and the summary (rank 0). More of a correction is told by PETSc itself:
-            ``petsc={"snes_monitor": None, "snes_linesearch_monitor": None}``.
+            why it fails, and the summary (rank 0); ``petsc={"snes_monitor": None}`` tells more.
         csv: File for the history, written while the run goes on: a row that is complete is on the
             disk. Rows of an earlier run that ``history`` does not have are dropped.
         checkpoint: Folder for a checkpoint of the run, see :func:`vmdg.read_checkpoint`.
@@ -92,19 +106,9 @@ class SolveOptions:
     checkpoint_every: int = 10
 
     def __post_init__(self, petsc_options: Petsc | None):
-        for name, known in (("control", CONTROLS), ("unstable", UNSTABLE)):
-            if getattr(self, name) not in known:
-                raise ValueError(
-                    f"SolveOptions: {name} = {getattr(self, name)!r} must be one of {known}"
-                )
-        for name in ("max_share", "max_loss"):
-            if not 0 < getattr(self, name) <= 1:
-                raise ValueError(f"SolveOptions: {name} = {getattr(self, name)} must be in (0, 1]")
-        if not 0 <= self.cycles < np.inf:
-            raise ValueError(
-                f"SolveOptions: cycles = {self.cycles} must be zero or positive and finite: cycles "
-                "of the load for one unit of load factor"
-            )
+        for name, (words, fits) in VALUES.items():
+            if not fits(value := getattr(self, name)):
+                raise ValueError(f"SolveOptions: {name} = {value!r} must be {words}")
         if petsc_options is None:
             return
         if self.petsc is not None:

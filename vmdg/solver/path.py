@@ -320,8 +320,8 @@ class Path:
         warn_together(
             self._problem.comm,
             f"equilibria beyond load factor {t:.6g} are unstable: the tangent has negative "
-            "eigenvalues, and the body would buckle. Give it a small imperfection that shows it "
-            "the way, a load or an eigenstrain, and smaller steps there",
+            "eigenvalues. Where the body would buckle give it a small imperfection, a load or an "
+            "eigenstrain, and smaller steps there; where a piece has come free, a support",
         )
 
     def _jumped(self, before: Snapshot, report: StepReport) -> bool:

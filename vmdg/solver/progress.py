@@ -42,7 +42,8 @@ class Progress:
         """A step has converged or failed."""
         if not self._speaks:
             return
-        self.say(described(self._problem.t, control, overstress, report))
+        if self._options.verbose:
+            self.say(described(self._problem.t, control, overstress, report))
         if report.converged and not overstress:
             return  # a row follows
         jump = f"jump, overstress {overstress:.3g} H"

@@ -66,8 +66,8 @@ REASONS = {
         f"SolveOptions(control='dissipation'), which follows the path; {_SMALLER}",
     ),
     "UNSTABLE": Reason(
-        "forces balance, but the body would leave this state by itself: it buckles",
-        f"a small imperfection that shows it the way, a load or an eigenstrain; {_SMALLER}",
+        "forces balance, but a body would leave this state by itself: it buckles, or came free",
+        f"a small imperfection (load, eigenstrain); supports where bodies come free; {_SMALLER}",
     ),
     "PROGRAMME_LEFT": Reason(
         "the path led back to load factors for which other loads were given",

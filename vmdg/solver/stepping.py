@@ -52,9 +52,9 @@ def solve(
     Raises:
         StepFailure: a step fails although it was cut ``max_cuts`` times.
         ValueError: no load factors (and no history), a body that nothing holds, the softening of a
-            law is too steep for the mesh (r <= H), ``condensed=True``
-            where that is not possible, no steps between checkpoints, or columns of the history that
-            have the same name, change their unit, or are to be shown and do not exist.
+            law is too steep for the mesh (r <= H), ``condensed=True`` where that is not possible,
+            or columns of the history that have the same name, change their unit, or are to be shown
+            and do not exist.
         TypeError: ``loads`` is a single number that is no int, or ``options`` or what the monitor
             returns is of the wrong kind.
         OSError: a checkpoint or the table could not be written; the problem is in the state that
@@ -63,11 +63,6 @@ def solve(
     options = options or SolveOptions()
     if not isinstance(options, SolveOptions):
         raise TypeError(f"solve: options = {options!r} must be SolveOptions(...)")
-    if options.checkpoint_every < 1:
-        raise ValueError(
-            f"SolveOptions: checkpoint_every = {options.checkpoint_every} must be at least 1; "
-            "without checkpoint= nothing is written"
-        )
     loads = checked_loads(loads, resumed=history is not None, start=problem.t)
     result = Result(
         history=History() if history is None else history, switches=switchboard(problem, options)
