@@ -490,6 +490,16 @@ def test_nothing_left_to_do(comm):
     assert len(vmdg.solve(problem, [], history=history).history) == 1
 
 
+def test_a_run_that_goes_on_from_its_beginning(comm):
+    """All load factors again, and not those that are left, unload the bond: that is warned of."""
+    tagged, loads = scene(comm), np.array([0.5, 1.0])
+    problem = held(tagged, bonded(tagged), "left", "right")
+    history = vmdg.solve(problem, loads[:1]).history
+    vmdg.solve(problem, loads[loads > problem.t], history=history)
+    with warned(comm, r"at load factor 1, and loads begin .* at 0.5: .*loads\[loads > problem.t\]"):
+        vmdg.solve(problem, loads, history=history)
+
+
 def test_names_without_names(comm):
     """A mesh whose groups have no names says how to get them."""
     mesh = create_rectangle(comm, [(0, 0), (2, 1)], (2, 2), CellType.triangle)

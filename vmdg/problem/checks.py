@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from mpi4py import MPI
@@ -57,33 +57,41 @@ def check_model(problem: Problem, loads: NDArray[np.float64], traced: bool = Fal
 
 
 def checked_loads(
-    loads: ArrayLike, resumed: bool = False, start: float = 0.0
+    loads: ArrayLike, problem: Problem, rows: Sequence[Mapping[str, Any]] | None = None
 ) -> NDArray[np.float64]:
-    """Load factors as an array (n,).
+    """Load factors as an array (n,); warns of those that an earlier run has behind it; collective.
 
     Args:
         loads: What the user gave; an int is so many equal steps to 1.
-        resumed: An earlier run goes on, of which nothing may be left to do.
-        start: Load factor of the problem.
+        problem: Where they set out from.
+        rows: Of an earlier run that goes on, of which nothing may be left to do.
 
     Raises:
         ValueError: there is none, one is not a finite number, or an int leads nowhere.
         TypeError: it is a single number that is no int, which could mean a load factor or steps.
     """
     if isinstance(loads, int | np.integer) and not isinstance(loads, bool):
-        return _equal_steps(int(loads), start)
+        return _equal_steps(int(loads), problem.t)
     if np.ndim(loads) == 0:
         raise TypeError(
             f"solve: loads = {loads!r} must be a list of load factors, [1.0] for one step to 1, or "
             "an int, 10 for ten equal steps to 1"
         )
     result = np.asarray(loads, dtype=float)
-    empty = not result.size and not resumed
+    empty = not result.size and rows is None
     if result.ndim != 1 or empty or not np.isfinite(result).all():
         raise ValueError(
             f"solve: loads = {loads!r} must be one or more finite load factors, for example "
             "numpy.linspace(0.1, 1.0, 10)"
         )
+    message = None
+    if rows and result.size and rows[0]["load"] == result[0] != problem.t in result:
+        message = (
+            f"solve: the run that goes on is at load factor {problem.t:.8g}, and loads begin where "
+            f"it began, at {result[0]:.8g}: it goes back there. To go on give those that are left, "
+            "loads[loads > problem.t]"
+        )
+    warn_together(problem.comm, message)
     return result
 
 

@@ -63,7 +63,7 @@ def solve(
     options = options or SolveOptions()
     if not isinstance(options, SolveOptions):
         raise TypeError(f"solve: options = {options!r} must be SolveOptions(...)")
-    loads = checked_loads(loads, resumed=history is not None, start=problem.t)
+    loads = checked_loads(loads, problem, None if history is None else history.rows)
     result = Result(
         history=History() if history is None else history, switches=switchboard(problem, options)
     )
