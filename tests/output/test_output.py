@@ -101,7 +101,7 @@ def test_interface_fields(comm, cell):
 def test_chosen_fields(comm, out, cell):
     """Only what is asked for is written, and an unknown name is told with the known ones."""
     problem = couple(two_blocks(comm, cell), LAW, name="bond")
-    with FieldWriter(problem, out / "a", fields=["stress"]) as fields:
+    with FieldWriter(problem, out / "a", fields="stress") as fields:
         fields.write(0.0)
     with FieldWriter(problem, out / "b", fields=["damage", "mode"]) as fields:
         fields.write(0.0)

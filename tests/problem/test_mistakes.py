@@ -328,7 +328,8 @@ WRONG_VALUES = {
         lambda s: make(s, cell_tags=scene(s.mesh.comm).cell_tags),
         "belong to another mesh; give",
     ),
-    "degree 0": (lambda s: make(s, degree=0), "degree = 0 must be at least 1"),
+    "degree 0": (lambda s: make(s, degree=0), "degree = 0 must be a whole number, at least 1"),
+    "degree 1.5": (lambda s: make(s, degree=1.5), "degree = 1.5 must be a whole number"),
     "kinematics": (lambda s: make(s, kinematics="large"), "kinematics = 'large' must be one of"),
     "thickness": (lambda s: make(s, thickness=0.0), "thickness = 0.0 must be positive"),
     "unknown tag between": (
@@ -393,7 +394,13 @@ WRONG_VALUES = {
     ),
     "a displacement that ends in NaN": (
         lambda s: look(ended(s, lambda t: t if t < 1.0 else np.nan)),
-        "displacement, load or pressure is not finite at load factor 1: look at its function",
+        "pressure or eigenstrain is not finite at load factor 1: look at its function",
+    ),
+    "an eigenstrain that ends in NaN": (
+        lambda s: look(
+            held(s, make(s, eigenstrain={1: lambda t: t if t < 1.0 else np.nan}), "left")
+        ),
+        "pressure or eigenstrain is not finite at load factor 1: look at its function",
     ),
     "no load factors": (lambda s: run(s, loads=[]), "one or more finite load factors"),
     "a load factor of NaN": (lambda s: run(s, loads=[0.1, np.nan]), "finite load factors"),

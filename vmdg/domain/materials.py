@@ -140,6 +140,10 @@ class Bodies:
             array = self._eigenstrain.x.array.reshape(len(self.tags), *(9,) * self._tensor)
             array[self.cells_of[tag]] = value
 
+    def eigenstrain_is_finite(self, t: float) -> bool:
+        """Whether the eigenstrains at load factor ``t`` are finite numbers, on this rank."""
+        return all([np.isfinite(strain(t)).all() for strain in self._eigenstrains.values()])
+
     def eigenstrain_differs(self, before: float, after: float) -> bool:
         """Whether an eigenstrain differs between two load factors; collective."""
         strains = self._eigenstrains.values()

@@ -114,9 +114,9 @@ class FieldWriter:
         problem: The problem.
         folder: Made if missing; holds bodies.bp and a file named as each interface, such as
             bond.bp, or interface_0.bp where it has no name.
-        fields: Names of what to write, None for all. Of the bodies: "displacement" [mm] and
-            "stress" [MPa]; of the interfaces: "traction" [MPa], "opening" and "gap" [mm], which are
-            vectors, "slip" [mm], "damage" [-], "mode" and "fine_scale" [mm], see
+        fields: Names of what to write, or one name; None for all. Of the bodies: "displacement"
+            [mm] and "stress" [MPa]; of the interfaces: "traction" [MPa], "opening" and "gap" [mm],
+            which are vectors, "slip" [mm], "damage" [-], "mode" and "fine_scale" [mm], see
             :func:`vmdg.output.values.scalar`. The interfaces have the displacement too, where it
             is chosen.
 
@@ -124,7 +124,10 @@ class FieldWriter:
         ValueError: an unknown name.
     """
 
-    def __init__(self, problem: Problem, folder: str | Path, fields: Sequence[str] | None = None):
+    def __init__(
+        self, problem: Problem, folder: str | Path, fields: Sequence[str] | str | None = None
+    ):
+        fields = (fields,) if isinstance(fields, str) else fields
         names = FIELDS if fields is None else tuple(dict.fromkeys(fields))
         for name in names:
             if name not in FIELDS:

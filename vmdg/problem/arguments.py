@@ -245,8 +245,8 @@ def check_approximation(mesh: Mesh, degree: int, kinematics: str) -> None:
     Raises:
         ValueError: one of them does not, or the cells are of a higher degree than the displacement.
     """
-    if degree < 1:
-        raise ValueError(f"Problem: degree = {degree} must be at least 1")
+    if degree < 1 or degree % 1:
+        raise ValueError(f"Problem: degree = {degree} must be a whole number, at least 1")
     if kinematics not in KINEMATICS:
         raise ValueError(f"Problem: kinematics = {kinematics!r} must be one of {KINEMATICS}")
     geometry = compat.coordinate_element(mesh).degree

@@ -535,15 +535,17 @@ class Loading:
         return True
 
     def check_finite(self, t: float) -> None:
-        """Refuse loads at load factor ``t`` that are not finite; collective.
+        """Refuse loads and eigenstrains at load factor ``t`` that are not finite; collective.
 
         Raises:
-            ValueError: a prescribed displacement, load or pressure is not.
+            ValueError: a prescribed displacement, load, pressure or eigenstrain is not.
         """
         finite = all([np.isfinite(part(t)).all() for part in self._given_parts])
+        finite &= self._bodies.eigenstrain_is_finite(t)
         message = (
-            f"a prescribed displacement, load or pressure is not finite at load factor {t:g}: look "
-            "at its function of the load factor there, for example at a root or a quotient"
+            "a prescribed displacement, load, pressure or eigenstrain is not finite at load factor"
+            f" {t:g}: look at its function of the load factor there, for example at a root or a "
+            "quotient"
         )
         raise_together(self._mesh.comm, None if finite else message)
 

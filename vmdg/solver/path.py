@@ -255,7 +255,7 @@ class Path:
                 self._lose(start)
                 cuts, share = 0, 1.0
             # A load that is held cannot be cut.
-            if cuts > options.max_cuts or start == stage.target:
+            if cuts > options.max_cuts or math.isclose(start, stage.target, rel_tol=1e-12):
                 raise StepFailure(self._complaint(start, end, report), self._result)
             if passed is not None:
                 self._work, passed = passed[0].work / 2, None
