@@ -78,8 +78,8 @@ def polycrystal(
     cell = cell or CELLS[dim][0]
     if cell not in CELLS[dim]:
         raise ValueError(f"polycrystal: cell = {cell!r} in {dim}D must be one of {CELLS[dim]}")
-    fine = element_size or size * count ** (-1 / dim) / 6
     seeds, radii = pack(count, FILLED[dim], seed, periodic, size, dim, 0.0, spread)
+    fine = element_size or size * count ** (-1 / dim) / 6
     with model("polycrystal") as gmsh_model:
         if comm.rank == 0:
             grains = tessellate(seeds, radii**2, size, periodic, SHORTEST * fine)
