@@ -13,6 +13,8 @@ import vmdg
 from vmdg.base.timers import timings, timings_since
 from vmdg.linear.ksp import (
     CG_GAMG,
+    FACTORIZATION,
+    GMRES,
     GMRES_GAMG,
     GMRES_LDLT,
     GMRES_LU,
@@ -152,6 +154,49 @@ def test_stale_preconditioner_is_renewed():
     assert (counts.preconditioners, counts.factorizations) == (2, 0)
     matrix.mult(x, b)
     assert b.array == pytest.approx(np.ones(100), abs=1e-9)
+
+
+def test_old_preconditioner_is_given_up():
+    """One that takes as many iterations more as a fresh one costs: a fresh one takes over."""
+    iterations = []
+    for factors in (4.0, 0.5):
+        matrix = tridiagonal(factors)
+        solver = LinearSolver(matrix, {**LU, **GMRES}, LU)
+        x, b = matrix.createVecs()
+        b.set(1.0)
+        solver.solve(b, x, 1e-6)
+        tridiagonal(0.5).copy(matrix)
+        x.set(0.0)
+        before = solver.iterations
+        solver.solve(b, x, 1e-6)
+        iterations.append(solver.iterations - before)
+        matrix.mult(x, b)
+        assert b.array == pytest.approx(np.ones(100), abs=1e-4)
+    assert iterations[1] == 1
+    assert FACTORIZATION < iterations[0] <= FACTORIZATION + 6 + 1
+
+
+def test_stability_is_known_of_the_last_matrix():
+    """Factors are those of one matrix: others than it are not known to be unstable, and no system
+    with it is tried by the Krylov method that did not serve."""
+    options = {**GMRES, "ksp_max_it": 2, "pc_type": "jacobi"}
+    matrix = tridiagonal(4.0)
+    matrix.setValue(0, 0, -4.0)
+    matrix.assemble()
+    solver, before = LinearSolver(matrix, options, LU), timings()
+    x, b = matrix.createVecs()
+    b.set(1.0)
+    solver.solve(b, x, 1e-6)
+    assert solver.unstable
+    iterations = solver.iterations
+    b.set(2.0)
+    solver.solve(b, x, 1e-6)
+    assert solver.iterations == iterations
+    tridiagonal(1e9).copy(matrix)
+    x.set(0.0)
+    solver.solve(b, x, 1e-6)
+    assert not solver.unstable
+    assert Counts.from_timings(timings_since(before), solver.iterations).factorizations == 1
 
 
 def test_options_of_what_is_made_later():

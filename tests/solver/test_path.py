@@ -297,6 +297,13 @@ def test_linear_tolerance():
     assert linear_tolerance([1.0], 0.9) == MAX_RTOL
 
 
+def test_linear_tolerance_ends_the_step():
+    """A correction that may end the step is made to: not by how far a Krylov method overshoots."""
+    for size in np.geomspace(1e-9, 1.0, 91):
+        left = linear_tolerance([1.0, size], 1e-6) * size
+        assert left <= 0.3e-6 * (1 + 1e-9) or left >= 3e-6 * (1 - 1e-9)
+
+
 def test_until(comm):
     """A dead load that never comes back to its peak ends where the user says, in a state of the
     path."""

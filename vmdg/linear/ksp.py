@@ -192,7 +192,10 @@ class LinearSolver:
         if self._krylov is not None:
             self._krylov.setInitialGuessNonzero(True)
             self._krylov.setConvergenceHistory(reset=True)
+            self._max_it = self._krylov.getTolerances()[3]
+        self._setup = COARSENING if self.multigrid else FACTORIZATION
         self._direct: PETSc.KSP | None = None
+        self._factorized = -1
         self._direct_options = options if self._krylov is None else fallback
         self._follows_tolerance = "ksp_rtol" not in options
         self._fresh_effort, self._excess = 0.0, math.inf
@@ -220,11 +223,11 @@ class LinearSolver:
         A Krylov method begins with x.
         """
         with timer("linear solve"):
-            if self._krylov is not None:
+            # What was solved directly has its factors.
+            if self._krylov is not None and self._factorized != self._matrix.stateGet():
                 if self._follows_tolerance:
                     self._krylov.setTolerances(rtol=rtol)
-                setup = COARSENING if self.multigrid else FACTORIZATION
-                if self._excess < setup and self._iterate(b, x, reuse=True):
+                if self._excess < self._setup and self._iterate(b, x, reuse=True):
                     return
                 if self._iterate(b, x, reuse=False):
                     return
@@ -234,20 +237,27 @@ class LinearSolver:
         ksp = self._krylov
         reset_failed(ksp.getPC())
         self._set_operators(reuse)
+        patience = self._max_it
         if reuse:
             ksp.getPC().setReusePreconditioner(True)
+            # An old one that takes as many more as a fresh one costs is given up; x remains.
+            foreseen = -self._fresh_effort * math.log10(ksp.getTolerances()[0])
+            patience = min(patience, math.ceil(foreseen) + self._setup)
         else:
             with timer("set up preconditioner"):
                 self._set_up()
+        ksp.setTolerances(max_it=patience)
         ksp.solve(b, x)
         iterations = ksp.getIterationNumber()
         self.iterations += iterations
         norms = ksp.getConvergenceHistory()
-        # Iterations to the tolerance vary with it; their number per digit does not.
-        digits = max(math.log10(norms[0] / norms[-1]), 1.0) if len(norms) and norms[-1] > 0 else 1.0
+        # Iterations to the tolerance vary with it; their number per digit does not, which less than
+        # a digit does not tell.
+        digits = math.log10(norms[0] / norms[-1]) if len(norms) and norms[-1] > 0 else 0.0
+        self._excess += iterations - self._fresh_effort * max(digits, 1.0)
         if not reuse:
-            self._fresh_effort, self._excess = iterations / digits, 0.0
-        self._excess += iterations - self._fresh_effort * digits
+            self._fresh_effort = iterations / digits if digits >= 1.0 else self._fresh_effort
+            self._excess = 0.0
         converged = ksp.getConvergedReason() > 0
         if not converged:
             self.renew()
@@ -283,7 +293,6 @@ class LinearSolver:
     def _solve_directly(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
         if self._direct is None:
             self._direct = make_ksp(self._in(PETSc.Mat.Type.AIJ), self._direct_options)
-            self._factorized = -1
         reset_failed(self._direct.getPC())
         self._direct.setOperators(self._in(PETSc.Mat.Type.AIJ))
         state = self._matrix.stateGet()
@@ -295,9 +304,11 @@ class LinearSolver:
 
     @property
     def unstable(self) -> bool:
-        """Whether the last matrix that was solved directly is known to have negative eigenvalues:
+        """Whether the matrix is known to have negative eigenvalues: where it was solved directly,
         from negative pivots of LDL^T, or a negative determinant by LU (an odd number of them)."""
-        if self._direct is None or "mumps" not in self._direct_options.values():
+        if self._factorized != self._matrix.stateGet() or self._direct is None:
+            return False
+        if "mumps" not in self._direct_options.values():
             return False
         factors = self._direct.getPC().getFactorMatrix()
         if self._direct_options["pc_type"] == "cholesky":

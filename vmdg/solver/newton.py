@@ -35,15 +35,17 @@ from .turn import turn
 Array = NDArray[np.float64]
 
 #: Loosest and tightest relative tolerance of iterative linear solves. Where points change branch a
-#: correction that is not exact leads to another branch.
-MAX_RTOL, MIN_RTOL = 1e-4, 1e-6
+#: correction that is not exact leads to another branch. Where so little more ends the step, the
+#: correction is made to: else it ends there or not by rounding.
+MAX_RTOL, MIN_RTOL, CLOSE = 1e-4, 1e-6, 0.1
 
 #: The kind of line search is chosen in every step; backtracking halves a correction, and gives up.
 KIND = "snes_linesearch_type"
 LINE_SEARCH = {"snes_linesearch_order": 1, "snes_linesearch_max_it": 8}
 
-#: Displacements in sizes of the body beyond which a trial state is given up as it is.
-MAX_DISPLACEMENT = 1e6
+#: Displacements in sizes of the body, and residual relative to the largest force, beyond which an
+#: iteration is given up.
+MAX_DISPLACEMENT, DIVERGED = 1e6, 1e4
 
 #: Least overstress that a step of a jump may try, and the increment of its derivative, in multiples
 #: of H; drag on bodies that move, relative to the norm of K and to the overstress.
@@ -73,8 +75,9 @@ def linear_tolerance(norms: list[float], goal: float) -> float:
     # Below the goal a residual may be zero, where the control asks for more than equilibrium.
     sizes = [max(norm, goal) for norm in norms[-2:]]
     eta = MAX_RTOL if len(sizes) < 2 else 0.9 * (sizes[1] / sizes[0]) ** 2
-    needed = 0.3 * goal / sizes[-1]
-    return max(min(max(eta, MIN_RTOL), MAX_RTOL), min(needed, MAX_RTOL))
+    eta = min(max(eta, MIN_RTOL), MAX_RTOL)
+    needed = min(0.3 * goal / sizes[-1], MAX_RTOL)
+    return needed if needed > CLOSE * eta else eta
 
 
 class Newton:
@@ -304,7 +307,8 @@ class Newton:
     def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         reasons, residual, reaction = PETSc.SNES.ConvergedReason, norms[2], self._reaction()
         self._norms.append(residual)
-        if not np.isfinite(residual + reaction):
+        most = DIVERGED * max(self._norms[0], self._problem.step.scales.force)
+        if not np.isfinite(residual + reaction) or residual > most:
             return reasons.DIVERGED_FNORM_NAN
         # Differences of positions x + u, of nodes that may have gone far, times stiffness.
         far = global_max(self._comm, float(np.abs(self._problem.u.x.array).max(initial=0.0)))

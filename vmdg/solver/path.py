@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -101,7 +101,7 @@ class Stage:
     back: bool = False
     rise: tuple[Snapshot, float] | None = None
     limit: Snapshot | None = None
-    after: list[tuple[Part, Snapshot]] | None = None
+    after: list[tuple[Part, Snapshot]] = field(default_factory=list)
     traces: bool = False
     arcs: int = 0
 
@@ -176,15 +176,12 @@ class Path:
                 part = self._leap(stage, last, *states) or self._leap(stage, target, *states)
                 if part is None:
                     raise
-            if stage.traces or not stage.follows:
-                yield part
-            elif stage.limit is None and stage.ahead(part.t, before.t) >= 0:
-                # Not where facets have opened: directions belong to one discretization.
-                opened = part.report.change is None
-                stage.rise = None if opened else (before, part.report.work)
-                yield part
-            else:
+            turned = stage.limit or stage.ahead(part.t, before.t) < 0
+            if stage.follows and not stage.traces and turned:
                 yield from self._behind_limit(stage, before, part)
+            else:
+                stage.rise = part.report.change and (before, part.report.work)
+                yield part
             if self._problem.t == target:
                 return
             if not stage.follows and before.discretization is not self._problem.discretization:
@@ -389,40 +386,36 @@ class Path:
 
     def _behind_limit(self, stage: Stage, before: Snapshot, part: Part) -> Iterator[Part]:
         """Steps behind a limit point: kept back until it is clear whether it is a real snap."""
-        step = self._problem.step
-        if stage.limit is None:
-            stage.limit, stage.after = before, []
-        now = step.snapshot()
-        if stage.ahead(now.t, stage.limit.t) > 0:
+        stage.limit = stage.limit or before
+        stage.after.append((part, self._problem.step.snapshot()))
+        if stage.ahead(part.t, stage.limit.t) > 0:
             # The load has grown again: points have broken one by one.
-            for kept, state in stage.after:
-                step.return_to(state)
-                yield kept
-            step.return_to(now)
-            stage.limit, stage.after = None, None
-            yield part
-            return
-        stage.after.append((part, now))
-        if stage.ahead(stage.limit.t, now.t) > stage.span:
+            stage.rise = part.report.change and (before, part.report.work)
+            yield from self._rows(stage)
+        elif stage.ahead(stage.limit.t, part.t) > stage.span:
             yield from self._jump(stage)
+
+    def _rows(self, stage: Stage) -> Iterator[Part]:
+        """Steps that were kept back."""
+        kept, stage.limit, stage.after = stage.after, None, []
+        for part, state in kept:
+            self._problem.step.return_to(state)
+            yield part
 
     def _jump(self, stage: Stage) -> Iterator[Part]:
         """From the limit point to the next equilibrium at its load; the path if none is found."""
-        traced = stage.after
         # At the limit point itself nothing would drive the problem on.
-        away = [
-            state for _, state in traced if stage.ahead(stage.limit.t, state.t) > AWAY * stage.span
-        ]
+        states, away = [state for _, state in stage.after], AWAY * stage.span
+        far = (state for state in states if stage.ahead(stage.limit.t, state.t) > away)
+        start = next(far, states[-1])
         self._refine(stage)
-        part = self._leap(stage, stage.limit.t, stage.limit, away[0] if away else traced[-1][1])
-        stage.limit, stage.after = None, None
+        part = self._leap(stage, stage.limit.t, stage.limit, start)
         if part is not None:
+            stage.limit, stage.after = None, []
             yield part
             return
         stage.traces = True
-        for part, state in traced:
-            self._problem.step.return_to(state)
-            yield part
+        yield from self._rows(stage)
 
     def _leap(self, stage: Stage, t: float, limit: Snapshot, start: Snapshot) -> Part | None:
         """To an equilibrium that no near one leads to; None, and undone, if there is none.
@@ -449,28 +442,31 @@ class Path:
     def _refine(self, stage: Stage) -> None:
         """Find the limit point: the largest load factor over the work, between two states."""
         step, (before, work) = self._problem.step, stage.rise or (stage.limit, 0.0)
-        limit, change = stage.limit, stage.after[0][0].report.change
-        # Work since the state before the limit, and load factor; largest factors forward.
-        points, total = [(0.0, before.t)] * (work > 0) + [(work, limit.t)], work
+        limit = stage.limit
+        # States by the work since that before the limit; largest load factors forward.
+        states, total = {0.0: before, work: limit}, work
         for part, state in stage.after[:2]:
+            if part.report.work <= 0:
+                # Bodies turn the path back, not bonds: the limit point is no matter of the work.
+                return
             total += part.report.work
-            points.append((total, state.t))
-        if min(np.diff([D for D, _ in points])) <= 0:
-            # Bodies turn the path back, not bonds: the limit point is no matter of the work.
-            return
+            states[total] = state
         for _ in range(MAX_REFINEMENTS):
-            heights = [(D, stage.ahead(t, limit.t)) for D, t in points]
+            heights = [(D, stage.ahead(states[D].t, limit.t)) for D in sorted(states)]
             total, height = summit(heights)
             if height - max(height for _, height in heights) <= LIMIT * stage.span:
                 break
-            beyond = total > work
-            step.return_to(limit if beyond else before)
-            control = Work(stage.target, stage.span, total - work * beyond, kink=True)
-            if not self._stepper.step(control, change).converged:
+            # The next state shows the way.
+            done = work if total > work else 0.0
+            start, near = (states[D] for D in (done, min(D for D in states if D >= total)))
+            way = start.way_to(near)
+            step.return_to(start)
+            control = Work(stage.target, stage.span, total - done, kink=True)
+            if not self._stepper.step(control, way and Direction(*way)).converged:
                 break
+            states[total] = step.snapshot()
             if stage.ahead(self._problem.t, stage.limit.t) > 0:
-                stage.limit = step.snapshot()
-            points = sorted([*points, (total, self._problem.t)])
+                stage.limit = states[total]
 
 
 def summit(points: list[tuple[float, float]]) -> tuple[float, float]:
