@@ -103,8 +103,14 @@ class Snapshot:
     arc: Arc | None
 
     def way_to(self, other: Snapshot) -> tuple[NDArray[np.float64], float] | None:
-        """Change of the displacement of owned dofs [mm] and of the load factor to another state;
-        None where facets have opened in between."""
+        """Change of the displacement of owned dofs [mm] and of the load factor to another state.
+
+        Args:
+            other: The other state.
+
+        Returns:
+            None where facets have opened in between.
+        """
         if other.discretization is not self.discretization:
             return None
         return (other.u - self.u)[: self.discretization.owned], other.t - self.t
