@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -354,6 +356,23 @@ def test_rounding_is_no_gradient():
     zero, one = Direction(np.zeros(1), 0.0), Direction(np.ones(1), 1.0)
     step = control.change(Rounded(), Direction(np.zeros(1), 0.0), zero, one)
     assert step == control.onset == pytest.approx(2.0, abs=1e-6)
+
+
+class Resting(Rounded):
+    """Bonds that have broken, and break again from t = 2 on: sums of their work are rounded."""
+
+    def bond_work(self, start, direction, length):
+        """D, whose last digits say nothing."""
+        self.go(start, direction, length)
+        return 0.3 * (1 + 1e-14 * math.sin(1e12 * self._t)) + max(self._t - 2.0, 0.0)
+
+
+def test_a_difference_of_sums_is_no_gradient():
+    """Where nothing breaks D is followed to where something does, not along its rounding."""
+    control = Work(3.0, 3.0, 0.5, kink=True)
+    zero, one = Direction(np.zeros(1), 0.0), Direction(np.ones(1), 1.0)
+    step = control.change(Resting(), Direction(np.zeros(1), 1.0), zero, one)
+    assert step == pytest.approx(1.2, abs=0.05)
 
 
 def test_max_share(comm):

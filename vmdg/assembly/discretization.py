@@ -422,11 +422,25 @@ class Discretization:
         A field that is continuous across a facet is one of those that may jump there, so every
         cell keeps its values; history goes on point by point and starts at zero on new facets.
         """
-        mine, theirs = self.space.dofmap.list, other.space.dofmap.list
-        bs = self.space.dofmap.index_map_bs
-        self.u.x.array.reshape(-1, bs)[mine] = other.u.x.array.reshape(-1, bs)[theirs]
-        if self.means is not None:
-            self.u.x.array[self.means.dofs] = other.u.x.array[other.means.dofs]
+        _take(self, self.u, other, other.u)
         for i, active in self.active.items():
             if i in other.active:
                 active.continue_from(other.active[i])
+
+
+def _take(parts: Discretization, mine: fem.Function, other: Discretization, theirs: fem.Function):
+    """Give every cell the values that a field of another discretization has there."""
+    bs = parts.space.dofmap.index_map_bs
+    to, of = parts.space.dofmap.list, other.space.dofmap.list
+    mine.x.array.reshape(-1, bs)[to] = theirs.x.array.reshape(-1, bs)[of]
+    if parts.means is not None:
+        mine.x.array[parts.means.dofs] = theirs.x.array[other.means.dofs]
+
+
+def carried(values: NDArray[np.float64], to: Discretization, of: Discretization):
+    """A field of owned dofs where more facets are open: every cell keeps it; collective."""
+    mine, theirs = fem.Function(to.space), fem.Function(of.space)
+    theirs.x.array[: of.owned] = values
+    theirs.x.scatter_forward()
+    _take(to, mine, of, theirs)
+    return mine.x.array[: to.owned]

@@ -191,7 +191,9 @@ class Work(Control):
             if not 0 < size < np.inf:
                 return size - size
             length = sign * INCREMENT / size
-            return (self._worked(trials, start, direction, length) - D) / length
+            more = self._worked(trials, start, direction, length) - D
+            # Where no point breaks the difference of two sums is rounding.
+            return 0.0 if abs(more) <= ROUNDING * self.work else more / length
 
         left = self.target - start.t
         # Where points are about to break D grows to one side only.

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..base.parallel import global_any, global_norm, global_sum, warn_together
-from ..problem.loading import Ray
 from ..problem.problem import Problem
 from ..problem.states import Snapshot
 from .control import ROUNDING, Arrival, Control, Direction, Work
@@ -28,7 +27,7 @@ LEAST, FIRST_FACETS = 1e-6, 5.0
 RELEASED = 0.05
 
 #: Share by which the work of a step may differ from what was foreseen on a smooth path.
-SMOOTH = 0.5
+SMOOTH = 0.2
 
 #: Share of the loss allowed in a step with cycles that the next one aims at, how much longer it may
 #: be, and the share of its length that is left at least when it is cut.
@@ -135,7 +134,6 @@ class Path:
         self._result = result
         scales = self._problem.step.scales
         self._most, self._work, self._breaking = 0.0, scales.work, scales.breaking
-        self._ray: Ray | None = None
         self._lost = False
         self.forget()
 
@@ -198,11 +196,10 @@ class Path:
         # Bonds may break or bodies buckle; where facets have yet to open nothing is known of bonds.
         small = self._problem.discretization.bodies.small
         bends = self._most > 0 or not (small or self._problem.step.activation)
-        follows = not by_load and bends and loading.set_ray(start, target)
+        last, follows = loading.ray, not by_load and bends and loading.set_ray(start, target)
         if not follows:
             loading.clear_ray()
-        ray, last = loading.ray, self._ray
-        turns = ray is not None and (last is None or not ray.goes_on(last))
+        turns = follows and (last is None or not loading.ray.goes_on(last))
         # The way back is first tried by load: bonds unload, and no work on them leads there.
         step, sense = self._problem.step, math.copysign(1.0, target - start)
         back = step.scales.sense * sense < 0
@@ -211,7 +208,6 @@ class Path:
             self._remember(self._work, False)
         if global_any(self._problem.comm, turns or back):
             self.forget()
-        self._ray = ray
         # Jumps are slowed down by bonds.
         never = options.unstable == "trace" or options.control == "load" or self._most == 0
         return Stage(start, target, follows, back, traces=never)
@@ -283,10 +279,8 @@ class Path:
         elif type(control) is Arrival and start == stage.start and problem.t == stage.target:
             # As foreseen, by one step: the path is smooth, and load control is the shorter way.
             breaking = abs(report.work - control.work) > SMOOTH * report.work
-        self._ahead, self._spent = report.change, report.work
         self._kink = report.onset
-        if self._kink:
-            self._ahead, self._spent = None, 0.0
+        self._ahead, self._spent = (None, 0.0) if self._kink else (report.ahead, report.work)
         growth = growth_after(report)
         may = growth * work if report.work >= work / 2 else max(work, growth * report.work)
         self._remember(may, breaking)

@@ -20,7 +20,8 @@ class StepReport:
         krylov: Krylov iterations of all linear systems of the step, the predictor's included; 0
             where they were solved directly.
         work: Work on bonds in the step, 0 where it failed [N mm].
-        change: Change of displacement (owned dofs) and load factor; None where it failed.
+        change: Of displacement (owned dofs) and load factor; None where it failed or facets opened.
+        ahead: The same, where facets have opened too: how the next step may go on.
         onset: Whether the step ends where damage begins, at a kink of the path.
         arc: Size of the change of displacement that was to end the step; None where something else
             was [mm].
@@ -35,6 +36,7 @@ class StepReport:
     krylov: int = 0
     work: float = 0.0
     change: Direction | None = None
+    ahead: Direction | None = None
     onset: bool = False
     arc: float | None = None
     unstable: bool = False

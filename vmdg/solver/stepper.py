@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..assembly.discretization import Discretization, carried
 from ..interface.activation import OPENS, REPEATS_STEP
 from ..problem.problem import Problem
 from .control import Control, Direction
@@ -93,6 +94,7 @@ class Stepper:
     def _step(self, control: Control, ahead: Direction | None, overstress: float) -> StepReport:
         step = self.problem.step
         while True:
+            parts = self.problem.discretization
             # A control changes on the way.
             report = self._iterate(copy(control), ahead, overstress)
             if not report.converged:
@@ -112,26 +114,25 @@ class Stepper:
                 step.cancel()
                 step.open_facets(utilization)
                 self._progress.say(f"step to load {control.target:.8g} again: facets open in it")
-                ahead = None
+                ahead = ahead and self._carried(ahead, parts)
                 continue
             wears = self.cyclic and not overstress and self.problem.t != step.start.t
             lost = step.lost() if wears else 0.0
             if lost > self.options.max_loss:
                 step.cancel()
                 return replace(report.failed("WORN"), lost=lost)
-            start, owned = step.start, self.problem.discretization.owned
-            change = self.problem.u.x.array[:owned] - start.u[:owned]
-            report = replace(
-                report,
-                work=step.bond_work(),
-                lost=lost,
-                change=Direction(change, self.problem.t - start.t),
-            )
+            change = self.problem.u.x.array[: parts.owned] - step.start.u[: parts.owned]
+            way = Direction(change, self.problem.t - step.start.t)
+            report = replace(report, work=step.bond_work(), lost=lost, change=way, ahead=way)
             step.commit()
             if utilization.largest > OPENS:
                 step.open_facets(utilization)
-                report = replace(report, change=None)
+                report = replace(report, change=None, ahead=self._carried(way, parts))
             return report
+
+    def _carried(self, way: Direction, before: Discretization) -> Direction:
+        """A direction where facets have opened: every cell moves as it did; collective."""
+        return Direction(carried(way.u, self.problem.discretization, before), way.t)
 
     def _iterate(self, control: Control, ahead: Direction | None, overstress: float) -> StepReport:
         problem, options = self.problem, self.options
