@@ -72,10 +72,34 @@ def test_external_work_of_prescribed_displacements(comm):
     The mean of the forces at both ends misses 4% of it in 8 steps.
     """
     coarse, fine = (pull(comm, steps=n)[0] for n in (8, 80))
-    work = fine["external"][-1]
-    assert work == pytest.approx(P_C * ZETA_C / 2, rel=1e-4)
-    assert coarse["external"][-1] == pytest.approx(work, rel=2e-3)
-    assert abs(coarse["imbalance"][-1]) < 2e-3 * work
+    work = P_C * ZETA_C / 2
+    assert fine["external"][-1] == pytest.approx(work, rel=1e-5)
+    assert coarse["external"][-1] == pytest.approx(work, rel=1e-4)
+    assert abs(coarse["imbalance"][-1]) < 1e-4 * work
+
+
+@pytest.mark.parametrize(
+    ("law", "bounds"),
+    [
+        (vmdg.IntrinsicExponential(P_C, 10.0, shear_weight=2.0), (3e-2, 5e-4)),
+        (vmdg.MixedModeDebonding(P_C, 80.0, 10.0, 20.0, unloading="secant"), (1e-4, 1e-6)),
+    ],
+)
+def test_damage_of_a_gap_that_turns(comm, law, bounds):
+    """Opened, then sheared while it parts, in 6 and in 60 steps: what the parts of a step charge.
+
+    The mean of the charges at its ends misses up to 12% and .5%, and 3e-4 and 8e-6.
+    """
+
+    def path(t):
+        return (0.1 * t, 0.3 * max(t - 0.5, 0.0)), 0.0
+
+    for steps, bound in zip((6, 60), bounds, strict=True):
+        problem, _ = driven(comm, "quadrilateral", law, path)
+        options = vmdg.SolveOptions(relative_tolerance=1e-12, control="load")
+        vmdg.solve(problem, np.arange(1, steps + 1) / steps, options)
+        energy = problem.energy()
+        assert abs(energy.imbalance) < bound * energy.external
 
 
 class Spendthrift(vmdg.Debonding):
@@ -115,8 +139,8 @@ def test_dead_load(comm):
     """A bonded bar under dead traction: work and stored energy meet the closed form.
 
     Confined neo-Hookean, W = mu/2 (s^2 - 1) - mu ln s + lambda/2 (s - 1)^2, length 2, area 1. The
-    stored energy is exact; the work converges to it with the third power of the step, since the
-    last step has no other one after it.
+    stored energy is exact; the work is that of the forces at three or five points of a step. The
+    trapezoidal rule misses 8e-3 of it in 4 steps.
     """
     p, material = 400.0, SAME[0]
     mu, lmbda = material.parameters["mu"], material.parameters["lmbda"]
@@ -140,15 +164,12 @@ def test_dead_load(comm):
         assert abs(energy.interface) < 1e-10 * stored
         assert energy.dissipated == 0
         errors.append(abs(energy.external - stored))
-    rates = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert errors[0] < 1e-2 * stored
-    assert rates == pytest.approx(3, abs=0.1)
+    assert max(errors) < 3e-5 * stored
 
 
 def test_body_force_works_too(comm):
-    """Dead body forces are external work: a hanging bar balances to the square of the step."""
-    imbalance = []
-    for steps in (4, 8):
+    """Dead body forces are external work: a hanging bar balances in few steps."""
+    for steps in (2, 4, 8):
         scene = blocks(comm, "quadrilateral", (1, 2))
         problem = couple(scene, vmdg.Bonded())
         problem.dirichlet(scene.facet_tags.find(1), 0.0)
@@ -156,9 +177,7 @@ def test_body_force_works_too(comm):
         options = vmdg.SolveOptions(relative_tolerance=1e-12)
         vmdg.solve(problem, np.arange(1, steps + 1) / steps, options)
         energy = problem.energy()
-        imbalance.append(abs(energy.imbalance) / energy.external)
-    assert imbalance[0] < 1e-2
-    assert np.log2(imbalance[0] / imbalance[1]) > 1.7
+        assert abs(energy.imbalance) < 3e-5 * energy.external
 
 
 def test_energies_of_any_partition_are_those_of_one_rank(comm):

@@ -230,8 +230,7 @@ class Discretization:
         Raises:
             ValueError: the softening of a law is too steep for the mesh (r <= H).
         """
-        self.update_means()
-        self._update_pressure()
+        self.update_means(pressure=True)
         with timer("stabilization"):
             scaled = zip(self.active.values(), self._scaled_stabilization(), strict=True)
             energy = sum(active.apply(stabilization) for active, stabilization in scaled)
@@ -258,9 +257,9 @@ class Discretization:
             applied = [active.stabilization for active in self.active.values()]
             return self._stabilizers.suffice(applied)
 
-    def update_means(self) -> None:
+    def update_means(self, pressure: bool = False) -> None:
         """What the forms have of the current displacement as means: H of a periodic cell, F_33,
-        theta of mean dilatation."""
+        theta of mean dilatation, with its pressure if asked for."""
         if self.means is not None:
             H, d = self.means.gradient(self.u.x.array), self.mesh.geometry.dim
             if self.means.lattice is not None:
@@ -269,6 +268,8 @@ class Discretization:
                 self.geometry.axial.value = H[2, 2]
         if self._dilatation is not None:
             self._dilatation.update_dilatation()
+        if pressure:
+            self._update_pressure()
 
     def _update_pressure(self) -> None:
         """With mean dilatation: p at the current displacement, dilatation and gap."""
@@ -282,20 +283,21 @@ class Discretization:
             update_points(list(self.active.values()), dt, hold)
 
     def assemble_residual(
-        self, dt: float, hold: bool, loads: NDArray[np.float64] | None
+        self, dt: float | None, hold: bool = False, loads: NDArray[np.float64] | None = None
     ) -> NDArray[np.float64]:
         """Return maps, then internal minus external forces at the current displacement: (46).
 
         Args:
-            dt: Time step of the return maps [s].
+            dt: Time step of the return maps [s]; None leaves the points as they are.
             hold: Keep zeta at its converged value instead of mapping back.
             loads: Load vector over local dofs, ghosts still to be added to their owners.
 
         Returns:
             Owned dofs, nothing removed at prescribed ones [N].
         """
+        if dt is not None:
+            self.update_points(dt, hold)
         forces, forms = self.forces.x, self._residual_forms
-        self.update_points(dt, hold)
         self._update_pressure()
         with timer("assemble residual"):
             forces.array[:] = 0 if loads is None else -loads

@@ -147,6 +147,19 @@ class ActiveInterface:
         """What the return map of the step starts from at the current displacement."""
         return self._return_map.trial(self.stabilization, self.history, self._drag, self._cycles)
 
+    def go_between(self, end: PointValues, share: float) -> None:
+        """Take values at the present displacement, zeta at a share of its change in the step.
+
+        Args:
+            end: Values at the end of the step.
+            share: Of the step.
+        """
+        trial = self.trial()
+        if end.update is not None:
+            gap = self.history.gap + share * (end.update.gap - self.history.gap)
+            trial = replace(trial, gap=gap)
+        self.take(evaluate(self.law, trial, 1.0, end))
+
     def take(self, values: PointValues) -> None:
         """Take what a return map gives at the points; sets zeta of the residual."""
         self.values = values
@@ -224,9 +237,12 @@ class ActiveInterface:
     def take_traction(self) -> None:
         """Take the traction of the last residual into the history: new facets have borne it too."""
         if self.law.inelastic:
-            T, R = self.values.traction, self.values.rotation
-            T = T if R is None else np.einsum("pji,pj->pi", R, T)
-            self.history = replace(self.history, traction=T)
+            self.history = replace(self.history, traction=self.traction_in_frame())
+
+    def traction_in_frame(self) -> NDArray[np.float64]:
+        """T of the last residual in the frame of the law (nq, d) [MPa]."""
+        T, R = self.values.traction, self.values.rotation
+        return T if R is None else np.einsum("pji,pj->pi", R, T)
 
     def snapshot(self) -> InterfaceSnapshot:
         """The state now; none of its arrays is ever changed."""

@@ -122,6 +122,11 @@ class Law(ABC):
         return is_number(self.friction, 0.0)
 
     @property
+    def unloads_to_origin(self) -> bool:
+        """Whether zeta and Q follow from T_tr + r zeta_n and Q_n alone, but for friction."""
+        return False
+
+    @property
     def has_bond(self) -> bool:
         """Whether there is a bond that can fail: neither in a tie nor in contact alone."""
         return self.inelastic and not is_number(self.strength, 0.0)

@@ -166,6 +166,11 @@ class IntrinsicExponential(Law):
         return self.stiffness / math.e**2
 
     @property
+    def unloads_to_origin(self) -> bool:
+        """Always."""
+        return True
+
+    @property
     def symmetric(self) -> bool:
         """Only with equal weights: T has no potential in zeta otherwise while damage grows."""
         return is_number(self.shear_weight, 1.0)

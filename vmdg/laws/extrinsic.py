@@ -97,6 +97,11 @@ class ExtrinsicLaw(Law):
         """
         return g
 
+    @property
+    def unloads_to_origin(self) -> bool:
+        """With secant unloading."""
+        return self.unloading == "secant"
+
     def stored_energy(self, gap: Array, normal: Array, softening: Array) -> Array:
         """That of `secant`; none with plastic unloading."""
         if self.unloading == "plastic":

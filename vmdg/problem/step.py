@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from ..assembly.space import at_owners
 from ..base.parallel import global_any, global_max, global_sum, warn_together
 from ..interface.activation import Activation, Utilization
 from ..interface.active import ActiveInterface
-from ..interface.gap_work import gap_forces, gap_work
+from ..interface.gap_work import gap_force, gap_forces, gap_work
 from ..interface.guess import (
     close_points,
     hold_sliding_points,
@@ -26,7 +27,7 @@ from ..interface.sliding import sliding
 from ..laws import Mode
 from .loading import Loading
 from .states import RunScales, Snapshot
-from .work import Arc, next_arc
+from .work import Arc, chord_integral, next_arc
 
 #: Change of the load factor for the derivative of the residual, relative to its ray.
 INCREMENT = 1e-7
@@ -39,6 +40,25 @@ MOST_REPEATS = 3
 
 #: Slip relative to the facet above which a point faces another facet than its partner's.
 SLID = 0.5
+
+
+class _Forces(NamedTuple):
+    """Internal forces, the derivative of the energy of bodies and interfaces.
+
+    Attributes:
+        residual: On displacements, less the loads, owned dofs [N].
+        loads: Over local dofs [N].
+        at_gaps: -T dA, on zeta (n,) [N; N/mm in plane strain].
+    """
+
+    residual: NDArray[np.float64]
+    loads: NDArray[np.float64]
+    at_gaps: NDArray[np.float64]
+
+
+def _joined(arrays: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """One array after the other; there may be none."""
+    return np.concatenate([np.zeros(0), *arrays])
 
 
 class Step:
@@ -57,9 +77,9 @@ class Step:
         dissipated: Damage, friction and viscous work so far (3,), this rank's [N mm].
         external: Work of loads, prescribed displacements and eigenstrains so far, and what the
             discretization has added (2,), this rank's [N mm].
-        within: Work of loads that the last step has beyond that of the mean of its ends, by points
-            that begin to yield, part or close in it, this rank's [N mm]. It is that of equilibria
-            between both ends, which a snap does not go through.
+        within: Work of loads that the last step has beyond that of the mean of its ends, by finite
+            strain and by points that begin to yield, part or close in it, this rank's [N mm]. It is
+            that of equilibria between both ends, which a snap does not go through.
         arc: The last step along the path; None where the next one does not go on from there.
         sliding: Largest slip of points in contact so far, relative to the size of their facets.
         drag: Overstress of the step, in multiples of H.
@@ -86,6 +106,8 @@ class Step:
         loading.apply(0.0)
         discretization.update_stabilization()
         self._rate_at_start, self._dt, self._added = 0.0, 1.0, 0.0
+        # At the start of the step, with its tau_s and its loads.
+        self._begun: _Forces | None = None
         self._remember_start()
 
     def _remember_start(self) -> None:
@@ -108,7 +130,7 @@ class Step:
         Raises:
             ValueError: r <= H on a facet; the converged state is kept.
         """
-        self._dt = dt
+        self._dt, self._begun = dt, None
         self._remember_start()
         self._loading.spread()
         self.slow_down(overstress, cycles)
@@ -120,7 +142,7 @@ class Step:
         if not self.rests_on_contact:
             for active in self._failing():
                 open_free_points(active)
-        self._rate_at_start = self._eigenstrain_rate(t)
+        self._rate_at_start = self._eigenstrain_rate(self._loading.t, t)
         self._loading.apply(t)
 
     def slow_down(self, overstress: float, cycles: float = 0.0) -> None:
@@ -162,6 +184,9 @@ class Step:
             for active in failing:
                 hold_sliding_points(active)
         self.assemble_residual(dt, hold=True)
+        if not self.discretization.bodies.small:
+            forces = self.discretization.forces.x.array[: self.discretization.owned].copy()
+            self._begun = _Forces(forces, self._loading.vector, self._gap_forces())
         return self._closings(dt, [active.values for active in failing])
 
     def _closings(self, dt: float, begun: Sequence[PointValues]) -> Iterator[None]:
@@ -277,8 +302,9 @@ class Step:
 
     def commit(self) -> None:
         """Take the current state as converged: history, dissipation and external work."""
-        self.external += self._external_work(), self._added + self._relaxed()
-        self.dissipated += self._dissipation()
+        work, damage = self._external_work()
+        self.external += work, self._added + self._relaxed()
+        self.dissipated += self._dissipation() + (damage, 0.0, 0.0)
         for active in self.discretization.active.values():
             active.commit()
         self._repeats = 0
@@ -327,11 +353,11 @@ class Step:
         works = [active.works() for active in self.discretization.active.values()]
         return float(self.discretization.geometry.thickness) * sum(works, start=np.zeros(3))
 
-    def _external_work(self) -> float:
-        """Work of prescribed displacements, dead loads and eigenstrains in the step, this rank's
-        [N mm].
+    def _external_work(self) -> tuple[float, float]:
+        """Work of prescribed displacements, dead loads and eigenstrains in the step, and what its
+        parts charge to damage more than the whole, this rank's [N mm].
 
-        What the step adds to the accuracy of the one before it is on the first rank.
+        What the curvature of a step adds is on the first rank.
         """
         now, start = self.discretization, self.start
         owned, prescribed = slice(now.owned), self._loading.owned_prescribed
@@ -352,23 +378,86 @@ class Step:
         # With the points' forces -T on zeta these are the derivative of an energy, whose work does
         # not depend on the path. That of T does, on where in the step points begin to yield. Cycles
         # wear a bond while the load stays.
-        thickness, work, straight = float(now.geometry.thickness), 0.0, 0.0
+        thickness = float(now.geometry.thickness)
+        work, straight, damage = 0.0, 0.0, 0.0
         held = self.drag != 0 or self._cycles > 0 or self._loading.t == start.t
         for active in now.active.values():
             *forces, gap = gap_forces(active)
             ends = [np.append(end, thickness * f) for end, f in zip(ends, forces, strict=True)]
             change = np.append(change, gap)
-            work += thickness * gap_work(active, self._dt, held)
+            done, charged = gap_work(active, self._dt, held)
+            work += thickness * done
+            damage += thickness * charged
             straight -= thickness * float(sum(forces) @ gap) / 2
-        self.within = work - straight
         # Eigenstrains are as a force, the change of the energy with t, on the load factor.
-        rates = self._rate_at_start, self._eigenstrain_rate(start.t)
+        rates = self._rate_at_start, self._eigenstrain_rate(self._loading.t, start.t)
         ends = [np.append(end, rate) for end, rate in zip(ends, rates, strict=True)]
         led = any(rates) and self._comm.rank == 0
         change = np.append(change, (self._loading.t - start.t) * led)
-        self.arc, correction = next_arc(self._comm, self.arc, ends[1] - ends[0], change)
-        work += correction * (self._comm.rank == 0)
-        return float((ends[0] + ends[1]) @ change) / 2 + work
+        mean = float((ends[0] + ends[1]) @ change) / 2
+        if not (held or now.bodies.small or now.surface.fluids):
+            so_far = self.external[0] + mean + work
+            self.arc, curved = next_arc(self._comm, self.arc, ends[1] - ends[0], change, so_far)
+            if curved:
+                work += self._curvature(rates) * (self._comm.rank == 0)
+        self.within = work - straight
+        return mean + work, damage
+
+    def _curvature(self, rates: tuple[float, float]) -> float:
+        """What the trapezoidal rule misses of the first integral of :mod:`.work`; collective.
+
+        [N mm], the same on every rank.
+
+        Args:
+            rates: Of the energy with the eigenstrains at start and end.
+        """
+        now, start, t = self.discretization, self.start, self._loading.t
+        u, residual = now.u.x.array.copy(), now.forces.x.array.copy()
+        values = [active.values for active in now.active.values()]
+        points = [gap_forces(active) for active in now.active.values()]
+        thickness = float(now.geometry.thickness)
+        change, span, gap = u - start.u, t - start.t, thickness * _joined(p[2] for p in points)
+        strains = now.bodies.eigenstrain_differs(start.t, t)
+
+        def slope(forces: _Forces, rate: float = 0.0) -> float:
+            at_nodes = forces.residual @ change[: now.owned] + forces.loads @ change
+            return float(at_nodes + forces.at_gaps @ gap) + rate * span * (self._comm.rank == 0)
+
+        def between(share: float) -> float:
+            here, rate = start.t + share * span, 0.0
+            now.u.x.array[:] = start.u + share * change
+            now.update_means()
+            if strains:
+                now.bodies.apply_eigenstrain(here)
+            for active, end in zip(now.active.values(), values, strict=True):
+                active.go_between(end, share)
+            forces = _Forces(now.assemble_residual(None), np.zeros_like(change), self._gap_forces())
+            if strains:
+                rate = self._eigenstrain_rate(here, t)
+            return float(global_sum(self._comm, slope(forces, rate)))
+
+        known = (
+            _Forces(start.forces[: now.owned], self._loads_at_start, _joined(p[0] for p in points)),
+            _Forces(residual[: now.owned], self._loading.vector, _joined(p[1] for p in points)),
+        )
+        before, last = (slope(forces, rate) for forces, rate in zip(known, rates, strict=True))
+        # The first guess of the step knows the forces at its start with its tau_s, but not with the
+        # eigenstrains there.
+        first = before if strains or self._begun is None else slope(self._begun)
+        before, first, last = global_sum(self._comm, [before, first, last])
+        whole = chord_integral(first, last, between, self.arc.work)
+        now.u.x.array[:] = u
+        if strains:
+            now.bodies.apply_eigenstrain(t)
+        for active, end in zip(now.active.values(), values, strict=True):
+            active.take(end)
+        now.update_means(pressure=True)
+        now.forces.x.array[:] = residual
+        return float(whole - (before + last) / 2)
+
+    def _gap_forces(self) -> NDArray[np.float64]:
+        """-T dA of all interfaces at the last residual, in the frames of their laws."""
+        return _joined(gap_force(active) for active in self.discretization.active.values())
 
     def _relaxed(self) -> float:
         """Work of the forces that facets which have opened left out of balance, this rank's
@@ -388,10 +477,11 @@ class Step:
             lost.append(-active.fluid.intrusion(active.values, active.stabilization))
         return np.concatenate(forces), np.concatenate(lost)
 
-    def _eigenstrain_rate(self, t: float) -> float:
+    def _eigenstrain_rate(self, now: float, t: float) -> float:
         """Change of the stored energy with the eigenstrains at the present displacement, as they
-        change from now on towards load factor ``t``; collective [N mm]."""
-        now, bodies = self._loading.t, self.discretization.bodies
+        change from load factor ``now``, at which they are left, towards ``t``; collective [N mm].
+        """
+        bodies = self.discretization.bodies
         if not bodies.eigenstrain_differs(now, t):
             return 0.0
         h, energies = SMALL * (t - now), []
