@@ -30,7 +30,7 @@ def test_quarters_are_taken_where_forces_bend():
 
 @pytest.mark.parametrize("factor", [0.99, 1.01])
 def test_curved_steps_are_known(comm, factor):
-    """Of the energy z^3 a step from 1 to 3 misses 4 by the trapezoidal rule; a first step, unknown."""
+    """Of z^3 a step from 1 to 3 misses 4 by the trapezoidal rule; of a first step nobody knows."""
     z = np.array([0.0, 1.0, 3.0])
     a, b = (np.array([d]) * (comm.rank == 0) for d in np.diff(z))
     f_a, f_b = (np.array([f]) * (comm.rank == 0) for f in np.diff(3 * z**2))

@@ -21,9 +21,9 @@ lengths l = |dz|, tell how much that is:
     X = f_a.dz_b - f_b.dz_a = -D3Pi[dz_a, dz_b, dz_a + dz_b]/2,
     D3Pi[dz_b, dz_b, dz_b] = -2 l_b^2/(l_a (l_a + l_b)) X  if the path goes straight on.
 
-Where that matters, and in a first step, Simpson's rule takes phi in the middle besides, where forces
-are not in equilibrium, and misses phi''''/2880; where it differs much from the trapezoidal rule,
-Boole's rule takes quarters besides and misses phi^(6)/1935360.
+Where that matters, and in a first step, Simpson's rule takes phi in the middle besides, where
+forces are not in equilibrium, and misses phi''''/2880; where it differs much from the trapezoidal
+rule, Boole's rule takes quarters besides and misses phi^(6)/1935360.
 
 What is stored at the ends is in none of this, nor is what the laws say that they have spent, so
 that the balance of the energies holds them to it. A snap goes through no equilibrium: a jump, whose
