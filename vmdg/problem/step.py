@@ -397,9 +397,9 @@ class Step:
         mean = float((ends[0] + ends[1]) @ change) / 2
         if not (held or now.bodies.small or now.surface.fluids):
             so_far = self.external[0] + mean + work
-            self.arc, curved = next_arc(self._comm, self.arc, ends[1] - ends[0], change, so_far)
-            if curved:
-                work += self._curvature(rates) * (self._comm.rank == 0)
+            self.arc, more = next_arc(self._comm, self.arc, ends[1] - ends[0], change, so_far)
+            more = self._curvature(rates) if more is None else more
+            work += more * (self._comm.rank == 0)
         self.within = work - straight
         return mean + work, damage
 

@@ -16,12 +16,12 @@ At the ends phi is a matter of the loads, which are in equilibrium with F there:
 rule is the work of the mean of the loads on du. It is exact for linear bodies, however zeta goes
 from one end to the other. At finite strain the integral is less by phi''/12 = D3Pi[dz, dz, dz]/12,
 third order in the step. Two steps a and b, one after the other, with changes f of dPi/dz and
-lengths l = |dz|, tell how much that is:
+lengths l = |dz|, foretell that:
 
     X = f_a.dz_b - f_b.dz_a = -D3Pi[dz_a, dz_b, dz_a + dz_b]/2,
     D3Pi[dz_b, dz_b, dz_b] = -2 l_b^2/(l_a (l_a + l_b)) X  if the path goes straight on.
 
-Where that matters, and in a first step, Simpson's rule takes phi in the middle besides, where
+Where that is much, and in a first step, Simpson's rule takes phi in the middle besides, where
 forces are not in equilibrium, and misses phi''''/2880; where it differs much from the trapezoidal
 rule, Boole's rule takes quarters besides and misses phi^(6)/1935360.
 
@@ -44,9 +44,9 @@ from ..base.parallel import global_sum
 
 Array = NDArray[np.float64]
 
-#: What the trapezoidal rule may miss in a step, and difference of Simpson's rule from it above
-#: which quarters are taken besides, relative to the work of the run.
-CURVED, FINE = 1e-6, 1e-4
+#: What the trapezoidal rule may miss in a step for two steps to foretell it, and difference of
+#: Simpson's rule from it above which quarters are taken besides, relative to the work of the run.
+CURVED, FINE = 1e-5, 1e-4
 
 
 class Arc(NamedTuple):
@@ -67,8 +67,10 @@ class Arc(NamedTuple):
 
 def next_arc(
     comm: MPI.Comm, last: Arc | None, forces: Array, z: Array, work: float
-) -> tuple[Arc, bool]:
-    """The arc of a step, and whether the trapezoidal rule may miss more than CURVED; collective.
+) -> tuple[Arc, float | None]:
+    """The arc of a step, and what the integral is more than the trapezoidal rule has; collective.
+
+    None where the step before does not foretell it, or foretells more than CURVED [N mm].
 
     Args:
         comm: Of the problem.
@@ -80,10 +82,12 @@ def next_arc(
     before = 0.0 if last is None else last.forces @ z - forces @ last.z
     crossed, square, work = global_sum(comm, [before, z @ z, work])
     arc = Arc(forces, z, float(np.sqrt(square)), abs(work))
+    if arc.length == 0:
+        return arc, 0.0
     if last is None or last.length == 0:
-        return arc, arc.length > 0
-    missed = crossed * arc.length**2 / (6 * last.length * (last.length + arc.length))
-    return arc, bool(abs(missed) > CURVED * arc.work)
+        return arc, None
+    more = crossed * arc.length**2 / (6 * last.length * (last.length + arc.length))
+    return arc, float(more) if abs(more) <= CURVED * arc.work else None
 
 
 def chord_integral(first: float, last: float, phi: Callable[[float], float], size: float) -> float:
