@@ -46,7 +46,7 @@ Array = NDArray[np.float64]
 
 #: What the trapezoidal rule may miss in a step for two steps to foretell it, and difference of
 #: Simpson's rule from it above which quarters are taken besides, relative to the work of the run.
-CURVED, FINE = 1e-5, 1e-4
+CURVED, FINE = 1e-6, 1e-4
 
 
 class Arc(NamedTuple):
