@@ -34,8 +34,13 @@ class Choice(Protocol):
 _numbers = count()
 
 #: Unsymmetric and symmetric direct solvers: the former finds the determinant, the latter counts all
-#: negative pivots, for which the last front must not be left to ScaLAPACK.
-MUMPS = {"ksp_type": "preonly", "pc_factor_mat_solver_type": "mumps"}
+#: negative pivots, for which the last front must not be left to ScaLAPACK. On several ranks 20% more
+#: memory than MUMPS foresees, PETSc's default, is too little now and then (INFOG(1) = -9).
+MUMPS = {
+    "ksp_type": "preonly",
+    "pc_factor_mat_solver_type": "mumps",
+    "mat_mumps_icntl_14": 100,
+}
 LU = {**MUMPS, "pc_type": "lu", "mat_mumps_icntl_33": 1}
 LDLT = {**MUMPS, "pc_type": "cholesky", "mat_mumps_icntl_13": 1}
 
