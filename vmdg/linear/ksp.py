@@ -34,8 +34,8 @@ class Choice(Protocol):
 _numbers = count()
 
 #: Unsymmetric and symmetric direct solvers: the former finds the determinant, the latter counts all
-#: negative pivots, for which the last front must not be left to ScaLAPACK. On several ranks 20% more
-#: memory than MUMPS foresees, PETSc's default, is too little now and then (INFOG(1) = -9).
+#: negative pivots, for which the last front must not be left to ScaLAPACK. On several ranks a fifth
+#: more memory than MUMPS foresees, PETSc's default, is too little now and then (INFOG(1) = -9).
 MUMPS = {
     "ksp_type": "preonly",
     "pc_factor_mat_solver_type": "mumps",
