@@ -230,7 +230,8 @@ class Discretization:
         Raises:
             ValueError: the softening of a law is too steep for the mesh (r <= H).
         """
-        self.update_means(pressure=True)
+        self.update_means()
+        self.update_pressure()
         with timer("stabilization"):
             scaled = zip(self.active.values(), self._scaled_stabilization(), strict=True)
             energy = sum(active.apply(stabilization) for active, stabilization in scaled)
@@ -257,9 +258,9 @@ class Discretization:
             applied = [active.stabilization for active in self.active.values()]
             return self._stabilizers.suffice(applied)
 
-    def update_means(self, pressure: bool = False) -> None:
+    def update_means(self) -> None:
         """What the forms have of the current displacement as means: H of a periodic cell, F_33,
-        theta of mean dilatation, with its pressure if asked for."""
+        theta of mean dilatation; collective."""
         if self.means is not None:
             H, d = self.means.gradient(self.u.x.array), self.mesh.geometry.dim
             if self.means.lattice is not None:
@@ -268,11 +269,9 @@ class Discretization:
                 self.geometry.axial.value = H[2, 2]
         if self._dilatation is not None:
             self._dilatation.update_dilatation()
-        if pressure:
-            self._update_pressure()
 
-    def _update_pressure(self) -> None:
-        """With mean dilatation: p at the current displacement, dilatation and gap."""
+    def update_pressure(self) -> None:
+        """With mean dilatation: p at the current displacement, theta and gap; collective."""
         if self._dilatation is not None:
             self._dilatation.update_pressure()
 
@@ -298,7 +297,7 @@ class Discretization:
         if dt is not None:
             self.update_points(dt, hold)
         forces, forms = self.forces.x, self._residual_forms
-        self._update_pressure()
+        self.update_pressure()
         with timer("assemble residual"):
             forces.array[:] = 0 if loads is None else -loads
             vector, axial = self._nodal_forces(forces.array), 0.0
@@ -430,8 +429,17 @@ class Discretization:
                 active.continue_from(other.active[i])
 
 
-def _take(parts: Discretization, mine: fem.Function, other: Discretization, theirs: fem.Function):
-    """Give every cell the values that a field of another discretization has there."""
+def _take(
+    parts: Discretization, mine: fem.Function, other: Discretization, theirs: fem.Function
+) -> None:
+    """Give every cell the values that a field of another discretization has there.
+
+    Args:
+        parts: The discretization.
+        mine: Its field, which is changed.
+        other: The other discretization.
+        theirs: Its field.
+    """
     bs = parts.space.dofmap.index_map_bs
     to, of = parts.space.dofmap.list, other.space.dofmap.list
     mine.x.array.reshape(-1, bs)[to] = theirs.x.array.reshape(-1, bs)[of]
@@ -439,8 +447,19 @@ def _take(parts: Discretization, mine: fem.Function, other: Discretization, thei
         mine.x.array[parts.means.dofs] = theirs.x.array[other.means.dofs]
 
 
-def carried(values: NDArray[np.float64], to: Discretization, of: Discretization):
-    """A field of owned dofs where more facets are open: every cell keeps it; collective."""
+def carried(
+    values: NDArray[np.float64], to: Discretization, of: Discretization
+) -> NDArray[np.float64]:
+    """A field where more facets are open: every cell keeps it; collective.
+
+    Args:
+        values: Of owned dofs.
+        to: The discretization with more open facets.
+        of: The one that the values belong to.
+
+    Returns:
+        Of owned dofs of ``to``.
+    """
     mine, theirs = fem.Function(to.space), fem.Function(of.space)
     theirs.x.array[: of.owned] = values
     theirs.x.scatter_forward()

@@ -32,23 +32,23 @@ LARGE = 1e-5
 CHARGED = 4
 
 
-def gap_force(active: ActiveInterface) -> Array:
-    """-T dA at the last residual, flat [N; N/mm in plane strain]; in the frame of the law."""
-    if not active.law.inelastic:
-        return np.zeros(0)
-    return -(active.quadrature.weights[:, None] * active.traction_in_frame()).ravel()
+def gap_force(active: ActiveInterface, traction: Array) -> Array:
+    """-T dA, what the energy of bodies and (30) has for a force on zeta, flat [N; N/mm in the
+    plane].
+
+    Args:
+        active: The interface.
+        traction: T in the frame of its law (nq, d) [MPa].
+    """
+    return -(active.quadrature.weights[:, None] * traction).ravel()
 
 
 def gap_forces(active: ActiveInterface) -> tuple[Array, Array, Array]:
-    """-T dA at the start and end of the step [N; N/mm in plane strain] and d zeta [mm], flat.
-
-    What the energy of bodies and (30) has for a force on zeta, in the frame of the law.
-    """
+    """-T dA at the start and end of the step, see :func:`gap_force`, and d zeta [mm], flat."""
     history, update = active.history, active.values.update
     if update is None:
         return np.zeros(0), np.zeros(0), np.zeros(0)
-    weights = active.quadrature.weights[:, None]
-    start, end = (-(weights * T).ravel() for T in (history.traction, update.traction))
+    start, end = (gap_force(active, T) for T in (history.traction, update.traction))
     return start, end, (update.gap - history.gap).ravel()
 
 

@@ -394,34 +394,37 @@ class Step:
         ends = [np.append(end, rate) for end, rate in zip(ends, rates, strict=True)]
         led = any(rates) and self._comm.rank == 0
         change = np.append(change, (self._loading.t - start.t) * led)
-        mean = float((ends[0] + ends[1]) @ change) / 2
+        slopes = [float(end @ change) for end in ends]
+        mean = sum(slopes) / 2
         if not (held or now.bodies.small or now.surface.fluids):
             so_far = self.external[0] + mean + work
             self.arc, more = next_arc(self._comm, self.arc, ends[1] - ends[0], change, so_far)
-            more = self._curvature(rates) if more is None else more
+            if more is None:
+                more = self._curvature(slopes, change[now.owned : -1])
             work += more * (self._comm.rank == 0)
         self.within = work - straight
         return mean + work, damage
 
-    def _curvature(self, rates: tuple[float, float]) -> float:
+    def _curvature(self, slopes: Sequence[float], gap: NDArray[np.float64]) -> float:
         """What the trapezoidal rule misses of the first integral of :mod:`.work`; collective.
 
         [N mm], the same on every rank.
 
         Args:
-            rates: Of the energy with the eigenstrains at start and end.
+            slopes: phi at start and end by the loads, this rank's [N mm].
+            gap: d zeta, flat [mm].
         """
         now, start, t = self.discretization, self.start, self._loading.t
         u, residual = now.u.x.array.copy(), now.forces.x.array.copy()
         values = [active.values for active in now.active.values()]
-        points = [gap_forces(active) for active in now.active.values()]
         thickness = float(now.geometry.thickness)
-        change, span, gap = u - start.u, t - start.t, thickness * _joined(p[2] for p in points)
+        change, span = u - start.u, t - start.t
         strains = now.bodies.eigenstrain_differs(start.t, t)
 
         def slope(forces: _Forces, rate: float = 0.0) -> float:
             at_nodes = forces.residual @ change[: now.owned] + forces.loads @ change
-            return float(at_nodes + forces.at_gaps @ gap) + rate * span * (self._comm.rank == 0)
+            at_gaps = thickness * forces.at_gaps @ gap
+            return float(at_nodes + at_gaps) + rate * span * (self._comm.rank == 0)
 
         def between(share: float) -> float:
             here, rate = start.t + share * span, 0.0
@@ -436,28 +439,25 @@ class Step:
                 rate = self._eigenstrain_rate(here, t)
             return float(global_sum(self._comm, slope(forces, rate)))
 
-        known = (
-            _Forces(start.forces[: now.owned], self._loads_at_start, _joined(p[0] for p in points)),
-            _Forces(residual[: now.owned], self._loading.vector, _joined(p[1] for p in points)),
-        )
-        before, last = (slope(forces, rate) for forces, rate in zip(known, rates, strict=True))
         # The first guess of the step knows the forces at its start with its tau_s, but not with the
         # eigenstrains there.
+        before = slopes[0] + 2 * self._relaxed()
         first = before if strains or self._begun is None else slope(self._begun)
-        before, first, last = global_sum(self._comm, [before, first, last])
+        before, first, last = global_sum(self._comm, [before, first, slopes[1]])
         whole = chord_integral(first, last, between, self.arc.work)
         now.u.x.array[:] = u
         if strains:
             now.bodies.apply_eigenstrain(t)
         for active, end in zip(now.active.values(), values, strict=True):
             active.take(end)
-        now.update_means(pressure=True)
+        now.update_means()
+        now.update_pressure()
         now.forces.x.array[:] = residual
         return float(whole - (before + last) / 2)
 
     def _gap_forces(self) -> NDArray[np.float64]:
         """-T dA of all interfaces at the last residual, in the frames of their laws."""
-        return _joined(gap_force(active) for active in self.discretization.active.values())
+        return _joined(gap_force(active, active.traction_in_frame()) for active in self._failing())
 
     def _relaxed(self) -> float:
         """Work of the forces that facets which have opened left out of balance, this rank's

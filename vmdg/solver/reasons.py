@@ -47,8 +47,8 @@ REASONS = {
         _RESIDUAL,
     ),
     "DIVERGED_FNORM_NAN": Reason(
-        "a trial state has no finite or far too large forces: cells turned inside out, a body flew "
-        "away, or the tangent was singular",
+        "the forces of a trial state are far too large, or no numbers: cells turned inside out, a "
+        "body flew away, or the tangent was singular",
         _BROKEN,
     ),
     "CELLS_INVERTED": Reason(
