@@ -128,13 +128,17 @@ def test_mesh_of_inclusions(comm):
 
 
 def test_two_inclusions(out):
-    """Slope of a bond within .1%, largest and last force within 1% of h -> 0, no penetration."""
+    """Slope of a bond within .1%, largest and last force within 1% of h -> 0, no penetration.
+
+    Behind the snap, where less and less breaks in a step, load control leads again.
+    """
     run, bonded = two_inclusions.main(element_size=0.08, out=str(out))
     force = run.history["force"]
     assert bonded == pytest.approx(inclusions.SLOPE, rel=1e-3)
     assert force.max() == pytest.approx(inclusions.PEAK, rel=5e-3)
     assert force[-1] == pytest.approx(inclusions.LAST, rel=1e-2)
     assert run.penetration < 1e-12
+    assert run.history["iterations"].sum() <= 115
     assert (out / "two_inclusions.png").stat().st_size > 10_000
 
 

@@ -26,7 +26,7 @@ LEAST, FIRST_FACETS = 1e-6, 5.0
 #: Share of the work on bonds whose release tells a snap from a long step.
 RELEASED = 0.05
 
-#: Share by which the work of a step may differ from what was foreseen on a smooth path.
+#: Share by which the work of a step may exceed what was foreseen where the path is smooth.
 SMOOTH = 0.2
 
 #: Share of the loss allowed in a step with cycles that the next one aims at, how much longer it may
@@ -277,8 +277,8 @@ class Path:
             # Nothing breaks any more, or the displacement leads.
             breaking = report.arc is not None
         elif type(control) is Arrival and start == stage.start and problem.t == stage.target:
-            # As foreseen, by one step: the path is smooth, and load control is the shorter way.
-            breaking = abs(report.work - control.work) > SMOOTH * report.work
+            # No more than foreseen, by one step: load control is the shorter way.
+            breaking = report.work - control.work > SMOOTH * report.work
         self._kink = report.onset
         self._ahead, self._spent = (None, 0.0) if self._kink else (report.ahead, report.work)
         growth = growth_after(report)
