@@ -17,7 +17,7 @@ _PACKAGE = __name__.partition(".")[0]
 
 def global_sum(comm: MPI.Comm, value: ArrayLike) -> NDArray:
     """Sum over ranks of a scalar or an array, the same on every rank."""
-    return comm.allreduce(np.asarray(value), op=MPI.SUM)
+    return _reduced(comm, value, MPI.SUM)
 
 
 def global_norm(comm: MPI.Comm, values: NDArray[np.float64]) -> float:
@@ -27,12 +27,20 @@ def global_norm(comm: MPI.Comm, values: NDArray[np.float64]) -> float:
 
 def global_max(comm: MPI.Comm, value: float) -> float:
     """Largest value over ranks."""
-    return comm.allreduce(value, op=MPI.MAX)
+    return _reduced(comm, value, MPI.MAX)
 
 
 def global_any(comm: MPI.Comm, value: bool) -> bool:
     """True on every rank where it is true on one."""
-    return comm.allreduce(bool(value), op=MPI.LOR)
+    return bool(_reduced(comm, bool(value), MPI.LOR))
+
+
+def _reduced(comm: MPI.Comm, value: ArrayLike, op: MPI.Op) -> NDArray:
+    """Of numbers, not of objects, which MPI for Python would pickle."""
+    mine = np.asarray(value, order="C")
+    result = np.empty_like(mine)
+    comm.Allreduce(mine, result, op)
+    return result[()]
 
 
 def raise_together(

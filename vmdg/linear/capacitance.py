@@ -139,6 +139,8 @@ class Capacitance:
     def _faces_under(self, forces: Array) -> Array:
         """X.q (owned dofs, k) by which rigid faces yield to forces on their motions, of which every
         rank has its part (motions, k)."""
+        if not len(self._motions):
+            return np.zeros((len(self._moving), forces.shape[1]))
         forces = global_sum(self._comm, forces)
         return self._moving @ np.linalg.solve(self._resistance, forces)
 
@@ -261,28 +263,29 @@ class GapSystem:
             blocks: Diagonal blocks of D (points, d, d) [mm/N].
             tractions: t (n, k) [N].
         """
-        count, d, _ = blocks.shape
-        starts = np.arange(count + 1)
-        D = csr_array(bsr_array((blocks, starts[:-1], starts), shape=(count * d,) * 2))
-        damaged = np.flatnonzero(blocks.any(axis=(1, 2)))
-        rows = (damaged[:, None] * d + np.arange(d)).ravel()
-        right, gaps = D @ tractions, None
+        damaged, gaps = np.flatnonzero(blocks.any(axis=(1, 2))), None
+        right = _times_blocks(blocks, tractions)
         try:
-            if len(rows) > self._max_direct:
-                gaps = self._iterate(D, right)
-            return self._solve_rows(D, right, rows) if gaps is None else gaps
+            if damaged.size * blocks.shape[1] > self._max_direct:
+                gaps = self._iterate(blocks, right)
+            return self._solve_rows(blocks, right, damaged) if gaps is None else gaps
         except np.linalg.LinAlgError:
             return np.full_like(right, np.nan)
 
-    def _solve_rows(self, D: csr_array, right: Array, rows: NDArray[np.intp]) -> Array:
-        """z, which is zero but in these rows."""
-        matrix = np.eye(len(rows)) - D[rows][:, rows] @ self._S[np.ix_(rows, rows)]
+    def _solve_rows(self, blocks: Array, right: Array, damaged: NDArray[np.intp]) -> Array:
+        """z, which is zero but at damaged points."""
+        d = blocks.shape[1]
+        rows = (damaged[:, None] * d + np.arange(d)).ravel()
+        matrix = _times_blocks(-blocks[damaged], self._S[np.ix_(rows, rows)])
+        matrix[np.diag_indices(len(rows))] += 1.0
         gaps = np.zeros_like(right)
         gaps[rows] = np.linalg.solve(matrix, right[rows])
         return gaps
 
-    def _iterate(self, D: csr_array, right: Array) -> Array | None:
+    def _iterate(self, blocks: Array, right: Array) -> Array | None:
         """z, or None where GMRES does not converge."""
+        starts, size = np.arange(len(blocks) + 1), (len(right),) * 2
+        D = csr_array(bsr_array((blocks, starts[:-1], starts), shape=size))
         J, DJ = self._nodal, D @ self._nodal
         inverse = np.linalg.inv(self._coarse - (J.T @ DJ).toarray())
 
@@ -298,7 +301,7 @@ class GapSystem:
             self.iterations += 1
 
         gaps = np.empty_like(right)
-        system = LinearOperator((len(right),) * 2, product, dtype=float)
+        system = LinearOperator(size, product, dtype=float)
         # A second start is for a residual that rounding has left just above the tolerance.
         limits = {"rtol": RTOL, "atol": 0.0, "restart": MAX_ITERATIONS, "maxiter": 2}
         for k, column in enumerate(right.T):
@@ -328,6 +331,11 @@ class GapSystem:
         values, vectors = np.linalg.eigh((gamma + gamma.T) / 2)
         values = np.maximum(values, MIN_EIGENVALUE * values[-1])
         return (vectors / values) @ vectors.T
+
+
+def _times_blocks(blocks: Array, rows: Array) -> Array:
+    """Product of a block-diagonal matrix, its blocks (points, d, d), with rows (points * d, k)."""
+    return (blocks @ rows.reshape(*blocks.shape[:2], -1)).reshape(rows.shape)
 
 
 def _columns(matrix: PETSc.Mat, chosen: NDArray[np.int32]) -> PETSc.Mat:

@@ -203,7 +203,8 @@ class HistoryFile:
         self._path = None if path is None else Path(path)
         self._history = history
         self._file: TextIO | None = None
-        self._header: list[str] = []
+        self._columns: list[str] = []
+        self._units: dict[str, str] = {}
         self._written = 0
         self._do(self._replace)
 
@@ -230,11 +231,12 @@ class HistoryFile:
         raise_together(self._comm, message, OSError)
 
     def _extend(self) -> None:
-        if self._history.header != self._header:
+        rows = self._history.rows[self._written :]
+        new = any(name not in self._columns for row in rows for name in row)
+        if new or self._history.units != self._units:
             self._replace()
             return
-        rows = self._history.rows[self._written :]
-        csv.writer(self._file).writerows(_lines(rows, self._history.columns))
+        csv.writer(self._file).writerows(_lines(rows, self._columns))
         self._file.flush()
         self._written += len(rows)
 
@@ -245,7 +247,8 @@ class HistoryFile:
         self._history.to_csv(partial)
         partial.replace(self._path)
         self._file = open(self._path, "a", newline="")  # closed by close()
-        self._header, self._written = self._history.header, len(self._history)
+        self._columns, self._written = self._history.columns, len(self._history)
+        self._units = dict(self._history.units)
 
     def close(self) -> None:
         """Close the file."""
