@@ -40,7 +40,7 @@ def misses(history: vmdg.History, critical_gap: float, kinematics: str) -> np.nd
 @pytest.mark.parametrize("kinematics", ["finite", "small"])
 @pytest.mark.parametrize("critical_gap", [0.041, *CRITICAL_GAPS])
 def test_snap_back_is_traced(comm, critical_gap, kinematics):
-    """Every row on the closed form, in at most 60 rows; what goes in is stored or spent."""
+    """Every row on the closed form, in at most 60 rows; what the load does is stored or spent."""
     result = traced(bar.build(comm, critical_gap, kinematics))
     history = result.history
     assert misses(history, critical_gap, kinematics).max() < 1e-8
@@ -63,14 +63,7 @@ def test_snap_back_is_traced(comm, critical_gap, kinematics):
         bond = quad(lambda z: STRENGTH * (1 - z / critical_gap), 0.0, gap)[0]
         assert energy == pytest.approx(bar.elastic_energy(T, kinematics) + bond, abs=1e-8)
     assert spent[-1] == pytest.approx(STRENGTH * critical_gap / 2, abs=1e-8)
-
-
-def test_work_of_the_path(comm):
-    """At small strain the path is made of straight lines: by rows at its kinks the trapezoidal work
-    is exact, up to the last step, in which the bond ends."""
-    history = traced(bar.build(comm, 0.02, "small"), control="dissipation").history
-    bonded = history["gap"] < 0.02
-    assert np.abs(history["imbalance"][bonded]).max() < 1e-6 * history["external"].max()
+    assert np.abs(history["imbalance"]).max() < 1e-6 * history["external"].max()
 
 
 @pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")

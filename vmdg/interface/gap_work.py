@@ -25,8 +25,9 @@ PARTS = 16
 #: Share of a step that is not divided further.
 SHORTEST = 1e-3
 
-#: Change of T along that of zeta, relative to strength^2/H, up to which a part is not divided.
-LARGE = 1e-5
+#: Change of the trial traction along that of zeta, relative to strength^2/H, up to which a part is
+#: not divided.
+LARGE = 1e-6
 
 #: Parts of the step for each of which a law charges damage.
 CHARGED = 4
@@ -116,9 +117,9 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
         """int T.d zeta of points between these states; a part in which a mode ends is divided."""
         a, b = states.at(slice(None, -1)), states.at(slice(1, None))
         works = np.einsum("spi,spi->sp", (a.traction + b.traction) / 2, b.gap - a.gap)
-        missed = np.einsum("spi,spi->sp", b.traction - a.traction, b.gap - a.gap)
-        s, p = np.nonzero((a.mode != b.mode) & (H[rows] * np.abs(missed) > small[rows]))
         part /= PARTS
+        missed = part * np.linalg.norm(whole[rows], axis=1) * np.linalg.norm(b.gap - a.gap, axis=2)
+        s, p = np.nonzero((a.mode != b.mode) & (H[rows] * missed > small[rows]))
         if s.size and part > SHORTEST:
             rows, low, ends = rows[p], low[p] + part * s, (a.at(s, p), b.at(s, p))
             works[s, p] = work(way(rows, ends, low, part), rows, low, part)

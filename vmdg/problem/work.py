@@ -44,6 +44,9 @@ from ..base.parallel import global_sum
 
 Array = NDArray[np.float64]
 
+#: Cosine between two steps from which on the path goes straight on.
+STRAIGHT = 0.95
+
 #: What the trapezoidal rule may miss in a step for two steps to foretell it, and difference of
 #: Simpson's rule from it above which quarters are taken besides, relative to the work of the run.
 CURVED, FINE = 1e-6, 1e-4
@@ -70,7 +73,7 @@ def next_arc(
 ) -> tuple[Arc, float | None]:
     """The arc of a step, and what the integral is more than the trapezoidal rule has; collective.
 
-    None where the step before does not foretell it, or foretells more than CURVED [N mm].
+    None where the path is not STRAIGHT, or where the step before foretells more than CURVED [N mm].
 
     Args:
         comm: Of the problem.
@@ -80,14 +83,16 @@ def next_arc(
         work: Of the run so far, this rank's [N mm].
     """
     before = 0.0 if last is None else last.forces @ z - forces @ last.z
-    crossed, square, work = global_sum(comm, [before, z @ z, work])
+    along = 0.0 if last is None else last.z @ z
+    crossed, along, square, work = global_sum(comm, [before, along, z @ z, work])
     arc = Arc(forces, z, float(np.sqrt(square)), abs(work))
     if arc.length == 0:
         return arc, 0.0
     if last is None or last.length == 0:
         return arc, None
     more = crossed * arc.length**2 / (6 * last.length * (last.length + arc.length))
-    return arc, float(more) if abs(more) <= CURVED * arc.work else None
+    told = abs(more) <= CURVED * arc.work and along >= STRAIGHT * last.length * arc.length
+    return arc, float(more) if told else None
 
 
 def chord_integral(first: float, last: float, phi: Callable[[float], float], size: float) -> float:
