@@ -296,7 +296,7 @@ class Newton:
             f.set(np.nan)
             return
         problem, u = self._problem, self._problem.u.x
-        t = self._comm.bcast(x.array_r[-1] if self._comm.rank == 0 else None)
+        t = self._comm.bcast(float(x.array_r[-1]) if self._comm.rank == 0 else None)
         self._set_parameter(t)
         u.array[: self.owned] = x.array_r[: self.owned]
         u.scatter_forward()
