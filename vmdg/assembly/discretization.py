@@ -230,8 +230,7 @@ class Discretization:
         Raises:
             ValueError: the softening of a law is too steep for the mesh (r <= H).
         """
-        self.update_means()
-        self.update_pressure()
+        self.update_means(pressure=True)
         with timer("stabilization"):
             scaled = zip(self.active.values(), self._scaled_stabilization(), strict=True)
             energy = sum(active.apply(stabilization) for active, stabilization in scaled)
@@ -258,9 +257,9 @@ class Discretization:
             applied = [active.stabilization for active in self.active.values()]
             return self._stabilizers.suffice(applied)
 
-    def update_means(self) -> None:
+    def update_means(self, pressure: bool = False) -> None:
         """What the forms have of the current displacement as means: H of a periodic cell, F_33,
-        theta of mean dilatation; collective."""
+        theta of mean dilatation, with its pressure if asked for; collective."""
         if self.means is not None:
             H, d = self.means.gradient(self.u.x.array), self.mesh.geometry.dim
             if self.means.lattice is not None:
@@ -269,8 +268,10 @@ class Discretization:
                 self.geometry.axial.value = H[2, 2]
         if self._dilatation is not None:
             self._dilatation.update_dilatation()
+        if pressure:
+            self._update_pressure()
 
-    def update_pressure(self) -> None:
+    def _update_pressure(self) -> None:
         """With mean dilatation: p at the current displacement, theta and gap; collective."""
         if self._dilatation is not None:
             self._dilatation.update_pressure()
@@ -297,7 +298,7 @@ class Discretization:
         if dt is not None:
             self.update_points(dt, hold)
         forces, forms = self.forces.x, self._residual_forms
-        self.update_pressure()
+        self._update_pressure()
         with timer("assemble residual"):
             forces.array[:] = 0 if loads is None else -loads
             vector, axial = self._nodal_forces(forces.array), 0.0

@@ -450,8 +450,7 @@ class Step:
             now.bodies.apply_eigenstrain(t)
         for active, end in zip(now.active.values(), values, strict=True):
             active.take(end)
-        now.update_means()
-        now.update_pressure()
+        now.update_means(pressure=True)
         now.forces.x.array[:] = residual
         return float(whole - (before + last) / 2)
 

@@ -15,11 +15,15 @@ from ..base.parallel import global_max, global_sum
 from ..domain.geometry import rigid_motions
 from ..forms.geometry import Axisymmetric
 from ..interface.active import ActiveInterface
+from ..laws.base import dot
 from .problem import Problem
 
 #: Eigenvalue, relative to the largest one, below which a rigid motion counts as free: what a node
 #: at 1e-5 of the size of a part still resists.
 _FREE = 1e-11
+
+#: Share of the strength that a point has lost where it counts as gone.
+_GONE = 0.99
 
 _AXES = "xyz"
 
@@ -50,8 +54,70 @@ def loose_parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> list
         problem: With all its prescribed displacements.
         interfaces: The interfaces that hold.
     """
+    return _loose(problem, [active.facets.cells for active in interfaces], [])
+
+
+def hanging_piece(problem: Problem) -> str:
+    """A piece that nothing holds any more but a single point, or nothing at all; collective.
+
+    Where only one point of the facets around a piece still holds, or in 3D points on a line, it
+    turns about it without resistance. A point holds if it has kept a part of its strength or is
+    pressed. A chain of pieces of which each hangs on the next one is not looked for.
+
+    Returns:
+        A sentence about the smallest such piece, after a space; nothing where there is none.
+    """
+    joined, links = [], []
+    for active in problem.discretization.active.values():
+        q, holds = active.quadrature, _holding(active)
+        every = holds[q.points_of_facet].all(axis=1)
+        joined.append(active.facets.cells[every])
+        single = holds & ~every[q.facet]
+        links.append((active.facets.cells[q.facet[single]], q.points[single]))
+    found = [(_box(problem, part.cells), part) for part in _loose(problem, joined, links)]
+    if not found:
+        return ""
+    box, part = min(found, key=lambda one: np.linalg.norm(one[0][1] - one[0][0]))
+    low, high = (corner.round(4).tolist() for corner in box)
+    return (
+        f" Against {part.motions} nothing holds a piece of the body of {part.body} any more, that "
+        f"between {low} and {high} before the deformation: its bonds are gone, but perhaps for one "
+        "point. Such a motion takes no force, and no step can tell how far it goes. Where no force "
+        "is left end the run before, by until= of vmdg.solve; else hold the piece by problem.spring"
+    )
+
+
+def _holding(active: ActiveInterface) -> NDArray[np.bool_]:
+    """Whether the points of an interface held at the last converged state (nq,)."""
+    history, law = active.history, active.law
+    if not law.inelastic:
+        return np.ones(len(active.quadrature.weights), dtype=bool)
+    bonded = history.softening < _GONE * law.strength if law.has_bond else False
+    return bonded | (dot(history.traction, active.quadrature.normal) < 0)
+
+
+def _box(problem: Problem, cells: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Lowest and highest coordinates of cells, over all ranks (2, d); collective [mm]."""
+    d = problem.mesh.geometry.dim
+    x = problem.mesh.geometry.x[problem.mesh.geometry.dofmap[cells].ravel(), :d]
+    ends = np.array([-x, x]).max(axis=1, initial=-np.inf)
+    return np.max(problem.comm.allgather(ends), axis=0) * [[-1], [1]]
+
+
+def _loose(
+    problem: Problem,
+    joined: list[NDArray[np.int32]],
+    links: list[tuple[NDArray[np.int32], NDArray[np.float64]]],
+) -> list[LoosePart]:
+    """Parts that keep a rigid motion; collective.
+
+    Args:
+        problem: With all its prescribed displacements.
+        joined: Pairs of cells (n, 2) that hold together besides those that share a node.
+        links: Pairs of cells (n, 2), each held by the other at a point (n, 3).
+    """
     mesh, comm = problem.mesh, problem.comm
-    label = _parts(problem, interfaces)
+    label = node_pieces(problem.space, joined)[problem.space.dofmap.list[:, 0]]
     owned = mesh.topology.index_map(mesh.topology.dim).size_local
     # Part and tag in one number, which is faster to sort.
     code = np.unique(
@@ -60,7 +126,15 @@ def loose_parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> list
     code = np.unique(np.concatenate(comm.allgather(code)))
     part_of, tag_of = code >> 32, (code & _LOW).astype(np.uint32).view(np.int32)
     parts = np.unique(part_of)
-    gram = _with_faces(problem, label, parts, comm.allreduce(_gram(problem, label, parts)))
+    gram = _gram(problem, label, parts)
+    size, geometry = _size(problem), problem.discretization.geometry
+    for cells, points in links:
+        m = rigid_motions(points[:, : mesh.geometry.dim] / size, geometry)
+        apart = label[cells[:, 0]] != label[cells[:, 1]]
+        works = np.einsum("mpi,kpi->pmk", m, m)[apart]
+        for side in label[cells[apart]].T:
+            np.add.at(gram, np.searchsorted(parts, side), works)
+    gram = _with_faces(problem, label, parts, comm.allreduce(gram))
     result = []
     for part, matrix in zip(parts, gram, strict=True):
         if motions := _free_motions(matrix, problem):
@@ -68,12 +142,6 @@ def loose_parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> list
             body = f"tag{'s' if len(tags) > 1 else ''} {', '.join(map(str, tags))}"
             result.append(LoosePart(body, motions, np.flatnonzero(label == part)))
     return result
-
-
-def _parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> NDArray[np.int64]:
-    """A name of its part for every local cell; collective."""
-    joined = [active.facets.cells for active in interfaces]
-    return node_pieces(problem.space, joined)[problem.space.dofmap.list[:, 0]]
 
 
 def _gram(

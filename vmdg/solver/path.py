@@ -12,6 +12,7 @@ import numpy as np
 from ..base.parallel import global_any, global_norm, global_sum, warn_together
 from ..problem.problem import Problem
 from ..problem.states import Snapshot
+from ..problem.supports import hanging_piece
 from .control import ROUNDING, Arrival, Control, Direction, Work
 from .jump import CUT, MAX_STEPS, growth_after, jump
 from .reasons import explained
@@ -373,7 +374,7 @@ class Path:
         return (
             f"the step from load factor {start:.8g} to {end:.8g} failed{although}; the problem is "
             f"in its state at {start:.8g}. In the last attempt "
-            f"{explained(attempts)}. (Its last residuals: {norms} N.)"
+            f"{explained(attempts)}. (Its last residuals: {norms} N.){hanging_piece(self._problem)}"
         )
 
     # Snaps

@@ -1,0 +1,68 @@
+"""Pieces that hang on a single point are found, and told of where a step fails."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.problems import joined
+from support.scenes import LEFT, two_blocks
+
+import vmdg
+from vmdg.problem.supports import hanging_piece
+
+BOND = vmdg.Debonding(strength=10.0, critical_gap=0.05)
+
+
+def worn(comm, cell: str, near, pressed: bool = False) -> vmdg.Problem:
+    """Two blocks of which the right one hangs on the points of the bond that are ``near``."""
+    scene = two_blocks(comm, cell, 2)
+    problem = joined(scene, BOND)
+    problem.dirichlet(scene.facet_tags.find(LEFT), 0.0)
+    for active in problem.discretization.active.values():
+        q = active.quadrature
+        softening = np.where(near(q.points.T), 0.0, BOND.strength)
+        traction = -q.normal if pressed else active.history.traction
+        active.history = replace(active.history, softening=softening, traction=traction)
+    return problem
+
+
+
+@pytest.mark.parametrize(
+    ("cell", "near", "free"),
+    [
+        ("quadrilateral", lambda x: x[1] < 0.2, "rotation"),
+        ("quadrilateral", lambda x: abs(x[1] - 0.5) < 0.2, ""),
+        ("quadrilateral", lambda x: x[1] < 0.5, ""),
+        ("quadrilateral", lambda x: x[1] < 0, "translation along x, translation along y, rotation"),
+        ("hexahedron", lambda x: x[1] < 0.2, "rotation"),
+        ("hexahedron", lambda x: (x[1] < 0.2) | (x[2] < 0.2), ""),
+    ],
+)
+def test_hanging_piece(comm, cell, near, free):
+    """On one point, in 3D on points on a line, a piece can turn; not on two points apart, or on
+    what is left of an edge."""
+    said, d = hanging_piece(worn(comm, cell, near)), 2 if cell == "quadrilateral" else 3
+    if not free:
+        assert said == ""
+        return
+    assert said.startswith(f" Against {free} nothing holds a piece of the body of tag 2 ")
+    assert f"between {[1.0, 0.0, 0.0][:d]} and {[2.0, 1.0, 1.0][:d]} " in said
+
+
+def test_pressed_points_hold(comm):
+    """A piece whose bond is gone all over leans on what it is pressed against."""
+    nowhere = {"cell": "quadrilateral", "near": lambda x: x[1] < 0}
+    assert hanging_piece(worn(comm, **nowhere))
+    assert not hanging_piece(worn(comm, **nowhere, pressed=True))
+
+
+@pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")  # of the load
+def test_told_where_a_step_fails(comm):
+    """The failure of a step names the piece and what helps."""
+    problem = worn(comm, "quadrilateral", lambda x: x[1] < 0.2)
+    problem.body_force(lambda t: np.array([0.0, 100 * t]))
+    options = vmdg.SolveOptions(max_cuts=0, max_iterations=0)
+    with pytest.raises(vmdg.StepFailure, match="Against rotation nothing holds .* by until= of"):
+        vmdg.solve(problem, [1.0], options)
