@@ -31,13 +31,19 @@ def crushed(comm, law: vmdg.Law) -> vmdg.Problem:
 
 
 def squeezed(
-    comm, law: vmdg.Law, amount, n: int = 2, degree: int = 1, cell: str = "quadrilateral"
+    comm,
+    law: vmdg.Law,
+    amount,
+    n: int = 2,
+    degree: int = 1,
+    cell: str = "quadrilateral",
+    ratio: float = 1.0,
 ) -> vmdg.Problem:
-    """Two squares side by side, shortened by ``amount(t)`` between rigid ends, nu = .45."""
+    """Two blocks side by side, shortened by ``amount(t)`` between rigid ends, nu = .45."""
     mesh, cells, facets = blocks(comm, cell, (n // 2, n), 1.0, interface=(0.5, 0.5))
-    material = vmdg.NeoHookean(E=E, nu=0.45)
+    bodies = {tag: vmdg.NeoHookean(E=E * ratio ** (tag - 1), nu=0.45) for tag in (1, 2)}
     interface = vmdg.Interface(between=(1, 2), law=law)
-    problem = vmdg.Problem(mesh, cells, {1: material, 2: material}, [interface], degree=degree)
+    problem = vmdg.Problem(mesh, cells, bodies, [interface], degree=degree)
     problem.dirichlet(facets.find(1), 0.0)
     problem.dirichlet(facets.find(2), lambda t: np.array([-amount(t), 0.0]))
     return problem
@@ -108,21 +114,27 @@ def test_raise_ends_and_leaves_no_trace(comm):
 
 @pytest.mark.parametrize("degree", [2, 3])
 @pytest.mark.parametrize(
-    ("law", "cell"),
-    [(vmdg.Bonded(), "quadrilateral"), (vmdg.Contact(friction=0.2), "triangle")],
-    ids=["tie", "contact"],
+    ("law", "cell", "ratio"),
+    [
+        (vmdg.Bonded(), "quadrilateral", 1.0),
+        (vmdg.Contact(friction=0.2), "triangle", 1.0),
+        (vmdg.Contact(friction=0.05), "quadrilateral", 2.0),
+    ],
+    ids=["tie", "held", "sliding"],
 )
-def test_squeezed_joint_rests(law, cell, degree):
+def test_squeezed_joint_rests(law, cell, ratio, degree):
     """Shortened by 10%: 3 corrections a step at most, and a load that is held moves nothing.
 
+    Lips of equal blocks are held; on a stiffer block they slide over a part.
     tau_s and the flux weights are those of the start of a step, and follow in the first one that
-    the load is held for. Then 20 steps change less than 1e-9 of the shortening.
+    the load is held for, those of lips that slide in the second. Then 20 steps change less than
+    1e-9 of the shortening.
     """
-    problem = squeezed(MPI.COMM_SELF, law, lambda t: 0.1 * min(t, 1.0), 16, degree, cell)
+    problem = squeezed(MPI.COMM_SELF, law, lambda t: 0.1 * min(t, 1.0), 16, degree, cell, ratio)
     result = vmdg.solve(problem, np.linspace(0.1, 1, 10))
     assert not result.failures
     assert max(result.history["iterations"]) <= 3
-    vmdg.solve(problem, [1.0])
+    vmdg.solve(problem, [1.0] * (1 if ratio == 1 else 2))
     rest, norm = problem.u.x.array.copy(), problem.stabilization[0].norm
     vmdg.solve(problem, [1.0] * 20)
     assert np.abs(problem.u.x.array - rest).max() < 1e-10

@@ -1,4 +1,4 @@
-"""What the tangent of a first guess takes points without bond for: open, closed and held, sliding.
+"""What the tangent of a first guess takes points without bond for: open, or closed and held.
 
 Every function changes C = d zeta/dT of the values of an interface that can fail, or says at which
 points it may be changed.
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..laws import Mode
-from ..laws.base import dot, outer
+from ..laws.base import dot
 from .active import ActiveInterface
 from .points import PointValues
 
@@ -41,7 +41,8 @@ def open_free_points(active: ActiveInterface) -> None:
     Taken for closed, a crack would open like a zip: behind the points that have opened the lips
     press on each other, so that a correction opens one or two facets more.
     """
-    _assume(active, free_points(active), np.eye(active.quadrature.d) / _penalty(active))
+    r = active.stabilization.norm[active.quadrature.facet][:, None, None]
+    _assume(active, free_points(active), np.eye(active.quadrature.d) / r)
 
 
 def hold_sliding_points(active: ActiveInterface) -> None:
@@ -56,23 +57,16 @@ def hold_sliding_points(active: ActiveInterface) -> None:
     _assume(active, active.history.mode == Mode.FRICTION, 0.0)
 
 
-def close_points(active: ActiveInterface, begun: PointValues, points: Points, slide: bool) -> None:
-    """The values in which the step began, and C of closed points at some of them.
+def hold_points(active: ActiveInterface, begun: PointValues, points: Points) -> None:
+    """The values in which the step began, and C = 0 at some points.
 
     Args:
         active: The interface.
         begun: The values, with C of the guess before.
         points: Which (nq,).
-        slide: Whether they slide without friction, C = (I - N (x) N)/r, or are held, C = 0.
     """
-    active.values, N = begun, active.quadrature.normal
-    along = np.eye(active.quadrature.d) - outer(N, N)
-    _assume(active, points, along / _penalty(active) if slide else 0.0)
-
-
-def _penalty(active: ActiveInterface) -> NDArray[np.float64]:
-    """r of the points (nq, 1, 1) [MPa/mm]."""
-    return active.stabilization.norm[active.quadrature.facet][:, None, None]
+    active.values = begun
+    _assume(active, points, 0.0)
 
 
 def _assume(active: ActiveInterface, points: Points, C: NDArray[np.float64] | float) -> None:

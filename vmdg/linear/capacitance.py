@@ -15,9 +15,10 @@ from scipy.sparse import bsr_array, csr_array, vstack
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from ..assembly.point_matrices import jump_matrix, traction_matrix
-from ..base.parallel import global_any, global_sum
+from ..base.parallel import global_any, global_norm, global_sum
 from ..base.timers import timer
 from ..interface.active import ActiveInterface
+from ..interface.return_map import Trial, apply, map_back
 from ..problem.problem import Problem
 from .ksp import LDLT, destroy, make_ksp
 
@@ -33,6 +34,10 @@ MAX_DIRECT = 1200
 
 #: Relative residual of an iterative solution, and the iterations it may take.
 RTOL, MAX_ITERATIONS = 1e-9, 50
+
+#: Corrections of the gaps under return maps, the share of the forces on nodes that they leave, and
+#: how often one is halved: points have found their state long before.
+MAX_CORRECTIONS, LEFT, MAX_HALVINGS = 40, 1e-4, 8
 
 #: Smallest eigenvalues of Gamma relative to its largest, for its inverse.
 MIN_EIGENVALUE = 1e-4
@@ -119,15 +124,83 @@ class Capacitance:
     def solve(self, forces: Sequence[Array], moved: Sequence[Array], rtol: float) -> Array:
         """Solve K.du = forces for several right-hand sides (k, owned dofs); collective."""
         with timer("linear solve"):
-            right = np.column_stack(forces)
-            found = self._solve_at_rest(right, np.column_stack(moved)[self._prescribed])
-            found += self._faces_under(self._motions @ right - self._works @ found)
-            D = self._damage()
+            found, D = self._bonded(forces, moved), self._damage()
             if global_any(self._comm, D.any()):
-                gaps = self._solve_gaps(D, _times(self._tractions, found, self._comm))
-                found += self._relax(_times(self._forces, gaps, self._comm))
-                found += self._faces_under(self._opening.T @ gaps)
+                tractions = _times(self._tractions, found, self._comm)
+                found += self._under_gaps(self._solve_gaps(D, _times_blocks(D, tractions)))
         return found.T
+
+    def solve_with_points(self, forces: Array, moved: Array, dt: float) -> Array:
+        """du of linear bodies with the return maps of their points; collective.
+
+        Newton's method on the gap increments z, which the return maps make of the trial tractions,
+
+            z = d zeta(T_tr),    T_tr = T_0 + W^-1.(B.y + S.z),
+
+        with backtracking on the forces that it leaves on the nodes, B^T.(d zeta - z). Which points
+        are open, held or sliding is found with S alone: the bodies are not factorized again.
+
+        Args:
+            forces: Of owned dofs [N].
+            moved: du of owned dofs, of which the prescribed ones count [mm].
+            dt: Time step of the return maps [s].
+
+        Returns:
+            du of owned dofs [mm]; a good guess, no more, where the iteration does not end.
+        """
+        trials = [active.trial() for active in self._interfaces]
+        found = self._bonded([forces], [moved])
+        tractions = bonded = _times(self._tractions, found, self._comm)
+        gaps = np.zeros_like(bonded)
+        mapped, D = self._map_back(trials, tractions, dt)
+        left = first = self._left(mapped - gaps)
+        for _ in range(MAX_CORRECTIONS):
+            if left <= LEFT * first:
+                break
+            change = self._solve_gaps(D, mapped - _times_blocks(D, tractions - bonded)) - gaps
+            if global_any(self._comm, np.isnan(change).any()):
+                break
+            moves = self._under_gaps(change)
+            along = _times(self._tractions, moves, self._comm)
+            for length in 0.5 ** np.arange(MAX_HALVINGS):
+                further = self._map_back(trials, tractions + length * along, dt)
+                rest = self._left(further[0] - gaps - length * change)
+                if rest < left:
+                    break
+            else:
+                break
+            found, gaps = found + length * moves, gaps + length * change
+            tractions, (mapped, D), left = tractions + length * along, further, rest
+        return found[:, 0]
+
+    def _map_back(self, trials: Sequence[Trial], more: Array, dt: float) -> tuple[Array, Array]:
+        """Gap increments (gap components here, 1) and D of the return maps with more traction."""
+        ends = np.cumsum([len(trial.gap) for trial in trials])[:-1]
+        stresses = np.split(more.reshape(len(self._areas), -1) / self._areas[:, None], ends)
+        gaps, compliances = [], []
+        for active, trial, stress in zip(self._interfaces, trials, stresses, strict=True):
+            R = np.eye(trial.gap.shape[1])[None] if trial.R is None else trial.R
+            load = apply(R.swapaxes(1, 2), trial.total + stress) - trial.r[:, None] * trial.gap
+            update = map_back(active.law, load, trial, dt)
+            gaps.append(apply(R, update.gap - trial.gap))
+            compliances.append(R @ update.tangent @ R.swapaxes(1, 2))
+        D = np.concatenate(compliances) / self._areas[:, None, None]
+        return np.concatenate(gaps).reshape(-1, 1), D
+
+    def _left(self, gaps: Array) -> float:
+        """Norm of the forces of gaps on nodes [N]."""
+        return global_norm(self._comm, _times(self._forces, gaps, self._comm).ravel())
+
+    def _bonded(self, forces: Sequence[Array], moved: Sequence[Array]) -> Array:
+        """Displacements (owned dofs, k) of bonded bodies."""
+        right = np.column_stack(forces)
+        found = self._solve_at_rest(right, np.column_stack(moved)[self._prescribed])
+        return found + self._faces_under(self._motions @ right - self._works @ found)
+
+    def _under_gaps(self, gaps: Array) -> Array:
+        """What displacements of bonded bodies (owned dofs, k) gaps add."""
+        found = self._relax(_times(self._forces, gaps, self._comm))
+        return found + self._faces_under(self._opening.T @ gaps)
 
     def _solve_at_rest(self, forces: Array, known: Array) -> Array:
         """Displacements (owned dofs, k) of bonded bodies, rigid faces held, from forces and what
@@ -159,15 +232,15 @@ class Capacitance:
         x.destroy()
         return found
 
-    def _solve_gaps(self, D: Array, tractions: Array) -> Array:
-        """z from B.y (gap components here, k), NaN where their system is singular."""
+    def _solve_gaps(self, D: Array, right: Array) -> Array:
+        """z from D.B.y (gap components here, k), NaN where their system is singular."""
         if self._system is None:
             self._system = self._make_system()
         with timer("condensed solve"):
-            parts, answers = self._comm.gather((D, tractions)), None
+            parts, answers = self._comm.gather((D, right)), None
             if parts is not None:
-                D, tractions = (np.concatenate(ranks) for ranks in zip(*parts, strict=True))
-                gaps = self._system.solve(D, tractions)
+                D, right = (np.concatenate(ranks) for ranks in zip(*parts, strict=True))
+                gaps = self._system.solve(D, right)
                 ends = np.cumsum([len(rows) for _, rows in parts])[:-1]
                 answers = [(part, self._system.iterations) for part in np.split(gaps, ends)]
             gaps, self.iterations = self._comm.scatter(answers)
@@ -224,8 +297,26 @@ class Capacitance:
             item.destroy()
 
 
+def solve_contact(
+    problem: Problem, system: object, forces: Array, moved: Array, dt: float
+) -> Array:
+    """:meth:`Capacitance.solve_with_points` of the bodies as they are now; collective.
+
+    Args:
+        problem: The problem.
+        system: Its linear systems, taken where they are a capacitance.
+        forces, moved, dt: As there.
+    """
+    if isinstance(system, Capacitance):
+        return system.solve_with_points(forces, moved, dt)
+    system = Capacitance(problem)
+    found = system.solve_with_points(forces, moved, dt)
+    system.free()
+    return found
+
+
 class GapSystem:
-    """Solves (I - D.S).z = D.t, for any number of t at once.
+    """Solves (I - D.S).z = b, for any number of b at once.
 
     Where few points have damage, directly in their rows. Where many have, iteratively: S is stiff
     for gaps that the displacement of the nodes can follow, and small for all others (3,600 gap
@@ -256,15 +347,15 @@ class GapSystem:
         self._jumps, self._areas = jumps, areas
         self.iterations = 0
 
-    def solve(self, blocks: Array, tractions: Array) -> Array:
+    def solve(self, blocks: Array, right: Array) -> Array:
         """z (n, k), NaN where the matrix is singular [mm].
 
         Args:
             blocks: Diagonal blocks of D (points, d, d) [mm/N].
-            tractions: t (n, k) [N].
+            right: b (n, k) [mm].
         """
-        damaged, gaps = np.flatnonzero(blocks.any(axis=(1, 2))), None
-        right = _times_blocks(blocks, tractions)
+        damaged = blocks.any(axis=(1, 2)) | right.reshape(len(blocks), -1).any(axis=1)
+        damaged, gaps = np.flatnonzero(damaged), None
         try:
             if damaged.size * blocks.shape[1] > self._max_direct:
                 gaps = self._iterate(blocks, right)

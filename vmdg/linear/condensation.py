@@ -14,6 +14,11 @@ from .ksp import Petsc, linear_options
 #: 2.5 times as fast by multigrid; thin plies, which it finds hard, are 2.8 times as fast without.
 MAX_GAPS_SQUARED = {2: 200, 3: 500}
 
+#: The same for a single first guess, which has a handful of corrections to pay for. Square blocks
+#: of degree 3 are at 3.4 and take three quarters of the time of as many corrections; strips of 100
+#: times 12 cells are at 18 and take the same.
+MAX_CLOSED_SQUARED = 20
+
 #: Dofs in 3D up to which the bodies are factorized.
 MAX_CONDENSED = 60_000
 
@@ -47,6 +52,22 @@ def condensation(
     return True, f"small strain: {n} gap components for {N} dofs"
 
 
+def closes_points(problem: Problem, wanted: bool | None = None, petsc: Petsc | None = None) -> bool:
+    """Whether a first guess asks linear bodies which points close, condensed to them; collective.
+
+    Args:
+        problem: The problem.
+        wanted: As of :func:`condensation`.
+        petsc: Options of the user's, without prefix.
+    """
+    if wanted is False or not problem.discretization.can_fail or _not_by_itself(problem, petsc):
+        return False
+    n, N = global_sum(problem.comm, [gap_components(problem), problem.discretization.owned])
+    few = n * n <= MAX_CLOSED_SQUARED * N
+    cheap = few and (problem.mesh.topology.dim == 2 or N <= MAX_CONDENSED)
+    return bool(cheap) or condensation(problem, wanted, petsc)[0]
+
+
 def gap_components(problem: Problem) -> int:
     """Points of interfaces that can fail times the dimension, of this rank."""
     interfaces = problem.discretization.active.values()
@@ -60,12 +81,17 @@ def _refusal(problem: Problem, petsc: Petsc | None) -> str:
         return "finite strain: the tangent of the bodies changes"
     if not problem.discretization.can_fail:
         return "tied only: the tangent does not change"
-    if problem.discretization.bodies.mean_dilatation:
-        return "mean dilatation"
     if not problem.discretization.constant_stabilization:
         return "a stabilization of the user's own may change"
     if problem.step.activation:
         return "facets open on demand"
+    return _not_by_itself(problem, petsc)
+
+
+def _not_by_itself(problem: Problem, petsc: Petsc | None) -> str:
+    """Why bonded bodies are not factorized by themselves, or nothing."""
+    if problem.discretization.bodies.mean_dilatation:
+        return "mean dilatation"
     if lattice_of(problem.discretization.means) is not None:
         return "periodic cell"
     if problem.discretization.means is not None:

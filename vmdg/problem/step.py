@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,15 +16,13 @@ from ..interface.activation import Activation, Utilization
 from ..interface.active import ActiveInterface
 from ..interface.gap_work import gap_force, gap_forces, gap_work
 from ..interface.guess import (
-    close_points,
+    hold_points,
     hold_sliding_points,
     open_free_points,
     pressed_points,
     touching_points,
 )
-from ..interface.points import PointValues
 from ..interface.sliding import sliding
-from ..laws import Mode
 from .loading import Loading
 from .states import RunScales, Snapshot
 from .work import Arc, chord_integral, next_arc
@@ -163,54 +161,47 @@ class Step:
         """
         return self.discretization.assemble_residual(dt, hold, self._loading.vector)
 
-    def hold(self, dt: float, sliding: bool) -> Iterator[None]:
+    def hold(self, dt: float, sliding: bool) -> None:
         """The residual that a first guess takes away: with zeta at its converged value.
 
         Args:
             dt: Time step of the return maps [s].
             sliding: Whether points that have slid are held in the tangent.
-
-        Returns:
-            Further guesses, as long as points that the one before has taken for open, and pressed,
-            are closed in the tangent; collective. Whether lips that touch are open or closed is
-            said by the step alone. Where the first guess makes them overlap the second one takes
-            them for held, and where friction cannot hold them all a third one for free to slide,
-            since nothing is known yet of the pressure that friction needs. Every time the step is
-            back at its start, with that residual; the caller makes the guess, and assembles the
-            residual there.
         """
-        failing = self._failing()
         if sliding:
-            for active in failing:
+            for active in self._failing():
                 hold_sliding_points(active)
         self.assemble_residual(dt, hold=True)
         if not self.discretization.bodies.small:
             forces = self.discretization.forces.x.array[: self.discretization.owned].copy()
             self._begun = _Forces(forces, self._loading.vector, self._gap_forces())
-        return self._closings(dt, [active.values for active in failing])
 
-    def _closings(self, dt: float, begun: Sequence[PointValues]) -> Iterator[None]:
-        """Further guesses of :meth:`hold`, which begin with these values at the points."""
+    def close(self, dt: float) -> bool:
+        """Whether a first guess makes lips that touch overlap: it is to be made again; collective.
+
+        Whether they are open or closed is said by the step alone. The guess has taken them for
+        open. Those that overlap are then taken for held, the step is back at its start, and the
+        residual is that of :meth:`hold`.
+
+        Args:
+            dt: Time step of the return maps [s].
+        """
         failing = self._failing()
         touching = [touching_points(active) for active in failing]
         if self.rests_on_contact or not self._any(touching):
-            return
+            return False
+        begun = [active.values for active in failing]
         self.discretization.update_points(dt)
-        for active, points in zip(failing, touching, strict=True):
+        for active, values, points in zip(failing, begun, touching, strict=True):
             points &= pressed_points(active)
-        asking = touching
-        for slide in (False, True):
-            if not self._any(asking):
-                return
-            for active, values, points in zip(failing, begun, touching, strict=True):
-                close_points(active, values, points, slide)
-            self.discretization.u.x.array[:] = self.start.u
-            if self._loading.ray is not None:
-                self._loading.move(self.start.t)
-            self.assemble_residual(dt, hold=True)
-            yield
-            modes = [active.values.update.mode for active in failing]
-            asking = [p & (m == Mode.FRICTION) for p, m in zip(touching, modes, strict=True)]
+            hold_points(active, values, points)
+        if not self._any(touching):
+            return False
+        self.discretization.u.x.array[:] = self.start.u
+        if self._loading.ray is not None:
+            self._loading.move(self.start.t)
+        self.assemble_residual(dt, hold=True)
+        return True
 
     def _any(self, points: Sequence[NDArray[np.bool_]]) -> bool:
         """Whether there is any of some points on any rank; collective."""

@@ -11,9 +11,7 @@ give the correction du = du_0 + dlambda du_1, which takes the linearised R away 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from copy import copy
-from operator import itemgetter
 
 from petsc4py import PETSc
 
@@ -23,6 +21,8 @@ from numpy.typing import NDArray
 from ..base.parallel import global_max, global_norm, global_sum
 from ..base.timers import timer
 from ..domain.topology import box_sides
+from ..linear.capacitance import solve_contact
+from ..linear.condensation import closes_points
 from ..linear.ksp import destroy, set_options
 from ..linear.system import make_system
 from ..problem.problem import Problem
@@ -104,6 +104,7 @@ class Newton:
         self._max_iterations = options.max_iterations
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))
         self._system = make_system(problem, options.condensed, options.petsc)
+        self._closes = closes_points(problem, options.condensed, options.petsc)
         # lambda is the last unknown of the first rank.
         local = self.owned + (problem.comm.rank == 0)
         self._x = PETSc.Vec().createMPI((local, None), comm=problem.comm)
@@ -178,19 +179,13 @@ class Newton:
             # In a jump what has held the bonds so far is gone: they move by themselves.
             return
         step, start, control = self._problem.step, self.place(), copy(self._control)
-        further, guesses = step.hold(self._dt, sliding=ahead is None), []
+        step.hold(self._dt, sliding=ahead is None or control.target == start.t)
         free = self._free_forces()
         self._criterion.update(global_norm(self._comm, free))
         self.go(start, self.correct(-free), 1.0)
-        for _ in further:
-            self._control = copy(control)
-            way = self.correct(-self._free_forces())
-            self.go(start, way, 1.0)
-            step.assemble_residual(self._dt)
-            guesses.append((global_norm(self._comm, self._free_forces()), way, self._control))
-        if guesses:
-            _, way, self._control = min(guesses, key=itemgetter(0))
-            self.go(start, way, 1.0)
+        if step.close(self._dt):
+            self._control = control
+            self.go(start, self.correct(-self._free_forces(), close=self._closes), 1.0)
 
     # Trial states, see vmdg.solver.control.Trials
 
@@ -234,17 +229,20 @@ class Newton:
 
     # Corrections
 
-    def correct(self, forces: Array) -> Direction:
-        """Correction that takes a residual of -forces away and follows the control; collective."""
+    def correct(self, forces: Array, close: bool = False) -> Direction:
+        """Correction that takes a residual of -forces away and follows the control; collective.
+
+        Where the load factor is given, bodies may be taken as linear, with points that close.
+        """
         problem, control = self._problem, self._control
         loading, start = problem.loading, self.place()
         away = loading.away(problem.t)
         if loading.ray is None and not control.brakes:
-            return Direction(self._solve([forces], [away])[0], 0.0)
+            return Direction(self._solve([forces], [away], close)[0], 0.0)
         load, rate = self._rates()
         if control.loaded:
             dt = control.target - start.t
-            return Direction(self._solve([forces + dt * load], [away + dt * rate])[0], dt)
+            return Direction(self._solve([forces + dt * load], [away + dt * rate], close)[0], dt)
         found = self._solve([forces, load], [away, rate])
         zero, one = Direction(found[0], 0.0), Direction(found[1], 1.0)
         if not np.isfinite(self.size(zero) + self.size(one)):
@@ -253,10 +251,12 @@ class Newton:
         self.go(start, zero, 0.0)
         return Direction(zero.u + dt * one.u, dt)
 
-    def _solve(self, forces: list[Array], moved: list[Array]) -> Sequence[Array]:
+    def _solve(self, forces: list[Array], moved: list[Array], close: bool = False) -> list[Array]:
+        if close:
+            return [solve_contact(self._problem, self._system, forces[0], moved[0], self._dt)]
         found = self._system.solve(forces, moved, self._tolerance)
         self._unstable = self._system.unstable
-        return found
+        return list(found)
 
     def _rates(self) -> tuple[Array, Array]:
         """Change of forces [N] and prescribed displacements [mm] with the parameter."""
