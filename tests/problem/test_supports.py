@@ -28,7 +28,6 @@ def worn(comm, cell: str, near, pressed: bool = False) -> vmdg.Problem:
     return problem
 
 
-
 @pytest.mark.parametrize(
     ("cell", "near", "free"),
     [

@@ -27,7 +27,7 @@ SHORTEST = 1e-3
 
 #: Change of the trial traction along that of zeta, relative to strength^2/H, up to which a part is
 #: not divided.
-LARGE = 1e-6
+LARGE = 1e-5
 
 #: Parts of the step for each of which a law charges damage.
 CHARGED = 4
@@ -118,8 +118,10 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
         a, b = states.at(slice(None, -1)), states.at(slice(1, None))
         works = np.einsum("spi,spi->sp", (a.traction + b.traction) / 2, b.gap - a.gap)
         part /= PARTS
-        missed = part * np.linalg.norm(whole[rows], axis=1) * np.linalg.norm(b.gap - a.gap, axis=2)
-        s, p = np.nonzero((a.mode != b.mode) & (H[rows] * missed > small[rows]))
+        s, p = np.nonzero(a.mode != b.mode)
+        gaps = np.linalg.norm(b.gap[s, p] - a.gap[s, p], axis=1)
+        missed = H[rows[p]] * part * np.linalg.norm(whole[rows[p]], axis=1) * gaps
+        s, p = (index[missed > small[rows[p]]] for index in (s, p))
         if s.size and part > SHORTEST:
             rows, low, ends = rows[p], low[p] + part * s, (a.at(s, p), b.at(s, p))
             works[s, p] = work(way(rows, ends, low, part), rows, low, part)
