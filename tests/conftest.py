@@ -82,11 +82,13 @@ def pytest_runtest_protocol() -> Iterator[None]:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
-    """Give back the communicators of a file: tracebacks of errors that were asked for hold problems
-    in circles, and MPICH has no more than 2,048.
+    """Give back the figures of a file, and its communicators: tracebacks of errors that were asked
+    for hold problems in circles, and MPICH has no more than 2,048.
     """
     yield
     if nextitem is None or nextitem.path != item.path:
+        if "matplotlib.pyplot" in sys.modules:
+            sys.modules["matplotlib.pyplot"].close("all")
         gc.collect()
 
 
