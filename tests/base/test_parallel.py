@@ -11,7 +11,7 @@ from support.problems import joined
 from support.scenes import EVERY_CELL, two_blocks, unit_box
 
 import vmdg
-from vmdg.base.parallel import global_any, group_maxima, raise_together
+from vmdg.base.parallel import global_any, global_max, global_sum, group_maxima, raise_together
 from vmdg.meshes import blocks
 
 # Weak enough that points are damaged at the end.
@@ -109,3 +109,16 @@ def test_raise_together(comm):
     raise_together(comm, None)
     assert global_any(comm, comm.rank == last)
     assert not global_any(comm, False)
+
+
+def test_numbers_of_any_kind(comm):
+    """A rank that has nothing gives 0, others .5; integers stay integers, arrays in any order."""
+    last = comm.rank == comm.size - 1
+    assert global_sum(comm, 0.5 if last else 0) == 0.5
+    assert global_max(comm, 0.5 if last else 0) == 0.5
+    assert global_max(comm, np.inf if last else 0) == np.inf
+    count = global_sum(comm, 3)
+    assert count == 3 * comm.size
+    assert list(range(count))[-1] == count - 1
+    rows = np.arange(6.0).reshape(2, 3)
+    assert np.array_equal(global_sum(comm, rows.T), comm.size * rows.T)

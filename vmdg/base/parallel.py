@@ -32,15 +32,20 @@ def global_max(comm: MPI.Comm, value: float) -> float:
 
 def global_any(comm: MPI.Comm, value: bool) -> bool:
     """True on every rank where it is true on one."""
-    return bool(_reduced(comm, bool(value), MPI.LOR))
+    return bool(_reduced(comm, bool(value), MPI.MAX))
 
 
 def _reduced(comm: MPI.Comm, value: ArrayLike, op: MPI.Op) -> NDArray:
-    """Of numbers, not of objects, which MPI for Python would pickle."""
-    mine = np.asarray(value, order="C")
-    result = np.empty_like(mine)
-    comm.Allreduce(mine, result, op)
-    return result[()]
+    """Of numbers, not of objects, which MPI for Python would pickle.
+
+    As floats, since a rank that has nothing may give the integer 0; integers of this rank stay
+    integers where the result is one (below 2^53).
+    """
+    mine = np.asarray(value)
+    result = np.empty(mine.shape)
+    comm.Allreduce(np.array(mine, dtype=np.float64, order="C"), result, op)
+    whole = mine.dtype.kind in "iu" and np.isfinite(result).all() and (result % 1 == 0).all()
+    return (result.astype(mine.dtype) if whole else result)[()]
 
 
 def raise_together(

@@ -176,7 +176,8 @@ class Capacitance:
     def _map_back(self, trials: Sequence[Trial], more: Array, dt: float) -> tuple[Array, Array]:
         """Gap increments (gap components here, 1) and D of the return maps with more traction."""
         ends = np.cumsum([len(trial.gap) for trial in trials])[:-1]
-        stresses = np.split(more.reshape(len(self._areas), -1) / self._areas[:, None], ends)
+        forces = more.reshape(len(self._areas), trials[0].gap.shape[1])
+        stresses = np.split(forces / self._areas[:, None], ends)
         gaps, compliances = [], []
         for active, trial, stress in zip(self._interfaces, trials, stresses, strict=True):
             R = np.eye(trial.gap.shape[1])[None] if trial.R is None else trial.R
@@ -354,8 +355,8 @@ class GapSystem:
             blocks: Diagonal blocks of D (points, d, d) [mm/N].
             right: b (n, k) [mm].
         """
-        damaged = blocks.any(axis=(1, 2)) | right.reshape(len(blocks), -1).any(axis=1)
-        damaged, gaps = np.flatnonzero(damaged), None
+        loaded = right.any(axis=1).reshape(blocks.shape[:2]).any(axis=1)
+        damaged, gaps = np.flatnonzero(blocks.any(axis=(1, 2)) | loaded), None
         try:
             if damaged.size * blocks.shape[1] > self._max_direct:
                 gaps = self._iterate(blocks, right)
@@ -426,7 +427,7 @@ class GapSystem:
 
 def _times_blocks(blocks: Array, rows: Array) -> Array:
     """Product of a block-diagonal matrix, its blocks (points, d, d), with rows (points * d, k)."""
-    return (blocks @ rows.reshape(*blocks.shape[:2], -1)).reshape(rows.shape)
+    return (blocks @ rows.reshape(*blocks.shape[:2], rows.shape[1])).reshape(rows.shape)
 
 
 def _columns(matrix: PETSc.Mat, chosen: NDArray[np.int32]) -> PETSc.Mat:
