@@ -51,6 +51,7 @@ def test_no_run_fails(outcomes):
     assert not failed
     assert [o.number for o in runs] == RUNS
     assert len(runner.families(runs)) == len(FAMILIES) + len(LATER)
+    assert all(outcome.residuals >= outcome.steps for outcome in runs)
     number = runner.counts(runs)
     assert number["correct"] > 0.7 * len(RUNS)
     assert number["refused"] >= 2

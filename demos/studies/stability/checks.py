@@ -88,6 +88,7 @@ class Run:
         history: The table of the run.
         stopped: Message of the error that ended it early; "" where it got to the end.
         failures: Load factor and reason of every step that had to be cut.
+        residuals: Assembled in all of its solves.
     """
 
     case: Case
@@ -96,6 +97,7 @@ class Run:
     history: vmdg.History = field(default_factory=vmdg.History)
     stopped: str = ""
     failures: list[tuple[float, str]] = field(default_factory=list)
+    residuals: int = 0
 
     @property
     def force(self) -> float:

@@ -68,6 +68,7 @@ class Outcome:
         verdict: One of GOOD or BAD.
         steps: Converged steps.
         cuts: Steps that had to be cut.
+        residuals: Assembled by the solver.
         seconds: Time it took, checks included.
         case: What was drawn.
         detail: Message of the error, or what was found wrong.
@@ -78,6 +79,7 @@ class Outcome:
     verdict: str
     steps: int
     cuts: int
+    residuals: int
     seconds: float
     case: str
     detail: str
@@ -106,12 +108,13 @@ def execute(case: Case) -> Run:
 
     history = vmdg.History()
     try:
-        result = vmdg.solve(problem, case.loads, case.options, monitor, history)
-        run.failures = result.failures
-        if case.on_demand:
-            settle(problem, case, monitor, history)
+        for result in solves(problem, case, monitor, history):
+            run.failures += result.failures
+            run.residuals += result.counts.residuals
     except vmdg.StepFailure as error:
-        run.stopped, run.failures = str(error), error.result.failures
+        run.stopped = str(error)
+        run.failures += error.result.failures
+        run.residuals += error.result.counts.residuals
     except ValueError as error:
         if not (case.refusal and re.search(case.refusal, str(error))):
             raise
@@ -120,15 +123,20 @@ def execute(case: Case) -> Run:
     return run
 
 
-def settle(problem: vmdg.Problem, case: Case, monitor: Monitor, history: vmdg.History) -> None:
-    """Steps at the last load until none opens facets: it leaves them bonded, not yet balanced.
+def solves(
+    problem: vmdg.Problem, case: Case, monitor: Monitor, history: vmdg.History
+) -> Iterator[vmdg.Result]:
+    """Solve for the loads of a case; where facets open on demand, until none opens at the last one.
+
+    A step that opens facets leaves them bonded, not yet balanced.
 
     Raises:
-        vmdg.StepFailure: one of them fails.
+        vmdg.StepFailure: a step fails.
     """
+    yield vmdg.solve(problem, case.loads, case.options, monitor, history)
     before = 0
-    while before < (before := len(problem.u.x.array)):
-        vmdg.solve(problem, case.loads[-1:], case.options, monitor, history)
+    while case.on_demand and before < (before := len(problem.u.x.array)):
+        yield vmdg.solve(problem, case.loads[-1:], case.options, monitor, history)
 
 
 def examine(run: Run, files: bool = False) -> tuple[str, str]:
@@ -182,8 +190,9 @@ def stress(
             verdict, detail = "hang" if late else "crash", traceback.format_exc()
     steps = len(run.records) - 1 if run else 0
     cuts = len(run.failures) if run else 0
+    residuals = run.residuals if run else 0
     seconds = perf_counter() - start
-    return Outcome(number, case.family, verdict, steps, cuts, seconds, str(case), detail)
+    return Outcome(number, case.family, verdict, steps, cuts, residuals, seconds, str(case), detail)
 
 
 def files_finite(run: Run, folder: Path) -> list[str]:
@@ -229,10 +238,11 @@ def table(outcomes: Sequence[Outcome]) -> str:
             *(number[verdict] for verdict in (*GOOD, *BAD)),
             sum(o.steps for o in mine),
             sum(o.cuts for o in mine),
+            sum(o.residuals for o in mine),
             f"{max(o.seconds for o in mine):.1f}",
         ]
         rows.append(cells)
-    return markdown(["family", "runs", *GOOD, *BAD, "steps", "cut", "s"], rows)
+    return markdown(["family", "runs", *GOOD, *BAD, "steps", "cut", "residuals", "s"], rows)
 
 
 def write_csv(outcomes: Sequence[Outcome], path: Path) -> None:
