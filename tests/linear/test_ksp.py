@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -127,6 +129,22 @@ def test_options_have_two_names():
         vmdg.SolveOptions(petsc=LU, petsc_options=LU)
     with pytest.raises(TypeError, match="positional"):
         vmdg.SolveOptions(1e-9)
+
+
+def test_options_that_nothing_uses(comm):
+    """Misspelt ones, and those of levels that a direct solver does not have, are named, once a run.
+
+    Those of factors, which are made in the first solve, and of the line search are known.
+    """
+    petsc = {**LU, "ksp_rtoll": 1e-8, "snes_linesearch_typ": "basic", "mg_levels_pc_type": "sor"}
+    problem = pressed(comm, "quadrilateral", FRICTION)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        vmdg.solve(problem, [0.5, 1.0], vmdg.SolveOptions(petsc=petsc))
+    told = [str(one.message) for one in caught if one.category is vmdg.ModelWarning]
+    found = [text.partition(" among")[0].partition(" for ")[2] for text in told]
+    expected = ["ksp_rtoll, mg_levels_pc_type", "snes_linesearch_typ"]
+    assert found == (expected if comm.rank == 0 else [])
 
 
 def tridiagonal(diagonal: float) -> PETSc.Mat:

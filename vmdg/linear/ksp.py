@@ -15,6 +15,7 @@ from dolfinx import fem
 
 from ..assembly.means import MeanSpace, lattice_of
 from ..assembly.space import count_pieces
+from ..base.parallel import warn_together
 from ..base.timers import timer
 from ..domain.geometry import rigid_motions
 from ..forms.geometry import Geometry
@@ -320,6 +321,11 @@ class LinearSolver:
             return factors.getMumpsInfog(12) > 0
         return factors.getMumpsRinfog(12) < 0
 
+    @property
+    def chosen(self) -> PETSc.KSP | None:
+        """What the options have configured; None before the first solve of a direct one."""
+        return self._direct if self._krylov is None else self._krylov
+
     def free(self) -> None:
         """Free the PETSc objects; collective."""
         for ksp in (self._krylov, self._direct):
@@ -373,6 +379,32 @@ def set_options(item: PETSc.KSP | PETSc.SNES, options: Petsc) -> None:
         database[name] = value
     item.setOptionsPrefix(prefix)
     item.setFromOptions()
+
+
+def warn_of_unused(item: PETSc.KSP | PETSc.SNES) -> None:
+    """Warn of options that PETSc has not asked for, after the first solve; collective.
+
+    Not before: parts of a preconditioner that are made in a solve read theirs there, some on one
+    rank only. Silent where petsc4py does not show PetscOptionsUsed of the C library.
+    """
+    used = getattr(ctypes.CDLL(PETSc.__file__), "PetscOptionsUsed", None)
+    if used is None or item.getAttr("options asked for"):
+        return
+    item.setAttr("options asked for", True)
+    prefix, unused = item.getOptionsPrefix(), []
+    for name in PETSc.Options(prefix).getAll():
+        found = ctypes.c_int(0)
+        used(None, f"{prefix}{name}".encode(), ctypes.byref(found))
+        if not found.value:
+            unused.append(name)
+    comm = item.comm.tompi4py()
+    names = sorted(set.intersection(*(set(one) for one in comm.allgather(unused))))
+    if names:
+        warn_together(
+            comm,
+            f"SolveOptions: PETSc has no use for {', '.join(names)} among the options petsc=: "
+            "misspelt, or of a part that this solver does not have; mend or remove them",
+        )
 
 
 def destroy(item: PETSc.KSP | PETSc.SNES) -> None:

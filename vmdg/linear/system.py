@@ -22,6 +22,7 @@ from .ksp import (
     matrix_kind,
     pieces_apart,
     set_rigid_modes,
+    warn_of_unused,
 )
 
 Array = NDArray[np.float64]
@@ -99,6 +100,7 @@ class AssembledSystem:
 
     def __init__(self, problem: Problem, petsc: Petsc | None):
         linear = linear_options(problem, petsc)
+        self._automatic = linear.automatic
         self._comm, self._discretization = problem.comm, problem.discretization
         kind = matrix_kind(linear.solver)
         self._matrix = matrix = problem.discretization.create_matrix(kind)
@@ -184,6 +186,8 @@ class AssembledSystem:
             # No force brings a face back into its shape after a Krylov method.
             found[-1][self._faces] = du[self._faces]
         self._last = found
+        if not self._automatic:
+            warn_of_unused(self._linear.chosen)
         return found
 
     def condensed(self, motions: Array) -> Array:

@@ -23,7 +23,7 @@ from ..base.timers import timer
 from ..domain.topology import box_sides
 from ..linear.capacitance import solve_contact
 from ..linear.condensation import closes_points
-from ..linear.ksp import destroy, set_options
+from ..linear.ksp import destroy, set_options, warn_of_unused
 from ..linear.system import make_system
 from ..problem.problem import Problem
 from .control import Control, Direction
@@ -151,6 +151,8 @@ class Newton:
         self._x.array[: self.owned] = problem.u.x.array[: self.owned]
         self._x.array[self.owned :] = self._parameter()
         self._snes.solve(None, self._x)
+        if self._own:
+            warn_of_unused(self._snes)
         reason = self._snes.getConvergedReason()
         if reason > 0:
             self._criterion.update(reaction=self._reaction())
@@ -226,8 +228,6 @@ class Newton:
     def product(self, one: Direction, other: Direction) -> float:
         """Inner product of two displacements [mm^2]."""
         return float(global_sum(self._comm, one.u @ other.u))
-
-    # Corrections
 
     def correct(self, forces: Array, close: bool = False) -> Direction:
         """Correction that takes a residual of -forces away and follows the control; collective.

@@ -59,7 +59,7 @@ class SolveOptions:
             as long as that allows.
         petsc: Options for SNES, KSP and PC, without prefix. Default: a backtracking line search
             under load control, full steps where the work on bonds is given, and the linear solver
-            of :func:`vmdg.linear.ksp.automatic_options`.
+            of :func:`vmdg.linear.ksp.automatic_options`. What PETSc does not use is warned of.
         petsc_options: Another name of ``petsc``, that of DOLFINx.
         condensed: Solve the systems of a problem of small strain by factors of its linear bodies,
             made once, and a dense matrix of the gaps at the interface points, see
