@@ -92,6 +92,12 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
         gc.collect()
 
 
+def pytest_collection_finish() -> None:
+    """Let the garbage collector pass over what imports have made, which stays to the end."""
+    gc.collect()
+    gc.freeze()
+
+
 def pytest_report_header() -> str:
     """Number of ranks, in the head of the report."""
     return f"MPI ranks: {MPI.COMM_WORLD.size}"
