@@ -269,14 +269,14 @@ def test_path_and_checkpoint(comm, out, activate):
     history = vmdg.solve(first, [1.0], trace, until=lambda p: p.debonded() > 0.5).history
     vmdg.write_checkpoint(first, out / "cell", history)
     ends = []
-    for where in (comm, MPI.COMM_SELF):
+    for where in (comm, MPI.COMM_SELF)[: comm.size]:
         other = laminate(where)
         before = vmdg.read_checkpoint(other, out / "cell")
         axial, there = vmdg.AxialMotion(other), vmdg.AxialMotion(first)
         assert axial.strain == pytest.approx(there.strain, rel=1e-13)
         after = vmdg.solve(other, [1.0], trace, until=lambda p: p.debonded() > 0.9).history
         ends.append((axial.strain, after["stress_yy"][-1]))
-    assert ends[0] == pytest.approx(ends[1], rel=1e-8)
+    assert ends[0] == pytest.approx(ends[-1], rel=1e-8)
     t, strain = (
         np.append(before[f"{name}_yy"], after[f"{name}_yy"]) for name in ("stress", "strain")
     )

@@ -38,7 +38,7 @@ def sheared_apart(where, cell: str, degree: int = 1):
 def test_same_run_on_any_number_of_ranks(comm, cell):
     """Dofs, forces, energies and the state at every point do not depend on the partition."""
     seen = []
-    for where in (comm, MPI.COMM_SELF):
+    for where in (comm, MPI.COMM_SELF)[: comm.size]:
         problem, result, ends = sheared_apart(where, cell)
         state, energy = problem.state[0], problem.energy()
         points = by_position(
@@ -48,7 +48,7 @@ def test_same_run_on_any_number_of_ranks(comm, cell):
         energies = np.array([energy.stored, energy.dissipated, energy.external])
         size = problem.space.dofmap.index_map.size_global
         seen.append((size, len(points[0]), forces, energies, points, len(result.history)))
-    distributed, alone = seen
+    distributed, alone = seen[0], seen[-1]
     softening = alone[4][3]
     assert 0 < (softening > 0).sum()
     assert distributed[:2] == alone[:2]

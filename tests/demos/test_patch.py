@@ -36,7 +36,7 @@ def shift_nodes(mesh) -> None:
 @EVERY_CELL
 @EVERY_DEGREE
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS.keys())
-@pytest.mark.parametrize("contrast", [1.0, 1e3, 1e6])
+@pytest.mark.parametrize("contrast", [1.0, 1e6])
 def test_uniform_traction(comm, cell, degree, law, contrast):
     """u is piecewise linear and T = P.N at every point and in the reaction, to 1e-12.
 

@@ -329,7 +329,7 @@ def test_checkpoint(comm, out):
     history = vmdg.solve(first, CYCLES[:3], PRECISE).history
     vmdg.write_checkpoint(first, out / "cell", history)
     vmdg.solve(first, CYCLES[3:5], PRECISE)
-    for where in (comm, MPI.COMM_SELF):
+    for where in (comm, MPI.COMM_SELF)[: comm.size]:
         other = included(where, GRADIENT, (3, 1), kinematics=FINITE)
         vmdg.read_checkpoint(other, out / "cell")
         vmdg.solve(other, CYCLES[3:5], PRECISE)

@@ -118,7 +118,7 @@ def test_block_rests_on_contact(comm, friction):
 def test_ranks_without_points(comm):
     """A rank of which no facet is on the interface: the same forces with all on one rank."""
     forces = []
-    for on in (comm, MPI.COMM_SELF):
+    for on in (comm, MPI.COMM_SELF)[: comm.size]:
         for kinematics in ("small", "finite"):
             mesh, cells, facets = blocks(on, "quadrilateral", (40, 4), 1.0, interface=(0.1, 0.1))
             interface = vmdg.Interface(between=(1, 2), law=vmdg.Contact(0.05))
@@ -129,4 +129,4 @@ def test_ranks_without_points(comm):
             result = vmdg.solve(problem, [1.0, 2.0])
             assert not result.failures
             forces.append(problem.reaction(facets.find(2))[0])
-    assert forces[:2] == pytest.approx(forces[2:], rel=1e-8)
+    assert forces[:2] == pytest.approx(forces[-2:], rel=1e-8)
