@@ -23,7 +23,7 @@ from vmdg.laws import (
 )
 
 # One example is a few hundred points, so few examples go far.
-SETTINGS = settings(max_examples=25, deadline=None, derandomize=True)
+SETTINGS = settings(max_examples=16, deadline=None, derandomize=True)
 POINTS = 300
 
 P_C, ZETA_C = 100.0, 0.2
@@ -368,7 +368,7 @@ def test_works_do_not_depend_on_the_number_of_steps(make, pressure):
 
 
 @EVERY_LAW
-@settings(max_examples=12, deadline=None, derandomize=True)
+@settings(max_examples=8, deadline=None, derandomize=True)
 @given(d=dims, seed=seeds, mu=frictions, eta=viscosities)
 def test_dissipation_is_never_negative(make, d, seed, mu, eta):
     """Random walks: each work >= 0, and T_{n+1} . dzeta >= 0 where nothing is stored."""
