@@ -126,6 +126,7 @@ class RunScales:
         work: Work on bonds that the next step may do; 0 before the first step [N mm].
         breaking: Whether load control has failed while bonds were breaking.
         sense: Sign of the change of the load factor in the last stage; 0 before the first one.
+        held: Whether a drag holds what nothing else does, since a piece has come free.
     """
 
     force: float = 0.0
@@ -133,3 +134,4 @@ class RunScales:
     work: float = 0.0
     breaking: bool = False
     sense: float = 0.0
+    held: bool = False

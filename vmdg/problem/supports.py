@@ -1,8 +1,9 @@
-"""Which rigid motions of which parts of a problem the prescribed displacements leave free."""
+"""What holds the parts of a problem: bonds, and supports with the rigid motions they leave free."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.linalg import block_diag
 
 from ..assembly.means import lattice_of
 from ..assembly.space import node_pieces
-from ..base.parallel import global_max, global_sum
+from ..base.parallel import global_max, global_sum, warn_together
 from ..domain.geometry import rigid_motions
 from ..forms.geometry import Axisymmetric
 from ..interface.active import ActiveInterface
@@ -57,6 +58,45 @@ def loose_parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> list
     return _loose(problem, [active.facets.cells for active in interfaces], [])
 
 
+def bonds(problem: Problem) -> tuple[float, float]:
+    """What there is to break on open facets; collective.
+
+    Returns:
+        Energy of intact bonds, P_c^2/(2 H) times their area [N mm], and their number of facets.
+    """
+    found = np.zeros(2)
+    for active in problem.discretization.active.values():
+        law = active.law
+        if law.has_bond:
+            per_area = law.strength**2 / (2 * law.softening_modulus)
+            found += (per_area * active.quadrature.weights).sum(), len(active.facets.facets)
+    energy, facets = global_sum(problem.comm, found)
+    return float(problem.discretization.geometry.thickness) * energy, facets
+
+
+def hold_pieces(problem: Problem) -> bool:
+    """Let a drag hold pieces that nothing else does from now on, with a warning; collective.
+
+    At small strain a piece turns without strain however far it goes, and needs none.
+
+    Returns:
+        Whether there is such a piece, and has been no drag.
+    """
+    step = problem.step
+    if step.scales.held or problem.discretization.bodies.small:
+        return False
+    if piece := hanging_piece(problem):
+        step.scales = replace(step.scales, held=True)
+        warn_together(
+            problem.comm,
+            f"{piece} Such a motion takes no force. From load factor {problem.t:.6g} on a drag "
+            "holds it where it comes to rest, and what the drag bears is in the residual of the "
+            "rows, at most 1e-6 of the largest reaction. Where no force is left until= of "
+            "vmdg.solve may end the run; problem.spring would hold the piece itself",
+        )
+    return bool(piece)
+
+
 def hanging_piece(problem: Problem) -> str:
     """A piece that nothing holds any more but a single point, or nothing at all; collective.
 
@@ -65,7 +105,7 @@ def hanging_piece(problem: Problem) -> str:
     pressed. A chain of pieces of which each hangs on the next one is not looked for.
 
     Returns:
-        A sentence about the smallest such piece, after a space; nothing where there is none.
+        A sentence about the smallest such piece; nothing where there is none.
     """
     joined, links = [], []
     for active in problem.discretization.active.values():
@@ -80,10 +120,9 @@ def hanging_piece(problem: Problem) -> str:
     box, part = min(found, key=lambda one: np.linalg.norm(one[0][1] - one[0][0]))
     low, high = (corner.round(4).tolist() for corner in box)
     return (
-        f" Against {part.motions} nothing holds a piece of the body of {part.body} any more, that "
+        f"Against {part.motions} nothing holds a piece of the body of {part.body} any more, that "
         f"between {low} and {high} before the deformation: its bonds are gone, but perhaps for one "
-        "point. Such a motion takes no force, and no step can tell how far it goes. Where no force "
-        "is left end the run before, by until= of vmdg.solve; else hold the piece by problem.spring"
+        "point."
     )
 
 

@@ -27,7 +27,7 @@ from ..linear.ksp import destroy, set_options, warn_of_unused
 from ..linear.system import make_system
 from ..problem.problem import Problem
 from .control import Control, Direction
-from .criterion import Criterion
+from .criterion import MAX_RESIDUAL, Criterion
 from .options import SolveOptions
 from .report import StepReport
 from .turn import turn
@@ -48,8 +48,9 @@ LINE_SEARCH = {"snes_linesearch_order": 1, "snes_linesearch_max_it": 8}
 MAX_DISPLACEMENT, DIVERGED = 1e6, 1e4
 
 #: Least overstress that a step of a jump may try, and the increment of its derivative, in multiples
-#: of H; drag on bodies that move, relative to the norm of K and to the overstress.
-MIN_DRAG, DRAG_INCREMENT, DRAG = -0.5, 1e-6, 1e-3
+#: of H; drag on bodies that move, relative to the norm of K and to the overstress, and that which
+#: holds a piece that nothing else does.
+MIN_DRAG, DRAG_INCREMENT, DRAG, HELD = -0.5, 1e-6, 1e-3, 1e-7
 
 #: An attempt is given up if two corrections leave more than this share of the residual by
 #: backtracking, or if full steps go round in circles: so many of them leave all of it.
@@ -139,7 +140,8 @@ class Newton:
         problem, krylov, scales = self._problem, self._system.iterations, self._problem.step.scales
         self._control, self._dt, self._norms = control, dt, []
         self._goal, self._tolerance, self._unstable = np.nan, MAX_RTOL, False
-        self._system.drag = DRAG * problem.step.drag * control.moves
+        self._at_rest = problem.step.start.u
+        self._system.drag = DRAG * problem.step.drag if control.moves else HELD * scales.held
         with timer("predictor"):
             self._predict(ahead)
         # Backtracking on the residual norm carries the iteration over kinks where points change
@@ -150,10 +152,23 @@ class Newton:
         self._snes.setFromOptions()
         self._x.array[: self.owned] = problem.u.x.array[: self.owned]
         self._x.array[self.owned :] = self._parameter()
-        self._snes.solve(None, self._x)
-        if self._own:
-            warn_of_unused(self._snes)
-        reason = self._snes.getConvergedReason()
+        norms, last = [], np.inf
+        while True:
+            self._snes.solve(None, self._x)
+            if self._own:
+                warn_of_unused(self._snes)
+            reason = self._snes.getConvergedReason()
+            pull = global_norm(self._comm, problem.loading.balance(self._pull()))
+            if reason <= 0 or control.moves or not self._goal < pull <= last / 2:
+                break
+            # What holds a piece is to bear nothing else: again, from here (Rockafellar 1976).
+            norms, self._norms, last = norms + self._norms[:-1], [], pull
+            self._at_rest = problem.u.x.array.copy()
+        norms += self._norms
+        if reason > 0 and not control.moves:
+            norms[-1] = max(norms[-1], pull)
+            if pull > max(MAX_RESIDUAL * scales.reaction, self._goal):
+                reason = PETSc.SNES.ConvergedReason.DIVERGED_LOCAL_MIN
         if reason > 0:
             self._criterion.update(reaction=self._reaction())
         else:
@@ -161,7 +176,7 @@ class Newton:
             problem.step.scales = scales
         return StepReport(
             reason > 0,
-            self._norms,
+            norms,
             _REASONS.get(reason, str(reason)),
             self._goal,
             self._system.iterations - krylov,
@@ -270,8 +285,7 @@ class Newton:
         return (residuals[1] - residuals[0]) / DRAG_INCREMENT, np.zeros(self.owned)
 
     def _reaction(self) -> float:
-        """Norm of the reactions of the last assembly, those of springs among them, and the
-        forces on means, given or not [N]."""
+        """Norm of reactions, those of springs among them, and of forces on means [N]."""
         parts, loading = self._problem.discretization, self._problem.loading
         forces = parts.forces.x.array[: self.owned]
         held = forces - loading.balance(forces.copy())
@@ -281,13 +295,14 @@ class Newton:
         return global_norm(self._comm, np.append(held, parts.surface.spring_forces()))
 
     def _free_forces(self) -> Array:
-        """Residual of the last assembly on owned dofs, without what supports and rigid faces take
-        [N]."""
+        """Residual on owned dofs, without what supports and rigid faces take [N]."""
         forces = self._problem.discretization.forces.x.array[: self.owned].copy()
-        if drag := self._system.drag * self._system.norm:
-            u, start = self._problem.u.x.array, self._problem.step.start.u
-            forces += drag * (u - start)[: self.owned]
-        return self._problem.loading.balance(forces)
+        return self._problem.loading.balance(forces + self._pull())
+
+    def _pull(self) -> Array:
+        """Forces of the drag on owned dofs [N]."""
+        moved = (self._problem.u.x.array - self._at_rest)[: self.owned]
+        return self._system.drag * self._system.norm * moved
 
     # Called by PETSc
 

@@ -7,12 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-import numpy as np
-
 from ..base.parallel import global_any, global_norm, global_sum, warn_together
 from ..problem.problem import Problem
 from ..problem.states import Snapshot
-from ..problem.supports import hanging_piece
+from ..problem.supports import bonds, hanging_piece, hold_pieces
 from .control import ROUNDING, Arrival, Control, Direction, Work
 from .jump import CUT, MAX_STEPS, growth_after, jump
 from .reasons import explained
@@ -59,23 +57,6 @@ class Part(NamedTuple):
     report: StepReport
     cuts: int
     jumps: int
-
-
-def bonds(problem: Problem) -> tuple[float, float]:
-    """What there is to break on open facets; collective.
-
-    Returns:
-        Energy of intact bonds, P_c^2/(2 H) times their area [N mm], and their number of facets.
-    """
-    found = np.zeros(2)
-    for active in problem.discretization.active.values():
-        law = active.law
-        if law.has_bond:
-            per_area = law.strength**2 / (2 * law.softening_modulus)
-            energy = (per_area * active.quadrature.weights).sum()
-            found += energy, len(active.facets.facets)
-    energy, facets = global_sum(problem.comm, found)
-    return float(problem.discretization.geometry.thickness) * energy, facets
 
 
 @dataclass
@@ -248,6 +229,9 @@ class Path:
                 # Nothing shows the body another way.
                 self._lose(start)
                 cuts, share = 0, 1.0
+            if hold_pieces(self._problem):
+                cuts, share = 0, 1.0
+                continue
             # A load that is held cannot be cut.
             if cuts > options.max_cuts or math.isclose(start, stage.target, rel_tol=1e-12):
                 raise StepFailure(self._complaint(start, end, report), self._result)
@@ -374,7 +358,8 @@ class Path:
         return (
             f"the step from load factor {start:.8g} to {end:.8g} failed{although}; the problem is "
             f"in its state at {start:.8g}. In the last attempt "
-            f"{explained(attempts)}. (Its last residuals: {norms} N.){hanging_piece(self._problem)}"
+            f"{explained(attempts)}. (Its last residuals: {norms} N.) "
+            f"{hanging_piece(self._problem)}".rstrip()
         )
 
     # Snaps
