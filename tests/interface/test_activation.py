@@ -66,6 +66,7 @@ def test_same_curve_with_fewer_dofs(comm):
     assert abs(demanded["imbalance"]).max() < 1e-4 * work
 
 
+@pytest.mark.filterwarnings("ignore:Against:vmdg.ModelWarning")  # a corner comes loose on the way
 @pytest.mark.parametrize("steps", [6, 24])
 def test_brittle_plate_parts(comm, steps):
     """Facets open along a path that snaps, also in steps that pass a given load factor."""
