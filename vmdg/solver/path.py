@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from ..base.parallel import global_any, global_norm, global_sum, warn_together
-from ..problem.problem import Problem
 from ..problem.states import Snapshot
 from ..problem.supports import bonds, hanging_piece, hold_pieces
 from .control import ROUNDING, Arrival, Control, Direction, Work
