@@ -30,6 +30,12 @@ def global_max(comm: MPI.Comm, value: float) -> float:
     return _reduced(comm, value, MPI.MAX)
 
 
+def global_box(comm: MPI.Comm, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Lowest and highest coordinates (2, d) of the points (n, d) of all ranks; n may be 0."""
+    ends = np.stack([-points, points]).max(axis=1, initial=-np.inf)
+    return _reduced(comm, ends, MPI.MAX) * [[-1], [1]]
+
+
 def global_any(comm: MPI.Comm, value: bool) -> bool:
     """True on every rank where it is true on one."""
     return bool(_reduced(comm, bool(value), MPI.MAX))

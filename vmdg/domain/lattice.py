@@ -9,7 +9,7 @@ from dolfinx.mesh import Mesh
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from ..base.parallel import global_max
+from ..base.parallel import global_box
 from .topology import box_sides
 
 Array = NDArray[np.float64]
@@ -107,7 +107,7 @@ def make_lattice(mesh: Mesh, vectors: ArrayLike | None) -> Lattice:
     Raises:
         ValueError: the vectors are not independent, or the mesh does not fill the cell.
     """
-    d, comm = mesh.geometry.dim, mesh.comm
+    d = mesh.geometry.dim
     A = np.diag(box_sides(mesh)[:d]) if vectors is None else np.array(vectors, dtype=float)
     if A.shape != (d, d) or not np.isfinite(A).all() or not np.linalg.cond(A) < 1e6:
         raise ValueError(
@@ -115,8 +115,7 @@ def make_lattice(mesh: Mesh, vectors: ArrayLike | None) -> Lattice:
             "are independent"
         )
     at = mesh.geometry.x[:, :d] @ np.linalg.inv(A)
-    low = np.array([-global_max(comm, float((-at[:, i]).max(initial=-np.inf))) for i in range(d)])
-    high = np.array([global_max(comm, float(at[:, i].max(initial=-np.inf))) for i in range(d)])
+    low, high = global_box(mesh.comm, at)
     wrong = np.flatnonzero(np.abs(high - low - 1) > SAME_PLACE)
     if len(wrong):
         i = wrong[0]

@@ -9,7 +9,7 @@ from dolfinx import la
 from dolfinx.mesh import Mesh, MeshTags, compute_midpoints
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.parallel import global_max, raise_together
+from ..base.parallel import global_box, raise_together
 
 #: Whether points x (3, n) are meant, n values.
 Locator = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
@@ -150,7 +150,5 @@ def refuse_facets(
 
 def box_sides(mesh: Mesh) -> NDArray[np.float64]:
     """Sides of the box around the mesh along x, y and z (3,) [mm]; collective."""
-    x = mesh.geometry.x
-    bounds = np.stack([x, -x]).max(axis=1, initial=-np.inf)  # a rank may have no cells
-    sides = [global_max(mesh.comm, bound) for bound in bounds.ravel()]
-    return np.add(sides[:3], sides[3:])
+    low, high = global_box(mesh.comm, mesh.geometry.x)
+    return high - low

@@ -14,6 +14,7 @@ from matplotlib.tri import Triangulation
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
+from ..base.parallel import global_box
 from ..domain.topology import facet_cells, local_facets
 from ..forms.geometry import Axisymmetric
 from ..output.cell import whole_displacement
@@ -220,9 +221,7 @@ def deformed_ends(problem: Problem, magnify: float = 1.0) -> NDArray[np.float64]
     d, u = problem.mesh.geometry.dim, whole_displacement(problem)
     nodes = u.function_space.tabulate_dof_coordinates()
     nodes[:, :d] += magnify * u.x.array.reshape(-1, d)
-    ends = [nodes.min(axis=0, initial=np.inf), nodes.max(axis=0, initial=-np.inf)]
-    low, high = np.swapaxes(problem.comm.allgather(ends), 0, 1)
-    return np.array([low.min(axis=0), high.max(axis=0)])
+    return global_box(problem.comm, nodes)
 
 
 def deformed_polygons(

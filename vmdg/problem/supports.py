@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 
 from ..assembly.means import lattice_of
 from ..assembly.space import node_pieces
-from ..base.parallel import global_max, global_sum, warn_together
+from ..base.parallel import global_box, global_max, global_sum, warn_together
 from ..domain.geometry import rigid_motions
 from ..forms.geometry import Axisymmetric
 from ..interface.active import ActiveInterface
@@ -23,8 +23,8 @@ from .problem import Problem
 #: at 1e-5 of the size of a part still resists.
 _FREE = 1e-11
 
-#: Share of the strength that a point has lost where it counts as gone.
-_GONE = 0.99
+#: Share of the strength that a point has lost where it holds no more.
+_LOST = 0.99
 
 _AXES = "xyz"
 
@@ -131,16 +131,15 @@ def _holding(active: ActiveInterface) -> NDArray[np.bool_]:
     history, law = active.history, active.law
     if not law.inelastic:
         return np.ones(len(active.quadrature.weights), dtype=bool)
-    bonded = history.softening < _GONE * law.strength if law.has_bond else False
+    bonded = history.softening < _LOST * law.strength if law.has_bond else False
     return bonded | (dot(history.traction, active.quadrature.normal) < 0)
 
 
 def _box(problem: Problem, cells: NDArray[np.intp]) -> NDArray[np.float64]:
     """Lowest and highest coordinates of cells, over all ranks (2, d); collective [mm]."""
-    d = problem.mesh.geometry.dim
-    x = problem.mesh.geometry.x[problem.mesh.geometry.dofmap[cells].ravel(), :d]
-    ends = np.array([-x, x]).max(axis=1, initial=-np.inf)
-    return np.max(problem.comm.allgather(ends), axis=0) * [[-1], [1]]
+    geometry = problem.mesh.geometry
+    x = geometry.x[geometry.dofmap[cells].ravel(), : geometry.dim]
+    return global_box(problem.comm, x)
 
 
 def _loose(
@@ -173,7 +172,7 @@ def _loose(
         works = np.einsum("mpi,kpi->pmk", m, m)[apart]
         for side in label[cells[apart]].T:
             np.add.at(gram, np.searchsorted(parts, side), works)
-    gram = _with_faces(problem, label, parts, comm.allreduce(gram))
+    gram = _with_faces(problem, label, parts, global_sum(comm, gram))
     result = []
     for part, matrix in zip(parts, gram, strict=True):
         if motions := _free_motions(matrix, problem):
