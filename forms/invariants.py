@@ -147,6 +147,6 @@ class InvariantChain:
         """sum_p weights_p G_a(p) and its derivative by F."""
 
         def dot(values: Sequence[Expr]) -> Expr:
-            return sum(w * value for w, value in zip(weights, values, strict=True))
+            return sum(w * value for w, value in zip(weights, values, strict=True) if w != 0)
 
         return [dot(G) for G in self._G], [[dot(row) for row in B] for B in self._B]

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.problems import MATERIALS, joined
+from support.problems import MATERIALS, couple, joined, pressed
 from support.scenes import everywhere, tag_cells, two_blocks, unit_box
 
 import vmdg
 from vmdg.base.parallel import global_max
+from vmdg.linear.system import AssembledSystem
 
 LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.4)
 LAWS = {
@@ -156,3 +157,38 @@ def test_elastic_steps_need_no_flexibility(comm):
     assert not result.history["iterations"].any()
     assert result.counts.condensed == 0
     assert not any(timing.name == "flexibility at points" for timing in result.timings)
+
+
+def test_last_tangent_again(comm):
+    """A last tangent serves where the state has changed, with the motion of a rigid face and all
+    right-hand sides but the first."""
+    scene = two_blocks(comm, "quadrilateral", 3)
+    problem = couple(scene, LAW, MATERIALS)
+    problem.dirichlet(scene.facet_tags.find(1), 0.0)
+    problem.rigid_face(scene.facet_tags.find(2), "y", force=lambda t: 5.0 * t)
+    system = AssembledSystem(problem, None)
+    forces = 1.0 + problem.step.assemble_residual()
+    nothing = np.zeros_like(forces)
+    first = system.solve([forces, 2 * forces], [nothing, nothing], 1e-10)
+    problem.u.x.array[:] = 0.02 * np.sin(np.arange(len(problem.u.x.array)))
+    problem.step.assemble_residual()
+    system.lags = True
+    again = system.solve([3 * forces, nothing], [nothing, nothing], 1e-10)
+    assert_same(comm, [3 * first[0], first[1]], again, rel=1e-12)
+    system.lags = False
+    fresh = system.solve([3 * forces], [nothing], 1e-10)[0]
+    assert global_max(comm, np.abs(fresh - again[0]).max(initial=0.0)) > 1e-3
+    system.free()
+
+
+def test_steps_end_with_the_last_tangent(comm):
+    """Where one more correction with the last tangent ends a step, it has none of its own."""
+    ends, spared = [], []
+    for tolerance in (1e-8, 1e-12):
+        problem = pressed(comm, "quadrilateral", LAWS["viscous"], opening=0.02)
+        result = vmdg.solve(problem, FIVE, vmdg.SolveOptions(relative_tolerance=tolerance))
+        assert not result.failures
+        spared.append(result.counts.solves - result.counts.tangents)
+        ends.append(problem.u.x.array.copy())
+    assert spared == [5, 0]
+    assert_same(comm, ends[:1], ends[1:], rel=1e-8)

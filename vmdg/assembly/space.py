@@ -200,7 +200,7 @@ def at_owners(space: fem.FunctionSpace, vector: NDArray[np.float64]) -> NDArray[
         space: Its space.
         vector: Over local dofs.
     """
-    total = fem.Function(space).x
+    total = la.vector(space.dofmap.index_map, space.dofmap.index_map_bs)
     total.array[:] = vector
     total.scatter_reverse(la.InsertMode.add)
     return total.array[: space.dofmap.index_map.size_local * space.dofmap.index_map_bs]

@@ -73,8 +73,8 @@ class Capacitance:
         iterations: Krylov iterations so far, on systems of many gaps.
     """
 
-    #: Bodies of small strain do not buckle.
-    unstable, drag = False, 0.0
+    #: Bodies of small strain do not buckle, and their factors serve always.
+    unstable, drag, lags = False, 0.0, False
 
     def __init__(self, problem: Problem, max_direct: int = MAX_DIRECT):
         self._problem, self._comm, self._max_direct = problem, problem.comm, max_direct

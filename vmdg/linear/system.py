@@ -40,11 +40,13 @@ class System(Protocol):
     Attributes:
         norm: Infinity norm of the first tangent, prescribed rows included [N/mm].
         drag: What is added to the diagonal of K, relative to the norm; for finite strain only.
+        lags: Whether the last K serves once more, with all right-hand sides but the first.
         iterations: Krylov iterations so far.
     """
 
     norm: float
     drag: float
+    lags: bool
 
     @property
     def iterations(self) -> int: ...
@@ -94,9 +96,10 @@ class AssembledSystem:
     Attributes:
         norm: Infinity norm of the first tangent, prescribed rows included [N/mm].
         drag: What is added to the diagonal of K, relative to the norm; for finite strain only.
+        lags: Whether the last K serves once more, with all right-hand sides but the first.
     """
 
-    drag = 0.0
+    drag, lags = 0.0, False
 
     def __init__(self, problem: Problem, petsc: Petsc | None):
         linear = linear_options(problem, petsc)
@@ -123,6 +126,9 @@ class AssembledSystem:
         self._prescribed = np.concatenate([loading.owned_prescribed, self._faces])
         self._released = False
         self._last: list[Array] = []
+        # What the last K makes of motions, what it answers them by, and what it was solved for.
+        self._works = self._moving = self._motions
+        self._found: list[Array] = []
 
     def _release_means(self, prescribed: NDArray[np.int32]) -> None:
         """Take the means that are not prescribed as motions besides those of rigid faces."""
@@ -143,19 +149,22 @@ class AssembledSystem:
 
     def solve(self, forces: Sequence[Array], moved: Sequence[Array], rtol: float) -> list[Array]:
         """Solve K.du = forces for several right-hand sides; collective."""
+        if self.lags:
+            first = self._solve_held(forces[:1], moved[:1], rtol)
+            self._found = self._release(np.array(forces[:1]), first) + self._found[1:]
+            return self._found
         if not self._linear.coarsened and self._apart:
             self._coarsen()
         self._discretization.assemble_tangent(self._matrix)
         self.norm = self.norm or self._matrix.norm(PETSc.NormType.NORM_INFINITY)
         if self.drag:
             self._matrix.shift(self.drag * self.norm)
-        if not len(self._motions):
-            return self._solve_held(forces, moved, rtol)
-        works = self._works(self._motions)
-        found = self._solve_held(
-            [*forces, *np.zeros_like(self._motions)], [*moved, *self._motions], rtol
-        )
-        return self._release(works, np.array(forces), np.array(found))
+        self._works = self._works_of(self._motions)
+        right = [*forces, *np.zeros_like(self._motions)], [*moved, *self._motions]
+        held = self._solve_held(*right, rtol)
+        self._moving = np.array(held[len(forces) :])
+        self._found = self._release(np.array(forces), held[: len(forces)])
+        return self._found
 
     def _coarsen(self) -> None:
         """Coarsen every body for itself, as if the interfaces that can fail had failed; collective.
@@ -172,9 +181,12 @@ class AssembledSystem:
     def _solve_held(
         self, forces: Sequence[Array], moved: Sequence[Array], rtol: float
     ) -> list[Array]:
-        """As :meth:`solve`, rigid faces prescribed."""
-        right = [f - self._lift(du) for f, du in zip(forces, moved, strict=True)]
-        self._matrix.zeroRowsColumnsLocal(self._prescribed, 1.0)
+        """As :meth:`solve`, rigid faces prescribed; with the last K prescribed dofs are to be where
+        they shall be, as its columns for them are gone."""
+        right = list(forces)
+        if not self.lags:
+            right = [f - self._lift(du) for f, du in zip(forces, moved, strict=True)]
+            self._matrix.zeroRowsColumnsLocal(self._prescribed, 1.0)
         # The response to a load changes little from one correction to the next.
         found, last = [], [None, *self._last[1:]] + [None] * len(right)
         for f, du, guess in zip(right, moved, last, strict=False):
@@ -185,7 +197,8 @@ class AssembledSystem:
             found.append(self._x.array.copy())
             # No force brings a face back into its shape after a Krylov method.
             found[-1][self._faces] = du[self._faces]
-        self._last = found
+        if not self.lags:
+            self._last = found
         if not self._automatic:
             warn_of_unused(self._linear.chosen)
         return found
@@ -198,11 +211,11 @@ class AssembledSystem:
             motions: T^T over owned dofs (k, owned).
         """
         self._discretization.assemble_tangent(self._matrix)
-        works = self._works(motions)
+        works = self._works_of(motions)
         found = self._solve_held(np.zeros_like(motions), motions, PRECISE)
         return global_sum(self._comm, works @ np.array(found).T)
 
-    def _works(self, motions: Array) -> Array:
+    def _works_of(self, motions: Array) -> Array:
         """Rows T^T.K of motions, over owned dofs (k, owned)."""
         rows = np.empty_like(motions)
         for row, motion in zip(rows, motions, strict=True):
@@ -219,7 +232,7 @@ class AssembledSystem:
         works = global_sum(self._comm, motions[: self._rigid] @ self._of_gradient(unit))
         rows[: self._rigid] += np.outer(works, unit)
 
-    def _release(self, works: Array, forces: Array, found: Array) -> list[Array]:
+    def _release(self, forces: Array, at_rest: list[Array]) -> list[Array]:
         """Let rigid faces move until the forces on them are those given; collective.
 
         With du_0 of faces at rest and du_k of unit motions k of them, in which no force is given,
@@ -231,8 +244,9 @@ class AssembledSystem:
         cell that has come apart resists some components of its mean gradient no more, but for
         rounding; they stay.
         """
-        count = len(forces)
-        at_rest, moving = found[:count], found[count:]
+        if not len(self._motions):
+            return at_rest
+        at_rest, moving, works = np.array(at_rest), self._moving, self._works
         stiffness, loads = np.split(
             global_sum(
                 self._comm,

@@ -75,8 +75,7 @@ def linear_tolerance(norms: list[float], goal: float) -> float:
     """
     # Below the goal a residual may be zero, where the control asks for more than equilibrium.
     sizes = [max(norm, goal) for norm in norms[-2:]]
-    eta = MAX_RTOL if len(sizes) < 2 else 0.9 * (sizes[1] / sizes[0]) ** 2
-    eta = min(max(eta, MIN_RTOL), MAX_RTOL)
+    eta = min(max(0.9 * (sizes[-1] / sizes[0]) ** 2, MIN_RTOL), MAX_RTOL)
     needed = min(0.3 * goal / sizes[-1], MAX_RTOL)
     return needed if needed > CLOSE * eta else eta
 
@@ -140,7 +139,7 @@ class Newton:
         problem, krylov, scales = self._problem, self._system.iterations, self._problem.step.scales
         self._control, self._dt, self._norms = control, dt, []
         self._goal, self._tolerance, self._unstable = np.nan, MAX_RTOL, False
-        self._at_rest = problem.step.start.u
+        self._at_rest, self._system.lags = problem.step.start.u, False
         self._system.drag = DRAG * problem.step.drag if control.moves else HELD * scales.held
         with timer("predictor"):
             self._predict(ahead)
@@ -311,8 +310,7 @@ class Newton:
             f.set(np.nan)
             return
         problem, u = self._problem, self._problem.u.x
-        t = self._comm.bcast(float(x.array_r[-1]) if self._comm.rank == 0 else None)
-        self._set_parameter(t)
+        self._set_parameter(self._comm.bcast(float(x.array_r[-1]) if not self._comm.rank else None))
         u.array[: self.owned] = x.array_r[: self.owned]
         u.scatter_forward()
         problem.step.assemble_residual(self._dt)
@@ -338,6 +336,8 @@ class Newton:
         if self._stalled():
             return reasons.DIVERGED_LOCAL_MIN
         self._tolerance = linear_tolerance(self._norms, goal)
+        # By quadratic convergence a tangent leaves twice the share it has left; surely 20 times.
+        self._system.lags = goal < residual and 20 * residual**2 <= goal * self._norms[-2:][0]
         return reasons.ITERATING
 
     def _stalled(self) -> bool:
