@@ -8,7 +8,7 @@ import pytest
 import verification
 from studies.delamination import beams as delamination
 from studies.delamination.laminate import ALFANO_CRISFIELD
-from studies.verification import checks, partial_slip
+from studies.verification import checks, partial_slip, shear_lag
 
 from vmdg.meshes import beams, core_and_ring
 
@@ -38,6 +38,14 @@ def test_closed_forms(comm, out):
     assert checks["partial slip", "slip [mm]"].error < 1e-2
     comm.barrier()
     assert (out / "verification.md").read_text().count("\n") == len(checks) + 2
+
+
+@pytest.mark.parametrize("layers", [32, 80])
+def test_points_that_slide_one_by_one(layers):
+    """The point between sliding up and down travels by one a correction and the residual hardly
+    falls: attempts that are given up then fail at every size of the step."""
+    for check in shear_lag.push_out(layers):
+        assert check.error < (1 / 6 if "5.6" in check.case else 0.05), check
 
 
 def test_partial_slip_is_elastic_equilibrium():

@@ -334,6 +334,7 @@ class Arrival(Work):
     most: float = math.inf
     kink: bool = True
     _before: tuple[float, float] = field(default=(0.0, 0.0), init=False, repr=False)
+    _sided: tuple[bool | None, float] = field(default=(None, 1.0), init=False, repr=False)
 
     def __post_init__(self):
         super().__post_init__()
@@ -344,7 +345,9 @@ class Arrival(Work):
         if self.work is None:
             return t == self.target
         left, last = self.target - t, self._before
-        if left * (self.target - self.start) > 0:
+        short = left * (self.target - self.start) > 0
+        self._sided = short, self._sided[1] / 2 if short == self._sided[0] else 1.0
+        if short:
             self._before = work, t
         else:
             self.beyond = work, t
@@ -358,7 +361,10 @@ class Arrival(Work):
                 return True
             self.work = D + min(left / slope, D)
         else:
-            share = (self.target - t) / (t_next - t)
+            # A side that stays counts for half, and so forth (Illinois; Dowell and Jarratt 1971).
+            sides = [self.target - t, t_next - self.target]
+            sides[short] *= self._sided[1]
+            share = sides[0] / sum(sides)
             self.work = D + (D_next - D) * min(max(share, 0.05), 0.95)
         stable = self._gradient * (self.target - self.start) > 0
         if stable and abs(self._gradient * left) <= NEAR * work:

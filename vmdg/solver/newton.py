@@ -41,7 +41,7 @@ MAX_RTOL, MIN_RTOL, CLOSE = 1e-4, 1e-6, 0.1
 
 #: The kind of line search is chosen in every step; backtracking halves a correction, and gives up.
 KIND = "snes_linesearch_type"
-LINE_SEARCH = {"snes_linesearch_order": 1, "snes_linesearch_max_it": 8}
+LINE_SEARCH = {"snes_linesearch_order": 1, "snes_linesearch_max_it": 6}
 
 #: Displacements in sizes of the body, and residual relative to the largest force, beyond which an
 #: iteration is given up.
@@ -52,9 +52,9 @@ MAX_DISPLACEMENT, DIVERGED = 1e6, 1e4
 #: holds a piece that nothing else does.
 MIN_DRAG, DRAG_INCREMENT, DRAG, HELD = -0.5, 1e-6, 1e-3, 1e-7
 
-#: An attempt is given up if two corrections leave more than this share of the residual by
-#: backtracking, or if full steps go round in circles: so many of them leave all of it.
-STALLED, CYCLE, LENGTHS = 0.98, 1e-3, (2, 3, 4)
+#: An attempt is given up if so many corrections leave more than this share of the residual by
+#: backtracking (points may go from stick to slip one by one), or if full steps go round in circles.
+PATIENCE, STALLED, CYCLE, LENGTHS = 5, 0.98, 1e-3, (2, 3, 4)
 
 _REASONS = {
     value: name
@@ -344,10 +344,10 @@ class Newton:
         """Whether the last corrections have changed nothing."""
         norms = self._norms
         # At an equilibrium on the way residuals are rounding, alike or not.
-        if len(norms) < 5 or norms[-1] <= self._goal:
+        if len(norms) <= PATIENCE or norms[-1] <= self._goal:
             return False
         if self._backtracks:
-            return norms[-1] > STALLED * norms[-3]
+            return norms[-1] > STALLED * norms[-1 - PATIENCE]
         return any(abs(norms[-1] - norms[-1 - n]) < CYCLE * norms[-1] for n in LENGTHS)
 
     def destroy(self) -> None:

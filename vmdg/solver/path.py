@@ -280,7 +280,8 @@ class Path:
         t = self._problem.t
         if stage.ahead(t, stage.target) > 0:
             return "TARGET_PASSED"
-        if self._jumped(before, report):
+        far = report.work > self._most or stage.ahead(before.t, t) > 0
+        if far and self._jumped(before, report):
             return "JUMPED"
         if stage.ahead(stage.start, t) > stage.span and not self._problem.loading.as_given(t):
             return "PROGRAMME_LEFT"
@@ -300,9 +301,7 @@ class Path:
         )
 
     def _jumped(self, before: Snapshot, report: StepReport) -> bool:
-        """Whether a step that broke much has passed a snap: energy was released in it."""
-        if report.work <= self._most:
-            return False
+        """Whether a step that broke much or went back has passed a snap: it released energy."""
         step, now = self._problem.step, self._problem.step.snapshot()
         released = self._problem.energy().imbalance - global_sum(self._problem.comm, step.within)
         step.return_to(before)
@@ -322,14 +321,11 @@ class Path:
             cuts: Attempts that have failed.
             passed: How a step went that has passed the target, and its load factor.
         """
-        t, ahead = self._problem.t, self._ahead
+        t, ahead, way = self._problem.t, self._ahead, (stage.target, stage.span)
         if passed is not None:
             report, beyond = passed
             first = (stage.target - t) / (beyond - t) * report.work
-            arrival = Arrival(
-                stage.target, stage.span, first, start=t, beyond=(report.work, beyond)
-            )
-            return arrival, report.change
+            return Arrival(*way, first, start=t, beyond=(report.work, beyond)), report.change
         by_load = cuts > 0 or not self._breaking or (stage.back and t == stage.start)
         if not stage.follows or (cuts % 2 == 0 and by_load):
             return Control(end, stage.span), ahead
@@ -337,17 +333,16 @@ class Path:
         within = CUT ** (cuts // 2 + 1) if cuts else 1.0
         if self._spent == 0 or ahead is None:
             bends = self._spent == 0 and not self._kink and stage.arcs < MAX_STEPS
-            way = within, self._kink, bends, self._reach
-            return Work(stage.target, stage.span, self._work, *way), ahead if bends else None
+            work = Work(*way, self._work, within, self._kink, bends, self._reach)
+            return work, ahead if bends else None
         if cuts == 0 and ahead.t * (stage.target - t) > 0:
             needed = (stage.target - t) / ahead.t * self._spent
             if needed <= self._work:
-                most = 4 * self._work
-                return Arrival(stage.target, stage.span, needed, start=t, most=most), ahead
+                return Arrival(*way, needed, start=t, most=4 * self._work), ahead
             if needed < 2 * self._work:
                 # Two equal steps rather than a short one to the target.
-                return Work(stage.target, stage.span, needed / 2, within, kink=True), ahead
-        return Work(stage.target, stage.span, self._work, within, kink=cuts == 0), ahead
+                return Work(*way, needed / 2, within, kink=True), ahead
+        return Work(*way, self._work, within, kink=cuts == 0), ahead
 
     def _complaint(self, start: float, end: float, report: StepReport) -> str:
         norms = ", ".join(f"{norm:.3g}" for norm in report.norms[-4:]) or "none"
