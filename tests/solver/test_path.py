@@ -244,6 +244,8 @@ class Springs:
         return float((np.maximum(self.k * u + self.c * t - 1, 0) ** 2).sum())
 
     def bond_work(self, start, direction, length) -> float:
+        if direction is None:
+            return self.work(start.u, start.t)
         return self.work(start.u + length * direction.u, start.t + length * direction.t)
 
     def size(self, direction) -> float:
@@ -335,7 +337,8 @@ class Rounded:
 
     def bond_work(self, start, direction, length):
         """D, some 1e-17 beside the state."""
-        self.go(start, direction, length)
+        if direction is not None:
+            self.go(start, direction, length)
         return max(self._t - 2.0, 1e-17 if 0 < abs(self._t) < 1e-3 else 0.0)
 
     def size(self, direction):
@@ -356,7 +359,8 @@ class Resting(Rounded):
 
     def bond_work(self, start, direction, length):
         """D, whose last digits say nothing."""
-        self.go(start, direction, length)
+        if direction is not None:
+            self.go(start, direction, length)
         return 0.3 * (1 + 1e-14 * math.sin(1e12 * self._t)) + max(self._t - 2.0, 0.0)
 
 

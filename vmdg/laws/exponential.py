@@ -22,8 +22,8 @@ from .base import (
 from .extrinsic import RadialLaw
 from .roots import increasing_root
 
-#: g with exp(-g) = 0 in floating point.
-_GONE = 800.0
+#: g with exp(-g) = 0 in floating point, and the smallest number there is a logarithm of.
+_GONE, _TINY = 800.0, float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True)
@@ -261,22 +261,25 @@ class IntrinsicExponential(Law):
 
     def _opening_of(self, integrity: Array) -> Array:
         """y with exp(-y) = 1 - d."""
-        return -np.log(np.maximum(integrity, np.finfo(float).tiny))
+        return -np.log(np.maximum(integrity, _TINY))
 
     def _grown_opening(self, load: Array, r: Array, y_n: Array, eta: float, limit: Array) -> Array:
         """Root y of the equation of the class docstring, a = `limit`, where damage grows."""
+        K = self.stiffness
 
         def imbalance(y: Array) -> tuple[Array, Array]:
             decay = np.exp(-y)
-            elastic = self.stiffness * decay
-            rated, bound = eta * (y - y_n), limit * self.stiffness * y
+            elastic = K * decay
+            value, slope = (r + elastic) * y - load, r + elastic * (1.0 - y)
+            if eta == 0.0:
+                return value, slope
+            rated, bound = eta * (y - y_n), limit * K * y
             V = np.minimum(rated, bound)
-            V_slope = np.where(rated < bound, eta, limit * self.stiffness) - V
-            value = (r + elastic) * y + decay * V - load
-            return value, r + elastic * (1.0 - y) + decay * V_slope
+            V_slope = np.where(rated < bound, eta, limit * K) - V
+            return value + decay * V, slope + decay * V_slope
 
         upper = load / r
-        return increasing_root(imbalance, load / (r + self.stiffness + eta), upper, start=upper)
+        return increasing_root(imbalance, load / (r + K + eta), upper, start=upper)
 
     def _undissipated(self, integrity: Array) -> Array:
         """Energy still to dissipate in opening, N/mm: G_c (1 - d) (y^2/2 + y + 1), e^-y = 1 - d."""

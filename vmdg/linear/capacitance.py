@@ -238,6 +238,10 @@ class Capacitance:
         if self._system is None:
             self._system = self._make_system()
         with timer("condensed solve"):
+            if self._comm.size == 1:  # nothing to pickle
+                gaps = self._system.solve(D, right)
+                self.iterations = self._system.iterations
+                return gaps
             parts, answers = self._comm.gather((D, right)), None
             if parts is not None:
                 D, right = (np.concatenate(ranks) for ranks in zip(*parts, strict=True))

@@ -55,7 +55,7 @@ class Trials(Protocol):
 
     def place(self) -> Direction: ...
     def go(self, start: Direction, direction: Direction, length: float) -> None: ...
-    def bond_work(self, start: Direction, direction: Direction, length: float) -> float: ...
+    def bond_work(self, start: Direction, way: Direction | None, length: float) -> float: ...
     def size(self, direction: Direction) -> float: ...
     def product(self, one: Direction, other: Direction) -> float: ...
 
@@ -181,7 +181,7 @@ class Work(Control):
         self._origin = self._origin or start
         if self.arc is not None:
             return self._along_arc(trials, start, zero, one)
-        D, middle = self._worked(trials, start, zero, 0.0), Direction(start.u + zero.u, start.t)
+        D, middle = self._worked(trials, start, None, 0.0), Direction(start.u + zero.u, start.t)
         if self.onset is not None:
             self.onset = self._begin_of_damage(trials, middle, one)
             return self.onset
@@ -245,10 +245,7 @@ class Work(Control):
         a, b = trials.product(one, one), trials.product(after, one)
         root = math.sqrt(max(b * b - a * (trials.product(after, after) - self.arc**2), 0.0))
         forward = before if trials.size(before) > 0 else self._forward
-        if forward is None:
-            along = self.target - start.t
-        else:
-            along = trials.product(forward, one)
+        along = trials.product(forward, one) if forward else self.target - start.t
         length = (-b + math.copysign(root, along)) / a
         left = self.target - start.t
         if length * left > 0 and abs(length) >= abs(left):
@@ -258,14 +255,14 @@ class Work(Control):
         return length
 
     def _worked(
-        self, trials: Trials, start: Direction, direction: Direction, length: float
+        self, trials: Trials, start: Direction, way: Direction | None, length: float
     ) -> float:
         """D for its gradient: work on bonds there, 0 where it is rounding; collective [N mm].
 
         At an equilibrium that a run has reached before, points that were breaking are on their
         yield surface but for rounding, and their work of 1e-17 would give D a gradient.
         """
-        work = trials.bond_work(start, direction, length)
+        work = trials.bond_work(start, way, length)
         return work if work > ROUNDING * self.work else 0.0
 
     def _limit(self, foreseen: float) -> bool:
@@ -303,7 +300,7 @@ class Work(Control):
 
     def _reach(self, trials: Trials, start: Direction, direction: Direction, end: float) -> float:
         """Length of a direction at which D is dD, at most ``end``."""
-        sought = (trials, start, direction, self.work)
+        sought = (trials, start, direction, self.work, {})
         if end == 0 or _excess(0.0, *sought) >= 0:
             return 0.0
         if _excess(end, *sought) <= 0:
@@ -313,10 +310,12 @@ class Work(Control):
 
 
 def _excess(
-    length: float, trials: Trials, start: Direction, direction: Direction, work: float
+    length: float, trials: Trials, start: Direction, way: Direction, work: float, known: dict
 ) -> float:
-    """Work on bonds at a length of a direction beyond dD; collective [N mm]."""
-    return trials.bond_work(start, direction, length) - work
+    """Work on bonds at a length of a direction beyond dD, asked for once; collective [N mm]."""
+    if length not in known:
+        known[length] = trials.bond_work(start, way, length) - work
+    return known[length]
 
 
 @dataclass

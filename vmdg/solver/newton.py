@@ -230,10 +230,11 @@ class Newton:
             # Not along a line: as prescribed at the end.
             u.array[loading.prescribed] = loading.prescribed_values(self._problem.t)
 
-    def bond_work(self, start: Direction, direction: Direction, length: float) -> float:
-        """Work on bonds if the step ended there; the state is moved there [N mm]."""
-        self.go(start, direction, length)
-        return self._problem.step.bond_work(self._dt)
+    def bond_work(self, start: Direction, way: Direction | None, length: float) -> float:
+        """Work on bonds if the step ended there, where the state is moved; None: here [N mm]."""
+        if way is not None:
+            self.go(start, way, length)
+        return self._problem.step.bond_work(None if way is None else self._dt)
 
     def size(self, direction: Direction) -> float:
         """Norm of the displacement [mm]."""
