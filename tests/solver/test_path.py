@@ -354,6 +354,28 @@ def test_rounding_is_no_gradient():
     assert step == control.onset == pytest.approx(2.0, abs=1e-6)
 
 
+class TurnedInside(Springs):
+    """Springs whose cells turn inside out for t > .8: no number."""
+
+    reached = math.nan
+
+    def work(self, u, t):
+        """D."""
+        return super().work(u, t) if t <= 0.8 else math.nan
+
+    def go(self, start, direction, length):
+        """Note how far."""
+        self.reached = length
+
+
+@pytest.mark.parametrize(("work", "end"), [(1.5, 0.543), (100.0, 0.8)])
+def test_first_guess_stays_where_cells_are_not_inside_out(work, end):
+    """On to the work that is asked for, or as far as there are numbers."""
+    springs = TurnedInside()
+    assert Work(10.0, 10.0, work, kink=True).extrapolate(springs, Direction(np.ones(2), 1.0))
+    assert springs.reached == pytest.approx(end, abs=0.05)
+
+
 class Resting(Rounded):
     """Bonds that have broken, and break again from t = 2 on: sums of their work are rounded."""
 

@@ -312,9 +312,9 @@ class Work(Control):
 def _excess(
     length: float, trials: Trials, start: Direction, way: Direction, work: float, known: dict
 ) -> float:
-    """Work on bonds at a length of a direction beyond dD, asked for once; collective [N mm]."""
+    """D - dD at a length of a direction, asked for once; no number is too far; collective."""
     if length not in known:
-        known[length] = trials.bond_work(start, way, length) - work
+        known[length] = np.nan_to_num(trials.bond_work(start, way, length) - work, nan=np.inf)
     return known[length]
 
 

@@ -41,7 +41,7 @@ MAX_RTOL, MIN_RTOL, CLOSE = 1e-4, 1e-6, 0.1
 
 #: The kind of line search is chosen in every step; backtracking halves a correction, and gives up.
 KIND = "snes_linesearch_type"
-LINE_SEARCH = {"snes_linesearch_order": 1, "snes_linesearch_max_it": 6}
+LINE_SEARCH = {"snes_linesearch_order": 1, "snes_linesearch_max_it": 8}
 
 #: Displacements in sizes of the body, and residual relative to the largest force, beyond which an
 #: iteration is given up.
@@ -54,7 +54,7 @@ MIN_DRAG, DRAG_INCREMENT, DRAG, HELD = -0.5, 1e-6, 1e-3, 1e-7
 
 #: An attempt is given up if so many corrections leave more than this share of the residual by
 #: backtracking (points may go from stick to slip one by one), or if full steps go round in circles.
-PATIENCE, STALLED, CYCLE, LENGTHS = 5, 0.98, 1e-3, (2, 3, 4)
+PATIENCE, STALLED, CYCLE, LENGTHS = 4, 0.98, 1e-3, (2, 3, 4)
 
 _REASONS = {
     value: name
