@@ -11,7 +11,7 @@ from support.problems import joined
 from support.scenes import LEFT, two_blocks
 
 import vmdg
-from vmdg.problem.supports import hanging_piece
+from vmdg.problem.supports import hanging_piece, hold_pieces
 
 BOND = vmdg.Debonding(strength=10.0, critical_gap=0.05)
 
@@ -59,12 +59,17 @@ def test_pressed_points_hold(comm):
 
 
 def test_held_where_it_comes_to_rest(comm):
-    """A block on one point goes along with it, unstrained, and the run warns of it once."""
+    """A block on one point goes along with it, unstrained, and the run warns of it once.
+
+    Without a drag rounding says whether the tangent has a negative eigenvalue, and a step fails.
+    """
     problem = worn(comm, "quadrilateral", lambda x: x[1] < 0.2, lambda t: (0.0, t))
     told = "Against rotation nothing holds a piece .* From load factor 0 on a drag"
     with pytest.warns(vmdg.ModelWarning, match=told) if comm.rank == 0 else nullcontext() as said:
+        assert hold_pieces(problem)
         options = vmdg.SolveOptions(unstable="trace")
         history = vmdg.solve(problem, [0.05, 0.1, 0.15], options).history
+        assert not hold_pieces(problem)
     assert comm.rank > 0 or len(said) == 1
     assert list(history["load"]) == [0.05, 0.1, 0.15]
     point = problem.state[0]
@@ -74,10 +79,11 @@ def test_held_where_it_comes_to_rest(comm):
 
 @pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")  # of the load and the drag
 def test_told_where_a_step_fails(comm):
-    """The failure of a step names the piece."""
+    """The failure of a step names the piece, which has been held from the first attempt on."""
     problem = worn(comm, "quadrilateral", lambda x: x[1] < 0.2)
     problem.body_force(lambda t: np.array([0.0, 100 * t]))
     options = vmdg.SolveOptions(max_cuts=0, max_iterations=0)
     told = "residuals: .* N.\\) Against rotation nothing holds"
     with pytest.raises(vmdg.StepFailure, match=told):
         vmdg.solve(problem, [1.0], options)
+    assert problem.step.scales.held
