@@ -22,9 +22,12 @@ from vmdg.linear.ksp import (
     GMRES_LU,
     LDLT,
     LU,
+    MAX_RTOL,
+    MIN_RTOL,
     LinearSolver,
     automatic_options,
     destroy,
+    linear_tolerance,
     make_ksp,
 )
 from vmdg.solver.result import Counts
@@ -251,3 +254,17 @@ def test_factors_after_a_failure(options):
     solver.solve(b, x, 1e-6)
     matrix.mult(x, b)
     assert b.array == pytest.approx(np.ones(100), abs=1e-12)
+
+
+def test_linear_tolerance():
+    """Looser while the residual falls slowly, never more exact than the step still needs."""
+    assert linear_tolerance([1.0, 0.9], 1e-12) == MAX_RTOL
+    assert linear_tolerance([1.0, 1e-4], 1e-12) == MIN_RTOL
+    assert linear_tolerance([1.0], 0.9) == MAX_RTOL
+
+
+def test_linear_tolerance_ends_the_step():
+    """A correction that may end the step is made to: not by how far a Krylov method overshoots."""
+    for size in np.geomspace(1e-9, 1.0, 91):
+        left = linear_tolerance([1.0, size], 1e-6) * size
+        assert left <= 0.03e-6 * (1 + 1e-9) or left >= 30e-6 * (1 - 1e-9)

@@ -14,7 +14,7 @@ import vmdg
 from vmdg.base.parallel import global_max
 from vmdg.solver.control import Control
 from vmdg.solver.jump import CUT, FIRST_OVERSTRESS, jump
-from vmdg.solver.path import Path, summit
+from vmdg.solver.path import Path
 from vmdg.solver.report import StepReport
 from vmdg.solver.result import Result
 from vmdg.solver.stepper import Stepper
@@ -191,14 +191,3 @@ def test_jump_at_the_given_load(comm):
     assert [reason.split()[0] for _, reason in result.failures].count("JUMP_FAILED") == 1
     assert abs(stepper.problem.mean(0).traction[0]) < 1e-6 * STRENGTH
     stepper.close()
-
-
-def test_summit():
-    """Between two lines the kink itself; of a smooth function its top, bounded from above."""
-    kinked = [(x, min(2 * x, 1 - 0.5 * x)) for x in (0.0, 0.3, 0.6, 0.9, 1.2)]
-    assert summit(kinked) == pytest.approx((0.4, 0.8), rel=1e-12)
-    smooth = [(x, -((x - 0.4) ** 2)) for x in (0.0, 0.3, 0.6, 0.9, 1.2)]
-    x, height = summit(smooth)
-    assert 0 < x < 0.6
-    assert height > 0
-    assert summit(smooth[1:3]) == (pytest.approx(0.45), np.inf)

@@ -13,7 +13,6 @@ from support.bar import CRITICAL_GAPS, LOADS, STRENGTH
 import vmdg
 from vmdg.meshes import blocks
 from vmdg.solver.control import Control, Direction, Work
-from vmdg.solver.newton import MAX_RTOL, MIN_RTOL, linear_tolerance
 
 SHARP = {"relative_tolerance": 1e-11, "energy": True}
 
@@ -285,20 +284,6 @@ def test_onset_of_damage_ends_the_step():
     first = (1 / (springs.k * one.u + springs.c)).min()
     assert change == pytest.approx(first, abs=1e-7)
     assert control.onset == change
-
-
-def test_linear_tolerance():
-    """Looser while the residual falls slowly, never more exact than the step still needs."""
-    assert linear_tolerance([1.0, 0.9], 1e-12) == MAX_RTOL
-    assert linear_tolerance([1.0, 1e-5], 1e-12) == MIN_RTOL
-    assert linear_tolerance([1.0], 0.9) == MAX_RTOL
-
-
-def test_linear_tolerance_ends_the_step():
-    """A correction that may end the step is made to: not by how far a Krylov method overshoots."""
-    for size in np.geomspace(1e-9, 1.0, 91):
-        left = linear_tolerance([1.0, size], 1e-6) * size
-        assert left <= 0.3e-6 * (1 + 1e-9) or left >= 3e-6 * (1 - 1e-9)
 
 
 def test_until(comm):

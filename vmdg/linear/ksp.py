@@ -97,6 +97,15 @@ MAX_DIRECT, MAX_FACTORED = 3_000, 10_000
 #: dofs in 3D: 1.8 s against 52 ms, .25 s against 13 ms.
 FACTORIZATION, COARSENING = 35, 20
 
+#: Loosest and tightest relative tolerance of iterative linear solves. Where points change branch a
+#: correction that is not exact leads to another branch.
+MAX_RTOL, MIN_RTOL = 1e-4, 1e-6
+
+#: Share of its goal that the solve of a correction may leave where that ends the step, and how many
+#: times the goal it leaves at least where it does not: in between a step would end or not by how
+#: far a Krylov method overshoots, which depends on the number of ranks.
+ENOUGH, SHORT = 0.03, 30.0
+
 
 def automatic_options(
     problem: Problem, max_direct: int = MAX_DIRECT, max_factored: int = MAX_FACTORED
@@ -132,6 +141,23 @@ def pieces_apart(problem: Problem) -> int:
         return 0
     pieces = count_pieces(problem.space)
     return pieces if pieces <= MAX_PIECES else 0
+
+
+def linear_tolerance(norms: list[float], goal: float) -> float:
+    """Relative tolerance of the next linear solve, as exact as its correction can be.
+
+    Choice 2 of Eisenstat and Walker (1996), .9 (|R_k| / |R_k-1|)^2 within bounds, and no more than
+    the step still needs to end well below its goal (Kelley 1995).
+
+    Args:
+        norms: Residual norms of the step so far.
+        goal: Residual norm at which the step has converged.
+    """
+    # Below the goal a residual may be zero, where the control asks for more than equilibrium.
+    sizes = [max(norm, goal) for norm in norms[-2:]]
+    eta = min(max(0.9 * (sizes[-1] / sizes[0]) ** 2, MIN_RTOL), MAX_RTOL)
+    left = goal / sizes[-1]
+    return min(ENOUGH * left, MAX_RTOL) if eta < SHORT * left else eta
 
 
 class LinearOptions(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,3 +135,8 @@ class RunScales:
     breaking: bool = False
     sense: float = 0.0
     held: bool = False
+
+    def with_forces(self, imbalance: float = 0.0, reaction: float = 0.0) -> RunScales:
+        """With an imbalance, and reactions or loads, that the run has seen [N]."""
+        reaction = max(self.reaction, reaction)
+        return replace(self, force=max(self.force, imbalance, reaction), reaction=reaction)

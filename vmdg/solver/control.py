@@ -72,6 +72,8 @@ class Control:
         onset: Change of the load factor to the onset of damage, a kink at which the step ends; None
             where it ends elsewhere.
         arc: Size of the change of displacement that ends the step; None where it does not [mm].
+        gradient: dD/dlambda at the last correction; 0 where D does not grow, or is not asked for
+            [N mm].
         brakes: Whether an overstress takes the place of the load factor.
     """
 
@@ -81,6 +83,7 @@ class Control:
     moves: bool = field(default=False, kw_only=True)
     onset: float | None = field(default=None, init=False)
     arc: float | None = field(default=None, init=False)
+    gradient: float = field(default=0.0, init=False)
     brakes: ClassVar[bool] = False
 
     def __str__(self) -> str:
@@ -148,7 +151,6 @@ class Work(Control):
     _origin: Direction | None = field(default=None, init=False, repr=False)
     _limited: bool = field(default=False, init=False, repr=False)
     _first: bool = field(default=True, init=False, repr=False)
-    _gradient: float = field(default=0.0, init=False, repr=False)
 
     def __post_init__(self):
         self._limited = self.kink
@@ -197,7 +199,7 @@ class Work(Control):
 
         left = self.target - start.t
         # Where points are about to break D grows to one side only.
-        self._gradient = gradient = slope(one) or slope(one, -1.0)
+        self.gradient = gradient = slope(one) or slope(one, -1.0)
         length = left
         if gradient != 0:
             length = (self.work - D - slope(zero)) / gradient
@@ -325,15 +327,12 @@ class Arrival(Work):
     Attributes:
         start: lambda at the start of the step.
         beyond: D and lambda of an equilibrium beyond the target, if there is one.
-        most: Work at which the step ends before its target [N mm].
     """
 
     start: float = 0.0
     beyond: tuple[float, float] | None = None
-    most: float = math.inf
     kink: bool = True
     _before: tuple[float, float] = field(default=(0.0, 0.0), init=False, repr=False)
-    _sided: tuple[bool | None, float] = field(default=(None, 1.0), init=False, repr=False)
 
     def __post_init__(self):
         super().__post_init__()
@@ -343,30 +342,24 @@ class Arrival(Work):
         """Whether an equilibrium ends the step; if not, dD is another one."""
         if self.work is None:
             return t == self.target
-        left, last = self.target - t, self._before
-        short = left * (self.target - self.start) > 0
-        self._sided = short, self._sided[1] / 2 if short == self._sided[0] else 1.0
-        if short:
+        left, (D, t_D) = self.target - t, self._before
+        if left * (self.target - self.start) > 0:
             self._before = work, t
         else:
             self.beyond = work, t
-        (D, t), (D_next, t_next) = self._before, self.beyond or self._before
         if self.beyond is None:
             # Not there yet: as the last two equilibria lead, but no more than twice as far. A path
-            # that has turned back, or leads on too slowly, ends the step here.
-            D_last, t_last = last
-            slope = (t - t_last) / max(D - D_last, np.finfo(float).tiny)
-            if slope * left <= 0 or work > self.most:
+            # that has turned back ends the step here.
+            slope = (t - t_D) / max(work - D, np.finfo(float).tiny)
+            if slope * left <= 0:
                 return True
-            self.work = D + min(left / slope, D)
+            self.work = work + min(left / slope, work)
         else:
-            # A side that stays counts for half, and so forth (Illinois; Dowell and Jarratt 1971).
-            sides = [self.target - t, t_next - self.target]
-            sides[short] *= self._sided[1]
-            share = sides[0] / sum(sides)
+            (D, t_D), (D_next, t_next) = self._before, self.beyond
+            share = (self.target - t_D) / (t_next - t_D)
             self.work = D + (D_next - D) * min(max(share, 0.05), 0.95)
-        stable = self._gradient * (self.target - self.start) > 0
-        if stable and abs(self._gradient * left) <= NEAR * work:
+        stable = self.gradient * (self.target - self.start) > 0
+        if stable and abs(self.gradient * left) <= NEAR * work:
             self.work = None
         return left == 0
 

@@ -23,21 +23,19 @@ from ..base.timers import timer
 from ..domain.topology import box_sides
 from ..linear.capacitance import solve_contact
 from ..linear.condensation import closes_points
-from ..linear.ksp import destroy, set_options, warn_of_unused
+from ..linear.ksp import MAX_RTOL, destroy, linear_tolerance, set_options, warn_of_unused
 from ..linear.system import make_system
 from ..problem.problem import Problem
+from ..problem.states import RunScales
 from .control import Control, Direction
-from .criterion import MAX_RESIDUAL, Criterion
 from .options import SolveOptions
 from .report import StepReport
 from .turn import turn
 
 Array = NDArray[np.float64]
 
-#: Loosest and tightest relative tolerance of iterative linear solves. Where points change branch a
-#: correction that is not exact leads to another branch. Where so little more ends the step, the
-#: correction is made to: else it ends there or not by rounding.
-MAX_RTOL, MIN_RTOL, CLOSE = 1e-4, 1e-6, 0.1
+#: Residual relative to the largest reaction or load so far that is never small enough.
+MAX_RESIDUAL = 1e-6
 
 #: The kind of line search is chosen in every step; backtracking halves a correction, and gives up.
 KIND = "snes_linesearch_type"
@@ -52,9 +50,9 @@ MAX_DISPLACEMENT, DIVERGED = 1e6, 1e4
 #: holds a piece that nothing else does.
 MIN_DRAG, DRAG_INCREMENT, DRAG, HELD = -0.5, 1e-6, 1e-3, 1e-7
 
-#: An attempt is given up if so many corrections leave more than this share of the residual by
-#: backtracking (points may go from stick to slip one by one), or if full steps go round in circles.
-PATIENCE, STALLED, CYCLE, LENGTHS = 4, 0.98, 1e-3, (2, 3, 4)
+#: An attempt by backtracking is given up if a correction leaves so much more of the residual than
+#: there was, or so many of them more than this share: points may go from stick to slip one by one.
+MORE, PATIENCE, STALLED = 2.0, 4, 0.98
 
 _REASONS = {
     value: name
@@ -63,21 +61,20 @@ _REASONS = {
 }
 
 
-def linear_tolerance(norms: list[float], goal: float) -> float:
-    """Relative tolerance of the next linear solve, as exact as its correction can be.
+def residual_goal(scales: RunScales, tolerance: float, floor: float) -> float:
+    """Norm of the residual on the free dofs at which a step has converged [N].
 
-    Choice 2 of Eisenstat and Walker (1996), .9 (|R_k| / |R_k-1|)^2 within bounds, and no more than
-    the step still needs to end well below its goal (Kelley 1995).
+    It is small against the largest force the run has seen (reactions, loads, or the imbalance a
+    step starts with), a scale that stays when the body has come apart. The imbalance of a step that
+    carries a weak bond far beyond its strength may be larger by orders of magnitude than any force
+    it can bear, so that the residual must also be small against forces that were there.
 
     Args:
-        norms: Residual norms of the step so far.
-        goal: Residual norm at which the step has converged.
+        scales: Largest forces of the run.
+        tolerance: Relative to the largest force.
+        floor: Rounding of the internal forces, below which no residual can come [N].
     """
-    # Below the goal a residual may be zero, where the control asks for more than equilibrium.
-    sizes = [max(norm, goal) for norm in norms[-2:]]
-    eta = min(max(0.9 * (sizes[-1] / sizes[0]) ** 2, MIN_RTOL), MAX_RTOL)
-    needed = min(0.3 * goal / sizes[-1], MAX_RTOL)
-    return needed if needed > CLOSE * eta else eta
+    return max(min(tolerance * scales.force, MAX_RESIDUAL * scales.reaction), floor)
 
 
 class Newton:
@@ -100,7 +97,7 @@ class Newton:
         self.owned = problem.discretization.owned
         self._problem = problem
         self._comm = problem.comm
-        self._criterion = Criterion(options.relative_tolerance, problem.step)
+        self._relative_tolerance, self._floor = options.relative_tolerance, 0.0
         self._max_iterations = options.max_iterations
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))
         self._system = make_system(problem, options.condensed, options.petsc)
@@ -125,7 +122,7 @@ class Newton:
     @property
     def rounding(self) -> float:
         """Of the energy that bodies store, by that of their forces in the last step [N mm]."""
-        return self._criterion.floor * self._size
+        return self._floor * self._size
 
     def solve(self, control: Control, dt: float, ahead: Direction | None = None) -> StepReport:
         """Find the equilibrium that a control asks for; collective.
@@ -169,7 +166,7 @@ class Newton:
             if pull > max(MAX_RESIDUAL * scales.reaction, self._goal):
                 reason = PETSc.SNES.ConvergedReason.DIVERGED_LOCAL_MIN
         if reason > 0:
-            self._criterion.update(reaction=self._reaction())
+            problem.step.scales = problem.step.scales.with_forces(reaction=self._reaction())
         else:
             # The forces of a state that is given up say nothing about the run.
             problem.step.scales = scales
@@ -181,6 +178,7 @@ class Newton:
             self._system.iterations - krylov,
             onset=self._control.onset is not None,
             arc=self._control.arc,
+            gradient=self._control.gradient,
             unstable=self._unstable,
         )
 
@@ -197,7 +195,7 @@ class Newton:
         step, start, control = self._problem.step, self.place(), copy(self._control)
         step.hold(self._dt, sliding=ahead is None or control.target == start.t)
         free = self._free_forces()
-        self._criterion.update(global_norm(self._comm, free))
+        step.scales = step.scales.with_forces(global_norm(self._comm, free))
         self.go(start, self.correct(-free), 1.0)
         if step.close(self._dt):
             self._control = control
@@ -326,9 +324,10 @@ class Newton:
             return reasons.DIVERGED_FNORM_NAN
         # Differences of positions x + u, of nodes that may have gone far, times stiffness.
         far = global_max(self._comm, float(np.abs(self._problem.u.x.array).max(initial=0.0)))
-        self._criterion.floor = float(np.finfo(float).eps) * (self._size + far) * self._system.norm
-        self._goal = goal = self._criterion.goal(reaction)
+        self._floor = float(np.finfo(float).eps) * (self._size + far) * self._system.norm
         control, step = self._control, self._problem.step
+        scales = step.scales.with_forces(reaction=reaction)
+        self._goal = goal = residual_goal(scales, self._relative_tolerance, self._floor)
         # At an equilibrium, which may be one on the way.
         if residual <= goal and control.met(self._parameter(), step.bond_work()):
             return reasons.CONVERGED_FNORM_RELATIVE
@@ -337,19 +336,18 @@ class Newton:
         if self._stalled():
             return reasons.DIVERGED_LOCAL_MIN
         self._tolerance = linear_tolerance(self._norms, goal)
-        # By quadratic convergence a tangent leaves twice the share it has left; surely 20 times.
-        self._system.lags = goal < residual and 20 * residual**2 <= goal * self._norms[-2:][0]
+        # By quadratic convergence a tangent leaves twice the share it has left; surely 4 times.
+        self._system.lags = goal < residual and 4 * residual**2 <= goal * self._norms[-2:][0]
         return reasons.ITERATING
 
     def _stalled(self) -> bool:
-        """Whether the last corrections have changed nothing."""
+        """Whether backtracking leads nowhere."""
         norms = self._norms
-        # At an equilibrium on the way residuals are rounding, alike or not.
-        if len(norms) <= PATIENCE or norms[-1] <= self._goal:
+        # At an equilibrium on the way residuals are rounding.
+        if not self._backtracks or norms[-1] <= self._goal:
             return False
-        if self._backtracks:
-            return norms[-1] > STALLED * norms[-1 - PATIENCE]
-        return any(abs(norms[-1] - norms[-1 - n]) < CYCLE * norms[-1] for n in LENGTHS)
+        last, before = norms[-2:][0], norms[-1 - PATIENCE :][0]
+        return norms[-1] > MORE * last or (len(norms) > PATIENCE and norms[-1] > STALLED * before)
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""

@@ -12,6 +12,7 @@ from ..problem.states import Snapshot
 from ..problem.supports import bonds, hanging_piece, hold_pieces
 from .control import ROUNDING, Arrival, Control, Direction, Work
 from .jump import CUT, MAX_STEPS, growth_after, jump
+from .limit_point import PathPoint, highest
 from .reasons import explained
 from .report import StepReport
 from .result import Result, StepFailure
@@ -31,8 +32,8 @@ SMOOTH = 0.2
 #: be, and the share of its length that is left at least when it is cut.
 STRIDE, LONGER, LEAST_STRIDE = 0.8, 8.0, 0.05
 
-#: How exactly a limit point is found, relative to the stage, and in how many steps at most.
-LIMIT, MAX_REFINEMENTS = 1e-6, 12
+#: How exactly a limit point is found, relative to the stage.
+LIMIT = 1e-6
 
 #: How far behind it a jump begins, relative to the stage.
 AWAY = 1e-2
@@ -67,7 +68,7 @@ class Stage:
         target: Load factor.
         follows: Whether the load may be controlled by the work on bonds.
         back: Whether the load factor turns with it.
-        rise: The state before the present one and the work on bonds between them; None where there
+        rise: The state before the present one and how the step between them went; None where there
             is none, or facets have opened since.
         limit: State of the largest load so far, where the path has turned back after it.
         after: States behind it, which become rows if the load grows beyond the limit again.
@@ -79,7 +80,7 @@ class Stage:
     target: float
     follows: bool
     back: bool = False
-    rise: tuple[Snapshot, float] | None = None
+    rise: tuple[Snapshot, StepReport] | None = None
     limit: Snapshot | None = None
     after: list[tuple[Part, Snapshot]] = field(default_factory=list)
     traces: bool = False
@@ -159,7 +160,7 @@ class Path:
             if stage.follows and not stage.traces and turned:
                 yield from self._behind_limit(stage, before, part)
             else:
-                stage.rise = part.report.change and (before, part.report.work)
+                stage.rise = part.report.change and (before, part.report)
                 yield part
             if self._problem.t == target:
                 return
@@ -338,7 +339,7 @@ class Path:
         if cuts == 0 and ahead.t * (stage.target - t) > 0:
             needed = (stage.target - t) / ahead.t * self._spent
             if needed <= self._work:
-                return Arrival(*way, needed, start=t, most=4 * self._work), ahead
+                return Arrival(*way, needed, start=t), ahead
             if needed < 2 * self._work:
                 # Two equal steps rather than a short one to the target.
                 return Work(*way, needed / 2, within, kink=True), ahead
@@ -364,7 +365,7 @@ class Path:
         stage.after.append((part, self._problem.step.snapshot()))
         if stage.ahead(part.t, stage.limit.t) > 0:
             # The load has grown again: points have broken one by one.
-            stage.rise = part.report.change and (before, part.report.work)
+            stage.rise = part.report.change and (before, part.report)
             yield from self._rows(stage)
         elif stage.ahead(stage.limit.t, part.t) > stage.span:
             yield from self._jump(stage)
@@ -415,59 +416,26 @@ class Path:
 
     def _refine(self, stage: Stage) -> None:
         """Find the limit point: the largest load factor over the work, between two states."""
-        step, (before, work) = self._problem.step, stage.rise or (stage.limit, 0.0)
-        limit = stage.limit
-        # States by the work since that before the limit; largest load factors forward.
-        states, total = {0.0: before, work: limit}, work
-        for part, state in stage.after[:2]:
-            if part.report.work <= 0:
-                # Bodies turn the path back, not bonds: the limit point is no matter of the work.
-                return
-            total += part.report.work
-            states[total] = state
-        for _ in range(MAX_REFINEMENTS):
-            heights = [(D, stage.ahead(states[D].t, limit.t)) for D in sorted(states)]
-            total, height = summit(heights)
-            if height - max(height for _, height in heights) <= LIMIT * stage.span:
-                break
-            # The next state shows the way.
-            done = work if total > work else 0.0
-            start, near = (states[D] for D in (done, min(D for D in states if D >= total)))
-            way = start.way_to(near)
-            step.return_to(start)
-            control = Work(stage.target, stage.span, total - done, kink=True)
-            if not self._stepper.step(control, way and Direction(*way)).converged:
-                break
-            states[total] = step.snapshot()
-            if stage.ahead(self._problem.t, stage.limit.t) > 0:
-                stage.limit = states[total]
+        step, origin = self._problem.step, stage.limit.t
+        sense = math.copysign(1.0, stage.target - stage.start)
 
+        def point(work: float, state: Snapshot, report: StepReport | None) -> PathPoint:
+            slope = sense / report.gradient if report and report.gradient else math.nan
+            return PathPoint(work, stage.ahead(state.t, origin), slope, state)
 
-def summit(points: list[tuple[float, float]]) -> tuple[float, float]:
-    """Where a function is largest, and how large it may be there, from some of its points.
+        def reach(left: PathPoint, right: PathPoint, work: float) -> PathPoint | None:
+            # The state behind shows the way.
+            way = left.state.way_to(right.state)
+            step.return_to(left.state)
+            control = Work(stage.target, stage.span, work - left.work, kink=True)
+            report = self._stepper.step(control, way and Direction(*way))
+            return point(work, step.snapshot(), report) if report.converged else None
 
-    As if it were concave: between two points it lies below the lines through their neighbours on
-    either side, which meet where it has a kink.
-
-    Args:
-        points: Argument and value, by argument.
-    """
-
-    def slope(k: int) -> float:
-        (x, y), (x_next, y_next) = points[k : k + 2]
-        return (y_next - y) / (x_next - x)
-
-    best = max(range(len(points)), key=lambda k: points[k][1])
-    found = []
-    for k in (best - 1, best):
-        if not 0 <= k < len(points) - 1:
-            continue
-        (x, y), (x_next, y_next) = points[k], points[k + 1]
-        middle = (x + x_next) / 2, math.inf
-        if 0 < k < len(points) - 2:
-            rises, falls = slope(k - 1), slope(k + 1)
-            if rises > slope(k) > falls:
-                at = (y_next - y + rises * x - falls * x_next) / (rises - falls)
-                middle = at, y + rises * (at - x)
-        found.append(middle)
-    return max(found, key=lambda guess: guess[1])
+        before, last = stage.rise or (None, None)
+        part, behind = stage.after[0]
+        left, right = point(0.0, stage.limit, last), point(part.report.work, behind, part.report)
+        if left.slope < 0 < last.work:
+            left, right = point(-last.work, before, None), left
+        # Where bodies turn the path back, not bonds, the limit point is no matter of the work.
+        if right.work > left.work:
+            stage.limit = highest(left, right, reach, LIMIT * stage.span).state

@@ -25,6 +25,8 @@ class StepReport:
         onset: Whether the step ends where damage begins, at a kink of the path.
         arc: Size of the change of displacement that was to end the step; None where something else
             was [mm].
+        gradient: Change of the work on bonds with the load factor at its end; 0 where it is not
+            known [N mm].
         unstable: Whether the tangent near its end is known to have negative eigenvalues.
         lost: Largest share of its strength that a point has lost in a step with cycles.
     """
@@ -39,6 +41,7 @@ class StepReport:
     ahead: Direction | None = None
     onset: bool = False
     arc: float | None = None
+    gradient: float = 0.0
     unstable: bool = False
     lost: float = 0.0
 
