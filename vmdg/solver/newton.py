@@ -346,8 +346,9 @@ class Newton:
         # At an equilibrium on the way residuals are rounding.
         if not self._backtracks or norms[-1] <= self._goal:
             return False
-        last, before = norms[-2:][0], norms[-1 - PATIENCE :][0]
-        return norms[-1] > MORE * last or (len(norms) > PATIENCE and norms[-1] > STALLED * before)
+        # The first correction comes from a first guess that may be far off.
+        grows = len(norms) > 2 and norms[-1] > MORE * norms[-2]
+        return grows or (len(norms) > PATIENCE and norms[-1] > STALLED * norms[-1 - PATIENCE])
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
