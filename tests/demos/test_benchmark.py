@@ -142,6 +142,18 @@ def test_two_inclusions(out):
     assert (out / "two_inclusions.png").stat().st_size > 10_000
 
 
+def test_attempt_that_backtracks_in_vain_ends():
+    """Next to the snap the tangent is as good as singular, and no length of a correction helps.
+
+    172 residuals in all; 209 where such attempts go on.
+    """
+    problem, _ = inclusions.build(inclusions.LAWS["tour"], 2, 0.05)
+    loads = np.linspace(0, inclusions.END, 41)[1:]
+    result = vmdg.solve(problem, loads, vmdg.SolveOptions(relative_tolerance=1e-6))
+    assert len(result.failures) == 1
+    assert result.counts.residuals <= 190
+
+
 def test_kernels_are_shared():
     """A law of another class needs no kernel beyond those of the first."""
     first = len(cost.kernels.requested)
