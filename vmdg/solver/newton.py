@@ -336,8 +336,8 @@ class Newton:
         if self._stalled():
             return reasons.DIVERGED_LOCAL_MIN
         self._tolerance = linear_tolerance(self._norms, goal)
-        # By quadratic convergence a tangent leaves twice the share it has left; surely 4 times.
-        self._system.lags = goal < residual and 4 * residual**2 <= goal * self._norms[-2:][0]
+        # By quadratic convergence a tangent leaves twice the share it has left; surely 20 times.
+        self._system.lags = goal < residual and 20 * residual**2 <= goal * self._norms[-2:][0]
         return reasons.ITERATING
 
     def _stalled(self) -> bool:
