@@ -30,6 +30,14 @@ if _NEW:
 # Newer index maps take a message tag.
 _TAG = [0] if "tag: int" in IndexMap.__init__.__doc__ else []
 
+#: How SNES may end, by PETSc's names: those of 3.22, of which newer ones have renamed one.
+_RENAMED = {"DIVERGED_FUNCTION_NANORINF": "DIVERGED_FNORM_NAN"}
+SNES_REASONS = {
+    _RENAMED.get(name, name): value
+    for name, value in vars(PETSc.SNES.ConvergedReason).items()
+    if isinstance(value, int) and name.isupper()
+}
+
 
 def _show_warnings() -> None:
     """Give warnings back to Python: FFCx of 0.9 makes records for a log of them, which nobody sees

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from support.cells import mismatch, volumes
 
+from vmdg import compat
 from vmdg.meshes import fibre_cell, pack
 from vmdg.meshes.packing import UNIT_BALL, cut_balls
 
@@ -95,7 +96,7 @@ def test_not_periodic(comm):
     """No fibre is cut: all their matrix-side is inside."""
     tagged = fibre_cell(9, 0.5, 2, periodic=False, comm=comm)
     x = tagged.mesh.geometry.x
-    fibre = tagged.mesh.geometry.dofmap[tagged.cell_tags.find("fibre")]
+    fibre = compat.geometry_dofmap(tagged.mesh)[tagged.cell_tags.find("fibre")]
     inside = x[fibre.ravel(), :2]
     assert ((inside > 0.005) & (inside < 0.995)).all()
     assert volumes(tagged)["fibre"] == pytest.approx(0.5, rel=0.02)

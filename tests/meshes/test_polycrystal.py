@@ -7,6 +7,7 @@ import pytest
 from support.cells import mismatch, volumes
 
 import vmdg
+from vmdg import compat
 from vmdg.meshes import pack, polycrystal
 from vmdg.meshes.tessellation import tessellate
 
@@ -39,7 +40,7 @@ def test_grains_fill_the_cell(comm, name):
 
 def shortest_edge(mesh):
     """Of all cells, triangles or tetrahedra."""
-    corners = mesh.geometry.x[mesh.geometry.dofmap]
+    corners = mesh.geometry.x[compat.geometry_dofmap(mesh)]
     one, two = np.triu_indices(corners.shape[1], 1)
     lengths = np.linalg.norm(corners[:, one] - corners[:, two], axis=2)
     return min(mesh.comm.allgather(lengths.min(initial=np.inf)))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from .. import compat
 from ..assembly.means import lattice_of
 from ..assembly.space import node_pieces
 from ..base.parallel import global_box, global_max, global_sum, warn_together
@@ -138,7 +139,7 @@ def _holding(active: ActiveInterface) -> NDArray[np.bool_]:
 def _box(problem: Problem, cells: NDArray[np.intp]) -> NDArray[np.float64]:
     """Lowest and highest coordinates of cells, over all ranks (2, d); collective [mm]."""
     geometry = problem.mesh.geometry
-    x = geometry.x[geometry.dofmap[cells].ravel(), : geometry.dim]
+    x = geometry.x[compat.geometry_dofmap(problem.mesh)[cells].ravel(), : geometry.dim]
     return global_box(problem.comm, x)
 
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from ..base.parallel import global_max, global_norm, global_sum
 from ..base.timers import timer
+from ..compat import SNES_REASONS
 from ..domain.topology import box_sides
 from ..linear.capacitance import solve_contact
 from ..linear.condensation import closes_points
@@ -54,11 +55,7 @@ MIN_DRAG, DRAG_INCREMENT, DRAG, HELD = -0.5, 1e-6, 1e-3, 1e-7
 #: there was, or so many of them more than this share: points may go from stick to slip one by one.
 MORE, PATIENCE, STALLED = 2.0, 4, 0.98
 
-_REASONS = {
-    value: name
-    for name, value in vars(PETSc.SNES.ConvergedReason).items()
-    if isinstance(value, int) and name.isupper()
-}
+_REASONS = {value: name for name, value in SNES_REASONS.items()}
 
 
 def residual_goal(scales: RunScales, tolerance: float, floor: float) -> float:
@@ -321,7 +318,7 @@ class Newton:
         self._norms.append(residual)
         most = DIVERGED * max(self._norms[0], self._problem.step.scales.force)
         if not np.isfinite(residual + reaction) or residual > most:
-            return reasons.DIVERGED_FNORM_NAN
+            return SNES_REASONS["DIVERGED_FNORM_NAN"]
         # Differences of positions x + u, of nodes that may have gone far, times stiffness.
         far = global_max(self._comm, float(np.abs(self._problem.u.x.array).max(initial=0.0)))
         self._floor = float(np.finfo(float).eps) * (self._size + far) * self._system.norm
