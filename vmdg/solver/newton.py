@@ -52,8 +52,9 @@ MAX_DISPLACEMENT, DIVERGED = 1e6, 1e4
 MIN_DRAG, DRAG_INCREMENT, DRAG, HELD = -0.5, 1e-6, 1e-3, 1e-7
 
 #: An attempt by backtracking is given up if a correction leaves so much more of the residual than
-#: there was, or so many of them more than this share: points may go from stick to slip one by one.
-MORE, PATIENCE, STALLED = 2.0, 4, 0.98
+#: there was, or so many of them more than this share (points may go from stick to slip one by one),
+#: one by full steps if these go round in circles.
+MORE, PATIENCE, STALLED, CYCLE, LENGTHS = 2.0, 4, 0.98, 1e-3, (2, 3, 4)
 
 _REASONS = {value: name for name, value in SNES_REASONS.items()}
 
@@ -338,14 +339,17 @@ class Newton:
         return reasons.ITERATING
 
     def _stalled(self) -> bool:
-        """Whether backtracking leads nowhere."""
-        norms = self._norms
-        # At an equilibrium on the way residuals are rounding.
-        if not self._backtracks or norms[-1] <= self._goal:
+        """Whether the last corrections lead nowhere."""
+        norms, patient = self._norms, len(self._norms) <= PATIENCE
+        # At an equilibrium on the way residuals are rounding, alike or not.
+        if norms[-1] <= self._goal:
             return False
+        if not self._backtracks:
+            circles = (abs(norms[-1] - norms[-1 - n]) < CYCLE * norms[-1] for n in LENGTHS)
+            return not patient and any(circles)
         # The first correction comes from a first guess that may be far off.
         grows = len(norms) > 2 and norms[-1] > MORE * norms[-2]
-        return grows or (len(norms) > PATIENCE and norms[-1] > STALLED * norms[-1 - PATIENCE])
+        return grows or (not patient and norms[-1] > STALLED * norms[-1 - PATIENCE])
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
