@@ -69,8 +69,8 @@ def test_smooth_top():
 def test_path_with_teeth():
     """A maximum next to which the load is lower, though it falls and rises on the way there.
 
-    Chords of four states of this path are concave by rounding, and their bound met the largest of
-    them: a push-out in space that found its limit point on two ranks missed it on one.
+    Chords do not tell where that is: those of a push-out in space were concave on one rank and not
+    on two, by rounding, and only two found the limit point.
     """
     works = [0.0, 1.0, 1.2, 3.0, 3.1, 4.0, 8.0]
     heights = [0.0, 1.0, 0.6, 2.4, 2.3, 2.9, 1.0]
