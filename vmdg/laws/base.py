@@ -106,7 +106,7 @@ class Law(ABC):
     fatigues: bool = False  #: whether cycles wear it; `return_map` then has `cycles` after dt
     strength: Parameter  #: traction at which damage starts in pure opening, MPa
     friction: Parameter = 0.0  #: Coulomb coefficient mu
-    viscosity: float = 0.0  #: overstress per opening rate, MPa s/mm
+    viscosity: float = 0.0  #: overstress of the intact bond per opening rate, MPa s/mm
 
     @property
     @abstractmethod
@@ -176,7 +176,7 @@ class Law(ABC):
         gap: ArrayLike,
         softening: ArrayLike,
         penalty: ArrayLike,
-        dt: float = 1.0,
+        dt: float | Array = 1.0,
     ) -> Update:
         """Advance n points by one backward-Euler step.
 
@@ -186,32 +186,38 @@ class Law(ABC):
             gap: zeta_n (n, d), mm.
             softening: Q_n (n,), MPa.
             penalty: r (n,) or one number, MPa/mm.
-            dt: time step, s; only used where viscosity > 0.
+            dt: time step, s, one number or (n,); only used where viscosity > 0.
 
         Raises:
             ValueError: shapes do not match, dt <= 0 with viscosity > 0, or r <= H at a point.
         """
         points = self._checked(trial, normal, gap, softening, penalty)
-        return self._advance(*points, self.overstress(dt))
+        return self._advance(*points, self.damping(dt))
 
     def _advance(
-        self, trial: Array, normal: Array, gap: Array, softening: Array, penalty: Array, eta: float
+        self,
+        trial: Array,
+        normal: Array,
+        gap: Array,
+        softening: Array,
+        penalty: Array,
+        eta: float | Array,
     ) -> Update:
-        """`return_map` with arguments of matching shapes, r admissible, eta of `overstress`."""
+        """`return_map` with arguments of matching shapes, r admissible, eta of `damping`."""
         raise NotImplementedError
 
-    def overstress(self, dt: float) -> float:
-        """eta = viscosity/dt, MPa/mm: overstress per gap increment of the step.
+    def damping(self, dt: float | Array) -> float | Array:
+        """eta = viscosity/dt, MPa/mm: overstress of the intact bond per gap increment of the step.
 
         Args:
-            dt: time step, s.
+            dt: time step, s, one number or (n,).
 
         Raises:
             ValueError: dt <= 0 with viscosity > 0.
         """
         if self.viscosity == 0.0:
             return 0.0
-        if not dt > 0.0:
+        if not np.greater(dt, 0.0).all():
             raise ValueError(f"dt = {dt}: a law with viscosity needs a positive time step")
         return self.viscosity / dt
 
