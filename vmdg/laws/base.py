@@ -55,6 +55,8 @@ class Update:
         damage_work: spent on the bond (n,), N/mm.
         friction_work: spent on friction beyond the bond (n,), N/mm.
         viscous_work: spent on the overstress (n,), N/mm.
+        work_gradient: d damage_work/d T_tr (n, d), mm, zero where nothing yields; None if unknown,
+            see the function `work_gradient`.
     """
 
     traction: Array
@@ -66,6 +68,7 @@ class Update:
     damage_work: Array
     friction_work: Array
     viscous_work: Array
+    work_gradient: Array | None = None
 
     @classmethod
     def elastic(cls, trial: Array, gap: Array, softening: Array) -> Update:
@@ -87,6 +90,7 @@ class Update:
             damage_work=np.zeros(n),
             friction_work=np.zeros(n),
             viscous_work=np.zeros(n),
+            work_gradient=np.zeros((n, d)),
         )
 
 
@@ -96,6 +100,7 @@ class Law(ABC):
     A new law is one class. With one softening curve for all directions derive from `RadialLaw`;
     with another yield surface from `ExtrinsicLaw`; with a law of its own kind from this class,
     whose contract is `return_map` (or `_advance`, for arguments in order) and the attributes below.
+    Its `Update` need not give `work_gradient`: differences tell where a bond is worn without one.
 
     Strengths, energies, gaps and friction may vary along an interface. What calls a law resolves
     functions (`with_values`) and takes it at its points (`at`), where such a parameter is an array
@@ -293,6 +298,43 @@ class Law(ABC):
                 "or a tougher or weaker bond (smaller H)"
             )
         return trial, normal, gap, softening, penalty
+
+
+#: Change of the trial traction for differences, relative to the strength.
+INCREMENT = 1e-6
+
+
+def work_gradient(law: Law, update: Update, trial: Array, *known: Array | float) -> Array:
+    """d damage_work/d T_tr (n, d), mm: what the return map says, or central differences.
+
+    By differences where a law says nothing, and where it wears a bond that holds on but says zero,
+    as one does that starts from `Update.elastic` and writes the rest only.
+
+    Args:
+        law: The law.
+        update: Of its return map.
+        trial: T_tr (n, d), MPa.
+        known: What the return map had besides, in order: normal, gap, softening, penalty and so on,
+            arrays with a row a point or one number.
+    """
+    given = update.work_gradient
+    gradient, unknown = np.zeros_like(trial), update.damage_work > 0.0
+    if given is not None:
+        unknown &= ~given.any(axis=1) & (update.softening < law.strength)
+        gradient[:] = given
+    rows = np.flatnonzero(unknown)
+    if not rows.size:
+        return gradient
+    part, step = law.at(rows), np.broadcast_to(INCREMENT * law.strength, len(trial))[rows]
+    known = tuple(array[rows] if np.ndim(array) else array for array in known)
+    for i in range(trial.shape[1]):
+        works = []
+        for end in (step, -step):
+            load = trial[rows]
+            load[:, i] += end
+            works.append(part.return_map(load, *known).damage_work)
+        gradient[rows, i] = (works[0] - works[1]) / (2.0 * step)
+    return gradient
 
 
 #: Parameters of laws that must be positive, and what they are or what else to use.

@@ -172,6 +172,7 @@ class Slide(NamedTuple):
 
     slip: Array  #: dgamma, mm
     traction: Array  #: |T_T|, MPa
+    resistance: Array  #: R(dgamma), MPa
     left: Array  #: strength - Q_{n+1} of the bond, MPa
     lost: Array  #: Q_{n+1} - Q_n, MPa
     slope: Array  #: d dgamma / d |T_tr,T|, mm/MPa
@@ -228,6 +229,7 @@ def slide(
     return Slide(
         slip=slip,
         traction=np.where(slipping, np.where(by_friction, cap, R + V), shear),
+        resistance=R,
         left=at_end,
         lost=left - at_end,
         slope=slipping * np.where(by_friction, 1.0 / penalty, by_bond.slope),
@@ -280,6 +282,7 @@ def slide_gradually(
     return Slide(
         slip=slip,
         traction=np.where(slipping, R + V + rubs * cap, shear),
+        resistance=R,
         left=at_end,
         lost=left - at_end,
         slope=slope,

@@ -244,6 +244,14 @@ class IntrinsicExponential(Law):
         spent = part._undissipated(integrity_n[rows]) - part._undissipated(integrity[rows])
         ray2_n = part._squared_ray(gap[rows], normal[rows], otherwise=ray2)
         update.damage_work[rows] = np.maximum((ray2_n + ray2) / 2 * spent, 0.0)
+        by_y = (ray2_n + ray2) / 2 * part.fracture_energy * decay * y[rows] ** 2 / 2
+        # ray2 counts twice where there was no gap
+        by_ray2 = np.where(gap[rows].any(axis=1), 0.5, 1.0) * spent
+        turned = b[rows] - ray2[:, None] * weighted[rows]
+        update.work_gradient[rows] = (by_y / (scale * slope * delta_b[rows]))[:, None] * weighted[
+            rows
+        ]
+        update.work_gradient[rows] += (2.0 * by_ray2 / delta_b[rows] ** 2)[:, None] * turned
         update.viscous_work[rows] = rated * ray2 * scale**2 * y[rows] * (y[rows] - y_n)
         return update
 

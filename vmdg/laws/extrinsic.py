@@ -198,6 +198,9 @@ class ExtrinsicLaw(Law):
         closing = closure.length * at.penalty > ROUND_OFF * load
         update.mode[rows] = np.where(closing, Mode.CLOSING, mode)
         update.damage_work[rows] = sliding.damage_work
+        update.work_gradient[rows] = sliding.resistance[:, None] * self._slip_gradient(
+            at, closure, sliding, direction
+        )
         update.friction_work[rows] = sliding.friction_work
         update.viscous_work[rows] = sliding.viscous_work
 
@@ -210,14 +213,22 @@ class ExtrinsicLaw(Law):
         q = dgamma/|T_tr,T| and v = d zeta/d T_tr.N: mu t/r in friction, N/r while the gap closes.
         """
         q = _per_load(sliding.slip, at.shear, sliding.slope)
-        # T_N does not feel T_tr.N while the gap is still open, the gap does not once it is closed.
-        cap_by_trial = np.where(closure.still_open, 0.0, -self.friction)
-        v = (sliding.cap_slope * cap_by_trial)[:, None] * direction
-        v += (closure.still_open / at.penalty)[:, None] * at.normal
-        tangent = outer((sliding.slope - q)[:, None] * direction, direction)
-        tangent += outer(v - q[:, None] * at.normal, at.normal)
+        tangent = outer(direction, self._slip_gradient(at, closure, sliding, direction))
+        tangent -= outer(q[:, None] * direction, direction)
+        # the gap does not feel T_tr.N once it is closed
+        closing = closure.still_open / at.penalty
+        tangent += outer((closing - q)[:, None] * at.normal, at.normal)
         add_to_diagonal(tangent, q)
         return tangent
+
+    def _slip_gradient(
+        self, at: Points, closure: Closure, sliding: Slide, direction: Array
+    ) -> Array:
+        """d dgamma/d T_tr (m, d), mm/MPa."""
+        # T_N does not feel T_tr.N while the gap is still open.
+        cap_by_trial = np.where(closure.still_open, 0.0, -self.friction)
+        gradient = sliding.slope[:, None] * direction
+        return gradient + (sliding.cap_slope * cap_by_trial)[:, None] * at.normal
 
 
 class RadialLaw(ExtrinsicLaw, SofteningCurve):
@@ -270,6 +281,7 @@ class RadialLaw(ExtrinsicLaw, SofteningCurve):
             update.softening[rows] < self.strength, Mode.TENSION, Mode.OPEN
         )
         update.damage_work[rows] = self.bond_energy(at.left) - self.bond_energy(left)
+        update.work_gradient[rows] = (R * slope)[:, None] * n
         update.viscous_work[rows] = V * dgamma
 
 

@@ -166,12 +166,14 @@ class MixedModeDebonding(ExtrinsicLaw):
             mixity: th = atan((|T_T|/P_s)/(T_N/P_n)), held fixed, radians.
         """
         mixity = np.asarray(mixity, dtype=float)
-        return self._energy(np.cos(mixity), np.sin(mixity))
+        return self._energy(np.cos(mixity), np.sin(mixity))[0]
 
-    def _energy(self, cos: Array, sin: Array) -> Array:
-        """G_c of th (n,), N/mm."""
-        m, _ = self.flow_factor(cos, sin)
-        return m * (self.normal_energy * cos * cos + self.shear_energy * sin * sin)
+    def _energy(self, cos: Array, sin: Array) -> tuple[Array, Array]:
+        """G_c of th (n,) and dG_c/dth, N/mm."""
+        m, m_by_angle = self.flow_factor(cos, sin)
+        linear = self.normal_energy * cos * cos + self.shear_energy * sin * sin
+        by_angle = 2.0 * (self.shear_energy - self.normal_energy) * sin * cos
+        return m * linear, m_by_angle * linear + m * by_angle
 
     def equivalent(self, normal: Array, shear: Array) -> Array:
         """T_eq = sqrt(T_N^2 + (P_n/P_s)^2 |T_T|^2)."""
@@ -227,7 +229,8 @@ class MixedModeDebonding(ExtrinsicLaw):
         compliance = 1.0 / stiffness
         step = compliance[:, None] * at.trial
         # The mixity is that of the moment of failure on the ray of T_tr.
-        cos, sin, _ = self._ray(at.trial_n, at.shear, stiffness)
+        cos, sin, length = self._ray(at.trial_n, at.shear, stiffness)
+        energy, by_angle = self._energy(cos, sin)
 
         rows = at.rows
         update.traction[rows] = at.damping[:, None] * step
@@ -237,7 +240,12 @@ class MixedModeDebonding(ExtrinsicLaw):
         update.tangent[rows] = compliance[:, None, None] * np.eye(step.shape[1])
         update.mode[rows] = Mode.OPEN
         rho_n = at.left / self.strength
-        update.damage_work[rows] = rho_n * rho_n * self._energy(cos, sin)
+        update.damage_work[rows] = rho_n * rho_n * energy
+        turn = rho_n * rho_n * by_angle / (stiffness * np.where(length > 0.0, length, 1.0))
+        update.work_gradient[rows] = _along(
+            (-turn * sin / self.in_opening.critical_gap, turn * cos / self.in_shear.critical_gap),
+            at,
+        )
         update.viscous_work[rows] = at.damping * dot(step, step)
 
     def _soften(self, update: Update, at: Points) -> None:
@@ -262,29 +270,39 @@ class MixedModeDebonding(ExtrinsicLaw):
         update.gap[rows] = at.gap + step
         update.softening[rows] = self._softened(at, rho, self.strength * g)
         update.multiplier[rows] = np.sqrt(length2)
-        update.tangent[rows] = self._flow_tangent(flow, at.normal, unit(trial_shear, at.shear), k_t)
+        g_by, th_by = _inverse(flow)
+        t = unit(trial_shear, at.shear)
+        update.tangent[rows] = self._flow_tangent(flow, g_by, th_by, at.normal, t, k_t)
         update.mode[rows] = np.where(
             update.softening[rows] < self.strength, Mode.TENSION, Mode.OPEN
         )
-        spent = (rho_n - rho) * (rho_n + rho)
-        update.damage_work[rows] = spent * self._energy(cos, sin)
+        spent, (energy, by_angle) = (rho_n - rho) * (rho_n + rho), self._energy(cos, sin)
+        update.damage_work[rows] = spent * energy
+        by_n, by_s = (2.0 * rho * energy * g_by[i] + spent * by_angle * th_by[i] for i in (0, 1))
+        update.work_gradient[rows] = _along(
+            (by_n / self.normal_strength, by_s / self.shear_strength), at
+        )
         update.viscous_work[rows] = at.damping * length2
 
-    def _flow_tangent(self, flow: Flow, normal: Array, direction: Array, k_t: Array) -> Array:
-        """d zeta/d T_tr (m, d, d) by the inverse of d(a, b)/d(g, th).
+    def _flow_tangent(
+        self,
+        flow: Flow,
+        g_by: tuple[Array, Array],
+        th_by: tuple[Array, Array],
+        normal: Array,
+        direction: Array,
+        k_t: Array,
+    ) -> Array:
+        """d zeta/d T_tr (m, d, d).
 
         Args:
             flow: At the end of the step.
+            g_by, th_by: Derivatives by a and b.
             normal: N (m, d).
             direction: t (m, d).
             k_t: |dzeta_T|/|T_tr,T| (m,), mm/MPa.
         """
         g, cos, sin, m = flow.g, flow.cos, flow.sin, flow.m
-        (A_g, A_th), (B_g, B_th) = flow.A_by, flow.B_by
-        a_th, b_th = A_th * cos - flow.A * sin, B_th * sin + flow.B * cos
-        determinant = A_g * cos * b_th - a_th * B_g * sin
-        g_by = b_th / determinant, -a_th / determinant
-        th_by = -B_g * sin / determinant, A_g * cos / determinant
         opening = m * cos, g * (flow.m_by_angle * cos - m * sin)
         sliding = m * sin, g * (flow.m_by_angle * sin + m * cos)
         tangent = np.zeros((*normal.shape, normal.shape[1]))
@@ -368,6 +386,22 @@ class MixedModeDebonding(ExtrinsicLaw):
         A, B, A_g, B_g = sizes(g, m)
         by_th = stiffness * g * m_by_angle
         return Flow(g, a / A, b / B, A, B, (A_g, by_th / h_n), (B_g, by_th / h_s), m, m_by_angle)
+
+
+def _inverse(flow: Flow) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Derivatives of g and th by a and b, the inverse of d(a, b)/d(g, th)."""
+    cos, sin = flow.cos, flow.sin
+    (A_g, A_th), (B_g, B_th) = flow.A_by, flow.B_by
+    a_th, b_th = A_th * cos - flow.A * sin, B_th * sin + flow.B * cos
+    determinant = A_g * cos * b_th - a_th * B_g * sin
+    g_by = b_th / determinant, -a_th / determinant
+    return g_by, (-B_g * sin / determinant, A_g * cos / determinant)
+
+
+def _along(parts: tuple[Array, Array], at: Points) -> Array:
+    """Vector (m, d) with these parts along N and along T_tr,T."""
+    t = unit(at.trial - at.trial_n[:, None] * at.normal, at.shear)
+    return parts[0][:, None] * at.normal + parts[1][:, None] * t
 
 
 def _steepest(slopes: float, criterion: Criterion) -> float:
