@@ -1,10 +1,13 @@
 """Rate dependence: a bond and a spring against their differential equation; one root a step."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from support import laws_scalar as oracle
 
 from vmdg.laws import (
     Debonding,
@@ -147,3 +150,40 @@ def test_intrinsic_bond_bears_the_overstress_of_what_was_left(eta, worn, size, r
     update = law.return_map(trial, NORMAL, 0.0 * NORMAL, np.full(1, worn * P), r)
     assert update.gap[0, 0] == pytest.approx(zeta, rel=1e-9)
     assert update.traction[0, 0] == pytest.approx(wanted, rel=1e-8, abs=1e-8)
+
+
+IN_CONTACT = {
+    "linear": Debonding(P, ZETA, 0.4, H),
+    "gradual": Debonding(P, ZETA, 0.4, 9.0 * H, gradual_friction=True),
+    "exponential": ExponentialDebonding(P, 10.0, 0.4, 0.2 * H),
+    "mixed": MixedModeDebonding(P, 60.0, 10.0, 18.0, 0.4, H),
+    "BK": MixedModeDebonding(P, 60.0, 10.0, 18.0, 0.4, 30.0 * H, criterion="BK", exponent=2.0),
+    "intrinsic": IntrinsicExponential(P, 10.0, viscosity=2.0 * H),
+}
+
+
+@pytest.mark.parametrize("name", IN_CONTACT)
+@settings(max_examples=10, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**32 - 1), d=st.sampled_from([2, 3]))
+def test_what_is_not_overstress_is_borne_without_a_rate(name, seed, d):
+    """T - V is what the law without viscosity bears at the same gap, but where friction alone would
+    be more than the bond alone; each point has its own time step."""
+    law, rng = IN_CONTACT[name], np.random.default_rng(seed)
+    state, dt = oracle.random_state(rng, law, 200, d, 3.0), 10.0 ** rng.uniform(-3.0, 3.0, 200)
+    update = law.return_map(*state, dt=dt)
+    for i in range(0, 200, 29):
+        alone = law.return_map(*(a[i : i + 1] for a in state), dt=float(dt[i]))
+        np.testing.assert_allclose(alone.traction[0], update.traction[i], rtol=1e-12, atol=1e-12)
+    step = update.gap - state.gap
+    load = update.traction - update.overstress + state.penalty[:, None] * step
+    again = replace(law, viscosity=0.0).return_map(load, *state[1:])
+    borne = update.traction - update.overstress
+    normal = np.einsum("ij,ij->i", borne, state.normal)
+    shear = np.linalg.norm(borne - normal[:, None] * state.normal, axis=1)
+    same = (normal >= 0.0) | (shear >= -law.friction * normal) | ~update.overstress.any(axis=1)
+    assert same.mean() > 0.9
+    np.testing.assert_allclose(again.gap[same], update.gap[same], rtol=1e-9, atol=1e-11 * ZETA)
+    left, wanted = again.softening[same], update.softening[same]
+    np.testing.assert_allclose(left, wanted, rtol=1e-9, atol=1e-9 * P)
+    assert (update.overstress.any(axis=1) & (update.damage_work > 0.0)).sum() > 40
+    assert not update.overstress[update.multiplier == 0.0].any()

@@ -41,9 +41,10 @@ class Update:
     """Result of a return map at n points in d dimensions.
 
     The three works are what the step dissipated at the point, (32), per unit reference area: the
-    resistance integrated along the gap path of the step, zeta_n to zeta_{n+1}, at the direction and
-    pressure of its end. Their sum, plus the change of `Law.stored_energy`, is the integral of T .
-    dzeta over that path.
+    resistance integrated along the gap path of the step, zeta_n to zeta_{n+1}, at the direction,
+    pressure and overstress of its end. Their sum, plus the change of `Law.stored_energy`, is the
+    integral of T . dzeta over that path. A law does not know the overstress at the start of the
+    step; `vmdg.interface.gap_work` does, and charges what changes on the way.
 
     Attributes:
         traction: T_{n+1} (n, d), MPa.
@@ -55,6 +56,7 @@ class Update:
         damage_work: spent on the bond (n,), N/mm.
         friction_work: spent on friction beyond the bond (n,), N/mm.
         viscous_work: spent on the overstress (n,), N/mm.
+        overstress: V (n, d), MPa: the part of T that is due to the rate; None if unknown.
         work_gradient: d damage_work/d T_tr (n, d), mm, zero where nothing yields; None if unknown,
             see the function `work_gradient`.
     """
@@ -68,6 +70,7 @@ class Update:
     damage_work: Array
     friction_work: Array
     viscous_work: Array
+    overstress: Array | None = None
     work_gradient: Array | None = None
 
     @classmethod
@@ -90,6 +93,7 @@ class Update:
             damage_work=np.zeros(n),
             friction_work=np.zeros(n),
             viscous_work=np.zeros(n),
+            overstress=np.zeros((n, d)),
             work_gradient=np.zeros((n, d)),
         )
 

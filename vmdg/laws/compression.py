@@ -173,6 +173,7 @@ class Slide(NamedTuple):
     slip: Array  #: dgamma, mm
     traction: Array  #: |T_T|, MPa
     resistance: Array  #: R(dgamma), MPa
+    overstress: Array  #: V, part of the traction, MPa
     left: Array  #: strength - Q_{n+1} of the bond, MPa
     lost: Array  #: Q_{n+1} - Q_n, MPa
     slope: Array  #: d dgamma / d |T_tr,T|, mm/MPa
@@ -230,6 +231,7 @@ def slide(
         slip=slip,
         traction=np.where(slipping, np.where(by_friction, cap, R + V), shear),
         resistance=R,
+        overstress=np.where(by_friction, 0.0, V),
         left=at_end,
         lost=left - at_end,
         slope=slipping * np.where(by_friction, 1.0 / penalty, by_bond.slope),
@@ -283,6 +285,7 @@ def slide_gradually(
         slip=slip,
         traction=np.where(slipping, R + V + rubs * cap, shear),
         resistance=R,
+        overstress=V,
         left=at_end,
         lost=left - at_end,
         slope=slope,

@@ -252,6 +252,7 @@ class IntrinsicExponential(Law):
             rows
         ]
         update.work_gradient[rows] += (2.0 * by_ray2 / delta_b[rows] ** 2)[:, None] * turned
+        update.overstress[rows] = rated[:, None] * new_gap[rows]
         update.viscous_work[rows] = rated * ray2 * scale**2 * y[rows] * (y[rows] - y_n)
         return update
 

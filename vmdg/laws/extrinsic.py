@@ -203,6 +203,7 @@ class ExtrinsicLaw(Law):
         )
         update.friction_work[rows] = sliding.friction_work
         update.viscous_work[rows] = sliding.viscous_work
+        update.overstress[rows] = sliding.overstress[:, None] * direction
 
     def _pressed_tangent(
         self, at: Points, closure: Closure, sliding: Slide, direction: Array
@@ -283,6 +284,7 @@ class RadialLaw(ExtrinsicLaw, SofteningCurve):
         update.damage_work[rows] = self.bond_energy(at.left) - self.bond_energy(left)
         update.work_gradient[rows] = (R * slope)[:, None] * n
         update.viscous_work[rows] = V * dgamma
+        update.overstress[rows] = V[:, None] * n
 
 
 def _per_load(slip: Array, load: Array, slope: Array) -> Array:

@@ -233,7 +233,7 @@ class MixedModeDebonding(ExtrinsicLaw):
         energy, by_angle = self._energy(cos, sin)
 
         rows = at.rows
-        update.traction[rows] = at.damping[:, None] * step
+        update.overstress[rows] = update.traction[rows] = at.damping[:, None] * step
         update.gap[rows] = at.gap + step
         update.softening[rows] = self.strength
         update.multiplier[rows] = np.sqrt(dot(step, step))
@@ -266,7 +266,8 @@ class MixedModeDebonding(ExtrinsicLaw):
 
         rows = at.rows
         borne = (rho / A)[:, None] * trial_normal + (rho / B)[:, None] * trial_shear
-        update.traction[rows] = borne + at.damping[:, None] * step
+        update.overstress[rows] = at.damping[:, None] * step
+        update.traction[rows] = borne + update.overstress[rows]
         update.gap[rows] = at.gap + step
         update.softening[rows] = self._softened(at, rho, self.strength * g)
         update.multiplier[rows] = np.sqrt(length2)
