@@ -7,7 +7,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from support.checks import gather
-from support.problems import SAME, STRONG, couple, driven
+from support.problems import SAME, STRONG, couple, driven, joined
 from support.scenes import two_blocks
 
 import vmdg
@@ -54,7 +54,7 @@ def test_separation(comm, thickness):
 
 def test_overstress_that_relaxes_is_dissipated(comm):
     """At rest a viscous bond goes on opening without work from outside: what is stored less goes
-    into damage and viscosity, to the curvature of the bodies' energy."""
+    into damage and viscosity, with the curvature of the bodies' energy."""
     law = vmdg.Debonding(strength=P_C, critical_gap=ZETA_C, viscosity=20 * P_C / ZETA_C)
     history, problem = pull(comm, steps=5, law=law, end=0.1)
     before = history.rows[-1]
@@ -63,7 +63,59 @@ def test_overstress_that_relaxes_is_dissipated(comm):
     released = before["bulk"] + before["interface"] - after["bulk"] - after["interface"]
     assert after["external"] == pytest.approx(before["external"], rel=1e-14)
     assert after["viscosity"] > before["viscosity"]
-    assert abs(after["imbalance"] - before["imbalance"]) < 0.01 * released
+    assert abs(after["imbalance"] - before["imbalance"]) < 1e-6 * released
+
+
+RATED = {
+    "linear": lambda nu: vmdg.Debonding(P_C, ZETA_C, viscosity=nu),
+    "weak links": lambda nu: vmdg.Debonding(vmdg.Weibull(P_C, 4.0, seed=1), ZETA_C, 0.3, nu),
+    "exponential": lambda nu: vmdg.ExponentialDebonding(P_C, 10.0, viscosity=nu),
+    "mixed": lambda nu: vmdg.MixedModeDebonding(P_C, 60.0, 10.0, 18.0, viscosity=nu),
+    "intrinsic": lambda nu: vmdg.IntrinsicExponential(P_C, 10.0, viscosity=nu),
+}
+
+
+@pytest.mark.parametrize("name", ["linear", "mixed"])
+@pytest.mark.parametrize("strengths", [0.1, 1.0, 20.0, 1000.0])
+def test_rates_balance_in_a_bar(comm, name, strengths):
+    """An overstress of so many strengths at 1 mm/s, any number of steps: rounding of 5e-6.
+
+    The mean traction of a step missed 3% with 12 steps. A curve is integrated by trapezoids.
+    """
+    for steps in (5, 12):
+        history = pull(comm, steps=steps, law=RATED[name](strengths * P_C))[0]
+        assert np.abs(history["imbalance"]).max() < 5e-6 * history["external"][-1]
+        assert history["viscosity"][-1] > 4e-3 * history["external"][-1]
+        assert (np.diff(history["viscosity"]) >= 0).all()
+
+
+@pytest.mark.parametrize("name", RATED)
+@pytest.mark.parametrize("kinematics", ["small", "finite"])
+def test_rates_balance_as_other_bonds_do(comm, name, kinematics):
+    """Opened and sheared unevenly, on the way back in between, at rest at last: no more is missing
+    than without a rate, and of second order in the step."""
+
+    def missed(nu, steps):
+        scene = two_blocks(comm, "quadrilateral", 3, distortion=0.03)
+        problem = joined(scene, RATED[name](nu), kinematics=kinematics)
+        problem.dirichlet(scene.facet_tags.find(1), 0.0)
+
+        def led(X, t):
+            way = 0.12 * t + 0.03 * np.sin(6 * t)
+            return np.array([way + 0.02 * t * X[1], 0.04 * np.sin(2 * t) + 0.01 * t * X[1]])
+
+        problem.dirichlet(scene.facet_tags.find(2), led)
+        options = vmdg.SolveOptions(relative_tolerance=1e-12, control="load")
+        vmdg.solve(problem, 2 * np.arange(1, steps + 1) / steps, options)
+        vmdg.solve(problem, [2.0], options)
+        energy = problem.energy()
+        assert energy.viscosity > 0 or nu == 0
+        return energy.imbalance / energy.external
+
+    without = max(abs(missed(0.0, 12)), 2e-5)
+    for strengths in (0.1, 1.0, 20.0):
+        error = abs(missed(strengths * P_C, 12))
+        assert error < 1.5 * without or abs(missed(strengths * P_C, 24)) < 0.4 * error
 
 
 def test_external_work_of_prescribed_displacements(comm):

@@ -64,9 +64,6 @@ class Linear:
     def after(self, resistance, x):
         return max(resistance - self.strength / self.critical_gap * x, 0.0)
 
-    def steepest(self):
-        return self.strength / self.critical_gap
-
 
 @dataclass
 class Exponential:
@@ -75,9 +72,6 @@ class Exponential:
 
     def after(self, resistance, x):
         return resistance * math.exp(-x * self.strength / self.energy)
-
-    def steepest(self):
-        return self.strength**2 / self.energy
 
 
 @dataclass
@@ -106,12 +100,12 @@ def remaining(curve, left, x):
     return curve.remaining(left, x) if isinstance(curve, Trapezoid) else curve.after(left, x)
 
 
-def borne(curve, eta, fade, resistance, x):
-    """Overstress after the slip x in this step: that of the bond that is left."""
-    return curve.after(resistance, x) * min(eta * x / curve.strength, fade / curve.steepest())
+def borne(curve, eta, left, x):
+    """Overstress after the slip x in this step: that of the bond at its start, eta x R_n/P."""
+    return eta * x * curve.after(left, 0.0) / curve.strength
 
 
-def pressed(curve, mu, eta, fade, trial, normal, gap, r, resistance, gradual=False):
+def pressed(curve, mu, eta, trial, normal, gap, r, resistance, gradual=False):
     """Closing and shear for T_tr.N < 0: gap, traction, slip, R, mode and the three works."""
     trial_n, gap_n = dot(trial, normal), dot(gap, normal)
     closed_by = min(max(gap_n, 0.0), -trial_n / r)
@@ -128,10 +122,8 @@ def pressed(curve, mu, eta, fade, trial, normal, gap, r, resistance, gradual=Fal
 
     slip = 0.0
     if s > held(0.0, 0.0):
-        slip = bisect(
-            lambda x: held(x, borne(curve, eta, fade, resistance, x)) - (s - r * x), 0.0, s / r
-        )
-    left, overstress = curve.after(resistance, slip), borne(curve, eta, fade, resistance, slip)
+        slip = bisect(lambda x: held(x, borne(curve, eta, resistance, x)) - (s - r * x), 0.0, s / r)
+    left, overstress = curve.after(resistance, slip), borne(curve, eta, resistance, slip)
     mode = "ELASTIC"
     if slip > 0.0:
         mode = "FRICTION" if (left == 0 if gradual else cap >= left + overstress) else "SHEAR"
@@ -153,10 +145,9 @@ def pressed(curve, mu, eta, fade, trial, normal, gap, r, resistance, gradual=Fal
 def radial(curve, mu, eta, trial, normal, gap, softening, r, gradual=False):
     """`Debonding` (curve Linear) and `ExponentialDebonding` (curve Exponential)."""
     resistance = max(curve.strength - softening, 0.0)
-    fade = 0.5 * (r - curve.steepest())
     if dot(trial, normal) < 0.0:
         new_gap, traction, slip, left, mode, works = pressed(
-            curve, mu, eta, fade, trial, normal, gap, r, resistance, gradual
+            curve, mu, eta, trial, normal, gap, r, resistance, gradual
         )
     else:
         s = math.sqrt(dot(trial, trial))
@@ -164,9 +155,7 @@ def radial(curve, mu, eta, trial, normal, gap, softening, r, gradual=False):
         if s > curve.after(resistance, 0.0):
             slip = bisect(
                 lambda x: (
-                    curve.after(resistance, x)
-                    + borne(curve, eta, fade, resistance, x)
-                    - (s - r * x)
+                    curve.after(resistance, x) + borne(curve, eta, resistance, x) - (s - r * x)
                 ),
                 0.0,
                 s / r,
@@ -179,7 +168,7 @@ def radial(curve, mu, eta, trial, normal, gap, softening, r, gradual=False):
         if curve.strength - left >= curve.strength:
             mode = "OPEN"
         bond = trapezoids(lambda x: curve.after(resistance, x), slip)
-        works = (bond, 0.0, borne(curve, eta, fade, resistance, slip) * slip)
+        works = (bond, 0.0, borne(curve, eta, resistance, slip) * slip)
     return Step(traction, new_gap, max(softening, curve.strength - left), slip, mode, *works)
 
 
@@ -216,10 +205,9 @@ def mixed(law, eta, trial, normal, gap, softening, r):
     z_n, z_s = 2.0 * law.normal_energy / p_n, 2.0 * law.shear_energy / p_s
     rho_n = max(1.0 - softening / p_n, 0.0)
     trial_n = dot(trial, normal)
-    fade = 0.5 * (r - law.softening_modulus)
     if trial_n < 0.0:
         new_gap, traction, slip, left, mode, works = pressed(
-            *(Linear(p_s, z_s), law.friction, eta, fade, trial, normal, gap, r, p_s * rho_n),
+            *(Linear(p_s, z_s), law.friction, eta, trial, normal, gap, r, p_s * rho_n),
             gradual=law.gradual_friction,
         )
         return Step(traction, new_gap, max(softening, p_n * (1 - left / p_s)), slip, mode, *works)
@@ -227,17 +215,15 @@ def mixed(law, eta, trial, normal, gap, softening, r):
     shear = combine((1.0, trial), (-trial_n, normal))
     t = math.sqrt(dot(shear, shear))
 
-    def borne_by_rate(g):
-        return (rho_n - g) * min(eta * g, fade)
-
     def direction(g, m):
         """(cos th, sin th) that the trial traction asks for, not yet of length one."""
-        rho, v = (rho_n - g, borne_by_rate(g)) if g < rho_n else (0.0, 0.0)
-        flow = (r * g + v) * m
+        rho = max(rho_n - g, 0.0)
+        # of the penalty and of the overstress
+        flow = (r * g + eta * rho_n * g) * m
         return trial_n / (p_n * rho + flow * z_n), t / (p_s * rho + flow * z_s)
 
     def growth(m):
-        parting = math.hypot(trial_n / (r * z_n), t / (r * z_s)) / m
+        parting = math.hypot(trial_n / z_n, t / z_s) / ((r + eta * rho_n) * m)
         if parting >= rho_n:
             return parting
         return bisect(lambda g: 1.0 - math.hypot(*direction(g, m)), 0.0, rho_n)
@@ -252,9 +238,9 @@ def mixed(law, eta, trial, normal, gap, softening, r):
     cos, sin = trial_n / z_n, t / z_s
     length = math.hypot(cos, sin) or 1.0
     cos, sin = cos / length, sin / length
-    if length / r >= rho_n * interaction(law, cos, sin):
-        step = combine((1.0 / r, trial))
-        rho, mode, viscous = 0.0, "OPEN", 0.0
+    if length / (r + eta * rho_n) >= rho_n * interaction(law, cos, sin):
+        step = combine((1.0 / (r + eta * rho_n), trial))
+        rho, mode = 0.0, "OPEN"
     else:
         m = 1.0
         if law.criterion != "linear":
@@ -264,7 +250,6 @@ def mixed(law, eta, trial, normal, gap, softening, r):
         rho, mode = rho_n - g, "TENSION"
         cos, sin = direction(g, m)
         step = combine((m * g * z_n * cos, normal), (m * g * z_s * sin / t if t else 0.0, shear))
-        viscous = borne_by_rate(g) * g * m**2 * ((z_n * cos) ** 2 + (z_s * sin) ** 2)
     length = math.sqrt(dot(step, step))
     energy = interaction(law, cos, sin) * (law.normal_energy * cos**2 + law.shear_energy * sin**2)
     work = trapezoids(lambda g: 2 * (rho_n - g) * energy, rho_n - rho)
@@ -276,7 +261,7 @@ def mixed(law, eta, trial, normal, gap, softening, r):
         mode,
         work,
         0.0,
-        viscous,
+        eta * rho_n * length**2,
     )
 
 
@@ -300,15 +285,12 @@ def intrinsic(law, eta, trial, normal, gap, softening, r):
 
     x_n = -math.log(max(1.0 - d_n, 1e-300)) * scale / per_length
 
-    steepest = law.strength**2 / law.fracture_energy
-
-    def drag(x):
-        """Only where damage grows, and it ends with the bond."""
-        rated = eta * max(x - x_n, 0.0)
-        return (1 - damage(x)) * min(rated, 0.5 * (r / steepest - 1) * stiffness * x)
+    def overstress(x):
+        """Only where damage grows, by what was left at the start."""
+        return eta * (1.0 - d_n) * max(x - x_n, 0.0)
 
     def bond(x):
-        return stiffness * (1 - damage(x)) * x + drag(x)
+        return stiffness * (1 - damage(x)) * x + overstress(x)
 
     x = bisect(lambda x: r * x + bond(x) - length, 0.0, length / r)
     d = damage(x)
@@ -337,7 +319,7 @@ def intrinsic(law, eta, trial, normal, gap, softening, r):
         mode = "OPEN"
     softening = law.strength * d if grows else softening
     slip = math.sqrt(dot(step, step)) if grows else 0.0
-    viscous = drag(x) * (x - x_n) if grows else 0.0
+    viscous = overstress(x) * (x - x_n) if grows else 0.0
     return Step(traction, new_gap, softening, slip, mode, work, 0.0, viscous)
 
 

@@ -23,7 +23,7 @@ from ..domain.lattice import Lattice
 from ..domain.materials import Bodies
 from ..forms.geometry import GeneralizedPlane
 from ..forms.kinematics import Body
-from ..interface.active import ActiveInterface, update_points
+from ..interface.active import ActiveInterface, recoverable_energy, update_points
 from ..interface.facets import InterfaceFacets
 from ..interface.interface import Interface
 from ..interface.stabilization import Stabilization, Stabilizers
@@ -403,7 +403,7 @@ class Discretization:
         for i, form in enumerate(self._energy_forms):
             stored[i] = fem.assemble_scalar(form)
         stored[1] += float(self.geometry.thickness) * sum(
-            active.recoverable_energy() for active in self.active.values()
+            recoverable_energy(active) for active in self.active.values()
         )
         stored[2] = self.surface.spring_energy()
         return stored

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..base.quadrature import facet_degree
 from ..domain.materials import Bodies
 from ..laws import Mode
-from ..laws.base import joined_laws, same_law
+from ..laws.base import joined_laws, same_law, work_gradient
 from .facets import InterfaceFacets
 from .fluid import Fluid
 from .history import InterfaceSnapshot, PointHistory, with_rows, works
@@ -186,16 +186,6 @@ class ActiveInterface:
         changes = self._return_map.tangent(self.values) if damage else (None, None)
         return self.point_tangent(self.stabilization, self.values, *changes)
 
-    def fine_scales(self) -> NDArray[np.float64]:
-        """Fine-scale displacement (24) of sides 1 and 2 at the points (nq, 2, d) [mm].
-
-        In the signs of the code: -delta_s.[[P.N]] + delta_1^T.s and -delta_s.[[P.N]] - delta_2^T.s.
-        """
-        facet, values = self.quadrature.facet, self.values
-        flux = apply(self.stabilization.delta_s[facet], values.jump)
-        share = np.einsum("paji,pj->pai", self.stabilization.weights[facet], values.slip)
-        return np.array([1.0, -1.0])[:, None] * share - flux[:, None]
-
     def state(self) -> InterfaceState:
         """Values at the points for users."""
         q, history, values = self.quadrature, self.history, self.values
@@ -282,14 +272,26 @@ class ActiveInterface:
         r = self.stabilization.norm[q.facet]
         return works(self.history, update, self.law, q.normal, r) @ q.weights
 
-    def recoverable_energy(self) -> float:
-        """Work in the gap that the law of this rank's points stores and can return [N mm]."""
-        if not self.law.inelastic:
-            return 0.0
-        stored = self.law.stored_energy(
-            self.history.gap, self.quadrature.normal, self.history.softening
-        )
-        return float(self.quadrature.weights @ stored)
+    def work_gradient(self, dt: float) -> NDArray[np.float64]:
+        """d damage work/d T_tr of the last return map, in the frame of the law (nq, d) [mm].
+
+        Args:
+            dt: Time step of that return map [s].
+        """
+        update, history, q = self.values.update, self.history, self.quadrature
+        if update is None:
+            return np.zeros((len(q.weights), q.d))
+        r = self.stabilization.norm[q.facet]
+        load = update.traction + r[:, None] * (update.gap - history.gap)
+        r = r if self._drag is None else r + self._drag
+        cycles = () if self._cycles is None else (self._cycles,)
+        known = q.normal, history.gap, history.softening, r, dt, *cycles
+        return work_gradient(self.law, update, load, *known)
+
+    def total_in_frame(self) -> NDArray[np.float64]:
+        """{P.N} + r g at the current displacement, in the frame of the law (nq, d) [MPa]."""
+        trial = self.trial()
+        return trial.total if trial.R is None else np.einsum("pji,pj->pi", trial.R, trial.total)
 
 
 def update_points(interfaces: Sequence[ActiveInterface], dt: float, hold: bool = False) -> None:
@@ -311,6 +313,25 @@ def update_points(interfaces: Sequence[ActiveInterface], dt: float, hold: bool =
         for active, trial, end in zip(group, trials, ends, strict=True):
             alone = len(group) == 1
             active.take(values if alone else rows_of(values, slice(end - len(trial.opening), end)))
+
+
+def fine_scales(active: ActiveInterface) -> NDArray[np.float64]:
+    """Fine-scale displacement (24) of sides 1 and 2 at the points (nq, 2, d) [mm].
+
+    In the signs of the code: -delta_s.[[P.N]] + delta_1^T.s and -delta_s.[[P.N]] - delta_2^T.s.
+    """
+    facet, values, stabilization = active.quadrature.facet, active.values, active.stabilization
+    flux = apply(stabilization.delta_s[facet], values.jump)
+    share = np.einsum("paji,pj->pai", stabilization.weights[facet], values.slip)
+    return np.array([1.0, -1.0])[:, None] * share - flux[:, None]
+
+
+def recoverable_energy(active: ActiveInterface) -> float:
+    """Work in the gap that the law of this rank's points stores and can return [N mm]."""
+    if not active.law.inelastic:
+        return 0.0
+    history, q = active.history, active.quadrature
+    return float(q.weights @ active.law.stored_energy(history.gap, q.normal, history.softening))
 
 
 def _with_equal_laws(interfaces: Sequence[ActiveInterface]) -> list[list[ActiveInterface]]:

@@ -2,6 +2,18 @@
 
 Where in a step points begin to yield, part or close is not seen at its ends. The trial traction
 goes straight from its start to its end, and return maps on the way tell.
+
+With rates a return map at the share s of a step is that of backward Euler in the time s dt, from
+the start of the step: |T_tr(s)| - r dgamma = R(dgamma) + c dgamma/s, c = eta R_n/P_c. That path is
+continuous from one end to the other: as s falls to 0 so does dgamma, and V to |T_n| - R_n, the
+overstress at the end of the step before. (At a fixed dt it would begin with a jump, the overstress
+relaxed in no time.) The viscous work of a step is the integral of V.dzeta along it, with the points
+and the rule that T.dzeta has, so that bond and friction alone decide how far they balance, as
+without rates. It is V dgamma at a constant rate, which is what a law charges, and differs from that
+in the first order where the rate changes.
+
+Where the load rests, T goes straight from start to end on zeta, and all that bond and friction do
+not take of T.dzeta is viscous.
 """
 
 from __future__ import annotations
@@ -14,6 +26,7 @@ from numpy.typing import NDArray
 from ..laws import Update
 from ..laws.base import dot
 from .active import ActiveInterface
+from .history import works
 from .return_map import Trial, map_back
 
 Array = NDArray[np.float64]
@@ -31,6 +44,9 @@ LARGE = 1e-5
 
 #: Parts of the step for each of which a law charges damage.
 CHARGED = 4
+
+#: Share of the step at which the overstress is that of its start.
+FIRST = 1e-7
 
 
 def gap_force(active: ActiveInterface, traction: Array) -> Array:
@@ -60,18 +76,27 @@ class States(NamedTuple):
     gap: Array  #: zeta (m, d) [mm]
     softening: Array  #: Q (m,) [MPa]
     mode: NDArray[np.int8]  #: (m,)
+    overstress: Array  #: V (m, d) [MPa]
+
+    @classmethod
+    def of(cls, update: Update) -> States:
+        """At the end of a return map."""
+        V = update.overstress
+        known = update.traction, update.gap, update.softening, update.mode
+        return cls(*known, np.zeros_like(update.traction) if V is None else V)
 
     def at(self, *rows: NDArray | slice) -> States:
         """Some of them."""
         return States(*(array[rows] for array in self))
 
 
-def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float, float]:
-    """int T.d zeta over the step, and what its parts charge to damage more than the whole.
+def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float, Array]:
+    """int T.d zeta over the step, and what its parts charge more than the whole.
 
-    Of this rank's points [N mm; N in plane strain]. The work of an overstress is that of the mean
-    traction, as in :func:`.history.works`. A law that unloads to the origin charges the mean of the
-    directions of both ends where the gap turns while the bond parts, an error of third order.
+    The latter (3,) to damage, friction and viscosity, beside :meth:`.ActiveInterface.works`. Of
+    this rank's points [N mm; N in plane strain]. A law that unloads to the origin charges the mean
+    of the directions of both ends where the gap turns while the bond parts, an error of third
+    order.
 
     Args:
         active: The interface, at the end of a step that is not yet committed.
@@ -79,44 +104,58 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
         straight: Take the mean of the tractions at both ends.
     """
     update, history, q, law = active.values.update, active.history, active.quadrature, active.law
+    charged = np.zeros(3)
     if update is None:
-        return 0.0, 0.0
+        return 0.0, charged
     moved = np.flatnonzero((update.gap != history.gap).any(axis=1))
     if not moved.size:
-        return 0.0, 0.0
-    weights = q.weights[moved]
-    first, last = (
-        States(x.traction, x.gap, x.softening, x.mode).at(moved) for x in (history, update)
-    )
-    if straight or law.viscosity > 0:
-        return float(weights @ dot((first.traction + last.traction) / 2, last.gap - first.gap)), 0.0
+        return 0.0, charged
+    weights, rated = q.weights[moved], law.viscosity > 0 and update.overstress is not None
+    if straight:
+        mean = (history.traction + update.traction) / 2
+        total = dot(mean, update.gap - history.gap)
+        if rated:
+            charged[2] = q.weights @ _at_rest(active, total)
+        return float(q.weights @ total), charged
     N, r, law = q.normal[moved], active.stabilization.norm[q.facet[moved]], law.at(moved)
+    known = history.traction, history.gap, history.softening, history.mode
+    first = States(*known, np.zeros_like(history.traction)).at(moved)
+    last = States.of(update).at(moved)
     small = np.broadcast_to(LARGE * law.strength**2, len(moved))
     H = np.broadcast_to(law.softening_modulus, len(moved))
     whole = last.traction + r[:, None] * (last.gap - first.gap) - first.traction
 
-    def mapped(rows: NDArray, share: Array, start: States) -> Update:
-        """Return maps at shares of the step from states of some points on the way."""
-        load = first.traction[rows] + share[:, None] * whole[rows]
-        load -= r[rows, None] * (start.gap - first.gap[rows])
+    def mapped(rows: NDArray, load: Array, start: States, time: float | Array) -> Update:
+        """Return maps of some points."""
         known = load, load, load, N[rows], r[rows], start.gap, start.softening
-        return map_back(law.at(rows), load, Trial(*known), dt)
+        return map_back(law.at(rows), load, Trial(*known), time)
+
+    def at(rows: NDArray, share: Array) -> States:
+        """States of some points at shares of the step."""
+        load = first.traction[rows] + share[:, None] * whole[rows]
+        return States.of(mapped(rows, load, first.at(rows), share * dt if rated else dt))
 
     def way(rows: NDArray, ends: tuple[States, States], low: Array, part: float) -> States:
         """States of points at the ends of all parts of a part of the step."""
         shares = low + part * np.arange(1, PARTS)[:, None] / PARTS
-        rows = np.tile(rows, PARTS - 1)
-        new = mapped(rows, shares.ravel(), first.at(rows))
-        new = States(new.traction, new.gap, new.softening, new.mode)
+        new = at(np.tile(rows, PARTS - 1), shares.ravel())
         parts = zip(ends[0], new, ends[1], strict=True)
         return States(
             *(np.concatenate([a[None], b.reshape(-1, *a.shape), c[None]]) for a, b, c in parts)
         )
 
     def work(states: States, rows: NDArray, low: Array, part: float) -> Array:
-        """int T.d zeta of points between these states; a part in which a mode ends is divided."""
+        """int T.d zeta and int V.d zeta of points between these states (2, m).
+
+        A part in which a mode ends is divided.
+        """
         a, b = states.at(slice(None, -1)), states.at(slice(1, None))
-        works = np.einsum("spi,spi->sp", (a.traction + b.traction) / 2, b.gap - a.gap)
+        works = np.array(
+            [
+                np.einsum("spi,spi->sp", (one + other) / 2, b.gap - a.gap)
+                for one, other in ((a.traction, b.traction), (a.overstress, b.overstress))
+            ]
+        )
         part /= PARTS
         s, p = np.nonzero(a.mode != b.mode)
         gaps = np.linalg.norm(b.gap[s, p] - a.gap[s, p], axis=1)
@@ -124,17 +163,44 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
         s, p = (index[missed > small[rows[p]]] for index in (s, p))
         if s.size and part > SHORTEST:
             rows, low, ends = rows[p], low[p] + part * s, (a.at(s, p), b.at(s, p))
-            works[s, p] = work(way(rows, ends, low, part), rows, low, part)
-        return works.sum(axis=0)
+            works[:, s, p] = work(way(rows, ends, low, part), rows, low, part)
+        return works.sum(axis=1)
 
     rows, low = np.arange(len(moved)), np.zeros(len(moved))
+    if rated:
+        # what a bond that has gone in the step before bore then is overstress that ends at once
+        begun = at(rows, np.full(len(moved), FIRST))
+        first = first._replace(overstress=begun.overstress + first.traction - begun.traction)
     states = way(rows, (first, last), low, 1.0)
-    total = float(weights @ work(states, rows, low, 1.0))
+    total, viscous = work(states, rows, low, 1.0)
+    if rated:
+        charged[2] = weights @ (viscous - update.viscous_work[moved])
     parting = np.flatnonzero(update.damage_work[moved] > 0)
-    if not (law.unloads_to_origin and parting.size):
-        return total, 0.0
-    shares = np.repeat(np.arange(1, CHARGED + 1) / CHARGED, len(parting))
-    start = states.at(slice(None, -1, PARTS // CHARGED), parting)
-    start = States(*(array.reshape(-1, *array.shape[2:]) for array in start))
-    spent = mapped(np.tile(parting, CHARGED), shares, start).damage_work.reshape(CHARGED, -1)
-    return total, float(weights[parting] @ (spent.sum(axis=0) - update.damage_work[moved[parting]]))
+    if law.unloads_to_origin and parting.size:
+        quarters = states.at(slice(None, None, PARTS // CHARGED), parting)
+        start, end = (
+            States(*(array.reshape(-1, *array.shape[2:]) for array in quarters.at(part)))
+            for part in (slice(None, -1), slice(1, None))
+        )
+        rows = np.tile(parting, CHARGED)
+        # without its overstress the end follows from the start where there is time enough
+        load = end.traction - end.overstress + r[rows, None] * (end.gap - start.gap)
+        spent = mapped(rows, load, start, np.inf if rated else dt).damage_work.reshape(CHARGED, -1)
+        charged[0] = weights[parting] @ (spent.sum(axis=0) - update.damage_work[moved[parting]])
+    return float(weights @ total), charged
+
+
+def _at_rest(active: ActiveInterface, total: Array) -> Array:
+    """What T.dzeta leaves to viscosity beyond the charge of the law (nq,) [N/mm].
+
+    Args:
+        active: The interface.
+        total: int T.dzeta (nq,) [N/mm].
+    """
+    update, history, q, law = active.values.update, active.history, active.quadrature, active.law
+    damage, friction, viscous = works(
+        history, update, law, q.normal, active.stabilization.norm[q.facet]
+    )
+    stored = law.stored_energy(update.gap, q.normal, update.softening)
+    stored -= law.stored_energy(history.gap, q.normal, history.softening)
+    return np.maximum(total - stored - damage - friction, 0.0) - viscous

@@ -83,6 +83,8 @@ def with_rows(record: Record, rows: NDArray, other: Record, theirs: NDArray) -> 
 def works(before: PointHistory, update: Update, law: Law, N: Array, r: Array) -> Array:
     """What a step dissipates at the points, (39), by damage, friction and viscosity (3, nq) [N/mm].
 
+    Of a rate the overstress of the end; :func:`.gap_work` says what changes on the way.
+
     Args:
         before: History at the start of the step.
         update: Return map of its end.
@@ -94,25 +96,7 @@ def works(before: PointHistory, update: Update, law: Law, N: Array, r: Array) ->
     if np.any(np.greater(law.friction, 0.0)):
         between = _friction_between(before, update, law, N, r)
         works[1] = np.maximum(works[1] + between, 0.0)
-    if law.viscosity > 0:
-        # The law charges the overstress of the end, too little where it relaxes.
-        works[2] = np.maximum(works[2], _overstress_between(before, update, law, N, works))
     return works
-
-
-def _overstress_between(
-    before: PointHistory, update: Update, law: Law, N: Array, works: Array
-) -> Array:
-    """Work of the overstress by the mean traction of both ends of the step (nq,) [N/mm].
-
-    The integral of T.dzeta by the trapezoidal rule, exact for linear bodies, less what the bond
-    can return and what bond and friction take.
-    """
-    mean = (before.traction + update.traction) / 2
-    total = np.einsum("pi,pi->p", mean, update.gap - before.gap)
-    total -= law.stored_energy(update.gap, N, update.softening)
-    total += law.stored_energy(before.gap, N, before.softening)
-    return total - works[0] - works[1]
 
 
 def _friction_between(before: PointHistory, update: Update, law: Law, N: Array, r: Array) -> Array:

@@ -41,9 +41,10 @@ class Update:
     """Result of a return map at n points in d dimensions.
 
     The three works are what the step dissipated at the point, (32), per unit reference area: the
-    resistance integrated along the gap path of the step, zeta_n to zeta_{n+1}, at the direction and
-    pressure of its end. Their sum, plus the change of `Law.stored_energy`, is the integral of T .
-    dzeta over that path.
+    resistance integrated along the gap path of the step, zeta_n to zeta_{n+1}, at the direction,
+    pressure and overstress of its end. Their sum, plus the change of `Law.stored_energy`, is the
+    integral of T . dzeta over that path. A law does not know the overstress at the start of the
+    step; `vmdg.interface.gap_work` does, and charges what changes on the way.
 
     Attributes:
         traction: T_{n+1} (n, d), MPa.
@@ -55,6 +56,9 @@ class Update:
         damage_work: spent on the bond (n,), N/mm.
         friction_work: spent on friction beyond the bond (n,), N/mm.
         viscous_work: spent on the overstress (n,), N/mm.
+        overstress: V (n, d), MPa: the part of T that is due to the rate; None if unknown.
+        work_gradient: d damage_work/d T_tr (n, d), mm, zero where nothing yields; None if unknown,
+            see the function `work_gradient`.
     """
 
     traction: Array
@@ -66,6 +70,8 @@ class Update:
     damage_work: Array
     friction_work: Array
     viscous_work: Array
+    overstress: Array | None = None
+    work_gradient: Array | None = None
 
     @classmethod
     def elastic(cls, trial: Array, gap: Array, softening: Array) -> Update:
@@ -87,6 +93,8 @@ class Update:
             damage_work=np.zeros(n),
             friction_work=np.zeros(n),
             viscous_work=np.zeros(n),
+            overstress=np.zeros((n, d)),
+            work_gradient=np.zeros((n, d)),
         )
 
 
@@ -96,6 +104,7 @@ class Law(ABC):
     A new law is one class. With one softening curve for all directions derive from `RadialLaw`;
     with another yield surface from `ExtrinsicLaw`; with a law of its own kind from this class,
     whose contract is `return_map` (or `_advance`, for arguments in order) and the attributes below.
+    Its `Update` need not give `work_gradient`: differences tell where a bond is worn without one.
 
     Strengths, energies, gaps and friction may vary along an interface. What calls a law resolves
     functions (`with_values`) and takes it at its points (`at`), where such a parameter is an array
@@ -106,7 +115,7 @@ class Law(ABC):
     fatigues: bool = False  #: whether cycles wear it; `return_map` then has `cycles` after dt
     strength: Parameter  #: traction at which damage starts in pure opening, MPa
     friction: Parameter = 0.0  #: Coulomb coefficient mu
-    viscosity: float = 0.0  #: overstress per opening rate, MPa s/mm
+    viscosity: float = 0.0  #: overstress of the intact bond per opening rate, MPa s/mm
 
     @property
     @abstractmethod
@@ -176,7 +185,7 @@ class Law(ABC):
         gap: ArrayLike,
         softening: ArrayLike,
         penalty: ArrayLike,
-        dt: float = 1.0,
+        dt: float | Array = 1.0,
     ) -> Update:
         """Advance n points by one backward-Euler step.
 
@@ -186,32 +195,38 @@ class Law(ABC):
             gap: zeta_n (n, d), mm.
             softening: Q_n (n,), MPa.
             penalty: r (n,) or one number, MPa/mm.
-            dt: time step, s; only used where viscosity > 0.
+            dt: time step, s, one number or (n,); only used where viscosity > 0.
 
         Raises:
             ValueError: shapes do not match, dt <= 0 with viscosity > 0, or r <= H at a point.
         """
         points = self._checked(trial, normal, gap, softening, penalty)
-        return self._advance(*points, self.overstress(dt))
+        return self._advance(*points, self.damping(dt))
 
     def _advance(
-        self, trial: Array, normal: Array, gap: Array, softening: Array, penalty: Array, eta: float
+        self,
+        trial: Array,
+        normal: Array,
+        gap: Array,
+        softening: Array,
+        penalty: Array,
+        eta: float | Array,
     ) -> Update:
-        """`return_map` with arguments of matching shapes, r admissible, eta of `overstress`."""
+        """`return_map` with arguments of matching shapes, r admissible, eta of `damping`."""
         raise NotImplementedError
 
-    def overstress(self, dt: float) -> float:
-        """eta = viscosity/dt, MPa/mm: overstress per gap increment of the step.
+    def damping(self, dt: float | Array) -> float | Array:
+        """eta = viscosity/dt, MPa/mm: overstress of the intact bond per gap increment of the step.
 
         Args:
-            dt: time step, s.
+            dt: time step, s, one number or (n,).
 
         Raises:
             ValueError: dt <= 0 with viscosity > 0.
         """
         if self.viscosity == 0.0:
             return 0.0
-        if not dt > 0.0:
+        if not np.greater(dt, 0.0).all():
             raise ValueError(f"dt = {dt}: a law with viscosity needs a positive time step")
         return self.viscosity / dt
 
@@ -287,6 +302,43 @@ class Law(ABC):
                 "or a tougher or weaker bond (smaller H)"
             )
         return trial, normal, gap, softening, penalty
+
+
+#: Change of the trial traction for differences, relative to the strength.
+INCREMENT = 1e-6
+
+
+def work_gradient(law: Law, update: Update, trial: Array, *known: Array | float) -> Array:
+    """d damage_work/d T_tr (n, d), mm: what the return map says, or central differences.
+
+    By differences where a law says nothing, and where it wears a bond that holds on but says zero,
+    as one does that starts from `Update.elastic` and writes the rest only.
+
+    Args:
+        law: The law.
+        update: Of its return map.
+        trial: T_tr (n, d), MPa.
+        known: What the return map had besides, in order: normal, gap, softening, penalty and so on,
+            arrays with a row a point or one number.
+    """
+    given = update.work_gradient
+    gradient, unknown = np.zeros_like(trial), update.damage_work > 0.0
+    if given is not None:
+        unknown &= ~given.any(axis=1) & (update.softening < law.strength)
+        gradient[:] = given
+    rows = np.flatnonzero(unknown)
+    if not rows.size:
+        return gradient
+    part, step = law.at(rows), np.broadcast_to(INCREMENT * law.strength, len(trial))[rows]
+    known = tuple(array[rows] if np.ndim(array) else array for array in known)
+    for i in range(trial.shape[1]):
+        works = []
+        for end in (step, -step):
+            load = trial[rows]
+            load[:, i] += end
+            works.append(part.return_map(load, *known).damage_work)
+        gradient[rows, i] = (works[0] - works[1]) / (2.0 * step)
+    return gradient
 
 
 #: Parameters of laws that must be positive, and what they are or what else to use.

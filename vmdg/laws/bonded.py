@@ -21,7 +21,13 @@ class Bonded(Law):
         return 0.0
 
     def _advance(
-        self, trial: Array, normal: Array, gap: Array, softening: Array, penalty: Array, eta: float
+        self,
+        trial: Array,
+        normal: Array,
+        gap: Array,
+        softening: Array,
+        penalty: Array,
+        eta: float | Array,
     ) -> Update:
         """Every point is elastic."""
         return Update.elastic(trial, gap, softening)

@@ -58,7 +58,7 @@ class SofteningCurve(ABC):
         Args:
             load: |T_tr| (m,), MPa, not less than R_n.
             left: strength - Q_n (m,), MPa.
-            stiffness: r + eta (m,), MPa/mm, more than H.
+            stiffness: r and damping (m,), MPa/mm, more than H.
         """
 
     @abstractmethod
@@ -116,64 +116,31 @@ class Yielding(NamedTuple):
 
     slip: Array  #: x, mm
     resistance: Array  #: R(x), MPa
-    overstress: Array  #: V(x), MPa
+    overstress: Array  #: V, MPa
     slope: Array  #: dx/d load, mm/MPa
 
 
 def give(
-    bond: SofteningCurve, load: Array, left: Array, penalty: Array, eta: float, fade: Array
+    bond: SofteningCurve, load: Array, left: Array, penalty: Array, damping: Array
 ) -> Yielding:
-    """Root x of load - r x = R(x) + V(x), with the overstress V = R min(eta x/strength, p/H).
+    """Root x of load - r x = R(x) + V, with the overstress V = damping x.
 
-    The viscosity is that of the bond that is left, so that the overstress ends with it: where the
-    bond is gone, x = load/r and nothing is borne. Were V given up all at once there, loads in a
-    range would have two roots. The bound p/H with p = (r - H)/2 is for the same end: V then falls
-    by p at most, and r x + R + V grows by r - H - p = p at least, so there is one root whatever
-    the viscosity and the load.
+    The damping is that of the bond at the start of the step, `Law.damping` R_n/P_c: a number in the
+    step, so that r + damping takes the place of r, and there is one root for r > H whatever the
+    viscosity. V grows with x, also where the bond is gone, x = load/(r + damping), and ends with it
+    in the next step.
 
     Args:
         bond: softening curve.
         load: trial traction (m,), MPa, not less than R_n.
         left: strength - Q_n (m,), MPa.
         penalty: r (m,), MPa/mm.
-        eta: viscosity/dt, MPa/mm.
-        fade: p (m,), MPa/mm.
+        damping: V/x (m,), MPa/mm.
     """
-    slip = bond.slip(load, left, penalty)
-    if eta > 0.0:
-        # V <= eta x, and the bond goes at the same load as without viscosity.
-        lower = bond.slip(load, left, penalty + eta)
-        lower = np.where(bond.soften(left, slip)[0] > 0.0, np.minimum(lower, slip), slip)
-
-        def imbalance(x: Array) -> tuple[Array, Array]:
-            R, descent = bond.soften(left, x)
-            V, V_slope = overstress(bond, x, R, descent, eta, fade)
-            return penalty * x + R + V - load, penalty + descent + V_slope
-
-        slip = increasing_root(imbalance, lower, slip, start=lower)
+    stiffness = penalty + damping
+    slip = bond.slip(load, left, stiffness)
     R, descent = bond.soften(left, slip)
-    V, V_slope = overstress(bond, slip, R, descent, eta, fade)
-    return Yielding(slip, R, V, 1.0 / (penalty + descent + V_slope))
-
-
-def overstress(
-    bond: SofteningCurve, slip: Array, R: Array, descent: Array, eta: float, fade: Array
-) -> tuple[Array, Array]:
-    """V of `give` (m,), MPa, and dV/dx, MPa/mm.
-
-    Args:
-        bond: softening curve.
-        slip: x (m,), mm.
-        R, descent: R(x) (m,), MPa, and its slope, MPa/mm.
-        eta: viscosity/dt, MPa/mm.
-        fade: p (m,), MPa/mm.
-    """
-    if eta == 0.0:
-        return np.zeros_like(R), np.zeros_like(R)
-    rate = eta / bond.strength
-    bound = fade / bond.softening_modulus
-    share = np.minimum(rate * slip, bound)
-    return share * R, share * descent + np.where(rate * slip < bound, rate * R, 0.0)
+    return Yielding(slip, R, damping * slip, 1.0 / (stiffness + descent))
 
 
 class Closure(NamedTuple):
@@ -205,6 +172,8 @@ class Slide(NamedTuple):
 
     slip: Array  #: dgamma, mm
     traction: Array  #: |T_T|, MPa
+    resistance: Array  #: R(dgamma), MPa
+    overstress: Array  #: V, part of the traction, MPa
     left: Array  #: strength - Q_{n+1} of the bond, MPa
     lost: Array  #: Q_{n+1} - Q_n, MPa
     slope: Array  #: d dgamma / d |T_tr,T|, mm/MPa
@@ -222,8 +191,7 @@ def slide(
     cap: Array,
     left: Array,
     penalty: Array,
-    eta: float,
-    fade: Array,
+    damping: Array,
 ) -> Slide:
     """Shear return (75)-(83): |T_T| = |T_tr,T| - r dgamma meets max(R + V, mu |T_N|), V of `give`.
 
@@ -243,19 +211,18 @@ def slide(
         cap: mu |T_N| (n,), MPa.
         left: strength - Q_n (n,), MPa.
         penalty: r (n,), MPa/mm.
-        eta: viscosity/dt, MPa/mm.
-        fade: p of `give` (n,), MPa/mm.
+        damping: V/dgamma (n,), MPa/mm, as of `give`.
     """
     # A debonded point without pressure slips freely even at zero load: its tangent must not be the
     # bonded one.
     R_n = bond.resistance(left)
     slipping = ((shear > R_n) | (R_n == 0.0)) & ((shear > cap) | (cap == 0.0))
-    by_bond = give(bond, np.maximum(shear, R_n), left, penalty, eta, fade)
+    by_bond = give(bond, np.maximum(shear, R_n), left, penalty, damping)
     by_cap = np.maximum(shear - cap, 0.0) / penalty
     by_friction = slipping & (by_cap <= by_bond.slip)
     slip = np.where(slipping, np.minimum(by_bond.slip, by_cap), 0.0)
-    R, descent = bond.soften(left, slip)
-    V, _ = overstress(bond, slip, R, descent, eta, fade)
+    R, _ = bond.soften(left, slip)
+    V = damping * slip
 
     held_by_bond = np.where(by_friction, np.clip(bond.slip_to(left, cap - V), 0.0, slip), slip)
     at_hand_over, at_end = bond.remaining(left, held_by_bond), bond.remaining(left, slip)
@@ -263,6 +230,8 @@ def slide(
     return Slide(
         slip=slip,
         traction=np.where(slipping, np.where(by_friction, cap, R + V), shear),
+        resistance=R,
+        overstress=np.where(by_friction, 0.0, V),
         left=at_end,
         lost=left - at_end,
         slope=slipping * np.where(by_friction, 1.0 / penalty, by_bond.slope),
@@ -281,8 +250,7 @@ def slide_gradually(
     cap: Array,
     left: Array,
     penalty: Array,
-    eta: float,
-    fade: Array,
+    damping: Array,
 ) -> Slide:
     """Shear return where the parted share rubs beside the bond: |T_T| <= R + V + d mu |T_N|.
 
@@ -293,30 +261,31 @@ def slide_gradually(
     until the bond is gone.
 
     Args:
-        bond, shear, cap, left, penalty, eta, fade: As of `slide`.
+        bond, shear, cap, left, penalty, damping: As of `slide`.
     """
     part = 1.0 - cap / bond.strength
     R_n = bond.resistance(left)
     held = R_n + (1.0 - R_n / bond.strength) * cap
     slipping = (shear > held) | ((R_n == 0.0) & (cap == 0.0))
-    load = np.maximum(shear, held)
+    load, stiffness = np.maximum(shear, held), penalty + damping
 
     def imbalance(x: Array) -> tuple[Array, Array]:
         R, descent = bond.soften(left, x)
-        V, V_slope = overstress(bond, x, R, descent, eta, fade)
-        return penalty * x + part * R + V + cap - load, penalty + part * descent + V_slope
+        return stiffness * x + part * R + cap - load, stiffness + part * descent
 
-    upper = load / penalty
+    upper = load / stiffness
     slip = increasing_root(imbalance, np.zeros_like(load), upper, start=np.zeros_like(load))
     slip = np.where(slipping, slip, 0.0)
     R, descent = bond.soften(left, slip)
-    V, V_slope = overstress(bond, slip, R, descent, eta, fade)
-    slope = slipping / (penalty + part * descent + V_slope)
+    V = damping * slip
+    slope = slipping / (stiffness + part * descent)
     at_end, rubs = bond.remaining(left, slip), 1.0 - R / bond.strength
     spent = bond.bond_energy(left) - bond.bond_energy(at_end)
     return Slide(
         slip=slip,
         traction=np.where(slipping, R + V + rubs * cap, shear),
+        resistance=R,
+        overstress=V,
         left=at_end,
         lost=left - at_end,
         slope=slope,

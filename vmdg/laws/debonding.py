@@ -17,18 +17,20 @@ class Debonding(RadialLaw):
     The gap is zeta, the inelastic part of the opening g = phi_2 - phi_1, as in the report; what
     contact mechanics calls the gap is g.
 
-    R = P_c - Q with Q = min(Q_n + H dgamma, P_c), H = P_c/zeta_c. The overstress is that of the
-    bond that is left, V = eta dgamma R/P_c with eta = viscosity/dt, at most R (r - H)/(2H):
+    R = P_c - Q with Q = min(Q_n + H dgamma, P_c), H = P_c/zeta_c. The overstress is V = c dgamma,
+    c = eta R_n/P_c with eta = viscosity/dt and R_n of the start of the step:
 
-    * tension, T_tr.N >= 0: |T| <= R + V; without viscosity dgamma = (|T_tr| - R_n)/(r - H); once
-      the bond is gone dgamma = |T_tr|/r and T = 0, whatever the viscosity;
+    * tension, T_tr.N >= 0: |T| <= R + V; dgamma = (|T_tr| - R_n)/(r - H + c), or |T_tr|/(r + c)
+      where the bond fails on the way, Q = P_c; then T = V in this step and nothing from the next
+      one on;
     * contact, T_tr.N < 0: the normal gap closes at T_N = 0, then
       |T_T| <= max(R + V, mu |T_N|), and Q advances in friction too; with gradual_friction
       |T_T| <= R + V + (Q/P_c) mu |T_N|, the share that has parted rubs while the rest holds.
 
     The equation for dgamma is one continuous, strictly decreasing function in all branches
-    (r > H), so T is continuous in all inputs. A step spends (R_n^2 - R_{n+1}^2)/(2H) on the
-    bond: P_c zeta_c/2 to separation in any number of steps. Friction does not depend on the rate.
+    (r > H), whatever the viscosity, so T is continuous in all inputs. A step spends (R_n^2 -
+    R_{n+1}^2)/(2H) on the bond: P_c zeta_c/2 to separation in any number of steps. Friction does
+    not depend on the rate.
 
     With unloading="plastic" it is like that of plasticity, as in the report: T falls at once, the
     gap stays until the lips are pressed together, closes without traction, and to open it anew is

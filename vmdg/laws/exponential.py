@@ -32,8 +32,8 @@ class ExponentialDebonding(RadialLaw):
 
     R(kappa) = P_c exp(-kappa P_c/G_c), with kappa the accumulated length of the inelastic gap; the
     area under the curve is G_c. Everything else is as in `Debonding`; dgamma is the root of
-    |T_tr| - r dgamma = R + V, R = R_n exp(-dgamma P_c/G_c). The bond is gone (Q = P_c) when R/P_c
-    falls to round-off.
+    |T_tr| - r dgamma = R + V, R = R_n exp(-dgamma P_c/G_c), V = eta dgamma R_n/P_c. The bond is
+    gone (Q = P_c) when R/P_c falls to round-off.
 
     Attributes:
         strength: P_c, MPa.
@@ -115,17 +115,16 @@ class IntrinsicExponential(Law):
     <= 0 free where zeta_N = 0; no friction.
 
     Viscosity resists the growth of damage: with y = delta/delta_0, y_n the y that belongs to d_n
-    and eta = viscosity/dt, T has the further part exp(-y) min(eta (1 - y_n/y), a K) zeta while y >
-    y_n, which ends with the bond.
+    and eta = viscosity/dt, T has the further part V = eta (1 - d_n) (1 - y_n/y) zeta while y > y_n,
+    which ends with the bond.
 
     With b = T_tr + r zeta_n (without its normal part in contact, b.N < 0) zeta_{n+1} is parallel to
     b, and one equation is left:
 
-        r y + exp(-y) (K y + min(eta (y - y_n), a K y)) = delta(b)/delta_0.
+        r y + K exp(-y) y + eta (1 - d_n) (y - y_n) = delta(b)/delta_0.
 
     K exp(-y) y falls by H = K/e^2 = strength^2/G_c at most (the inflection at y = 2), which is
-    `softening_modulus`, and with the overstress by (1 + a) H at most. So with a = (r - H)/(2H) the
-    left-hand side grows for all y if r > H.
+    `softening_modulus`. So the left-hand side grows for all y if r > H, whatever the viscosity.
 
     The history Q = strength d (MPa) plays the part that P_c - R plays in the other laws.
     `Update.damage_work` is the dissipation, the integral of K |zeta|^2/2 over d by the mean of
@@ -180,7 +179,13 @@ class IntrinsicExponential(Law):
         return 0.5 * self.stiffness * self._integrity(softening) * dot(gap, gap)
 
     def _advance(
-        self, trial: Array, normal: Array, gap: Array, softening: Array, penalty: Array, eta: float
+        self,
+        trial: Array,
+        normal: Array,
+        gap: Array,
+        softening: Array,
+        penalty: Array,
+        eta: float | Array,
     ) -> Update:
         """Solve T_tr - r (zeta - zeta_n) = T(zeta)."""
         r, stiffness, scale = penalty, self.stiffness, self.gap_scale
@@ -203,19 +208,16 @@ class IntrinsicExponential(Law):
         rows = np.flatnonzero(growing)
         part = self.at(rows)
         y_n = part._opening_of(integrity_n[rows])
-        limit = 0.5 * (r[rows] / part.softening_modulus - 1.0)
-        y[rows] = part._grown_opening(load[rows], r[rows], y_n, eta, limit)
+        damping = (eta * integrity_n)[rows]
+        y[rows] = part._grown_opening(load[rows], r[rows], y_n, damping)
         decay = np.exp(-y[rows])
         integrity = integrity_n.copy()
         integrity[rows] = np.minimum(decay, integrity_n[rows])
-        # V = drag zeta, and the change of drag with y
-        most = limit * part.stiffness
-        share = np.minimum(eta * (1.0 - y_n / y[rows]), most)
-        share_slope = np.where(share < most, eta * y_n / y[rows] ** 2, 0.0)
-        drag, drag_slope = decay * share, decay * (share_slope - share)
+        # V relative to zeta
+        rated = damping * (1.0 - y_n / y[rows])
 
         bonded = stiffness * integrity
-        bonded[rows] += drag
+        bonded[rows] += rated
         secant = r + bonded
         new_gap = b / secant[:, None]
         update = Update.elastic(trial, new_gap, softening)
@@ -230,8 +232,8 @@ class IntrinsicExponential(Law):
         held = normal[pressed]
         update.tangent[pressed] -= outer(held / secant[pressed, None], held)
         elastic, scale = part.stiffness * decay, part.gap_scale
-        steepening = elastic - drag_slope
-        slope = r[rows] + elastic * (1.0 - y[rows]) + (drag + y[rows] * drag_slope)
+        steepening = elastic - damping * y_n / y[rows] ** 2
+        slope = r[rows] + damping + elastic * (1.0 - y[rows])
         growth = steepening / (scale * secant[rows] ** 2 * slope * delta_b[rows])
         update.tangent[rows] += outer(growth[:, None] * b[rows], weighted[rows])
 
@@ -242,7 +244,16 @@ class IntrinsicExponential(Law):
         spent = part._undissipated(integrity_n[rows]) - part._undissipated(integrity[rows])
         ray2_n = part._squared_ray(gap[rows], normal[rows], otherwise=ray2)
         update.damage_work[rows] = np.maximum((ray2_n + ray2) / 2 * spent, 0.0)
-        update.viscous_work[rows] = drag * ray2 * scale**2 * y[rows] * (y[rows] - y_n)
+        by_y = (ray2_n + ray2) / 2 * part.fracture_energy * decay * y[rows] ** 2 / 2
+        # ray2 counts twice where there was no gap
+        by_ray2 = np.where(gap[rows].any(axis=1), 0.5, 1.0) * spent
+        turned = b[rows] - ray2[:, None] * weighted[rows]
+        update.work_gradient[rows] = (by_y / (scale * slope * delta_b[rows]))[:, None] * weighted[
+            rows
+        ]
+        update.work_gradient[rows] += (2.0 * by_ray2 / delta_b[rows] ** 2)[:, None] * turned
+        update.overstress[rows] = rated[:, None] * new_gap[rows]
+        update.viscous_work[rows] = rated * ray2 * scale**2 * y[rows] * (y[rows] - y_n)
         return update
 
     def _weighted(self, gap: Array, normal: Array) -> Array:
@@ -263,23 +274,16 @@ class IntrinsicExponential(Law):
         """y with exp(-y) = 1 - d."""
         return -np.log(np.maximum(integrity, _TINY))
 
-    def _grown_opening(self, load: Array, r: Array, y_n: Array, eta: float, limit: Array) -> Array:
-        """Root y of the equation of the class docstring, a = `limit`, where damage grows."""
-        K = self.stiffness
+    def _grown_opening(self, load: Array, r: Array, y_n: Array, damping: Array) -> Array:
+        """Root y of the equation of the class docstring, where damage grows."""
+        K, stiffness, load = self.stiffness, r + damping, load + damping * y_n
 
         def imbalance(y: Array) -> tuple[Array, Array]:
-            decay = np.exp(-y)
-            elastic = K * decay
-            value, slope = (r + elastic) * y - load, r + elastic * (1.0 - y)
-            if eta == 0.0:
-                return value, slope
-            rated, bound = eta * (y - y_n), limit * K * y
-            V = np.minimum(rated, bound)
-            V_slope = np.where(rated < bound, eta, limit * K) - V
-            return value + decay * V, slope + decay * V_slope
+            elastic = K * np.exp(-y)
+            return (stiffness + elastic) * y - load, stiffness + elastic * (1.0 - y)
 
-        upper = load / r
-        return increasing_root(imbalance, load / (r + K + eta), upper, start=upper)
+        upper = load / stiffness
+        return increasing_root(imbalance, load / (stiffness + K), upper, start=upper)
 
     def _undissipated(self, integrity: Array) -> Array:
         """Energy still to dissipate in opening, N/mm: G_c (1 - d) (y^2/2 + y + 1), e^-y = 1 - d."""

@@ -34,6 +34,7 @@ class Points(NamedTuple):
     softening: Array  #: Q_n (m,)
     left: Array  #: max(strength - Q_n, 0) (m,): R_n, or what R_n follows from
     penalty: Array  #: r (m,)
+    damping: Array  #: V/dgamma of the bond at the start (m,), MPa/mm
 
 
 class ExtrinsicLaw(Law):
@@ -42,6 +43,10 @@ class ExtrinsicLaw(Law):
     T_tr.N >= 0: `_open`, the law's own return. T_tr.N < 0: the residual gap closes, then the shear
     law `in_shear` slides with friction (module `compression`). Both agree at T_tr.N = 0, so T is
     continuous across the switch. With unloading="secant" module `secant` takes the place of both.
+
+    The overstress of a rate is V = eta dgamma R_n/P_c, eta = viscosity/dt, beside the bond and
+    along its flow. R_n is that of the start of the step, which makes it a matter of r + eta R_n/P_c
+    in place of r, first order in the step as backward Euler is.
     """
 
     unloading: str = "plastic"  #: or "secant": what the gap does when the traction falls
@@ -118,11 +123,17 @@ class ExtrinsicLaw(Law):
         return super().rubbing(softening)
 
     @abstractmethod
-    def _open(self, update: Update, at: Points, eta: float) -> None:
+    def _open(self, update: Update, at: Points) -> None:
         """Write the return of points with T_tr.N >= 0, T_eq >= R_n into the rows of `update`."""
 
     def _advance(
-        self, trial: Array, normal: Array, gap: Array, softening: Array, penalty: Array, eta: float
+        self,
+        trial: Array,
+        normal: Array,
+        gap: Array,
+        softening: Array,
+        penalty: Array,
+        eta: float | Array,
     ) -> Update:
         """Boxes 2 and 3, completed.
 
@@ -137,6 +148,7 @@ class ExtrinsicLaw(Law):
         shear = np.sqrt(dot(tangential, tangential))
         left = np.maximum(self.strength - softening, 0.0)
         resistance = self.in_opening.resistance(left)
+        damping = eta * (resistance / self.strength) if self.viscosity else np.zeros_like(left)
         # A point without bond yields at zero traction already, or its tangent would be the bonded
         # one.
         yielding = self.equivalent(np.maximum(trial_n, 0.0), shear) > resistance
@@ -150,28 +162,23 @@ class ExtrinsicLaw(Law):
         ):
             rows = np.flatnonzero(mask)
             if rows.size:
-                everywhere = (trial, normal, trial_n, shear, gap, softening, left, penalty)
+                everywhere = (trial, normal, trial_n, shear, gap, softening, left, penalty, damping)
                 points = Points(rows, *(array[rows] for array in everywhere))
-                branch(self.at(rows), update, points, eta)
+                branch(self.at(rows), update, points)
         return update
-
-    def _fade(self, penalty: Array) -> Array:
-        """p of `give` (m,), MPa/mm, the same in all directions: half of r - H."""
-        return 0.5 * (penalty - self.softening_modulus)
 
     def _softened(self, at: Points, left: Array, lost: Array) -> Array:
         """Q_{n+1} = Q_n + lost, (54), MPa; exactly the strength where nothing is left."""
         return np.where(left > 0.0, np.minimum(at.softening + lost, self.strength), self.strength)
 
-    def _pressed(self, update: Update, at: Points, eta: float) -> None:
+    def _pressed(self, update: Update, at: Points) -> None:
         """Closing, then bond or friction in shear, (81): points with T_tr.N < 0."""
         bond = self.in_shear
         ratio = 1.0 if bond is self else bond.strength / self.strength
         closure = close(at.trial_n, dot(at.gap, at.normal), at.penalty)
         cap = -self.friction * closure.traction
-        fade = self._fade(at.penalty)
         resisted = slide_gradually if self.gradual_friction else slide
-        sliding = resisted(bond, at.shear, cap, ratio * at.left, at.penalty, eta, fade)
+        sliding = resisted(bond, at.shear, cap, ratio * at.left, at.penalty, at.damping)
 
         direction = unit(at.trial - at.trial_n[:, None] * at.normal, at.shear)
 
@@ -191,8 +198,12 @@ class ExtrinsicLaw(Law):
         closing = closure.length * at.penalty > ROUND_OFF * load
         update.mode[rows] = np.where(closing, Mode.CLOSING, mode)
         update.damage_work[rows] = sliding.damage_work
+        update.work_gradient[rows] = sliding.resistance[:, None] * self._slip_gradient(
+            at, closure, sliding, direction
+        )
         update.friction_work[rows] = sliding.friction_work
         update.viscous_work[rows] = sliding.viscous_work
+        update.overstress[rows] = sliding.overstress[:, None] * direction
 
     def _pressed_tangent(
         self, at: Points, closure: Closure, sliding: Slide, direction: Array
@@ -203,14 +214,22 @@ class ExtrinsicLaw(Law):
         q = dgamma/|T_tr,T| and v = d zeta/d T_tr.N: mu t/r in friction, N/r while the gap closes.
         """
         q = _per_load(sliding.slip, at.shear, sliding.slope)
-        # T_N does not feel T_tr.N while the gap is still open, the gap does not once it is closed.
-        cap_by_trial = np.where(closure.still_open, 0.0, -self.friction)
-        v = (sliding.cap_slope * cap_by_trial)[:, None] * direction
-        v += (closure.still_open / at.penalty)[:, None] * at.normal
-        tangent = outer((sliding.slope - q)[:, None] * direction, direction)
-        tangent += outer(v - q[:, None] * at.normal, at.normal)
+        tangent = outer(direction, self._slip_gradient(at, closure, sliding, direction))
+        tangent -= outer(q[:, None] * direction, direction)
+        # the gap does not feel T_tr.N once it is closed
+        closing = closure.still_open / at.penalty
+        tangent += outer((closing - q)[:, None] * at.normal, at.normal)
         add_to_diagonal(tangent, q)
         return tangent
+
+    def _slip_gradient(
+        self, at: Points, closure: Closure, sliding: Slide, direction: Array
+    ) -> Array:
+        """d dgamma/d T_tr (m, d), mm/MPa."""
+        # T_N does not feel T_tr.N while the gap is still open.
+        cap_by_trial = np.where(closure.still_open, 0.0, -self.friction)
+        gradient = sliding.slope[:, None] * direction
+        return gradient + (sliding.cap_slope * cap_by_trial)[:, None] * at.normal
 
 
 class RadialLaw(ExtrinsicLaw, SofteningCurve):
@@ -239,14 +258,14 @@ class RadialLaw(ExtrinsicLaw, SofteningCurve):
         """T_eq = |T|, so that the yield function is (56)."""
         return np.sqrt(normal * normal + shear * shear)
 
-    def _open(self, update: Update, at: Points, eta: float) -> None:
+    def _open(self, update: Update, at: Points) -> None:
         """Box 2, (66)-(71): dgamma is the root of |T_tr| - r dgamma = R + V, V of `give`.
 
         The tangent is (90) for any slope of R: there slope = 1/(r - H) and per_load = slope (1 -
         R_n/|T_tr|).
         """
         load = self.equivalent(at.trial_n, at.shear)
-        dgamma, R, V, slope = give(self, load, at.left, at.penalty, eta, self._fade(at.penalty))
+        dgamma, R, V, slope = give(self, load, at.left, at.penalty, at.damping)
         left = self.remaining(at.left, dgamma)
         per_load = _per_load(dgamma, load, slope)
         n = unit(at.trial, load)
@@ -263,7 +282,9 @@ class RadialLaw(ExtrinsicLaw, SofteningCurve):
             update.softening[rows] < self.strength, Mode.TENSION, Mode.OPEN
         )
         update.damage_work[rows] = self.bond_energy(at.left) - self.bond_energy(left)
+        update.work_gradient[rows] = (R * slope)[:, None] * n
         update.viscous_work[rows] = V * dgamma
+        update.overstress[rows] = V[:, None] * n
 
 
 def _per_load(slip: Array, load: Array, slope: Array) -> Array:

@@ -247,6 +247,15 @@ def _wear_down(
         points.of(further).write(update, g[further], held[further])
 
 
+class Spent(NamedTuple):
+    """Dissipation of a step, N/mm, and its derivatives by g, th and lambda of the end."""
+
+    work: Array  #: (m,)
+    by_g: Array
+    by_angle: Array
+    by_ratio: Array
+
+
 class Beginning(NamedTuple):
     """Points at the damage at which the step starts."""
 
@@ -297,8 +306,8 @@ class _Points:
         """The equation of the end: that of endurance where damage is held by it."""
         raise NotImplementedError
 
-    def _spent(self, g: Array, worn: Worn) -> Array:
-        """Integral of G_c lambda^2 dd (m,), N/mm: the mean of those at both ends of the step."""
+    def _spent(self, g: Array, worn: Worn) -> Spent:
+        """Integral of G_c lambda^2 dd: the mean of those at both ends of the step."""
         law, at = self.law, self.at
         y_n, y_t = secant.reduced_gap(law, at)
         y_n = np.maximum(y_n, 0.0)
@@ -309,13 +318,27 @@ class _Points:
         m, _ = law.flow_factor(cos, sin)
         ratio = length / np.where(there, law.with_factor(at.g, m) * m, 1.0)
 
-        def along(cos: Array, sin: Array, ratio: Array) -> Array:
-            m, _ = law.flow_factor(cos, sin)
-            grown = law.with_factor(g, m) - law.with_factor(at.g, m)
-            return law.energy_at(np.arctan2(sin, cos)) * ratio**2 * grown
+        def along(cos: Array, sin: Array, ratio: Array) -> Spent:
+            m, m_by_angle = law.flow_factor(cos, sin)
+            energy, by_angle = law._energy(cos, sin)
+            w, w_n = g + m * (1.0 - g), at.g + m * (1.0 - at.g)
+            grown = g / w - at.g / w_n
+            by_m = at.g * (1.0 - at.g) / w_n**2 - g * (1.0 - g) / w**2
+            return Spent(
+                energy * ratio**2 * grown,
+                energy * ratio**2 * m / w**2,
+                ratio**2 * (by_angle * grown + energy * by_m * m_by_angle),
+                2.0 * energy * ratio * grown,
+            )
 
         first = along(cos, sin, np.where(there, np.minimum(ratio, 1.0), worn.ratio))
-        return np.maximum(0.5 * (first + along(worn.cos, worn.sin, worn.ratio)), 0.0)
+        last, share = along(worn.cos, worn.sin, worn.ratio), np.where(there, 0.5, 1.0)
+        return Spent(
+            np.maximum(0.5 * (first.work + last.work), 0.0),
+            0.5 * (first.by_g + last.by_g),
+            share * last.by_angle,
+            share * last.by_ratio,
+        )
 
 
 class _Open(_Points):
@@ -388,7 +411,7 @@ class _Open(_Points):
         """Write the step that ends at a g into rows of `update`."""
         law, at, rows = self.law, self.at, self.at.rows
         n, s = self._curves
-        _, _, _, (e_n, e_t) = self._direction(g)
+        u, cos, sin, (e_n, e_t) = self._direction(g)
         worn = self.worn(g, held)
         c_n, c_t = g / (n.modulus * e_n), g / (s.modulus * e_t)
         gap = (c_n * self._load_n)[:, None] * at.normal + c_t[:, None] * self._tangential
@@ -410,7 +433,23 @@ class _Open(_Points):
         update.softening[rows] = np.maximum(update.softening[rows], law.strength * g)
         update.multiplier[rows] = np.sqrt(dot(step, step))
         update.mode[rows] = np.where(g < 1.0, Mode.TENSION, Mode.OPEN)
-        update.damage_work[rows] = self._spent(g, worn)
+        spent = self._spent(g, worn)
+        update.damage_work[rows] = spent.work
+        # x, |x| and th by the load, then lambda = |x| (1 - g + g/m)
+        k_n, k_t = (at.penalty / curve.modulus - 1.0 for curve in (n, s))
+        x_n = at.normal - (u * cos * n.strength * k_n)[:, None] * growth
+        x_n /= (n.strength * e_n)[:, None]
+        x_t = (t - (u * sin * s.strength * k_t)[:, None] * growth) / (s.strength * e_t)[:, None]
+        u_by = cos[:, None] * x_n + sin[:, None] * x_t
+        th_by = (cos[:, None] * x_t - sin[:, None] * x_n) / u[:, None]
+        m, m_by_angle = law.flow_factor(cos, sin)
+        ratio_by = (1.0 - g + g / m)[:, None] * u_by + (u * (1.0 / m - 1.0))[:, None] * growth
+        ratio_by -= (u * g * m_by_angle / m**2)[:, None] * th_by
+        update.work_gradient[rows] = (
+            spent.by_g[:, None] * growth
+            + spent.by_angle[:, None] * th_by
+            + spent.by_ratio[:, None] * ratio_by
+        )
 
 
 class _Pressed(_Points):
@@ -477,7 +516,7 @@ class _Pressed(_Points):
         M = curve.strength * s + at.penalty * curve.scale * g
         steep = np.where(held, 1.0, self._wear.exponent) / np.maximum(worn.ratio, _LEAST)
         resists = np.where(held, 0.0, M / (steep * (g - at.g)))
-        update.tangent[rows] = secant.pressed_tangent(
+        update.tangent[rows], growth = secant.pressed_tangent(
             law, at, self._sheared, g, g < 1.0, rubbing, (worn.ratio, resists)
         )
         update.gap[rows] = rubbing.gap
@@ -486,5 +525,14 @@ class _Pressed(_Points):
         update.multiplier[rows] = np.sqrt(dot(step, step))
         closing = update.mode[rows] == Mode.CLOSING
         update.mode[rows] = np.where(closing, Mode.CLOSING, Mode.SHEAR)
-        update.damage_work[rows] = self._spent(g, worn)
+        spent, (_, slope) = self._spent(g, worn), self._ratio(g)
+        update.damage_work[rows] = spent.work
+        w, _ = secant.borne(curve, self._sheared, g)
+        e = unit(w, np.sqrt(dot(w, w)))
+        ratio_by = secant.borne_by_load(law, self._sheared, at.normal, e, rubbing)
+        ratio_by *= (rubbing.slips / M)[:, None]
+        ratio_by += slope[:, None] * growth
+        update.work_gradient[rows] = (
+            spent.by_g[:, None] * growth + spent.by_ratio[:, None] * ratio_by
+        )
         update.friction_work[rows] = self._sheared.cap * rubbing.slip * 0.5 * (at.g + g)

@@ -71,23 +71,22 @@ class MixedModeDebonding(ExtrinsicLaw):
     to the yield surface, and the tangent symmetric, exactly when m = 1 and G_n = G_s; equal
     strengths and energies give `Debonding`.
 
-    With g = d_{n+1} - d_n, viscosity acts beside the bond, T = T_bond + v m (zeta_n cos th N +
-    zeta_s sin th t), v = rho min(eta g, p), eta = viscosity/dt, p = (r - H)/2: the overstress ends
-    with the bond. With a = T_tr.N/P_n, b = |T_tr,T|/P_s, H_n = P_n/zeta_n, H_s = P_s/zeta_s,
+    Viscosity acts beside the bond, T = T_bond + V, V = c dzeta with c = eta rho_n, eta =
+    viscosity/dt and rho_n of the start of the step, so that q = r + c takes the place of r. With
+    g = d_{n+1} - d_n, a = T_tr.N/P_n, b = |T_tr,T|/P_s, H_n = P_n/zeta_n, H_s = P_s/zeta_s,
 
-        A = rho + (r g + v) m/H_n,  B = rho + (r g + v) m/H_s,
+        A = rho + q g m/H_n,  B = rho + q g m/H_s,
         A cos th = a,  B sin th = b
 
     are two equations for g and th. With m = 1 one is left, (a/A)^2 + (b/B)^2 = 1. The map from
-    (g, th) to (a, b) has the determinant A_g B cos^2 + A B_g sin^2 + W (m'/m) (1/H_n - 1/H_s) sin
-    cos, W = (r g + v) m, A_g = W_g/H_n - 1, B_g = W_g/H_s - 1. It is positive for all g, and the
-    root unique, if for all th both
+    (g, th) to (a, b) has the determinant A_g B cos^2 + A B_g sin^2 + q g m' (1/H_n - 1/H_s) sin
+    cos, A_g = q m/H_n - 1, B_g = q m/H_s - 1. It is positive for all g, and the root unique, if for
+    all th both
 
         r m > max(H_n, H_s)  and  r m > H_n cos^2 + H_s sin^2 + (m'/m) (H_n - H_s) sin cos;
 
-    the least such r is H, `softening_modulus`; with viscosity W_g >= (r + H) m/2 takes the place of
-    r m. The history is Q = P_n d (MPa). In contact the law is `Debonding` with P_s, zeta_s and the
-    same p.
+    the least such r is H, `softening_modulus`. Where the bond fails on the way dzeta = T_tr/q and
+    T = V. The history is Q = P_n d (MPa). In contact the law is `Debonding` with P_s, zeta_s.
 
     Attributes:
         normal_strength, shear_strength: P_n and P_s, MPa.
@@ -167,12 +166,14 @@ class MixedModeDebonding(ExtrinsicLaw):
             mixity: th = atan((|T_T|/P_s)/(T_N/P_n)), held fixed, radians.
         """
         mixity = np.asarray(mixity, dtype=float)
-        return self._energy(np.cos(mixity), np.sin(mixity))
+        return self._energy(np.cos(mixity), np.sin(mixity))[0]
 
-    def _energy(self, cos: Array, sin: Array) -> Array:
-        """G_c of th (n,), N/mm."""
-        m, _ = self.flow_factor(cos, sin)
-        return m * (self.normal_energy * cos * cos + self.shear_energy * sin * sin)
+    def _energy(self, cos: Array, sin: Array) -> tuple[Array, Array]:
+        """G_c of th (n,) and dG_c/dth, N/mm."""
+        m, m_by_angle = self.flow_factor(cos, sin)
+        linear = self.normal_energy * cos * cos + self.shear_energy * sin * sin
+        by_angle = 2.0 * (self.shear_energy - self.normal_energy) * sin * cos
+        return m * linear, m_by_angle * linear + m * by_angle
 
     def equivalent(self, normal: Array, shear: Array) -> Array:
         """T_eq = sqrt(T_N^2 + (P_n/P_s)^2 |T_T|^2)."""
@@ -194,16 +195,16 @@ class MixedModeDebonding(ExtrinsicLaw):
         result, holds = np.ones_like(normal), np.flatnonzero(length < m)
         part = self.at(holds)
         a, b = normal[holds] / part.normal_strength, shear[holds] / part.shear_strength
-        flow = part._flow(a, b, np.ones_like(a), penalty[holds], 0.0, np.zeros_like(a))
+        flow = part._flow(a, b, np.ones_like(a), penalty[holds])
         result[holds] = part.with_factor(flow.g, 1.0 / flow.m)
         return result
 
-    def _open(self, update: Update, at: Points, eta: float) -> None:
+    def _open(self, update: Update, at: Points) -> None:
         """The return of the class docstring, for T_tr.N >= 0."""
         rho_n = at.left / self.strength
-        # dzeta = T_tr/r if the bond fails within the step; d advances by its length in units of the
+        # dzeta = T_tr/q if the bond fails within the step; d advances by its length in units of the
         # critical gaps, less m.
-        cos, sin, length = self._ray(at.trial_n, at.shear, at.penalty)
+        cos, sin, length = self._ray(at.trial_n, at.shear, at.penalty + at.damping)
         m, _ = self.flow_factor(cos, sin)
         # What holds has rho_n > 0, so that A and B are not zero, also where the material of a trial
         # state has no traction (NaN, in a cell turned inside out).
@@ -212,43 +213,49 @@ class MixedModeDebonding(ExtrinsicLaw):
         if gone.rows.size:
             self.at(~holds)._separate(update, gone)
         if left.rows.size:
-            self.at(holds)._soften(update, left, eta)
+            self.at(holds)._soften(update, left)
 
-    def _ray(self, normal: Array, shear: Array, penalty: Array) -> tuple[Array, Array, Array]:
-        """(cos th, sin th) of dzeta = T_tr/r and its length, in units of the critical gaps."""
-        opening = normal / (penalty * self.in_opening.critical_gap)
-        sliding = shear / (penalty * self.in_shear.critical_gap)
+    def _ray(self, normal: Array, shear: Array, stiffness: Array) -> tuple[Array, Array, Array]:
+        """(cos th, sin th) of dzeta = T_tr/q and its length, in units of the critical gaps."""
+        opening = normal / (stiffness * self.in_opening.critical_gap)
+        sliding = shear / (stiffness * self.in_shear.critical_gap)
         length = np.sqrt(opening * opening + sliding * sliding)
         some = np.where(length > 0.0, length, 1.0)
         return np.where(length > 0.0, opening / some, 1.0), sliding / some, length
 
     def _separate(self, update: Update, at: Points) -> None:
-        """No bond at the end of the step: dzeta = T_tr/r, T = 0."""
-        compliance = 1.0 / at.penalty
+        """No bond at the end of the step: dzeta = T_tr/q, T = V."""
+        stiffness = at.penalty + at.damping
+        compliance = 1.0 / stiffness
         step = compliance[:, None] * at.trial
         # The mixity is that of the moment of failure on the ray of T_tr.
-        cos, sin, _ = self._ray(at.trial_n, at.shear, at.penalty)
+        cos, sin, length = self._ray(at.trial_n, at.shear, stiffness)
+        energy, by_angle = self._energy(cos, sin)
 
         rows = at.rows
-        update.traction[rows] = 0.0
+        update.overstress[rows] = update.traction[rows] = at.damping[:, None] * step
         update.gap[rows] = at.gap + step
         update.softening[rows] = self.strength
         update.multiplier[rows] = np.sqrt(dot(step, step))
         update.tangent[rows] = compliance[:, None, None] * np.eye(step.shape[1])
         update.mode[rows] = Mode.OPEN
         rho_n = at.left / self.strength
-        update.damage_work[rows] = rho_n * rho_n * self._energy(cos, sin)
+        update.damage_work[rows] = rho_n * rho_n * energy
+        turn = rho_n * rho_n * by_angle / (stiffness * np.where(length > 0.0, length, 1.0))
+        update.work_gradient[rows] = _along(
+            (-turn * sin / self.in_opening.critical_gap, turn * cos / self.in_shear.critical_gap),
+            at,
+        )
+        update.viscous_work[rows] = at.damping * dot(step, step)
 
-    def _soften(self, update: Update, at: Points, eta: float) -> None:
+    def _soften(self, update: Update, at: Points) -> None:
         """Some bond left at the end of the step."""
-        p = self._fade(at.penalty)
         h_n, h_s = self.in_opening.softening_modulus, self.in_shear.softening_modulus
         rho_n = at.left / self.strength
         a, b = at.trial_n / self.normal_strength, at.shear / self.shear_strength
-        flow = self._flow(a, b, rho_n, at.penalty, eta, p)
+        flow = self._flow(a, b, rho_n, at.penalty + at.damping)
         g, cos, sin, A, B, m = flow.g, flow.cos, flow.sin, flow.A, flow.B, flow.m
         rho = np.maximum(rho_n - g, 0.0)
-        v = rho * np.minimum(eta * g, p)
 
         # dzeta = (k_n N (x) N + k_t (I - N (x) N)) T_tr
         k_n, k_t = g * m / (h_n * A), g * m / (h_s * B)
@@ -258,35 +265,45 @@ class MixedModeDebonding(ExtrinsicLaw):
         length2 = dot(step, step)
 
         rows = at.rows
-        update.traction[rows] = ((rho + v * m / h_n) / A)[:, None] * trial_normal + (
-            (rho + v * m / h_s) / B
-        )[:, None] * trial_shear
+        borne = (rho / A)[:, None] * trial_normal + (rho / B)[:, None] * trial_shear
+        update.overstress[rows] = at.damping[:, None] * step
+        update.traction[rows] = borne + update.overstress[rows]
         update.gap[rows] = at.gap + step
         update.softening[rows] = self._softened(at, rho, self.strength * g)
         update.multiplier[rows] = np.sqrt(length2)
-        update.tangent[rows] = self._flow_tangent(flow, at.normal, unit(trial_shear, at.shear), k_t)
+        g_by, th_by = _inverse(flow)
+        t = unit(trial_shear, at.shear)
+        update.tangent[rows] = self._flow_tangent(flow, g_by, th_by, at.normal, t, k_t)
         update.mode[rows] = np.where(
             update.softening[rows] < self.strength, Mode.TENSION, Mode.OPEN
         )
-        spent = (rho_n - rho) * (rho_n + rho)
-        update.damage_work[rows] = spent * self._energy(cos, sin)
-        update.viscous_work[rows] = v * length2 / np.where(g > 0.0, g, 1.0)
+        spent, (energy, by_angle) = (rho_n - rho) * (rho_n + rho), self._energy(cos, sin)
+        update.damage_work[rows] = spent * energy
+        by_n, by_s = (2.0 * rho * energy * g_by[i] + spent * by_angle * th_by[i] for i in (0, 1))
+        update.work_gradient[rows] = _along(
+            (by_n / self.normal_strength, by_s / self.shear_strength), at
+        )
+        update.viscous_work[rows] = at.damping * length2
 
-    def _flow_tangent(self, flow: Flow, normal: Array, direction: Array, k_t: Array) -> Array:
-        """d zeta/d T_tr (m, d, d) by the inverse of d(a, b)/d(g, th).
+    def _flow_tangent(
+        self,
+        flow: Flow,
+        g_by: tuple[Array, Array],
+        th_by: tuple[Array, Array],
+        normal: Array,
+        direction: Array,
+        k_t: Array,
+    ) -> Array:
+        """d zeta/d T_tr (m, d, d).
 
         Args:
             flow: At the end of the step.
+            g_by, th_by: Derivatives by a and b.
             normal: N (m, d).
             direction: t (m, d).
             k_t: |dzeta_T|/|T_tr,T| (m,), mm/MPa.
         """
         g, cos, sin, m = flow.g, flow.cos, flow.sin, flow.m
-        (A_g, A_th), (B_g, B_th) = flow.A_by, flow.B_by
-        a_th, b_th = A_th * cos - flow.A * sin, B_th * sin + flow.B * cos
-        determinant = A_g * cos * b_th - a_th * B_g * sin
-        g_by = b_th / determinant, -a_th / determinant
-        th_by = -B_g * sin / determinant, A_g * cos / determinant
         opening = m * cos, g * (flow.m_by_angle * cos - m * sin)
         sliding = m * sin, g * (flow.m_by_angle * sin + m * cos)
         tangent = np.zeros((*normal.shape, normal.shape[1]))
@@ -306,34 +323,27 @@ class MixedModeDebonding(ExtrinsicLaw):
         add_to_diagonal(tangent, k_t)
         return tangent
 
-    def _flow(self, a: Array, b: Array, rho_n: Array, r: Array, eta: float, p: Array) -> Flow:
+    def _flow(self, a: Array, b: Array, rho_n: Array, stiffness: Array) -> Flow:
         """g and th of the class docstring, where some bond is left.
 
         Args:
             a, b: T_tr.N/P_n and |T_tr,T|/P_s (m,).
             rho_n: 1 - d_n (m,).
-            r: Penalty (m,), MPa/mm.
-            eta: viscosity/dt, MPa/mm.
-            p: (r - H)/2 (m,), MPa/mm.
+            stiffness: q (m,), MPa/mm.
         """
         h_n, h_s = self.in_opening.softening_modulus, self.in_shear.softening_modulus
 
         def sizes(g: Array, m: Array) -> tuple[Array, ...]:
-            """A and B, their slopes by g, and r g + v."""
-            bounded = eta * g > p
-            share = np.where(bounded, p, eta * g)
-            v, v_slope = share * (rho_n - g), np.where(bounded, 0.0, eta * (rho_n - g)) - share
-            A = rho_n + (r * m / h_n - 1.0) * g + v * m / h_n
-            B = rho_n + (r * m / h_s - 1.0) * g + v * m / h_s
-            slope = (r + v_slope) * m
-            return A, B, slope / h_n - 1.0, slope / h_s - 1.0, r * g + v
+            """A and B, and their slopes by g."""
+            A_g, B_g = stiffness * m / h_n - 1.0, stiffness * m / h_s - 1.0
+            return rho_n + A_g * g, rho_n + B_g * g, A_g, B_g
 
         def growth(m: Array, a: Array, b: Array, start: Array) -> Array:
             """Root g of (a/A)^2 + (b/B)^2 = 1 at a given m."""
 
             def yield_function(g: Array) -> tuple[Array, Array]:
                 # 1/|(a/A, b/B)| - 1 is nearly linear in g, where the equation as printed is not
-                A, B, slope_a, slope_b, _ = sizes(g, m)
+                A, B, slope_a, slope_b = sizes(g, m)
                 cos, sin = a / A, b / B
                 inverse = 1.0 / np.sqrt(cos * cos + sin * sin)
                 bend = cos * cos * slope_a / A + sin * sin * slope_b / B
@@ -345,9 +355,9 @@ class MixedModeDebonding(ExtrinsicLaw):
             """Root th of th = atan((b/B)/(a/A)), with g of `growth` at the m of th.
 
             At an angle that is not the root the bond may be gone, g >= rho_n; then A and B are
-            r g m/H_n and r g m/H_s, and the right-hand side does not depend on th.
+            q g m/H_n and q g m/H_s, and the right-hand side does not depend on th.
             """
-            parted, parting = np.arctan2(b * h_s, a * h_n), np.hypot(b * h_s, a * h_n) / r
+            parted, parting = np.arctan2(b * h_s, a * h_n), np.hypot(b * h_s, a * h_n) / stiffness
             g = np.zeros_like(rho_n)
 
             def turn(th: Array) -> tuple[Array, Array]:
@@ -355,10 +365,11 @@ class MixedModeDebonding(ExtrinsicLaw):
                 m, m_by_angle = self.flow_factor(np.cos(th), np.sin(th))
                 beyond = np.maximum(parting / (m * rho_n), 1.0)
                 g = growth(m, a / beyond, b / beyond, g)
-                A, B, A_g, B_g, W = sizes(g, m)
+                A, B, A_g, B_g = sizes(g, m)
                 x, y = a / A, b / B
                 # relative changes of A and B with g and th, then with th along the root g
-                by_g, by_th = (A_g / A, B_g / B), W * m_by_angle / np.stack([h_n * A, h_s * B])
+                by_g = A_g / A, B_g / B
+                by_th = stiffness * g * m_by_angle / np.stack([h_n * A, h_s * B])
                 turned = (x * x * by_th[0] + y * y * by_th[1]) / (x * x * by_g[0] + y * y * by_g[1])
                 change = by_th[0] - by_th[1] - turned * (by_g[0] - by_g[1])
                 gone = beyond > 1.0
@@ -373,9 +384,25 @@ class MixedModeDebonding(ExtrinsicLaw):
             th = angle()
             m, m_by_angle = self.flow_factor(np.cos(th), np.sin(th))
         g = growth(m, a, b, start)
-        A, B, A_g, B_g, W = sizes(g, m)
-        by_th = W * m_by_angle
+        A, B, A_g, B_g = sizes(g, m)
+        by_th = stiffness * g * m_by_angle
         return Flow(g, a / A, b / B, A, B, (A_g, by_th / h_n), (B_g, by_th / h_s), m, m_by_angle)
+
+
+def _inverse(flow: Flow) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Derivatives of g and th by a and b, the inverse of d(a, b)/d(g, th)."""
+    cos, sin = flow.cos, flow.sin
+    (A_g, A_th), (B_g, B_th) = flow.A_by, flow.B_by
+    a_th, b_th = A_th * cos - flow.A * sin, B_th * sin + flow.B * cos
+    determinant = A_g * cos * b_th - a_th * B_g * sin
+    g_by = b_th / determinant, -a_th / determinant
+    return g_by, (-B_g * sin / determinant, A_g * cos / determinant)
+
+
+def _along(parts: tuple[Array, Array], at: Points) -> Array:
+    """Vector (m, d) with these parts along N and along T_tr,T."""
+    t = unit(at.trial - at.trial_n[:, None] * at.normal, at.shear)
+    return parts[0][:, None] * at.normal + parts[1][:, None] * t
 
 
 def _steepest(slopes: float, criterion: Criterion) -> float:

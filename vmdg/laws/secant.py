@@ -112,6 +112,10 @@ class Scaled:
         """Area less the triangle s g/2 of what unloading returns."""
         return self.area(g) - 0.5 * self.at(g)[0] * g
 
+    def parted(self, g: Array) -> Array:
+        """Area less the rectangle s g."""
+        return self.area(g) - self.at(g)[0] * g
+
     def stiffness(self, g: Array) -> Array:
         """K = s(g)/g, infinite where g = 0."""
         return np.divide(self.at(g)[0], g, out=np.full_like(g, np.inf), where=g > 0.0)
@@ -228,6 +232,11 @@ def _open(law: RigidLaw, update: Update, at: Start) -> None:
     softer = f_n[:, None] * gap_n[some] + f_t[:, None] * gap_t[some]
     tangent[some] += outer(softer, fall)
     update.tangent[rows] = tangent
+    th_by = (cos * c_t[some] / (shear.scale * delta))[:, None] * unit(
+        tangential[some], load_t[some]
+    )
+    th_by -= (sin * c_n[some] / (opening.scale * delta))[:, None] * normal[some]
+    th_by -= (cos * sin * (f_n - f_t))[:, None] * fall
 
     damage = part.in_opening.damage(g[some])
     update.softening[rows[some]] = np.maximum(
@@ -237,7 +246,11 @@ def _open(law: RigidLaw, update: Update, at: Start) -> None:
     update.multiplier[rows[some]] = np.sqrt(dot(step, step))
     update.mode[rows[some]] = Mode.TENSION
     update.mode[rows[update.softening[rows] >= law.strength]] = Mode.OPEN
-    update.damage_work[rows[some]] = _spent(part, some_of(at, some), g[some], cos, sin)
+    spent = _spent(part, some_of(at, some), g[some], cos, sin)
+    update.damage_work[rows[some]] = spent.work
+    update.work_gradient[rows[some]] = (
+        spent.by_angle[:, None] * th_by - spent.by_stiffness[:, None] * fall
+    )
 
 
 def reduced_gap(law: RigidLaw, at: Start) -> tuple[Array, Array]:
@@ -253,11 +266,21 @@ def reduced_gap(law: RigidLaw, at: Start) -> tuple[Array, Array]:
     return gap_n / Scaled(law.in_opening).scale, length / Scaled(law.in_shear).scale
 
 
-def _spent(law: RigidLaw, at: Start, g: Array, cos: Array, sin: Array) -> Array:
-    """Dissipation (m,), N/mm, while K falls: the integral of -dK over K at a fixed direction.
+class Spent(NamedTuple):
+    """Dissipation of a step in which K falls, N/mm, and its derivatives by K and th of the end."""
+
+    work: Array  #: (m,)
+    by_stiffness: Array
+    by_angle: Array
+
+
+def _spent(law: RigidLaw, at: Start, g: Array, cos: Array, sin: Array) -> Spent:
+    """The integral of -dK over K at a fixed direction.
 
     It is the mean of those at the directions of both ends of the step, which is of second order
-    where the gap turns.
+    where the gap turns. With G = P_n zeta_n cos^2 + P_s zeta_s sin^2 it is m G (D(x) - D(x_n)),
+    where K = s(x)/(x m) and D' = (s - s' x)/2, so that its derivative by K is -G (m x)^2/2 and by m
+    G (D(x) - s x/2 - D(x_n) + s_n x_n/2).
 
     Args:
         law: Its curves and scales.
@@ -271,14 +294,25 @@ def _spent(law: RigidLaw, at: Start, g: Array, cos: Array, sin: Array) -> Array:
     some = np.where(delta > 0.0, delta, 1.0)
     cos_n, sin_n = (np.where(delta > 0.0, a, b) for a, b in ((y_n / some, cos), (y_t / some, sin)))
 
-    def along(cos: Array, sin: Array) -> Array:
-        m, _ = law.flow_factor(cos, sin)
-        energy = opening.strength * opening.scale * cos * cos
-        energy += shear.strength * shear.scale * sin * sin
-        first, last = (opening.dissipated(law.with_factor(x, m)) for x in (at.g, g))
-        return m * energy * (last - first)
+    def along(cos: Array, sin: Array) -> Spent:
+        m, m_by_angle = law.flow_factor(cos, sin)
+        in_n, in_s = (curve.strength * curve.scale for curve in (opening, shear))
+        energy, by_angle = in_n * cos * cos + in_s * sin * sin, 2.0 * (in_s - in_n) * sin * cos
+        first, last = law.with_factor(at.g, m), law.with_factor(g, m)
+        work = opening.dissipated(last) - opening.dissipated(first)
+        by_m = opening.parted(last) - opening.parted(first)
+        return Spent(
+            m * energy * work,
+            -0.5 * energy * (m * last) ** 2,
+            m * by_angle * work + m_by_angle * energy * by_m,
+        )
 
-    return np.maximum(0.5 * (along(cos_n, sin_n) + along(cos, sin)), 0.0)
+    one, other = along(cos_n, sin_n), along(cos, sin)
+    return Spent(
+        np.maximum(0.5 * (one.work + other.work), 0.0),
+        0.5 * (one.by_stiffness + other.by_stiffness),
+        np.where(delta > 0.0, 0.5, 1.0) * other.by_angle,
+    )
 
 
 class Sheared(NamedTuple):
@@ -288,9 +322,6 @@ class Sheared(NamedTuple):
     held: Array  #: zeta_T,n (m, d)
     cap: Array  #: mu |T_N| (m,)
     penalty: Array  #: r (m,)
-
-
-Points = TypeVar("Points", Start, Sheared)
 
 
 class Rubbing(NamedTuple):
@@ -304,6 +335,9 @@ class Rubbing(NamedTuple):
     slips: NDArray[np.bool_]
     gap: Array  #: zeta_T (m, d)
     traction: Array  #: T_T (m, d)
+
+
+Points = TypeVar("Points", Start, Sheared, Rubbing)
 
 
 def rub(shear: Scaled, at: Sheared, g: Array) -> Rubbing:
@@ -350,7 +384,7 @@ def _pressed(law: RigidLaw, update: Update, at: Start) -> None:
     update.traction[rows] = rubbing.traction - pressure[:, None] * at.normal
     damage = np.minimum(part.in_shear.damage(g[some]), 1.0)
     update.softening[rows[some]] = np.maximum(update.softening[rows[some]], part.strength * damage)
-    update.tangent[rows] = pressed_tangent(law, at, start, g, growing, rubbing)
+    update.tangent[rows], growth = pressed_tangent(law, at, start, g, growing, rubbing)
 
     rubs = rubbing.slips & ((start.cap * rubbing.damage > 0.0) | (at.damage >= 1.0))
     update.multiplier[rows] = np.where(growing | rubs, rubbing.slip, 0.0)
@@ -359,9 +393,11 @@ def _pressed(law: RigidLaw, update: Update, at: Start) -> None:
     closing = gap_n * r > ROUND_OFF * np.maximum(pressure, law.strength)
     update.mode[rows] = np.where(closing, Mode.CLOSING, mode)
     one = np.ones(len(some))
-    update.damage_work[rows[some]] = _spent(
-        part, some_of(at, some), g[some], np.zeros_like(one), one
-    )
+    spent = _spent(part, some_of(at, some), g[some], np.zeros_like(one), one)
+    update.damage_work[rows[some]] = spent.work
+    s, s_slope = Scaled(part.in_shear).at(g[some])
+    by_g = spent.by_stiffness * (s_slope * g[some] - s) / g[some] ** 2
+    update.work_gradient[rows[some]] = by_g[:, None] * growth[some]
     update.friction_work[rows] = start.cap * _rubbed(shear, start.held, at.g, growing, rubbing)
 
 
@@ -409,8 +445,9 @@ def pressed_tangent(
     growing: NDArray[np.bool_],
     rubbing: Rubbing,
     worn: tuple[Array, Array] | None = None,
-) -> Array:
-    """d zeta/d T_tr (m, d, d) of `_pressed`: at a given K, and what K changes where it falls.
+) -> tuple[Array, Array]:
+    """d zeta/d T_tr (m, d, d) of `_pressed`: at a given K, and what K changes where it falls; dg/d
+    T_tr (m, d).
 
     Args:
         law, at: As of `_pressed`.
@@ -433,25 +470,36 @@ def pressed_tangent(
     by_normal = law.friction * rubbing.damage
     tangent += outer((c * by_normal)[:, None] * n, normal)
 
-    rows = np.flatnonzero(growing)
-    shear = Scaled(law.at(rows).in_shear)
-    g, r, n, c, turns, normal = (a[rows] for a in (g, r, n, c, turns, normal))
-    w, change = borne(shear, some_of(start, rows), g)
+    growth, rows = np.zeros_like(n), np.flatnonzero(growing & rubbing.slips)
+    part, start = law.at(rows), some_of(start, rows)
+    shear = Scaled(part.in_shear)
+    g, r, c, normal = (a[rows] for a in (g, r, c, normal))
+    w, change = borne(shear, start, g)
     s, s_slope = shear.at(g)
-    length = np.sqrt(dot(w, w))
-    e = unit(w, length)
+    e = unit(w, np.sqrt(dot(w, w)))
     slope = r * shear.scale + shear.strength * s_slope
     if worn is not None:
         ratio, resistance = worn
         slope = ratio[rows] * slope + resistance[rows]
     slope -= dot(e, change)
-    along = dot(e, n)
-    by_load = turns[:, None] * e + ((1.0 - turns) * along)[:, None] * n
-    by_load += (by_normal[rows] * along)[:, None] * normal
+    by_load = borne_by_load(part, start, normal, e, some_of(rubbing, rows))
+    growth[rows] = by_load / slope[:, None]
     K_slope = (s_slope * g - s) / (g * g)
     softer = change - (shear.modulus * K_slope * c)[:, None] * w
-    tangent[rows] += outer((c / slope)[:, None] * softer, by_load)
-    return tangent
+    tangent[rows] += outer(c[:, None] * softer, growth[rows])
+    return tangent, growth
+
+
+def borne_by_load(
+    law: RigidLaw, start: Sheared, normal: Array, e: Array, rubbing: Rubbing
+) -> Array:
+    """d|w|/d T_tr at a given g (m, d), w of `borne` and e its direction."""
+    rubs, some = start.cap * rubbing.damage, rubbing.size > 0.0
+    share = np.where(some, rubs / np.where(some, rubbing.size, 1.0), 0.0)
+    along = dot(e, rubbing.n)
+    turned = (1.0 - share)[:, None] * e + (share * along)[:, None] * rubbing.n
+    # the friction of a point grows with its pressure
+    return turned + (law.friction * rubbing.damage * along)[:, None] * normal
 
 
 def _rubbed(

@@ -30,7 +30,7 @@ from ..domain.tags import Group, by_tag, names_of
 from ..domain.topology import Locator, tags_of_cells
 from ..forms.materials import Material
 from ..interface.activation import Activation
-from ..interface.active import ActiveInterface
+from ..interface.active import ActiveInterface, fine_scales
 from ..interface.facets import check_ghosts, find_facets
 from ..interface.interface import Interface, InterfaceList, Which, interface_names, number_of
 from ..interface.points import InterfaceState
@@ -487,7 +487,7 @@ class Problem:
         i = number_of(self.interfaces, interface)
         if i not in self.discretization.active:
             return np.zeros((0, 2, self.mesh.geometry.dim))
-        return self.discretization.active[i].fine_scales()
+        return fine_scales(self.discretization.active[i])
 
     def error_indicator(self, interface: Which) -> NDArray[np.float64]:
         """Size of the fine scales on every owned facet of an interface (nf,) [mm].

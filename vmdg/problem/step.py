@@ -293,9 +293,9 @@ class Step:
 
     def commit(self) -> None:
         """Take the current state as converged: history, dissipation and external work."""
-        work, damage = self._external_work()
+        work, charged = self._external_work()
         self.external += work, self._added + self._relaxed()
-        self.dissipated += self._dissipation() + (damage, 0.0, 0.0)
+        self.dissipated += self._dissipation() + charged
         for active in self.discretization.active.values():
             active.commit()
         self._repeats = 0
@@ -344,9 +344,9 @@ class Step:
         works = [active.works() for active in self.discretization.active.values()]
         return float(self.discretization.geometry.thickness) * sum(works, start=np.zeros(3))
 
-    def _external_work(self) -> tuple[float, float]:
+    def _external_work(self) -> tuple[float, NDArray[np.float64]]:
         """Work of prescribed displacements, dead loads and eigenstrains in the step, and what its
-        parts charge to damage more than the whole, this rank's [N mm].
+        parts charge to damage, friction and viscosity more than the whole (3,), this rank's [N mm].
 
         What the curvature of a step adds is on the first rank.
         """
@@ -370,7 +370,7 @@ class Step:
         # not depend on the path. That of T does, on where in the step points begin to yield. Cycles
         # wear a bond while the load stays.
         thickness = float(now.geometry.thickness)
-        work, straight, damage = 0.0, 0.0, 0.0
+        work, straight, more = 0.0, 0.0, np.zeros(3)
         held = self.drag != 0 or self._cycles > 0 or self._loading.t == start.t
         for active in now.active.values():
             *forces, gap = gap_forces(active)
@@ -378,7 +378,7 @@ class Step:
             change = np.append(change, gap)
             done, charged = gap_work(active, self._dt, held)
             work += thickness * done
-            damage += thickness * charged
+            more += thickness * charged
             straight -= thickness * float(sum(forces) @ gap) / 2
         # Eigenstrains are as a force, the change of the energy with t, on the load factor.
         rates = self._rate_at_start, self._eigenstrain_rate(self._loading.t, start.t)
@@ -387,14 +387,21 @@ class Step:
         change = np.append(change, (self._loading.t - start.t) * led)
         slopes = [float(end @ change) for end in ends]
         mean = sum(slopes) / 2
-        if not (held or now.bodies.small or now.surface.fluids):
+        rated = any(active.law.viscosity > 0 for active in now.active.values())
+        at_rest = rated and held and self.drag == 0 and self._cycles == 0
+        if (at_rest or not held) and not (now.bodies.small or now.surface.fluids):
             so_far = self.external[0] + mean + work
-            self.arc, more = next_arc(self._comm, self.arc, ends[1] - ends[0], change, so_far)
-            if more is None:
-                more = self._curvature(slopes, change[now.owned : -1])
-            work += more * (self._comm.rank == 0)
+            self.arc, curved = next_arc(self._comm, self.arc, ends[1] - ends[0], change, so_far)
+            if curved is None:
+                curved = self._curvature(slopes, change[now.owned : -1])
+            curved *= self._comm.rank == 0
+            # loads at rest do no work: what a rate lets go is less by it
+            if at_rest:
+                more[2] -= curved
+            else:
+                work += curved
         self.within = work - straight
-        return mean + work, damage
+        return mean + work, more
 
     def _curvature(self, slopes: Sequence[float], gap: NDArray[np.float64]) -> float:
         """What the trapezoidal rule misses of the first integral of :mod:`.work`; collective.
