@@ -113,9 +113,10 @@ class Laminate(Material):
             layer = np.abs(x[2][:, None] - self._middles).argmin(axis=1)
             off = np.abs(x[2] - self._middles[layer]).max(initial=0)
             if off > 1e-6 * (self._faces[1] - self._faces[0]):
+                faces = ", ".join(f"{z:.6g}" for z in self._faces)
                 raise ValueError(
                     f"a cell has its middle {off:.3g} mm from the middle of a layer: Laminate "
-                    f"needs layers of cells between z = {self._faces.round(6).tolist()}, see rows="
+                    f"needs layers of cells between z = {faces}, see rows="
                 )
             return values[layer]
 

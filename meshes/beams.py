@@ -70,16 +70,18 @@ def beams(
         raise ValueError(f"beams: precrack = {precrack} must be a station inside {tuple(stations)}")
     if contact is not None and contact not in stations[1 : stations.index(precrack) + 1]:
         raise ValueError(f"beams: contact = {contact} must be a station up to {precrack}")
-    with model("beams") as gmsh_model:
-        if comm.rank == 0:
-            _build(gmsh_model, cell, stations, divisions, height, rows, precrack, contact)
-        return distribute(gmsh_model, comm, 2)
-
-
-def _build(gmsh_model, cell, stations, divisions, height, rows, precrack, contact) -> None:
-    geo = gmsh_model.geo
+    length = stations[-1] - stations[0]
     cracked = stations.index(precrack)
     start = 0 if contact is None else stations.index(contact)
+    with model("beams") as gmsh_model:
+        if comm.rank == 0:
+            places = [x / length for x in stations]
+            _build(gmsh_model, cell, places, divisions, height / length, rows, cracked, start)
+        return distribute(gmsh_model, comm, 2, unit=length)
+
+
+def _build(gmsh_model, cell, stations, divisions, height, rows, cracked, start) -> None:
+    geo = gmsh_model.geo
     rims = [[geo.addPoint(x, y, 0) for x in stations] for y in (-height, 0, height)]
     bottom, lower, top = rims
     upper = lower.copy()

@@ -43,9 +43,10 @@ def core_and_ring(
         raise ValueError(f"core_and_ring: needs 0 < radius = {radius} < outer = {outer}")
     with model("core_and_ring") as gmsh_model:
         if comm.rank == 0:
-            _build(gmsh_model, radius, outer, element_size, outer_size or element_size)
+            lengths = (radius, outer, element_size, outer_size or element_size)
+            _build(gmsh_model, *(length / outer for length in lengths))
             gmsh_model.mesh.setOrder(order)
-        return distribute(gmsh_model, comm, 2)
+        return distribute(gmsh_model, comm, 2, unit=outer)
 
 
 def _build(gmsh_model, radius, outer, size, outer_size) -> None:

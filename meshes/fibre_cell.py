@@ -91,7 +91,6 @@ def fibre_cell(
     dim = 3 if shape == "sphere" else 2
     filled = fraction * (1 + coating) ** dim
     # A spacing in radii of the fibres, and pack takes it in radii of what it packs.
-    # All in a cell of side 1: gmsh's geometry has absolute tolerances, and cells may be small.
     centres, radii = pack(count, filled, seed, periodic, 1.0, dim, spacing / (1 + coating))
     outer = radii[0]
     circles = sorted({outer, outer / (1 + coating)}, reverse=True)
@@ -114,9 +113,7 @@ def fibre_cell(
             name_groups(gmsh_model, gmsh_model.getDimension(), _BODIES)
             names = SIDES | {"interface": INTERFACE}
             name_groups(gmsh_model, gmsh_model.getDimension() - 1, names)
-        tagged = distribute(gmsh_model, comm, 2 if shape == "disc" else 3)
-    tagged.mesh.geometry.x[:] *= size
-    return tagged
+        return distribute(gmsh_model, comm, 2 if shape == "disc" else 3, unit=size)
 
 
 def _geometry(

@@ -66,10 +66,10 @@ def fibre_matrix(
     reach = size / 2 if grading is None else grading
     with model("fibre_matrix") as gmsh_model:
         if comm.rank == 0:
-            boundary = _geometry(gmsh_model, size, radius, centres)
-            _sizes(gmsh_model, boundary, fine, element_size, reach)
+            boundary = _geometry(gmsh_model, 1.0, radius / size, centres / size)
+            _sizes(gmsh_model, boundary, fine / size, element_size / size, reach / size)
             generate_cells(gmsh_model, cell)
-        return distribute(gmsh_model, comm, 2)
+        return distribute(gmsh_model, comm, 2, unit=size)
 
 
 def random_fibres(

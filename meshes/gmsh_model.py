@@ -52,7 +52,7 @@ def model(name: str) -> Iterator[Any]:
 
 
 def one_size(size: float) -> None:
-    """Ask for cells of one size [mm] in the present model."""
+    """Ask for cells of one size in the present model."""
     for bound in ("Min", "Max"):
         gmsh.option.setNumber(f"Mesh.MeshSize{bound}", size)
 
@@ -83,6 +83,7 @@ def distribute(
     gdim: int,
     interface_weight: int = 1,
     slabs_along: int | None = None,
+    unit: float = 1.0,
 ) -> TaggedMesh:
     """Distribute the model of rank 0 over ``comm``, ghosts by shared facets; collective.
 
@@ -93,6 +94,8 @@ def distribute(
         interface_weight: Number of cells as which those next to another body count, so that the
             ranks share the work of the interfaces too.
         slabs_along: Cut across this axis only (0, 1, 2), see :func:`vmdg.meshes.partition.slabs`.
+        unit: Of the lengths of the model [mm]. gmsh has tolerances and least lengths of its own:
+            in units of its size a model in m is the model in mm.
 
     Raises:
         ValueError: a weight below 1, cells without a group, cells or facets in two groups, cells of
@@ -113,6 +116,7 @@ def distribute(
         else:
             graph_partitioner = slabs(midpoints[:, slabs_along])
     mesh, *tags = compat.gmsh_model_to_mesh(gmsh_model, comm, 0, gdim, graph_partitioner)
+    mesh.geometry.x[:] *= unit
     return TaggedMesh(mesh, *map(NamedTags, tags, comm.bcast(names)))
 
 

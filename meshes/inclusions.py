@@ -58,12 +58,14 @@ def inclusions(
     with model("inclusions") as gmsh_model:
         if comm.rank == 0:
             at_interface = element_size if interface_size is None else interface_size
-            _build(gmsh_model, width, height, radius, centres, element_size, at_interface)
+            lengths = (height, radius, element_size, at_interface)
+            places = [(x / width, y / width) for x, y in centres]
+            _build(gmsh_model, places, 1.0, *(length / width for length in lengths))
             gmsh_model.mesh.setOrder(order)
-        return distribute(gmsh_model, comm, 2)
+        return distribute(gmsh_model, comm, 2, unit=width)
 
 
-def _build(gmsh_model, width, height, radius, centres, size, at_interface) -> None:
+def _build(gmsh_model, centres, width, height, radius, size, at_interface) -> None:
     occ = gmsh_model.occ
     box = (2, occ.addRectangle(0, 0, 0, width, height))
     discs = [(2, occ.addDisk(x, y, 0, radius, radius)) for x, y in centres]

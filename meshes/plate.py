@@ -65,8 +65,9 @@ def tearing(
     with model("tearing") as gmsh_model:
         if comm.rank == 0:
             counts = (columns, divisions[0] - columns), divisions[1:]
-            _build(gmsh_model, cell, (0, precrack, width), (bottom_height, top_height), counts)
-        return distribute(gmsh_model, comm, 2)
+            xs = (0, precrack / width, 1)
+            _build(gmsh_model, cell, xs, (bottom_height / width, top_height / width), counts)
+        return distribute(gmsh_model, comm, 2, unit=width)
 
 
 def _build(gmsh_model, cell, xs, heights, counts) -> None:

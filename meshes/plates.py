@@ -10,6 +10,8 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import NDArray
 
+from vmdg.base.tables import rounded
+
 from .beams import (
     BOTTOM,
     CONTACT,
@@ -57,13 +59,12 @@ def plates(
     """
     for name, planes in (("x", x), ("y", y)):
         if len(planes) < 2 or not all(a < b for a, b in pairwise(planes)):
-            given = np.round(planes, 9).tolist()
-            raise ValueError(f"plates: {name} = {given} must ascend, two planes at least")
+            raise ValueError(f"plates: {name} = {rounded(planes)} must ascend, two planes at least")
     cracked = np.flatnonzero(np.isclose(x, precrack, atol=1e-9 * (x[-1] - x[0])))
     if len(cracked) != 1 or not 0 < cracked[0] < len(x) - 1:
         raise ValueError(
             f"plates: precrack = {precrack} must be one of the planes inside x = "
-            f"{np.round(x, 9).tolist()}; where its faces may touch end it before, and let the "
+            f"{rounded(x)}; where its faces may touch end it before, and let the "
             "interface there have initial_damage=1"
         )
     with model("plates") as gmsh_model:

@@ -78,12 +78,12 @@ def polycrystal(
     cell = cell or CELLS[dim][0]
     if cell not in CELLS[dim]:
         raise ValueError(f"polycrystal: cell = {cell!r} in {dim}D must be one of {CELLS[dim]}")
-    seeds, radii = pack(count, FILLED[dim], seed, periodic, size, dim, 0.0, spread)
-    fine = element_size or size * count ** (-1 / dim) / 6
+    seeds, radii = pack(count, FILLED[dim], seed, periodic, 1.0, dim, 0.0, spread)
+    fine = element_size / size if element_size else count ** (-1 / dim) / 6
     with model("polycrystal") as gmsh_model:
         if comm.rank == 0:
-            grains = tessellate(seeds, radii**2, size, periodic, SHORTEST * fine)
-            _geometry(gmsh_model, grains, size, periodic)
+            grains = tessellate(seeds, radii**2, 1.0, periodic, SHORTEST * fine)
+            _geometry(gmsh_model, grains, 1.0, periodic)
             one_size(fine)
             if dim == 3:
                 generate_tetrahedra(gmsh_model)
@@ -91,7 +91,7 @@ def polycrystal(
                 generate_cells(gmsh_model, cell)
             name_groups(gmsh_model, dim, {f"grain {n}": n for n in range(1, count + 1)})
             name_groups(gmsh_model, dim - 1, SIDES | {"boundary": BOUNDARY})
-        return distribute(gmsh_model, comm, dim)
+        return distribute(gmsh_model, comm, dim, unit=size)
 
 
 def _geometry(gmsh_model: Any, grains: Tessellation, size: float, periodic: bool) -> None:

@@ -85,12 +85,13 @@ def pushout(
             rings = [refine * count for count in (fibre_rings, hole_rings, matrix_rings)]
             # Cells of a ring around the axis keep their shape if they grow with the radius.
             growth = (matrix_radius / hole_radius) ** (1 / rings[2])
-            faces = _section(gmsh_model.geo, radii, refine * around // 2, rings, growth)
-            _sweep(gmsh_model, faces, height, layer_tops(refine * layers, grading))
+            places = [radius / height for radius in radii]
+            faces = _section(gmsh_model.geo, places, refine * around // 2, rings, growth)
+            _sweep(gmsh_model, faces, 1.0, layer_tops(refine * layers, grading))
             gmsh_model.mesh.generate(3)
         if interface_weight is None:
-            return distribute(gmsh_model, comm, 3, slabs_along=2)
-        return distribute(gmsh_model, comm, 3, interface_weight)
+            return distribute(gmsh_model, comm, 3, slabs_along=2, unit=height)
+        return distribute(gmsh_model, comm, 3, interface_weight, unit=height)
 
 
 def layer_tops(layers: int, grading: float) -> list[float]:

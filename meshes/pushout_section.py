@@ -78,9 +78,9 @@ def pushout_section(
     check_sizes("pushout_section", (fibre_radius, hole_radius, matrix_radius), height)
     with model("pushout_section") as gmsh_model:
         if comm.rank == 0:
-            radii = (0.0, fibre_radius, hole_radius, matrix_radius)
-            _build(gmsh_model, radii, height, counts, layers, radial_ratio, grading)
-        return distribute(gmsh_model, comm, 2)
+            radii = [r / height for r in (0.0, fibre_radius, hole_radius, matrix_radius)]
+            _build(gmsh_model, radii, 1.0, counts, layers, radial_ratio, grading)
+        return distribute(gmsh_model, comm, 2, unit=height)
 
 
 def check_sizes(scene: str, radii: tuple[float, float, float], height: float) -> None:

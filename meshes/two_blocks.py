@@ -61,9 +61,11 @@ def blocks(
     gdim = CELLS[cell]
     with model("blocks") as gmsh_model:
         if comm.rank == 0:
-            build_blocks(gmsh_model, cell, divisions, length, height, depth, interface)
+            sides = (1.0, height / length, depth / length)
+            places = [x / length for x in interface]
+            build_blocks(gmsh_model, cell, divisions, *sides, places)
             gmsh_model.mesh.setOrder(order)
-        return distribute(gmsh_model, comm, gdim)
+        return distribute(gmsh_model, comm, gdim, unit=length)
 
 
 def build_blocks(gmsh_model, cell, divisions, length, height, depth, interface) -> None:

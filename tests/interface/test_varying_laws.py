@@ -187,21 +187,23 @@ def test_checkpoint(comm, out):
 def test_weibull():
     """Mean, deviation and distribution of 20,000 places; other seeds are other samples."""
     places = np.stack(np.meshgrid(np.arange(200) / 64, np.arange(100) / 1000, [0.0])).reshape(3, -1)
-    sample = vmdg.Weibull(scale=40.0, modulus=7.0, seed=1)
+    sample = vmdg.Weibull(scale=40.0, modulus=7.0, seed=1, resolution=1e-6)
     values = sample(places)
     count = values.size
     assert values.mean() == pytest.approx(sample.mean, abs=4 * sample.deviation / np.sqrt(count))
     assert values.std() == pytest.approx(sample.deviation, rel=4 / np.sqrt(2 * count) * 1.2)
     assert stats.kstest(values, stats.weibull_min(7.0, scale=40.0).cdf).pvalue > 0.05
     # neighbours and samples know nothing of each other
-    other = vmdg.Weibull(40.0, 7.0, seed=2)(places)
+    other = vmdg.Weibull(40.0, 7.0, seed=2, resolution=1e-6)(places)
     for a, b in ((values, other), (values[1:], values[:-1]), (values[200:], values[:-200])):
         assert abs(np.corrcoef(a, b)[0, 1]) < 4 / np.sqrt(count)
     # the order of the places and their last digits do not matter
     order = np.random.default_rng(0).permutation(count)
     np.testing.assert_array_equal(sample(places[:, order] * (1 + 1e-15)), values[order])
-    scaled = vmdg.Weibull(2.0, 7.0, seed=1)(places)
+    scaled = vmdg.Weibull(2.0, 7.0, seed=1, resolution=1e-6)(places)
     np.testing.assert_allclose(scaled, values / 20, rtol=1e-14)
+    with pytest.raises(ValueError, match="give it a resolution="):
+        vmdg.Weibull(40.0, 7.0)(places)
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from ufl.core.expr import Expr
 
 from .. import compat
 from ..base.parallel import global_sum, raise_together
+from ..base.tables import rounded
 from ..domain.topology import Locator, checked_facets
 from .values import Value, first_value, takes_points, value_at
 
@@ -226,7 +227,7 @@ class DirichletConditions:
                 axis = AXES[dofs[i, k] % self._d]
                 return (
                     f"{condition.what}: the displacement along {axis} of the node at "
-                    f"{condition.points[:, i].round(6).tolist()} is prescribed as "
+                    f"{rounded(condition.points[:, i])} is prescribed as "
                     f"{given[place[i, k]]:.6g} and as {values[i, k]:.6g} at load factor {t:g}, "
                     "of which the last one holds; leave the node out of one of them"
                 )

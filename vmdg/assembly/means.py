@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from ..base.graph import components
 from ..base.parallel import global_sum
+from ..base.tables import rounded
 from ..domain.lattice import Lattice
 from ..domain.topology import box_sides, facet_cells, local_facets
 from .space import facet_closure, renumbered
@@ -253,7 +254,7 @@ def _check_nodes(x: Array, apart: Array, tolerance: float) -> None:
     nearest = apart.min(axis=2, initial=np.inf)
     bad = np.argwhere(nearest > tolerance)
     if len(bad):
-        place = x[tuple(bad[0])].round(6).tolist()
+        place = rounded(x[tuple(bad[0])])
         raise ValueError(
             f"Periodic: the node at {place} has no image on the opposite face, whose facets have "
             "other corners there; mesh opposite faces alike, in gmsh by "

@@ -22,6 +22,7 @@ from ..domain.topology import boundary_rows
 from ..forms import surface
 from ..interface.active import ActiveInterface
 from ..interface.fluid import Fluid
+from .dirichlet import ROUNDING
 from .space import at_owners
 from .values import Value, first_value, takes_points, value_at
 
@@ -230,11 +231,12 @@ class Surface:
 
     def _foundation(self, stiffness: Array) -> Expr:
         d = self._mesh.geometry.dim
+        rounding = ROUNDING * np.abs(stiffness).max(initial=0.0)
         if stiffness.shape in ((), (2,)):
             least = stiffness.min()
             both = (fem.Constant(self._mesh, float(k)) for k in np.broadcast_to(stiffness, 2))
             K = surface.foundation(*both, ufl.FacetNormal(self._mesh))
-        elif stiffness.shape == (d, d) and np.allclose(stiffness, stiffness.T):
+        elif stiffness.shape == (d, d) and np.allclose(stiffness, stiffness.T, 0.0, rounding):
             least = np.linalg.eigvalsh(stiffness)[0]
             K = fem.Constant(self._mesh, stiffness)
         else:

@@ -6,6 +6,21 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+#: Digits of numbers in texts.
+DIGITS = 6
+
+
+def rounded(values: ArrayLike) -> list[Any]:
+    """Numbers as a list for a text, to six digits of the largest one, whatever their unit."""
+    numbers = np.asarray(values, dtype=float)
+    largest = np.abs(numbers).max(initial=0.0)
+    if not 0 < largest < np.inf:
+        return numbers.tolist()
+    return np.round(numbers, DIGITS - 1 - int(np.floor(np.log10(largest)))).tolist()
+
 
 def short(value: Any) -> str:
     """A value as text, numbers with six digits."""

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from .. import compat
 from ..base.parallel import raise_together
-from .shapes import GeometryMap
+from ..base.tables import rounded
+from .shapes import GeometryMap, determinants
 from .topology import facet_cells, local_facets
 
 # det J relative to the lengths of its columns, and edges at a corner relative to the longest, that
@@ -52,7 +53,7 @@ def _bad_cell(mesh: Mesh) -> str | None:
         J = geometry_map.jacobians(x - x[:, :1])
         edges = np.linalg.norm(J, axis=2)
         with np.errstate(invalid="ignore"):
-            det, size = np.linalg.det(J), edges.prod(axis=2)
+            det, size = determinants(J), edges.prod(axis=2)
         det *= np.where(det.sum(axis=1) < 0, -1, 1)[:, None]
         # At a corner two sides may form one line; inside, where integrals are taken, they may not.
         # The comparison also catches coordinates that are not finite.
@@ -105,4 +106,4 @@ def _normals(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 def _where(mesh: Mesh, cell: int) -> str:
     d = mesh.geometry.dim
     midpoint = mesh.geometry.x[compat.geometry_dofmap(mesh)[cell], :d].mean(axis=0)
-    return f"Problem: cell {cell} at {np.round(midpoint, 6).tolist()}"
+    return f"Problem: cell {cell} at {rounded(midpoint)}"

@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from ..base.parallel import global_box
+from ..base.tables import rounded
+from .shapes import determinants
 from .topology import box_sides
 
 Array = NDArray[np.float64]
@@ -38,12 +40,13 @@ class Lattice:
     @property
     def volume(self) -> float:
         """Of the cell, voids included [mm3; in 2D mm2]."""
-        return float(abs(np.linalg.det(self.vectors)))
+        return float(abs(determinants(self.vectors)))
 
     @property
     def length(self) -> float:
         """Side of a cube of the same volume [mm]."""
-        return self.volume ** (1 / len(self.vectors))
+        root = np.cbrt if len(self.vectors) == 3 else np.sqrt
+        return float(root(self.volume))
 
     @property
     def tolerance(self) -> float:
@@ -85,13 +88,15 @@ class Lattice:
                 f"Periodic: no facet lies on the faces that the {axis} vector joins, {to.tolist()} "
                 f"from {self.origin.tolist()}; give vectors=, the sides of the cell, one a row"
             )
-        apart = cKDTree(others).query(points + to)[0] if len(others) else np.full(len(points), 1.0)
+        apart = np.full(len(points), np.inf)
+        if len(others):
+            apart = cKDTree(others).query(points + to)[0]
         bad = np.flatnonzero(~(apart < self.tolerance))
         if len(bad):
             here = np.array(min(points[bad].tolist()))
             raise ValueError(
-                f"Periodic: the facet at {here.round(6).tolist()} has no image at "
-                f"{(here + to).round(6).tolist()} ({len(bad)} of {len(points)} facets of this face "
+                f"Periodic: the facet at {rounded(here)} has no image at "
+                f"{rounded(here + to)} ({len(bad)} of {len(points)} facets of this face "
                 "have none): opposite faces must be meshed alike, in gmsh by "
                 "gmsh.model.mesh.setPeriodic before the mesh is generated"
             )

@@ -18,6 +18,7 @@ from ..forms.geometry import Geometry
 from ..forms.kinematics import Body
 from ..forms.materials import FromOthers, Material
 from .topology import UNTAGGED
+from .weibull import Weibull
 
 
 class Strain(Protocol):
@@ -175,6 +176,8 @@ def cell_values(
         return float(value)
     if isinstance(value, FromOthers):
         return _found_from(mesh, value, cells, what)
+    if isinstance(value, Weibull):
+        value = value.on(mesh)
     message, values = None, np.zeros(len(cells))
     try:
         values[:] = _given_on(mesh, value, cells)

@@ -17,6 +17,18 @@ from ..forms.geometry import Axisymmetric, Geometry
 Array = NDArray[np.float64]
 
 
+def determinants(A: Array) -> Array:
+    """Of small matrices (..., d, d), d up to 3.
+
+    Those of numpy go by logarithms, and their rounding depends on the unit.
+    """
+    if A.shape[-1] == 1:
+        return A[..., 0, 0]
+    if A.shape[-1] == 2:
+        return A[..., 0, 0] * A[..., 1, 1] - A[..., 0, 1] * A[..., 1, 0]
+    return (A[..., 0, :] * np.cross(A[..., 1, :], A[..., 2, :])).sum(axis=-1)
+
+
 class GeometryMap:
     """The map X(xi) from the reference cell to the cells of a mesh, at some points.
 
@@ -132,7 +144,7 @@ class ShapeGradients:
         """GRAD of the shape functions and weights (cells, points) in cells."""
         gradients, J, X = self._at(cells, self.bulk_points)
         around = self._geometry.circumference(X)
-        return gradients, np.abs(np.linalg.det(J)) * around * self._bulk_weights
+        return gradients, np.abs(determinants(J)) * around * self._bulk_weights
 
     def on_facets(self, cells: NDArray[np.int32], local: NDArray[np.int32]) -> FacetShapes:
         """The same on facet ``local`` of every cell."""
@@ -150,7 +162,7 @@ class ShapeGradients:
             tangents = J @ edges.T
             metric = tangents.transpose(0, 1, 3, 2) @ tangents
             around = self._geometry.circumference(X)
-            found.weights[chosen] = np.sqrt(np.linalg.det(metric)) * around * self._facet_weights
+            found.weights[chosen] = np.sqrt(determinants(metric)) * around * self._facet_weights
             found.values[chosen] = self._shape.tabulate(0, points)[0]
             found.points[chosen] = np.moveaxis(X, 0, -1)
         return found

@@ -10,6 +10,7 @@ from dolfinx.mesh import Mesh, MeshTags, compute_midpoints
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.parallel import global_box, raise_together
+from ..base.tables import rounded
 
 #: Whether points x (3, n) are meant, n values.
 Locator = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
@@ -143,7 +144,7 @@ def refuse_facets(
     owned = facets[facets < mesh.topology.index_map(fdim).size_local]
     bad, message = owned[refused[owned]], None
     if len(bad):
-        place = compute_midpoints(mesh, fdim, bad[:1])[0].round(6).tolist()
+        place = rounded(compute_midpoints(mesh, fdim, bad[:1])[0])
         message = f"{what}: facet {bad[0]} at {place} {reason}"
     raise_together(mesh.comm, message)
 

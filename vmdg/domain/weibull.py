@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Integral, Real
 
 import numpy as np
+from dolfinx.mesh import Mesh
 from numpy.typing import ArrayLike, NDArray
+
+from .topology import box_sides
 
 # Where the boxes of the resolution begin: away from round numbers, which would otherwise lie on the
 # edge of two boxes, and by rounding in the one or the other.
@@ -16,6 +19,9 @@ _OFFSET = 1 / math.pi
 # Step, shifts and multipliers of SplitMix64 (Steele, Lea and Flood 2014, OOPSLA), which makes
 # independent numbers of counters.
 _STEP, _MIX, _LAST = 0x9E3779B97F4A7C15, ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)), 31
+
+# Resolution relative to the largest side of the box around a mesh.
+_SHARE = 1e-9
 
 # Rounding of coordinates relative to the resolution, at most.
 _ROUNDING = 1e-3
@@ -39,7 +45,9 @@ class Weibull:
         modulus: Weibull's modulus; 5 for scattered, 20 for uniform materials.
         seed: Number of the sample.
         resolution: Size of the boxes of which each has one value [mm]; far below the size of the
-            facets, and far above the rounding of coordinates.
+            facets, and far above the rounding of coordinates. None follows the size of the mesh, so
+            that a sample is the same in any unit of length; who calls f(x) himself has no mesh, and
+            gives one.
 
     Raises:
         ValueError: scale, modulus or resolution is not positive, or the seed is no integer.
@@ -48,11 +56,13 @@ class Weibull:
     scale: float
     modulus: float
     seed: int = 0
-    resolution: float = 1e-6
+    resolution: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("scale", "modulus", "resolution"):
             value = getattr(self, name)
+            if name == "resolution" and value is None:
+                continue
             if not (isinstance(value, Real) and 0 < value < math.inf):
                 raise ValueError(f"Weibull: {name} = {value!r} must be a positive, finite number")
         if not isinstance(self.seed, Integral) or self.seed < 0:
@@ -69,6 +79,11 @@ class Weibull:
         square = math.gamma(1 + 2 / self.modulus) - math.gamma(1 + 1 / self.modulus) ** 2
         return self.scale * math.sqrt(square)
 
+    def on(self, mesh: Mesh) -> Weibull:
+        """The same with the resolution that fits a mesh, unless one is given; collective."""
+        found = _SHARE * float(box_sides(mesh).max())
+        return replace(self, resolution=found) if self.resolution is None else self
+
     def __call__(self, x: ArrayLike) -> NDArray[np.float64]:
         """Values at points (n,).
 
@@ -77,8 +92,13 @@ class Weibull:
 
         Raises:
             ValueError: points are nearer to each other than the resolution, or so far away that
-                their rounding is not far below it.
+                their rounding is not far below it, or no mesh has given one.
         """
+        if self.resolution is None:
+            raise ValueError(
+                "Weibull: called by itself it does not know the size of the mesh; give it a "
+                "resolution=, about 1e-6 of the size of the facets"
+            )
         x = np.asarray(x, dtype=float)
         farthest, remedy = np.abs(x).max(initial=0.0), "about 1e-6 of the size of the facets"
         if farthest * np.finfo(float).eps > _ROUNDING * self.resolution:

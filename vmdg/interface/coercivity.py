@@ -57,6 +57,7 @@ from ufl.core.expr import Expr
 
 from .. import compat
 from ..base.kernels import compile_expression
+from ..base.units import power_of_two
 from ..domain.materials import Bodies
 from ..domain.moduli import RegionExpressions, cell_moduli
 from ..domain.shapes import ShapeGradients
@@ -140,6 +141,8 @@ class CellProblems:
             cells, return_index=True, return_inverse=True
         )
         self._bulk = shapes.in_cells(self._cells)
+        # F_33 - 1 times this is a displacement as the other unknowns are.
+        self._length = power_of_two(np.sqrt(self._bulk[1].sum(axis=1)))
         self._free = d * (d - 1) // 2 + bodies.mean_dilatation
         self._pairs = np.column_stack([cells, local]).astype(np.int32)
         positions = compile_expression(
@@ -198,23 +201,27 @@ class CellProblems:
     ) -> NDArray[np.float64]:
         """:meth:`__call__` for a range of cells and of the pairs that belong to them."""
         dilatations = self._dilatations(cells)
-        factor, pressed = self._energy_factor(cells, dilatations)
+        factor, energy, pressed = self._energy_factor(cells, dilatations)
         of_cell = self._cell_of_pair[pairs] - cells.start
-        # int_f h.T.h = |Z u|^2 and E = |R u|^2: with S = Z.R^-1 the eigenvalues are those of S.S^T.
-        Z = self._flux_factor(pairs, weights, None if dilatations is None else dilatations[of_cell])
+        # int_f h.T.h = |Z u|^2 and E = |R u|^2: with S = Z.R^-1 the eigenvalues are those of S.S^T,
+        # but for the factors of both.
+        Z, flux = self._flux_factor(
+            pairs, weights, None if dilatations is None else dilatations[of_cell]
+        )
         S = np.linalg.solve(factor.transpose(0, 2, 1)[of_cell], Z.transpose(0, 2, 1))
         alone = np.linalg.eigvalsh(S.transpose(0, 2, 1) @ S)[:, -1]
         alone = np.maximum(alone, np.finfo(float).tiny)
+        factors = flux / energy[of_cell]
         count = np.bincount(of_cell, minlength=len(factor))
         several = np.flatnonzero(count > 1)
         if not len(several):
-            return pressed[of_cell] * alone
+            return pressed[of_cell] * alone * factors
         chosen = np.flatnonzero(count[of_cell] > 1)
         each = S[chosen] @ S[chosen].transpose(0, 2, 1) / alone[chosen, None, None]
         starts = np.flatnonzero(np.diff(of_cell[chosen], prepend=-1))
         together = np.add.reduceat(each, starts, axis=0)
         pressed[several] *= np.linalg.eigvalsh(together)[:, -1]
-        return pressed[of_cell] * alone
+        return pressed[of_cell] * alone * factors
 
     def _dilatations(self, cells: slice) -> NDArray[np.float64] | None:
         """Change of theta with every shape function in every direction (cells, nodes, d).
@@ -235,55 +242,63 @@ class CellProblems:
 
     def _energy_factor(
         self, cells: slice, dilatations: NDArray[np.float64] | None
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """R with E_K(u) = |R.u|^2 (cells, n, n), regular, and what compression adds (cells,)."""
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """R with E_K(u) = e |R.u|^2 (cells, n, n), regular, e (cells,), and what compression adds
+        (cells,)."""
         gradients, volumes = (values[cells] for values in self._bulk)
         size = len(self._entries)
         A = self._moduli(self._region[cells], self._cells[cells])
         first, second = np.triu_indices(size)
         full = np.empty((*A.shape[:2], size, size))
         full[..., first, second] = full[..., second, first] = A
-        L, pressed = _square_root(full, self._free)
-        L *= np.sqrt(volumes)[:, :, None, None]
-        Y = self._columns(L, gradients, dilatations)
+        modulus = power_of_two(np.trace(full, axis1=2, axis2=3).max(axis=1))
+        volume = power_of_two(volumes.max(axis=1))
+        L, pressed = _square_root(full / modulus[:, None, None, None], self._free)
+        L *= np.sqrt(volumes / volume[:, None])[:, :, None, None]
+        Y = self._columns(L, gradients, dilatations, self._length[cells])
         scale = _REGULAR_CELL * np.abs(Y).max(axis=(1, 2))
         Y = np.concatenate([Y, scale[:, None, None] * np.eye(Y.shape[2])], axis=1)
-        return np.linalg.qr(Y, mode="r"), pressed
+        return np.linalg.qr(Y, mode="r"), modulus * volume, pressed
 
     def _flux_factor(
         self,
         pairs: slice,
         weights: NDArray[np.float64],
         dilatations: NDArray[np.float64] | None,
-    ) -> NDArray[np.float64]:
-        """Z with int_f h.T.h = |Z.u|^2 (pairs, rows, n)."""
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Z with int_f h.T.h = f |Z.u|^2 (pairs, rows, n), and f (pairs,)."""
         d = self._d
         gradients, areas = (values[pairs] for values in self._facets)
-        region = self._region[self._cell_of_pair[pairs]]
+        cells = self._cell_of_pair[pairs]
+        region = self._region[cells]
         H = self._traction_moduli(region, self._pairs[pairs])
         H = H.reshape(*H.shape[:2], d, -1)
         # A tau from indefinite A may itself be: only its positive part can be matched.
         values, vectors = np.linalg.eigh(weights)
-        root = vectors * np.sqrt(np.maximum(values, 0))[:, None]
+        compliance, area = power_of_two(values[:, -1]), power_of_two(areas.max(axis=1))
+        root = vectors * np.sqrt(np.maximum(values / compliance[:, None], 0))[:, None]
         H = np.einsum("pkm,pqke->pqem", root, H, optimize=True)
-        H *= np.sqrt(areas)[:, :, None, None]
-        return self._columns(H, gradients, dilatations)
+        H *= np.sqrt(areas / area[:, None])[:, :, None, None]
+        return self._columns(H, gradients, dilatations, self._length[cells]), compliance * area
 
     def _columns(
         self,
         tensor: NDArray[np.float64],
         gradients: NDArray[np.float64],
         dilatations: NDArray[np.float64] | None,
+        length: NDArray[np.float64],
     ) -> NDArray[np.float64]:
         """tensor : GRAD by the dofs of a cell (cells, rows, n), see :func:`_contract`.
 
-        In generalized plane strain F_33 is one more, in the last column.
+        In generalized plane strain F_33 - 1 times the ``length`` (cells,) is one more, in the last
+        column.
         """
         count, size = len(tensor), gradients.shape[2] * self._d
         if not self._axial:
             return _contract(tensor, gradients, dilatations).reshape(count, -1, size)
         plane = _contract(tensor[:, :, :-1], gradients).reshape(count, -1, size)
-        return np.concatenate([plane, tensor[:, :, -1].reshape(count, -1, 1)], axis=2)
+        axial = tensor[:, :, -1].reshape(count, -1, 1) / length[:, None, None]
+        return np.concatenate([plane, axial], axis=2)
 
 
 def _square_root(
@@ -292,7 +307,7 @@ def _square_root(
     """L with L.L^T = |A| (cells, points, n, n), and (1 + gamma) / (1 - gamma) of the cells.
 
     Args:
-        A: Moduli (cells, points, n, n) [MPa].
+        A: Moduli (cells, points, n, n).
         free: Number of eigenvalues that are 0 at rest.
     """
     size = np.trace(A, axis1=2, axis2=3).max(axis=1)

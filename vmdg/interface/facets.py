@@ -23,6 +23,7 @@ from ..domain.topology import (
     mark_everywhere,
     refuse_facets,
 )
+from ..domain.weibull import Weibull
 from ..laws import Law
 from .interface import ALL, Interface
 
@@ -198,7 +199,8 @@ def _why_empty(interface: Interface) -> str:
     if callable(interface.facets):
         return (
             "the predicate is true at all vertices of no facet inside the mesh; compare "
-            "coordinates by np.isclose, and the mesh must have facets there"
+            "coordinates by np.isclose, with an atol= far below the size of a cell, and the mesh "
+            "must have facets there"
         )
     if callable(interface.between):
         return "the function is true for no two groups that touch"
@@ -313,6 +315,8 @@ def facet_values(
         ValueError: there is not one finite number a facet.
     """
     fdim = mesh.topology.dim - 1
+    if isinstance(given, Weibull):
+        given = given.on(mesh)
     if not callable(given):
         if np.ndim(given) == 0:
             return np.full(len(facets), given, dtype=float)

@@ -19,7 +19,7 @@ from ufl.core.expr import Expr
 from .. import compat
 from ..base.kernels import compile_form
 from ..domain.materials import Bodies
-from ..domain.shapes import GeometryMap
+from ..domain.shapes import GeometryMap, determinants
 from ..forms.geometry import CARTESIAN, Geometry
 from ..forms.kinematics import Body
 from .facets import InterfaceFacets
@@ -204,4 +204,4 @@ def bubble_integrals(quadrature: FacetQuadrature) -> NDArray[np.float64]:
     tangents = np.einsum("tqn,fnd->fqdt", geometry_map.slopes, nodes)
     metric = np.einsum("fqds,fqdt->fqst", tangents, tangents)
     around = quadrature.geometry.circumference(geometry_map.positions(nodes))
-    return (np.sqrt(np.linalg.det(metric)) * around) @ (weights * bubble)
+    return (np.sqrt(determinants(metric)) * around) @ (weights * bubble)

@@ -17,6 +17,7 @@ from scipy.sparse.linalg import LinearOperator, gmres
 from ..assembly.point_matrices import jump_matrix, traction_matrix
 from ..base.parallel import global_any, global_norm, global_sum
 from ..base.timers import timer
+from ..base.units import power_of_two
 from ..interface.active import ActiveInterface
 from ..interface.return_map import Trial, apply, map_back
 from ..problem.problem import Problem
@@ -90,6 +91,9 @@ class Capacitance:
             self.norm = matrix.norm(PETSc.NormType.NORM_INFINITY)
             prescribed = matrix.getOwnershipRange()[0] + self._prescribed
             self._lift = _columns(matrix, prescribed)
+            # The roots of MUMPS round alike in all units.
+            self._unit = float(power_of_two(self.norm))
+            matrix.scale(1 / self._unit)
             matrix.zeroRowsColumns(prescribed, 1.0)
             matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
             self._ksp, self._stiffness = make_ksp(matrix, LDLT), matrix
@@ -207,7 +211,7 @@ class Capacitance:
         """Displacements (owned dofs, k) of bonded bodies, rigid faces held, from forces and what
         prescribed dofs do (prescribed, k)."""
         right = forces - _times(self._lift, known, self._comm)
-        right[self._prescribed] = known
+        right[self._prescribed] = self._unit * known
         return self._relax(right)
 
     def _faces_under(self, forces: Array) -> Array:
@@ -225,7 +229,7 @@ class Capacitance:
 
     def _relax(self, right: Array) -> Array:
         """K_0^-1.right (owned dofs, k)."""
-        b = _dense(right, self._comm)
+        b = _dense(right / self._unit, self._comm)
         x = b.duplicate()
         self._ksp.matSolve(b, x)
         found = x.getDenseArray().copy()
@@ -279,7 +283,7 @@ class Capacitance:
             parts = self._comm.gather(product.getDenseArray())
             if parts is not None:
                 # S is symmetric: its rows are its columns.
-                S[start : start + count] = np.concatenate(parts).T
+                S[start : start + count] = np.concatenate(parts).T / self._unit
             for item in (columns, right, solution, product):
                 item.destroy()
         opening = self._comm.gather(self._opening)

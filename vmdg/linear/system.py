@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..assembly.means import lattice_of
 from ..base.parallel import global_any, global_sum
+from ..base.units import power_of_two
 from ..problem.problem import Problem
 from .capacitance import Capacitance
 from .condensation import condensation
@@ -109,6 +110,7 @@ class AssembledSystem:
         self._matrix = matrix = problem.discretization.create_matrix(kind)
         matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self.norm, self._apart = 0.0, False
+        self._unit = 1.0
         self._linear = LinearSolver(matrix, linear.solver, linear.fallback)
         if self._linear.multigrid:
             parts = problem.discretization
@@ -175,8 +177,20 @@ class AssembledSystem:
         matrices. Around a crack tip a body stays one by itself.
         """
         self._discretization.assemble_tangent(self._matrix, failing=False)
-        self._matrix.zeroRowsColumnsLocal(self._prescribed, 1.0)
+        self._hold()
         self._linear.coarsen()
+
+    def _hold(self) -> None:
+        """Replace the rows of prescribed dofs by those of the identity, of a matrix near to it.
+
+        It is divided by a power of two near its norm: what PETSc takes for small, and how the roots
+        of MUMPS round, must not depend on the unit, and multigrid suffers from rows that are far
+        smaller or larger than others.
+        """
+        norm = self.norm or self._matrix.norm(PETSc.NormType.NORM_INFINITY)
+        self._unit = float(power_of_two(norm))
+        self._matrix.scale(1 / self._unit)
+        self._matrix.zeroRowsColumnsLocal(self._prescribed, 1.0)
 
     def _solve_held(
         self, forces: Sequence[Array], moved: Sequence[Array], rtol: float
@@ -186,11 +200,11 @@ class AssembledSystem:
         right = list(forces)
         if not self.lags:
             right = [f - self._lift(du) for f, du in zip(forces, moved, strict=True)]
-            self._matrix.zeroRowsColumnsLocal(self._prescribed, 1.0)
+            self._hold()
         # The response to a load changes little from one correction to the next.
         found, last = [], [None, *self._last[1:]] + [None] * len(right)
         for f, du, guess in zip(right, moved, last, strict=False):
-            self._b.array[:] = f
+            self._b.array[:] = f / self._unit
             self._b.array[self._prescribed] = du[self._prescribed]
             self._x.array[:] = 0.0 if guess is None else guess
             self._linear.solve(self._b, self._x, rtol)

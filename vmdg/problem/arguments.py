@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import compat
 from ..base.kernels import compile_expression
 from ..base.parallel import raise_together
+from ..base.tables import rounded
 from ..domain.lattice import Lattice
 from ..domain.materials import cell_values
 from ..domain.tags import Group
@@ -204,7 +205,7 @@ def check_rest(mesh: Mesh, materials: Mapping[int, Material]) -> None:
         if not np.isfinite(P).all() or np.abs(P).max() > RESTS * np.abs(A).max():
             raise ValueError(
                 f"Problem: the energy of the material of tag {tag} has the stress P = "
-                f"{P.round(6).tolist()} at F = I, where it must vanish; add what is missing, such "
+                f"{rounded(P)} at F = I, where it must vanish; add what is missing, such "
                 "as -mu ln J to mu/2 tr(F^T.F), and give a stress that is there from the start by "
                 "eigenstrain="
             )
@@ -372,7 +373,7 @@ def check_faces(
         else:
             continue
         if lies.any():
-            place = min(middle[faces[lies, 0]].round(6).tolist())
+            place = min(rounded(middle[faces[lies, 0]]))
             raise ValueError(
                 f"Periodic: {interface} would lie on the boundary of the cell at {place}, where "
                 f"opposite faces are tied and nothing fails; {remedy}"

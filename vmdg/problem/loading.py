@@ -25,6 +25,7 @@ from ..assembly.rigid import RigidFaces
 from ..assembly.surface import Share
 from ..assembly.values import Value, value_at
 from ..base.parallel import global_any, raise_together
+from ..base.tables import rounded
 from ..domain.geometry import axis_dofs
 from ..domain.tags import Group, group_tag
 from ..domain.topology import Locator, facet_cells, refuse_facets
@@ -316,7 +317,7 @@ class Loading:
             other = "is prescribed too" if held.any() else "belongs to two rigid faces"
             message = (
                 f"rigid_face: the displacement along {AXES[axis]} of the node at "
-                f"{x.round(6).tolist()} {other}; give the rigid face another component, or leave "
+                f"{rounded(x)} {other}; give the rigid face another component, or leave "
                 "the facets at this node out of one of them"
             )
         raise_together(self._mesh.comm, message)
@@ -417,7 +418,7 @@ class Loading:
             selected = nodes[where(x[nodes].T)]
             if len(selected) and message is None:
                 message = (
-                    f"point_load: the node at {x[selected[0]].round(6).tolist()} lies on "
+                    f"point_load: the node at {rounded(x[selected[0]])} lies on "
                     f"{interface}, where it is one on either side; load a node beside it"
                 )
         raise_together(self._mesh.comm, message)

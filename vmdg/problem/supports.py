@@ -14,6 +14,7 @@ from .. import compat
 from ..assembly.means import lattice_of
 from ..assembly.space import node_pieces
 from ..base.parallel import global_box, global_max, global_sum, warn_together
+from ..base.tables import rounded
 from ..domain.geometry import rigid_motions
 from ..forms.geometry import Axisymmetric
 from ..interface.active import ActiveInterface
@@ -119,7 +120,7 @@ def hanging_piece(problem: Problem) -> str:
     if not found:
         return ""
     box, part = min(found, key=lambda one: np.linalg.norm(one[0][1] - one[0][0]))
-    low, high = (corner.round(4).tolist() for corner in box)
+    low, high = rounded(box)
     return (
         f"Against {part.motions} nothing holds a piece of the body of {part.body} any more, that "
         f"between {low} and {high} before the deformation: its bonds are gone, but perhaps for one "
