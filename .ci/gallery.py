@@ -37,6 +37,7 @@ SCENES = {
     "tutorial_material": "tutorial_material",
     "tutorial_laminate": "tutorial_laminate",
     "two_inclusions": "two_inclusions --no-plot",
+    "weak_links": "weak_links --no-plot",
     "buckling": "buckling --no-plot",
     "fibre_cell": "fibre_cell --no-plot",
     "polycrystal": "polycrystal --no-plot",

@@ -42,6 +42,7 @@ from .problem.problem import Problem as Problem
 from .problem.rigid_motion import RigidMotion as RigidMotion
 from .problem.states import Energy as Energy
 from .problem.states import Snapshot as Snapshot
+from .solver.options import PathOptions as PathOptions
 from .solver.options import SolveOptions as SolveOptions
 from .solver.result import Counts as Counts
 from .solver.result import Result as Result

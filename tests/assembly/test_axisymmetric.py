@@ -48,7 +48,7 @@ def test_volume_and_area_of_a_cone(comm, cell):
     problem.body_force([0.0, -3.0])
     problem.traction(scene.facet_tags.find(TOP), [0.0, -2.0])
     problem.traction(scene.facet_tags.find(OUTER), [5.0, 0.0])
-    problem.loading.apply(0.0)
+    problem.loading.move(0.0)
     problem.step.assemble_residual()
     end = np.pi * (2.0**2 - 0.5**2)
     everything = problem.discretization.forces.x.array.reshape(-1, 2)

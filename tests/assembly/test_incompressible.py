@@ -264,7 +264,7 @@ def test_invariants_give_the_energy_of_f_bar(comm, swelling):
         # The same tau_s to rounding: eigenvalues lose digits.
         options = {"volumetric": "mean", "eigenstrain": swelling}
         problem = joined(scene, vmdg.Bonded(), materials, {"safety": 1.0}, **options)
-        problem.loading.apply(1.0)
+        problem.loading.move(1.0)
         displace(problem, scene, 1.0)
         matrix = tangent_matrix(problem)
         forces = problem.discretization.forces.x.array.copy()

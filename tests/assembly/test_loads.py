@@ -13,7 +13,7 @@ import vmdg
 
 def resultants(problem: vmdg.Problem, t: float) -> tuple[np.ndarray, float]:
     """Total external force (2,) and its moment about the origin, the same on every rank."""
-    problem.loading.apply(t)
+    problem.loading.move(t)
     problem.u.x.array[:] = 0
     forces = -problem.step.assemble_residual().reshape(-1, 2)
     x = problem.space.tabulate_dof_coordinates()[: len(forces)]

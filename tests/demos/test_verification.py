@@ -115,9 +115,8 @@ def test_cost_of_a_cantilever(comm):
     """The standard test with default options: at most 120 rows, 450 factorizations and 600
     residuals, and beam theory to 1.5%.
 
-    Points that break together do so in another order where sums differ by rounding: with strengths
-    that differ by 1e-13 it takes 95 to 103 rows, 385 to 421 factorizations and 552 to 598
-    residuals. Several ranks and other versions of DOLFINx and MUMPS are allowed 10% more.
+    Points that break together do so in another order where sums differ by rounding. Several ranks
+    and other versions of DOLFINx and MUMPS are allowed 10% more.
     """
     run = delamination.dcb()
     more = 1.0 if comm.size == 1 and dolfinx.__version__.startswith("0.9.") else 1.1
@@ -127,7 +126,7 @@ def test_cost_of_a_cantilever(comm):
     assert counts.factorizations + counts.preconditioners <= 450 * more
     assert counts.residuals <= 600 * more
     assert run.history["jump_steps"].sum() == 0
-    assert len(run.result.failures) <= 5
+    assert len(run.result.failures) <= 8
 
 
 def test_cantilevers_with_few_cells_in_the_process_zone():

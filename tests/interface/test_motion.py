@@ -19,8 +19,9 @@ from vmdg.interface.return_map import map_back
 from vmdg.linear.ksp import LU
 from vmdg.meshes import beams
 from vmdg.meshes.beams import INTERFACE, LOWER_LEFT, RIGHT, UPPER_LEFT
-from vmdg.solver.control import Control
-from vmdg.solver.newton import Newton
+from vmdg.solver.attempt import Guess
+from vmdg.solver.corrector import Corrector
+from vmdg.solver.limits import Limits
 
 LAW = vmdg.Debonding(strength=100.0, critical_gap=0.2)
 TURNS = 4
@@ -239,13 +240,14 @@ class Scout:
     def __init__(self, problem):
         self.problem = problem
         options = {"relative_tolerance": 1e-10, "max_iterations": 400, "petsc": LU}
-        self.newton = Newton(problem, vmdg.SolveOptions(**options))
+        self.corrector = Corrector(problem, vmdg.SolveOptions(**options))
 
     def mode(self, t, keep=False):
         """Mode after a step to ``t``, which is taken back unless it is to be kept."""
         problem, start = self.problem, self.problem.step.snapshot()
         problem.step.begin(t, abs(t - problem.t))
-        assert self.newton.solve(Control(t), abs(t - problem.t)).converged
+        limits = Limits(problem.t, t, abs(t - problem.t))
+        assert self.corrector.solve(limits, limits.span, Guess()).converged
         problem.step.commit()
         mode = int(problem.state[0].mode[0])
         if not keep:
@@ -275,7 +277,7 @@ def kinks_of_cycle(friction, frame):
     scout = Scout(cycled(friction, frame))
     legs = len(CYCLE) - 1
     kinks = [kink for t in np.arange(1, 5 * legs + 1) / 5 for kink in scout.to(t)]
-    scout.newton.destroy()
+    scout.corrector.free()
     found = np.sort([*range(legs + 1), *kinks])
     return found[np.diff(found, prepend=-1) > 1e-6]
 

@@ -9,6 +9,7 @@ from support.scenes import everywhere, tag_cells, two_blocks, unit_box
 
 import vmdg
 from vmdg.base.parallel import global_max
+from vmdg.linear.capacitance import Capacitance
 from vmdg.linear.system import AssembledSystem
 
 LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.4)
@@ -190,5 +191,20 @@ def test_steps_end_with_the_last_tangent(comm):
         assert not result.failures
         spared.append(result.counts.solves - result.counts.tangents)
         ends.append(problem.u.x.array.copy())
-    assert spared == [5, 0]
+    assert spared[0] >= 4 > 1 >= spared[1]
     assert_same(comm, ends[:1], ends[1:], rel=1e-8)
+
+
+@pytest.mark.parametrize("condensed", [False, True])
+def test_product(comm, condensed):
+    """K.du of the solution is the right-hand side on free dofs, with faces, supports and damage."""
+    problem = sheared(comm, "quadrilateral")
+    vmdg.solve(problem, [0.4, 0.8])
+    system = Capacitance(problem) if condensed else AssembledSystem(problem, None)
+    forces = np.sin(np.arange(problem.discretization.owned, dtype=float))
+    moved = np.cos(np.arange(problem.discretization.owned, dtype=float))
+    (du,) = system.solve([forces], [moved], 1e-12)
+    free = np.setdiff1d(np.arange(len(forces)), problem.loading.owned_prescribed)
+    off = np.abs(system.product(du) - forces)[free].max(initial=0.0)
+    system.free()
+    assert global_max(comm, off) < 1e-9 * global_max(comm, np.abs(forces).max(initial=0.0))

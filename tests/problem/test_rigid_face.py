@@ -318,7 +318,8 @@ def test_column_under_a_plate_buckles(comm, head):
         vmdg.solve(problem, [1.02])
     if comm.rank == 0:
         found = re.findall(r"beyond load factor ([\d.]+) are unstable", str(caught[0].message))
-        assert float(found[0]) == pytest.approx(1.0, abs=2e-3)
+        # The column is shorter by P/EA = 2e-3 then, and its load larger by twice as much at most.
+        assert float(found[0]) == pytest.approx(1.0, abs=4e-3)
 
 
 @pytest.mark.parametrize("solver", ["gamg", "lu"])

@@ -61,10 +61,11 @@ def test_pressed_points_hold(comm):
 def test_held_where_it_comes_to_rest(comm):
     """A block on one point goes along with it, unstrained, and the run warns of it once.
 
-    Without a drag rounding says whether the tangent has a negative eigenvalue, and a step fails.
+    Without that stiffness rounding says whether the tangent has a negative eigenvalue, and a step
+    fails.
     """
     problem = worn(comm, "quadrilateral", lambda x: x[1] < 0.2, lambda t: (0.0, t))
-    told = "Against rotation nothing holds a piece .* From load factor 0 on a drag"
+    told = "Against rotation nothing holds a piece .* From load factor 0 on a little"
     with pytest.warns(vmdg.ModelWarning, match=told) if comm.rank == 0 else nullcontext() as said:
         assert hold_pieces(problem)
         options = vmdg.SolveOptions(unstable="trace")

@@ -52,7 +52,7 @@ def prescribed(problem, t):
 
 def total(problem, t):
     """Sum of the dead loads at load factor ``t`` (2,) [N]."""
-    problem.loading.apply(t)
+    problem.loading.move(t)
     problem.u.x.array[:] = 0
     forces = -problem.step.assemble_residual().reshape(-1, 2)
     return problem.comm.allreduce(forces.sum(axis=0))

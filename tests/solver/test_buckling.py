@@ -12,9 +12,8 @@ import pytest
 import vmdg
 from vmdg.base.parallel import global_max
 from vmdg.meshes import blocks
-from vmdg.solver.control import Direction, Work
 from vmdg.solver.jump import jump
-from vmdg.solver.stepper import Stepper
+from vmdg.solver.steps import Steps
 
 #: Of a column 1 mm thick, of two halves [mm, MPa]; its bending stiffness [N mm^2].
 LENGTH, E = 20.0, 1e4
@@ -113,9 +112,9 @@ def test_motion_to_the_next_equilibrium(comm):
         vmdg.solve(problem, [0.25, 0.5], options)
         if pressed == 0.5:
             assert deflection(problem)["deflection [mm]"] < 1e-9
-            stepper = Stepper(problem, options)
-            report, steps = jump(stepper, 1.0, 1.0, 1.0)
-            stepper.close()
+            taker = Steps(problem, options)
+            report, steps = jump(taker, 1.0, 1.0)
+            taker.close()
             assert report.converged
             assert not report.unstable
             assert steps < 30
@@ -124,42 +123,3 @@ def test_motion_to_the_next_equilibrium(comm):
         ends.append(deflection(problem)["deflection [mm]"])
     assert ends[0] == pytest.approx(ends[1], rel=1e-6)
     assert ends[0] > 2
-
-
-class Plane:
-    """Trial states on which nothing breaks."""
-
-    def place(self) -> Direction:
-        return Direction(np.zeros(2), 0.0)
-
-    def go(self, start, direction, length) -> None:
-        """Nothing to move."""
-
-    def bond_work(self, start, direction, length) -> float:
-        return 0.0
-
-    def size(self, direction) -> float:
-        return float(np.linalg.norm(direction.u))
-
-    def product(self, one, other) -> float:
-        return float(one.u @ other.u)
-
-
-def test_steps_end_on_the_arc():
-    """|u - u_n| = reach after every correction, onward; or at the target where it comes first."""
-    control, plane = Work(10.0, 10.0, 1.5, bends=True, reach=0.5), Plane()
-    state, one = Direction(np.array([2.0, 1.0]), 3.0), Direction(np.array([0.3, -0.4]), 1.0)
-    origin, arrived = state, []
-    for zero in (np.array([0.01, -0.02]), np.array([0.05, 0.1]), np.array([-0.02, 0.0])):
-        change = control.change(plane, state, Direction(zero, 0.0), one)
-        state = Direction(state.u + zero + change * one.u, state.t + change)
-        arrived.append(np.linalg.norm(state.u - origin.u))
-        assert state.t > 3.0
-    assert arrived == pytest.approx([0.5] * 3)
-    assert control.arc == 0.5
-    far = Work(10.0, 10.0, 1.5, bends=True, reach=50.0)
-    assert far.change(plane, origin, Direction(np.zeros(2), 0.0), one) == pytest.approx(7.0)
-    assert far.arc is None
-    back = Work(10.0, 10.0, 1.5, bends=True, reach=0.5)
-    assert not back.extrapolate(plane, Direction(-one.u, -1.0))
-    assert back.change(plane, origin, Direction(np.zeros(2), 0.0), one) == pytest.approx(-1.0)

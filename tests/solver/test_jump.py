@@ -12,18 +12,17 @@ from support.bar import CRITICAL_GAPS, LOADS, STRENGTH
 
 import vmdg
 from vmdg.base.parallel import global_max
-from vmdg.solver.control import Control
-from vmdg.solver.jump import CUT, FIRST_OVERSTRESS, jump
+from vmdg.solver.attempt import Attempt, Guess
+from vmdg.solver.jump import jump
+from vmdg.solver.limits import Limits
 from vmdg.solver.path import Path
-from vmdg.solver.report import StepReport
 from vmdg.solver.result import Result
-from vmdg.solver.stepper import Stepper
+from vmdg.solver.steps import Steps
 
 #: Of the stage in which the bar breaks.
 SPAN = LOADS[1] - LOADS[0]
 
-#: On its bond in the first step of a jump [N mm].
-WORK = 0.01
+PATH = vmdg.SolveOptions().path
 
 
 def test_stable_bar_needs_no_jump(comm):
@@ -105,7 +104,7 @@ def test_viscous_bond_that_is_held(comm):
     assert len(result.failures) == 1
 
 
-class Failing(Stepper):
+class Failing(Steps):
     """Some of its steps with overstress fail, counted from 0; keeps what it was asked for."""
 
     fails = range(3, 5)
@@ -114,10 +113,12 @@ class Failing(Stepper):
         super().__init__(*arguments)
         self.calls: list[SimpleNamespace] = []
 
-    def step(self, control, ahead=None, overstress=0.0) -> StepReport:
+    def attempt(self, limits, guess, overstress=0.0, drag=0.0) -> Attempt:
         viscous = [call for call in self.calls if call.overstress > 0]
         fails = overstress > 0 and len(viscous) in self.fails
-        report = StepReport(False, [], "") if fails else super().step(control, ahead, overstress)
+        report = Attempt(False, [], "")
+        if not fails:
+            report = super().attempt(limits, guess, overstress, drag)
         self.calls.append(SimpleNamespace(overstress=overstress, report=report))
         return report
 
@@ -126,10 +127,10 @@ def test_failed_jump_returns(comm):
     """A jump that is given up leaves the problem as it was, to all digits."""
     problem = bar.build(comm, 0.01)
     stepper, onset = Failing(problem, vmdg.SolveOptions()), 2 * (bar.stretch(STRENGTH) - 1)
-    assert stepper.step(Control(0.9 * onset)).converged
+    assert stepper.attempt(Limits(0.0, 0.9 * onset, SPAN), Guess()).converged
     tau, forces = problem.stabilization[0].tau, problem.discretization.forces.x.array.copy()
     stepper.fails = range(1, 99)
-    report, _ = jump(stepper, 1.1 * onset, SPAN, WORK)
+    report, _ = jump(stepper, 1.1 * onset, SPAN)
     assert "JUMP_FAILED" in report.reason
     assert np.array_equal(problem.stabilization[0].tau, tau)
     problem.step.assemble_residual(hold=True)
@@ -142,11 +143,11 @@ def test_overstress_is_no_measure_of_residuals(comm):
     """What the bond bears with an overstress only, here four times its strength, is forgotten."""
     onset = 2 * (bar.stretch(STRENGTH) - 1)
     stepper = Failing(bar.build(comm, 0.01), vmdg.SolveOptions())
-    stepper.step(Control(0.9 * onset))
+    stepper.attempt(Limits(0.0, 0.9 * onset, SPAN), Guess())
     largest = stepper.problem.step.scales.reaction
     assert largest > 0
     stepper.fails = range(3, 99)
-    jump(stepper, 4 * onset, SPAN, WORK)
+    jump(stepper, 4 * onset, SPAN)
     assert stepper.problem.step.scales.reaction == largest
     stepper.close()
 
@@ -155,29 +156,29 @@ def test_overstress_of_a_jump(comm):
     """It grows after a step that fails, and the end of the jump has none."""
     onset = 2 * (bar.stretch(STRENGTH) - 1)
     stepper = Failing(bar.build(comm, 0.02), vmdg.SolveOptions())
-    assert stepper.step(Control(0.99 * onset)).converged
-    report, steps = jump(stepper, 1.05 * onset, SPAN, WORK)
+    assert stepper.attempt(Limits(0.0, 0.99 * onset, SPAN), Guess()).converged
+    report, steps = jump(stepper, 1.05 * onset, SPAN)
     assert report.converged
     calls = stepper.calls[1:]
     assert calls[-1].overstress == 0
     factors = [call.overstress for call in calls if call.overstress > 0]
     assert len(factors) == steps
-    assert factors[0] == FIRST_OVERSTRESS
-    assert factors[3:6] == [factors[3], factors[3] / CUT, factors[3] / CUT**2]
+    assert factors[0] == PATH.overstress
+    assert factors[3:6] == [factors[3], factors[3] / PATH.cut, factors[3] / PATH.cut**2]
     assert abs(stepper.problem.mean(0).traction[0]) < 1e-6 * STRENGTH
     stepper.close()
 
 
-class Stuck(Stepper):
+class Stuck(Steps):
     """No step finds an equilibrium before a jump at ``free``."""
 
     free = math.inf
 
-    def step(self, control, ahead=None, overstress=0.0) -> StepReport:
-        if control.target == self.free and overstress > 0:
+    def attempt(self, limits, guess, overstress=0.0, drag=0.0) -> Attempt:
+        if limits.target == self.free and overstress > 0:
             self.free = None
-        found = super().step(control, ahead, overstress) if self.free is None else None
-        return found or StepReport(False, [], "DIVERGED_LOCAL_MIN")
+        found = super().attempt(limits, guess, overstress, drag) if self.free is None else None
+        return found or Attempt(False, [], "DIVERGED_LOCAL_MIN")
 
 
 def test_jump_at_the_given_load(comm):

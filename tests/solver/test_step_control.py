@@ -9,8 +9,9 @@ from support.problems import rotation
 import vmdg
 from vmdg.base.parallel import global_max
 from vmdg.meshes import blocks
-from vmdg.solver.control import Control
-from vmdg.solver.stepper import Stepper
+from vmdg.solver.attempt import Guess
+from vmdg.solver.limits import Limits
+from vmdg.solver.steps import Steps
 
 E = 1000.0
 
@@ -72,12 +73,12 @@ def test_inverted_cells_are_refused(comm):
     problem.u.x.array[::2] = -1.5 * x[:, 0]
     assert problem.step.inverted()
     problem.u.x.array[:] = start
-    stepper = Stepper(problem, vmdg.SolveOptions())
-    assert stepper.step(Control(1.0)).converged
+    steps = Steps(problem, vmdg.SolveOptions())
+    assert steps.attempt(Limits(0.0, 1.0, 1.0), Guess()).converged
     before = problem.u.x.array.copy()
     problem.step.inverted = lambda: True
-    report = stepper.step(Control(2.0))
-    stepper.close()
+    report = steps.attempt(Limits(1.0, 2.0, 1.0), Guess())
+    steps.close()
     assert (report.converged, report.reason) == (False, "CELLS_INVERTED")
     assert problem.t == 1.0
     assert np.array_equal(problem.u.x.array, before)
@@ -104,13 +105,13 @@ def test_residual_is_small_against_a_weak_bond(comm):
     """
     law = vmdg.Debonding(strength=1e-5, critical_gap=1e-6, friction=0.3)
     problem = squares(comm, law, 0.0, lambda t: np.array([t, t / 2]))
-    stepper = Stepper(problem, vmdg.SolveOptions())
+    steps = Steps(problem, vmdg.SolveOptions())
     for t in (0.05, 0.1):
-        assert stepper.step(Control(t)).converged
+        assert steps.attempt(Limits(problem.t, t, 0.05), Guess()).converged
         free = np.setdiff1d(np.arange(problem.discretization.owned), problem.loading.prescribed)
         residual = problem.step.assemble_residual(hold=True)[free]
         assert np.abs(residual).max(initial=0.0) < 1e-6 * law.strength
-    stepper.close()
+    steps.close()
 
 
 def test_given_history_is_filled(comm):

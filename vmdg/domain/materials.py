@@ -12,7 +12,7 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh, compute_midpoints
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.parallel import global_any, raise_together
+from ..base.parallel import raise_together
 from ..forms.dilatation import MeanDilatation
 from ..forms.geometry import Geometry
 from ..forms.kinematics import Body
@@ -131,27 +131,23 @@ class Bodies:
         mean = [self.geometry.theta, self.geometry.pressure] if self.mean_dilatation else []
         return mean if self._eigenstrain is None else [self._eigenstrain, *mean]
 
-    def apply_eigenstrain(self, t: float) -> None:
-        """Set the eigenstrains to their values at load factor ``t``."""
+    def eigenstrains(self, t: float) -> NDArray[np.float64]:
+        """Eigenstrains as they were given for load factor ``t``, of all local cells, flat."""
+        if self._eigenstrain is None:
+            return np.zeros(0)
+        array = np.zeros((len(self.tags), *(9,) * self._tensor))
         for tag, strain in self._eigenstrains.items():
             value = strain(t)
             if self._tensor:
                 value = value if strain.tensor else value[..., None, None] * np.eye(3)
                 value = value.reshape(*value.shape[:-2], 9)
-            array = self._eigenstrain.x.array.reshape(len(self.tags), *(9,) * self._tensor)
             array[self.cells_of[tag]] = value
+        return array.ravel()
 
-    def eigenstrain_is_finite(self, t: float) -> bool:
-        """Whether the eigenstrains at load factor ``t`` are finite numbers, on this rank."""
-        return all([np.isfinite(strain(t)).all() for strain in self._eigenstrains.values()])
-
-    def eigenstrain_differs(self, before: float, after: float) -> bool:
-        """Whether an eigenstrain differs between two load factors; collective."""
-        strains = self._eigenstrains.values()
-        differs = any(not np.array_equal(strain(before), strain(after)) for strain in strains)
-        if all(strain.uniform for strain in strains):
-            return differs
-        return global_any(self._comm, differs)
+    def set_eigenstrains(self, values: NDArray[np.float64]) -> None:
+        """Take eigenstrains, as of :meth:`eigenstrains`."""
+        if self._eigenstrain is not None:
+            self._eigenstrain.x.array[:] = values
 
 
 def cell_values(

@@ -177,6 +177,17 @@ class Capacitance:
             tractions, (mapped, D), left = tractions + length * along, further, rest
         return found[:, 0]
 
+    def product(self, du: Array) -> Array:
+        """K.du with the last K on free dofs, of owned dofs [N]; collective."""
+        column = du[:, None]
+        forces = _times(self._lift, column[self._prescribed], self._comm)
+        column = column.copy()
+        column[self._prescribed] = 0.0
+        forces += self._unit * _times(self._stiffness, column, self._comm)
+        tractions = _times(self._tractions, du[:, None], self._comm)
+        forces -= _times(self._forces, _times_blocks(self._damage(), tractions), self._comm)
+        return forces[:, 0]
+
     def _map_back(self, trials: Sequence[Trial], more: Array, dt: float) -> tuple[Array, Array]:
         """Gap increments (gap components here, 1) and D of the return maps with more traction."""
         ends = np.cumsum([len(trial.gap) for trial in trials])[:-1]

@@ -70,6 +70,9 @@ class System(Protocol):
             du of owned dofs, not finite where K is singular [mm].
         """
 
+    def product(self, du: Array) -> Array:
+        """K.du with the last K, of owned dofs; what is on prescribed ones does not matter [N]."""
+
     def free(self) -> None:
         """Free the PETSc objects; collective."""
 
@@ -109,6 +112,8 @@ class AssembledSystem:
         kind = matrix_kind(linear.solver)
         self._matrix = matrix = problem.discretization.create_matrix(kind)
         matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        # K as it was assembled; the matrix loses rows and columns of prescribed dofs.
+        self._tangent: PETSc.Mat | None = None
         self.norm, self._apart = 0.0, False
         self._unit = 1.0
         self._linear = LinearSolver(matrix, linear.solver, linear.fallback)
@@ -157,16 +162,24 @@ class AssembledSystem:
             return self._found
         if not self._linear.coarsened and self._apart:
             self._coarsen()
-        self._discretization.assemble_tangent(self._matrix)
-        self.norm = self.norm or self._matrix.norm(PETSc.NormType.NORM_INFINITY)
-        if self.drag:
-            self._matrix.shift(self.drag * self.norm)
+        self._assemble()
         self._works = self._works_of(self._motions)
         right = [*forces, *np.zeros_like(self._motions)], [*moved, *self._motions]
         held = self._solve_held(*right, rtol)
         self._moving = np.array(held[len(forces) :])
         self._found = self._release(np.array(forces), held[: len(forces)])
         return self._found
+
+    def _assemble(self) -> None:
+        """K of the present state, twice."""
+        self._discretization.assemble_tangent(self._matrix)
+        self.norm = self.norm or self._matrix.norm(PETSc.NormType.NORM_INFINITY)
+        if self.drag:
+            self._matrix.shift(self.drag * self.norm)
+        if self._tangent is None:
+            self._tangent = self._matrix.duplicate(copy=True)
+        else:
+            self._matrix.copy(self._tangent, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
 
     def _coarsen(self) -> None:
         """Coarsen every body for itself, as if the interfaces that can fail had failed; collective.
@@ -195,11 +208,9 @@ class AssembledSystem:
     def _solve_held(
         self, forces: Sequence[Array], moved: Sequence[Array], rtol: float
     ) -> list[Array]:
-        """As :meth:`solve`, rigid faces prescribed; with the last K prescribed dofs are to be where
-        they shall be, as its columns for them are gone."""
-        right = list(forces)
+        """As :meth:`solve`, rigid faces prescribed."""
+        right = [f - self._lift(du) for f, du in zip(forces, moved, strict=True)]
         if not self.lags:
-            right = [f - self._lift(du) for f, du in zip(forces, moved, strict=True)]
             self._hold()
         # The response to a load changes little from one correction to the next.
         found, last = [], [None, *self._last[1:]] + [None] * len(right)
@@ -224,7 +235,7 @@ class AssembledSystem:
         Args:
             motions: T^T over owned dofs (k, owned).
         """
-        self._discretization.assemble_tangent(self._matrix)
+        self._assemble()
         works = self._works_of(motions)
         found = self._solve_held(np.zeros_like(motions), motions, PRECISE)
         return global_sum(self._comm, works @ np.array(found).T)
@@ -234,7 +245,7 @@ class AssembledSystem:
         rows = np.empty_like(motions)
         for row, motion in zip(rows, motions, strict=True):
             self._x.array[:] = motion
-            self._matrix.multTranspose(self._x, self._b)
+            self._tangent.multTranspose(self._x, self._b)
             row[:] = self._b.array + self._of_gradient(motion, adjoint=True)
         if self._means is not None and self._rigid:
             self._add_works_on_axial(rows, motions)
@@ -286,10 +297,12 @@ class AssembledSystem:
         """Forces of the prescribed displacements."""
         du = np.zeros_like(moved)
         du[self._prescribed] = moved[self._prescribed]
-        if not global_any(self._comm, du.any()):
-            return 0.0
+        return self.product(du) if global_any(self._comm, du.any()) else 0.0
+
+    def product(self, du: Array) -> Array:
+        """K.du with the last K, of owned dofs [N]; collective."""
         self._x.array[:] = du
-        self._matrix.mult(self._x, self._b)
+        self._tangent.mult(self._x, self._b)
         return self._b.array + self._of_gradient(du)
 
     def _of_gradient(self, du: Array, adjoint: bool = False) -> Array | float:
@@ -305,3 +318,5 @@ class AssembledSystem:
         self._linear.free()
         for item in (self._matrix, self._x, self._b):
             item.destroy()
+        if self._tangent is not None:
+            self._tangent.destroy()

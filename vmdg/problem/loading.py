@@ -66,6 +66,7 @@ class Ray(NamedTuple):
         vectors: Dead loads over local dofs at both [N].
         pressures: Pressures at both [MPa].
         faces: Prescribed displacements of points of rigid faces at both [mm].
+        strains: Eigenstrains of all local cells at both.
     """
 
     start: float
@@ -74,6 +75,7 @@ class Ray(NamedTuple):
     vectors: tuple[Array, Array]
     pressures: tuple[Array, Array]
     faces: tuple[Array, Array]
+    strains: tuple[Array, Array]
 
     def at(self, ends: tuple[Array, Array], t: float) -> Array:
         """Values at load factor ``t``, also beyond the ends."""
@@ -87,21 +89,7 @@ class Ray(NamedTuple):
     @property
     def parts(self) -> tuple[tuple[Array, Array], ...]:
         """All that is linear, at both ends."""
-        return self.prescribed, self.vectors, self.pressures, self.faces
-
-    def goes_on(self, other: Ray) -> bool:
-        """Whether loads change along another ray as along this one, on this rank."""
-        return all(
-            _same(self.rate(ends), other.rate(others))
-            for ends, others in zip(self.parts, other.parts, strict=True)
-        )
-
-
-def _same(rate: Array, other: Array) -> bool:
-    """Whether two rates of loads are the same but for rounding."""
-    if rate.shape != other.shape:
-        return False
-    return np.allclose(rate, other, rtol=1e-6, atol=1e-9 * np.abs(rate).max(initial=0.0))
+        return self.prescribed, self.vectors, self.pressures, self.faces, self.strains
 
 
 class Loading:
@@ -521,11 +509,10 @@ class Loading:
         """Take loads as linear between two load factors from now on, if they are; collective.
 
         Returns:
-            False, and loads are as they were given, where they are not linear, do not change, or
-            an eigenstrain changes.
+            False, and loads are as they were given, where they are not linear or do not change.
         """
         self.clear_ray()
-        if start == end or self._bodies.eigenstrain_differs(start, end):
+        if start == end:
             return False
         ray, comm = self._ray_between(start, end), self._mesh.comm
         changes = any((one != other).any() for one, other in ray.parts)
@@ -542,7 +529,6 @@ class Loading:
             ValueError: a prescribed displacement, load, pressure or eigenstrain is not.
         """
         finite = all([np.isfinite(part(t)).all() for part in self._given_parts])
-        finite &= self._bodies.eigenstrain_is_finite(t)
         message = (
             "a prescribed displacement, load, pressure or eigenstrain is not finite at load factor"
             f" {t:g}: look at its function of the load factor there, for example at a root or a "
@@ -572,24 +558,36 @@ class Loading:
     @property
     def _given_parts(self) -> tuple[Callable[[float], Array], ...]:
         """What :attr:`Ray.parts` are, as they were given over the load factor."""
-        return self.dirichlet.values, self._vector_at, self._surface.pressures, self.rigid.values
+        displacements, faces = self.dirichlet.values, self.rigid.values
+        strains = self._bodies.eigenstrains
+        return displacements, self._vector_at, self._surface.pressures, faces, strains
 
     @property
     def t(self) -> float:
         """Load factor."""
         return float(self.load_factor.value)
 
+    def strained(self, t: float, other: float) -> bool:
+        """Whether eigenstrains differ between two load factors; collective."""
+        if self._ray is not None:
+            one, another = self._ray.strains if t != other else (0.0, 0.0)
+        else:
+            one, another = (self._bodies.eigenstrains(factor) for factor in (t, other))
+        return global_any(self._mesh.comm, bool(np.any(one != another)))
+
+    def strain(self, t: float) -> None:
+        """Set eigenstrains to load factor ``t`` of the present ray."""
+        given = self._bodies.eigenstrains
+        self._bodies.set_eigenstrains(
+            given(t) if self._ray is None else self._ray.at(self._ray.strains, t)
+        )
+
     def move(self, t: float) -> None:
         """Go to load factor ``t`` of the present ray; prescribed displacements are not imposed."""
         self.load_factor.value = t
         self._vector = None
+        self.strain(t)
         if self.pressurised:
             ray, given = self._ray, self._surface.pressures
             pressures = given(t) if ray is None else ray.at(ray.pressures, t)
             self._surface.set_pressures(pressures)
-
-    def apply(self, t: float) -> None:
-        """Set loads and eigenstrains to load factor ``t``; prescribed displacements are not
-        imposed here but by the solver."""
-        self.move(t)
-        self._bodies.apply_eigenstrain(t)

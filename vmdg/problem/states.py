@@ -126,7 +126,7 @@ class RunScales:
         work: Work on bonds that the next step may do; 0 before the first step [N mm].
         breaking: Whether load control has failed while bonds were breaking.
         sense: Sign of the change of the load factor in the last stage; 0 before the first one.
-        held: Whether a drag holds what nothing else does, since a piece has come free.
+        held: Whether the tangent holds what nothing else does, since a piece has come free.
     """
 
     force: float = 0.0

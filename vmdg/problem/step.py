@@ -75,9 +75,9 @@ class Step:
         dissipated: Damage, friction and viscous work so far (3,), this rank's [N mm].
         external: Work of loads, prescribed displacements and eigenstrains so far, and what the
             discretization has added (2,), this rank's [N mm].
-        within: Work of loads that the last step has beyond that of the mean of its ends, by finite
-            strain and by points that begin to yield, part or close in it, this rank's [N mm]. It is
-            that of equilibria between both ends, which a snap does not go through.
+        within: Work of loads that the last step has beyond that of the mean of its ends by points
+            that begin to yield, part or close in it, this rank's [N mm]. It is that of equilibria
+            between both ends, which a snap does not go through.
         arc: The last step along the path; None where the next one does not go on from there.
         sliding: Largest slip of points in contact so far, relative to the size of their facets.
         drag: Overstress of the step, in multiples of H.
@@ -101,7 +101,7 @@ class Step:
         self._repeats = 0
         self.rests_on_contact = False
         activation.follow(discretization.u)
-        loading.apply(0.0)
+        loading.move(0.0)
         discretization.update_stabilization()
         self._rate_at_start, self._dt, self._added = 0.0, 1.0, 0.0
         # At the start of the step, with its tau_s and its loads.
@@ -141,7 +141,7 @@ class Step:
             for active in self._failing():
                 open_free_points(active)
         self._rate_at_start = self._eigenstrain_rate(self._loading.t, t)
-        self._loading.apply(t)
+        self._loading.move(t)
 
     def slow_down(self, overstress: float, cycles: float = 0.0) -> None:
         """Choose the overstress of the step and the cycles it stands for, see :meth:`begin`."""
@@ -234,16 +234,15 @@ class Step:
     def load_rate(self) -> NDArray[np.float64]:
         """Minus the change of the residual with the load factor along the present ray, u held.
 
-        Of dead loads that is their rate. A fluid between lips changes the return maps besides:
-        where there are pressures an increment of the load factor tells, as one of the displacement
-        tells the derivative of the work on bonds in :mod:`vmdg.solver.control`. The residual is
-        left as it was.
+        Of dead loads that is their rate. A fluid between crack faces changes the return maps
+        besides, and eigenstrains change stresses: there an increment of the load factor tells. The
+        residual is left as it was.
 
         Returns:
             Owned dofs [N].
         """
         ray = self._loading.ray
-        if self._loading.pressurised:
+        if self._loading.pressurised or self._loading.strained(ray.start, ray.end):
             forces = self._residual_rate(INCREMENT * (ray.end - ray.start))
         else:
             forces = at_owners(self.discretization.space, ray.rate(ray.vectors))
@@ -254,7 +253,8 @@ class Step:
         now, t = self.discretization, self._loading.t
         points = [active.snapshot() for active in now.active.values()]
         forces = now.forces.x.array.copy()
-        rate = self.assemble_residual(self._dt).copy()
+        mapped = all(active.values.update is not None for active in self._failing())
+        rate = (forces[: now.owned] if mapped else self.assemble_residual(self._dt)).copy()
         self._loading.move(t + change)
         rate -= self.assemble_residual(self._dt)
         self._loading.move(t)
@@ -333,6 +333,17 @@ class Step:
         self.return_to(self.start)
         self._repeats = 0
 
+    def hold_loads(self, since: Snapshot) -> None:
+        """Count the work of loads since a state of this load factor as that of loads that are held.
+
+        The way there led over other load factors, which a machine does not record.
+        """
+        now = self.discretization
+        if since.t != self._loading.t or since.discretization is not now:
+            return
+        change = (now.u.x.array - since.u)[: now.owned]
+        self.external[0] = since.external[0] + at_owners(now.space, self._loading.vector) @ change
+
     def release(self, energy: float) -> None:
         """Count what a jump has released with the viscous work; `energy` of all ranks [N mm]."""
         self.dissipated[2] += energy * (self._comm.rank == 0)
@@ -399,7 +410,7 @@ class Step:
             if at_rest:
                 more[2] -= curved
             else:
-                work += curved
+                mean += curved
         self.within = work - straight
         return mean + work, more
 
@@ -417,7 +428,7 @@ class Step:
         values = [active.values for active in now.active.values()]
         thickness = float(now.geometry.thickness)
         change, span = u - start.u, t - start.t
-        strains = now.bodies.eigenstrain_differs(start.t, t)
+        strains = self._loading.strained(start.t, t)
 
         def slope(forces: _Forces, rate: float = 0.0) -> float:
             at_nodes = forces.residual @ change[: now.owned] + forces.loads @ change
@@ -429,7 +440,7 @@ class Step:
             now.u.x.array[:] = start.u + share * change
             now.update_means()
             if strains:
-                now.bodies.apply_eigenstrain(here)
+                self._loading.strain(here)
             for active, end in zip(now.active.values(), values, strict=True):
                 active.go_between(end, share)
             forces = _Forces(now.assemble_residual(None), np.zeros_like(change), self._gap_forces())
@@ -445,7 +456,7 @@ class Step:
         whole = chord_integral(first, last, between, self.arc.work)
         now.u.x.array[:] = u
         if strains:
-            now.bodies.apply_eigenstrain(t)
+            self._loading.strain(t)
         for active, end in zip(now.active.values(), values, strict=True):
             active.take(end)
         now.update_means(pressure=True)
@@ -476,14 +487,16 @@ class Step:
 
     def _eigenstrain_rate(self, now: float, t: float) -> float:
         """Change of the stored energy with the eigenstrains at the present displacement, as they
-        change from load factor ``now``, at which they are left, towards ``t``; collective [N mm].
+        change from load factor ``now``, at which they are left, towards ``t``, or along the ray;
+        collective [N mm].
         """
-        bodies = self.discretization.bodies
-        if not bodies.eigenstrain_differs(now, t):
+        loading, ray = self._loading, self._loading.ray
+        t = t if ray is None else now + ray.end - ray.start
+        if not loading.strained(now, t):
             return 0.0
         h, energies = SMALL * (t - now), []
         for factor in (now + h, now + 2 * h, now):
-            bodies.apply_eigenstrain(factor)
+            loading.strain(factor)
             energies.append(self.discretization.stored_energy().sum())
         one, two, here = global_sum(self._comm, energies)
         return float(4 * one - two - 3 * here) / (2 * h)
@@ -521,7 +534,7 @@ class Step:
         self.external, self.arc = snapshot.external.copy(), snapshot.arc
         for active, interface in zip(now.active.values(), snapshot.interfaces, strict=True):
             active.return_to(interface)
-        self._loading.apply(snapshot.t)
+        self._loading.move(snapshot.t)
 
     # Facets that open on demand
 

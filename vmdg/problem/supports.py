@@ -77,12 +77,12 @@ def bonds(problem: Problem) -> tuple[float, float]:
 
 
 def hold_pieces(problem: Problem) -> bool:
-    """Let a drag hold pieces that nothing else does from now on, with a warning; collective.
+    """Let pieces that nothing holds rest from now on, with a warning; collective.
 
     At small strain a piece turns without strain however far it goes, and needs none.
 
     Returns:
-        Whether there is such a piece, and has been no drag.
+        Whether there is such a piece, and was none before.
     """
     step = problem.step
     if step.scales.held or problem.discretization.bodies.small:
@@ -91,10 +91,10 @@ def hold_pieces(problem: Problem) -> bool:
         step.scales = replace(step.scales, held=True)
         warn_together(
             problem.comm,
-            f"{piece} Such a motion takes no force. From load factor {problem.t:.6g} on a drag "
-            "holds it where it comes to rest, and what the drag bears is in the residual of the "
-            "rows, at most 1e-6 of the largest reaction. Where no force is left until= of "
-            "vmdg.solve may end the run; problem.spring would hold the piece itself",
+            f"{piece} Such a motion takes no force. From load factor {problem.t:.6g} on a little "
+            "stiffness in the tangent alone, which bears no force, lets it rest where it is. Where "
+            "no force is left until= of vmdg.solve may end the run; problem.spring would hold the "
+            "piece itself",
         )
     return bool(piece)
 

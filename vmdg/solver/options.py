@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import InitVar, dataclass
+from dataclasses import InitVar, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +30,46 @@ VALUES = {
 
 
 @dataclass(frozen=True, kw_only=True)
+class PathOptions:
+    """How steps follow the path; all by name. None has a unit.
+
+    Attributes:
+        small: What is next to nothing: a residual relative to the largest reaction or load, which
+            never may be larger; the work of a step, and that up to which damage only begins,
+            relative to the largest of a step; what a limit point may still be off, relative to the
+            stage.
+        halvings: How often a correction is halved where the load factor alone ends a step.
+        patience: Corrections that leave the residual as it was after which an attempt is given up.
+        missed: Share of a limit by which a step may miss it.
+        stretch: How many times the last step a first guess may be.
+        aim: Corrections that a step should take; the next one is shorter or longer by that.
+        growth: How much longer at most, and how much more than its limit a trial state may break.
+        cut: What a failed attempt is cut by.
+        released: Share of its work on bonds that a step may release, and of the stage by which the
+            load factor may fall, before that counts as a snap.
+        overstress: At the start of a jump, in multiples of H.
+        held: Overstress at which bonds are as good as held, so that bodies move.
+        rest: Overstress at which a jump is at rest, and share of its work that is little for a
+            step of it.
+        idle: Steps on which nothing breaks before a run, or a jump, is given up.
+    """
+
+    small: float = 1e-6
+    halvings: int = 8
+    patience: int = 5
+    missed: float = 0.1
+    stretch: float = 4.0
+    aim: int = 4
+    growth: float = 2.0
+    cut: float = 0.25
+    released: float = 0.05
+    overstress: float = 4.0
+    held: float = 1e3
+    rest: float = 0.02
+    idle: int = 50
+
+
+@dataclass(frozen=True, kw_only=True)
 class SolveOptions:
     """How to step; all by name.
 
@@ -42,8 +82,8 @@ class SolveOptions:
             this does not lead to an equilibrium while bonds break, by the work on bonds: rows of
             the equilibrium path, whose load factors may fall. Given load factors are met exactly
             where the path passes them for the first time. "dissipation" does so from the start,
-            "load" never. Stages in which loads are not linear in the load factor, eigenstrains
-            change or laws are viscous go by load factors.
+            "load" never. Stages in which loads or eigenstrains are not linear in the load factor,
+            or laws are viscous, go by load factors.
         unstable: At a limit point behind which the load factor falls by more than a given step:
             "jump" goes to the next equilibrium at that load, as a test machine does, and counts
             what is released as viscosity; "trace" follows the path back. Smaller snaps, of points
@@ -61,6 +101,7 @@ class SolveOptions:
             under load control, full steps where the work on bonds is given, and the linear solver
             of :func:`vmdg.linear.ksp.automatic_options`. What PETSc does not use is warned of.
         petsc_options: Another name of ``petsc``, that of DOLFINx.
+        path: How steps follow the path, see :class:`PathOptions`.
         condensed: Solve the systems of a problem of small strain by factors of its linear bodies,
             made once, and a dense matrix of the gaps at the interface points, see
             :mod:`vmdg.linear.capacitance`: None where that is possible and cheaper, False never,
@@ -96,6 +137,7 @@ class SolveOptions:
     max_loss: float = 0.2
     petsc: Petsc | None = None
     petsc_options: InitVar[Petsc | None] = None
+    path: PathOptions = field(default_factory=PathOptions)
     condensed: bool | None = None
     energy: bool = False
     progress: bool | float = False

@@ -8,9 +8,9 @@ from tqdm import tqdm
 from ..output.bar import BAR, interval, row_in_words
 from ..output.history import History
 from ..problem.problem import Problem
-from .control import Control
+from .attempt import Attempt
+from .limits import Limits
 from .options import SolveOptions
-from .report import StepReport
 
 
 class Progress:
@@ -38,25 +38,25 @@ class Progress:
             disable=not (options.progress and self._speaks and count),
         )
 
-    def attempted(self, control: Control, overstress: float, report: StepReport) -> None:
+    def attempted(self, limits: Limits, overstress: float, attempt: Attempt) -> None:
         """A step has converged or failed."""
         if not self._speaks:
             return
         if self._options.verbose:
-            self.say(described(self._problem.t, control, overstress, report))
-        if report.converged and not overstress:
+            self.say(described(self._problem.t, limits, overstress, attempt))
+        if attempt.converged and not overstress:
             return  # a row follows
         jump = f"jump, overstress {overstress:.3g} H"
-        note = jump if overstress else f"step to {control.target:.4g}"
-        self._show(self._done, note if report.converged else f"{note}: {report.reason}")
+        note = jump if overstress else f"step to {limits.target:.4g}"
+        self._show(self._done, note if attempt.converged else f"{note}: {attempt.reason}")
 
-    def advanced(self, done: float, size: float, report: StepReport, history: History) -> None:
+    def advanced(self, done: float, size: float, attempt: Attempt, history: History) -> None:
         """A row has been added; collective.
 
         Args:
             done: Number of load factors that are reached, the present one in part.
             size: Of the step.
-            report: How it went.
+            attempt: How it went.
             history: The table of the run.
         """
         if not self._options.progress:
@@ -65,10 +65,10 @@ class Progress:
         parts, row = row_in_words(history, self._options.show), history.rows[-1]
         if not self._speaks:
             return
-        krylov = f" + {report.krylov} Krylov" if report.krylov else ""
+        krylov = f" + {attempt.krylov} Krylov" if attempt.krylov else ""
         if debonded is not None:
             parts.append(f"debonded {debonded:.1%}")
-        parts += [f"step {size:.2g}", f"{report.iterations} it{krylov}"]
+        parts += [f"step {size:.2g}", f"{attempt.iterations} it{krylov}"]
         if self._options.energy:
             self._largest_work = max(self._largest_work, abs(row["external"]))
             share = row["imbalance"] / max(self._largest_work, np.finfo(float).tiny)
@@ -95,22 +95,21 @@ class Progress:
         self._bar.close()
 
 
-def described(start: float, control: Control, overstress: float, report: StepReport) -> str:
-    """An attempt of a step: what led it, its residual norms, how it ended.
+def described(start: float, limits: Limits, overstress: float, attempt: Attempt) -> str:
+    """An attempt of a step: where it was to end, its residual norms, how it ended.
 
     Args:
         start: Load factor where the problem is now.
-        control: What led it.
+        limits: Where it was to end.
         overstress: Of a jump, in multiples of H.
-        report: How it went.
+        attempt: How it went.
     """
     regularised = f" with overstress {overstress:.3g} H" if overstress else ""
-    target = start if control.brakes else control.target
-    norms = " ".join(f"{norm:.3e}" for norm in report.norms)
-    krylov = f", {report.krylov} Krylov iterations" if report.krylov else ""
-    failed = f"failed: {report.reason}; the problem is "
+    norms = " ".join(f"{norm:.3e}" for norm in attempt.norms)
+    krylov = f", {attempt.krylov} Krylov iterations" if attempt.krylov else ""
+    failed = f"failed: {attempt.reason}; the problem is "
     return (
-        f"step to load {target:.8g}, {control}{regularised}\n"
-        f"  residuals {norms} N, {report.goal:.3e} N asked for{krylov}\n"
-        f"  {'' if report.converged else failed}at load {start:.8g}, work {report.work:.4g}"
+        f"step to load {limits.target:.8g}, {limits}{regularised}\n"
+        f"  residuals {norms} N, {attempt.goal:.3e} N asked for{krylov}\n"
+        f"  {'' if attempt.converged else failed}at load {start:.8g}, work {attempt.work:.4g}"
     )

@@ -80,9 +80,11 @@ REASONS = {
         "itself at this load",
         "SolveOptions(unstable='jump'), the default; a larger max_loss, 1 at most; fewer cycles",
     ),
-    "TARGET_PASSED": Reason(
-        "the path turned or snapped so close to a given load factor that no step ended there",
-        "given load factors that are not so close to the snap, or fewer of them",
+    "NO_END": Reason(
+        "the displacement leads, nothing breaks, and the load factor does not come to where it is "
+        "to go: nothing may be left that bears a larger load",
+        "prescribed displacements in place of forces; until= of vmdg.solve, which ends the run; "
+        "supports or problem.spring for bodies that come free",
     ),
     "JUMP_FAILED": Reason(
         "the load has no equilibrium near, and the jump to the next one came to none: nothing may "

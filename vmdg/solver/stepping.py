@@ -22,7 +22,7 @@ from .options import SolveOptions
 from .path import Part, Path
 from .progress import Progress
 from .result import Counts, Result
-from .stepper import Stepper
+from .steps import Steps
 
 Monitor = Callable[[Problem], Mapping[str, Any] | None]
 Until = Callable[[Problem], bool]
@@ -69,48 +69,48 @@ def solve(
     )
     if loads.size:
         problem.step.rests_on_contact = check_model(problem, loads, options.unstable == "trace")
-    before, written, stepper = timings(), len(result.history), None
+    before, written, steps = timings(), len(result.history), None
     try:
         with (
             timer("solve"),
             HistoryFile(problem.comm, options.csv, result.history) as file,
             Progress(problem, len(loads), options) as progress,
         ):
-            stepper = Stepper(problem, options, progress)
-            path = Path(stepper, result)
+            steps = Steps(problem, options, progress)
+            path = Path(steps, result)
             for number, target in enumerate(loads):
                 ended = False
                 for part in path.advance(float(target)):
                     _add_row(part, problem, options, monitor, result)
                     file.update()
-                    progress.advanced(number + part.done, part.size, part.report, result.history)
+                    progress.advanced(number + part.done, part.size, part.attempt, result.history)
                     ended = until is not None and global_any(problem.comm, bool(until(problem)))
                     if ended:
                         break
                 if ended:
                     break
                 if len(result.history) - written >= options.checkpoint_every:
-                    written = _write_checkpoint(stepper, path, result)
+                    written = _write_checkpoint(steps, path, result)
             if len(result.history) > written:
-                _write_checkpoint(stepper, path, result)
+                _write_checkpoint(steps, path, result)
             # Not where a step failed: one rank alone must not wait for the others here.
-            stepper.close()
+            steps.close()
     finally:
         problem.loading.clear_ray()
         result.timings = timings_since(before)
-        result.counts = Counts.from_timings(result.timings, stepper.krylov if stepper else 0)
+        result.counts = Counts.from_timings(result.timings, steps.krylov if steps else 0)
     if (options.progress or options.verbose) and problem.comm.rank == 0:
         print(result.summary())
     return result
 
 
-def _write_checkpoint(stepper: Stepper, path: Path, result: Result) -> int:
+def _write_checkpoint(steps: Steps, path: Path, result: Result) -> int:
     """Write a checkpoint if one is wanted; the number of rows that are safe now."""
-    folder = stepper.options.checkpoint
+    folder = steps.options.checkpoint
     if folder is not None:
-        write_checkpoint(stepper.problem, folder, result.history)
-        stepper.problem.loading.spread()
-        stepper.restart()
+        write_checkpoint(steps.problem, folder, result.history)
+        steps.problem.loading.spread()
+        steps.restart()
         path.forget()
     return len(result.history)
 
@@ -122,11 +122,11 @@ def _add_row(
     row = {
         "step [-]": len(result.history) + 1,
         "load [-]": part.t,
-        "iterations [-]": part.report.iterations,
-        "residual [N]": part.report.norms[-1],
+        "iterations [-]": part.attempt.iterations,
+        "residual [N]": part.attempt.norms[-1],
         "cuts [-]": part.cuts,
         "jump_steps [-]": part.jumps,
-        "krylov [-]": part.report.krylov,
+        "krylov [-]": part.attempt.krylov,
     }
     if any(interface.law.inelastic for interface in problem.interfaces):
         row["sliding [-]"] = problem.step.watch_sliding()
@@ -139,4 +139,4 @@ def _add_row(
         energies = asdict(energy) | {"imbalance": energy.imbalance}
         row |= {f"{name} [N mm]": value for name, value in energies.items()}
     result.history.append(row | checked_row(monitor(problem) if monitor else None))
-    result.residuals.append(part.report.norms)
+    result.residuals.append(part.attempt.norms)

@@ -91,7 +91,7 @@ def measure(cell: str, degree: int, n: int, repeats: int) -> list[Point]:
             if name in plains:
                 plains[name].solve(LDLT, TOLERANCE)
             else:
-                model.problem.loading.apply(0.0)
+                model.problem.loading.move(0.0)
                 counts = vmdg.solve(model.problem, [1.0], options).counts
             least[name] = min(least[name], process_time() - start)
     points = []

@@ -123,7 +123,7 @@ class _Box:
             "of it return map": (CORRECTIONS + 1, lambda: parts.update_points(1.0)),
             "tau_s and its coercivity": (1, lambda: stabilize(problem)),
             "tau_s of the next step": (1, parts.update_stabilization),
-            "load vector": (1, lambda: problem.loading.apply(1.0)),
+            "load vector": (1, lambda: problem.loading.move(1.0)),
             "state to come back to": (1, step.snapshot),
             "cells turned inside out": (1, step.inverted),
             "facets to open": (1, step.activation.utilization),

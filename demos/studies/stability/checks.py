@@ -134,7 +134,7 @@ class Run:
             past = theirs.history
             mine.history = replace(mine.history, gap=past.gap, softening=past.softening)
         new.u.x.array[:] = problem.u.x.array
-        new.loading.apply(problem.t)
+        new.loading.move(problem.t)
         new.step.assemble_residual(hold=True)
         return new
 

@@ -1,0 +1,306 @@
+"""Laws of the equilibrium path that no run may break, whatever the solver is like.
+
+A row keeps the supports and loads that are given for its load factor; what unloads is not damaged;
+no step contains a snap unseen; every given load factor has its row; units do not matter; a solution
+proportional to the load costs no more in many steps than in one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+from helpers.weak_links import bundle, order_statistics
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from scipy.optimize import brentq
+from support import bar
+from support.bar import STRENGTH
+
+import vmdg
+from vmdg.meshes import blocks
+
+# Programmes: what a row keeps, and what it damages
+
+
+def pulled(
+    comm: MPI.Comm, law: vmdg.Law, kinematics: str, way: Callable[[float], float]
+) -> tuple[vmdg.Problem, Callable[[vmdg.Problem], dict[str, float]]]:
+    """The bar, its right end moved as a function of the load factor; what to look at in a row."""
+    mesh, cells, facets = blocks(comm, "quadrilateral", (1, 1))
+    body = vmdg.NeoHookean(E=bar.E, nu=bar.NU)
+    interface = vmdg.Interface(between=(1, 2), law=law)
+    problem = vmdg.Problem(mesh, cells, {1: body, 2: body}, [interface], kinematics=kinematics)
+    end = facets.find(2)
+    problem.dirichlet(facets.find(1), 0.0, "x")
+    problem.dirichlet(end, way, "x")
+    problem.dirichlet(facets.find(5), 0.0, "y")
+
+    def look(problem: vmdg.Problem) -> dict[str, float]:
+        moved = problem.u.x.array[2 * fem.locate_dofs_topological(problem.space, 1, end)]
+        off = np.abs(moved - way(problem.t)).max(initial=0.0)
+        worst = problem.state[0].softening.max(initial=0.0) / STRENGTH
+        found = {"off": off, "damage": worst}
+        return {name: comm.allreduce(value, MPI.MAX) for name, value in found.items()}
+
+    return problem, look
+
+
+def bears(law: vmdg.Debonding, kinematics: str, ways: list[float]) -> list[float]:
+    """Damage of the bar at one end displacement after the other, in closed form."""
+    P, H, damages = STRENGTH, STRENGTH / law.critical_gap, []
+    gap = largest = Q = 0.0
+
+    def borne(end: float, gap: float) -> float:
+        return bar.stress(1 + (end - gap) / 2, kinematics)
+
+    for end in ways:
+        plastic = law.unloading == "plastic"
+        start = gap if plastic else largest
+
+        def excess(gap: float, end: float = end, start: float = start, Q: float = Q) -> float:
+            return borne(end, gap) - max(P - Q - H * (gap - start), 0.0)
+
+        if Q < P and excess(start) > 0:
+            reached = brentq(excess, start, end, xtol=1e-16)
+            Q, gap = min(Q + H * (reached - start), P), reached
+        elif plastic and borne(end, gap) < 0:
+            gap = max(end, 0.0)
+        largest = max(largest, gap)
+        damages.append(Q / P)
+    return damages
+
+
+def piecewise(knots: list[float]) -> Callable[[float], float]:
+    """A way that is straight between whole load factors."""
+    return lambda t: float(np.interp(t, np.arange(len(knots)), knots))
+
+
+PROGRAMMES = {
+    "triangle": [0.0, 0.075, 0.0],
+    "triangles": [0.0, 0.05, 0.02, 0.075, 0.03, 0.1],
+    "hold": [0.0, 0.06, 0.06, 0.09],
+    "step and hold": [0.0, 0.05, 0.05, 0.07, 0.07, 0.1, 0.1],
+    "second opening": [0.0, 0.06, 0.01, 0.11],
+    "closed in between": [0.0, 0.07, -0.02, 0.1],
+}
+
+
+def check(comm: MPI.Comm, law: vmdg.Debonding, kinematics: str, knots: list[float], loads) -> None:
+    """A run keeps the programme, damages what the closed form says, and nothing that unloads."""
+    way = piecewise(knots)
+    problem, look = pulled(comm, law, kinematics, way)
+    history = vmdg.solve(problem, loads, monitor=look).history
+    assert history["off"].max() < 1e-9
+    assert set(loads) <= set(history["load"])
+    ways = [way(t) for t in history["load"]]
+    assert history["damage"] == pytest.approx(bears(law, kinematics, ways), abs=1e-7)
+    fell = np.diff(ways) < 0
+    assert not np.diff(history["damage"])[fell].any()
+
+
+@pytest.mark.parametrize("name", PROGRAMMES)
+@pytest.mark.parametrize(
+    ("unloading", "kinematics", "steps"),
+    [("plastic", "finite", 3), ("secant", "finite", 3), ("plastic", "small", 4)],
+)
+def test_programmes(comm, name, unloading, kinematics, steps):
+    """The load factor goes on while the way turns, holds and goes further."""
+    knots = PROGRAMMES[name]
+    law = vmdg.Debonding(STRENGTH, 0.12, unloading=unloading)
+    loads = np.arange(1, steps * (len(knots) - 1) + 1) / steps
+    check(comm, law, kinematics, knots, loads)
+
+
+@settings(max_examples=8)
+@given(
+    knots=st.lists(st.integers(-2, 12), min_size=2, max_size=5),
+    unloading=st.sampled_from(["plastic", "secant"]),
+    kinematics=st.sampled_from(["small", "finite"]),
+    steps=st.integers(4, 20),
+    critical_gap=st.sampled_from([0.05, 0.12, 0.2]),
+)
+def test_random_programmes(comm, knots, unloading, kinematics, steps, critical_gap):
+    """Whether the way turns at a given load factor or between two."""
+    knots = [0.0, *(0.01 * knot for knot in knots)]
+    law = vmdg.Debonding(STRENGTH, critical_gap, unloading=unloading)
+    loads = np.arange(1, steps + 1) / steps * (len(knots) - 1)
+    check(comm, law, kinematics, knots, loads)
+
+
+@pytest.mark.parametrize("knots", [[0.0, 0.02, 0.002], [0.0, 0.016, 0.016, 0.01, 0.02]])
+def test_strains_that_turn(comm, knots):
+    """Where no ray is followed too: both ends held, the bar shrinks, holds and grows again."""
+
+    def damages(way, loads) -> np.ndarray:
+        mesh, cells, facets = blocks(comm, "quadrilateral", (2, 2))
+        body = vmdg.NeoHookean(E=bar.E, nu=bar.NU)
+        bond = vmdg.Interface(between=(1, 2), law=vmdg.Debonding(STRENGTH, 0.12))
+        shrinks = {tag: lambda t: -way(t) for tag in (1, 2)}
+        problem = vmdg.Problem(
+            mesh, cells, {1: body, 2: body}, [bond], kinematics="small", eigenstrain=shrinks
+        )
+        problem.dirichlet(facets.find(1), 0.0)
+        problem.dirichlet(facets.find(2), 0.0)
+
+        def look(problem) -> dict[str, float]:
+            softening = problem.state[0].softening.max(initial=0.0)
+            return {"damage": comm.allreduce(softening, MPI.MAX) / STRENGTH}
+
+        history = vmdg.solve(problem, loads, monitor=look).history
+        rows = [history["load"].tolist().index(t) for t in loads]
+        return np.append(0.0, history["damage"][rows])
+
+    way = piecewise(knots)
+    loads = np.arange(0, 4 * (len(knots) - 1) + 1) / 4
+    found = damages(way, loads[1:])
+    largest = np.maximum.accumulate([way(t) for t in loads])
+    straight = damages(lambda t: t, np.unique(largest)[1:])
+    assert found == pytest.approx(np.interp(largest, np.unique(largest), straight), abs=1e-7)
+    assert found[-1] > 0.01
+
+
+# Snaps
+
+
+@settings(max_examples=2)
+@given(
+    strengths=st.lists(st.floats(4.0, 9.8), min_size=4, max_size=4),
+    critical_gap=st.sampled_from([0.004, 0.007]),
+    steps=st.integers(4, 10),
+    unstable=st.sampled_from(["jump", "trace"]),
+)
+@example([5.96, 6.31, 8.6, 8.98], 0.008, 10, "jump")
+@example([5.96, 6.31, 8.6, 8.98], 0.008, 10, "trace")
+@example([6.21, 6.26, 8.14, 8.63], 0.004, 10, "trace")
+def test_weak_links_know_nothing_of_each_other(comm, strengths, critical_gap, steps, unstable):
+    """Order statistics: at a load factor that the path passes for the first time all bars that are
+    strong enough bear the same, and the others nothing."""
+    strengths = np.array(strengths)
+    problem, look = bundle(comm, strengths, critical_gap)
+    # No given load factor is the strength of a bar but for rounding.
+    given = (np.arange(1, steps + 1) - 1e-4) / steps
+    options = vmdg.SolveOptions(unstable=unstable, energy=True)
+    history = vmdg.solve(problem, given, options, look).history
+    assert set(given) <= set(history["load"])
+    load = history["load"].tolist()
+    for t in given:
+        force = order_statistics(strengths, 10 * t)
+        assert history["force"][load.index(t)] == pytest.approx(force, abs=1e-6)
+    spent = (strengths[strengths < 10 * given[-1]] * critical_gap / 2).sum() * 0.05
+    assert history["damage"][-1] == pytest.approx(spent, rel=1e-6)
+    assert np.abs(history["imbalance"]).max() < 1e-4 * history["external"].max()
+
+
+@pytest.mark.parametrize("ways", [[0.0, 0.6, 1.0], [0.0, 0.6, 0.6, 1.0]])
+def test_snaps_behind_a_kink_of_the_programme(comm, ways):
+    """The path turns back to load factors for which other loads were given: a jump goes on."""
+    strengths = np.array([4.2, 6.2, 8.9])
+    loads = np.arange(1, 4 * (len(ways) - 1) + 1) / 4
+    problem, look = bundle(comm, strengths, 0.005, piecewise(ways))
+    history = vmdg.solve(problem, loads, monitor=look).history
+    load = history["load"].tolist()
+    for t in loads:
+        force = order_statistics(strengths, 10 * piecewise(ways)(t))
+        assert history["force"][load.index(t)] == pytest.approx(force, abs=1e-6)
+
+
+# Units
+
+
+def joint(comm: MPI.Comm, lengths: float, forces: float, factors: float):
+    """A bonded joint that slides apart, in other units; rows, counts and forces in those of 1."""
+    mesh, cells, facets = blocks(comm, "quadrilateral", (6, 12), interface=(0.8, 1.2))
+    mesh.geometry.x[:] *= lengths
+    stress = forces / lengths**2
+    law = vmdg.Debonding(10.0 * stress, 2e-3 * lengths, friction=0.3)
+    bodies = {
+        i: vmdg.NeoHookean(E=E * stress, nu=nu) for i, E, nu in [(1, 2e3, 0.3), (2, 8e3, 0.2)]
+    }
+    bond = vmdg.Interface(between=(1, 2), law=law)
+    problem = vmdg.Problem(mesh, cells, bodies, [bond], thickness=lengths)
+
+    def moved(x: np.ndarray, t: float) -> np.ndarray:
+        a = t / factors * lengths
+        return np.array([a * (0.5 + x[1] / lengths), 0.4 * a + 0 * x[1]])
+
+    problem.dirichlet(facets.find(1), 0.0)
+    problem.dirichlet(facets.find(2), moved)
+    loads = factors * np.linspace(0.002, 0.012, 6)
+    result = vmdg.solve(
+        problem, loads, monitor=lambda p: {"force": p.reaction(facets.find(2))[0] / forces}
+    )
+    history = result.history
+    return history["load"] / factors, history["force"], result.counts, len(result.failures)
+
+
+@pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")
+def test_units_do_not_matter(comm):
+    """Powers of two change no rounding: the same rows, counts and forces to their last digits."""
+    loads, force, *work = joint(comm, 1.0, 1.0, 1.0)
+    # Snaps are followed: the work on bonds leads.
+    assert len(loads) > 6
+
+    @settings(max_examples=2)
+    @given(*(st.integers(-20, 20) for _ in range(3)))
+    @example(-10, 0, 0)
+    @example(0, 10, 0)
+    @example(0, 0, 20)
+    def the_same(lengths: int, forces: int, factors: int) -> None:
+        others, scaled, *other_work = joint(comm, *(2.0**n for n in (lengths, forces, factors)))
+        assert len(others) == len(loads)
+        assert work == other_work
+        assert others == pytest.approx(loads, rel=1e-9)
+        assert scaled == pytest.approx(force, rel=1e-9, abs=1e-9 * np.abs(force).max())
+
+    the_same()
+
+
+@pytest.mark.parametrize("factor", [1e-12, 1.0, 1e7, 1e15])
+@pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")
+def test_a_load_factor_is_no_displacement(comm, factor):
+    """Pascals, seconds or cycles, on a small body."""
+    size = {"length": 0.004, "height": 0.002, "interface": (0.002, 0.002)}
+    mesh, cells, facets = blocks(comm, "quadrilateral", (2, 2), **size)
+    body = vmdg.NeoHookean(E=2000.0, nu=0.3)
+    bond = vmdg.Interface(between=(1, 2), law=vmdg.Debonding(20.0, 1e-4))
+    problem = vmdg.Problem(mesh, cells, {1: body, 2: body}, [bond], kinematics="small")
+    problem.dirichlet(facets.find(1), 0.0)
+    problem.traction(facets.find(2), lambda t: (10.0 * t / factor, 0.0))
+    result = vmdg.solve(problem, factor * np.array([0.2, 0.5, 1.0]))
+    assert result.history["load"] == pytest.approx(factor * np.array([0.2, 0.5, 1.0]), rel=1e-15)
+    assert not result.failures
+    assert problem.mean(0).traction[0] == pytest.approx(10.0, rel=1e-6)
+
+
+# Work
+
+
+def test_a_proportional_solution_costs_no_more_in_five_steps_than_in_one(comm):
+    """A film with a free lip shrinks: no bond breaks, and points stay as they are."""
+    corrections, opened = [], []
+    for steps in (1, 5):
+        mesh, cells, facets = blocks(
+            comm, "quadrilateral", (4, 24), length=0.11, height=0.6, interface=(0.1, 0.1)
+        )
+        bond = vmdg.Interface(
+            between=(1, 2),
+            law=vmdg.Debonding(strength=1e3, critical_gap=1e-4),
+            initial_damage=lambda x: np.where(x[1] > 0.5, 1.0, 0.0),
+        )
+        bodies = {1: vmdg.NeoHookean(E=200e3, nu=0.25), 2: vmdg.NeoHookean(E=100e3, nu=0.3)}
+        problem = vmdg.Problem(
+            mesh, cells, bodies, [bond], kinematics="small", eigenstrain={2: lambda t: -1.5e-3 * t}
+        )
+        problem.dirichlet(facets.find(5), 0.0, "y")
+        problem.dirichlet(facets.find(1), 0.0, "x")
+        result = vmdg.solve(problem, steps)
+        assert not result.failures
+        corrections.append(result.history["iterations"].sum())
+        opened.append(problem.mean(0).opening)
+    assert corrections[1] <= max(corrections[0], 1)
+    assert opened[1] == pytest.approx(opened[0], rel=1e-9, abs=1e-15)

@@ -1,0 +1,120 @@
+"""Where a step ends: where the first of its limits is met.
+
+A step goes along the equilibrium path until the load factor is the target, or bonds have taken a
+given work, or the displacement has gone a given way, whichever comes first. Load control, control
+by dissipation (Gutierrez 2004; Verhoosel, Remmers and Gutierrez 2009) and arc length (Riks 1979)
+are one constraint,
+
+    g(u, lambda) = max_i (q_i(u, lambda) - limit_i) = 0,
+
+of which a correction takes the piece that is met first along du_0 + dlambda du_1. The work on bonds
+only grows along a path, so that it passes limit points, snap-backs and separations as ordinary
+steps; where nothing breaks, as in buckling, the way of the displacement does.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: Differences of load factors, relative to the stage, that are rounding.
+ROUNDING = 1e-11
+
+
+class Direction(NamedTuple):
+    """Displacement of owned dofs [mm] and load factor, or a change of both."""
+
+    u: NDArray[np.float64]
+    t: float
+
+
+class Reach(NamedTuple):
+    """How far a state of a step is, or how far a direction leads.
+
+    Attributes:
+        t: Load factor.
+        work: Work on bonds [N mm].
+        way: Displacement along the tangent of the path at the start of the step [mm].
+    """
+
+    t: float = 0.0
+    work: float = 0.0
+    way: float = 0.0
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Where a step ends.
+
+    Attributes:
+        start: Load factor at which it begins.
+        target: Load factor that it does not pass.
+        span: Size of the stage; no correction changes the load factor by more.
+        work: Work on bonds [N mm].
+        way: Displacement along the path [mm].
+    """
+
+    start: float
+    target: float
+    span: float
+    work: float = math.inf
+    way: float = math.inf
+
+    def __str__(self) -> str:
+        """What may end it before the target, in words."""
+        work, way = f"{self.work:.4g} N mm on bonds", f"{self.way:.4g} mm"
+        parts = [text for text, x in ((work, self.work), (way, self.way)) if x < math.inf]
+        return f"at most {' and '.join(parts)}" if parts else "by load"
+
+    @property
+    def toward(self) -> float:
+        """Sign of the way to the target, 1 where it is held."""
+        return math.copysign(1.0, self.target - self.start)
+
+    @property
+    def by_load_alone(self) -> bool:
+        """Whether the load factor is the only limit."""
+        return self.work == self.way == math.inf
+
+    def change(self, now: Reach, zero: Reach, one: Reach) -> tuple[float, bool]:
+        """dlambda of a correction, and whether the target is what it ends at.
+
+        Forward is where the work on bonds grows, else where the way does if it is limited, else
+        towards the target.
+
+        Args:
+            now: Where the iteration is.
+            zero: Where du_0 leads.
+            one: Where du_1 leads, by a unit of the load factor.
+        """
+        way = one.way if self.way < math.inf else 0.0
+        forward = math.copysign(1.0, one.work or way or self.toward)
+        left, found = self.target - now.t, []
+        for limit, done, more, rate in (
+            (self.work, now.work, zero.work, one.work),
+            (self.way, now.way, zero.way, one.way),
+        ):
+            if rate * forward > 0 and limit < math.inf:
+                # Where a piece hardly grows its rate says nothing about how far it is.
+                change = (limit - done - more) / rate
+                found.append(min(max(change, -self.span), self.span))
+        nearest = min(found, key=lambda change: change * forward, default=left)
+        if not found or (forward == self.toward and left * forward <= nearest * forward):
+            return left, True
+        return nearest, False
+
+    def shortened(self, gone: Reach, share: float, least: float) -> Limits:
+        """Limits of an attempt that is shorter by a share than one that would have gone so far.
+
+        Args:
+            gone: How far that was.
+            share: Of it.
+            least: Work that is not shortened further [N mm].
+        """
+        work = max(share * min(self.work, gone.work or math.inf), least)
+        way = share * min(self.way, gone.way or math.inf)
+        return replace(self, work=work, way=way)
