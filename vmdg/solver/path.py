@@ -14,6 +14,7 @@ from .attempt import Attempt, Guess
 from .jump import jump
 from .limit_point import PathPoint, highest
 from .limits import ROUNDING, Direction, Limits
+from .options import PathOptions
 from .reasons import explained
 from .result import Result, StepFailure
 from .steps import Steps
@@ -53,6 +54,7 @@ class Stage:
             steps go by load factors.
         traces: Whether there is no jump: snaps are followed back, or stop the run.
         most: Work on bonds that a step may do [N mm].
+        leapt: Load factors at which it has jumped without getting on.
     """
 
     start: float
@@ -60,6 +62,7 @@ class Stage:
     follows: bool
     traces: bool
     most: float
+    leapt: tuple[float, ...] = ()
 
     @property
     def span(self) -> float:
@@ -69,6 +72,12 @@ class Stage:
     def ahead(self, t: float, other: float) -> float:
         """How much further ``t`` is than another load factor."""
         return (t - other) * math.copysign(1.0, self.target - self.start)
+
+    def behind_jump(self, t: float, numbers: PathOptions) -> Stage:
+        """The stage after a jump at a load factor; there is none any more if they do not get on."""
+        stays = self.leapt and self.ahead(t, self.leapt[-1]) <= numbers.small * self.span
+        leapt = (*self.leapt, t) if stays else (t,)
+        return replace(self, leapt=leapt, traces=self.traces or len(leapt) > numbers.patience)
 
     def done(self, t: float) -> float:
         """Share of the way."""
@@ -144,6 +153,7 @@ class Path:
                     stage = replace(stage, traces=True)
                     yield from self._rows(kept)
                 else:
+                    stage = stage.behind_jump(part.t, self._numbers)
                     yield part
                 limit, kept, last = None, [], None
                 if problem.t == target:
@@ -165,6 +175,7 @@ class Path:
                         stage = replace(stage, traces=True)
                         yield from self._rows(kept)
                     else:
+                        stage = stage.behind_jump(part.t, self._numbers)
                         yield part
                     limit, kept, last = None, [], None
             if problem.t == target and not kept:
