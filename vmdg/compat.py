@@ -38,6 +38,9 @@ SNES_REASONS = {
     if isinstance(value, int) and name.isupper()
 }
 
+#: A line search takes corrections of any size: PETSc before 3.24 bounds them as numbers, by 1e8.
+UNBOUNDED_SEARCH = {"maxstep": np.finfo(float).max} if PETSc.Sys.getVersion() < (3, 24) else {}
+
 
 def _show_warnings() -> None:
     """Give warnings back to Python: FFCx of 0.9 makes records for a log of them, which nobody sees

@@ -24,7 +24,7 @@ from scipy.optimize import brentq
 
 from ..base.parallel import global_any, global_max, global_norm, global_sum
 from ..base.timers import timer
-from ..compat import SNES_REASONS
+from ..compat import SNES_REASONS, UNBOUNDED_SEARCH
 from ..domain.topology import box_sides
 from ..interface.active import ActiveInterface
 from ..laws import Mode
@@ -81,7 +81,7 @@ class Corrector:
         self._snes.getKSP().getPC().setType(PETSc.PC.Type.NONE)
         self._own = {k: v for k, v in (options.petsc or {}).items() if k.startswith("snes_")}
         # By halves, however large a correction is as a number.
-        halves = {"order": 1, "max_it": options.path.halvings, "maxstep": np.finfo(float).max}
+        halves = {"order": 1, "max_it": options.path.halvings} | UNBOUNDED_SEARCH
         line_search = {f"snes_linesearch_{name}": value for name, value in halves.items()}
         set_options(self._snes, line_search | self._own)
 
