@@ -225,7 +225,7 @@ class _Iteration:
         self._guessed = self._reach()._replace(way=global_norm(self._comm, moved))
 
     def _along_tangent(self, guess: Guess) -> None:
-        """Go along the tangent; where lips that touch overlap then, with those that close held."""
+        """Go along the tangent; where faces that touch overlap then, with closing points held."""
         step, limits = self._step, self._limits
         step.hold(self._dt, sliding=guess.ahead is None)
         free = self._forces()

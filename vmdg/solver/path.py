@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -146,16 +146,12 @@ class Path:
             try:
                 part = self._next(stage)
             except StepFailure:
-                part = None if stage.traces else self._leap(stage, limit or before, kept, last)
-                if part is None and not kept:
+                if stage.traces:
                     raise
-                if part is None:
-                    stage = replace(stage, traces=True)
-                    yield from self._rows(kept)
-                else:
-                    stage = stage.behind_jump(part.t, self._numbers)
-                    yield part
-                limit, kept, last = None, [], None
+                after = yield from self._snap(stage, limit or before, kept, last)
+                if after is None:
+                    raise
+                stage, limit, kept, last = after, None, [], None
                 if problem.t == target:
                     return
                 continue
@@ -170,13 +166,7 @@ class Path:
                     yield from self._rows(kept)
                     limit, kept, last = None, [], None
                 elif stage.ahead(limit.t, part.t) > stage.span:
-                    part = self._leap(stage, limit, kept, last)
-                    if part is None:
-                        stage = replace(stage, traces=True)
-                        yield from self._rows(kept)
-                    else:
-                        stage = stage.behind_jump(part.t, self._numbers)
-                        yield part
+                    stage = yield from self._snap(stage, limit, kept, last)
                     limit, kept, last = None, [], None
             if problem.t == target and not kept:
                 return
@@ -374,6 +364,25 @@ class Path:
         )
 
     # Snaps
+
+    def _snap(
+        self,
+        stage: Stage,
+        limit: Snapshot,
+        kept: list[tuple[Part, Snapshot]],
+        last: tuple[Snapshot, Attempt] | None,
+    ) -> Generator[Part, None, Stage | None]:
+        """The row of a jump, or those kept back where none leads on; arguments of :meth:`_leap`.
+
+        Returns:
+            The stage from there on; None where there is neither.
+        """
+        part = self._leap(stage, limit, kept, last)
+        if part is not None:
+            yield part
+            return stage.behind_jump(part.t, self._numbers)
+        yield from self._rows(kept)
+        return replace(stage, traces=True) if kept else None
 
     def _leap(
         self,
