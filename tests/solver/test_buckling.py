@@ -8,6 +8,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from support.budgets import over_budget
 
 import vmdg
 from vmdg.base.parallel import global_max
@@ -69,7 +70,7 @@ def test_clamped_column(comm, law, steps):
     assert history["force"].max() == pytest.approx(CLAMPED, rel=0.01)
     amplitude = 2 / np.pi * np.sqrt(LENGTH * (0.5 - CLAMPED * LENGTH / E))
     assert history["deflection"][-1] == pytest.approx(amplitude, rel=0.01)
-    assert len(result.failures) <= 6
+    assert not over_budget("column that buckles", result)
     assert len(history) <= steps + 20
 
 

@@ -7,7 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from vmdg.solver.limit_point import MAX_STATES, PathPoint, highest, meeting
+import vmdg
+from vmdg.solver.limit_point import PathPoint, highest, meeting
+
+#: States that may be asked for.
+MOST = vmdg.PathOptions().halvings
 
 
 class Curve:
@@ -44,11 +48,11 @@ def test_tangents_meet():
 def test_kink():
     """Two states: that of the kink, and none where both ends are known to lie next to it."""
     curve = Curve([0.0, 0.4, 1.2], [0.0, 0.8, 0.4])
-    found = highest(curve.at(0.3), curve.at(0.9), curve.reach, 1e-9)
+    found = highest(curve.at(0.3), curve.at(0.9), curve.reach, 1e-9, MOST)
     assert (found.work, found.height) == pytest.approx((0.4, 0.8), rel=1e-12)
     assert curve.asked == 1
-    assert highest(curve.at(0.4 - 1e-12), curve.at(0.9), curve.reach, 1e-9).work < 0.4
-    assert highest(curve.at(0.3), curve.at(0.4), curve.reach, 1e-9).work == 0.4
+    assert highest(curve.at(0.4 - 1e-12), curve.at(0.9), curve.reach, 1e-9, MOST).work < 0.4
+    assert highest(curve.at(0.3), curve.at(0.4), curve.reach, 1e-9, MOST).work == 0.4
     assert curve.asked == 1
 
 
@@ -61,9 +65,9 @@ def test_smooth_top():
         return PathPoint(work, -((work - 0.4) ** 2), 2 * (0.4 - work))
 
     left, right = at(0.1), at(0.8)
-    found = highest(left, right, lambda left, right, work: at(work), 1e-6)
+    found = highest(left, right, lambda left, right, work: at(work), 1e-6, MOST)
     assert found.height == pytest.approx(0.0, abs=1e-6)
-    assert len(asked) - 2 <= MAX_STATES
+    assert len(asked) - 2 <= MOST
 
 
 def test_path_with_teeth():
@@ -75,15 +79,15 @@ def test_path_with_teeth():
     works = [0.0, 1.0, 1.2, 3.0, 3.1, 4.0, 8.0]
     heights = [0.0, 1.0, 0.6, 2.4, 2.3, 2.9, 1.0]
     curve = Curve(works, heights)
-    found = highest(curve.at(0.5), curve.at(7.0), curve.reach, 1e-6)
+    found = highest(curve.at(0.5), curve.at(7.0), curve.reach, 1e-6, MOST)
     tops = [(1.0, 1.0), (3.0, 2.4), (4.0, 2.9)]
     nearest = min(tops, key=lambda top: abs(found.work - top[0]))
     assert found.height == pytest.approx(nearest[1], rel=1e-9)
-    assert curve.asked <= MAX_STATES
+    assert curve.asked <= MOST
 
 
 def test_state_that_is_not_reached():
     """The largest load of those that were."""
     curve = Curve([0.0, 0.4, 1.2], [0.0, 0.8, 0.4])
-    found = highest(curve.at(0.3), curve.at(0.9), lambda *_: None, 1e-9)
+    found = highest(curve.at(0.3), curve.at(0.9), lambda *_: None, 1e-9, MOST)
     assert found == curve.at(0.3)

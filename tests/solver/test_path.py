@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import quad
 from support import bar
 from support.bar import CRITICAL_GAPS, LOADS, STRENGTH
+from support.budgets import over_budget
 
 import vmdg
 from vmdg.meshes import blocks
@@ -36,13 +37,12 @@ def misses(history: vmdg.History, critical_gap: float, kinematics: str) -> np.nd
 @pytest.mark.parametrize("kinematics", ["finite", "small"])
 @pytest.mark.parametrize("critical_gap", [0.041, *CRITICAL_GAPS])
 def test_snap_back_is_traced(comm, critical_gap, kinematics):
-    """Every row on the closed form, in at most 60 rows; what the load does is stored or spent."""
+    """Every row on the closed form, within the budget; what the load does is stored or spent."""
     result = traced(bar.build(comm, critical_gap, kinematics))
     history = result.history
     assert misses(history, critical_gap, kinematics).max() < 1e-8
     assert history["spread"].max() < 1e-8
-    assert len(history) <= 60
-    assert len(result.failures) <= 3
+    assert not over_budget("bar that snaps back", result)
     assert not history["jump_steps"].any()
     assert set(LOADS) <= set(history["load"])
     if critical_gap < 0.04:
@@ -67,7 +67,8 @@ def test_snap_back_is_traced(comm, critical_gap, kinematics):
 def test_force_control_past_the_peak(comm, kinematics):
     """Under a dead load the load factor is the traction: it rises to the strength and falls.
 
-    Once the bond is gone there is no equilibrium: the run ends; rows are compared before that.
+    Once the bond is gone there is no equilibrium: the run ends. Rows are compared until less than
+    .01% of the bond is left, 1% of its strength: points may go one after the other then.
     """
     problem = bar.build(comm, 0.2, kinematics, dead=True)
     with pytest.raises(vmdg.StepFailure) as failure:
@@ -77,7 +78,7 @@ def test_force_control_past_the_peak(comm, kinematics):
     assert history["load"][peak] == pytest.approx(STRENGTH, rel=1e-6)
     assert (np.diff(history["load"][: peak + 1]) > 0).all()
     softens = history["gap"] > 0
-    softens &= history["gap"] < 0.2
+    softens &= (history["load"] > 0.01 * STRENGTH) & (history["gap"] < 0.2)
     load, gap, traction = (history[name][softens] for name in ("load", "gap", "traction"))
     assert (np.diff(load) < 0).all()
     assert load[-1] < 0.5 * STRENGTH

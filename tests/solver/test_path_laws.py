@@ -250,6 +250,7 @@ def test_units_do_not_matter(comm):
     @example(-10, 0, 0)
     @example(0, 10, 0)
     @example(0, 0, 20)
+    @example(-6, 0, 20)
     def the_same(lengths: int, forces: int, factors: int) -> None:
         others, scaled, *other_work = joint(comm, *(2.0**n for n in (lengths, forces, factors)))
         assert len(others) == len(loads)

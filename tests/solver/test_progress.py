@@ -14,6 +14,7 @@ import vmdg
 from vmdg.base.timers import timer, timings, timings_since
 from vmdg.solver.attempt import Attempt
 from vmdg.solver.limits import Limits
+from vmdg.solver.parameter import Jump
 from vmdg.solver.progress import described
 
 LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.3)
@@ -136,12 +137,12 @@ def test_failures_as_they_happen(comm, capsys):
 
 def test_an_attempt_in_words():
     """Its residuals and how it ended; a jump says its overstress, a path its work on bonds."""
-    found = Attempt(True, [2.0, 1e-7], "CONVERGED", 1e-6, 19, work=0.25)
-    lines = described(0.1, Limits(0.1, 0.2, 0.1), 4.0, found).split("\n")
+    found = Attempt(True, [2.0, 1e-7], "CONVERGED", 1e-6, 19, work=0.25, end=4.0)
+    lines = described(0.2, Limits(5.0, 0.0, 1.0, 0.5), Jump(0.2), found).split("\n")
     assert lines == [
-        "step to load 0.2, by load with overstress 4 H",
+        "step to load 0.2, at most 0.5 N mm on bonds with an overstress of 4 H",
         "  residuals 2.000e+00 1.000e-07 N, 1.000e-06 N asked for, 19 Krylov iterations",
-        "  at load 0.1, work 0.25",
+        "  at load 0.2, work 0.25",
     ]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -80,7 +80,6 @@ class Step:
             between both ends, which a snap does not go through.
         arc: The last step along the path; None where the next one does not go on from there.
         sliding: Largest slip of points in contact so far, relative to the size of their facets.
-        drag: Overstress of the step, in multiples of H.
         rests_on_contact: Whether contact alone holds a body. Else points without bond and pressure
             start every step open; the body would be loose.
     """
@@ -96,7 +95,7 @@ class Step:
         self.external = np.zeros(2)
         self.within = 0.0
         self.arc: Arc | None = None
-        self.drag, self._cycles = 0.0, 0.0
+        self._cycles, self._slowed = 0.0, False
         # How often the present step has been done again with a larger tau_s.
         self._repeats = 0
         self.rests_on_contact = False
@@ -121,14 +120,13 @@ class Step:
         Args:
             t: Load factor.
             dt: Time step [s].
-            overstress: Regularisation of the step: drag on the gap of bonded points in multiples
-                of the softening modulus H.
+            overstress: At the start of a step in a jump, see :meth:`slow_down`.
             cycles: Of the load that the step stands for, for laws of fatigue.
 
         Raises:
             ValueError: r <= H on a facet; the converged state is kept.
         """
-        self._dt, self._begun = dt, None
+        self._dt, self._begun, self._slowed = dt, None, overstress > 0
         self._remember_start()
         self._loading.spread()
         self.slow_down(overstress, cycles)
@@ -144,8 +142,13 @@ class Step:
         self._loading.move(t)
 
     def slow_down(self, overstress: float, cycles: float = 0.0) -> None:
-        """Choose the overstress of the step and the cycles it stands for, see :meth:`begin`."""
-        self.drag, self._cycles = overstress, cycles
+        """Choose the overstress of the step and the cycles it stands for.
+
+        Args:
+            overstress: Drag on the gap of bonded points in multiples of the softening modulus H.
+            cycles: As in :meth:`begin`.
+        """
+        self._cycles = cycles
         for active in self.discretization.active.values():
             active.slow_down(overstress, cycles)
 
@@ -180,8 +183,7 @@ class Step:
         """Whether a first guess makes lips that touch overlap: it is to be made again; collective.
 
         Whether they are open or closed is said by the step alone. The guess has taken them for
-        open. Those that overlap are then taken for held, the step is back at its start, and the
-        residual is that of :meth:`hold`.
+        open. Those that overlap are then taken for held.
 
         Args:
             dt: Time step of the return maps [s].
@@ -195,13 +197,7 @@ class Step:
         for active, values, points in zip(failing, begun, touching, strict=True):
             points &= pressed_points(active)
             hold_points(active, values, points)
-        if not self._any(touching):
-            return False
-        self.discretization.u.x.array[:] = self.start.u
-        if self._loading.ray is not None:
-            self._loading.move(self.start.t)
-        self.assemble_residual(dt, hold=True)
-        return True
+        return self._any(touching)
 
     def _any(self, points: Sequence[NDArray[np.bool_]]) -> bool:
         """Whether there is any of some points on any rank; collective."""
@@ -243,26 +239,40 @@ class Step:
         """
         ray = self._loading.ray
         if self._loading.pressurised or self._loading.strained(ray.start, ray.end):
-            forces = self._residual_rate(INCREMENT * (ray.end - ray.start))
-        else:
-            forces = at_owners(self.discretization.space, ray.rate(ray.vectors))
-        return self._loading.balance(forces)
+            t, change = self._loading.t, INCREMENT * (ray.end - ray.start)
+            return self._residual_rate(self._loading.move, t, change)[0]
+        return self._loading.balance(at_owners(self.discretization.space, ray.rate(ray.vectors)))
 
-    def _residual_rate(self, change: float) -> NDArray[np.float64]:
-        """Minus the derivative of the residual by the load factor, by a change of it."""
-        now, t = self.discretization, self._loading.t
+    def overstress_rate(self, overstress: float) -> tuple[NDArray[np.float64], float]:
+        """Minus the change of the residual with the overstress, u held, and that of the work.
+
+        Args:
+            overstress: What it is, in multiples of H.
+
+        Returns:
+            Owned dofs [N]; of the work on bonds [N mm].
+        """
+        return self._residual_rate(self.slow_down, overstress, INCREMENT * (1 + overstress))
+
+    def _residual_rate(
+        self, move: Callable[[float], None], value: float, change: float
+    ) -> tuple[NDArray[np.float64], float]:
+        """Minus the derivative of the residual by a number, by a change of it, and of the work."""
+        now = self.discretization
         points = [active.snapshot() for active in now.active.values()]
         forces = now.forces.x.array.copy()
         mapped = all(active.values.update is not None for active in self._failing())
         rate = (forces[: now.owned] if mapped else self.assemble_residual(self._dt)).copy()
-        self._loading.move(t + change)
+        work = self.bond_work()
+        move(value + change)
         rate -= self.assemble_residual(self._dt)
-        self._loading.move(t)
+        work -= self.bond_work()
+        move(value)
         for active, state in zip(now.active.values(), points, strict=True):
             active.return_to(state)
         now.update_means()
         now.forces.x.array[:] = forces
-        return rate / change
+        return self._loading.balance(rate / change), -work / change
 
     def inverted(self) -> bool:
         """Whether cells are turned inside out, det F <= 0; collective."""
@@ -382,7 +392,7 @@ class Step:
         # wear a bond while the load stays.
         thickness = float(now.geometry.thickness)
         work, straight, more = 0.0, 0.0, np.zeros(3)
-        held = self.drag != 0 or self._cycles > 0 or self._loading.t == start.t
+        held = self._slowed or self._cycles > 0 or self._loading.t == start.t
         for active in now.active.values():
             *forces, gap = gap_forces(active)
             ends = [np.append(end, thickness * f) for end, f in zip(ends, forces, strict=True)]
@@ -399,7 +409,7 @@ class Step:
         slopes = [float(end @ change) for end in ends]
         mean = sum(slopes) / 2
         rated = any(active.law.viscosity > 0 for active in now.active.values())
-        at_rest = rated and held and self.drag == 0 and self._cycles == 0
+        at_rest = rated and held and not self._slowed and self._cycles == 0
         if (at_rest or not held) and not (now.bodies.small or now.surface.fluids):
             so_far = self.external[0] + mean + work
             self.arc, curved = next_arc(self._comm, self.arc, ends[1] - ends[0], change, so_far)

@@ -38,6 +38,7 @@ class Attempt:
         krylov: Krylov iterations of all linear systems of the step, the predictor's included; 0
             where they were solved directly.
         guessed: Where the first guess led.
+        end: Load factor, or overstress in a jump, that it came to.
         slope: dD/dlambda at its end, D the work on bonds; 0 where D does not grow [N mm].
         onset: Whether the step ends where damage begins, at a kink of the path.
         unstable: Whether the tangent near its end is known to have negative eigenvalues.
@@ -53,6 +54,7 @@ class Attempt:
     goal: float = math.nan
     krylov: int = 0
     guessed: Reach = field(default_factory=Reach)
+    end: float = math.nan
     slope: float = 0.0
     onset: bool = False
     unstable: bool = False

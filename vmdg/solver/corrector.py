@@ -1,8 +1,9 @@
 """Newton's method for a step: PETSc SNES on displacement and load factor.
 
-The unknowns are (u, lambda), lambda the load factor t. Beside R(u, lambda) = 0 of (46) the step
-ends where the first of its limits is met, g(u, lambda) = 0 of :mod:`vmdg.solver.limits`. The
-bordered system is solved by block elimination: with the tangent K and the loads f = -dR/dlambda,
+The unknowns are (u, lambda), lambda the load factor, or the overstress of a jump. Beside
+R(u, lambda) = 0 of (46) the step ends where the first of its limits is met, g(u, lambda) = 0 of
+:mod:`vmdg.solver.limits`. The bordered system is solved by block elimination: with the tangent K
+and f = -dR/dlambda, the loads,
 
     K.du_0 = -R,    K.du_1 = f,    du = du_0 + dlambda du_1,
 
@@ -37,6 +38,7 @@ from ..problem.states import RunScales
 from .attempt import Attempt, Guess
 from .limits import ROUNDING, Direction, Limits, Reach
 from .options import SolveOptions
+from .parameter import Jump, LoadFactor, Overstress, Parameter
 from .turn import turn
 
 Array = NDArray[np.float64]
@@ -44,9 +46,6 @@ Array = NDArray[np.float64]
 #: The kind of line search is chosen in every attempt: backtracking by halves where the load factor
 #: is the only limit, else full steps, which do better where work is limited.
 KIND = "snes_linesearch_type"
-
-#: Displacements in sizes of the body beyond which an iteration is given up.
-FAR = 1e6
 
 #: Change of the displacement for its rates, relative to the size of the body.
 INCREMENT = 1e-7
@@ -80,10 +79,12 @@ class Corrector:
         self._snes.getKSP().setType(PETSc.KSP.Type.PYTHON)
         self._snes.getKSP().getPC().setType(PETSc.PC.Type.NONE)
         self._own = {k: v for k, v in (options.petsc or {}).items() if k.startswith("snes_")}
-        # By halves, however large a correction is as a number.
-        halves = {"order": 1, "max_it": options.path.halvings} | UNBOUNDED_SEARCH
-        line_search = {f"snes_linesearch_{name}": value for name, value in halves.items()}
-        set_options(self._snes, line_search | self._own)
+        # By halves, however large or small a correction is as a number.
+        least = float(np.finfo(float).tiny)
+        halves = {"order": 1, "max_it": options.path.halvings, "minlambda": least}
+        halves |= UNBOUNDED_SEARCH
+        search = {f"snes_linesearch_{name}": value for name, value in halves.items()}
+        set_options(self._snes, search | {"snes_stol": 0.0} | self._own)
 
     @property
     def rounding(self) -> float:
@@ -91,18 +92,21 @@ class Corrector:
         size = float(np.linalg.norm(box_sides(self._problem.mesh)))
         return float(np.finfo(float).eps) * size**2 * self._system.norm
 
-    def solve(self, limits: Limits, dt: float, guess: Guess, drag: float = 0.0) -> Attempt:
+    def solve(self, limits: Limits, dt: float, guess: Guess, jump: Jump | None = None) -> Attempt:
         """Go to where the first of the limits is met; collective.
 
         Args:
             limits: Where the step ends.
             dt: Time step of the return maps [s].
             guess: How the last step went.
-            drag: That slows bodies down, relative to the norm of K.
+            jump: That the step is of; its parameter is the overstress then.
         """
         problem, krylov, scales = self._problem, self._system.iterations, self._problem.step.scales
-        self._system.lags, self._system.drag = False, drag or self._options.path.small * scales.held
-        iteration = _Iteration(problem, self._options, self._system, limits, dt, drag)
+        self._system.lags = False
+        parameter = Parameter(problem) if problem.loading.ray is None else LoadFactor(problem)
+        if jump is not None:
+            parameter = Overstress(problem, self._system, jump.drag, limits.start)
+        iteration = _Iteration(problem, self._options, self._system, limits, dt, parameter)
         with timer("predictor"):
             iteration.predict(guess)
         self._serve(iteration)
@@ -154,7 +158,7 @@ class _Iteration:
         system: K.
         limits: Where the step ends.
         dt: Time step of the return maps [s].
-        drag: That slows bodies down, relative to the norm of K.
+        parameter: What changes besides the displacement.
     """
 
     def __init__(
@@ -164,14 +168,15 @@ class _Iteration:
         system: System,
         limits: Limits,
         dt: float,
-        drag: float,
+        parameter: Parameter,
     ):
         self._problem, self._comm, self._step = problem, problem.comm, problem.step
         self._discretization, self._loading = problem.discretization, problem.loading
         self._owned = problem.discretization.owned
         self._options, self._numbers, self._system = options, options.path, system
-        self._limits, self._dt, self._drag = limits, dt, drag
+        self._limits, self._dt, self._parameter = limits, dt, parameter
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))
+        self._hangs = options.path.small * problem.step.scales.held
         self._start = self._place()
         self._along: Array | None = None  # unit tangent of the path, the way of the step
         self._elastic, self._most, self._at_onset = False, 0.0, False
@@ -196,6 +201,7 @@ class _Iteration:
             self._goal,
             krylov,
             guessed=self._guessed,
+            end=self._parameter.value,
             slope=self._slope,
             onset=self._at_onset,
             unstable=unstable,
@@ -215,14 +221,12 @@ class _Iteration:
         )
         elastic = not (breaks or self._step.activation)
         self._most, self._elastic = guess.most, not global_any(self._comm, not elastic)
-        follows = self._loading.ray is not None
-        if not follows and turn(self._problem):
+        if not self._parameter.moves and turn(self._problem):
             self._step.assemble_residual(self._dt)
             self._go(self._place(), self._correct(-self._forces()), 1.0)
         elif not self._extrapolate(guess):
             self._along_tangent(guess)
-        moved = self._problem.u.x.array[: self._owned] - self._start.u
-        self._guessed = self._reach()._replace(way=global_norm(self._comm, moved))
+        self._guessed = self._reach()._replace(way=global_norm(self._comm, self._moved()))
 
     def _along_tangent(self, guess: Guess) -> None:
         """Go along the tangent; where faces that touch overlap then, with closing points held."""
@@ -233,6 +237,8 @@ class _Iteration:
         self._go(self._start, self._correct(-free), 1.0)
         if step.close(self._dt):
             self._limits, self._mapped = limits, None
+            self._visit(self._start)
+            step.assemble_residual(self._dt, hold=True)
             self._go(self._start, self._correct(-self._forces(), closes=True), 1.0)
 
     def _extrapolate(self, guess: Guess) -> bool:
@@ -240,11 +246,7 @@ class _Iteration:
         ahead, limits, start = guess.ahead, self._limits, self._start
         if ahead is None:
             return False
-        left, longest = limits.target - limits.start, self._numbers.stretch
-        if left == 0:
-            # In a jump the next step in time is as the last one.
-            self._go(start, ahead, 1.0)
-            return True
+        left, longest = limits.target - limits.start, 1 / self._numbers.cut
         if ahead.t * left < 0 and guess.work == 0:
             return False
         way, lengths = global_norm(self._comm, ahead.u), [longest]
@@ -265,20 +267,19 @@ class _Iteration:
     def show(self, x: PETSc.Vec) -> None:
         """Write displacement and load factor into a vector of PETSc."""
         x.array[: self._owned] = self._problem.u.x.array[: self._owned]
-        x.array[self._owned :] = self._problem.t
+        x.array[self._owned :] = self._parameter.value
 
     def _place(self) -> Direction:
-        """Displacement and load factor now."""
-        return Direction(self._problem.u.x.array[: self._owned].copy(), self._problem.t)
+        """Displacement and parameter now."""
+        return Direction(self._problem.u.x.array[: self._owned].copy(), self._parameter.value)
 
     def _move(self, place: Direction) -> None:
-        """Change displacement and load factor."""
+        """Change displacement and parameter."""
         u, loading, limits = self._problem.u.x, self._loading, self._limits
         u.array[: self._owned] = place.u
         u.scatter_forward()
-        if loading.ray is not None:
-            near = abs(place.t - limits.target) <= ROUNDING * limits.span
-            loading.move(limits.target if near else place.t)
+        near = abs(place.t - limits.target) <= ROUNDING * limits.span
+        self._parameter.move(limits.target if near else place.t)
         # A first guess need not know where supports are.
         u.array[loading.prescribed] = loading.prescribed_values(self._problem.t)
         if loading.rigid:
@@ -289,7 +290,7 @@ class _Iteration:
         """Go there for a look at tractions, points as they are."""
         self._problem.u.x.array[: self._owned] = place.u
         self._problem.u.x.scatter_forward()
-        self._loading.move(place.t)
+        self._parameter.move(place.t)
         self._discretization.update_means()
 
     def _map(self, place: Direction) -> None:
@@ -333,10 +334,10 @@ class _Iteration:
 
     def _reach(self) -> Reach:
         """How far the step has come."""
-        moved, way = self._problem.u.x.array[: self._owned] - self._start.u, 0.0
+        way = 0.0
         if self._along is not None:
-            way = float(global_sum(self._comm, moved @ self._along))
-        return Reach(self._problem.t, self._step.bond_work(), way)
+            way = float(global_sum(self._comm, self._moved() @ self._along))
+        return Reach(self._parameter.value, self._step.bond_work(), way)
 
     # Corrections
 
@@ -347,13 +348,16 @@ class _Iteration:
         """
         loading, limits, now = self._loading, self._limits, self._reach()
         away, self._ends_at_target = loading.away(self._problem.t), True
-        if loading.ray is None:
+        if not self._parameter.moves:
             return Direction(self._solve_once(forces, away, closes), 0.0)
-        left, rate = limits.target - now.t, loading.rate()
+        left = limits.target - now.t
         if limits.by_load_alone:
-            forces = forces + left * self._step.load_rate() if left else forces
-            return Direction(self._solve_once(forces, away + left * rate, closes), left)
-        found = self._solve([forces, self._step.load_rate()], [away, rate])
+            if left:
+                rate = self._parameter.rate(self._moved())
+                forces, away = forces + left * rate.forces, away + left * rate.supports
+            return Direction(self._solve_once(forces, away, closes), left)
+        rate = self._parameter.rate(self._moved())
+        found = self._solve([forces, rate.forces], [away, rate.supports])
         zero, one = Direction(found[0], 0.0), Direction(found[1], 1.0)
         size = global_norm(self._comm, one.u)
         if not np.isfinite(global_norm(self._comm, zero.u) + size):
@@ -362,14 +366,17 @@ class _Iteration:
             self._along = one.u * limits.toward / size
             now = self._reach()
         rates = [self._rates(zero), self._rates(one)]
+        rates[1] = rates[1]._replace(work=rates[1].work + rate.work)
         self._slope = rates[1].work
         change, self._ends_at_target = limits.change(now, *rates)
         if not self._ends_at_target and self._elastic and self._slope:
             self._end_at_onset()
             change, self._ends_at_target = self._limits.change(now, *rates)
+        change = max(change, self._parameter.least - now.t)
         return Direction(zero.u + change * one.u, change)
 
     def _solve(self, forces: list[Array], moved: list[Array]) -> Sequence[Array]:
+        self._system.drag = max(self._parameter.drag, self._hangs)
         return self._system.solve(forces, moved, self._rtol)
 
     def _solve_once(self, forces: Array, moved: Array, closes: bool) -> Array:
@@ -409,10 +416,13 @@ class _Iteration:
     def _forces(self) -> Array:
         """Residual on owned dofs, without what supports and rigid faces take [N]."""
         forces = self._discretization.forces.x.array[: self._owned].copy()
-        if self._drag:
-            moved = self._problem.u.x.array[: self._owned] - self._start.u
-            forces += self._drag * self._system.norm * moved
+        if self._parameter.drag:
+            forces += self._parameter.drag * self._system.norm * self._moved()
         return self._loading.balance(forces)
+
+    def _moved(self) -> Array:
+        """Displacement in the step, owned dofs [mm]."""
+        return self._problem.u.x.array[: self._owned] - self._start.u
 
     def reaction(self) -> float:
         """Norm of reactions, those of springs among them, and of forces on means [N]."""
@@ -435,7 +445,7 @@ class _Iteration:
         """R on free dofs; lambda has no equation of forces, and its place is zero."""
         place = self._read(x)
         farthest = global_max(self._comm, float(np.abs(place.u).max(initial=0.0)))
-        if not farthest <= FAR * self._size:
+        if not self._numbers.small * farthest <= self._size:
             f.set(np.nan)
             return
         self._map(place)
@@ -456,7 +466,7 @@ class _Iteration:
         y.set(0.0)
         forces = self._system.product(direction.u)
         if direction.t != 0:
-            forces = forces - direction.t * self._step.load_rate()
+            forces = forces - direction.t * self._parameter.rate(self._moved()).forces
         y.array[: self._owned] = self._loading.balance(forces)
 
     def draw_back(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
@@ -505,21 +515,21 @@ class _Iteration:
     def _met(self) -> bool:
         """Whether an equilibrium ends the step."""
         limits, now = self._limits, self._reach()
-        if self._loading.ray is None or limits.target == limits.start:
+        if not self._parameter.moves or limits.target == limits.start:
             return True
         share = 1 - self._numbers.missed
         if self._at_onset and not self._ends_at_target:
             return now.work <= self._numbers.small * self._most
         if (now.t - limits.target) * limits.toward > 0 or now.work > (2 - share) * limits.work:
             return False
-        breaks = now.work > self._numbers.small * limits.work and not self._ends_at_target
-        return now.t == limits.target or breaks or now.way >= share * limits.way
+        there = now.work >= share * limits.work or now.way >= share * limits.way
+        return there or now.t == limits.target
 
     def _stalls(self) -> bool:
         """Whether the last corrections lead nowhere."""
-        patience = self._numbers.patience
+        patience, little = self._numbers.patience, self._numbers.rest
         before, last = self._norms[:-patience], self._norms[-patience:]
-        return bool(before) and min(last) > 0.98 * min(before)
+        return bool(before) and min(last) > (1 - little) * min(before)
 
 
 def _sum(start: Direction, way: Direction, length: float) -> Direction:

@@ -5,59 +5,60 @@ from __future__ import annotations
 import math
 
 from .attempt import Attempt, Guess
-from .limits import Limits
+from .limits import Direction, Limits
+from .parameter import Jump
 from .steps import Steps
 
 
-def jump(steps: Steps, t: float, span: float) -> tuple[Attempt, int]:
+def jump(steps: Steps, t: float, most: float) -> tuple[Attempt, int]:
     """Carry the problem to the next equilibrium at a load factor.
 
-    Steps at this load follow the bonds as they break, slowed down by an overstress eta = factor H
-    per gap increment, as in pseudo-transient continuation (Kelley and Keyes 1998): it falls after a
-    step that took few corrections and grows after one that has failed. Where next to nothing is
-    spent any more, or it is next to nothing, a step without it ends at an equilibrium of the law as
-    it is. Where steps fail although bonds are as good as held it is bodies that move, as in
-    buckling. A drag slows them down in proportion to the overstress,
+    Bonds are slowed down by an overstress of s H per gap increment, as in pseudo-transient
+    continuation (Kelley and Keyes 1998), and steps follow them as they break: each ends where they
+    have taken a given work, with the overstress that this takes, or at half of the last one, and
+    when next to nothing is left of it at s = 0, the equilibrium. So s is to a jump what the load
+    factor is to a path. Where steps fail although bonds are slowed down it is bodies that move, as
+    in buckling, and no bond need break. They are slowed down as well,
 
-        R(u) + c (u - u_n) = 0,
+        R(u) + s c |K| (u - u_n) = 0,
 
-    the steepest descent of the energy in time by backward Euler: K + c I is positive definite for a
-    c that is large enough.
+    the steepest descent of the energy by backward Euler: K + s c |K| I is positive definite for an
+    s that is large enough. It ends in a stable state.
 
     Args:
         steps: Takes the attempts; the problem is in a state from which it runs away at this load.
         t: Load factor.
-        span: Of the stage.
+        most: Work on bonds that a step may do [N mm].
 
     Returns:
-        The last attempt and the number of steps with overstress. If it fails the problem is back
-        where it was.
+        The last attempt and the number of attempts. If it fails the problem is back where it was.
     """
-    step, numbers = steps.problem.step, steps.options.path
-    before, small = step.snapshot(), steps.problem.discretization.bodies.small
-    overstress, done, count, idle, moves, rest = numbers.overstress, 0.0, 0, 0, False, math.inf
-    found, guess = Attempt(False, [], ""), Guess()
-    while idle <= numbers.idle and overstress < numbers.held**2:
-        start, drag = step.snapshot(), overstress / numbers.held if moves else 0.0
-        found = steps.attempt(Limits(start.t, t, span), guess, overstress, drag)
+    step, numbers, cuts_allowed = steps.problem.step, steps.options.path, steps.options.max_cuts
+    begun, small = step.snapshot(), steps.problem.discretization.bodies.small
+    found, guess, by, count, cuts, idle = Attempt(False, [], ""), Guess(), Jump(t), 0, 0, 0
+    s, lowest, work, least = numbers.overstress, math.inf, most, numbers.small * most
+    span = s / numbers.small
+    while cuts <= cuts_allowed and idle <= numbers.idle:
+        rest = numbers.small if by.drag else numbers.rest
+        target = s / numbers.growth if s > rest else 0.0
+        limits = Limits(s, target, span, math.inf if by.drag else work)
+        before, held = step.snapshot(), steps.problem.t == t
+        found = steps.attempt(limits, guess, by)
         count += 1
-        if not found.converged or (moves and found.unstable):
-            step.return_to(start)
-            overstress, guess, idle = overstress / numbers.cut, Guess(), idle + 1
-            if overstress > numbers.held and not (moves or small):
-                moves, overstress = True, numbers.overstress
+        if not found.converged or (by.drag and found.unstable):
+            step.return_to(before)
+            cuts, guess = cuts + 1, Guess()
+            s, work = s / numbers.cut, max(numbers.cut * work, least)
+            if s * numbers.drag > 1 and not (small or by.drag):
+                s, cuts, by = numbers.overstress, 0, Jump(t, numbers.drag)
             continue
-        done += found.work
-        spent = found.work <= numbers.rest * done
-        idle = idle + 1 if spent else 0
-        slow = numbers.rest / numbers.held if moves else numbers.rest
-        if overstress <= rest and (overstress < slow or (spent and not moves)):
-            end = steps.attempt(Limits(t, t, span), Guess())
-            if end.converged:
-                return end, count
-            # Not at rest yet: again with half of the overstress.
-            rest = overstress / 2
-        guess = Guess(found.change if start.t == t else None)
-        overstress /= numbers.growth if found.iterations <= 2 * numbers.aim else 1.0
-    step.return_to(before)
+        if found.end == 0.0:
+            return found, count
+        cuts, idle = 0, idle + 1 if found.work <= least and found.end >= lowest else 0
+        s, lowest = found.end, min(found.end, lowest)
+        growth = min(numbers.aim / max(found.iterations, 1), numbers.growth)
+        work = min(max(growth * work, least), most)
+        ahead = found.ahead and Direction(found.ahead.u, 0.0)
+        guess = Guess(ahead if held else None, found.work, goes_on=True)
+    step.return_to(begun)
     return found.failed(f"JUMP_FAILED after {count} steps"), count

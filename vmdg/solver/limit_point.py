@@ -8,9 +8,6 @@ from typing import NamedTuple
 
 from ..problem.states import Snapshot
 
-#: How many states are asked for at most.
-MAX_STATES = 12
-
 
 class PathPoint(NamedTuple):
     """A state near a limit point.
@@ -33,6 +30,7 @@ def highest(
     right: PathPoint,
     reach: Callable[[PathPoint, PathPoint, float], PathPoint | None],
     small: float,
+    most: int,
 ) -> PathPoint:
     """The point of largest load found between two, of all that were asked for.
 
@@ -43,9 +41,10 @@ def highest(
         left, right: The points.
         reach: Goes from a left point towards a right one up to a work; None where it fails.
         small: Height by which no more can be gained to go on.
+        most: States that are asked for.
     """
     best = max(left, right, key=lambda point: point.height)
-    for _ in range(MAX_STATES):
+    for _ in range(most):
         work, height = meeting(left, right, small)
         if height - best.height <= small:
             break

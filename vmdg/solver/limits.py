@@ -1,9 +1,9 @@
 """Where a step ends: where the first of its limits is met.
 
-A step goes along the equilibrium path until the load factor is the target, or bonds have taken a
-given work, or the displacement has gone a given way, whichever comes first. Load control, control
-by dissipation (Gutierrez 2004; Verhoosel, Remmers and Gutierrez 2009) and arc length (Riks 1979)
-are one constraint,
+A step goes along the equilibrium path until its parameter, the load factor or in a jump the
+overstress, is the target, or bonds have taken a given work, or the displacement has gone a given
+way, whichever comes first. Load control, control by dissipation (Gutierrez 2004; Verhoosel, Remmers
+and Gutierrez 2009) and arc length (Riks 1979) are one constraint,
 
     g(u, lambda) = max_i (q_i(u, lambda) - limit_i) = 0,
 
@@ -26,7 +26,7 @@ ROUNDING = 1e-11
 
 
 class Direction(NamedTuple):
-    """Displacement of owned dofs [mm] and load factor, or a change of both."""
+    """Displacement of owned dofs [mm] and parameter, or a change of both."""
 
     u: NDArray[np.float64]
     t: float
@@ -36,7 +36,7 @@ class Reach(NamedTuple):
     """How far a state of a step is, or how far a direction leads.
 
     Attributes:
-        t: Load factor.
+        t: Parameter.
         work: Work on bonds [N mm].
         way: Displacement along the tangent of the path at the start of the step [mm].
     """
@@ -51,9 +51,9 @@ class Limits:
     """Where a step ends.
 
     Attributes:
-        start: Load factor at which it begins.
-        target: Load factor that it does not pass.
-        span: Size of the stage; no correction changes the load factor by more.
+        start: Parameter at which it begins.
+        target: Parameter that it does not pass.
+        span: Size of the stage; no correction changes the parameter by more.
         work: Work on bonds [N mm].
         way: Displacement along the path [mm].
     """
@@ -89,7 +89,7 @@ class Limits:
         Args:
             now: Where the iteration is.
             zero: Where du_0 leads.
-            one: Where du_1 leads, by a unit of the load factor.
+            one: Where du_1 leads, by a unit of the parameter.
         """
         way = one.way if self.way < math.inf else 0.0
         forward = math.copysign(1.0, one.work or way or self.toward)

@@ -38,19 +38,21 @@ class PathOptions:
             never may be larger; the work of a step, and that up to which damage only begins,
             relative to the largest of a step; what a limit point may still be off, relative to the
             stage.
-        halvings: How often a correction is halved where the load factor alone ends a step.
-        patience: Corrections that leave the residual as it was after which an attempt is given up.
-        missed: Share of a limit by which a step may miss it.
-        stretch: How many times the last step a first guess may be.
+        halvings: How often a correction is halved where the parameter alone ends a step, and the
+            way to a limit point.
+        patience: Corrections after which an attempt is given up if they have hardly lowered the
+            residual.
+        missed: Share of a limit by which a step may miss it, and is to miss what it must not pass.
         aim: Corrections that a step should take; the next one is shorter or longer by that.
         growth: How much longer at most, and how much more than its limit a trial state may break.
-        cut: What a failed attempt is cut by.
+        cut: What a failed attempt is cut by, and the least share that the last step may be of a
+            first guess that goes on as it did.
         released: Share of its work on bonds that a step may release, and of the stage by which the
             load factor may fall, before that counts as a snap.
         overstress: At the start of a jump, in multiples of H.
-        held: Overstress at which bonds are as good as held, so that bodies move.
-        rest: Overstress at which a jump is at rest, and share of its work that is little for a
-            step of it.
+        rest: Overstress at which a jump is nearly at rest, and share by which corrections hardly
+            lower a residual.
+        drag: On bodies in a jump for an overstress of H, relative to the norm of the tangent.
         idle: Steps on which nothing breaks before a run, or a jump, is given up.
     """
 
@@ -58,15 +60,14 @@ class PathOptions:
     halvings: int = 8
     patience: int = 5
     missed: float = 0.1
-    stretch: float = 4.0
     aim: int = 4
     growth: float = 2.0
     cut: float = 0.25
     released: float = 0.05
     overstress: float = 4.0
-    held: float = 1e3
     rest: float = 0.02
-    idle: int = 50
+    drag: float = 1e-3
+    idle: int = 100
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,9 +19,6 @@ from .reasons import explained
 from .result import Result, StepFailure
 from .steps import Steps
 
-#: Share of the loss allowed in a step with cycles that the next one aims at.
-STRIDE = 0.8
-
 
 class Part(NamedTuple):
     """A converged step on the way to a given load factor.
@@ -96,8 +93,7 @@ class Size:
         way: Of the displacement [mm].
         stride: Of the load factor, where no line is followed.
         guess: How the last step went.
-        idle: Steps on which nothing broke, of no length or limited by their way: they may go on for
-            ever.
+        idle: Steps that came no nearer to the target since one on which something broke.
     """
 
     work: float = math.inf
@@ -211,7 +207,7 @@ class Path:
     def _next(self, stage: Stage) -> Part:
         """A converged step, after as many attempts as it takes."""
         problem, options, numbers, size = self._problem, self._options, self._numbers, self._size
-        start, cuts = problem.t, 0
+        start, cuts, by_work = problem.t, 0, False
         guess = replace(size.guess, most=stage.most)
         if start == stage.target:
             # A load that is held is at rest.
@@ -235,13 +231,19 @@ class Path:
                 cuts = 0
                 continue
             # A load that is held cannot be cut.
-            length = abs(limits.target - start)
-            if cuts > options.max_cuts or length <= ROUNDING * stage.span:
+            length, late = abs(limits.target - start), cuts - options.max_cuts
+            by_work |= limits.work < math.inf
+            if late > by_work * options.max_cuts // 2 or length <= ROUNDING * stage.span:
                 raise StepFailure(self._complaint(limits, found), self._result)
-            if cuts > 1 or problem.discretization is not before.discretization:
+            if 2 * cuts > options.max_cuts or problem.discretization is not before.discretization:
                 guess = replace(guess, ahead=None)
-            limits = self._shorter(stage, limits, found)
-        self._lost &= found.unstable
+            if late > 0:
+                # Where lips close and rub bonds may break, but their work does not lead the way.
+                by_load = Limits(start, stage.target, stage.span)
+                limits = self._strode(by_load, stage.span * numbers.cut**late)
+            else:
+                limits = self._shorter(stage, limits, found)
+        self._lost &= found.unstable or problem.t != stage.target
         self._size = self._next_size(stage, limits, found, cuts)
         if self._size.idle > numbers.idle:
             problem.step.return_to(before)
@@ -270,9 +272,11 @@ class Path:
         if stage.follows:
             # Where bonds break the work on them limits the step, else the way.
             gone, numbers = found.guessed, self._numbers
-            work = min(gone.work, stage.most)
-            gone = gone._replace(work=work, way=0.0 if work else gone.way)
-            shorter = limits.shortened(gone, numbers.cut, numbers.small * stage.most)
+            least = numbers.small * stage.most
+            breaks = min(gone.work, limits.work) > least
+            work = min(gone.work, stage.most) if breaks else 0.0
+            gone = gone._replace(work=work, way=0.0 if breaks else gone.way)
+            shorter = limits.shortened(gone, numbers.cut, least)
             return self._strode(limits, stride / 2) if shorter.by_load_alone else shorter
         if self._steps.cyclic:
             # Of a step that came to no end nothing is known but that it was far too long.
@@ -286,9 +290,10 @@ class Path:
         growth = min(numbers.aim / max(found.iterations, 1), numbers.growth)
         went = global_norm(self._problem.comm, found.ahead.u)
         way = growth * limits.way
-        if not cuts and way > numbers.stretch * went:
+        if not cuts and way > went / numbers.cut:
             way = math.inf
-        work = max(growth * min(limits.work, size.work), numbers.small * stage.most)
+        least = numbers.small * stage.most
+        work = max(growth * min(limits.work, size.work), least)
         work = min(work, stage.most or math.inf)
         # One step for the whole stage and far from the limit: load control is the shorter way.
         whole = cuts == 0 and limits.start == stage.start and self._problem.t == stage.target
@@ -297,14 +302,15 @@ class Path:
         breaks |= options.control == "dissipation"
         stride = math.inf
         if self._steps.cyclic:
-            room = min(STRIDE * options.max_loss / max(found.lost, 1e-300), numbers.stretch)
+            aim = (1 - numbers.missed) * options.max_loss
+            room = min(aim / max(found.lost, 1e-300), 1 / numbers.cut)
             stride = room * abs(limits.target - limits.start)
         elif cuts or size.stride < math.inf:
             stride = growth * abs(limits.target - limits.start)
-        # Along the way nothing need break, and a step may come to nothing.
-        rests = abs(self._problem.t - limits.start) <= numbers.small * stage.span
-        rests &= found.work <= numbers.small * stage.most and stage.follows
-        idle = size.idle + 1 if rests or (limits.way < math.inf and found.work == 0) else 0
+        # Along the way nothing need break or come nearer to the target, without end.
+        nearer = stage.ahead(self._problem.t, limits.start) > numbers.small * stage.span
+        ends = found.work > least or not stage.follows or self._problem.t == stage.target
+        idle = 0 if ends else size.idle + (not nearer)
         guess = Guess(None if found.onset else found.ahead, found.work, goes_on=True)
         step = self._problem.step
         step.scales = replace(step.scales, work=0.0 if work == math.inf else work, breaking=breaks)
@@ -453,7 +459,8 @@ class Path:
         # Where bodies turn the path back, not bonds, the limit point is no matter of the work.
         if not right.work > left.work:
             return limit
-        return highest(left, right, reach, self._numbers.small * stage.span).state
+        numbers = self._numbers
+        return highest(left, right, reach, numbers.small * stage.span, numbers.halvings).state
 
     def _jump(self, stage: Stage, t: float, limit: Snapshot, start: Snapshot) -> Part | None:
         """To an equilibrium that no near one leads to; None, and undone, if there is none.
@@ -468,7 +475,7 @@ class Path:
         problem.step.return_to(limit)
         before = problem.energy()
         problem.step.return_to(start)
-        found, count = jump(self._steps, t, stage.span)
+        found, count = jump(self._steps, t, stage.most)
         if not found.converged:
             self._result.failures.append((t, found.reason))
             problem.step.return_to(limit)

@@ -11,6 +11,7 @@ from ..problem.problem import Problem
 from .attempt import Attempt
 from .limits import Limits
 from .options import SolveOptions
+from .parameter import Jump
 
 
 class Progress:
@@ -38,16 +39,15 @@ class Progress:
             disable=not (options.progress and self._speaks and count),
         )
 
-    def attempted(self, limits: Limits, overstress: float, attempt: Attempt) -> None:
+    def attempted(self, limits: Limits, jump: Jump | None, attempt: Attempt) -> None:
         """A step has converged or failed."""
         if not self._speaks:
             return
         if self._options.verbose:
-            self.say(described(self._problem.t, limits, overstress, attempt))
-        if attempt.converged and not overstress:
+            self.say(described(self._problem.t, limits, jump, attempt))
+        if attempt.converged and not jump:
             return  # a row follows
-        jump = f"jump, overstress {overstress:.3g} H"
-        note = jump if overstress else f"step to {limits.target:.4g}"
+        note = f"jump, overstress {attempt.end:.3g} H" if jump else f"step to {limits.target:.4g}"
         self._show(self._done, note if attempt.converged else f"{note}: {attempt.reason}")
 
     def advanced(self, done: float, size: float, attempt: Attempt, history: History) -> None:
@@ -95,21 +95,21 @@ class Progress:
         self._bar.close()
 
 
-def described(start: float, limits: Limits, overstress: float, attempt: Attempt) -> str:
+def described(start: float, limits: Limits, jump: Jump | None, attempt: Attempt) -> str:
     """An attempt of a step: where it was to end, its residual norms, how it ended.
 
     Args:
         start: Load factor where the problem is now.
         limits: Where it was to end.
-        overstress: Of a jump, in multiples of H.
+        jump: That it is of.
         attempt: How it went.
     """
-    regularised = f" with overstress {overstress:.3g} H" if overstress else ""
+    slowed = f" with an overstress of {attempt.end:.3g} H" if jump else ""
     norms = " ".join(f"{norm:.3e}" for norm in attempt.norms)
     krylov = f", {attempt.krylov} Krylov iterations" if attempt.krylov else ""
     failed = f"failed: {attempt.reason}; the problem is "
     return (
-        f"step to load {limits.target:.8g}, {limits}{regularised}\n"
+        f"step to load {jump.t if jump else limits.target:.8g}, {limits}{slowed}\n"
         f"  residuals {norms} N, {attempt.goal:.3e} N asked for{krylov}\n"
         f"  {'' if attempt.converged else failed}at load {start:.8g}, work {attempt.work:.4g}"
     )

@@ -13,6 +13,7 @@ from .attempt import Attempt, Guess
 from .corrector import Corrector
 from .limits import Direction, Limits
 from .options import SolveOptions
+from .parameter import Jump
 from .progress import Progress
 
 
@@ -74,9 +75,7 @@ class Steps:
         """Free what PETSc holds; collective."""
         self._corrector.free()
 
-    def attempt(
-        self, limits: Limits, guess: Guess, overstress: float = 0.0, drag: float = 0.0
-    ) -> Attempt:
+    def attempt(self, limits: Limits, guess: Guess, jump: Jump | None = None) -> Attempt:
         """Take a step, committed if it converges and undone if not; collective.
 
         A step that takes closed facets beyond their strength is undone, the facets are opened,
@@ -85,18 +84,17 @@ class Steps:
         Args:
             limits: Where it ends.
             guess: How the last one went.
-            overstress: Of a jump, per gap increment in multiples of H.
-            drag: Of a jump, that slows bodies down, relative to the norm of K.
+            jump: That it is of: limits are of the overstress then, not of the load factor.
         """
-        found = self._attempt(limits, guess, overstress, drag)
-        self._progress.attempted(limits, overstress, found)
+        found = self._attempt(limits, guess, jump)
+        self._progress.attempted(limits, jump, found)
         return found
 
-    def _attempt(self, limits: Limits, guess: Guess, overstress: float, drag: float) -> Attempt:
+    def _attempt(self, limits: Limits, guess: Guess, jump: Jump | None) -> Attempt:
         step = self.problem.step
         while True:
             parts = self.problem.discretization
-            found = self._iterate(limits, guess, overstress, drag)
+            found = self._iterate(limits, guess, jump)
             if not found.converged:
                 step.cancel()
                 return found
@@ -105,7 +103,7 @@ class Steps:
                 return found.failed("CELLS_INVERTED")
             if not step.stabilization_suffices():
                 if step.raise_stabilization():
-                    self._progress.say(f"step to load {limits.target:.8g} again: tau_s of its end")
+                    self._progress.say("step again: tau_s of its end")
                     continue
                 step.cancel()
                 return found.failed("STABILIZATION_OUTGROWN")
@@ -113,10 +111,10 @@ class Steps:
             if utilization.largest > REPEATS_STEP:
                 step.cancel()
                 step.open_facets(utilization)
-                self._progress.say(f"step to load {limits.target:.8g} again: facets open in it")
+                self._progress.say("step again: facets open in it")
                 guess = replace(guess, ahead=guess.ahead and self._carried(guess.ahead, parts))
                 continue
-            wears = self.cyclic and not overstress and self.problem.t != step.start.t
+            wears = self.cyclic and not jump and self.problem.t != step.start.t
             lost = step.lost() if wears else 0.0
             if lost > self.options.max_loss:
                 step.cancel()
@@ -134,25 +132,25 @@ class Steps:
         """A direction where facets have opened: every cell moves as it did; collective."""
         return Direction(carried(way.u, self.problem.discretization, before), way.t)
 
-    def _iterate(self, limits: Limits, guess: Guess, overstress: float, drag: float) -> Attempt:
+    def _iterate(self, limits: Limits, guess: Guess, jump: Jump | None) -> Attempt:
         problem, options = self.problem, self.options
         if self._corrector.discretization is not problem.discretization:
             self.restart()
         # A step of no length is at rest: rate effects vanish for infinite time.
-        moves = abs(limits.target - problem.t)
+        moves = 0.0 if jump else abs(limits.target - problem.t)
         dt = moves * options.duration or np.inf
-        cycles = 0.0 if overstress else moves * options.cycles
         # Along a ray the iteration moves the load factor itself.
         t = problem.t if problem.loading.ray is not None else limits.target
+        begun = (jump.t, dt, limits.start) if jump else (t, dt, 0.0, moves * options.cycles)
         try:
-            problem.step.begin(t, dt, overstress, cycles)
+            problem.step.begin(*begun)
         except ValueError as error:
-            if not (overstress or self.viscous):
+            if not (jump or self.viscous):
                 raise
             return Attempt(False, [], str(error))
         scales = problem.step.scales
-        found = self._corrector.solve(limits, dt, guess, drag)
-        if overstress or drag:
+        found = self._corrector.solve(limits, dt, guess, jump)
+        if jump:
             # What a bond bears with an overstress only says nothing about the run.
             problem.step.scales = scales
         self.krylov += found.krylov

@@ -1,0 +1,108 @@
+"""What a step changes besides the displacement, so that it ends where a limit is met."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..linear.system import System
+from ..problem.problem import Problem
+
+Array = NDArray[np.float64]
+
+
+class Jump(NamedTuple):
+    """What a step of a jump is told.
+
+    Attributes:
+        t: Load factor.
+        drag: That slows bodies down for an overstress of H, relative to the norm of K.
+    """
+
+    t: float
+    drag: float = 0.0
+
+
+class Rate(NamedTuple):
+    """What changes with a parameter.
+
+    Attributes:
+        forces: Minus the residual on owned dofs [N].
+        supports: Prescribed displacements, owned dofs [mm].
+        work: On bonds, besides that of the displacement [N mm].
+    """
+
+    forces: Array
+    supports: Array
+    work: float = 0.0
+
+
+class Parameter:
+    """The load factor where it is given and stays; what others may change.
+
+    Attributes:
+        moves: Whether it changes.
+        least: Value below which it does not go.
+        drag: That slows bodies down, relative to the norm of K.
+    """
+
+    moves, least, drag = False, -math.inf, 0.0
+
+    def __init__(self, problem: Problem):
+        self._step, self._loading = problem.step, problem.loading
+
+    @property
+    def value(self) -> float:
+        """What it is now."""
+        return self._loading.t
+
+    def move(self, value: float) -> None:
+        """Change it."""
+
+    def rate(self, moved: Array) -> Rate:
+        """What changes with it, at a displacement in the step; collective."""
+        raise NotImplementedError
+
+
+class LoadFactor(Parameter):
+    """The load factor along a ray."""
+
+    moves = True
+
+    def move(self, value: float) -> None:
+        """Change loads and supports."""
+        self._loading.move(value)
+
+    def rate(self, moved: Array) -> Rate:
+        """Of loads and supports."""
+        return Rate(self._step.load_rate(), self._loading.rate())
+
+
+class Overstress(Parameter):
+    """The overstress s of a jump: a bond bears s H more per gap increment, a node s c |K| more."""
+
+    moves, least = True, 0.0
+    value = 0.0
+
+    def __init__(self, problem: Problem, system: System, share: float, value: float):
+        super().__init__(problem)
+        self._system, self._share, self.value = system, share, value
+
+    @property
+    def drag(self) -> float:
+        """s c."""
+        return self._share * self.value
+
+    def move(self, value: float) -> None:
+        """Change s."""
+        self.value = value
+        self._step.slow_down(value)
+
+    def rate(self, moved: Array) -> Rate:
+        """Of bonds and bodies."""
+        forces, work = self._step.overstress_rate(self.value)
+        bodies = self._loading.balance(-self._share * self._system.norm * moved)
+        return Rate(forces + bodies, np.zeros_like(forces), work)
