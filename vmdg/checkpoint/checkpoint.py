@@ -27,6 +27,7 @@ from mpi4py import MPI
 import dolfinx
 import numpy as np
 from dolfinx import fem
+from numpy.typing import NDArray
 
 from .. import __version__
 from ..assembly.discretization import Discretization
@@ -47,7 +48,7 @@ from .records import (
 )
 
 #: Changed whenever older files can no longer be read as they are.
-FORMAT = 5
+FORMAT = 6
 
 _CELLS = "cells"
 
@@ -92,7 +93,9 @@ def write_checkpoint(problem: Problem, folder: str | Path, history: History | No
     if parts.means is not None:
         dofs = parts.means.dofs
         about["macroscopic"] = {"u": parts.u.x.array[dofs], "forces": parts.forces.x.array[dofs]}
-    cells = cell_records(parts.u, parts.forces, _places(parts))
+    fields = {"u": parts.u.x.array, "forces": parts.forces.x.array}
+    fields |= {_start(i): start for i, start in enumerate(problem.loading.starts)}
+    cells = cell_records(parts.space, fields, _places(parts))
     write_files(comm, Path(folder), about, {_CELLS: cells} | interfaces)
 
 
@@ -127,8 +130,9 @@ def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
             f"the checkpoint in {folder} belongs to another problem ({'; '.join(lines)}); set up "
             "the problem as the run that wrote it, or give another folder"
         )
-    problem.step.return_to(_read_state(problem, slot, about))
-    problem.loading.spread()
+    snapshot, starts = _read_state(problem, slot, about)
+    problem.loading.start_from(starts)
+    problem.step.return_to(snapshot)
     problem.step.scales = RunScales(**about["scales"])
     history = History()
     history.rows, history.units = about["history"], about["units"]
@@ -158,13 +162,22 @@ def _name(i: int) -> str:
     return f"interface_{i}"
 
 
+def _start(i: int) -> str:
+    return f"start {i}"
+
+
 def _places(parts: Discretization) -> fem.FunctionSpace:
     """A space in which every node has one place."""
     return parts.space if parts.means is None else parts.means.broken
 
 
-def _read_state(problem: Problem, slot: Path, about: dict[str, Any]) -> Snapshot:
-    """The state of a checkpoint; the problem itself is not changed."""
+def _read_state(
+    problem: Problem, slot: Path, about: dict[str, Any]
+) -> tuple[Snapshot, list[NDArray[np.float64]]]:
+    """The state of a checkpoint, and where its supports with ``relative=True`` start.
+
+    The problem itself is not changed.
+    """
     comm, mesh, counts = problem.comm, problem.mesh, about["facets"]
     arrays = open_arrays(comm, slot, [_CELLS, *counts])
     records, marks = {}, list(problem.step.snapshot().open)
@@ -179,30 +192,31 @@ def _read_state(problem: Problem, slot: Path, about: dict[str, Any]) -> Snapshot
         if interface.activate == "on-demand":
             marks[i] = mark_everywhere(mesh, mesh.topology.dim - 1, facets.facets[positions])
     discretization = problem.step.discretization_of(marks)
-    interfaces, message = [], None
+    interfaces, fields, message = [], {}, None
     try:
-        u, forces = restore_fields(discretization.space, arrays[_CELLS], _places(discretization))
+        fields = restore_fields(discretization.space, arrays[_CELLS], _places(discretization))
         for i, active in discretization.active.items():
             interfaces.append(restore_interface(active, records[i]))
     except ValueError as error:
         message = f"{_numbered_otherwise(slot)}: {error}"
     raise_together(comm, message)
     if discretization.means is not None:
-        for name, values in (("u", u), ("forces", forces)):
-            values[discretization.means.dofs] = about["macroscopic"][name]
+        for name, values in about["macroscopic"].items():
+            fields[name][discretization.means.dofs] = values
     # Sums over ranks: one rank goes on with all of it.
     share, state = float(comm.rank == 0), about["state"]
-    return Snapshot(
+    snapshot = Snapshot(
         state["t"],
         discretization,
-        u,
-        forces,
+        fields["u"],
+        fields["forces"],
         interfaces,
         marks,
         share * np.array(state["dissipated"]),
         share * np.array(state["external"]),
         arc=None,
     )
+    return snapshot, [fields[_start(i)] for i in range(len(problem.loading.starts))]
 
 
 def _numbered_otherwise(slot: Path) -> str:

@@ -107,6 +107,9 @@ class Loading:
         dirichlet: What is prescribed in the space that is loaded now.
         rigid: Its rigid faces.
         loaded: Whether dead loads act on a cell, for every local cell.
+        starts: Displacement of all local dofs from which a support with ``relative=True`` starts,
+            for every such support in the order in which they were given [mm].
+        filled: Numbers of the interfaces with a fluid between their lips.
     """
 
     def __init__(
@@ -120,6 +123,8 @@ class Loading:
         # Functions of this object, not its bound methods: a circle would keep meshes alive after
         # the last name for a problem is gone, and their communicators, of which MPICH has 2048.
         self._given: list[Callable[[Loading], None]] = []
+        self.starts: list[Array] = []
+        self.filled: set[int] = set()
         self._ray: Ray | None = None
         self.load_factor = fem.Constant(mesh, 0.0)
         self.loaded = np.zeros(len(self._bodies.tags), dtype=bool)
@@ -203,16 +208,28 @@ class Loading:
         component: int | str | None,
         relative: bool = False,
     ) -> None:
+        start = self._discretization.u.x.array.copy() if relative else None
+
         def impose(loading: Loading) -> None:
-            u, space = loading._discretization.u, loading._discretization.space
+            space = loading._discretization.space
             if callable(where):
                 dofs = nodes_where(space, where)
             else:
                 dofs = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, where)
-            start = u.x.array.reshape(-1, space.dofmap.index_map_bs)[dofs] if relative else None
-            loading.dirichlet.add(dofs, value, component, what, start)
+            bs = space.dofmap.index_map_bs
+            base = None if start is None else start.reshape(-1, bs)[dofs]
+            loading.dirichlet.add(dofs, value, component, what, base)
 
         self._add(impose)
+        if start is not None:
+            self.starts.append(start)
+
+    def start_from(self, starts: Sequence[Array]) -> None:
+        """Let supports with ``relative=True`` start from these displacements, as :attr:`starts`."""
+        for mine, start in zip(self.starts, starts, strict=True):
+            mine[:] = start
+        if starts:
+            self.follow(self._discretization)
 
     @property
     def prescribed(self) -> NDArray[np.int32]:
@@ -480,6 +497,7 @@ class Loading:
                 loading._surface.add_fluid(now.take_fluid(number), value, debonded, share)
 
         self._add(impose)
+        self.filled.add(number)
         self.move(self.t)
         self.loaded[self._activation.facets[number].cells] = True
 

@@ -109,7 +109,6 @@ def _write_checkpoint(steps: Steps, path: Path, result: Result) -> int:
     folder = steps.options.checkpoint
     if folder is not None:
         write_checkpoint(steps.problem, folder, result.history)
-        steps.problem.loading.spread()
         steps.restart()
         path.forget()
     return len(result.history)

@@ -79,8 +79,8 @@ class Steps:
     ) -> Attempt:
         """Take a step, committed if it converges and undone if not; collective.
 
-        A step that takes closed facets beyond their strength is undone, the facets are opened,
-        and the step is done again.
+        Closed facets that the state before it takes beyond their strength are opened first. A step
+        that takes others far beyond is undone, they are opened, and it is done again.
 
         Args:
             limits: Where it ends.
@@ -93,7 +93,11 @@ class Steps:
         return found
 
     def _attempt(self, limits: Limits, guess: Guess, overstress: float, drag: float) -> Attempt:
-        step = self.problem.step
+        step, parts = self.problem.step, self.problem.discretization
+        # Not as the last step ended: its row is of forces that balance.
+        utilization = step.activation.utilization()
+        if utilization.largest > OPENS and step.open_facets(utilization):
+            guess = replace(guess, ahead=guess.ahead and self._carried(guess.ahead, parts))
         while True:
             parts = self.problem.discretization
             found = self._iterate(limits, guess, overstress, drag)
@@ -125,9 +129,6 @@ class Steps:
             way = Direction(change, self.problem.t - step.start.t)
             found = replace(found, work=step.bond_work(), lost=lost, change=way, ahead=way)
             step.commit()
-            if utilization.largest > OPENS:
-                step.open_facets(utilization)
-                found = replace(found, change=None, ahead=self._carried(way, parts))
             return found
 
     def _carried(self, way: Direction, before: Discretization) -> Direction:
