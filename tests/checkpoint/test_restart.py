@@ -359,7 +359,7 @@ def test_format(comm, out):
     if comm.rank == 0:
         about.write_text(json.dumps(stored))
         os.truncate(about.with_name("cells.npy"), 1000)
-    with pytest.raises(ValueError, match="rank 0 cannot read"):
+    with pytest.raises(ValueError, match=r"cells.npy was changed or cut"):
         vmdg.read_checkpoint(problem, out)
     if comm.rank == 0:
         about.write_text("{")
@@ -403,7 +403,7 @@ def test_failure_leaves_the_former(comm, out, monkeypatch, fault):
     history.append({"load": 1.0})
     vmdg.write_checkpoint(problem, out, history)
     problem.u.x.array[:] = 1e-3
-    told = pytest.raises(OSError, match="former one, if any, is still valid")
+    told = pytest.raises(OSError, match=r"former one, if any, is still valid|cannot be written")
     with faulty_disk(monkeypatch, fault), told:
         vmdg.write_checkpoint(problem, out)
     assert vmdg.read_checkpoint(problem, out).rows == history.rows
@@ -414,13 +414,16 @@ def test_failure_leaves_the_former(comm, out, monkeypatch, fault):
     assert (problem.u.x.array == 1e-3).all()
 
 
+@pytest.mark.filterwarnings("ignore:the body of tag 2 bears:vmdg.ModelWarning")
 def test_folder_that_is_a_file(comm, out):
     """All ranks are told."""
     if comm.rank == 0:
         (out / "file").write_text("")
     comm.barrier()
-    with pytest.raises(OSError, match="could not be written"):
+    with pytest.raises(OSError, match=r"file cannot be written: .*name a place"):
         vmdg.write_checkpoint(small(comm), out / "file")
+    with pytest.raises(OSError, match=r"file cannot be written: .*name a place"):
+        run(gripped(comm), [1.0], checkpoint=out / "file")
 
 
 @EVERY_CELL
@@ -445,9 +448,7 @@ def test_every_element(comm, cell, degree):
         some = first_ranks(comm, readers)
         if some is not None:
             u = field(some)
-            for restored in restore_fields(
-                u.function_space, records, u.function_space
-            ).values():
+            for restored in restore_fields(u.function_space, records, u.function_space).values():
                 assert np.abs(restored - u.x.array).max(initial=0.0) < 1e-14
 
 
@@ -511,3 +512,126 @@ def test_killed_at_any_moment(comm, tmp_path):
     # Checkpoints are written at given load factors: the last one may be lost with all its rows.
     print(f"steps done again: {lost}; largest difference of a column: {worst:.1e}")
     assert max(lost) <= killed_run.EVERY + longest
+
+
+# Damaged files
+
+FLIPS = int(os.environ.get("VMDG_FLIPS", "40"))
+
+
+def test_flips_and_cuts(comm, out):
+    """A bit that has changed and a file that was cut are refused, or have no effect."""
+    held = problem, _ = SCENES["on demand"][0](comm)
+    history = run(held, SCENES["on demand"][1][:3], checkpoint=out / "whole")
+    expected = problem.u.x.array.copy()
+    files = sorted(path.relative_to(out / "whole") for path in (out / "whole").rglob("*"))
+    files = [path for path in files if (out / "whole" / path).is_file()]
+    random, refused = np.random.default_rng(int(os.environ.get("VMDG_SEED", "1"))), 0
+    fresh, _ = SCENES["on demand"][0](comm)
+    for number in range(FLIPS):
+        folder, name = out / str(number), files[random.integers(len(files))]
+        at, cut = random.random(), random.random() < 0.3
+        if comm.rank == 0:
+            shutil.copytree(out / "whole", folder)
+            content = bytearray((folder / name).read_bytes())
+            place = int(at * len(content))
+            content[place] ^= 1 << number % 8
+            (folder / name).write_bytes(content[:place] if cut else content)
+        comm.barrier()
+        before = fresh.u.x.array.copy()
+        try:
+            assert vmdg.read_checkpoint(fresh, folder).rows == history.rows
+        except ValueError as error:
+            refused += 1
+            assert "damaged" in str(error) or "has format" in str(error)
+            assert (fresh.u.x.array == before).all()
+        else:
+            assert (fresh.u.x.array == expected).all()
+        comm.barrier()
+    assert refused > 0.5 * FLIPS
+
+
+@pytest.mark.parametrize("missing", ["latest", "cells.npy", "interface_0.npy", "checkpoint.json"])
+def test_missing_file(comm, out, missing):
+    """It is not taken for a folder without a checkpoint, and is not written over."""
+    problem = small(comm)
+    vmdg.write_checkpoint(problem, out)
+    if comm.rank == 0:
+        next(out.rglob(missing)).unlink()
+    comm.barrier()
+    with pytest.raises(ValueError, match=r"damaged.*put back a copy"):
+        vmdg.read_checkpoint(problem, out)
+    if missing == "latest":
+        with pytest.raises(OSError, match="'latest' is missing"):
+            vmdg.write_checkpoint(problem, out)
+    vmdg.discard_checkpoint(comm, out)
+    assert vmdg.read_checkpoint(problem, out) is None
+
+
+def test_state_that_is_not_finite(comm, out):
+    """It does not take the place of one that is."""
+    problem = small(comm)
+    vmdg.write_checkpoint(problem, out)
+    problem.u.x.array[:1] = np.nan
+    with pytest.raises(ValueError, match="not finite"):
+        vmdg.write_checkpoint(problem, out)
+    vmdg.read_checkpoint(problem, out)
+    assert not problem.u.x.array.any()
+
+
+def test_table_that_no_file_holds(comm, out):
+    """All ranks are told what it is, and the former checkpoint is still there."""
+    problem, history = small(comm), vmdg.History()
+    vmdg.write_checkpoint(problem, out, history)
+    history.append({"load": 1.0, "comm": MPI.COMM_SELF})
+    with pytest.raises(ValueError, match=r"cannot hold.*Intracomm"):
+        vmdg.write_checkpoint(problem, out, history)
+    assert vmdg.read_checkpoint(problem, out).rows == []
+
+
+OTHER_RUN = """
+import fcntl, pathlib, sys, time
+file = open(sys.argv[1], "a+")
+fcntl.flock(file, fcntl.LOCK_EX)
+file.write("process 1 on mars")
+file.flush()
+print("locked", flush=True)
+time.sleep(600)
+"""
+
+
+@contextmanager
+def other_run(comm: MPI.Comm, lock: Path) -> Iterator[None]:
+    """Another process holds a lock."""
+    process = None
+    if comm.rank == 0:
+        lock.parent.mkdir(parents=True, exist_ok=True)
+        command = [sys.executable, "-c", OTHER_RUN, str(lock)]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE)
+        assert process.stdout.readline() == b"locked\n"
+    comm.barrier()
+    try:
+        yield
+    finally:
+        comm.barrier()
+        if process is not None:
+            process.kill()
+            process.wait()
+        comm.barrier()
+
+
+def test_two_runs_in_one_folder(comm, out):
+    """The second one is told which process is there, before its first step; a dead one is none."""
+    held = problem, _ = gripped(comm)
+    grip(problem)
+    with other_run(comm, out / "checkpoint.lock"):
+        with pytest.raises(OSError, match="process 1 on mars does so"):
+            run(held, [0.5], checkpoint=out)
+        with pytest.raises(OSError, match="process 1 on mars does so"):
+            vmdg.write_checkpoint(problem, out)
+    assert problem.t == 0
+    with other_run(comm, out / ".table.csv.lock"), pytest.raises(OSError, match="mars"):
+        run(held, [0.5], csv=out / "table.csv")
+    run(held, [0.5], checkpoint=out, csv=out / "table.csv")
+    comm.barrier()
+    assert not list(out.rglob("*.lock"))

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from .. import __version__
 from ..assembly.discretization import Discretization
+from ..base.claims import Claim
 from ..base.parallel import global_sum, raise_together
 from ..domain.topology import mark_everywhere
 from ..output.history import History
@@ -66,10 +67,37 @@ def write_checkpoint(problem: Problem, folder: str | Path, history: History | No
         history: The table so far.
 
     Raises:
-        OSError: the folder cannot be written to or the disk is full; on all ranks, and the former
-            checkpoint is still valid.
+        OSError: the folder cannot be written to, another run writes there, or the disk is full; on
+            all ranks, and the former checkpoint is still valid.
+        ValueError: the state is not finite, or the table has what a file cannot hold; likewise.
     """
+    with claim_checkpoint(problem.comm, folder):
+        _write(problem, Path(folder), history)
+
+
+def claim_checkpoint(comm: MPI.Comm, folder: str | Path) -> Claim:
+    """The right to write checkpoints to a folder, until it is released; collective.
+
+    Args:
+        comm: The ranks.
+        folder: Made if missing.
+
+    Raises:
+        OSError: another run writes there, or nobody can; on all ranks.
+    """
+    what = f"the checkpoint in {folder}"
+    return Claim(comm, Path(folder) / "checkpoint.lock", what, nested=True)
+
+
+def _write(problem: Problem, folder: Path, history: History | None) -> None:
     comm, snapshot = problem.comm, problem.step.snapshot()
+    finite = np.isfinite(snapshot.u).all() and np.isfinite(snapshot.forces).all()
+    message = (
+        f"the checkpoint in {folder} cannot be written: displacement or forces of the problem are "
+        "not finite; the former one, if any, is still valid. Return to an earlier state, "
+        "problem.step.return_to(snapshot), or read the former checkpoint"
+    )
+    raise_together(comm, None if finite else message)
     interfaces = {
         _name(i): facet_records(active) for i, active in problem.discretization.active.items()
     }
@@ -96,7 +124,7 @@ def write_checkpoint(problem: Problem, folder: str | Path, history: History | No
     fields = {"u": parts.u.x.array, "forces": parts.forces.x.array}
     fields |= {_start(i): start for i, start in enumerate(problem.loading.starts)}
     cells = cell_records(parts.space, fields, _places(parts))
-    write_files(comm, Path(folder), about, {_CELLS: cells} | interfaces)
+    write_files(comm, folder, about, {_CELLS: cells} | interfaces)
 
 
 def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
@@ -115,7 +143,7 @@ def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
         ValueError: the checkpoint is of another format, belongs to another problem or is damaged;
             the problem keeps its state.
     """
-    found = read_description(problem.comm, Path(folder))
+    found = read_description(problem.comm, Path(folder), FORMAT)
     if found is None:
         return None
     slot, about = found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
 from typing import Any
 
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..assembly.means import lattice_of
 from ..base.parallel import global_any
 from ..base.timers import timer, timings, timings_since
-from ..checkpoint.checkpoint import write_checkpoint
+from ..checkpoint.checkpoint import claim_checkpoint, write_checkpoint
 from ..linear.features import switchboard
 from ..output.axial import AxialMotion
 from ..output.cell import PeriodicCell
@@ -73,6 +74,7 @@ def solve(
     try:
         with (
             timer("solve"),
+            _claimed(problem, options),
             HistoryFile(problem.comm, options.csv, result.history) as file,
             Progress(problem, len(loads), options) as progress,
         ):
@@ -102,6 +104,13 @@ def solve(
     if (options.progress or options.verbose) and problem.comm.rank == 0:
         print(result.summary())
     return result
+
+
+def _claimed(problem: Problem, options: SolveOptions) -> AbstractContextManager:
+    """The right to write checkpoints, where they are wanted; collective."""
+    if options.checkpoint is None:
+        return nullcontext()
+    return claim_checkpoint(problem.comm, options.checkpoint)
 
 
 def _write_checkpoint(steps: Steps, path: Path, result: Result) -> int:
