@@ -108,22 +108,6 @@ def _equal_steps(number: int, start: float) -> NDArray[np.float64]:
     return np.linspace(start, 1.0, number + 1)[1:]
 
 
-def checked_row(row: Any) -> dict[str, Any]:
-    """What a monitor returned, as a part of the history's row.
-
-    Raises:
-        TypeError: it is no dict.
-    """
-    if row is None:
-        return {}
-    if not isinstance(row, Mapping):
-        raise TypeError(
-            f"solve: the monitor returned {row!r}; it must return a dict of columns, for example "
-            '{"force": problem.reaction(facets)[0]}, or None'
-        )
-    return dict(row)
-
-
 # Supports
 
 

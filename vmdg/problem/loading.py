@@ -24,6 +24,7 @@ from ..assembly.means import lattice_of
 from ..assembly.rigid import RigidFaces
 from ..assembly.surface import Share
 from ..assembly.values import Value, value_at
+from ..base.agreement import together
 from ..base.parallel import global_any, raise_together
 from ..base.tables import rounded
 from ..domain.geometry import axis_dofs
@@ -35,6 +36,15 @@ from ..interface.interface import Interface, number_of
 from .arguments import check_condition, check_rigid_face
 
 Array = NDArray[np.float64]
+
+#: What loads are called, in the order of :attr:`Ray.parts`.
+KINDS = (
+    "a prescribed displacement",
+    "a dead load",
+    "a pressure",
+    "the displacement of a rigid face",
+    "an eigenstrain",
+)
 
 #: Where a programme between two load factors is compared with a straight one, and how exactly.
 PROBES, STRAIGHT = (0.382, 0.5), 1e-9
@@ -532,9 +542,13 @@ class Loading:
         self.clear_ray()
         if start == end:
             return False
-        ray, comm = self._ray_between(start, end), self._mesh.comm
+        comm = self._mesh.comm
+        ray = together(comm, lambda: self._ray_between(start, end))
+        for t, values in zip((start, end), zip(*ray.parts, strict=True), strict=True):
+            self._refuse_infinite(t, values)
         changes = any((one != other).any() for one, other in ray.parts)
-        straight = all([self._leads(ray, start + share * (end - start)) for share in PROBES])
+        probes = [start + share * (end - start) for share in PROBES]
+        straight = together(comm, lambda: all([self._leads(ray, t) for t in probes]))
         if not global_any(comm, changes) or global_any(comm, not straight):
             return False
         self._ray, self._vector = ray, None
@@ -546,17 +560,24 @@ class Loading:
         Raises:
             ValueError: a prescribed displacement, load, pressure or eigenstrain is not.
         """
-        finite = all([np.isfinite(part(t)).all() for part in self._given_parts])
-        message = (
-            "a prescribed displacement, load, pressure or eigenstrain is not finite at load factor"
-            f" {t:g}: look at its function of the load factor there, for example at a root or a "
-            "quotient"
+        self._refuse_infinite(
+            t, together(self._mesh.comm, lambda: [part(t) for part in self._given_parts])
         )
-        raise_together(self._mesh.comm, None if finite else message)
+
+    def _refuse_infinite(self, t: float, values: Sequence[Array]) -> None:
+        message = None
+        for kind, value in zip(KINDS, values, strict=True):
+            if not np.isfinite(value).all():
+                message = (
+                    f"{kind} is not finite at load factor {t:.8g}: look at its function of the "
+                    "load factor there, for example at a root or a quotient"
+                )
+        raise_together(self._mesh.comm, message)
 
     def as_given(self, t: float) -> bool:
         """Whether the present ray has the loads at ``t`` that were given for it; collective."""
-        return not global_any(self._mesh.comm, not self._leads(self._ray, t))
+        comm = self._mesh.comm
+        return not global_any(comm, not together(comm, lambda: self._leads(self._ray, t)))
 
     def _leads(self, ray: Ray, t: float) -> bool:
         """Whether a ray has the loads that were given for a load factor, on this rank."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +24,7 @@ class Steps:
         problem: The problem.
         options: Of the solver.
         progress: Is told how attempts went; None for one by ``options``.
+        check: Called before every attempt, may raise to end the run.
 
     Attributes:
         problem: The problem.
@@ -32,9 +34,15 @@ class Steps:
         krylov: Krylov iterations so far.
     """
 
-    def __init__(self, problem: Problem, options: SolveOptions, progress: Progress | None = None):
+    def __init__(
+        self,
+        problem: Problem,
+        options: SolveOptions,
+        progress: Progress | None = None,
+        check: Callable[[], None] = lambda: None,
+    ):
         self.problem, self.options = problem, options
-        self._progress = progress or Progress(problem, 0, options)
+        self._progress, self._check = progress or Progress(problem, 0, options), check
         laws = [interface.law for interface in problem.interfaces]
         self.viscous = any(law.viscosity > 0 for law in laws)
         self.cyclic, self.krylov = options.cycles > 0, 0
@@ -88,6 +96,7 @@ class Steps:
             overstress: Of a jump, per gap increment in multiples of H.
             drag: Of a jump, that slows bodies down, relative to the norm of K.
         """
+        self._check()
         found = self._attempt(limits, guess, overstress, drag)
         self._progress.attempted(limits, overstress, found)
         return found
@@ -143,6 +152,8 @@ class Steps:
         moves = abs(limits.target - problem.t)
         dt = moves * options.duration or np.inf
         cycles = 0.0 if overstress else moves * options.cycles
+        if problem.loading.ray is None:
+            problem.loading.check_finite(limits.target)
         # Along a ray the iteration moves the load factor itself.
         t = problem.t if problem.loading.ray is not None else limits.target
         try:
