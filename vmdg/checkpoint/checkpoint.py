@@ -122,7 +122,7 @@ def _write(problem: Problem, folder: Path, history: History | None) -> None:
         dofs = parts.means.dofs
         about["macroscopic"] = {"u": parts.u.x.array[dofs], "forces": parts.forces.x.array[dofs]}
     fields = {"u": parts.u.x.array, "forces": parts.forces.x.array}
-    fields |= {_start(i): start for i, start in enumerate(problem.loading.starts)}
+    fields |= {_start(i): start for i, start in enumerate(problem.loading.given.starts)}
     cells = cell_records(parts.space, fields, _places(parts))
     write_files(comm, folder, about, {_CELLS: cells} | interfaces)
 
@@ -159,7 +159,10 @@ def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
             "the problem as the run that wrote it, or give another folder"
         )
     snapshot, starts = _read_state(problem, slot, about)
-    problem.loading.start_from(starts)
+    for mine, start in zip(problem.loading.given.starts, starts, strict=True):
+        mine[:] = start
+    if starts:  # supports are to be imposed anew
+        problem.loading.follow(problem.discretization)
     problem.step.return_to(snapshot)
     problem.step.scales = RunScales(**about["scales"])
     history = History()
@@ -244,7 +247,7 @@ def _read_state(
         share * np.array(state["external"]),
         arc=None,
     )
-    return snapshot, [fields[_start(i)] for i in range(len(problem.loading.starts))]
+    return snapshot, [fields[_start(i)] for i in range(len(problem.loading.given.starts))]
 
 
 def _numbered_otherwise(slot: Path) -> str:

@@ -44,15 +44,15 @@ def identity(problem: Problem) -> dict[str, Any]:
         result["sides of the cell"] = lattice.vectors.ravel().tolist()
     if problem.discretization.bodies.plane_stress:
         result["plane"] = "stress"
-    if problem.loading.starts:
-        result["supports with relative=True"] = len(problem.loading.starts)
+    if problem.loading.given.starts:
+        result["supports with relative=True"] = len(problem.loading.given.starts)
     for tag, material in sorted(problem.materials.items()):
         result[f"material {tag}"] = _described(material, material.parameters)
     for i, interface in enumerate(problem.interfaces):
         count = int(global_sum(mesh.comm, len(problem.step.activation.facets[i].facets)))
         result[f"facets of interface {i}"] = count
         result |= {f"interface {i}: {name}": v for name, v in _options(interface).items()}
-        if i in problem.loading.filled:
+        if i in problem.loading.given.filled:
             result[f"interface {i}: pressure"] = "of a fluid"
         facets = problem.step.activation.facets[i]
         x = compute_midpoints(mesh, mesh.topology.dim - 1, facets.facets)

@@ -148,7 +148,7 @@ def _check_bonds(problem: Problem) -> None:
     interfaces = problem.discretization.active.values()
     # Cracks within a body leave it in one piece, as far as is known before.
     lasting = [c for c in interfaces if not c.law.inelastic or c.interface.within is not None]
-    loaded = problem.loading.loaded
+    loaded = problem.loading.given.loaded
     breakable = [c for c in _bonded(problem) if c not in lasting]
     if not breakable or not global_any(problem.comm, bool(loaded.any())):
         return

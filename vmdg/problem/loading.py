@@ -66,6 +66,21 @@ class Drive(NamedTuple):
     value: Value
 
 
+class Given(NamedTuple):
+    """What others want to know of loads and supports, as it was given so far.
+
+    Attributes:
+        loaded: Whether dead loads act on a cell, for every local cell.
+        starts: Displacement of all local dofs from which a support with ``relative=True`` starts,
+            for every such support in the order in which they were given [mm].
+        filled: Numbers of the interfaces with a fluid between their lips.
+    """
+
+    loaded: NDArray[np.bool_]
+    starts: list[Array]
+    filled: set[int]
+
+
 class Ray(NamedTuple):
     """Loads and prescribed displacements that are linear in the load factor.
 
@@ -116,10 +131,7 @@ class Loading:
         load_factor: t as a UFL constant.
         dirichlet: What is prescribed in the space that is loaded now.
         rigid: Its rigid faces.
-        loaded: Whether dead loads act on a cell, for every local cell.
-        starts: Displacement of all local dofs from which a support with ``relative=True`` starts,
-            for every such support in the order in which they were given [mm].
-        filled: Numbers of the interfaces with a fluid between their lips.
+        given: What others want to know of loads and supports.
     """
 
     def __init__(
@@ -133,11 +145,9 @@ class Loading:
         # Functions of this object, not its bound methods: a circle would keep meshes alive after
         # the last name for a problem is gone, and their communicators, of which MPICH has 2048.
         self._given: list[Callable[[Loading], None]] = []
-        self.starts: list[Array] = []
-        self.filled: set[int] = set()
         self._ray: Ray | None = None
         self.load_factor = fem.Constant(mesh, 0.0)
-        self.loaded = np.zeros(len(self._bodies.tags), dtype=bool)
+        self.given = Given(np.zeros(len(self._bodies.tags), dtype=bool), [], set())
         self.follow(discretization)
 
     def follow(self, discretization: Discretization) -> None:
@@ -232,14 +242,7 @@ class Loading:
 
         self._add(impose)
         if start is not None:
-            self.starts.append(start)
-
-    def start_from(self, starts: Sequence[Array]) -> None:
-        """Let supports with ``relative=True`` start from these displacements, as :attr:`starts`."""
-        for mine, start in zip(self.starts, starts, strict=True):
-            mine[:] = start
-        if starts:
-            self.follow(self._discretization)
+            self.given.starts.append(start)
 
     @property
     def prescribed(self) -> NDArray[np.int32]:
@@ -311,7 +314,7 @@ class Loading:
 
         self._add(impose)
         if force is not None:
-            self.loaded[facet_cells(self._mesh)[facets, 0]] = True
+            self.given.loaded[facet_cells(self._mesh)[facets, 0]] = True
         return number
 
     def _refuse_held_faces(self) -> None:
@@ -369,7 +372,7 @@ class Loading:
         """See :meth:`vmdg.Problem.traction`."""
         facets = self._boundary(facets, "traction")
         self._add(lambda loading: loading._loads.add_traction(facets, value))
-        self.loaded[facet_cells(self._mesh)[facets, 0]] = True
+        self.given.loaded[facet_cells(self._mesh)[facets, 0]] = True
 
     def _boundary(self, where: Where, what: str) -> NDArray[np.int32]:
         """Facets of the boundary.
@@ -398,7 +401,7 @@ class Loading:
             raise ValueError(f"body_force: no cell has tag {tag}; tags are {sorted(cells_of)}")
         cells = np.arange(len(self._bodies.tags)) if tag is None else cells_of[tag]
         self._add(lambda loading: loading._loads.add_body_force(cells.astype(np.int32), value))
-        self.loaded[cells] = True
+        self.given.loaded[cells] = True
 
     def add_point_load(self, where: Locator, value: Value, component: int | str | None) -> None:
         """See :meth:`vmdg.Problem.point_load`."""
@@ -417,7 +420,7 @@ class Loading:
         space = self._discretization.space
         cells, loaded = space.dofmap.list, find_nodes(space, where, "point_load")
         self._add(impose)
-        self.loaded |= np.isin(cells, loaded).any(axis=1)[: len(self.loaded)]
+        self.given.loaded[np.isin(cells, loaded).any(axis=1)[: len(self.given.loaded)]] = True
 
     def _refuse_split_nodes(self, where: Locator) -> None:
         """Nodes of an interface are two, or will be when its facets open on demand.
@@ -483,7 +486,7 @@ class Loading:
         facets = self._boundary(where, "pressure")
         self._add(lambda loading: loading._surface.add_pressure(facets, value))
         self.move(self.t)
-        self.loaded[facet_cells(self._mesh)[facets, 0]] = True
+        self.given.loaded[facet_cells(self._mesh)[facets, 0]] = True
 
     def _add_fluid(
         self, which: Interface | str, value: Value, debonded: bool, share: Share | None
@@ -507,9 +510,9 @@ class Loading:
                 loading._surface.add_fluid(now.take_fluid(number), value, debonded, share)
 
         self._add(impose)
-        self.filled.add(number)
+        self.given.filled.add(number)
         self.move(self.t)
-        self.loaded[self._activation.facets[number].cells] = True
+        self.given.loaded[self._activation.facets[number].cells] = True
 
     def add_spring(self, where: Where, stiffness: ArrayLike) -> None:
         """See :meth:`vmdg.Problem.spring`."""
