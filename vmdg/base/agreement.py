@@ -2,9 +2,8 @@
 
 A rank that leaves a run while others wait for it would have them wait for ever. So where vmdg calls
 a function of the user the ranks agree on how it went, by messages from rank to rank, which cannot
-be taken for those of a collective call inside of that function. A rank that failed waits PATIENCE
-for the others; if they do not answer they are in such a call, and the job is ended. The same holds
-for any error that nobody catches.
+be taken for those of a collective call inside of that function. A rank that failed waits for the
+others, but not for long; if they do not answer they are in such a call, and the job is ended.
 """
 
 from __future__ import annotations
@@ -13,21 +12,16 @@ import pickle
 import signal
 import sys
 import threading
-import time
 import traceback
 from collections.abc import Callable
-from types import FrameType, TracebackType
-from typing import NoReturn, TypeVar
+from types import FrameType
+from typing import TypeVar
 
 from mpi4py import MPI
 
-from .parallel import global_any
-
-#: Seconds that a rank on which something failed waits for the others.
-PATIENCE = 10.0
+from .parallel import end_job, global_any, within_patience
 
 _TAG = 22093
-_PAUSE = 0.01
 
 T = TypeVar("T")
 
@@ -88,9 +82,9 @@ def _first_error(comm: MPI.Comm, mine: BaseException | None) -> bytes | None:
 
 def _received(comm: MPI.Comm, source: int, mine: BaseException | None) -> bytes | None:
     """What a rank says; where this one has failed it does not wait for long."""
-    if mine is not None and not _within_patience(lambda: comm.Iprobe(source, _TAG)):
+    if mine is not None and not within_patience(lambda: comm.Iprobe(source, _TAG)):
         traceback.print_exception(mine)
-        _end_job(f"rank {comm.rank} has failed (above) while others wait for it in a call of all")
+        end_job(f"rank {comm.rank} has failed (above) while others wait for it in a call of all")
     return comm.recv(source=source, tag=_TAG)
 
 
@@ -103,42 +97,6 @@ def _packed(error: BaseException, rank: int) -> bytes:
         words = f"on rank {rank}: {type(error).__name__}: {error}"
         packed = pickle.dumps(RuntimeError(words))
     return packed
-
-
-def _within_patience(done: Callable[[], bool]) -> bool:
-    end = time.monotonic() + PATIENCE
-    while not done():
-        if time.monotonic() > end:
-            return False
-        time.sleep(_PAUSE)
-    return True
-
-
-def _end_job(message: str) -> NoReturn:
-    print(f"vmdg: {message}: the job ends on all ranks", file=sys.stderr)
-    sys.stdout.flush()
-    sys.stderr.flush()
-    MPI.COMM_WORLD.Abort(1)
-    raise SystemExit(1)
-
-
-def _end_all_ranks(
-    kind: type[BaseException], error: BaseException, trace: TracebackType | None
-) -> None:
-    """After an error that nobody has caught: end the other ranks too, if they do not end so."""
-    _show(kind, error, trace)
-    sys.stdout.flush()
-    sys.stderr.flush()
-    if MPI.Is_finalized():
-        return
-    others = MPI.COMM_WORLD.Ibarrier()
-    if not _within_patience(others.Test):
-        _end_job(f"rank {MPI.COMM_WORLD.rank} has failed (above) and others have not")
-
-
-_show = sys.excepthook
-if MPI.COMM_WORLD.size > 1:
-    sys.excepthook = _end_all_ranks
 
 
 class Interrupt:
@@ -159,6 +117,9 @@ class Interrupt:
         if self._asked:
             signal.default_int_handler(number, frame)
         self._asked = True
+        if self._comm.rank == 0:
+            words = "the run ends after the present attempt of a step; Ctrl-C again ends it at once"
+            print(f"\nvmdg: {words}", file=sys.stderr, flush=True)
 
     def check(self) -> None:
         """Stop here if anybody wants to; collective.
