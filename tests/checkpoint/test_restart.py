@@ -629,6 +629,9 @@ def test_two_runs_in_one_folder(comm, out):
             run(held, [0.5], checkpoint=out)
         with pytest.raises(OSError, match="process 1 on mars does so"):
             vmdg.write_checkpoint(problem, out)
+        with pytest.raises(OSError, match="process 1 on mars does so"):
+            vmdg.discard_checkpoint(comm, out)
+    vmdg.discard_checkpoint(comm, out / "none")
     assert problem.t == 0
     with other_run(comm, out / ".table.csv.lock"), pytest.raises(OSError, match="mars"):
         run(held, [0.5], csv=out / "table.csv")

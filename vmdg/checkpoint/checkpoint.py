@@ -178,15 +178,18 @@ def discard_checkpoint(comm: MPI.Comm, folder: str | Path) -> None:
         folder: That of the checkpoint.
 
     Raises:
-        OSError: it cannot be removed; on all ranks.
+        OSError: it cannot be removed, or another run writes there; on all ranks.
     """
+    if not comm.bcast(Path(folder).is_dir()):
+        return
     message = None
-    if comm.rank == 0:
-        try:
-            remove_files(Path(folder))
-        except OSError as error:
-            message = f"the checkpoint in {folder} cannot be removed: {error}"
-    raise_together(comm, message, OSError)
+    with claim_checkpoint(comm, folder):
+        if comm.rank == 0:
+            try:
+                remove_files(Path(folder))
+            except OSError as error:
+                message = f"the checkpoint in {folder} cannot be removed: {error}"
+        raise_together(comm, message, OSError)
 
 
 def _name(i: int) -> str:

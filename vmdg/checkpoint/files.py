@@ -193,8 +193,6 @@ def remove_files(folder: Path) -> None:
     Raises:
         OSError: they cannot be removed.
     """
-    if not folder.is_dir():
-        return
     # First what names them: half of a checkpoint is never visible.
     _name_latest(folder, _NONE)
     for name in _SLOTS:
