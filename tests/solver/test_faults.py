@@ -315,18 +315,53 @@ STUCK = {
 }
 
 
+def command(folder: Path, body: str) -> list[str]:
+    """A script that goes on with some lines, on two ranks."""
+    script = folder / "script.py"
+    script.write_text(textwrap.dedent(START) + textwrap.dedent(body))
+    return ["mpirun", "-n", "2", sys.executable, str(script)]
+
+
+def environment() -> dict[str, str]:
+    """In which it finds the package."""
+    folders = (str(ROOT), os.environ.get("PYTHONPATH", ""))
+    return os.environ | {"PYTHONPATH": os.pathsep.join(folders)}
+
+
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own ranks")
 @pytest.mark.parametrize("name", STUCK)
 def test_job_ends(tmp_path, name):
     """Where the others wait in a call of all ranks the job ends within seconds, with words."""
-    script = tmp_path / "script.py"
-    script.write_text(textwrap.dedent(START) + textwrap.dedent(STUCK[name]))
-    folders = (str(ROOT), os.environ.get("PYTHONPATH", ""))
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(folders)}
-    command = ["mpirun", "-n", "2", sys.executable, str(script)]
     done = subprocess.run(
-        command, env=environment, capture_output=True, text=True, check=False, timeout=120
+        command(tmp_path, STUCK[name]),
+        env=environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
     )
     assert done.returncode != 0
     assert "IndexError: no points here" in done.stderr
     assert "the job ends on all ranks" in done.stderr
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own ranks")
+def test_call_of_all_that_one_rank_makes(tmp_path):
+    """Nothing fails, and nothing can go on: the rank that waits says so."""
+    body = """
+    def monitor(problem):
+        return {"force": problem.reaction(facets.find(1))[0]} if comm.rank == 0 else None
+
+    vmdg.solve(problem, [0.01, 0.02], monitor=monitor)
+    """
+    process = subprocess.Popen(
+        command(tmp_path, body), env=environment(), stderr=subprocess.PIPE, text=True
+    )
+    killer = threading.Timer(120, process.kill)
+    killer.start()
+    told = next((line for line in process.stderr if "has waited" in line), "")
+    process.terminate()
+    process.communicate()
+    killer.cancel()
+    assert "rank 1 has waited 30 s for rank 0" in told
+    assert "that only some ranks make" in told

@@ -19,7 +19,10 @@ from typing import TypeVar
 
 from mpi4py import MPI
 
-from .parallel import end_job, global_any, within_patience
+from .parallel import PATIENCE, end_job, global_any, within
+
+#: Seconds that a rank waits for another one before it says so.
+REMINDER = 30.0
 
 _TAG = 22093
 
@@ -82,9 +85,19 @@ def _first_error(comm: MPI.Comm, mine: BaseException | None) -> bytes | None:
 
 def _received(comm: MPI.Comm, source: int, mine: BaseException | None) -> bytes | None:
     """What a rank says; where this one has failed it does not wait for long."""
-    if mine is not None and not within_patience(lambda: comm.Iprobe(source, _TAG)):
-        traceback.print_exception(mine)
-        end_job(f"rank {comm.rank} has failed (above) while others wait for it in a call of all")
+    if not within(PATIENCE if mine else REMINDER, lambda: comm.Iprobe(source, _TAG)):
+        if mine is not None:
+            traceback.print_exception(mine)
+            end_job(
+                f"rank {comm.rank} has failed (above) while others wait for it in a call of all"
+            )
+        print(
+            f"vmdg: rank {comm.rank} has waited {REMINDER:.0f} s for rank {source} to end a "
+            "function of yours (monitor, until, a load). If it never does, look for a call of all "
+            "ranks, such as problem.reaction, that only some ranks make",
+            file=sys.stderr,
+            flush=True,
+        )
     return comm.recv(source=source, tag=_TAG)
 
 

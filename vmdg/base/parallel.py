@@ -22,8 +22,11 @@ from numpy.typing import ArrayLike, NDArray
 
 _PACKAGE = __name__.partition(".")[0]
 
-#: Seconds that a rank on which something failed waits for the others, and between two looks.
-PATIENCE, _PAUSE = 10.0, 0.01
+#: Seconds that a rank on which something failed waits for the others.
+PATIENCE = 10.0
+
+#: Longest time between two looks whether something is done [s], and share of the wait so far.
+_PAUSE, _SHARE = 0.01, 0.1
 
 
 def global_sum(comm: MPI.Comm, value: ArrayLike) -> NDArray:
@@ -132,13 +135,14 @@ def group_maxima(
     return result.astype(np.int64)
 
 
-def within_patience(done: Callable[[], bool]) -> bool:
-    """Wait until something is done, for PATIENCE at most; whether it is."""
-    end = time.monotonic() + PATIENCE
+def within(seconds: float, done: Callable[[], bool]) -> bool:
+    """Wait until something is done, but not longer than that; whether it is."""
+    start = time.monotonic()
     while not done():
-        if time.monotonic() > end:
+        waited = time.monotonic() - start
+        if waited > seconds:
             return False
-        time.sleep(_PAUSE)
+        time.sleep(min(_SHARE * waited, _PAUSE))
     return True
 
 
@@ -161,7 +165,7 @@ def _end_all_ranks(
     if MPI.Is_finalized():
         return
     others = MPI.COMM_WORLD.Ibarrier()
-    if not within_patience(others.Test):
+    if not within(PATIENCE, others.Test):
         end_job(f"rank {MPI.COMM_WORLD.rank} has failed (above) and others have not")
 
 
