@@ -422,6 +422,8 @@ def test_folder_that_is_a_file(comm, out):
     comm.barrier()
     with pytest.raises(OSError, match=r"file cannot be written: .*name a place"):
         vmdg.write_checkpoint(small(comm), out / "file")
+    with pytest.raises(ValueError, match="it is a file, not a folder"):
+        vmdg.read_checkpoint(small(comm), out / "file")
     with pytest.raises(OSError, match=r"file cannot be written: .*name a place"):
         run(gripped(comm), [1.0], checkpoint=out / "file")
 

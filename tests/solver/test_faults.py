@@ -137,6 +137,16 @@ def test_functions_that_do_more_than_look(comm):
     assert len(vmdg.solve(problem, LOADS).history) == len(LOADS)
 
 
+def test_what_is_no_function(comm):
+    """Before the run begins; and a column that is not called by a word."""
+    problem = pulled(comm)
+    for name in ("monitor", "until"):
+        with pytest.raises(TypeError, match=rf"solve: {name} = 0.5 must be a function of the prob"):
+            vmdg.solve(problem, LOADS, **{name: 0.5})
+    with pytest.raises(TypeError, match=r"calls a column 1; its name must be a word"):
+        vmdg.solve(problem, LOADS, monitor=lambda p: {1: 2.0})
+
+
 # Loads
 
 

@@ -41,6 +41,8 @@ def latest(folder: Path) -> Path | None:
         ValueError: it is not said which one it is.
     """
     named = folder / _LATEST
+    if folder.is_file():
+        raise ValueError("it is a file, not a folder")
     if not named.is_file():
         if any((folder / slot).exists() for slot in _SLOTS):
             raise ValueError(f"its file '{_LATEST}' is missing")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from reprlib import repr as short
 from typing import Any, TypeVar
 
 import numpy as np
@@ -40,6 +41,23 @@ def watched_row(problem: Problem, monitor: Monitor | None) -> dict[str, Any]:
     return row
 
 
+def check_functions(**functions: Monitor | Until | None) -> None:
+    """Refuse what cannot be called, before a run.
+
+    Args:
+        functions: What the user gave, by the names of the arguments.
+
+    Raises:
+        TypeError: one is no function.
+    """
+    for name, given in functions.items():
+        if given is not None and not callable(given):
+            raise TypeError(
+                f"solve: {name} = {short(given)} must be a function of the problem, such as "
+                f"{name}=lambda problem: ..., or None"
+            )
+
+
 def ends(problem: Problem, until: Until | None) -> bool:
     """Whether a run is to end, for any rank; collective.
 
@@ -53,8 +71,8 @@ def ends(problem: Problem, until: Until | None) -> bool:
         value = until(problem)
         if not isinstance(value, bool | np.bool_ | int | np.integer):
             raise TypeError(
-                f"solve: until gave {value!r} at load factor {problem.t:.8g}; it must give True or "
-                "False, for example problem.debonded() > 0.5"
+                f"solve: until gave {short(value)} at load factor {problem.t:.8g}; it must give "
+                "True or False, for example problem.debonded() > 0.5"
             )
         return bool(value)
 
@@ -88,14 +106,19 @@ def _numbers(row: Any) -> dict[str, Any]:
         return {}
     if not isinstance(row, Mapping):
         raise TypeError(
-            f"solve: the monitor returned {row!r}; it must return a dict of columns, for example "
-            '{"force": problem.reaction(facets)[0]}, or None'
+            f"solve: the monitor returned {short(row)}; it must return a dict of columns, for "
+            'example {"force": problem.reaction(facets)[0]}, or None'
         )
     numbers = {}
     for name, given in row.items():
+        if not isinstance(name, str):
+            raise TypeError(
+                f"solve: the monitor calls a column {short(name)}; its name must be a word, such "
+                'as "force [N]"'
+            )
         value = np.asarray(given.value if isinstance(given, fem.Constant) else given)
         if value.shape != () or value.dtype.kind not in "biuf":
-            words = "an expression of UFL" if isinstance(given, Expr) else repr(given)
+            words = "an expression of UFL" if isinstance(given, Expr) else short(given)
             raise TypeError(
                 f"solve: column {name!r} of the monitor is {words}; it must be a number, such as "
                 "problem.t for the load factor, or one component of a vector a column"

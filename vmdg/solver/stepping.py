@@ -22,7 +22,7 @@ from ..output.cell import PeriodicCell
 from ..output.history import History, HistoryFile
 from ..problem.checks import check_model, checked_loads
 from ..problem.problem import Problem
-from .monitors import Monitor, Until, ends, watched_row
+from .monitors import Monitor, Until, check_functions, ends, watched_row
 from .options import SolveOptions
 from .path import Part, Path
 from .progress import Progress
@@ -75,6 +75,7 @@ def solve(
     options = options or SolveOptions()
     if not isinstance(options, SolveOptions):
         raise TypeError(f"solve: options = {options!r} must be SolveOptions(...)")
+    check_functions(monitor=monitor, until=until)
     loads = checked_loads(loads, problem, None if history is None else history.rows)
     result = Result(
         history=History() if history is None else history, switches=switchboard(problem, options)
