@@ -9,6 +9,7 @@ import sys
 import textwrap
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 from mpi4py import MPI
@@ -127,6 +128,13 @@ def test_functions_that_do_more_than_look(comm):
     problem = pulled(comm)
     with pytest.raises(RuntimeError, match="its monitor must not solve it"):
         vmdg.solve(problem, LOADS, monitor=lambda p: vmdg.solve(p, [0.5]) and None)
+
+    def solve(problem: vmdg.Problem) -> None:
+        with pytest.raises(RuntimeError, match="its monitor must not solve it"):
+            vmdg.solve(problem, [0.5])
+
+    found = vmdg.solve(pulled(comm), LOADS, monitor=solve).history
+    assert found["load"] == pytest.approx(LOADS)
 
     def move(problem: vmdg.Problem) -> None:
         problem.u.x.array[:] *= 2
@@ -251,17 +259,16 @@ def test_interrupted_at_any_moment(comm, tmp_path, times):
     random, found = np.random.default_rng(int(os.environ.get("VMDG_SEED", "1"))), 0
     for _ in range(INTERRUPTS):
         problem, history, kept = pulled(comm, 3, law=BRITTLE), vmdg.History(), {0.0: 0.0}
-        try:
-            pressing = interrupt(random.random() * duration, times)
-            vmdg.solve(problem, loads, options, monitor, history)
-            pressing.join()
-        except KeyboardInterrupt:
-            found += len(history) < len(loads)
-        while pressing.is_alive():
+        pressing = interrupt(random.random() * duration, times)
+        with suppress(KeyboardInterrupt):
             try:
+                vmdg.solve(problem, loads, options, monitor, history)
+            finally:
                 pressing.join()
-            except KeyboardInterrupt:
-                found += 0
+        while pressing.is_alive():
+            with suppress(KeyboardInterrupt):
+                pressing.join()
+        found += len(history) < len(loads)
         assert problem.t == (history["load"][-1] if len(history) else 0.0)
         assert (problem.u.x.array == kept[problem.t]).all()
         vmdg.solve(problem, loads[loads > problem.t], options, monitor, history)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
 from weakref import WeakSet
 
@@ -13,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from ..assembly.means import lattice_of
 from ..base.agreement import Interrupt, leave_together
-from ..base.parallel import raise_together
 from ..base.timers import timer, timings, timings_since
 from ..checkpoint.checkpoint import claim_checkpoint, write_checkpoint
 from ..linear.features import switchboard
@@ -76,6 +74,7 @@ def solve(
     if not isinstance(options, SolveOptions):
         raise TypeError(f"solve: options = {options!r} must be SolveOptions(...)")
     check_functions(monitor=monitor, until=until)
+    _refuse_nested(problem)
     loads = checked_loads(loads, problem, None if history is None else history.rows)
     result = Result(
         history=History() if history is None else history, switches=switchboard(problem, options)
@@ -83,9 +82,9 @@ def solve(
     if loads.size:
         problem.step.rests_on_contact = check_model(problem, loads, options.unstable == "trace")
     before, written, steps = timings(), len(result.history), None
+    _running.add(problem)
     try:
         with (
-            _alone(problem),
             timer("solve"),
             Interrupt(problem.comm) as interrupt,
             _claimed(problem, options),
@@ -114,6 +113,7 @@ def solve(
             # Not where a step failed: one rank alone must not wait for the others here.
             steps.close()
     finally:
+        _running.discard(problem)
         problem.loading.clear_ray()
         result.timings = timings_since(before)
         result.counts = Counts.from_timings(result.timings, steps.krylov if steps else 0)
@@ -122,19 +122,13 @@ def solve(
     return result
 
 
-@contextmanager
-def _alone(problem: Problem) -> Iterator[None]:
-    """Refuse another run of the same problem meanwhile."""
-    message = (
-        "solve: the problem is being solved: its monitor must not solve it, but may look at it. "
-        "End the run by until=, and solve on after it"
-    )
-    raise_together(problem.comm, message if problem in _running else None, RuntimeError)
-    _running.add(problem)
-    try:
-        yield
-    finally:
-        _running.discard(problem)
+def _refuse_nested(problem: Problem) -> None:
+    """Two runs of a problem at a time would share its state; on every rank."""
+    if problem in _running:
+        raise RuntimeError(
+            "solve: the problem is being solved: its monitor must not solve it, but may look at "
+            "it. End the run by until=, and solve on after it"
+        )
 
 
 class _Rows:
