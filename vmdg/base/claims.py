@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import socket
+from contextlib import suppress
 from pathlib import Path
 from typing import TextIO
 
@@ -37,10 +38,9 @@ class Claim:
         if comm.rank == 0 and not (nested and self._path in _held):
             try:
                 self._file = self._locked()
-            except BlockingIOError:
-                owner = self._path.read_text() or "another process"
+            except BlockingIOError as error:
                 message = (
-                    f"{what} cannot be written: {owner} does so (this is process {os.getpid()}). "
+                    f"{what} cannot be written: {error} does so (this is process {os.getpid()}). "
                     "Let it end, close what it has open there, or name another place"
                 )
             except OSError as error:
@@ -54,7 +54,7 @@ class Claim:
         """The lock; None where the file system has none.
 
         Raises:
-            BlockingIOError: another one has it.
+            BlockingIOError: another one has it, in words.
             OSError: it cannot be written.
         """
         self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -63,14 +63,16 @@ class Claim:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                file.close()
-                raise
+                with file:
+                    file.seek(0)
+                    raise BlockingIOError(file.read() or "another process") from None
             except OSError:
                 file.close()
                 return None
-            # Whoever held it before may have removed it in between.
-            if self._path.exists() and os.path.samefile(file.fileno(), self._path):
-                break
+            with suppress(FileNotFoundError):
+                # Whoever held it before may have removed it in between.
+                if os.path.samefile(file.fileno(), self._path):
+                    break
             file.close()
         file.truncate(0)
         file.write(f"process {os.getpid()} on {socket.gethostname()}")
