@@ -27,6 +27,7 @@ LAWS = {
     "exponential": vmdg.ExponentialDebonding(strength=40.0, fracture_energy=2.4),
     "trapezoidal": vmdg.TrapezoidalDebonding(**STRONG, plateau_gap=0.03),
     "viscous": vmdg.Debonding(**STRONG, viscosity=2.0),
+    "rough": vmdg.Debonding(strength=lambda x: 30.0 + 20.0 * x[1], critical_gap=0.12),
     "worn": vmdg.FatigueDebonding(40.0, 40.0, 2.4, 2.4),
 }
 
@@ -39,6 +40,9 @@ FEATURES: Mapping[str, Mapping[str, Any]] = {
     "mean dilatation": {"problem": {"volumetric": "mean"}},
     "swelling": {"problem": {"eigenstrain": {2: lambda t: 0.05 * t}}},
     "thickness": {"problem": {"thickness": 2.5}},
+    "of revolution": {"problem": {"symmetry": "axisymmetric"}},
+    "plane stress": {"problem": {"plane": "stress"}},
+    "thickness that is free": {"problem": {"plane": "generalized strain"}},
     "half broken": {"interface": {"initial_damage": lambda x: 1.0 * (x[1] < 0.5)}},
     "reference frame": {"interface": {"frame": "reference"}},
     "cracks anywhere": {"interface": {"between": None, "within": 2, "activate": "on-demand"}},
@@ -62,18 +66,21 @@ def side(y: float):
     return lambda x: np.isclose(x[1], y) & (x[0] > 1 + 1e-9)
 
 
-def refused_together(one: str, other: str) -> bool:
-    """Whether two features exclude each other in words."""
-    pair = {one, other}
-    laws = sum("law" in FEATURES[name] for name in pair)
-    twice = laws > 1 or {"fluid", "fluid by width"} == pair or {"small", "condensed"} == pair
-    wall = "later support" in pair and "cracks anywhere" in pair
-    stage = "worn" in pair and bool(pair & {"by dissipation", "traced"})
-    tied = "condensed" in pair and bool(pair & {"mean dilatation", "cracks anywhere"})
-    return twice or wall or stage or tied or {"mean dilatation", "degree 2"} == pair
-
-
-PAIRS = [pair for pair in combinations(FEATURES, 2) if not refused_together(*pair)]
+#: Features that exclude each other, one of each row with any other of it.
+PLANES = ("of revolution", "plane stress", "thickness that is free")
+EXCLUDE = [
+    {*LAWS},
+    {*PLANES},
+    {"fluid", "fluid by width"},
+    {"small", "condensed"},
+    {"later support", "cracks anywhere"},
+    *({"worn", by} for by in ("by dissipation", "traced")),
+    *({"condensed", other} for other in ("mean dilatation", "cracks anywhere", PLANES[2])),
+    *({"mean dilatation", other} for other in ("degree 2", *PLANES[1:])),
+    *({fluid, plane} for fluid in ("fluid", "fluid by width") for plane in PLANES[1:]),
+    {"of revolution", "thickness"},
+]
+PAIRS = [p for p in combinations(FEATURES, 2) if not any(row >= set(p) for row in EXCLUDE)]
 #: Of all pairs; VMDG_PAIRS=all takes all of them, VMDG_SEED chooses others.
 CHOSEN = os.environ.get("VMDG_PAIRS", "6")
 
