@@ -42,8 +42,9 @@ class Attempt:
         onset: Whether the step ends where damage begins, at a kink of the path.
         unstable: Whether the tangent near its end is known to have negative eigenvalues.
         work: Work on bonds in the step, 0 where it failed [N mm].
-        change: Of displacement and load factor; None where it failed or facets opened.
-        ahead: The same where facets have opened too: how the next step may go on.
+        change: Of displacement and load factor, with the facets that were open in the step; None
+            where it failed.
+        ahead: The same: how the next step may go on.
         lost: Largest share of its strength that a point has lost in a step with cycles.
     """
 
