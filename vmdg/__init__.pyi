@@ -36,6 +36,10 @@ from .output.cell import PeriodicCell as PeriodicCell
 from .output.crack import CrackGrowth as CrackGrowth
 from .output.fields import FieldWriter as FieldWriter
 from .output.history import History as History
+from .output.profile import profile as profile
+from .output.summary import average as average
+from .output.summary import extremes as extremes
+from .output.summary import integral as integral
 from .problem.axial import GeneralizedStrain as GeneralizedStrain
 from .problem.periodic import Periodic as Periodic
 from .problem.problem import Problem as Problem

@@ -7,6 +7,8 @@ import sys
 import time
 import weakref
 
+from mpi4py import MPI
+
 import dolfinx.jit
 import pytest
 import ufl
@@ -54,7 +56,7 @@ def test_claim_of_a_living_process_counts(comm, options):
     (lock,) = options["cache_dir"].glob("*/vmdg.lock")
     with lock.open("a") as lock:
         fcntl.flock(lock, fcntl.LOCK_SH)
-        with pytest.raises(TimeoutError if comm.size == 1 else RuntimeError):
+        with pytest.raises(RuntimeError, match=r"Kernels are kept in .*cache.*XDG_CACHE_HOME"):
             area(comm, options)
 
 
@@ -71,6 +73,48 @@ def test_mesh_is_not_kept(comm, options):
         assert gone() is None
     finally:
         gc.enable()
+
+
+def test_folder_that_cannot_be_written(comm, out):
+    """The error names it, and what helps."""
+    if comm.rank == 0:
+        (out / "file").write_text("")
+    comm.barrier()
+    options = {**JIT_OPTIONS, "cache_dir": out / "file" / "cache"}
+    with pytest.raises(RuntimeError, match=r"file.cache.*full or not yours.*XDG_CACHE_HOME"):
+        area(comm, options)
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="a process of its own on one rank")
+@pytest.mark.parametrize("damage", ["cut", "empty", "other bytes"])
+def test_damaged_kernel(comm, options, damage):
+    """It is compiled anew, and does not end the process."""
+    cache = options["cache_dir"]
+    subprocess.run([sys.executable, "-c", COMPILE, str(cache)], check=True, timeout=120)
+    (library,) = cache.glob("*/*.so")
+    whole = library.read_bytes()
+    cut = {"cut": whole[: len(whole) // 2], "empty": b"", "other bytes": b"x" * len(whole)}
+    library.write_bytes(cut[damage])
+    assert area(comm, options) == pytest.approx(1.0)
+    assert library.stat().st_size == len(whole)
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="processes of one rank")
+def test_claim_of_a_process_that_dies_while_others_wait(comm, options):
+    """All of them have the kernel within seconds, though each waits for the others."""
+    area(comm, options)
+    claim(comm, options["cache_dir"])
+    (name,) = options["cache_dir"].glob("*/vmdg.lock")
+    script = COMPILE.replace('"timeout": 2', '"timeout": 100')
+    start = time.monotonic()
+    with name.open("a") as lock:
+        fcntl.flock(lock, fcntl.LOCK_SH)
+        command = [sys.executable, "-c", script, str(options["cache_dir"])]
+        others = [subprocess.Popen(command) for _ in range(2)]
+        time.sleep(4)
+    for process in others:
+        assert process.wait(timeout=60) == 0
+    assert time.monotonic() - start < 40
 
 
 COMPILE = """

@@ -243,6 +243,66 @@ def test_what_else_a_state_has(comm, out, name):
     assert_same(here["imbalance"], there["imbalance"], 1e-6, "imbalance")
 
 
+def gripped(comm: MPI.Comm) -> Held:
+    """Two blocks whose right one is pulled, before something grips it."""
+    problem = small(comm)
+    problem.dirichlet(left, 0.0)
+    problem.traction(lambda x: np.isclose(x[0], 2), lambda t: (4.0 * min(t, 1.0), 0.0))
+    return problem, left
+
+
+def grip(problem: vmdg.Problem) -> None:
+    """From where the body is, and with it."""
+    problem.dirichlet(lambda x: np.isclose(x[0], 2), lambda t: (0.01 * (t - 1), 0.0), relative=True)
+
+
+@pytest.mark.filterwarnings("ignore:the body of tag 2 bears:vmdg.ModelWarning")
+def test_support_that_starts_where_the_body_is(comm, out):
+    """A resumed run starts from the same place, wherever the problem is when it is set up."""
+    held = problem, _ = gripped(comm)
+    history = run(held, [0.5, 1.0])
+    grip(problem)
+    before = run(held, [1.2, 1.4], history, checkpoint=out)
+    expected = run(held, [1.6, 1.8], before)["force"]
+    held = problem, _ = gripped(comm)
+    with pytest.raises(ValueError, match="supports with relative=True: 1 there, nothing here"):
+        vmdg.read_checkpoint(problem, out)
+    grip(problem)
+    found = run(held, [1.6, 1.8], vmdg.read_checkpoint(problem, out))["force"]
+    assert_same(found, expected, 0.0 if comm.size == 1 else SAME, "force")
+
+
+def test_refused_load_leaves_the_start(comm):
+    """A rigid face that cannot be added does not move the start of a support."""
+    held = problem, _ = gripped(comm)
+    grip(problem)
+    run(held, [0.5])
+    before = problem.loading.prescribed_values(1.0)
+    with pytest.raises(ValueError, match="is prescribed too"):
+        problem.rigid_face(lambda x: np.isclose(x[0], 2))
+    assert (problem.loading.prescribed_values(1.0) == before).all()
+
+
+def test_a_checkpoint_changes_nothing(comm, out):
+    """With a fluid where the bond is gone: forces and works are those of a run without one."""
+    histories = []
+    for options in ({}, {"checkpoint": out, "checkpoint_every": 1}):
+        law = vmdg.Debonding(strength=15.0, critical_gap=0.06)
+        scene = two_blocks(comm, "quadrilateral", 3)
+        options |= {"unstable": "trace"}
+        interface = {"initial_damage": 0.4}
+        problem = joined(scene, law, interface=interface, kinematics="small")
+        problem.dirichlet(left, 0.0)
+        problem.dirichlet(scene.facet_tags.find(2), lambda t: (0.08 * t, 0.0))
+        problem.pressure(problem.interfaces[0], lambda t: 2.0 * t, debonded=True)
+        history = run((problem, left), [0.2, 0.4, 0.6, 0.8, 1.0], **options)
+        given = np.isin(history["load"], [0.2, 0.4, 0.6, 0.8, 1.0])
+        histories.append([history[name][given] for name in ("force", "external", "imbalance")])
+    size = np.abs(histories[0][1]).max()
+    for mine, expected in zip(*histories, strict=True):
+        assert np.abs(mine - expected).max() < 1e-8 * max(size, np.abs(expected).max())
+
+
 # What is refused, and what a failure leaves
 
 
@@ -299,7 +359,7 @@ def test_format(comm, out):
     if comm.rank == 0:
         about.write_text(json.dumps(stored))
         os.truncate(about.with_name("cells.npy"), 1000)
-    with pytest.raises(ValueError, match="rank 0 cannot read"):
+    with pytest.raises(ValueError, match=r"cells.npy was changed or cut"):
         vmdg.read_checkpoint(problem, out)
     if comm.rank == 0:
         about.write_text("{")
@@ -343,7 +403,7 @@ def test_failure_leaves_the_former(comm, out, monkeypatch, fault):
     history.append({"load": 1.0})
     vmdg.write_checkpoint(problem, out, history)
     problem.u.x.array[:] = 1e-3
-    told = pytest.raises(OSError, match="former one, if any, is still valid")
+    told = pytest.raises(OSError, match=r"former one, if any, is still valid|cannot be written")
     with faulty_disk(monkeypatch, fault), told:
         vmdg.write_checkpoint(problem, out)
     assert vmdg.read_checkpoint(problem, out).rows == history.rows
@@ -354,13 +414,18 @@ def test_failure_leaves_the_former(comm, out, monkeypatch, fault):
     assert (problem.u.x.array == 1e-3).all()
 
 
+@pytest.mark.filterwarnings("ignore:the body of tag 2 bears:vmdg.ModelWarning")
 def test_folder_that_is_a_file(comm, out):
     """All ranks are told."""
     if comm.rank == 0:
         (out / "file").write_text("")
     comm.barrier()
-    with pytest.raises(OSError, match="could not be written"):
+    with pytest.raises(OSError, match=r"file cannot be written: .*name a place"):
         vmdg.write_checkpoint(small(comm), out / "file")
+    with pytest.raises(ValueError, match="it is a file, not a folder"):
+        vmdg.read_checkpoint(small(comm), out / "file")
+    with pytest.raises(OSError, match=r"file cannot be written: .*name a place"):
+        run(gripped(comm), [1.0], checkpoint=out / "file")
 
 
 @EVERY_CELL
@@ -379,12 +444,13 @@ def test_every_element(comm, cell, degree):
         some, records = first_ranks(comm, writers), np.zeros(0)
         if some is not None:
             u = field(some)
-            records = cell_records(u, u, u.function_space)
+            fields = {"u": u.x.array, "forces": u.x.array}
+            records = cell_records(u.function_space, fields, u.function_space)
         records = np.concatenate([part for part in comm.allgather(records) if len(part)])
         some = first_ranks(comm, readers)
         if some is not None:
             u = field(some)
-            for restored in restore_fields(u.function_space, records, u.function_space):
+            for restored in restore_fields(u.function_space, records, u.function_space).values():
                 assert np.abs(restored - u.x.array).max(initial=0.0) < 1e-14
 
 
@@ -448,3 +514,129 @@ def test_killed_at_any_moment(comm, tmp_path):
     # Checkpoints are written at given load factors: the last one may be lost with all its rows.
     print(f"steps done again: {lost}; largest difference of a column: {worst:.1e}")
     assert max(lost) <= killed_run.EVERY + longest
+
+
+# Damaged files
+
+FLIPS = int(os.environ.get("VMDG_FLIPS", "40"))
+
+
+def test_flips_and_cuts(comm, out):
+    """A bit that has changed and a file that was cut are refused, or have no effect."""
+    held = problem, _ = SCENES["on demand"][0](comm)
+    history = run(held, SCENES["on demand"][1][:3], checkpoint=out / "whole")
+    expected = problem.u.x.array.copy()
+    files = sorted(path.relative_to(out / "whole") for path in (out / "whole").rglob("*"))
+    files = [path for path in files if (out / "whole" / path).is_file()]
+    random, refused = np.random.default_rng(int(os.environ.get("VMDG_SEED", "1"))), 0
+    fresh, _ = SCENES["on demand"][0](comm)
+    for number in range(FLIPS):
+        folder, name = out / str(number), files[random.integers(len(files))]
+        at, cut = random.random(), random.random() < 0.3
+        if comm.rank == 0:
+            shutil.copytree(out / "whole", folder)
+            content = bytearray((folder / name).read_bytes())
+            place = int(at * len(content))
+            content[place] ^= 1 << number % 8
+            (folder / name).write_bytes(content[:place] if cut else content)
+        comm.barrier()
+        before = fresh.u.x.array.copy()
+        try:
+            assert vmdg.read_checkpoint(fresh, folder).rows == history.rows
+        except ValueError as error:
+            refused += 1
+            assert "damaged" in str(error) or "has format" in str(error)
+            assert (fresh.u.x.array == before).all()
+        else:
+            assert (fresh.u.x.array == expected).all()
+        comm.barrier()
+    assert refused > 0.5 * FLIPS
+
+
+@pytest.mark.parametrize("missing", ["latest", "cells.npy", "interface_0.npy", "checkpoint.json"])
+def test_missing_file(comm, out, missing):
+    """It is not taken for a folder without a checkpoint, and is not written over."""
+    problem = small(comm)
+    vmdg.write_checkpoint(problem, out)
+    if comm.rank == 0:
+        next(out.rglob(missing)).unlink()
+    comm.barrier()
+    with pytest.raises(ValueError, match=r"damaged.*put back a copy"):
+        vmdg.read_checkpoint(problem, out)
+    if missing == "latest":
+        with pytest.raises(OSError, match="'latest' is missing"):
+            vmdg.write_checkpoint(problem, out)
+    vmdg.discard_checkpoint(comm, out)
+    assert vmdg.read_checkpoint(problem, out) is None
+
+
+def test_state_that_is_not_finite(comm, out):
+    """It does not take the place of one that is."""
+    problem = small(comm)
+    vmdg.write_checkpoint(problem, out)
+    problem.u.x.array[:1] = np.nan
+    with pytest.raises(ValueError, match="not finite"):
+        vmdg.write_checkpoint(problem, out)
+    vmdg.read_checkpoint(problem, out)
+    assert not problem.u.x.array.any()
+
+
+def test_table_that_no_file_holds(comm, out):
+    """All ranks are told what it is, and the former checkpoint is still there."""
+    problem, history = small(comm), vmdg.History()
+    vmdg.write_checkpoint(problem, out, history)
+    history.append({"load": 1.0, "comm": MPI.COMM_SELF})
+    with pytest.raises(ValueError, match=r"cannot hold.*Intracomm"):
+        vmdg.write_checkpoint(problem, out, history)
+    assert vmdg.read_checkpoint(problem, out).rows == []
+
+
+OTHER_RUN = """
+import fcntl, pathlib, sys, time
+file = open(sys.argv[1], "a+")
+fcntl.flock(file, fcntl.LOCK_EX)
+file.write("process 1 on mars")
+file.flush()
+print("locked", flush=True)
+time.sleep(600)
+"""
+
+
+@contextmanager
+def other_run(comm: MPI.Comm, lock: Path) -> Iterator[None]:
+    """Another process holds a lock."""
+    process = None
+    if comm.rank == 0:
+        lock.parent.mkdir(parents=True, exist_ok=True)
+        command = [sys.executable, "-c", OTHER_RUN, str(lock)]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE)
+        assert process.stdout.readline() == b"locked\n"
+    comm.barrier()
+    try:
+        yield
+    finally:
+        comm.barrier()
+        if process is not None:
+            process.kill()
+            process.wait()
+        comm.barrier()
+
+
+def test_two_runs_in_one_folder(comm, out):
+    """The second one is told which process is there, before its first step; a dead one is none."""
+    held = problem, _ = gripped(comm)
+    grip(problem)
+    with other_run(comm, out / "checkpoint.lock"):
+        with pytest.raises(OSError, match="process 1 on mars does so"):
+            run(held, [0.5], checkpoint=out)
+        with pytest.raises(OSError, match="process 1 on mars does so"):
+            vmdg.write_checkpoint(problem, out)
+        with pytest.raises(OSError, match="process 1 on mars does so"):
+            vmdg.discard_checkpoint(comm, out)
+    vmdg.discard_checkpoint(comm, out / "none")
+    assert problem.t == 0
+    with other_run(comm, out / ".table.csv.lock"), pytest.raises(OSError, match="mars"):
+        run(held, [0.5], csv=out / "table.csv")
+    run(held, [0.5], checkpoint=out, csv=out / "table.csv")
+    comm.barrier()
+    assert not list(out.rglob("*.lock"))

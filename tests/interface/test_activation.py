@@ -9,6 +9,7 @@ from support.budgets import over_budget
 
 import vmdg
 from vmdg.assembly.discretization import carried
+from vmdg.meshes import blocks
 
 LAW = vmdg.Debonding(strength=10.0, critical_gap=0.1)
 
@@ -64,6 +65,26 @@ def test_same_curve_with_fewer_dofs(comm):
     work = demanded["external"][-1]
     assert abs(demanded["discretization"]).max() > 1e-3 * work
     assert abs(demanded["imbalance"]).max() < 1e-4 * work
+
+
+def test_reactions_balance_in_every_row(comm):
+    """Those in which facets open, too: what is left is the tolerance of equilibrium."""
+    mesh, cells, facets = blocks(comm, "triangle", (4, 6))
+    body = vmdg.NeoHookean(E=2000.0, nu=0.3)
+    law = vmdg.Debonding(strength=15.0, critical_gap=0.06)
+    interface = vmdg.Interface(within=2, law=law, activate="on-demand")
+    problem = vmdg.Problem(mesh, cells, {1: body, 2: body}, [interface], kinematics="small")
+    left, right = facets.find(1), facets.find(2)
+    problem.dirichlet(left, 0.0)
+    problem.dirichlet(right, lambda t: (0.01 * t, 0.03 * t))
+
+    def monitor(problem):
+        off = problem.reaction(left) + problem.reaction(right)
+        return {"off": np.abs(off).max(), "dofs": problem.space.dofmap.index_map.size_global}
+
+    history = vmdg.solve(problem, np.linspace(0.1, 1, 10), monitor=monitor).history
+    assert history["dofs"][0] < history["dofs"][-1]
+    assert history["off"].max() < 1e-7
 
 
 @pytest.mark.filterwarnings("ignore:Against:vmdg.ModelWarning")  # a corner comes loose on the way

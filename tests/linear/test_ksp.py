@@ -9,7 +9,8 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
-from support.problems import FRICTION, pressed
+from support.problems import FRICTION, joined, pressed
+from support.scenes import two_blocks
 
 import vmdg
 from vmdg.base.timers import timings, timings_since
@@ -268,3 +269,15 @@ def test_linear_tolerance_ends_the_step():
     for size in np.geomspace(1e-9, 1.0, 91):
         left = linear_tolerance([1.0, size], 1e-6) * size
         assert left <= 0.03e-6 * (1 + 1e-9) or left >= 30e-6 * (1 - 1e-9)
+
+
+@pytest.mark.parametrize("option", [{"mat_mumps_icntl_23": 1}, {"mat_mumps_icntl_14": -90}])
+def test_out_of_memory(comm, option):
+    """It is named, with what MUMPS says; the problem is in its last state."""
+    scene = two_blocks(comm, "quadrilateral", 60)
+    problem = joined(scene, vmdg.Debonding(strength=10.0, critical_gap=0.1))
+    problem.dirichlet(scene.facet_tags.find(1), 0.0)
+    problem.dirichlet(scene.facet_tags.find(2), lambda t: (t, 0.0))
+    with pytest.raises(MemoryError, match=r"14884 unknowns ran out of memory \(MUMPS: INFOG\(1\)"):
+        vmdg.solve(problem, [0.01], vmdg.SolveOptions(condensed=False, petsc=LU | option))
+    assert problem.t == 0 and not problem.u.x.array.any()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import resource
 import sys
 from pathlib import Path
 
@@ -180,6 +181,25 @@ def test_file_that_cannot_be_written(comm, out):
     comm.barrier()
     with pytest.raises(OSError, match=r"table .*history\.csv cannot be written"):
         vmdg.solve(pulled(comm), [0.01], vmdg.SolveOptions(csv=out / "file" / "history.csv"))
+
+
+def test_full_disk_keeps_whole_rows(comm, out):
+    """What the disk has no room for is not there in part, and the error says which file."""
+    path, history = out / "history.csv", vmdg.History()
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with HistoryFile(comm, path, history) as file:
+        try:
+            with pytest.raises(OSError, match=r"table .*history\.csv cannot be written"):
+                for step in range(100):
+                    history.append({"a": step, "b": 1 / 3})
+                    if step == 2:
+                        resource.setrlimit(resource.RLIMIT_FSIZE, (200, before[1]))
+                    file.update()
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    header, *rows = lines(comm, path)
+    assert header == ["a", "b"]
+    assert rows == [[str(step), str(1 / 3)] for step in range(len(history) - 1)]
 
 
 def test_envelope():

@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 from helpers.vtx import read_vtx
@@ -122,3 +129,97 @@ def test_mode_of_a_facet():
     weights = np.array([[0.3, 0.1, 0.1], halves, halves, [0.2, 0.1, 0.3 + 1e-17], halves])
     assert facet_modes(mode, weights).tolist() == [0, 2, 0, 2, 4]
     assert facet_modes(mode[:0], weights[:0]).tolist() == []
+
+
+# Files that are there, that are gone, that are too large
+
+
+def at_rest(comm) -> vmdg.Problem:
+    """Two blocks."""
+    return couple(blocks(comm, "quadrilateral", (4, 4)), LAW)
+
+
+def test_earlier_files_stay(comm, out):
+    """Those of a run that goes on get a number, and have all that was in them."""
+    problem = at_rest(comm)
+    for t in (1.0, 2.0, 3.0):
+        with FieldWriter(problem, out, "displacement") as fields:
+            fields.write(t)
+        problem.u.x.array[:] += 1.0
+    comm.barrier()
+    assert {path.name for path in out.iterdir()} == {"bodies.bp", "bodies.1.bp", "bodies.2.bp"}
+    if comm.size == 1:
+        names = ("bodies.1", "bodies.2", "bodies")
+        found = [read_vtx(out / f"{name}.bp")["displacement"][0, 0] for name in names]
+        assert found == [0.0, 1.0, 2.0]
+
+
+def test_one_writer_a_folder(comm, out):
+    """And none after its end."""
+    problem = at_rest(comm)
+    with FieldWriter(problem, out) as fields:
+        with pytest.raises(OSError, match=r"cannot be written: process .* does so"):
+            FieldWriter(problem, out)
+        fields.write(1.0)
+    with pytest.raises(ValueError, match="are closed; write before close"):
+        fields.write(2.0)
+    fields.close()
+
+
+def test_folder_of_fields_that_cannot_be(comm, out):
+    """All ranks are told."""
+    if comm.rank == 0:
+        (out / "file").write_text("")
+    comm.barrier()
+    with pytest.raises(OSError, match=r"fields in .*file.fields cannot be written"):
+        FieldWriter(at_rest(comm), out / "file" / "fields")
+
+
+GONE = """
+import shutil, sys
+from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import patch
+import vmdg
+from mpi4py import MPI
+from vmdg.meshes import blocks
+
+comm, folder = MPI.COMM_WORLD, Path(sys.argv[1])
+mesh, cells, _ = blocks(comm, "quadrilateral", (4, 4))
+bond = vmdg.Interface(between=(1, 2), law=vmdg.Debonding(10.0, 0.1))
+body = vmdg.NeoHookean(E=1e3, nu=0.3)
+problem = vmdg.Problem(mesh, cells, {1: body, 2: body}, [bond])
+fields = vmdg.FieldWriter(problem, folder)
+fields.write(0.0)
+if sys.argv[2] == "gone":
+    comm.barrier()
+    if comm.rank == 0:
+        shutil.rmtree(folder)
+    comm.barrier()
+    full = patch("shutil.disk_usage", shutil.disk_usage)
+else:
+    full = patch("shutil.disk_usage", lambda path: SimpleNamespace(free=0))
+with full:
+    try:
+        fields.write(1.0)
+    except OSError as error:
+        print("told:", error, flush=True)
+fields.close()
+print("end", flush=True)
+"""
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own ranks")
+@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize(("what", "words"), [("gone", "was removed"), ("full", "the disk is full")])
+def test_disk_fails(tmp_path, what, words, ranks):
+    """A clear error on every rank, and the process ends as it should."""
+    root = str(Path(__file__).resolve().parents[2])
+    path = os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])
+    command = ["mpirun", "-n", str(ranks), sys.executable, "-c", GONE, str(tmp_path / "f"), what]
+    environment = os.environ | {"PYTHONPATH": path}
+    done = subprocess.run(
+        command, env=environment, capture_output=True, text=True, check=False, timeout=120
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert done.stdout.count(words) == done.stdout.count("end") == ranks

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ufl.core.expr import Expr
 
 from .. import compat
+from ..base.agreement import together
 from ..base.kernels import compile_form
 from ..base.parallel import global_max, raise_together
 from ..base.quadrature import load_degree
@@ -275,7 +276,8 @@ class Surface:
         if debonded:
             result *= active.history.softening >= BROKEN * active.law.strength
         if share is not None:
-            given = np.asarray(share(active.values.width(active.quadrature.normal)), dtype=float)
+            width = active.values.width(active.quadrature.normal)
+            given = together(self._mesh.comm, lambda: np.asarray(share(width), dtype=float))
             if given.shape not in ((), result.shape) or not np.isfinite(given).all():
                 message = "pressure: share must give one finite number for each opening (n,)"
                 given = np.zeros(())

@@ -8,13 +8,18 @@ import hashlib
 import importlib.machinery
 import importlib.util
 import json
-from collections.abc import Iterator, Mapping
+import random
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from struct import unpack_from
 from tempfile import TemporaryDirectory
 from time import perf_counter
 from types import ModuleType
+from typing import TextIO, TypeVar
 
 from mpi4py import MPI
 
@@ -31,6 +36,11 @@ from ufl.variable import Label
 
 from .. import compat
 from .timers import timer
+
+T = TypeVar("T")
+
+#: What FFCx says of a kernel that another process has claimed.
+_CLAIMED = "JIT compilation timed out"
 
 # gcc's variable tracking under Python's own -g dominates the compile time of large kernels, and
 # the default register allocator is slow on the straight-line code of the interface.
@@ -124,8 +134,10 @@ def compile_form(
     # Python's import system lists the whole folder for every kernel it loads: several milliseconds
     # where thousands lie in one, as much as all the rest of setting up a small problem.
     folder_name = form.signature()[:2]
-    with timer("kernels"), _claims_in_order(comm, options, folder_name) as ordered:
-        compiled = compat.form(form, submeshes, ordered)
+    with timer("kernels"):
+        compiled = _compiled(
+            comm, options, folder_name, lambda ordered: compat.form(form, submeshes, ordered)
+        )
     _record(name, start, compiled.code)
     return compiled
 
@@ -144,8 +156,13 @@ def compile_expression(
     """
     numbered = map_expr_dag(_NumberLabels(), expression)
     start = perf_counter()
-    with timer("kernels"), _claims_in_order(comm, options, "expressions") as ordered:
-        compiled = fem.Expression(numbered, points, comm=comm, jit_options=ordered)
+    with timer("kernels"):
+        compiled = _compiled(
+            comm,
+            options,
+            "expressions",
+            lambda ordered: fem.Expression(numbered, points, comm=comm, jit_options=ordered),
+        )
     _record(name, start, compiled.code)
     return compiled
 
@@ -166,9 +183,14 @@ def compile_source(
         A module of cffi, with ``lib`` and ``ffi``.
     """
     start = perf_counter()
-    with timer("kernels"), _claims_in_order(comm, JIT_OPTIONS, "sources") as ordered:
-        module, lines = _source_module(
-            comm, source.read_text(), declaration, dict(sizes), ordered["cache_dir"]
+    with timer("kernels"):
+        module, lines = _compiled(
+            comm,
+            JIT_OPTIONS,
+            "sources",
+            lambda ordered: _source_module(
+                comm, source.read_text(), declaration, dict(sizes), ordered["cache_dir"]
+            ),
         )
     requested.append(Kernel(name, perf_counter() - start, lines))
     return module
@@ -216,51 +238,145 @@ def cache_folder(options: dict = JIT_OPTIONS) -> Path:
     return options.get("cache_dir") or Path(dolfinx.jit.get_options()["cache_dir"]) / "vmdg"
 
 
-@contextmanager
-def _claims_in_order(comm: MPI.Comm, options: dict, folder_name: str) -> Iterator[dict]:
-    """Options with a folder of the cache where no kernel is claimed by a process that died.
+def _compiled(
+    comm: MPI.Comm, options: dict, folder_name: str, compile_in: Callable[[dict], T]
+) -> T:
+    """What a compiler gives that knows a folder of the cache; collective.
 
     FFCx claims a kernel by its C file and marks it when it is ready. A process that was killed in
     between leaves its claim, and all later ones would wait for the mark until their time is out.
     So whoever compiles holds a shared lock, which ends with the process; who gets the same lock
-    exclusively knows that nobody is compiling, and that claims without a mark are void. Those who
-    compile without the lock have their kernels elsewhere: these are in a folder of their own in
-    DOLFINx's, unless ``options`` name one. Only the first rank of ``comm`` claims kernels.
+    exclusively knows that nobody is compiling, and that claims without a mark are void. Who finds
+    a claim lets go of the lock before looking again. Those who compile without the lock have their
+    kernels elsewhere: these are in a folder of their own in DOLFINx's, unless ``options`` name one.
+    Only the first rank of ``comm`` claims kernels.
+
+    Args:
+        comm: The ranks.
+        options: Of DOLFINx's just-in-time compiler.
+        folder_name: Of the folder in the cache.
+        compile_in: Compiles or loads, with options that name the folder.
+
+    Raises:
+        RuntimeError: a kernel is being compiled elsewhere for too long, or cannot be.
     """
     folder = cache_folder(options) / folder_name
-    options = {**options, "cache_dir": folder}
+    end = time.monotonic() + options["timeout"]
+    ordered = {**options, "cache_dir": folder}
+    if comm.rank == 0:
+        ordered["timeout"] = 1
+    while True:
+        try:
+            with _in_order(comm, folder):
+                return compile_in(ordered)
+        except (OSError, ImportError, RuntimeError, cffi.VerificationError) as error:
+            if not comm.bcast(_CLAIMED in str(error) and time.monotonic() < end):
+                raise RuntimeError(
+                    f"a kernel cannot be compiled or loaded: {error}. Kernels are kept in "
+                    f"{folder}, which may be full or not yours to write to, or another process is "
+                    "compiling there: make room, remove the folder (what it holds is compiled "
+                    "anew), or let the variable XDG_CACHE_HOME name another one"
+                ) from error
+        if comm.rank == 0:
+            _wait_for_claim(folder)
+
+
+@contextmanager
+def _in_order(comm: MPI.Comm, folder: Path) -> Iterator[None]:
+    """Hold the lock of a folder, in which no kernel is damaged or claimed by a dead process."""
     if comm.rank > 0:
-        yield options
+        yield
         return
     with suppress(OSError):  # without a folder to write to the compiler will say what it lacks
         folder.mkdir(parents=True, exist_ok=True)
+    with _lock(folder) as lock:
+        _free(folder, lock)
+        with suppress(OSError):
+            _remove_damaged(folder)
+        if lock is not None:
+            with suppress(OSError):
+                fcntl.flock(lock, fcntl.LOCK_SH)
+        yield
+
+
+@contextmanager
+def _lock(folder: Path) -> Iterator[TextIO | None]:
+    """The file that is locked; None in a folder that is read only."""
     try:
         lock = (folder / "vmdg.lock").open("a")
     except OSError:
-        yield options
+        yield None
         return
     with lock:
+        yield lock
+
+
+def _free(folder: Path, lock: TextIO | None) -> bool:
+    """Remove claims if nobody is compiling; whether that is so."""
+    if lock is not None:
         with suppress(OSError):  # held by others, or a file system without locks
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             _remove_claims(folder)
-        with suppress(OSError):
-            fcntl.flock(lock, fcntl.LOCK_SH)
-        yield options
+            return True
+    return False
 
 
-#: When the folders that were searched for claims had last changed [ns].
+def _wait_for_claim(folder: Path) -> None:
+    """Until nobody is compiling, but not for long; others who wait hold the lock now and then."""
+    for _ in range(random.randint(5, 25)):
+        with _lock(folder) as lock:
+            if _free(folder, lock):
+                return
+        time.sleep(0.1)
+
+
+#: When the folders that were searched for claims, and for damage, had last changed [ns].
 _searched: dict[Path, int] = {}
+_inspected: dict[Path, int] = {}
+
+
+def _unchanged(folder: Path, seen: dict[Path, int]) -> bool:
+    """Whether a folder is as it was when this was last asked."""
+    changed = folder.stat().st_mtime_ns
+    same = seen.get(folder) == changed
+    seen[folder] = changed
+    return same
 
 
 def _remove_claims(folder: Path) -> None:
     """Remove C files whose kernel never became ready, where files have come since the last look."""
-    changed = folder.stat().st_mtime_ns
-    if _searched.get(folder) == changed:
+    if _unchanged(folder, _searched):
         return
-    _searched[folder] = changed
     for source in folder.glob("*.c"):
         if not source.with_suffix(".c.cached").exists():
             source.unlink(missing_ok=True)
+
+
+def _remove_damaged(folder: Path) -> None:
+    """Remove kernels of which a part is missing, where files have come since the last look.
+
+    To load a library that was cut ends the process.
+    """
+    if _unchanged(folder, _inspected):
+        return
+    for library in folder.glob("*.so"):
+        source = folder / f"{library.name.partition('.')[0]}.c"
+        ready = source.with_suffix(".c.cached")
+        if not _is_whole(library) and ready.exists() == source.exists():
+            for file in (ready, library, source.with_suffix(".o"), source):
+                file.unlink(missing_ok=True)
+
+
+def _is_whole(library: Path) -> bool:
+    """Whether a library of Linux is as long as its header says."""
+    with library.open("rb") as file:
+        header = file.read(64)
+    if sys.platform != "linux":
+        return True
+    if len(header) < 64 or not header.startswith(b"\x7fELF"):
+        return False
+    (start,), (size, count) = (unpack_from(*at) for at in (("=Q", header, 40), ("=HH", header, 58)))
+    return library.stat().st_size >= start + size * count
 
 
 class _NumberLabels(MultiFunction):

@@ -1,9 +1,17 @@
-"""The one place where ranks talk: global scalars, and the maxima of groups that ranks share."""
+"""The one place where ranks talk: global scalars, maxima of groups that ranks share, ends.
+
+After an error of one rank that nobody catches others would wait for it for ever: an excepthook ends
+the job.
+"""
 
 from __future__ import annotations
 
 import sys
+import time
 import warnings
+from collections.abc import Callable
+from types import TracebackType
+from typing import NoReturn
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -13,6 +21,12 @@ from dolfinx.common import IndexMap
 from numpy.typing import ArrayLike, NDArray
 
 _PACKAGE = __name__.partition(".")[0]
+
+#: Seconds that a rank on which something failed waits for the others.
+PATIENCE = 10.0
+
+#: Longest time between two looks whether something is done [s], and share of the wait so far.
+_PAUSE, _SHARE = 0.01, 0.1
 
 
 def global_sum(comm: MPI.Comm, value: ArrayLike) -> NDArray:
@@ -119,3 +133,42 @@ def group_maxima(
             break
     vector.destroy()
     return result.astype(np.int64)
+
+
+def within(seconds: float, done: Callable[[], bool]) -> bool:
+    """Wait until something is done, but not longer than that; whether it is."""
+    start = time.monotonic()
+    while not done():
+        waited = time.monotonic() - start
+        if waited > seconds:
+            return False
+        time.sleep(min(_SHARE * waited, _PAUSE))
+    return True
+
+
+def end_job(message: str) -> NoReturn:
+    """End all ranks, where they cannot end by an error each."""
+    print(f"vmdg: {message}: the job ends on all ranks", file=sys.stderr)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    MPI.COMM_WORLD.Abort(1)
+    raise SystemExit(1)
+
+
+def _end_all_ranks(
+    kind: type[BaseException], error: BaseException, trace: TracebackType | None
+) -> None:
+    """After an error that nobody has caught: end the other ranks too, if they do not end so."""
+    _show(kind, error, trace)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    if MPI.Is_finalized():
+        return
+    others = MPI.COMM_WORLD.Ibarrier()
+    if not within(PATIENCE, others.Test):
+        end_job(f"rank {MPI.COMM_WORLD.rank} has failed (above) and others have not")
+
+
+_show = sys.excepthook
+if MPI.COMM_WORLD.size > 1:
+    sys.excepthook = _end_all_ranks

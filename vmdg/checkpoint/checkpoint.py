@@ -27,9 +27,11 @@ from mpi4py import MPI
 import dolfinx
 import numpy as np
 from dolfinx import fem
+from numpy.typing import NDArray
 
 from .. import __version__
 from ..assembly.discretization import Discretization
+from ..base.claims import Claim
 from ..base.parallel import global_sum, raise_together
 from ..domain.topology import mark_everywhere
 from ..output.history import History
@@ -47,7 +49,7 @@ from .records import (
 )
 
 #: Changed whenever older files can no longer be read as they are.
-FORMAT = 5
+FORMAT = 6
 
 _CELLS = "cells"
 
@@ -65,10 +67,37 @@ def write_checkpoint(problem: Problem, folder: str | Path, history: History | No
         history: The table so far.
 
     Raises:
-        OSError: the folder cannot be written to or the disk is full; on all ranks, and the former
-            checkpoint is still valid.
+        OSError: the folder cannot be written to, another run writes there, or the disk is full; on
+            all ranks, and the former checkpoint is still valid.
+        ValueError: the state is not finite, or the table has what a file cannot hold; likewise.
     """
+    with claim_checkpoint(problem.comm, folder):
+        _write(problem, Path(folder), history)
+
+
+def claim_checkpoint(comm: MPI.Comm, folder: str | Path) -> Claim:
+    """The right to write checkpoints to a folder, until it is released; collective.
+
+    Args:
+        comm: The ranks.
+        folder: Made if missing.
+
+    Raises:
+        OSError: another run writes there, or nobody can; on all ranks.
+    """
+    what = f"the checkpoint in {folder}"
+    return Claim(comm, Path(folder) / "checkpoint.lock", what, nested=True)
+
+
+def _write(problem: Problem, folder: Path, history: History | None) -> None:
     comm, snapshot = problem.comm, problem.step.snapshot()
+    finite = np.isfinite(snapshot.u).all() and np.isfinite(snapshot.forces).all()
+    message = (
+        f"the checkpoint in {folder} cannot be written: displacement or forces of the problem are "
+        "not finite; the former one, if any, is still valid. Return to an earlier state, "
+        "problem.step.return_to(snapshot), or read the former checkpoint"
+    )
+    raise_together(comm, None if finite else message)
     interfaces = {
         _name(i): facet_records(active) for i, active in problem.discretization.active.items()
     }
@@ -92,8 +121,10 @@ def write_checkpoint(problem: Problem, folder: str | Path, history: History | No
     if parts.means is not None:
         dofs = parts.means.dofs
         about["macroscopic"] = {"u": parts.u.x.array[dofs], "forces": parts.forces.x.array[dofs]}
-    cells = cell_records(parts.u, parts.forces, _places(parts))
-    write_files(comm, Path(folder), about, {_CELLS: cells} | interfaces)
+    fields = {"u": parts.u.x.array, "forces": parts.forces.x.array}
+    fields |= {_start(i): start for i, start in enumerate(problem.loading.given.starts)}
+    cells = cell_records(parts.space, fields, _places(parts))
+    write_files(comm, folder, about, {_CELLS: cells} | interfaces)
 
 
 def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
@@ -112,7 +143,7 @@ def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
         ValueError: the checkpoint is of another format, belongs to another problem or is damaged;
             the problem keeps its state.
     """
-    found = read_description(problem.comm, Path(folder))
+    found = read_description(problem.comm, Path(folder), FORMAT)
     if found is None:
         return None
     slot, about = found
@@ -127,8 +158,12 @@ def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
             f"the checkpoint in {folder} belongs to another problem ({'; '.join(lines)}); set up "
             "the problem as the run that wrote it, or give another folder"
         )
-    problem.step.return_to(_read_state(problem, slot, about))
-    problem.loading.spread()
+    snapshot, starts = _read_state(problem, slot, about)
+    for mine, start in zip(problem.loading.given.starts, starts, strict=True):
+        mine[:] = start
+    if starts:  # supports are to be imposed anew
+        problem.loading.follow(problem.discretization)
+    problem.step.return_to(snapshot)
     problem.step.scales = RunScales(**about["scales"])
     history = History()
     history.rows, history.units = about["history"], about["units"]
@@ -143,19 +178,26 @@ def discard_checkpoint(comm: MPI.Comm, folder: str | Path) -> None:
         folder: That of the checkpoint.
 
     Raises:
-        OSError: it cannot be removed; on all ranks.
+        OSError: it cannot be removed, or another run writes there; on all ranks.
     """
+    if not comm.bcast(Path(folder).is_dir()):
+        return
     message = None
-    if comm.rank == 0:
-        try:
-            remove_files(Path(folder))
-        except OSError as error:
-            message = f"the checkpoint in {folder} cannot be removed: {error}"
-    raise_together(comm, message, OSError)
+    with claim_checkpoint(comm, folder):
+        if comm.rank == 0:
+            try:
+                remove_files(Path(folder))
+            except OSError as error:
+                message = f"the checkpoint in {folder} cannot be removed: {error}"
+        raise_together(comm, message, OSError)
 
 
 def _name(i: int) -> str:
     return f"interface_{i}"
+
+
+def _start(i: int) -> str:
+    return f"start {i}"
 
 
 def _places(parts: Discretization) -> fem.FunctionSpace:
@@ -163,8 +205,13 @@ def _places(parts: Discretization) -> fem.FunctionSpace:
     return parts.space if parts.means is None else parts.means.broken
 
 
-def _read_state(problem: Problem, slot: Path, about: dict[str, Any]) -> Snapshot:
-    """The state of a checkpoint; the problem itself is not changed."""
+def _read_state(
+    problem: Problem, slot: Path, about: dict[str, Any]
+) -> tuple[Snapshot, list[NDArray[np.float64]]]:
+    """The state of a checkpoint, and where its supports with ``relative=True`` start.
+
+    The problem itself is not changed.
+    """
     comm, mesh, counts = problem.comm, problem.mesh, about["facets"]
     arrays = open_arrays(comm, slot, [_CELLS, *counts])
     records, marks = {}, list(problem.step.snapshot().open)
@@ -179,30 +226,31 @@ def _read_state(problem: Problem, slot: Path, about: dict[str, Any]) -> Snapshot
         if interface.activate == "on-demand":
             marks[i] = mark_everywhere(mesh, mesh.topology.dim - 1, facets.facets[positions])
     discretization = problem.step.discretization_of(marks)
-    interfaces, message = [], None
+    interfaces, fields, message = [], {}, None
     try:
-        u, forces = restore_fields(discretization.space, arrays[_CELLS], _places(discretization))
+        fields = restore_fields(discretization.space, arrays[_CELLS], _places(discretization))
         for i, active in discretization.active.items():
             interfaces.append(restore_interface(active, records[i]))
     except ValueError as error:
         message = f"{_numbered_otherwise(slot)}: {error}"
     raise_together(comm, message)
     if discretization.means is not None:
-        for name, values in (("u", u), ("forces", forces)):
-            values[discretization.means.dofs] = about["macroscopic"][name]
+        for name, values in about["macroscopic"].items():
+            fields[name][discretization.means.dofs] = values
     # Sums over ranks: one rank goes on with all of it.
     share, state = float(comm.rank == 0), about["state"]
-    return Snapshot(
+    snapshot = Snapshot(
         state["t"],
         discretization,
-        u,
-        forces,
+        fields["u"],
+        fields["forces"],
         interfaces,
         marks,
         share * np.array(state["dissipated"]),
         share * np.array(state["external"]),
         arc=None,
     )
+    return snapshot, [fields[_start(i)] for i in range(len(problem.loading.given.starts))]
 
 
 def _numbered_otherwise(slot: Path) -> str:

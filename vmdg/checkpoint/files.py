@@ -1,11 +1,14 @@
 """Arrays and a description on disk, complete or not visible: only rank 0 writes, all ranks read.
 
-Arrays are numpy's files. Two folders are written in turn; a file of one word names the one that is
-complete, and is replaced in one move after all of the other has reached the disk.
+Arrays are numpy's files. Two folders are written in turn; a file of one line names the one that is
+complete, and is replaced in one move after all of the other has reached the disk. The description
+has the checksums of the arrays, and that line has the description's: what was changed or cut since
+is refused.
 """
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import os
@@ -24,11 +27,30 @@ from ..base.parallel import raise_together
 
 _SLOTS, _LATEST, _ABOUT = ("a", "b"), "latest", "checkpoint.json"
 
+#: Word for "none of them" in the file that names the complete one.
+_NONE = "none"
+
+#: Bytes that are read at once for a checksum.
+_CHUNK = 1 << 20
+
 
 def latest(folder: Path) -> Path | None:
-    """The complete one of the two folders, None where there is none; on one rank."""
+    """The complete one of the two folders, None where there is none; on one rank.
+
+    Raises:
+        ValueError: it is not said which one it is.
+    """
     named = folder / _LATEST
-    return folder / named.read_text().strip() if named.is_file() else None
+    if folder.is_file():
+        raise ValueError("it is a file, not a folder")
+    if not named.is_file():
+        if any((folder / slot).exists() for slot in _SLOTS):
+            raise ValueError(f"its file '{_LATEST}' is missing")
+        return None
+    slot = next(iter(named.read_text().split()), "")
+    if slot not in (*_SLOTS, _NONE):
+        raise ValueError(f"its file '{_LATEST}' names nothing")
+    return None if slot == _NONE else folder / slot
 
 
 def write_files(
@@ -43,11 +65,20 @@ def write_files(
         arrays: By name, this rank's rows; the rows of all ranks follow each other in the file.
 
     Raises:
-        OSError: the folder cannot be written to or the disk is full; on all ranks, and the former
-            content is still valid.
+        ValueError: the description has what JSON cannot hold; on all ranks, and the former content
+            is still valid.
+        OSError: the folder cannot be written to or the disk is full; likewise.
     """
-    counts = {name: comm.allreduce(len(rows)) for name, rows in arrays.items()}
     message = None
+    try:
+        json.dumps(about, default=_plain)
+    except (TypeError, ValueError) as error:
+        message = (
+            f"the checkpoint in {folder} cannot hold what the table of the run has ({error}): give "
+            "it numbers, words and arrays"
+        )
+    raise_together(comm, message)
+    counts = {name: comm.allreduce(len(rows)) for name, rows in arrays.items()}
     if comm.rank > 0:
         for rows in arrays.values():
             comm.send(rows, 0)
@@ -55,16 +86,15 @@ def write_files(
         parts = {name: _of_all_ranks(comm, rows) for name, rows in arrays.items()}
         try:
             slot = _empty_slot(folder)
-            plain = json.dumps(about, default=lambda value: value.tolist())  # numpy's too
-            _write(slot / _ABOUT, [plain.encode()])
-            for name, rows in arrays.items():
-                _write(_file(slot, name), chain([_header(rows, counts[name])], parts[name]))
+            sums = {
+                name: _write(_file(slot, name), chain([_header(rows, counts[name])], parts[name]))
+                for name, rows in arrays.items()
+            }
+            plain = json.dumps({**about, "sums": sums}, default=_plain)
+            checksum = _write(slot / _ABOUT, [plain.encode()])
             _sync(slot)
-            partial = folder / f"{_LATEST}.partial"
-            _write(partial, [slot.name.encode()])
-            partial.replace(folder / _LATEST)
-            _sync(folder)
-        except OSError as error:
+            _name_latest(folder, f"{slot.name} {checksum}")
+        except (OSError, ValueError) as error:
             message = (
                 f"the checkpoint in {folder} could not be written: {error}; the former one, if "
                 "any, is still valid. Make room or name a folder that can be written to"
@@ -75,21 +105,70 @@ def write_files(
     raise_together(comm, message, OSError)
 
 
-def read_description(comm: MPI.Comm, folder: Path) -> tuple[Path, dict[str, Any]] | None:
+def read_description(
+    comm: MPI.Comm, folder: Path, version: int
+) -> tuple[Path, dict[str, Any]] | None:
     """The complete folder and its description, None where there is none; collective.
 
+    Args:
+        comm: The ranks.
+        folder: Of :func:`write_files`.
+        version: "format" of a description with checksums; others are returned as they are.
+
     Raises:
-        ValueError: the description is damaged.
+        ValueError: a file is missing, or was changed or cut after it was written.
     """
     found, message = None, None
     if comm.rank == 0:
         try:
             if slot := latest(folder):
-                found = slot, json.loads((slot / _ABOUT).read_text())
+                found = slot, _checked_description(folder, slot, version)
         except (OSError, ValueError) as error:
-            message = f"the checkpoint in {folder} is damaged ({error}); remove the folder"
+            message = (
+                f"the checkpoint in {folder} is damaged ({error}): put back a copy of the folder, "
+                "or remove it and start anew"
+            )
     raise_together(comm, message)
     return comm.bcast(found)
+
+
+def _checked_description(folder: Path, slot: Path, version: int) -> dict[str, Any]:
+    """The description of a folder in which no file has changed; on one rank.
+
+    Raises:
+        OSError: a file is missing.
+        ValueError: one has changed.
+    """
+    about = json.loads((slot / _ABOUT).read_bytes())
+    if not isinstance(about, dict) or "format" not in about:
+        raise ValueError(f"{_ABOUT} describes no checkpoint")
+    if about["format"] != version:
+        return about
+    named = (folder / _LATEST).read_text().split()
+    sums = {_ABOUT: named[-1]} | {_file(slot, name).name: s for name, s in about["sums"].items()}
+    for name, checksum in sums.items():
+        if _checksum(slot / name) != checksum:
+            raise ValueError(f"{name} was changed or cut after it was written")
+    return about
+
+
+def _checksum(path: Path) -> str:
+    found = hashlib.sha256()
+    with path.open("rb") as file:
+        while part := file.read(_CHUNK):
+            found.update(part)
+    return found.hexdigest()
+
+
+def _plain(value: Any) -> Any:
+    """Arrays and numbers of numpy in types of JSON.
+
+    Raises:
+        TypeError: it is something else.
+    """
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"{value!r} is a {type(value).__name__}")
 
 
 def open_arrays(comm: MPI.Comm, slot: Path, names: Iterable[str]) -> dict[str, NDArray]:
@@ -117,9 +196,10 @@ def remove_files(folder: Path) -> None:
         OSError: they cannot be removed.
     """
     # First what names them: half of a checkpoint is never visible.
-    (folder / _LATEST).unlink(missing_ok=True)
+    _name_latest(folder, _NONE)
     for name in _SLOTS:
         shutil.rmtree(folder / name, ignore_errors=True)
+    (folder / _LATEST).unlink()
 
 
 def _file(slot: Path, name: str) -> Path:
@@ -127,9 +207,15 @@ def _file(slot: Path, name: str) -> Path:
 
 
 def _empty_slot(folder: Path) -> Path:
-    """An empty folder beside the valid one."""
+    """An empty folder beside the valid one.
+
+    Raises:
+        ValueError: it is not said which one is valid.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     valid = latest(folder)
+    if valid is None:
+        _name_latest(folder, _NONE)
     slot = folder / _SLOTS[valid is not None and valid.name == _SLOTS[0]]
     if slot.exists():
         shutil.rmtree(slot)
@@ -152,13 +238,24 @@ def _header(rows: NDArray, count: int) -> bytes:
     return header.getvalue()
 
 
-def _write(path: Path, parts: Iterable[bytes | NDArray]) -> None:
-    """A file of these parts, on the disk when this returns."""
+def _name_latest(folder: Path, line: str) -> None:
+    """Say in one move which folder is complete."""
+    partial = folder / f"{_LATEST}.partial"
+    _write(partial, [line.encode()])
+    partial.replace(folder / _LATEST)
+    _sync(folder)
+
+
+def _write(path: Path, parts: Iterable[bytes | NDArray]) -> str:
+    """A file of these parts, on the disk when this returns; its checksum."""
+    checksum = hashlib.sha256()
     with path.open("wb") as file:
         for part in parts:
             file.write(part)
+            checksum.update(part)
         file.flush()
         os.fsync(file.fileno())
+    return checksum.hexdigest()
 
 
 def _sync(folder: Path) -> None:

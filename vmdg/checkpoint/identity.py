@@ -22,7 +22,8 @@ def identity(problem: Problem) -> dict[str, Any]:
     """Mesh, bodies, interfaces and their numbers, in types of JSON; collective.
 
     It is the same on every number of ranks and in every state of the problem. Loads, supports and
-    energies given as functions cannot be compared and are left out.
+    energies given as functions cannot be compared and are left out, but for what a state remembers
+    of them: where supports with ``relative=True`` start, and how far fluids have come.
     """
     mesh = problem.mesh
     nodes = mesh.geometry.index_map().size_local
@@ -43,12 +44,16 @@ def identity(problem: Problem) -> dict[str, Any]:
         result["sides of the cell"] = lattice.vectors.ravel().tolist()
     if problem.discretization.bodies.plane_stress:
         result["plane"] = "stress"
+    if problem.loading.given.starts:
+        result["supports with relative=True"] = len(problem.loading.given.starts)
     for tag, material in sorted(problem.materials.items()):
         result[f"material {tag}"] = _described(material, material.parameters)
     for i, interface in enumerate(problem.interfaces):
         count = int(global_sum(mesh.comm, len(problem.step.activation.facets[i].facets)))
         result[f"facets of interface {i}"] = count
         result |= {f"interface {i}: {name}": v for name, v in _options(interface).items()}
+        if i in problem.loading.given.filled:
+            result[f"interface {i}: pressure"] = "of a fluid"
         facets = problem.step.activation.facets[i]
         x = compute_midpoints(mesh, mesh.topology.dim - 1, facets.facets)
         for name, values in facets.law.varying.items():

@@ -13,6 +13,7 @@ components are global ones or, in a turning frame, tied to N.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields
 
 from petsc4py import PETSc
@@ -35,32 +36,32 @@ SAME_PLACE = 1e-9
 #: Points of a facet lie apart by a share of its size; the same point is met to rounding.
 SAME_POINT = 1e-6
 
+_SHARE = "fluid.share"
 
-def cell_records(u: fem.Function, forces: fem.Function, places: fem.FunctionSpace) -> NDArray:
-    """Displacement, forces and place of the nodes of every cell, in input order; collective.
+
+def cell_records(
+    space: fem.FunctionSpace, arrays: Mapping[str, NDArray], places: fem.FunctionSpace
+) -> NDArray:
+    """Fields and the place of the nodes of every cell, in input order; collective.
 
     Args:
-        u: Displacement [mm].
-        forces: Nodal forces [N], a function of the same space.
+        space: Of the fields.
+        arrays: Their values at local dofs, by name.
         places: That space, of a periodic cell the one in which its opposite faces are apart.
 
     Returns:
-        This rank's share of the records, which follows that of the rank before; the fields "u",
-        "forces" and "place" of a record are (dofs of a cell, d).
+        This rank's share of the records, which follows that of the rank before; the fields of a
+        record, by their names and "place", are (dofs of a cell, d).
     """
-    space = u.function_space
     mesh, d = space.mesh, space.dofmap.index_map_bs
     cells = mesh.topology.index_map(mesh.topology.dim)
-    values = {
-        "u": (u.x.array, space),
-        "forces": (forces.x.array, space),
-        "place": (_places(places), places),
-    }
+    values = {name: (array, space) for name, array in arrays.items()}
+    values["place"] = _places(places), places
     kind = np.dtype([(name, float, (space.dofmap.list.shape[1], d)) for name in values])
     records = np.empty(cells.size_local, dtype=kind)
     for name, (array, own) in values.items():
         records[name] = array.reshape(-1, d)[own.dofmap.list[: cells.size_local]]
-    width = kind.itemsize // records["u"].itemsize
+    width = kind.itemsize // np.dtype(float).itemsize
     ordered = PETSc.Vec().createMPI(cells.size_global * width, bsize=width, comm=mesh.comm)
     numbers = _input_numbers(mesh)[: cells.size_local].astype(PETSc.IntType)
     ordered.setValuesBlocked(numbers, records.view(float))
@@ -72,11 +73,11 @@ def cell_records(u: fem.Function, forces: fem.Function, places: fem.FunctionSpac
 
 def restore_fields(
     space: fem.FunctionSpace, records: NDArray, places: fem.FunctionSpace
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Displacement and forces, ghosts included, from the records of all cells.
+) -> dict[str, NDArray[np.float64]]:
+    """Fields by name, ghosts included, from the records of all cells.
 
     Args:
-        space: Of both; what belongs to no cell is zero.
+        space: Of the fields; what belongs to no cell is zero.
         records: Of all cells.
         places: As for :func:`cell_records`.
 
@@ -85,14 +86,15 @@ def restore_fields(
     """
     mine, present = records[_input_numbers(space.mesh)], _places(places)
     arrays = {}
-    for name, own in (("u", space), ("forces", space), ("place", places)):
+    for name in records.dtype.names:
+        own = places if name == "place" else space
         imap, bs = own.dofmap.index_map, own.dofmap.index_map_bs
         arrays[name] = np.zeros((imap.size_local + imap.num_ghosts) * bs)
         arrays[name].reshape(-1, bs)[own.dofmap.list] = mine[name]
-    away, x = np.abs(present - arrays["place"]), space.mesh.geometry.x
+    away, x = np.abs(present - arrays.pop("place")), space.mesh.geometry.x
     if len(x) and away.max() > SAME_PLACE * np.ptp(x, axis=0).max():
         raise ValueError(f"a node lies {away.max():.3g} mm from its place")
-    return arrays["u"], arrays["forces"]
+    return arrays
 
 
 def facet_records(active: ActiveInterface) -> NDArray:
@@ -123,8 +125,11 @@ def restore_interface(active: ActiveInterface, records: NDArray) -> InterfaceSna
     """
     quadrature, present = active.quadrature, active.history
     source = _same_points(quadrature, records["place"])
-    arrays = {}
-    for name, values in _at_points(active).items():
+    arrays, at_points = {}, _at_points(active)
+    if _SHARE in records.dtype.names:
+        # Fluids come into a discretization when it is loaded.
+        at_points[_SHARE] = np.empty(len(quadrature.weights))
+    for name, values in at_points.items():
         arrays[name] = np.empty_like(values)
         stored = records[name][np.arange(len(records))[:, None], source]
         arrays[name][quadrature.points_of_facet] = stored
@@ -136,7 +141,10 @@ def restore_interface(active: ActiveInterface, records: NDArray) -> InterfaceSna
     # A field of records is a view with gaps, which sums in another order than an array.
     of_facets = {field.name: records[field.name].copy() for field in fields(Stabilization)}
     return InterfaceSnapshot(
-        PointHistory(**history), PointValues(**values), Stabilization(**of_facets)
+        PointHistory(**history),
+        PointValues(**values),
+        Stabilization(**of_facets),
+        arrays.get(_SHARE),
     )
 
 
@@ -164,6 +172,8 @@ def _at_points(active: ActiveInterface) -> dict[str, NDArray]:
     if active.law.inelastic:
         arrays |= {f"history.{name}": getattr(active.history, name) for name in HISTORY_ARRAYS}
     values = {f"values.{name}": getattr(active.values, name) for name in VALUE_ARRAYS}
+    if active.fluid is not None:
+        arrays[_SHARE] = active.fluid.share
     return arrays | {name: array for name, array in values.items() if array is not None}
 
 

@@ -20,8 +20,8 @@ from .interface import Interface, InterfaceList
 from .quadrature import FacetQuadrature, SideEvaluators, side_evaluators
 from .stabilization import Stabilizer
 
-#: Utilization above which a facet is opened after the step; above which others are opened with it,
-#: so that facets open in batches; and above which the step is repeated with the facet open.
+#: Utilization above which a facet is opened before the next step; above which others are opened
+#: with it, so that facets open in batches; and above which the step is repeated with it open.
 OPENS, OPENS_WITH_OTHERS, REPEATS_STEP = 1.0, 0.75, 1.5
 
 

@@ -248,7 +248,7 @@ class ActiveInterface:
             self.fluid.share = snapshot.share
 
     def continue_from(self, other: ActiveInterface) -> None:
-        """Take history and floor of the facets that ``other`` has too; new ones have neither."""
+        """Take history, floor and fluid of the facets that ``other`` has; new ones have none."""
         theirs = other.quadrature.points_of_facet
         position = np.searchsorted(self.facets.facets, other.facets.facets)
         mine = self.quadrature.points_of_facet[position]
@@ -262,6 +262,10 @@ class ActiveInterface:
         self.terms.set_gap(self.values)
         if self.law.inelastic:
             self.history = with_rows(self.history, mine, other.history, theirs)
+        if self.fluid is not None:
+            share = self.fluid.share.copy()
+            share[mine] = other.fluid.share[theirs]
+            self.fluid.share = share
 
     def works(self) -> NDArray[np.float64]:
         """What this rank's points dissipate in the step, (39), by damage, friction and viscosity.

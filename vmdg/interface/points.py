@@ -14,7 +14,7 @@ from ..laws import Update
 
 @dataclass(frozen=True)
 class InterfaceState:
-    """Converged values at the facet points this rank owns, side 1 first.
+    """Converged values at the facet points this rank owns, perhaps none, side 1 first.
 
     The gap is zeta, the inelastic part of the opening g; what contact mechanics calls the gap is g.
 

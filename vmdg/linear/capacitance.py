@@ -21,7 +21,7 @@ from ..base.units import power_of_two
 from ..interface.active import ActiveInterface
 from ..interface.return_map import Trial, apply, map_back
 from ..problem.problem import Problem
-from .ksp import LDLT, destroy, make_ksp
+from .ksp import LDLT, destroy, make_ksp, refuse_memory
 
 Array = NDArray[np.float64]
 Product = Callable[[Array], Array]
@@ -98,6 +98,7 @@ class Capacitance:
             matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
             self._ksp, self._stiffness = make_ksp(matrix, LDLT), matrix
             self._ksp.setUp()
+        refuse_memory(self._ksp.getPC())
         self._tractions = self._over_points(traction_matrix)
         self._forces = self._tractions.transpose(PETSc.Mat())
         self._forces.zeroRows(prescribed, 0.0)

@@ -45,6 +45,8 @@ MUMPS = {
     "mat_mumps_icntl_8": 1,
     "mat_mumps_icntl_14": 100,
 }
+#: INFOG(1) of MUMPS where memory, or its work space, was too little.
+NO_MEMORY = (-5, -7, -8, -9, -11, -13, -14, -15, -17, -18, -19, -20)
 LU = {**MUMPS, "pc_type": "lu", "mat_mumps_icntl_33": 1}
 LDLT = {**MUMPS, "pc_type": "cholesky", "mat_mumps_icntl_13": 1}
 
@@ -312,6 +314,7 @@ class LinearSolver:
         self._krylov.getPC().setReusePreconditioner(False)
         with _coarse_products(self._matrix.comm):
             self._krylov.setUp()
+        refuse_memory(self._krylov.getPC())
 
     def _in(self, kind: PETSc.Mat.Type) -> PETSc.Mat:
         """The tangent by rows or in blocks of nodes."""
@@ -335,6 +338,7 @@ class LinearSolver:
             self._factorized = state
             with timer("factorize"):
                 self._direct.setUp()
+            refuse_memory(self._direct.getPC())
         self._direct.solve(b, x)
 
     @property
@@ -386,6 +390,29 @@ def reset_failed(pc: PETSc.PC) -> None:
     """Let go of factors that failed, of NaN for example: MUMPS does no more after that."""
     if pc.getFailedReason() != PETSc.PC.FailedReason.NOERROR:
         pc.reset()
+
+
+def refuse_memory(pc: PETSc.PC) -> None:
+    """After a factorization; collective.
+
+    Raises:
+        MemoryError: it had not enough memory.
+    """
+    reasons, failed, told = PETSc.PC.FailedReason, pc.getFailedReason(), ""
+    if failed == reasons.NOERROR:
+        return
+    if pc.getType() in ("lu", "cholesky") and pc.getFactorSolverType() == "mumps":
+        code, amount = map(pc.getFactorMatrix().getMumpsInfog, (1, 2))
+        told = f" (MUMPS: INFOG(1) = {code}, INFOG(2) = {amount})"
+        failed = reasons.FACTOR_OUTMEMORY if code in NO_MEMORY else failed
+    if failed == reasons.FACTOR_OUTMEMORY:
+        size = pc.getOperators()[0].getSize()[0]
+        raise MemoryError(
+            f"a factorization of {size} unknowns ran out of memory{told}: take more memory (more "
+            "nodes), a coarser mesh away from the interface, or a solver without factors, "
+            "SolveOptions(condensed=False, petsc={'ksp_type': 'gmres', 'pc_type': 'gamg'}); where "
+            "it is MUMPS that foresees too little, a larger 'mat_mumps_icntl_14'"
+        )
 
 
 def make_ksp(matrix: PETSc.Mat, options: Petsc) -> PETSc.KSP:

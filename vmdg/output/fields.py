@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
+import shutil
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +15,9 @@ from dolfinx.io import VTXWriter
 from numpy.typing import NDArray
 
 from .. import compat
+from ..base.agreement import together
+from ..base.claims import Claim
+from ..base.parallel import global_sum
 from ..interface.interface import Which, interface_names, number_of
 from ..problem.problem import Problem
 from .cell import whole_displacement
@@ -21,6 +27,9 @@ from .values import VECTORS, facet_scalar
 #: Fields of the bodies, and of the interfaces.
 DISPLACEMENT, STRESS = "displacement", "stress"
 INTERFACE_FIELDS = (DISPLACEMENT, *VECTORS, "slip", "damage", "mode", "fine_scale")
+#: Room on the disk that is left before fields are written, relative to their size.
+ROOM = 2.0
+
 FIELDS = tuple(dict.fromkeys((DISPLACEMENT, STRESS, *INTERFACE_FIELDS)))
 
 
@@ -104,11 +113,17 @@ class InterfaceFields:
         function.x.scatter_forward()
 
 
+def _writer(file: Path, functions: list[fem.Function]) -> VTXWriter:
+    return VTXWriter(functions[0].function_space.mesh.comm, file, functions)
+
+
 class FieldWriter:
     """Writes fields of the bodies and of the interfaces as VTX (.bp) time series for ParaView.
 
     Open bodies.bp and the files of the interfaces together and warp all by the displacement. Use as
-    a context manager. Nothing is evaluated for fields that are not asked for.
+    a context manager. Nothing is evaluated for fields that are not asked for. Files of an earlier
+    run, of one that goes on for example, stay: bodies.bp becomes bodies.1.bp, and so on. One run at
+    a time writes to a folder.
 
     Args:
         problem: The problem.
@@ -122,6 +137,7 @@ class FieldWriter:
 
     Raises:
         ValueError: an unknown name.
+        OSError: the folder cannot be written to, or another run does so; on all ranks.
     """
 
     def __init__(
@@ -132,10 +148,7 @@ class FieldWriter:
         for name in names:
             if name not in FIELDS:
                 raise ValueError(f"FieldWriter: there is no field {name!r}; choose from {FIELDS}")
-        folder = Path(folder)
-        if problem.comm.rank == 0:
-            folder.mkdir(parents=True, exist_ok=True)
-        problem.comm.barrier()
+        self._comm, self._folder = problem.comm, Path(folder)
         self._updates: list[Callable[[], object]] = []
         files: dict[str, list[fem.Function]] = {"bodies": []}
         if DISPLACEMENT in names:
@@ -151,23 +164,89 @@ class FieldWriter:
                 interface = InterfaceFields(problem, name, chosen)
                 self._updates.append(interface.update)
                 files[name] = list(interface.functions.values())
-        self._writers = [
-            VTXWriter(functions[0].function_space.mesh.comm, folder / f"{name}.bp", functions)
-            for name, functions in files.items()
-            if functions
-        ]
+        self._files = [self._folder / f"{name}.bp" for name in files if files[name]]
+        fields = [functions for functions in files.values() if functions]
+        local = sum(function.x.array.nbytes for part in fields for function in part)
+        self._bytes = float(global_sum(self._comm, local))
+        self._claim = Claim(self._comm, self._folder / "fields.lock", f"fields in {folder}")
+        self._writers: list[VTXWriter] = []
+        self._do(self._keep_earlier_files)
+        self._do(lambda: self._writers.extend(map(_writer, self._files, fields)))
+
+    def _keep_earlier_files(self) -> None:
+        """Give those of an earlier run the first number that is free."""
+        if self._comm.rank > 0:
+            return
+        for file in filter(Path.exists, self._files):
+            names = (file.with_name(f"{file.stem}.{number}{file.suffix}") for number in count(1))
+            file.rename(next(name for name in names if not name.exists()))
 
     def write(self, t: float) -> None:
-        """Write the current state as time ``t``; collective."""
+        """Write the current state as time ``t``; collective.
+
+        Raises:
+            ValueError: the files are closed.
+            OSError: the disk is full, or files are gone; on all ranks. The files are closed then.
+        """
+        if not self._writers:
+            raise ValueError(
+                f"FieldWriter: the files in {self._folder} are closed; write before close() and "
+                "the end of `with`, or make another FieldWriter, which keeps them"
+            )
         for update in self._updates:
             update()
+        self._do(self._check_files)
+        if self._comm.bcast(self._comm.rank == 0 and self._full()):
+            self.close()
+            raise OSError(
+                self._complaint(f"they take {self._bytes / 1e6:.3g} MB, the disk is full")
+            )
+        self._do(lambda: [writer.write(t) for writer in self._writers])
+
+    def _check_files(self) -> None:
+        """Raises:
+        OSError: one was removed.
+        """
+        gone = [file.name for file in self._files if self._comm.rank == 0 and not file.exists()]
+        if gone:
+            raise OSError(f"{gone[0]} was removed")
+
+    def _full(self) -> bool:
+        """Asked before ranks wait for each other in what writes."""
+        return shutil.disk_usage(self._folder).free < ROOM * self._bytes
+
+    def _complaint(self, why: object) -> str:
+        return (
+            f"fields in {self._folder} cannot be written: {why}. Make room or name a folder that "
+            "can be written to"
+        )
+
+    def _do(self, action: Callable[[], object]) -> None:
+        """What may fail on any rank; the files are given up where it does; collective."""
+        try:
+            together(self._comm, action)
+        except (OSError, RuntimeError) as error:
+            self._give_up()
+            raise OSError(self._complaint(error)) from error
+
+    def _give_up(self) -> None:
+        """Leave the files as they are: closing them would end the process if it failed."""
         for writer in self._writers:
-            writer.write(t)
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(writer))
+        self._writers = []
+        self._claim.release()
 
     def close(self) -> None:
-        """Complete the files; collective."""
-        for writer in self._writers:
-            writer.close()
+        """Complete the files; collective, and a second time without effect.
+
+        Raises:
+            OSError: they cannot be completed; on all ranks.
+        """
+        if self._writers:
+            self._do(self._check_files)
+            self._do(lambda: [writer.close() for writer in self._writers])
+        self._writers = []
+        self._claim.release()
 
     def __enter__(self) -> FieldWriter:
         return self

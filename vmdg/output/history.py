@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from mpi4py import MPI
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.claims import Claim
 from ..base.parallel import raise_together
 from ..base.tables import html_table, short
 
@@ -142,7 +144,7 @@ class History:
         Args:
             path: The file.
         """
-        with open(path, "w", newline="") as file:
+        with open(path, "w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(self.header)
             writer.writerows(_lines(self.rows, self.columns))
@@ -157,7 +159,7 @@ class History:
             path: The file.
         """
         history = cls()
-        with open(path, newline="") as file:
+        with open(path, newline="", encoding="utf-8") as file:
             for row in csv.DictReader(file):
                 history.append({name: _value(text) for name, text in row.items() if text})
         return history
@@ -185,9 +187,10 @@ def _value(text: str) -> Any:
 class HistoryFile:
     """A CSV file that follows a table: whenever a run is killed, all its rows are there.
 
-    A row is one line, written and flushed at once. A column that appears later changes the header:
-    then the file is written anew beside the old one and takes its place in one move. So it does at
-    the start, where a run that goes on from a checkpoint finds rows that it will do again.
+    A row is one line, written and flushed at once, all of it or nothing where the disk is full. A
+    column that appears later changes the header: then the file is written anew beside the old one
+    and takes its place in one move. So it does at the start, where a run that goes on from a
+    checkpoint finds rows that it will do again. One run at a time writes it.
 
     Args:
         comm: Communicator; its rank 0 writes.
@@ -195,18 +198,26 @@ class HistoryFile:
         history: The table.
 
     Raises:
-        OSError: the file cannot be written; on all ranks.
+        OSError: the file cannot be written, or another run does so; on all ranks.
     """
 
     def __init__(self, comm: MPI.Comm, path: str | Path | None, history: History):
         self._comm = comm
         self._path = None if path is None else Path(path)
         self._history = history
-        self._file: TextIO | None = None
+        self._file: BinaryIO | None = None
+        self._claim: Claim | None = None
+        if self._path is not None:
+            lock = self._path.with_name(f".{self._path.name}.lock")
+            self._claim = Claim(comm, lock, f"the table {path}")
         self._columns: list[str] = []
         self._units: dict[str, str] = {}
         self._written = 0
-        self._do(self._replace)
+        try:
+            self._do(self._replace)
+        except OSError:
+            self.close()
+            raise
 
     def update(self) -> None:
         """Add the rows that have come since the last time; collective.
@@ -236,22 +247,38 @@ class HistoryFile:
         if new or self._history.units != self._units:
             self._replace()
             return
-        csv.writer(self._file).writerows(_lines(rows, self._columns))
-        self._file.flush()
+        text = io.StringIO(newline="")
+        csv.writer(text).writerows(_lines(rows, self._columns))
+        whole = self._file.tell()
+        try:
+            left = memoryview(text.getvalue().encode())
+            while left:
+                left = left[self._file.write(left) :]
+        except OSError:
+            self._file.truncate(whole)
+            raise
         self._written += len(rows)
 
     def _replace(self) -> None:
-        self.close()
-        self._path.parent.mkdir(parents=True, exist_ok=True)
+        self._close_file()
         partial = self._path.with_name(f"{self._path.name}.partial")
-        self._history.to_csv(partial)
-        partial.replace(self._path)
-        self._file = open(self._path, "a", newline="")  # closed by close()
+        try:
+            self._history.to_csv(partial)
+            partial.replace(self._path)
+        except OSError:
+            partial.unlink(missing_ok=True)
+            raise
+        self._file = open(self._path, "ab", buffering=0)  # closed by close()
         self._columns, self._written = self._history.columns, len(self._history)
         self._units = dict(self._history.units)
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file, and let other runs write it."""
+        self._close_file()
+        if self._claim is not None:
+            self._claim.release()
+
+    def _close_file(self) -> None:
         if self._file is not None:
             self._file.close()
             self._file = None

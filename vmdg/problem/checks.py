@@ -108,22 +108,6 @@ def _equal_steps(number: int, start: float) -> NDArray[np.float64]:
     return np.linspace(start, 1.0, number + 1)[1:]
 
 
-def checked_row(row: Any) -> dict[str, Any]:
-    """What a monitor returned, as a part of the history's row.
-
-    Raises:
-        TypeError: it is no dict.
-    """
-    if row is None:
-        return {}
-    if not isinstance(row, Mapping):
-        raise TypeError(
-            f"solve: the monitor returned {row!r}; it must return a dict of columns, for example "
-            '{"force": problem.reaction(facets)[0]}, or None'
-        )
-    return dict(row)
-
-
 # Supports
 
 
@@ -164,7 +148,7 @@ def _check_bonds(problem: Problem) -> None:
     interfaces = problem.discretization.active.values()
     # Cracks within a body leave it in one piece, as far as is known before.
     lasting = [c for c in interfaces if not c.law.inelastic or c.interface.within is not None]
-    loaded = problem.loading.loaded
+    loaded = problem.loading.given.loaded
     breakable = [c for c in _bonded(problem) if c not in lasting]
     if not breakable or not global_any(problem.comm, bool(loaded.any())):
         return

@@ -24,6 +24,7 @@ from ..assembly.means import lattice_of
 from ..assembly.rigid import RigidFaces
 from ..assembly.surface import Share
 from ..assembly.values import Value, value_at
+from ..base.agreement import together
 from ..base.parallel import global_any, raise_together
 from ..base.tables import rounded
 from ..domain.geometry import axis_dofs
@@ -35,6 +36,15 @@ from ..interface.interface import Interface, number_of
 from .arguments import check_condition, check_rigid_face
 
 Array = NDArray[np.float64]
+
+#: What loads are called, in the order of :attr:`Ray.parts`.
+KINDS = (
+    "a prescribed displacement",
+    "a dead load",
+    "a pressure",
+    "the displacement of a rigid face",
+    "an eigenstrain",
+)
 
 #: Where a programme between two load factors is compared with a straight one, and how exactly.
 PROBES, STRAIGHT = (0.382, 0.5), 1e-9
@@ -54,6 +64,21 @@ class Drive(NamedTuple):
     column: int
     prescribed: bool
     value: Value
+
+
+class Given(NamedTuple):
+    """What others want to know of loads and supports, as it was given so far.
+
+    Attributes:
+        loaded: Whether dead loads act on a cell, for every local cell.
+        starts: Displacement of all local dofs from which a support with ``relative=True`` starts,
+            for every such support in the order in which they were given [mm].
+        filled: Numbers of the interfaces with a fluid between their lips.
+    """
+
+    loaded: NDArray[np.bool_]
+    starts: list[Array]
+    filled: set[int]
 
 
 class Ray(NamedTuple):
@@ -106,7 +131,7 @@ class Loading:
         load_factor: t as a UFL constant.
         dirichlet: What is prescribed in the space that is loaded now.
         rigid: Its rigid faces.
-        loaded: Whether dead loads act on a cell, for every local cell.
+        given: What others want to know of loads and supports.
     """
 
     def __init__(
@@ -122,7 +147,7 @@ class Loading:
         self._given: list[Callable[[Loading], None]] = []
         self._ray: Ray | None = None
         self.load_factor = fem.Constant(mesh, 0.0)
-        self.loaded = np.zeros(len(self._bodies.tags), dtype=bool)
+        self.given = Given(np.zeros(len(self._bodies.tags), dtype=bool), [], set())
         self.follow(discretization)
 
     def follow(self, discretization: Discretization) -> None:
@@ -203,16 +228,21 @@ class Loading:
         component: int | str | None,
         relative: bool = False,
     ) -> None:
+        start = self._discretization.u.x.array.copy() if relative else None
+
         def impose(loading: Loading) -> None:
-            u, space = loading._discretization.u, loading._discretization.space
+            space = loading._discretization.space
             if callable(where):
                 dofs = nodes_where(space, where)
             else:
                 dofs = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, where)
-            start = u.x.array.reshape(-1, space.dofmap.index_map_bs)[dofs] if relative else None
-            loading.dirichlet.add(dofs, value, component, what, start)
+            bs = space.dofmap.index_map_bs
+            base = None if start is None else start.reshape(-1, bs)[dofs]
+            loading.dirichlet.add(dofs, value, component, what, base)
 
         self._add(impose)
+        if start is not None:
+            self.given.starts.append(start)
 
     @property
     def prescribed(self) -> NDArray[np.int32]:
@@ -284,7 +314,7 @@ class Loading:
 
         self._add(impose)
         if force is not None:
-            self.loaded[facet_cells(self._mesh)[facets, 0]] = True
+            self.given.loaded[facet_cells(self._mesh)[facets, 0]] = True
         return number
 
     def _refuse_held_faces(self) -> None:
@@ -342,7 +372,7 @@ class Loading:
         """See :meth:`vmdg.Problem.traction`."""
         facets = self._boundary(facets, "traction")
         self._add(lambda loading: loading._loads.add_traction(facets, value))
-        self.loaded[facet_cells(self._mesh)[facets, 0]] = True
+        self.given.loaded[facet_cells(self._mesh)[facets, 0]] = True
 
     def _boundary(self, where: Where, what: str) -> NDArray[np.int32]:
         """Facets of the boundary.
@@ -371,7 +401,7 @@ class Loading:
             raise ValueError(f"body_force: no cell has tag {tag}; tags are {sorted(cells_of)}")
         cells = np.arange(len(self._bodies.tags)) if tag is None else cells_of[tag]
         self._add(lambda loading: loading._loads.add_body_force(cells.astype(np.int32), value))
-        self.loaded[cells] = True
+        self.given.loaded[cells] = True
 
     def add_point_load(self, where: Locator, value: Value, component: int | str | None) -> None:
         """See :meth:`vmdg.Problem.point_load`."""
@@ -390,7 +420,7 @@ class Loading:
         space = self._discretization.space
         cells, loaded = space.dofmap.list, find_nodes(space, where, "point_load")
         self._add(impose)
-        self.loaded |= np.isin(cells, loaded).any(axis=1)[: len(self.loaded)]
+        self.given.loaded[np.isin(cells, loaded).any(axis=1)[: len(self.given.loaded)]] = True
 
     def _refuse_split_nodes(self, where: Locator) -> None:
         """Nodes of an interface are two, or will be when its facets open on demand.
@@ -456,7 +486,7 @@ class Loading:
         facets = self._boundary(where, "pressure")
         self._add(lambda loading: loading._surface.add_pressure(facets, value))
         self.move(self.t)
-        self.loaded[facet_cells(self._mesh)[facets, 0]] = True
+        self.given.loaded[facet_cells(self._mesh)[facets, 0]] = True
 
     def _add_fluid(
         self, which: Interface | str, value: Value, debonded: bool, share: Share | None
@@ -480,8 +510,9 @@ class Loading:
                 loading._surface.add_fluid(now.take_fluid(number), value, debonded, share)
 
         self._add(impose)
+        self.given.filled.add(number)
         self.move(self.t)
-        self.loaded[self._activation.facets[number].cells] = True
+        self.given.loaded[self._activation.facets[number].cells] = True
 
     def add_spring(self, where: Where, stiffness: ArrayLike) -> None:
         """See :meth:`vmdg.Problem.spring`."""
@@ -514,9 +545,13 @@ class Loading:
         self.clear_ray()
         if start == end:
             return False
-        ray, comm = self._ray_between(start, end), self._mesh.comm
+        comm = self._mesh.comm
+        ray = together(comm, lambda: self._ray_between(start, end))
+        for t, values in zip((start, end), zip(*ray.parts, strict=True), strict=True):
+            self._refuse_infinite(t, values)
         changes = any((one != other).any() for one, other in ray.parts)
-        straight = all([self._leads(ray, start + share * (end - start)) for share in PROBES])
+        probes = [start + share * (end - start) for share in PROBES]
+        straight = together(comm, lambda: all([self._leads(ray, t) for t in probes]))
         if not global_any(comm, changes) or global_any(comm, not straight):
             return False
         self._ray, self._vector = ray, None
@@ -528,17 +563,24 @@ class Loading:
         Raises:
             ValueError: a prescribed displacement, load, pressure or eigenstrain is not.
         """
-        finite = all([np.isfinite(part(t)).all() for part in self._given_parts])
-        message = (
-            "a prescribed displacement, load, pressure or eigenstrain is not finite at load factor"
-            f" {t:g}: look at its function of the load factor there, for example at a root or a "
-            "quotient"
+        self._refuse_infinite(
+            t, together(self._mesh.comm, lambda: [part(t) for part in self._given_parts])
         )
-        raise_together(self._mesh.comm, None if finite else message)
+
+    def _refuse_infinite(self, t: float, values: Sequence[Array]) -> None:
+        message = None
+        for kind, value in zip(KINDS, values, strict=True):
+            if not np.isfinite(value).all():
+                message = (
+                    f"{kind} is not finite at load factor {t:.8g}: look at its function of the "
+                    "load factor there, for example at a root or a quotient"
+                )
+        raise_together(self._mesh.comm, message)
 
     def as_given(self, t: float) -> bool:
         """Whether the present ray has the loads at ``t`` that were given for it; collective."""
-        return not global_any(self._mesh.comm, not self._leads(self._ray, t))
+        comm = self._mesh.comm
+        return not global_any(comm, not together(comm, lambda: self._leads(self._ray, t)))
 
     def _leads(self, ray: Ray, t: float) -> bool:
         """Whether a ray has the loads that were given for a load factor, on this rank."""

@@ -95,7 +95,8 @@ class Problem:
         comm: Communicator of the mesh.
         interfaces: As given.
         materials: Material of every tag.
-        load_factor: Load factor t as a UFL constant, for loads given as UFL expressions.
+        load_factor: Load factor as a UFL constant, for loads given as UFL expressions; its value
+            is :attr:`t`.
         loading: Prescribed displacements and dead loads, as the solver asks for them.
         step: The protocol of a load step, for solvers and checkpoints.
 
@@ -177,7 +178,11 @@ class Problem:
 
     @property
     def t(self) -> float:
-        """Load factor of the current state."""
+        """Load factor of the current state, a number: the column ``load`` of a history.
+
+        :attr:`load_factor` is the same as a symbol, a Constant of UFL for expressions of loads,
+        which :func:`vmdg.solve` sets; it is not to be read, nor set by hand.
+        """
         return self.loading.t
 
     def __repr__(self) -> str:
@@ -395,7 +400,11 @@ class Problem:
     def state(self) -> InterfaceList[InterfaceState]:
         """Values at the facet points of every interface at the last assembled residual.
 
-        ``state[0]``, ``state["bond"]`` by the name, or ``state[interface]``.
+        ``state[0]``, ``state["bond"]`` by the name, or ``state[interface]``. Local: a rank has the
+        points of its own facets, perhaps none, and a maximum or a sum of them is another number on
+        every rank. :meth:`mean`, :meth:`debonded`, :func:`vmdg.extremes`, :func:`vmdg.average`,
+        :func:`vmdg.integral` and :func:`vmdg.profile` (sorted along the interface) are of all
+        ranks.
         """
         empty = InterfaceState.empty(self.mesh.geometry.dim)
         return self._of_interfaces(lambda active: active.state(), empty)
@@ -420,16 +429,23 @@ class Problem:
         ]
         return InterfaceMean(*values, area)
 
-    def debonded(self) -> float:
+    def debonded(self, interface: Which | None = None) -> float:
         """Share of the area of the interfaces whose bond is broken, the same on every rank.
 
         Of all interfaces with a bond that can fail, facets that may open on demand included. The
         bond counts as broken at Q >= .99 P_c: an exponential law never quite reaches P_c.
+
+        Args:
+            interface: One of them, by its number, its name or itself; None for all together.
+
+        Raises:
+            ValueError, IndexError: there is no such interface.
         """
-        areas = np.zeros(2)
-        for i, interface in enumerate(self.interfaces):
+        areas, every = np.zeros(2), interface is None
+        chosen = None if every else number_of(self.interfaces, interface)
+        for i, one in enumerate(self.interfaces):
             active = self.discretization.active.get(i)
-            if not interface.law.has_bond:
+            if not one.law.has_bond or not (every or i == chosen):
                 continue
             if active is not None:
                 broken = active.history.softening >= BROKEN * active.law.strength

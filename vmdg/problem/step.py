@@ -582,7 +582,7 @@ class Step:
         self.activation.open = marks
         self._follow(after)
         after.continue_from(before)
-        self._loading.spread()
+        self._loading.move(self._loading.t)
         after.update_stabilization()
         # The force on a node is now shared by its duplicates.
         self.assemble_residual(hold=True)

@@ -43,8 +43,8 @@ class Attempt:
         onset: Whether the step ends where damage begins, at a kink of the path.
         unstable: Whether the tangent near its end is known to have negative eigenvalues.
         work: Work on bonds in the step, 0 where it failed [N mm].
-        change: Of displacement and load factor; None where it failed or facets opened.
-        ahead: The same where facets have opened too: how the next step may go on.
+        ahead: Change of displacement and load factor, as the next step may go on; None where it
+            failed.
         lost: Largest share of its strength that a point has lost in a step with cycles.
     """
 
@@ -59,7 +59,6 @@ class Attempt:
     onset: bool = False
     unstable: bool = False
     work: float = 0.0
-    change: Direction | None = None
     ahead: Direction | None = None
     lost: float = 0.0
 

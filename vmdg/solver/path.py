@@ -122,8 +122,8 @@ class Path:
         self._lost = False
 
     def forget(self) -> None:
-        """The next step does not go on as the last one."""
-        self._size = Size(self._size.work, self._size.breaks)
+        """The next step goes on as that of a run which begins here."""
+        self._size, self._lost = Size(self._size.work, self._size.breaks), False
 
     def advance(self, target: float) -> Iterator[Part]:
         """Steps until ``target`` is reached.
@@ -153,7 +153,7 @@ class Path:
                 continue
             turned = limit is not None or stage.ahead(part.t, before.t) < 0
             if not (stage.follows and turned) or stage.traces:
-                last = (before, part.attempt) if part.attempt.change else None
+                last = (before, part.attempt)
                 yield part
             else:
                 limit = limit or before
@@ -227,6 +227,8 @@ class Path:
                 # Nothing shows the body another way.
                 self._lose(start)
                 cuts, limits = 0, replace(limits, way=math.inf)
+            if 2 * cuts > options.max_cuts or problem.discretization is not before.discretization:
+                guess = replace(guess, ahead=None)
             if hold_pieces(problem):
                 cuts = 0
                 continue
@@ -235,8 +237,6 @@ class Path:
             by_work |= limits.work < math.inf
             if late > by_work * options.max_cuts // 2 or length <= ROUNDING * stage.span:
                 raise StepFailure(self._complaint(limits, found), self._result)
-            if 2 * cuts > options.max_cuts or problem.discretization is not before.discretization:
-                guess = replace(guess, ahead=None)
             if late > 0:
                 # Where lips close and rub bonds may break, but their work does not lead the way.
                 by_load = Limits(start, stage.target, stage.span)

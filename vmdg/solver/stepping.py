@@ -2,30 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
-from typing import Any
+from weakref import WeakSet
+
+from petsc4py import PETSc
 
 from numpy.typing import ArrayLike
 
 from ..assembly.means import lattice_of
-from ..base.parallel import global_any
+from ..base.agreement import Interrupt, leave_together
 from ..base.timers import timer, timings, timings_since
-from ..checkpoint.checkpoint import write_checkpoint
+from ..checkpoint.checkpoint import claim_checkpoint, write_checkpoint
 from ..linear.features import switchboard
 from ..output.axial import AxialMotion
 from ..output.cell import PeriodicCell
 from ..output.history import History, HistoryFile
-from ..problem.checks import check_model, checked_loads, checked_row
+from ..problem.checks import check_model, checked_loads
 from ..problem.problem import Problem
+from .monitors import Monitor, Until, check_functions, ends, watched_row
 from .options import SolveOptions
 from .path import Part, Path
 from .progress import Progress
-from .result import Counts, Result
+from .result import Counts, Result, StepFailure
 from .steps import Steps
 
-Monitor = Callable[[Problem], Mapping[str, Any] | None]
-Until = Callable[[Problem], bool]
+#: Problems that are being solved.
+_running: WeakSet[Problem] = WeakSet()
 
 
 def solve(
@@ -42,8 +45,9 @@ def solve(
         problem: Changed in place; ends in the state of the last load factor.
         loads: Load factors to reach, one after the other; an int is so many equal steps to 1.
         options: See :class:`SolveOptions`.
-        monitor: Called after every converged step; what it returns joins the history row, by names
-            that may say their unit: "force [N]" is column "force".
+        monitor: Called after every converged step, on all ranks; the numbers that it returns join
+            the history row, by names that may say their unit: "force [N]" is column "force". They
+            are the same on every rank, and the problem stays as it is.
         history: Table of an earlier run to continue.
         until: Called after every row; where it says True, on any rank, the run ends there. For
             dead loads beyond the peak, for example, which may never come to the next load factor:
@@ -56,13 +60,21 @@ def solve(
             or columns of the history that have the same name, change their unit, or are to be shown
             and do not exist.
         TypeError: ``loads`` is a single number that is no int, or ``options`` or what the monitor
-            returns is of the wrong kind.
+            or ``until`` returns is of the wrong kind.
         OSError: a checkpoint or the table could not be written; the problem is in the state that
             it should hold.
+        RuntimeError: called by a monitor of the same problem.
+        KeyboardInterrupt: Ctrl-C, between two attempts of a step; within one where it comes twice.
+
+    Whatever ends a run, the problem is in the state of its last row, or where the last step that
+    failed has left it; an error of the monitor, of ``until`` or of a load on one rank is raised on
+    all.
     """
     options = options or SolveOptions()
     if not isinstance(options, SolveOptions):
         raise TypeError(f"solve: options = {options!r} must be SolveOptions(...)")
+    check_functions(monitor=monitor, until=until)
+    _refuse_nested(problem)
     loads = checked_loads(loads, problem, None if history is None else history.rows)
     result = Result(
         history=History() if history is None else history, switches=switchboard(problem, options)
@@ -70,21 +82,26 @@ def solve(
     if loads.size:
         problem.step.rests_on_contact = check_model(problem, loads, options.unstable == "trace")
     before, written, steps = timings(), len(result.history), None
+    _running.add(problem)
     try:
         with (
             timer("solve"),
+            Interrupt(problem.comm) as interrupt,
+            _claimed(problem, options),
             HistoryFile(problem.comm, options.csv, result.history) as file,
             Progress(problem, len(loads), options) as progress,
+            _Rows(problem) as rows,
         ):
-            steps = Steps(problem, options, progress)
+            steps = Steps(problem, options, progress, interrupt.check)
             path = Path(steps, result)
             for number, target in enumerate(loads):
                 ended = False
                 for part in path.advance(float(target)):
                     _add_row(part, problem, options, monitor, result)
+                    rows.hold()
                     file.update()
                     progress.advanced(number + part.done, part.size, part.attempt, result.history)
-                    ended = until is not None and global_any(problem.comm, bool(until(problem)))
+                    ended = ends(problem, until)
                     if ended:
                         break
                 if ended:
@@ -96,6 +113,7 @@ def solve(
             # Not where a step failed: one rank alone must not wait for the others here.
             steps.close()
     finally:
+        _running.discard(problem)
         problem.loading.clear_ray()
         result.timings = timings_since(before)
         result.counts = Counts.from_timings(result.timings, steps.krylov if steps else 0)
@@ -104,12 +122,56 @@ def solve(
     return result
 
 
+def _refuse_nested(problem: Problem) -> None:
+    """Two runs of a problem at a time would share its state; on every rank."""
+    if problem in _running:
+        raise RuntimeError(
+            "solve: the problem is being solved: its monitor must not solve it, but may look at "
+            "it. End the run by until=, and solve on after it"
+        )
+
+
+class _Rows:
+    """The state of the last row, to which an error on the way of a step returns; collective.
+
+    Args:
+        problem: The problem, in a converged state.
+    """
+
+    def __init__(self, problem: Problem):
+        self._comm, self._step = problem.comm, problem.step
+        self._state, self._scales = problem.step.snapshot(), problem.step.scales
+
+    def hold(self) -> None:
+        """There is a row for the present state."""
+        self._state, self._scales = self._step.snapshot(), self._step.scales
+
+    def __enter__(self) -> _Rows:
+        return self
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if error is None or isinstance(error, StepFailure):
+            return
+        leave_together(self._comm, error)
+        self._step.return_to(self._state)
+        self._step.scales = self._scales
+        if isinstance(error, PETSc.Error) and error.__cause__ is not None:
+            # What was raised in a function that PETSc has called.
+            raise error.__cause__
+
+
+def _claimed(problem: Problem, options: SolveOptions) -> AbstractContextManager:
+    """The right to write checkpoints, where they are wanted; collective."""
+    if options.checkpoint is None:
+        return nullcontext()
+    return claim_checkpoint(problem.comm, options.checkpoint)
+
+
 def _write_checkpoint(steps: Steps, path: Path, result: Result) -> int:
     """Write a checkpoint if one is wanted; the number of rows that are safe now."""
     folder = steps.options.checkpoint
     if folder is not None:
         write_checkpoint(steps.problem, folder, result.history)
-        steps.problem.loading.spread()
         steps.restart()
         path.forget()
     return len(result.history)
@@ -138,5 +200,5 @@ def _add_row(
         energy = problem.energy()
         energies = asdict(energy) | {"imbalance": energy.imbalance}
         row |= {f"{name} [N mm]": value for name, value in energies.items()}
-    result.history.append(row | checked_row(monitor(problem) if monitor else None))
+    result.history.append(row | watched_row(problem, monitor))
     result.residuals.append(part.attempt.norms)

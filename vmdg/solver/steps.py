@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +25,7 @@ class Steps:
         problem: The problem.
         options: Of the solver.
         progress: Is told how attempts went; None for one by ``options``.
+        check: Called before every attempt, may raise to end the run.
 
     Attributes:
         problem: The problem.
@@ -33,9 +35,15 @@ class Steps:
         krylov: Krylov iterations so far.
     """
 
-    def __init__(self, problem: Problem, options: SolveOptions, progress: Progress | None = None):
+    def __init__(
+        self,
+        problem: Problem,
+        options: SolveOptions,
+        progress: Progress | None = None,
+        check: Callable[[], None] = lambda: None,
+    ):
         self.problem, self.options = problem, options
-        self._progress = progress or Progress(problem, 0, options)
+        self._progress, self._check = progress or Progress(problem, 0, options), check
         laws = [interface.law for interface in problem.interfaces]
         self.viscous = any(law.viscosity > 0 for law in laws)
         self.cyclic, self.krylov = options.cycles > 0, 0
@@ -78,20 +86,25 @@ class Steps:
     def attempt(self, limits: Limits, guess: Guess, jump: Jump | None = None) -> Attempt:
         """Take a step, committed if it converges and undone if not; collective.
 
-        A step that takes closed facets beyond their strength is undone, the facets are opened,
-        and the step is done again.
+        Closed facets that the state before it takes beyond their strength are opened first. A step
+        that takes others far beyond is undone, they are opened, and it is done again.
 
         Args:
             limits: Where it ends.
             guess: How the last one went.
             jump: That it is of: limits are of the overstress then, not of the load factor.
         """
+        self._check()
         found = self._attempt(limits, guess, jump)
         self._progress.attempted(limits, jump, found)
         return found
 
     def _attempt(self, limits: Limits, guess: Guess, jump: Jump | None) -> Attempt:
-        step = self.problem.step
+        step, parts = self.problem.step, self.problem.discretization
+        # Not as the last step ended: its row is of forces that balance.
+        utilization = step.activation.utilization()
+        if utilization.largest > OPENS and step.open_facets(utilization):
+            guess = replace(guess, ahead=guess.ahead and self._carried(guess.ahead, parts))
         while True:
             parts = self.problem.discretization
             found = self._iterate(limits, guess, jump)
@@ -121,11 +134,8 @@ class Steps:
                 return replace(found.failed("WORN"), lost=lost)
             change = self.problem.u.x.array[: parts.owned] - step.start.u[: parts.owned]
             way = Direction(change, self.problem.t - step.start.t)
-            found = replace(found, work=step.bond_work(), lost=lost, change=way, ahead=way)
+            found = replace(found, work=step.bond_work(), lost=lost, ahead=way)
             step.commit()
-            if utilization.largest > OPENS:
-                step.open_facets(utilization)
-                found = replace(found, change=None, ahead=self._carried(way, parts))
             return found
 
     def _carried(self, way: Direction, before: Discretization) -> Direction:
@@ -139,6 +149,8 @@ class Steps:
         # A step of no length is at rest: rate effects vanish for infinite time.
         moves = 0.0 if jump else abs(limits.target - problem.t)
         dt = moves * options.duration or np.inf
+        if problem.loading.ray is None:
+            problem.loading.check_finite(jump.t if jump else limits.target)
         # Along a ray the iteration moves the load factor itself.
         t = problem.t if problem.loading.ray is not None else limits.target
         begun = (jump.t, dt, limits.start) if jump else (t, dt, 0.0, moves * options.cycles)

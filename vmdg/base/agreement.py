@@ -1,0 +1,155 @@
+"""What fails on one rank ends the run on all: errors of users' functions, and Ctrl-C.
+
+A rank that leaves a run while others wait for it would have them wait for ever. So where vmdg calls
+a function of the user the ranks agree on how it went, by messages from rank to rank, which cannot
+be taken for those of a collective call inside of that function. A rank that failed waits for the
+others, but not for long; if they do not answer they are in such a call, and the job is ended.
+"""
+
+from __future__ import annotations
+
+import pickle
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Callable
+from types import FrameType
+from typing import TypeVar
+
+from mpi4py import MPI
+
+from .parallel import PATIENCE, end_job, global_any, within
+
+#: Seconds that a rank waits for another one before it says so.
+REMINDER = 30.0
+
+_TAG = 22093
+
+T = TypeVar("T")
+
+
+def together(comm: MPI.Comm, call: Callable[[], T]) -> T:
+    """Call a user's function; an error of one rank is raised on all of them; collective.
+
+    Ranks on which it did not fail raise the same error, or RuntimeError with its words where it
+    cannot be sent, that of the lowest rank. What it gives may differ between ranks.
+
+    Args:
+        comm: The ranks.
+        call: Calls it.
+    """
+    if comm.size == 1:
+        return call()
+    result, mine = None, None
+    try:
+        result = call()
+    except BaseException as error:
+        mine = error
+    told = _first_error(comm, mine)
+    if mine is not None:
+        raise mine
+    if told is not None:
+        raise pickle.loads(told)
+    return result
+
+
+def leave_together(comm: MPI.Comm, error: BaseException) -> None:
+    """Tell the other ranks of an error on the way of a run; collective.
+
+    Where they have none they learn of it in the next function of a user that they call; where they
+    wait for this rank before that, the job is ended.
+
+    Args:
+        comm: The ranks.
+        error: What this rank leaves by.
+    """
+    if comm.size > 1:
+        _first_error(comm, error)
+
+
+def _first_error(comm: MPI.Comm, mine: BaseException | None) -> bytes | None:
+    """That of the lowest rank on which there is one, pickled."""
+    packed = None if mine is None else _packed(mine, comm.rank)
+    if comm.rank > 0:
+        request = comm.isend(packed, 0, _TAG)
+        told = _received(comm, 0, mine)
+        request.wait()
+        return told
+    errors = [packed, *(_received(comm, rank, mine) for rank in range(1, comm.size))]
+    told = next((error for error in errors if error is not None), None)
+    for rank in range(1, comm.size):
+        comm.send(told, rank, _TAG)
+    return told
+
+
+def _received(comm: MPI.Comm, source: int, mine: BaseException | None) -> bytes | None:
+    """What a rank says; where this one has failed it does not wait for long."""
+    if not within(PATIENCE if mine else REMINDER, lambda: comm.Iprobe(source, _TAG)):
+        if mine is not None:
+            traceback.print_exception(mine)
+            end_job(
+                f"rank {comm.rank} has failed (above) while others wait for it in a call of all"
+            )
+        print(
+            f"vmdg: rank {comm.rank} has waited {REMINDER:.0f} s for rank {source} to end a "
+            "function of yours (monitor, until, a load). If it never does, look for a call of all "
+            "ranks, such as problem.reaction, that only some ranks make",
+            file=sys.stderr,
+            flush=True,
+        )
+    return comm.recv(source=source, tag=_TAG)
+
+
+def _packed(error: BaseException, rank: int) -> bytes:
+    """An error as it can be sent."""
+    try:
+        packed = pickle.dumps(error)
+        pickle.loads(packed)
+    except Exception:  # of a user's class, which may do anything
+        words = f"on rank {rank}: {type(error).__name__}: {error}"
+        packed = pickle.dumps(RuntimeError(words))
+    return packed
+
+
+class Interrupt:
+    """Ctrl-C that ends a run between two attempts of a step, on all ranks; collective.
+
+    A second one does not wait, and the step that is under way is lost. Handlers of others are left
+    as they are.
+
+    Args:
+        comm: The ranks.
+    """
+
+    def __init__(self, comm: MPI.Comm):
+        self._comm = comm
+        self._asked = self._handles = False
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        if self._asked:
+            signal.default_int_handler(number, frame)
+        self._asked = True
+        if self._comm.rank == 0:
+            words = "the run ends after the present attempt of a step; Ctrl-C again ends it at once"
+            print(f"\nvmdg: {words}", file=sys.stderr, flush=True)
+
+    def check(self) -> None:
+        """Stop here if anybody wants to; collective.
+
+        Raises:
+            KeyboardInterrupt: somebody does.
+        """
+        if global_any(self._comm, self._asked):
+            raise KeyboardInterrupt
+
+    def __enter__(self) -> Interrupt:
+        default = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        self._handles = default and threading.current_thread() is threading.main_thread()
+        if self._handles:
+            signal.signal(signal.SIGINT, self._handle)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._handles:
+            signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -1,0 +1,103 @@
+"""What an interface has in one number, over all ranks: extremes, averages and integrals.
+
+``problem.state`` has the points of this rank only, in an order of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..base.agreement import together
+from ..base.parallel import global_max, global_sum
+from ..interface.interface import Which
+from ..interface.points import InterfaceState
+from ..problem.problem import Problem
+from .values import scalar
+
+#: A scalar of :func:`vmdg.output.values.scalar`, or a function of a state with a value a point.
+Quantity = str | Callable[[InterfaceState], ArrayLike]
+
+
+def extremes(problem: Problem, interface: Which, quantity: Quantity) -> tuple[float, float]:
+    """Lowest and highest value at the points of an interface, the same on every rank; collective.
+
+    Args:
+        problem: The problem.
+        interface: Its number, its name or itself.
+        quantity: "opening", "gap", "slip", "traction", "shear", "damage", "mode" or "fine_scale",
+            see :func:`vmdg.output.values.scalar`, or a function of an
+            :class:`vmdg.InterfaceState`, for example ``lambda state: state.traction[:, 0]``.
+
+    Returns:
+        Two numbers, nan where nothing is open.
+
+    Raises:
+        ValueError: no such scalar or interface, or a function that gives something else.
+    """
+    values = _values(problem, interface, quantity)
+    ends = [-values.min(initial=np.inf), values.max(initial=-np.inf)]
+    low, high = (global_max(problem.comm, float(end)) for end in ends)
+    return (float("nan"),) * 2 if high == -np.inf else (-low, high)
+
+
+def integral(problem: Problem, interface: Which, quantity: Quantity) -> float:
+    """Integral over an interface, of tractions a force [N]; collective.
+
+    Over the reference area, of a plane body of the whole thickness, of one of revolution of the
+    whole circle.
+
+    Args:
+        problem: The problem.
+        interface: Its number, its name or itself.
+        quantity: As for :func:`extremes`.
+
+    Raises:
+        ValueError: as :func:`extremes`.
+    """
+    return _integral_and_area(problem, interface, quantity)[0]
+
+
+def average(problem: Problem, interface: Which, quantity: Quantity) -> float:
+    """Average over the open area of an interface, nan where nothing is open; collective.
+
+    Args:
+        problem: The problem.
+        interface: Its number, its name or itself.
+        quantity: As for :func:`extremes`.
+
+    Raises:
+        ValueError: as :func:`extremes`.
+    """
+    whole, area = _integral_and_area(problem, interface, quantity)
+    return whole / area if area > 0 else float("nan")
+
+
+def _integral_and_area(
+    problem: Problem, interface: Which, quantity: Quantity
+) -> tuple[float, float]:
+    values, weights = _values(problem, interface, quantity), problem.state[interface].weights
+    thickness = float(problem.discretization.geometry.thickness)
+    whole, area = global_sum(problem.comm, [weights @ values, weights.sum()])
+    return thickness * float(whole), thickness * float(area)
+
+
+def _values(problem: Problem, interface: Which, quantity: Quantity) -> NDArray[np.float64]:
+    """At the points of this rank (nq,); collective."""
+
+    def evaluated() -> NDArray[np.float64]:
+        if isinstance(quantity, str):
+            return scalar(problem, interface, quantity)
+        state = problem.state[interface]
+        values = np.asarray(quantity(state), dtype=float)
+        if values.shape != (len(state.weights),):
+            raise ValueError(
+                f"the function of an interface's state gives an array of shape {values.shape}; it "
+                f"must be one number for each of the {len(state.weights)} points, for example "
+                "lambda state: state.traction[:, 0]"
+            )
+        return values
+
+    return together(problem.comm, evaluated)
