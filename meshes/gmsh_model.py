@@ -20,6 +20,9 @@ from vmdg.meshes.partition import between_bodies, slabs, weighted
 #: Cells that vmdg has, in the words of gmsh.
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 
+#: Height of a plane mesh relative to its longest side that rounding may leave.
+FLAT = 1e-9
+
 
 class TaggedMesh(NamedTuple):
     """A mesh with the tags of its physical groups, which are found by name too.
@@ -99,7 +102,8 @@ def distribute(
 
     Raises:
         ValueError: a weight below 1, cells without a group, cells or facets in two groups, cells of
-            several types or of one that vmdg does not have, or facets without a cell.
+            several types or of one that vmdg does not have, facets without a cell,
+            or a plane mesh that is not in a plane z = const.
     """
     message, names = None, None
     if comm.rank == 0:
@@ -143,11 +147,23 @@ def _wrong_groups(gmsh_model: Any, gdim: int) -> str | None:
                     f"{place} is meshed and in no physical group, so its cells would be lost; make "
                     "a group for every body (addPhysicalGroup)"
                 )
-    return _wrong_cells(gmsh_model, gdim) or _facets_without_cells(gmsh_model, gdim)
+    tilted = _out_of_plane(gmsh_model) if gdim == 2 else None
+    return tilted or _wrong_cells(gmsh_model, gdim) or _facets_without_cells(gmsh_model, gdim)
 
 
 def _place(dim: int, entity: int) -> str:
     return f"{('point', 'curve', 'surface', 'volume')[dim]} {entity} of the gmsh model"
+
+
+def _out_of_plane(gmsh_model: Any) -> str | None:
+    """Nodes of a plane mesh whose z differ, which would be lost."""
+    sides = np.ptp(gmsh_model.mesh.getNodes()[1].reshape(-1, 3), axis=0)
+    if sides[2] <= FLAT * sides.max():
+        return None
+    return (
+        f"the nodes of the plane gmsh model differ by {sides[2]:g} in z, which a 2D mesh does not "
+        "have; turn the model into the plane z = 0 (gmsh.model.occ.rotate) before it is meshed"
+    )
 
 
 def _wrong_cells(gmsh_model: Any, gdim: int) -> str | None:

@@ -94,7 +94,7 @@ def test_shown(monkeypatch):
     assert table.count("<tr>") == 1 + 10 + 1 + 10
     assert "<td>29</td><td>9.66667</td><td>a&lt;b</td>" in table
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(ImportError, match="pip install pandas; or use to_csv"):
+    with pytest.raises(ImportError, match=r"-m pip install pandas .*; or use to_csv"):
         history.to_pandas()
 
 
@@ -213,3 +213,16 @@ def test_envelope():
     assert envelope.units == {"force": "N"}
     with pytest.raises(KeyError):
         history.envelope("displacement")
+
+
+def test_names_of_columns():
+    """A name is asked for, and columns are gone through, as in a dictionary."""
+    history = vmdg.History()
+    history.append({"load": 1.0, "force [N]": 2.0})
+    assert "force" in history and "force [N]" in history
+    assert "gap" not in history and 0 not in history
+    assert list(history) == ["load", "force"]
+    assert {name: column.tolist() for name, column in dict(history).items()} == {
+        "load": [1.0],
+        "force": [2.0],
+    }

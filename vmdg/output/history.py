@@ -6,7 +6,8 @@ import csv
 import io
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterable, Iterator, KeysView, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -86,6 +87,18 @@ class History:
             f"{name} [{self.units[name]}]" if name in self.units else name for name in self.columns
         ]
 
+    def __contains__(self, column: object) -> bool:
+        return isinstance(column, str) and not {column, split_unit(column)[0]}.isdisjoint(
+            self.columns
+        )
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.columns)
+
+    def keys(self) -> KeysView[str]:
+        """Names of all columns, as a dictionary has them: ``dict(history)`` is one of columns."""
+        return dict.fromkeys(self.columns).keys()
+
     def __getitem__(self, column: str) -> NDArray:
         name = column if column in self.columns else split_unit(column)[0]
         if name not in self.columns:
@@ -130,7 +143,9 @@ class History:
             import pandas
         except ImportError as error:
             raise ImportError(
-                f"History.to_pandas needs pandas ({error}): pip install pandas; or use to_csv"
+                f"History.to_pandas needs pandas ({error}): install it for this Python, "
+                f"{sys.executable} -m pip install pandas (Debian: apt install python3-pandas; "
+                "conda: conda install pandas); or use to_csv"
             ) from error
         frame = pandas.DataFrame(self.rows, columns=self.columns)
         frame.attrs["units"] = dict(self.units)
