@@ -261,7 +261,7 @@ def _compiled(
         RuntimeError: a kernel is being compiled elsewhere for too long, or cannot be.
     """
     folder = cache_folder(options) / folder_name
-    end = time.monotonic() + options["timeout"]
+    end = time.monotonic() + options.get("timeout", JIT_OPTIONS["timeout"])
     ordered = {**options, "cache_dir": folder}
     if comm.rank == 0:
         ordered["timeout"] = 1
