@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from dolfinx import fem
 from dolfinx.mesh import CellType, GhostMode, create_rectangle
-from support import killed_run
+from support import bar, killed_run
 from support.checks import by_position
 from support.problems import MATERIALS, joined, set_displacement
 from support.scenes import EVERY_CELL, everywhere, interior_facets, tag_cells, two_blocks
@@ -640,3 +640,15 @@ def test_two_runs_in_one_folder(comm, out):
     run(held, [0.5], checkpoint=out, csv=out / "table.csv")
     comm.barrier()
     assert not list(out.rglob("*.lock"))
+
+
+def test_what_was_breaking_breaks_further(comm, tmp_path):
+    """The first step of a resumed run knows which way the path goes: the gradient of the work."""
+    loads = bar.LOADS[bar.LOADS < 0.05]
+    problem, other = (bar.build(comm, 0.2) for _ in range(2))
+    vmdg.solve(problem, loads)
+    vmdg.write_checkpoint(problem, tmp_path / "checkpoint")
+    vmdg.read_checkpoint(other, tmp_path / "checkpoint")
+    (one,), (two,) = (p.discretization.active.values() for p in (problem, other))
+    assert (np.abs(one.work_gradient(1.0)).max(axis=1) > 0).all()
+    assert np.array_equal(one.work_gradient(1.0), two.work_gradient(1.0))

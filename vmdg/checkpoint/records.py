@@ -36,7 +36,7 @@ SAME_PLACE = 1e-9
 #: Points of a facet lie apart by a share of its size; the same point is met to rounding.
 SAME_POINT = 1e-6
 
-_SHARE = "fluid.share"
+_SHARE, _GRADIENT = "fluid.share", "gradient"
 
 
 def cell_records(
@@ -145,6 +145,7 @@ def restore_interface(active: ActiveInterface, records: NDArray) -> InterfaceSna
         PointValues(**values),
         Stabilization(**of_facets),
         arrays.get(_SHARE),
+        arrays.get(_GRADIENT),
     )
 
 
@@ -171,6 +172,8 @@ def _at_points(active: ActiveInterface) -> dict[str, NDArray]:
     arrays = {"place": active.quadrature.points}
     if active.law.inelastic:
         arrays |= {f"history.{name}": getattr(active.history, name) for name in HISTORY_ARRAYS}
+        # What was breaking breaks further; laws of a rate, whose time step this is not, do not ask.
+        arrays[_GRADIENT] = active.work_gradient(1.0)
     values = {f"values.{name}": getattr(active.values, name) for name in VALUE_ARRAYS}
     if active.fluid is not None:
         arrays[_SHARE] = active.fluid.share

@@ -70,6 +70,8 @@ class ActiveInterface:
         damage = facets.damage[self.quadrature.facet] if self.law.inelastic else np.zeros(0)
         self.history = PointHistory.start(self.law.strength * damage, self.quadrature.d)
         self.values = self._return_map.start()
+        # The gradient of the work in the step with which a run that is resumed has ended.
+        self._resumed: NDArray[np.float64] | None = None
         self._drag: NDArray[np.float64] | None = None
         self._cycles: NDArray[np.float64] | None = None
         self.fluid: Fluid | None = None
@@ -242,6 +244,8 @@ class ActiveInterface:
     def return_to(self, snapshot: InterfaceSnapshot) -> None:
         """Go back to a state."""
         self.history, self.values = snapshot.history, snapshot.values
+        if snapshot.gradient is not None:
+            self._resumed = snapshot.gradient
         self.terms.set_gap(self.values)
         self._set_stabilization(snapshot.stabilization)
         if self.fluid is not None and snapshot.share is not None:
@@ -281,12 +285,14 @@ class ActiveInterface:
     def work_gradient(self, dt: float) -> NDArray[np.float64]:
         """d damage work/d T_tr of the last return map, in the frame of the law (nq, d) [mm].
 
+        That of a run that is resumed is in its checkpoint.
+
         Args:
             dt: Time step of that return map [s].
         """
         update, history, q = self.values.update, self.history, self.quadrature
         if update is None:
-            return np.zeros((len(q.weights), q.d))
+            return self._resumed if self._resumed is not None else np.zeros((len(q.weights), q.d))
         r = self.stabilization.norm[q.facet]
         load = update.traction + r[:, None] * (update.gap - history.gap)
         r = r if self._drag is None else r + self._drag

@@ -61,12 +61,14 @@ class InterfaceSnapshot:
         values: Values at its points at the last residual.
         stabilization: tau_s and the flux weights that the forms have.
         share: Of a fluid's pressure that acted in the step that led here; None for none.
+        gradient: Of the work in that step, for a run that is resumed; None where it is known.
     """
 
     history: PointHistory
     values: PointValues
     stabilization: Stabilization
     share: NDArray[np.float64] | None = None
+    gradient: NDArray[np.float64] | None = None
 
 
 def with_rows(record: Record, rows: NDArray, other: Record, theirs: NDArray) -> Record:

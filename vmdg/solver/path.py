@@ -118,12 +118,15 @@ class Path:
         self._numbers = steps.options.path
         scales = self._problem.step.scales
         leads = self._options.control == "dissipation"
-        self._size = Size(scales.work or math.inf, scales.breaking or leads)
+        # What was breaking when the last run ended breaks further.
+        guess = Guess(goes_on=True)
+        self._size = Size(scales.work or math.inf, scales.breaking or leads, guess=guess)
         self._lost = False
 
     def forget(self) -> None:
         """The next step goes on as that of a run which begins here."""
-        self._size, self._lost = Size(self._size.work, self._size.breaks), False
+        guess = Guess(goes_on=True)
+        self._size, self._lost = Size(self._size.work, self._size.breaks, guess=guess), False
 
     def advance(self, target: float) -> Iterator[Part]:
         """Steps until ``target`` is reached.
@@ -158,7 +161,7 @@ class Path:
             else:
                 limit = limit or before
                 kept.append((part, step.snapshot()))
-                if stage.ahead(part.t, limit.t) > 0:
+                if stage.ahead(part.t, limit.t) > 0 or part.t == target:
                     yield from self._rows(kept)
                     limit, kept, last = None, [], None
                 elif stage.ahead(limit.t, part.t) > stage.span:
@@ -309,8 +312,7 @@ class Path:
             stride = growth * abs(limits.target - limits.start)
         # Along the way nothing need break or come nearer to the target, without end.
         nearer = stage.ahead(self._problem.t, limits.start) > numbers.small * stage.span
-        ends = found.work > least or not stage.follows or self._problem.t == stage.target
-        idle = 0 if ends else size.idle + (not nearer)
+        idle = 0 if found.work > least or not stage.follows else size.idle + (not nearer)
         guess = Guess(None if found.onset else found.ahead, found.work, goes_on=True)
         step = self._problem.step
         step.scales = replace(step.scales, work=0.0 if work == math.inf else work, breaking=breaks)
@@ -485,5 +487,5 @@ class Path:
         after = problem.energy()
         charged = after.viscosity - before.viscosity
         problem.step.release(max(after.imbalance - before.imbalance, -charged))
-        self.forget()
+        self._size = Size(self._size.work, self._size.breaks)
         return Part(t, stage.done(t), 0.0, found, 0, count)
