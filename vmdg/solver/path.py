@@ -263,10 +263,12 @@ class Path:
         stride = size.stride
         if self._steps.cyclic and stride == math.inf:
             stride = self._steps.first_stride
-        return limits if stride >= abs(stage.target - start) else self._strode(limits, stride)
+        return self._strode(limits, stride)
 
     def _strode(self, limits: Limits, stride: float) -> Limits:
-        """Limits with a target that is so far away."""
+        """Limits with a target that is no further away."""
+        if stride >= abs(limits.target - limits.start):
+            return limits
         return replace(limits, target=limits.start + limits.toward * stride)
 
     def _shorter(self, stage: Stage, limits: Limits, found: Attempt) -> Limits:
