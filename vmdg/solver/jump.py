@@ -58,7 +58,7 @@ def jump(steps: Steps, t: float, most: float) -> tuple[Attempt, int]:
         s, lowest = found.end, min(found.end, lowest)
         growth = min(numbers.aim / max(found.iterations, 1), numbers.growth)
         work = min(max(growth * work, least), most)
-        ahead = found.ahead and Direction(found.ahead.u, 0.0)
-        guess = Guess(ahead if held else None, found.work, goes_on=True)
+        ahead = Direction(found.ahead.u, 0.0) if held else None
+        guess = Guess(ahead, found.work, goes_on=True)
     step.return_to(begun)
     return found.failed(f"JUMP_FAILED after {count} steps"), count

@@ -42,7 +42,8 @@ class PathOptions:
             way to a limit point.
         patience: Corrections after which an attempt is given up if they have hardly lowered the
             residual.
-        missed: Share of a limit by which a step may miss it, and is to miss what it must not pass.
+        missed: Share of a limit by which a step may miss it, and by which a step with cycles stays
+            below the loss that is allowed.
         aim: Corrections that a step should take; the next one is shorter or longer by that.
         growth: How much longer at most, and how much more than its limit a trial state may break.
         cut: What a failed attempt is cut by, and the least share that the last step may be of a
@@ -53,7 +54,8 @@ class PathOptions:
         rest: Overstress at which a jump is nearly at rest, and share by which corrections hardly
             lower a residual.
         drag: On bodies in a jump for an overstress of H, relative to the norm of the tangent.
-        idle: Steps on which nothing breaks before a run, or a jump, is given up.
+        idle: Steps on which nothing breaks and that come no nearer to their target before a run, or
+            a jump, is given up.
     """
 
     small: float = 1e-6

@@ -85,7 +85,7 @@ class Overstress(Parameter):
     """The overstress s of a jump: a bond bears s H more per gap increment, a node s c |K| more."""
 
     moves, least = True, 0.0
-    value = 0.0
+    value = 0.0  # of its own, in place of the load factor
 
     def __init__(self, problem: Problem, system: System, share: float, value: float):
         super().__init__(problem)

@@ -118,13 +118,11 @@ class Path:
         self._numbers = steps.options.path
         scales = self._problem.step.scales
         leads = self._options.control == "dissipation"
-        # What was breaking when the last run ended breaks further.
-        guess = Guess(goes_on=True)
-        self._size = Size(scales.work or math.inf, scales.breaking or leads, guess=guess)
-        self._lost = False
+        self._size = Size(scales.work or math.inf, scales.breaking or leads)
+        self.forget()
 
     def forget(self) -> None:
-        """The next step goes on as that of a run which begins here."""
+        """The next step is as that of a run which begins here: what was breaking breaks further."""
         guess = Guess(goes_on=True)
         self._size, self._lost = Size(self._size.work, self._size.breaks, guess=guess), False
 
