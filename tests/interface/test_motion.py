@@ -19,7 +19,6 @@ from vmdg.interface.return_map import map_back
 from vmdg.linear.ksp import LU
 from vmdg.meshes import beams
 from vmdg.meshes.beams import INTERFACE, LOWER_LEFT, RIGHT, UPPER_LEFT
-from vmdg.solver.attempt import Guess
 from vmdg.solver.corrector import Corrector
 from vmdg.solver.limits import Limits
 
@@ -247,7 +246,7 @@ class Scout:
         problem, start = self.problem, self.problem.step.snapshot()
         problem.step.begin(t, abs(t - problem.t))
         limits = Limits(problem.t, t, abs(t - problem.t))
-        assert self.corrector.solve(limits, limits.span, Guess()).converged
+        assert self.corrector.solve(limits, limits.span, None).converged
         problem.step.commit()
         mode = int(problem.state[0].mode[0])
         if not keep:

@@ -13,7 +13,7 @@ from support.budgets import over_budget
 
 import vmdg
 from vmdg.base.parallel import global_max
-from vmdg.solver.attempt import Attempt, Guess
+from vmdg.solver.attempt import Attempt
 from vmdg.solver.jump import jump
 from vmdg.solver.limits import Limits
 from vmdg.solver.path import Path
@@ -117,11 +117,11 @@ class Failing(Steps):
         super().__init__(*arguments)
         self.calls: list[SimpleNamespace] = []
 
-    def attempt(self, limits, guess, jump=None) -> Attempt:
-        report = Attempt(False, [], "")
-        if jump is None or len(self.calls) not in self.fails:
-            report = super().attempt(limits, guess, jump)
-        if jump is not None:
+    def attempt(self, limits, last) -> Attempt:
+        report = Attempt(converged=False)
+        if limits.jump is None or len(self.calls) not in self.fails:
+            report = super().attempt(limits, last)
+        if limits.jump is not None:
             self.calls.append(SimpleNamespace(limits=limits, report=report))
         return report
 
@@ -130,7 +130,7 @@ def test_failed_jump_returns(comm):
     """A jump that is given up leaves the problem as it was, to all digits."""
     problem = bar.build(comm, 0.01)
     stepper, onset = Failing(problem, vmdg.SolveOptions()), 2 * (bar.stretch(STRENGTH) - 1)
-    assert stepper.attempt(Limits(0.0, 0.9 * onset, SPAN), Guess()).converged
+    assert stepper.attempt(Limits(0.0, 0.9 * onset, SPAN), None).converged
     tau, forces = problem.stabilization[0].tau, problem.discretization.forces.x.array.copy()
     stepper.fails = range(1, 99)
     report, _ = jump(stepper, 1.1 * onset, WORK)
@@ -146,7 +146,7 @@ def test_overstress_is_no_measure_of_residuals(comm):
     """What the bond bears with an overstress only, here four times its strength, is forgotten."""
     onset = 2 * (bar.stretch(STRENGTH) - 1)
     stepper = Failing(bar.build(comm, 0.01), vmdg.SolveOptions())
-    stepper.attempt(Limits(0.0, 0.9 * onset, SPAN), Guess())
+    stepper.attempt(Limits(0.0, 0.9 * onset, SPAN), None)
     largest = stepper.problem.step.scales.reaction
     assert largest > 0
     stepper.fails = range(3, 99)
@@ -162,7 +162,7 @@ def test_overstress_of_a_jump(comm):
     """
     onset = 2 * (bar.stretch(STRENGTH) - 1)
     stepper = Failing(bar.build(comm, 0.02), vmdg.SolveOptions())
-    assert stepper.attempt(Limits(0.0, 0.99 * onset, SPAN), Guess()).converged
+    assert stepper.attempt(Limits(0.0, 0.99 * onset, SPAN), None).converged
     report, steps = jump(stepper, 1.05 * onset, WORK)
     assert report.converged
     calls = stepper.calls
@@ -188,11 +188,11 @@ class Stuck(Steps):
 
     free = math.inf
 
-    def attempt(self, limits, guess, jump=None) -> Attempt:
-        if jump is not None and jump.t == self.free:
+    def attempt(self, limits, last) -> Attempt:
+        if limits.jump is not None and limits.jump.t == self.free:
             self.free = None
-        found = super().attempt(limits, guess, jump) if self.free is None else None
-        return found or Attempt(False, [], "DIVERGED_LOCAL_MIN")
+        found = super().attempt(limits, last) if self.free is None else None
+        return found or Attempt(False, reason="DIVERGED_LOCAL_MIN")
 
 
 def test_jump_at_the_given_load(comm):

@@ -52,17 +52,17 @@ def test_no_correction_exceeds_the_stage():
 
 def test_shorter_attempts():
     """By a share of what the last one would have done, within its limits; a work is never less
-    than the least."""
-    limits = Limits(0.0, 1.0, 1.0)
+    than that of the onset."""
+    limits = Limits(0.0, 1.0, 1.0, onset=1e-3)
     assert limits.by_load_alone
-    shorter = limits.shortened(Reach(work=8.0), 0.25, 1e-3)
+    shorter = limits.shortened(Reach(work=8.0), 0.25)
     assert (shorter.work, shorter.way, shorter.by_load_alone) == (2.0, math.inf, False)
-    assert shorter.shortened(Reach(work=100.0), 0.25, 1e-3).work == 0.5
-    assert shorter.shortened(Reach(work=1e-9), 0.25, 1e-3).work == 1e-3
-    assert limits.shortened(Reach(way=2.0), 0.25, 0.0).way == 0.5
+    assert shorter.shortened(Reach(work=100.0), 0.25).work == 0.5
+    assert shorter.shortened(Reach(work=1e-9), 0.25).work == 1e-3
+    assert limits.shortened(Reach(way=2.0), 0.25).way == 0.5
 
 
 def test_in_words():
     """What may end a step before its target."""
     assert str(Limits(0.0, 1.0, 1.0)) == "by load"
-    assert str(Limits(0.0, 1.0, 1.0, 0.25, 0.5)) == "at most 0.25 N mm on bonds and 0.5 mm"
+    assert str(Limits(0.0, 1.0, 1.0, work=0.25, way=0.5)) == "at most 0.25 N mm on bonds and 0.5 mm"

@@ -13,8 +13,7 @@ from support.scenes import two_blocks
 import vmdg
 from vmdg.base.timers import timer, timings, timings_since
 from vmdg.solver.attempt import Attempt
-from vmdg.solver.limits import Limits
-from vmdg.solver.parameter import Jump
+from vmdg.solver.limits import Jump, Limits
 from vmdg.solver.progress import described
 
 LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.3)
@@ -138,7 +137,8 @@ def test_failures_as_they_happen(comm, capsys):
 def test_an_attempt_in_words():
     """Its residuals and how it ended; a jump says its overstress, a path its work on bonds."""
     found = Attempt(True, [2.0, 1e-7], "CONVERGED", 1e-6, 19, work=0.25, end=4.0)
-    lines = described(0.2, Limits(5.0, 0.0, 1.0, 0.5), Jump(0.2), found).split("\n")
+    limits = Limits(5.0, 0.0, 1.0, work=0.5, jump=Jump(0.2))
+    lines = described(0.2, limits, found).split("\n")
     assert lines == [
         "step to load 0.2, at most 0.5 N mm on bonds with an overstress of 4 H",
         "  residuals 2.000e+00 1.000e-07 N, 1.000e-06 N asked for, 19 Krylov iterations",

@@ -9,7 +9,6 @@ from support.problems import rotation
 import vmdg
 from vmdg.base.parallel import global_max
 from vmdg.meshes import blocks
-from vmdg.solver.attempt import Guess
 from vmdg.solver.limits import Limits
 from vmdg.solver.steps import Steps
 
@@ -74,10 +73,10 @@ def test_inverted_cells_are_refused(comm):
     assert problem.step.inverted()
     problem.u.x.array[:] = start
     steps = Steps(problem, vmdg.SolveOptions())
-    assert steps.attempt(Limits(0.0, 1.0, 1.0), Guess()).converged
+    assert steps.attempt(Limits(0.0, 1.0, 1.0), None).converged
     before = problem.u.x.array.copy()
     problem.step.inverted = lambda: True
-    report = steps.attempt(Limits(1.0, 2.0, 1.0), Guess())
+    report = steps.attempt(Limits(1.0, 2.0, 1.0), None)
     steps.close()
     assert (report.converged, report.reason) == (False, "CELLS_INVERTED")
     assert problem.t == 1.0
@@ -107,7 +106,7 @@ def test_residual_is_small_against_a_weak_bond(comm):
     problem = squares(comm, law, 0.0, lambda t: np.array([t, t / 2]))
     steps = Steps(problem, vmdg.SolveOptions())
     for t in (0.05, 0.1):
-        assert steps.attempt(Limits(problem.t, t, 0.05), Guess()).converged
+        assert steps.attempt(Limits(problem.t, t, 0.05), None).converged
         free = np.setdiff1d(np.arange(problem.discretization.owned), problem.loading.prescribed)
         residual = problem.step.assemble_residual(hold=True)[free]
         assert np.abs(residual).max(initial=0.0) < 1e-6 * law.strength

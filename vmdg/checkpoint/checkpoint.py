@@ -49,7 +49,7 @@ from .records import (
 )
 
 #: Changed whenever older files can no longer be read as they are.
-FORMAT = 6
+FORMAT = 7
 
 _CELLS = "cells"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -123,7 +124,7 @@ class RunScales:
     Attributes:
         force: Reaction, load, or imbalance at the start of a step [N].
         reaction: Reaction or load, without those of jumps [N].
-        work: Work on bonds that the next step may do; 0 before the first step [N mm].
+        work: Work on bonds that the next step may do [N mm].
         breaking: Whether load control has failed while bonds were breaking.
         sense: Sign of the change of the load factor in the last stage; 0 before the first one.
         held: Whether the tangent holds what nothing else does, since a piece has come free.
@@ -131,7 +132,7 @@ class RunScales:
 
     force: float = 0.0
     reaction: float = 0.0
-    work: float = 0.0
+    work: float = math.inf
     breaking: bool = False
     sense: float = 0.0
     held: bool = False

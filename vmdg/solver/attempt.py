@@ -1,4 +1,4 @@
-"""What an attempt of a step is told, and how it ended."""
+"""How an attempt of a step ended."""
 
 from __future__ import annotations
 
@@ -9,26 +9,8 @@ from .limits import Direction, Reach
 
 
 @dataclass(frozen=True)
-class Guess:
-    """How the last step went, from which the next one sets out.
-
-    Attributes:
-        ahead: Its change; None where the next one does not go on as it did.
-        work: Its work on bonds; 0 where none broke [N mm].
-        most: Largest work on bonds of a step [N mm].
-        goes_on: Whether the path goes on from it, so that what was breaking breaks further; False
-            where a run begins, is resumed, or its loads have turned.
-    """
-
-    ahead: Direction | None = None
-    work: float = 0.0
-    most: float = 0.0
-    goes_on: bool = False
-
-
-@dataclass(frozen=True)
 class Attempt:
-    """How an attempt of a step ended.
+    """How an attempt of a step ended; the next one sets out from it.
 
     Attributes:
         converged: Whether the residual met the tolerance where the step was to end.
@@ -43,14 +25,14 @@ class Attempt:
         onset: Whether the step ends where damage begins, at a kink of the path.
         unstable: Whether the tangent near its end is known to have negative eigenvalues.
         work: Work on bonds in the step, 0 where it failed [N mm].
-        ahead: Change of displacement and load factor, as the next step may go on; None where it
-            failed.
+        ahead: Change of displacement and load factor; None where it failed, or where the next step
+            does not go on as it did.
         lost: Largest share of its strength that a point has lost in a step with cycles.
     """
 
-    converged: bool
-    norms: list[float]
-    reason: str
+    converged: bool = True
+    norms: list[float] = field(default_factory=list)
+    reason: str = ""
     goal: float = math.nan
     krylov: int = 0
     guessed: Reach = field(default_factory=Reach)
@@ -70,3 +52,7 @@ class Attempt:
     def failed(self, reason: str) -> Attempt:
         """The same attempt, given up for a reason."""
         return replace(self, converged=False, reason=reason)
+
+    def going(self, ahead: Direction | None) -> Attempt:
+        """The same attempt, as if its change had been another one."""
+        return replace(self, ahead=ahead)

@@ -14,20 +14,17 @@ correction that would break far more is drawn back along itself; return maps alo
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 from petsc4py import PETSc
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from ..base.parallel import global_any, global_max, global_norm, global_sum
 from ..base.timers import timer
 from ..compat import SNES_REASONS, UNBOUNDED_SEARCH
 from ..domain.topology import box_sides
-from ..interface.active import ActiveInterface
 from ..laws import Mode
 from ..linear.capacitance import solve_contact
 from ..linear.condensation import closes_points
@@ -35,10 +32,10 @@ from ..linear.ksp import MAX_RTOL, destroy, linear_tolerance, set_options, warn_
 from ..linear.system import System, make_system
 from ..problem.problem import Problem
 from ..problem.states import RunScales
-from .attempt import Attempt, Guess
+from .attempt import Attempt
 from .limits import ROUNDING, Direction, Limits, Reach
 from .options import SolveOptions
-from .parameter import Jump, LoadFactor, Overstress, Parameter
+from .parameter import parameter_of
 from .turn import turn
 
 Array = NDArray[np.float64]
@@ -92,24 +89,26 @@ class Corrector:
         size = float(np.linalg.norm(box_sides(self._problem.mesh)))
         return float(np.finfo(float).eps) * size**2 * self._system.norm
 
-    def solve(self, limits: Limits, dt: float, guess: Guess, jump: Jump | None = None) -> Attempt:
+    def solve(self, limits: Limits, dt: float, last: Attempt | None) -> Attempt:
         """Go to where the first of the limits is met; collective.
 
         Args:
             limits: Where the step ends.
             dt: Time step of the return maps [s].
-            guess: How the last step went.
-            jump: That the step is of; its parameter is the overstress then.
+            last: The step that it sets out from, as in :meth:`.Steps.attempt`.
         """
         problem, krylov, scales = self._problem, self._system.iterations, self._problem.step.scales
         self._system.lags = False
-        parameter = Parameter(problem) if problem.loading.ray is None else LoadFactor(problem)
-        if jump is not None:
-            parameter = Overstress(problem, self._system, jump.drag, limits.start)
-        iteration = _Iteration(problem, self._options, self._system, limits, dt, parameter)
+        iteration = _Iteration(problem, self._options, self._system, limits, dt)
         with timer("predictor"):
-            iteration.predict(guess)
-        self._serve(iteration)
+            iteration.predict(last)
+        self._snes.setFunction(iteration.residual, self._residual)
+        self._snes.setJacobian(lambda *_: None, self._matrix)
+        self._snes.setLineSearchPreCheck(iteration.draw_back)
+        self._snes.setConvergenceTest(iteration.test)
+        self._snes.getKSP().setPythonContext(iteration)
+        self._matrix.setPythonContext(iteration)
+        self._matrix.setUp()
         kind = self._own.get(KIND, "bt" if limits.by_load_alone else "basic")
         PETSc.Options(self._snes.getOptionsPrefix())[KIND] = kind
         self._snes.setFromOptions()
@@ -118,28 +117,17 @@ class Corrector:
         if self._own:
             warn_of_unused(self._snes)
         reason = self._snes.getConvergedReason()
+        # The forces of a state that is given up say nothing about the run.
         if reason > 0:
-            reaction = iteration.reaction()
-            problem.step.scales = problem.step.scales.with_forces(reaction=reaction)
-        else:
-            # The forces of a state that is given up say nothing about the run.
-            problem.step.scales = scales
-        return iteration.attempt(
+            scales = problem.step.scales.with_forces(reaction=iteration.reaction())
+        problem.step.scales = scales
+        return replace(
+            iteration.attempt(),
             converged=reason > 0,
             reason=_REASONS.get(reason, str(reason)),
             krylov=self._system.iterations - krylov,
             unstable=self._system.unstable,
         )
-
-    def _serve(self, iteration: _Iteration) -> None:
-        """Have PETSc ask this iteration from now on."""
-        self._snes.setFunction(iteration.residual, self._residual)
-        self._snes.setJacobian(lambda *_: None, self._matrix)
-        self._snes.setLineSearchPreCheck(iteration.draw_back)
-        self._snes.setConvergenceTest(iteration.test)
-        self._snes.getKSP().setPythonContext(iteration)
-        self._matrix.setPythonContext(iteration)
-        self._matrix.setUp()
 
     def free(self) -> None:
         """Free the PETSc objects; collective."""
@@ -150,88 +138,64 @@ class Corrector:
 
 
 class _Iteration:
-    """The iteration of one attempt: what PETSc asks of residual, matrix and linear solver.
-
-    Args:
-        problem: In the state at which the step begins.
-        options: Of the solver.
-        system: K.
-        limits: Where the step ends.
-        dt: Time step of the return maps [s].
-        parameter: What changes besides the displacement.
-    """
+    """The iteration of one attempt: what PETSc asks of residual, matrix and linear solver."""
 
     def __init__(
-        self,
-        problem: Problem,
-        options: SolveOptions,
-        system: System,
-        limits: Limits,
-        dt: float,
-        parameter: Parameter,
+        self, problem: Problem, options: SolveOptions, system: System, limits: Limits, dt: float
     ):
         self._problem, self._comm, self._step = problem, problem.comm, problem.step
         self._discretization, self._loading = problem.discretization, problem.loading
         self._owned = problem.discretization.owned
+        self._failing = [a for a in self._discretization.active.values() if a.law.inelastic]
         self._options, self._numbers, self._system = options, options.path, system
-        self._limits, self._dt, self._parameter = limits, dt, parameter
+        self._limits, self._dt = limits, dt
+        self._parameter = parameter_of(problem, system, limits)
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))
-        self._hangs = options.path.small * problem.step.scales.held
         self._start = self._place()
         self._along: Array | None = None  # unit tangent of the path, the way of the step
-        self._elastic, self._most, self._at_onset = False, 0.0, False
+        # Of the work, at the last return map, or that of the last step while zeta is held.
+        self._gradients = [np.zeros_like(active.history.gap) for active in self._failing]
+        self._elastic = self._at_onset = False
         self._ends_at_target = True
         self._norms: list[float] = []
         self._goal, self._slope, self._rtol = math.nan, 0.0, MAX_RTOL
         self._mapped: Direction | None = None  # where the points were mapped back last
         self._guessed = Reach()
-        self._gradients = [np.zeros_like(active.history.gap) for active in self._failing]
 
-    @property
-    def _failing(self) -> list[ActiveInterface]:
-        """Interfaces that can fail."""
-        return [one for one in self._discretization.active.values() if one.law.inelastic]
-
-    def attempt(self, converged: bool, reason: str, krylov: int, unstable: bool) -> Attempt:
+    def attempt(self) -> Attempt:
         """What there is to say about it."""
         return Attempt(
-            converged,
-            self._norms,
-            reason,
-            self._goal,
-            krylov,
+            norms=self._norms,
+            goal=self._goal,
             guessed=self._guessed,
             end=self._parameter.value,
             slope=self._slope,
             onset=self._at_onset,
-            unstable=unstable,
         )
 
     # The first guess
 
-    def predict(self, guess: Guess) -> None:
+    def predict(self, last: Attempt | None) -> None:
         """Turn with the supports, go on as in the last step, or along the tangent."""
-        if guess.goes_on:
-            # The gradient at the end of the last step serves while zeta is held.
+        if last is not None:
             self._gradients = [active.work_gradient(self._dt) for active in self._failing]
         # Facets that open on demand may bear more than their strength as they open.
-        breaks = any(
+        breaks = bool(self._step.activation) or any(
             ((one.history.mode != Mode.ELASTIC) & (one.history.softening < one.law.strength)).any()
             for one in self._failing
         )
-        elastic = not (breaks or self._step.activation)
-        self._most, self._elastic = guess.most, not global_any(self._comm, not elastic)
+        self._elastic = not global_any(self._comm, breaks)
         if not self._parameter.moves and turn(self._problem):
             self._step.assemble_residual(self._dt)
             self._go(self._place(), self._correct(-self._forces()), 1.0)
-        elif not self._extrapolate(guess):
-            self._along_tangent(guess)
+        elif last is None or last.ahead is None or not self._extrapolate(last):
+            self._along_tangent(anew=last is None or last.ahead is None)
         self._guessed = self._reach()._replace(way=global_norm(self._comm, self._moved()))
 
-    def _along_tangent(self, guess: Guess) -> None:
+    def _along_tangent(self, anew: bool) -> None:
         """Go along the tangent; where faces that touch overlap then, with closing points held."""
         step, limits = self._step, self._limits
-        step.hold(self._dt, sliding=guess.ahead is None)
+        step.hold(self._dt, sliding=anew)
         free = self._forces()
         step.scales = step.scales.with_forces(global_norm(self._comm, free))
         self._go(self._start, self._correct(-free), 1.0)
@@ -241,25 +205,18 @@ class _Iteration:
             step.assemble_residual(self._dt, hold=True)
             self._go(self._start, self._correct(-self._forces(), closes=True), 1.0)
 
-    def _extrapolate(self, guess: Guess) -> bool:
+    def _extrapolate(self, last: Attempt) -> bool:
         """Go on as in the last step until a limit is met; False where none is near."""
-        ahead, limits, start = guess.ahead, self._limits, self._start
-        if ahead is None:
+        ahead, limits, way = last.ahead, self._limits, global_norm(self._comm, last.ahead.u)
+        left = limits.target - limits.start
+        if ahead.t * left < 0 and last.work == 0:
             return False
-        left, longest = limits.target - limits.start, 1 / self._numbers.cut
-        if ahead.t * left < 0 and guess.work == 0:
-            return False
-        way, lengths = global_norm(self._comm, ahead.u), [longest]
-        if ahead.t * left > 0:
-            lengths.append(left / ahead.t)
-        if guess.work > 0:
-            lengths.append(limits.work / guess.work)
-        if way > 0:
-            lengths.append(limits.way / way)
-        if min(lengths) == longest:
+        ratios = ((left, ahead.t), (limits.work, last.work), (limits.way, way))
+        length = min((x / done for x, done in ratios if x * done > 0), default=math.inf)
+        if length >= 1 / self._numbers.cut:
             return False
         self._along = ahead.u / way if way > 0 else None
-        self._go(start, ahead, min(lengths))
+        self._go(self._start, ahead, length)
         return True
 
     # Trial states
@@ -273,8 +230,19 @@ class _Iteration:
         """Displacement and parameter now."""
         return Direction(self._problem.u.x.array[: self._owned].copy(), self._parameter.value)
 
-    def _move(self, place: Direction) -> None:
-        """Change displacement and parameter."""
+    def _visit(self, place: Direction) -> None:
+        """Go there for a look at tractions, points as they are."""
+        self._problem.u.x.array[: self._owned] = place.u
+        self._problem.u.x.scatter_forward()
+        self._parameter.move(place.t)
+        self._discretization.update_means()
+
+    def _map(self, place: Direction) -> None:
+        """Go there, supports where they are then, and map the points back if that is elsewhere."""
+        last = self._mapped
+        moves = last is None or place.t != last.t or not np.array_equal(place.u, last.u)
+        if not global_any(self._comm, moves):
+            return
         u, loading, limits = self._problem.u.x, self._loading, self._limits
         u.array[: self._owned] = place.u
         u.scatter_forward()
@@ -285,52 +253,42 @@ class _Iteration:
         if loading.rigid:
             u.array[: self._owned] += loading.away(self._problem.t)
             u.scatter_forward()
-
-    def _visit(self, place: Direction) -> None:
-        """Go there for a look at tractions, points as they are."""
-        self._problem.u.x.array[: self._owned] = place.u
-        self._problem.u.x.scatter_forward()
-        self._parameter.move(place.t)
-        self._discretization.update_means()
-
-    def _map(self, place: Direction) -> None:
-        """Go there and map the points back, but where they are."""
-        last = self._mapped
-        moves = last is None or place.t != last.t or not np.array_equal(place.u, last.u)
-        if global_any(self._comm, moves):
-            self._move(place)
-            self._discretization.update_points(self._dt)
-            self._mapped = place
+        self._discretization.update_points(self._dt)
+        self._mapped = place
 
     def _go(self, start: Direction, way: Direction, length: float) -> None:
         """Go along a direction, not to where far more would break than the step may."""
         self._map(_sum(start, way, self._allowed(start, way, length)))
 
     def _allowed(self, start: Direction, way: Direction, length: float) -> float:
-        """Length of a direction at which no more than about the limit of the work is done."""
-        most = self._numbers.growth * self._limits.work
-        if most == math.inf:
-            return length
-        self._map(_sum(start, way, length))
-        work = self._step.bond_work()
-        if work <= most:
+        """Length of a direction at which about the limit of the work is done, if not less is."""
+        if (
+            self._limits.work == math.inf
+            or self._excess(start, way, length) <= self._numbers.growth
+        ):
             return length
         self._ends_at_target = False
         if self._elastic and way.t != 0:
             self._end_at_onset()
-        # As arguments: brentq's wrapper of a function refers to itself, and would keep the problem.
-        return length * brentq(_excess, 0.0, 1.0, (self, start, way, length), disp=False)
+        low, high = 0.0, length
+        while low < (middle := (low + high) / 2) < high:
+            excess = self._excess(start, way, middle)
+            # Between half of the limit and half more is near enough.
+            if abs(excess - 1) <= 0.5:
+                return middle
+            low, high = (low, middle) if excess > 1 else (middle, high)
+        return low
 
-    def excess(self, place: Direction) -> float:
-        """Work on bonds at a place beyond the limit, in limits; no number is too much."""
-        self._map(place)
-        return float(np.nan_to_num(self._step.bond_work() / self._limits.work - 1, nan=1.0))
+    def _excess(self, start: Direction, way: Direction, length: float) -> float:
+        """Work on bonds at a place, in limits."""
+        self._map(_sum(start, way, length))
+        return float(np.nan_to_num(self._step.bond_work() / self._limits.work, nan=math.inf))
 
     def _end_at_onset(self) -> None:
         """From an elastic state the step ends at the onset of damage, a kink of the path."""
-        if 0 < self._numbers.small * self._most < self._limits.work:
-            self._limits = replace(self._limits, work=ROUNDING * self._most)
-            self._at_onset = True
+        if 0 < self._limits.onset < self._limits.work:
+            work = ROUNDING * self._limits.onset / self._numbers.small
+            self._limits, self._at_onset = replace(self._limits, work=work), True
 
     def _reach(self) -> Reach:
         """How far the step has come."""
@@ -346,18 +304,22 @@ class _Iteration:
 
         Where the load factor is given, bodies may be taken as linear, with points that close.
         """
-        loading, limits, now = self._loading, self._limits, self._reach()
-        away, self._ends_at_target = loading.away(self._problem.t), True
-        if not self._parameter.moves:
-            return Direction(self._solve_once(forces, away, closes), 0.0)
-        left = limits.target - now.t
-        if limits.by_load_alone:
+        limits, now, parameter = self._limits, self._reach(), self._parameter
+        away, self._ends_at_target = self._loading.away(self._problem.t), True
+        left = limits.target - now.t if parameter.moves else 0.0
+        alone = limits.by_load_alone or not parameter.moves
+        rate = parameter.rate(self._moved()) if left or not alone else None
+        self._system.drag = max(parameter.drag, self._numbers.small * self._step.scales.held)
+        if alone:
             if left:
-                rate = self._parameter.rate(self._moved())
                 forces, away = forces + left * rate.forces, away + left * rate.supports
-            return Direction(self._solve_once(forces, away, closes), left)
-        rate = self._parameter.rate(self._moved())
-        found = self._solve([forces, rate.forces], [away, rate.supports])
+            problem, options = self._problem, self._options
+            if closes and closes_points(problem, options.condensed, options.petsc):
+                found = solve_contact(problem, self._system, forces, away, self._dt)
+            else:
+                found = self._system.solve([forces], [away], self._rtol)[0]
+            return Direction(found, left)
+        found = self._system.solve([forces, rate.forces], [away, rate.supports], self._rtol)
         zero, one = Direction(found[0], 0.0), Direction(found[1], 1.0)
         size = global_norm(self._comm, one.u)
         if not np.isfinite(global_norm(self._comm, zero.u) + size):
@@ -365,32 +327,23 @@ class _Iteration:
         if self._along is None and size > 0:
             self._along = one.u * limits.toward / size
             now = self._reach()
-        rates = [self._rates(zero), self._rates(one)]
-        rates[1] = rates[1]._replace(work=rates[1].work + rate.work)
+        rates = [self._rates(zero), self._rates(one, rate.work)]
         self._slope = rates[1].work
         change, self._ends_at_target = limits.change(now, *rates)
         if not self._ends_at_target and self._elastic and self._slope:
             self._end_at_onset()
             change, self._ends_at_target = self._limits.change(now, *rates)
-        change = max(change, self._parameter.least - now.t)
-        return Direction(zero.u + change * one.u, change)
+        change = max(change, parameter.least - now.t)
+        return _sum(zero, one, change)
 
-    def _solve(self, forces: list[Array], moved: list[Array]) -> Sequence[Array]:
-        self._system.drag = max(self._parameter.drag, self._hangs)
-        return self._system.solve(forces, moved, self._rtol)
-
-    def _solve_once(self, forces: Array, moved: Array, closes: bool) -> Array:
-        if closes and closes_points(self._problem, self._options.condensed, self._options.petsc):
-            return solve_contact(self._problem, self._system, forces, moved, self._dt)
-        return self._solve([forces], [moved])[0]
-
-    def _rates(self, direction: Direction) -> Reach:
-        """Where a direction leads, by the gradients of the laws; collective."""
+    def _rates(self, direction: Direction, work: float = 0.0) -> Reach:
+        """Where a direction leads, besides what work it does of itself; collective."""
         along = 0.0 if self._along is None else direction.u @ self._along
-        return Reach(direction.t, *global_sum(self._comm, [self._work_along(direction), along]))
+        done, along = global_sum(self._comm, [self._work_along(direction), along])
+        return Reach(direction.t, done + work, along)
 
     def _work_along(self, direction: Direction) -> float:
-        """Derivative of the work on this rank's bonds; collective [N mm]."""
+        """Derivative of the work on this rank's bonds, by the gradients of the laws; collective."""
         size = global_norm(self._comm, direction.u)
         gradients = [
             before if active.values.update is None else active.work_gradient(self._dt)
@@ -481,20 +434,21 @@ class _Iteration:
         """Whether forces balance where the step ends, or the iteration leads nowhere."""
         reasons, norm, reaction = PETSc.SNES.ConvergedReason, norms[2], self.reaction()
         self._norms.append(norm)
-        scales = self._step.scales
         if not np.isfinite(norm + reaction):
             return SNES_REASONS["DIVERGED_FNORM_NAN"]
-        self._goal = goal = self._goal_of(scales.with_forces(reaction=reaction))
+        self._goal = goal = self._goal_of(self._step.scales.with_forces(reaction=reaction))
         if norm <= goal and self._met():
             return reasons.CONVERGED_FNORM_RELATIVE
         if len(self._norms) > self._options.max_iterations + 1:
             return reasons.DIVERGED_MAX_IT
-        if norm > goal and self._stalls():
+        patience, little = self._numbers.patience, self._numbers.rest
+        before, last = self._norms[:-patience], self._norms[-patience:]
+        if norm > goal and before and min(last) > (1 - little) * min(before):
             return reasons.DIVERGED_LOCAL_MIN
         self._rtol = linear_tolerance(self._norms, goal)
         # By quadratic convergence a tangent leaves twice the share it has left; surely 20 times.
-        before = self._norms[-2:][0]
-        self._system.lags = len(self._norms) > 1 and goal < norm and 20 * norm**2 <= goal * before
+        first, second = self._norms[-2:][0], len(self._norms) > 1
+        self._system.lags = second and goal < norm and 20 * norm**2 <= goal * first
         return reasons.ITERATING
 
     def _goal_of(self, scales: RunScales) -> float:
@@ -514,32 +468,17 @@ class _Iteration:
 
     def _met(self) -> bool:
         """Whether an equilibrium ends the step."""
-        limits, now = self._limits, self._reach()
+        limits, now, missed = self._limits, self._reach(), self._numbers.missed
         if not self._parameter.moves or limits.target == limits.start:
             return True
-        share = 1 - self._numbers.missed
         if self._at_onset and not self._ends_at_target:
-            return now.work <= self._numbers.small * self._most
-        if (now.t - limits.target) * limits.toward > 0 or now.work > (2 - share) * limits.work:
+            return now.work <= limits.onset
+        if (now.t - limits.target) * limits.toward > 0 or now.work > (1 + missed) * limits.work:
             return False
-        there = now.work >= share * limits.work or now.way >= share * limits.way
+        there = now.work >= (1 - missed) * limits.work or now.way >= (1 - missed) * limits.way
         return there or now.t == limits.target
-
-    def _stalls(self) -> bool:
-        """Whether the last corrections lead nowhere."""
-        patience, little = self._numbers.patience, self._numbers.rest
-        before, last = self._norms[:-patience], self._norms[-patience:]
-        return bool(before) and min(last) > (1 - little) * min(before)
 
 
 def _sum(start: Direction, way: Direction, length: float) -> Direction:
     """A place on the way from another one."""
     return Direction(start.u + length * way.u, start.t + length * way.t)
-
-
-def _excess(share: float, iteration: _Iteration, start: Direction, way: Direction, far: float):
-    """Root: about the limit of the work. Between half of it and half more is near enough."""
-    if share == 0.0:
-        return -1.0
-    more = min(iteration.excess(_sum(start, way, share * far)), 1.0)
-    return 0.0 if abs(more) <= 0.5 else more

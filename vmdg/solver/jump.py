@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 
-from .attempt import Attempt, Guess
-from .limits import Direction, Limits
-from .parameter import Jump
+from .attempt import Attempt
+from .limits import Direction, Jump, Limits
 from .steps import Steps
 
 
@@ -35,19 +34,17 @@ def jump(steps: Steps, t: float, most: float) -> tuple[Attempt, int]:
     """
     step, numbers, cuts_allowed = steps.problem.step, steps.options.path, steps.options.max_cuts
     begun, small = step.snapshot(), steps.problem.discretization.bodies.small
-    found, guess, by, count, cuts, idle = Attempt(False, [], ""), Guess(), Jump(t), 0, 0, 0
+    found, last, by, count, cuts, idle = Attempt(converged=False), None, Jump(t), 0, 0, 0
     s, lowest, work, least = numbers.overstress, math.inf, most, numbers.small * most
-    span = s / numbers.small
     while cuts <= cuts_allowed and idle <= numbers.idle:
-        rest = numbers.small if by.drag else numbers.rest
-        target = s / numbers.growth if s > rest else 0.0
-        limits = Limits(s, target, span, math.inf if by.drag else work)
+        target = s / numbers.growth if s > (numbers.small if by.drag else numbers.rest) else 0.0
+        allowed, span = math.inf if by.drag else work, numbers.overstress / numbers.small
         before, held = step.snapshot(), steps.problem.t == t
-        found = steps.attempt(limits, guess, by)
+        found = steps.attempt(Limits(s, target, span, work=allowed, jump=by), last)
         count += 1
         if not found.converged or (by.drag and found.unstable):
             step.return_to(before)
-            cuts, guess = cuts + 1, Guess()
+            cuts, last = cuts + 1, None
             s, work = s / numbers.cut, max(numbers.cut * work, least)
             if s * numbers.drag > 1 and not (small or by.drag):
                 s, cuts, by = numbers.overstress, 0, Jump(t, numbers.drag)
@@ -56,9 +53,7 @@ def jump(steps: Steps, t: float, most: float) -> tuple[Attempt, int]:
             return found, count
         cuts, idle = 0, idle + 1 if found.work <= least and found.end >= lowest else 0
         s, lowest = found.end, min(found.end, lowest)
-        growth = min(numbers.aim / max(found.iterations, 1), numbers.growth)
-        work = min(max(growth * work, least), most)
-        ahead = Direction(found.ahead.u, 0.0) if held else None
-        guess = Guess(ahead, found.work, goes_on=True)
+        work = min(max(numbers.growth_after(found.iterations) * work, least), most)
+        last = found.going(Direction(found.ahead.u, 0.0) if held else None)
     step.return_to(begun)
     return found.failed(f"JUMP_FAILED after {count} steps"), count

@@ -46,6 +46,18 @@ class Reach(NamedTuple):
     way: float = 0.0
 
 
+class Jump(NamedTuple):
+    """What a step of a jump is told.
+
+    Attributes:
+        t: Load factor.
+        drag: That slows bodies down for an overstress of H, relative to the norm of K.
+    """
+
+    t: float
+    drag: float = 0.0
+
+
 @dataclass(frozen=True)
 class Limits:
     """Where a step ends.
@@ -54,15 +66,19 @@ class Limits:
         start: Parameter at which it begins.
         target: Parameter that it does not pass.
         span: Size of the stage; no correction changes the parameter by more.
+        onset: Work on bonds up to which damage only begins; 0 where that is no matter [N mm].
         work: Work on bonds [N mm].
         way: Displacement along the path [mm].
+        jump: What it is a step of, if its parameter is the overstress.
     """
 
     start: float
     target: float
     span: float
+    onset: float = 0.0
     work: float = math.inf
     way: float = math.inf
+    jump: Jump | None = None
 
     def __str__(self) -> str:
         """What may end it before the target, in words."""
@@ -71,13 +87,18 @@ class Limits:
         return f"at most {' and '.join(parts)}" if parts else "by load"
 
     @property
+    def length(self) -> float:
+        """Of the way to the target."""
+        return abs(self.target - self.start)
+
+    @property
     def toward(self) -> float:
         """Sign of the way to the target, 1 where it is held."""
         return math.copysign(1.0, self.target - self.start)
 
     @property
     def by_load_alone(self) -> bool:
-        """Whether the load factor is the only limit."""
+        """Whether the parameter is the only limit."""
         return self.work == self.way == math.inf
 
     def change(self, now: Reach, zero: Reach, one: Reach) -> tuple[float, bool]:
@@ -107,14 +128,11 @@ class Limits:
             return left, True
         return nearest, False
 
-    def shortened(self, gone: Reach, share: float, least: float) -> Limits:
+    def shortened(self, gone: Reach, share: float) -> Limits:
         """Limits of an attempt that is shorter by a share than one that would have gone so far.
 
-        Args:
-            gone: How far that was.
-            share: Of it.
-            least: Work that is not shortened further [N mm].
+        Work that is no more than that of the onset is not shortened further.
         """
-        work = max(share * min(self.work, gone.work or math.inf), least)
+        work = max(share * min(self.work, gone.work or math.inf), self.onset)
         way = share * min(self.way, gone.way or math.inf)
         return replace(self, work=work, way=way)

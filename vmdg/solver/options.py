@@ -71,6 +71,10 @@ class PathOptions:
     drag: float = 1e-3
     idle: int = 100
 
+    def growth_after(self, corrections: int) -> float:
+        """How much longer the next step may be, by the corrections that the last one took."""
+        return min(self.aim / max(corrections, 1), self.growth)
+
 
 @dataclass(frozen=True, kw_only=True)
 class SolveOptions:

@@ -10,20 +10,9 @@ from numpy.typing import NDArray
 
 from ..linear.system import System
 from ..problem.problem import Problem
+from .limits import Limits
 
 Array = NDArray[np.float64]
-
-
-class Jump(NamedTuple):
-    """What a step of a jump is told.
-
-    Attributes:
-        t: Load factor.
-        drag: That slows bodies down for an overstress of H, relative to the norm of K.
-    """
-
-    t: float
-    drag: float = 0.0
 
 
 class Rate(NamedTuple):
@@ -87,9 +76,9 @@ class Overstress(Parameter):
     moves, least = True, 0.0
     value = 0.0  # of its own, in place of the load factor
 
-    def __init__(self, problem: Problem, system: System, share: float, value: float):
+    def __init__(self, problem: Problem, system: System, limits: Limits):
         super().__init__(problem)
-        self._system, self._share, self.value = system, share, value
+        self._system, self._share, self.value = system, limits.jump.drag, limits.start
 
     @property
     def drag(self) -> float:
@@ -106,3 +95,10 @@ class Overstress(Parameter):
         forces, work = self._step.overstress_rate(self.value)
         bodies = self._loading.balance(-self._share * self._system.norm * moved)
         return Rate(forces + bodies, np.zeros_like(forces), work)
+
+
+def parameter_of(problem: Problem, system: System, limits: Limits) -> Parameter:
+    """What a step with these limits changes."""
+    if limits.jump is not None:
+        return Overstress(problem, system, limits)
+    return Parameter(problem) if problem.loading.ray is None else LoadFactor(problem)

@@ -10,10 +10,10 @@ from typing import NamedTuple
 from ..base.parallel import global_norm, global_sum, warn_together
 from ..problem.states import Snapshot
 from ..problem.supports import bonds, hanging_piece, hold_pieces
-from .attempt import Attempt, Guess
+from .attempt import Attempt
 from .jump import jump
 from .limit_point import PathPoint, highest
-from .limits import ROUNDING, Direction, Limits
+from .limits import ROUNDING, Direction, Limits, Reach
 from .options import PathOptions
 from .reasons import explained
 from .result import Result, StepFailure
@@ -85,23 +85,34 @@ class Stage:
 
 @dataclass(frozen=True)
 class Size:
-    """How far the next step may go, and how the last one went.
+    """How far the next step may go, besides the work on bonds.
 
     Attributes:
-        work: On bonds, once ``breaks`` [N mm].
-        breaks: Whether a step by load alone has failed: work on bonds is limited.
         way: Of the displacement [mm].
         stride: Of the load factor, where no line is followed.
-        guess: How the last step went.
+        last: The step that it sets out from, see :meth:`.Steps.attempt`.
         idle: Steps that came no nearer to the target since one on which something broke.
     """
 
-    work: float = math.inf
-    breaks: bool = False
     way: float = math.inf
     stride: float = math.inf
-    guess: Guess = field(default_factory=Guess)
+    last: Attempt | None = None
     idle: int = 0
+
+
+@dataclass
+class Crest:
+    """Where the load has come to a limit point, and is not yet known to grow beyond it.
+
+    Attributes:
+        last: The last state before it and the step between them; None where there is none.
+        limit: The state of the largest load; None where the load grows.
+        kept: Steps behind it and their states.
+    """
+
+    last: tuple[Snapshot, Attempt] | None = None
+    limit: Snapshot | None = None
+    kept: list[tuple[Part, Snapshot]] = field(default_factory=list)
 
 
 class Path:
@@ -115,16 +126,14 @@ class Path:
     def __init__(self, steps: Steps, result: Result):
         self._steps, self._result = steps, result
         self._problem, self._options = steps.problem, steps.options
-        self._numbers = steps.options.path
-        scales = self._problem.step.scales
-        leads = self._options.control == "dissipation"
-        self._size = Size(scales.work or math.inf, scales.breaking or leads)
+        self._numbers, step = steps.options.path, steps.problem.step
+        self._by_work = steps.options.control == "dissipation"
+        step.scales = replace(step.scales, breaking=step.scales.breaking or self._by_work)
         self.forget()
 
     def forget(self) -> None:
         """The next step is as that of a run which begins here: what was breaking breaks further."""
-        guess = Guess(goes_on=True)
-        self._size, self._lost = Size(self._size.work, self._size.breaks, guess=guess), False
+        self._size, self._lost = Size(last=Attempt()), False
 
     def advance(self, target: float) -> Iterator[Part]:
         """Steps until ``target`` is reached.
@@ -136,36 +145,31 @@ class Path:
             StepFailure: a step fails although it was cut as often as the options allow.
         """
         problem, step = self._problem, self._problem.step
-        stage, limit, kept = self._set_out(target), None, []
-        last: tuple[Snapshot, Attempt] | None = None
+        stage, crest = self._set_out(target), Crest()
         while True:
             before = step.snapshot()
             try:
                 part = self._next(stage)
             except StepFailure:
-                if stage.traces:
-                    raise
-                after = yield from self._snap(stage, limit or before, kept, last)
+                crest.limit = crest.limit or before
+                after = None if stage.traces else (yield from self._snap(stage, crest))
                 if after is None:
                     raise
-                stage, limit, kept, last = after, None, [], None
-                if problem.t == target:
-                    return
-                continue
-            turned = limit is not None or stage.ahead(part.t, before.t) < 0
-            if not (stage.follows and turned) or stage.traces:
-                last = (before, part.attempt)
-                yield part
+                stage, crest = after, Crest()
             else:
-                limit = limit or before
-                kept.append((part, step.snapshot()))
-                if stage.ahead(part.t, limit.t) > 0 or part.t == target:
-                    yield from self._rows(kept)
-                    limit, kept, last = None, [], None
-                elif stage.ahead(limit.t, part.t) > stage.span:
-                    stage = yield from self._snap(stage, limit, kept, last)
-                    limit, kept, last = None, [], None
-            if problem.t == target and not kept:
+                turned = crest.limit is not None or stage.ahead(part.t, before.t) < 0
+                if not (stage.follows and turned) or stage.traces:
+                    crest.last = (before, part.attempt)
+                    yield part
+                else:
+                    crest.limit = crest.limit or before
+                    crest.kept.append((part, step.snapshot()))
+                    if stage.ahead(part.t, crest.limit.t) > 0 or part.t == target:
+                        yield from self._rows(crest.kept)
+                        crest = Crest()
+                    elif stage.ahead(crest.limit.t, part.t) > stage.span:
+                        stage, crest = (yield from self._snap(stage, crest)), Crest()
+            if problem.t == target and not crest.kept:
                 return
             if not stage.follows and before.discretization is not problem.discretization:
                 # Facets have opened: there are bonds to follow now.
@@ -181,8 +185,7 @@ class Path:
         """The stage to a load factor."""
         problem, loading, options = self._problem, self._problem.loading, self._options
         start, step, steps = problem.t, problem.step, self._steps
-        energy, _ = bonds(problem)
-        most = options.max_share * energy
+        most = options.max_share * bonds(problem)[0]
         by_load = options.control == "load" or steps.viscous or steps.cyclic
         # Bonds may break or bodies buckle; where facets have yet to open nothing is known of bonds.
         small = problem.discretization.bodies.small
@@ -192,14 +195,13 @@ class Path:
             loading.clear_ray()
         # Loads may turn while the load factor goes on. What was breaking unloads then, and no work
         # on bonds leads the way back: it begins by load.
-        way, sense = target - start, math.copysign(1.0, target - start)
-        turned = step.scales.sense * sense < 0
-        if follows and step.scales.sense != 0 and not turned:
+        way, sense, scales = target - start, math.copysign(1.0, target - start), step.scales
+        turned = scales.sense * sense < 0
+        if follows and scales.sense != 0 and not turned:
             turned = not loading.as_given(start - self._numbers.small * way)
-        step.scales = replace(step.scales, sense=sense)
         if turned:
-            self._size = Size(self._size.work)
-        self._size = replace(self._size, work=min(self._size.work, most or math.inf))
+            self._size, scales = Size(), replace(scales, breaking=False)
+        step.scales = replace(scales, sense=sense, work=min(scales.work, most or math.inf))
         traces = options.unstable == "trace" or options.control == "load" or most == 0
         return Stage(start, target, follows, traces, most)
 
@@ -207,16 +209,13 @@ class Path:
 
     def _next(self, stage: Stage) -> Part:
         """A converged step, after as many attempts as it takes."""
-        problem, options, numbers, size = self._problem, self._options, self._numbers, self._size
-        start, cuts, by_work = problem.t, 0, False
-        guess = replace(size.guess, most=stage.most)
-        if start == stage.target:
-            # A load that is held is at rest.
-            guess = replace(guess, ahead=None)
-        limits = self._limits(stage)
+        problem, most_cuts, last = self._problem, self._options.max_cuts, self._size.last
+        start, limits, cuts, by_work = problem.t, self._limits(stage), 0, False
+        # A load that is held is at rest.
+        goes_on = start != stage.target
         while True:
             before = problem.step.snapshot()
-            found = self._steps.attempt(limits, guess)
+            found = self._steps.attempt(limits, last if goes_on else last and last.going(None))
             if found.converged and (refusal := self._refusal(stage, limits, before, found)):
                 problem.step.return_to(before)
                 found = found.failed(refusal)
@@ -224,39 +223,33 @@ class Path:
                 break
             self._result.failures.append((limits.target, found.reason))
             cuts += 1
-            if cuts > options.max_cuts and found.reason == "UNSTABLE":
+            if cuts > most_cuts and found.reason == "UNSTABLE":
                 # Nothing shows the body another way.
                 self._lose(start)
                 cuts, limits = 0, replace(limits, way=math.inf)
-            if 2 * cuts > options.max_cuts or problem.discretization is not before.discretization:
-                guess = replace(guess, ahead=None)
+            goes_on &= 2 * cuts <= most_cuts and problem.discretization is before.discretization
             if hold_pieces(problem):
                 cuts = 0
                 continue
             # A load that is held cannot be cut.
-            length, late = abs(limits.target - start), cuts - options.max_cuts
             by_work |= limits.work < math.inf
-            if late > by_work * options.max_cuts // 2 or length <= ROUNDING * stage.span:
+            held = limits.length <= ROUNDING * stage.span
+            if held or cuts - most_cuts > by_work * most_cuts // 2:
                 raise StepFailure(self._complaint(limits, found), self._result)
-            if late > 0:
-                # Where lips close and rub bonds may break, but their work does not lead the way.
-                by_load = Limits(start, stage.target, stage.span)
-                limits = self._strode(by_load, stage.span * numbers.cut**late)
-            else:
-                limits = self._shorter(stage, limits, found)
+            limits = self._shorter(stage, limits, found, cuts - most_cuts)
         self._lost &= found.unstable or problem.t != stage.target
         self._size = self._next_size(stage, limits, found, cuts)
-        if self._size.idle > numbers.idle:
+        if self._size.idle > self._numbers.idle:
             problem.step.return_to(before)
             raise StepFailure(self._complaint(limits, found.failed("NO_END")), self._result)
         return Part(problem.t, stage.done(problem.t), problem.t - start, found, cuts, 0)
 
     def _limits(self, stage: Stage) -> Limits:
         """Where a first attempt ends."""
-        size, start = self._size, self._problem.t
-        limits = Limits(start, stage.target, stage.span)
+        size, scales = self._size, self._problem.step.scales
+        limits = Limits(self._problem.t, stage.target, stage.span, self._numbers.small * stage.most)
         if stage.follows:
-            work = size.work if size.breaks else math.inf
+            work = scales.work if scales.breaking else math.inf
             return replace(limits, work=work, way=size.way)
         stride = size.stride
         if self._steps.cyclic and stride == math.inf:
@@ -265,62 +258,62 @@ class Path:
 
     def _strode(self, limits: Limits, stride: float) -> Limits:
         """Limits with a target that is no further away."""
-        if stride >= abs(limits.target - limits.start):
+        if stride >= limits.length:
             return limits
         return replace(limits, target=limits.start + limits.toward * stride)
 
-    def _shorter(self, stage: Stage, limits: Limits, found: Attempt) -> Limits:
-        """Limits after an attempt that has failed."""
-        stride = abs(limits.target - limits.start)
+    def _shorter(self, stage: Stage, limits: Limits, found: Attempt, late: int) -> Limits:
+        """Limits after an attempt that has failed, with so many cuts more than are allowed."""
+        numbers, gone = self._numbers, found.guessed
+        if late > 0:
+            # Where lips close and rub bonds may break, but their work does not lead the way.
+            by_load = replace(limits, target=stage.target, work=math.inf, way=math.inf)
+            return self._strode(by_load, stage.span * numbers.cut**late)
         if stage.follows:
             # Where bonds break the work on them limits the step, else the way.
-            gone, numbers = found.guessed, self._numbers
-            least = numbers.small * stage.most
-            breaks = min(gone.work, limits.work) > least
-            work = min(gone.work, stage.most) if breaks else 0.0
-            gone = gone._replace(work=work, way=0.0 if breaks else gone.way)
-            shorter = limits.shortened(gone, numbers.cut, least)
-            return self._strode(limits, stride / 2) if shorter.by_load_alone else shorter
+            breaks = min(gone.work, limits.work) > limits.onset
+            work, way = (min(gone.work, stage.most), 0.0) if breaks else (0.0, gone.way)
+            limits = limits.shortened(Reach(work=work, way=way), numbers.cut)
+            if not limits.by_load_alone:
+                return limits
+        share = 0.5
         if self._steps.cyclic:
             # Of a step that came to no end nothing is known but that it was far too long.
             kept = self._options.max_loss / found.lost if found.lost else 0.0
-            return self._strode(limits, stride * max(kept / 2, self._numbers.cut))
-        return self._strode(limits, stride / 2)
+            share = max(kept / 2, numbers.cut)
+        return self._strode(limits, limits.length * share)
 
     def _next_size(self, stage: Stage, limits: Limits, found: Attempt, cuts: int) -> Size:
         """How far the next step may go."""
         numbers, options, size = self._numbers, self._options, self._size
-        growth = min(numbers.aim / max(found.iterations, 1), numbers.growth)
-        went = global_norm(self._problem.comm, found.ahead.u)
+        step, t = self._problem.step, self._problem.t
+        growth = numbers.growth_after(found.iterations)
         way = growth * limits.way
-        if not cuts and way > went / numbers.cut:
+        if not cuts and way > global_norm(self._problem.comm, found.ahead.u) / numbers.cut:
             way = math.inf
-        least = numbers.small * stage.most
-        work = max(growth * min(limits.work, size.work), least)
-        work = min(work, stage.most or math.inf)
+        work = max(growth * min(limits.work, step.scales.work), limits.onset)
         # One step for the whole stage and far from the limit: load control is the shorter way.
-        whole = cuts == 0 and limits.start == stage.start and self._problem.t == stage.target
+        whole = cuts == 0 and limits.start == stage.start and t == stage.target
         whole &= found.work * numbers.growth < limits.work
-        breaks = (size.breaks or (cuts > 0 and stage.follows)) and not whole
-        breaks |= options.control == "dissipation"
+        breaks = (step.scales.breaking or (cuts > 0 and stage.follows)) and not whole
+        step.scales = replace(
+            step.scales, work=min(work, stage.most or math.inf), breaking=breaks or self._by_work
+        )
         stride = math.inf
         if self._steps.cyclic:
             aim = (1 - numbers.missed) * options.max_loss
-            room = min(aim / max(found.lost, 1e-300), 1 / numbers.cut)
-            stride = room * abs(limits.target - limits.start)
+            stride = min(aim / max(found.lost, 1e-300), 1 / numbers.cut) * limits.length
         elif cuts or size.stride < math.inf:
-            stride = growth * abs(limits.target - limits.start)
+            stride = growth * limits.length
         # Along the way nothing need break or come nearer to the target, without end.
-        nearer = stage.ahead(self._problem.t, limits.start) > numbers.small * stage.span
-        idle = 0 if found.work > least or not stage.follows else size.idle + (not nearer)
-        guess = Guess(None if found.onset else found.ahead, found.work, goes_on=True)
-        step = self._problem.step
-        step.scales = replace(step.scales, work=0.0 if work == math.inf else work, breaking=breaks)
-        return Size(work, breaks, way, stride, guess, idle)
+        nearer = stage.ahead(t, limits.start) > numbers.small * stage.span
+        idles = stage.follows and found.work <= limits.onset
+        idle = size.idle + (not nearer) if idles else 0
+        return Size(way, stride, found.going(None) if found.onset else found, idle)
 
     def _refusal(self, stage: Stage, limits: Limits, before: Snapshot, found: Attempt) -> str:
         """Why a step does not count although it has converged; nothing where it does."""
-        t = self._problem.t
+        t, scales = self._problem.t, self._problem.step.scales
         if not stage.follows:
             return ""
         # By load alone, or beyond its limits, a step may come to a state that no path leads to. It
@@ -334,7 +327,7 @@ class Path:
             return "PROGRAMME_LEFT"
         # Bonds that break are followed by the work on them, and behind a limit point of the load
         # stable states are not near. A body that lies loose has pivots that are rounding.
-        loose = self._problem.step.rests_on_contact or self._problem.step.scales.held
+        loose = self._problem.step.rests_on_contact or scales.held
         strays = found.unstable and found.work == 0 and stage.ahead(t, before.t) > 0
         return "UNSTABLE" if strays and not (loose or self._lost) else ""
 
@@ -373,72 +366,47 @@ class Path:
 
     # Snaps
 
-    def _snap(
-        self,
-        stage: Stage,
-        limit: Snapshot,
-        kept: list[tuple[Part, Snapshot]],
-        last: tuple[Snapshot, Attempt] | None,
-    ) -> Generator[Part, None, Stage | None]:
-        """The row of a jump, or those kept back where none leads on; arguments of :meth:`_leap`.
+    def _snap(self, stage: Stage, crest: Crest) -> Generator[Part, None, Stage | None]:
+        """The row of a jump, or those kept back where none leads on.
 
         Returns:
             The stage from there on; None where there is neither.
         """
-        part = self._leap(stage, limit, kept, last)
+        part = self._leap(stage, crest)
         if part is not None:
             yield part
             return stage.behind_jump(part.t, self._numbers)
-        yield from self._rows(kept)
-        return replace(stage, traces=True) if kept else None
+        yield from self._rows(crest.kept)
+        return replace(stage, traces=True) if crest.kept else None
 
-    def _leap(
-        self,
-        stage: Stage,
-        limit: Snapshot,
-        kept: list[tuple[Part, Snapshot]],
-        last: tuple[Snapshot, Attempt] | None,
-    ) -> Part | None:
+    def _leap(self, stage: Stage, crest: Crest) -> Part | None:
         """From the limit point to the next equilibrium at its load; None, and undone, if none is.
 
-        Args:
-            stage: The stage.
-            limit: State of the largest load.
-            kept: Steps behind it; where there is none the stable path ended within the smallest
-                attempt: the jump goes there, or to the target.
-            last: The state before it and how the step between them went.
+        Where no steps were kept the stable path ended within the smallest attempt: the jump goes
+        there, or to the target.
         """
-        if not kept:
+        limit = crest.limit
+        if not crest.kept:
             there = self._result.failures[-1][0]
             return self._jump(stage, there, limit, limit) or self._jump(
                 stage, stage.target, limit, limit
             )
-        top = self._top(stage, last, limit, *kept[0])
+        top = self._top(stage, crest)
         # At the limit point itself nothing would drive the problem on.
         away = self._numbers.released * stage.span
-        states = [state for _, state in kept]
+        states = [state for _, state in crest.kept]
         far = (state for state in states if stage.ahead(top.t, state.t) > away)
         found = self._jump(stage, top.t, top, next(far, states[-1]))
         if found is None:
             self._problem.step.return_to(states[-1])
         return found
 
-    def _top(
-        self,
-        stage: Stage,
-        last: tuple[Snapshot, Attempt] | None,
-        limit: Snapshot,
-        part: Part,
-        behind: Snapshot,
-    ) -> Snapshot:
-        """The state of largest load between the last step before a limit point and the one behind.
-
-        Args:
-            stage, last, limit: As in :meth:`_leap`.
-            part: The first step behind it.
-            behind: The state there.
-        """
-        step, sense = self._problem.step, math.copysign(1.0, stage.target - stage.start)
+    def _top(self, stage: Stage, crest: Crest) -> Snapshot:
+        """The state of largest load, between the last step before a limit point and the one behind
+        it."""
+        step, numbers, last, limit = self._problem.step, self._numbers, crest.last, crest.limit
+        part, behind = crest.kept[0]
+        sense = math.copysign(1.0, stage.target - stage.start)
 
         def point(work: float, state: Snapshot, found: Attempt | None) -> PathPoint:
             slope = sense / found.slope if found and found.slope else math.nan
@@ -448,9 +416,10 @@ class Path:
             # The state behind shows the way.
             way, start = left.state.way_to(right.state), left.state.t
             step.return_to(left.state)
-            limits = Limits(start, start + sense * stage.span, stage.span, work - left.work)
-            guess = Guess(way and Direction(*way), right.work - left.work, stage.most, True)
-            found = self._steps.attempt(limits, guess)
+            onset, target = numbers.small * stage.most, start + sense * stage.span
+            limits = Limits(start, target, stage.span, onset, work - left.work)
+            shown = Attempt(work=right.work - left.work, ahead=way and Direction(*way))
+            found = self._steps.attempt(limits, shown)
             done = left.work + found.work
             return point(done, step.snapshot(), found) if found.converged else None
 
@@ -461,7 +430,6 @@ class Path:
         # Where bodies turn the path back, not bonds, the limit point is no matter of the work.
         if not right.work > left.work:
             return limit
-        numbers = self._numbers
         return highest(left, right, reach, numbers.small * stage.span, numbers.halvings).state
 
     def _jump(self, stage: Stage, t: float, limit: Snapshot, start: Snapshot) -> Part | None:
@@ -487,5 +455,5 @@ class Path:
         after = problem.energy()
         charged = after.viscosity - before.viscosity
         problem.step.release(max(after.imbalance - before.imbalance, -charged))
-        self._size = Size(self._size.work, self._size.breaks)
+        self._size = Size()
         return Part(t, stage.done(t), 0.0, found, 0, count)

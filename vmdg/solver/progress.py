@@ -11,7 +11,6 @@ from ..problem.problem import Problem
 from .attempt import Attempt
 from .limits import Limits
 from .options import SolveOptions
-from .parameter import Jump
 
 
 class Progress:
@@ -39,12 +38,13 @@ class Progress:
             disable=not (options.progress and self._speaks and count),
         )
 
-    def attempted(self, limits: Limits, jump: Jump | None, attempt: Attempt) -> None:
+    def attempted(self, limits: Limits, attempt: Attempt) -> None:
         """A step has converged or failed."""
         if not self._speaks:
             return
         if self._options.verbose:
-            self.say(described(self._problem.t, limits, jump, attempt))
+            self.say(described(self._problem.t, limits, attempt))
+        jump = limits.jump
         if attempt.converged and not jump:
             return  # a row follows
         note = f"jump, overstress {attempt.end:.3g} H" if jump else f"step to {limits.target:.4g}"
@@ -95,15 +95,15 @@ class Progress:
         self._bar.close()
 
 
-def described(start: float, limits: Limits, jump: Jump | None, attempt: Attempt) -> str:
+def described(start: float, limits: Limits, attempt: Attempt) -> str:
     """An attempt of a step: where it was to end, its residual norms, how it ended.
 
     Args:
         start: Load factor where the problem is now.
         limits: Where it was to end.
-        jump: That it is of.
         attempt: How it went.
     """
+    jump = limits.jump
     slowed = f" with an overstress of {attempt.end:.3g} H" if jump else ""
     norms = " ".join(f"{norm:.3e}" for norm in attempt.norms)
     krylov = f", {attempt.krylov} Krylov iterations" if attempt.krylov else ""

@@ -7,14 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..assembly.discretization import Discretization, carried
-from ..interface.activation import OPENS, REPEATS_STEP
+from ..assembly.discretization import carried
+from ..interface.activation import OPENS, REPEATS_STEP, Utilization
 from ..problem.problem import Problem
-from .attempt import Attempt, Guess
+from .attempt import Attempt
 from .corrector import Corrector
 from .limits import Direction, Limits
 from .options import SolveOptions
-from .parameter import Jump
 from .progress import Progress
 
 
@@ -83,7 +82,7 @@ class Steps:
         """Free what PETSc holds; collective."""
         self._corrector.free()
 
-    def attempt(self, limits: Limits, guess: Guess, jump: Jump | None = None) -> Attempt:
+    def attempt(self, limits: Limits, last: Attempt | None) -> Attempt:
         """Take a step, committed if it converges and undone if not; collective.
 
         Closed facets that the state before it takes beyond their strength are opened first. A step
@@ -91,77 +90,79 @@ class Steps:
 
         Args:
             limits: Where it ends.
-            guess: How the last one went.
-            jump: That it is of: limits are of the overstress then, not of the load factor.
+            last: The step that it sets out from; None where none goes before it, or loads have
+                turned, so that what was breaking breaks no further.
         """
         self._check()
-        found = self._attempt(limits, guess, jump)
-        self._progress.attempted(limits, jump, found)
-        return found
-
-    def _attempt(self, limits: Limits, guess: Guess, jump: Jump | None) -> Attempt:
-        step, parts = self.problem.step, self.problem.discretization
-        # Not as the last step ended: its row is of forces that balance.
+        step = self.problem.step
         utilization = step.activation.utilization()
-        if utilization.largest > OPENS and step.open_facets(utilization):
-            guess = replace(guess, ahead=guess.ahead and self._carried(guess.ahead, parts))
+        if utilization.largest > OPENS:
+            # Not as the last step ended: its row is of forces that balance.
+            last = self._opened(utilization, last)
         while True:
-            parts = self.problem.discretization
-            found = self._iterate(limits, guess, jump)
-            if not found.converged:
-                step.cancel()
-                return found
-            if step.inverted():
-                step.cancel()
-                return found.failed("CELLS_INVERTED")
-            if not step.stabilization_suffices():
+            found = self._iterate(limits, last)
+            if found.converged and step.inverted():
+                found = found.failed("CELLS_INVERTED")
+            if found.converged and not step.stabilization_suffices():
                 if step.raise_stabilization():
                     self._progress.say("step again: tau_s of its end")
                     continue
-                step.cancel()
-                return found.failed("STABILIZATION_OUTGROWN")
-            utilization = step.activation.utilization()
-            if utilization.largest > REPEATS_STEP:
-                step.cancel()
-                step.open_facets(utilization)
-                self._progress.say("step again: facets open in it")
-                guess = replace(guess, ahead=guess.ahead and self._carried(guess.ahead, parts))
-                continue
-            wears = self.cyclic and not jump and self.problem.t != step.start.t
-            lost = step.lost() if wears else 0.0
-            if lost > self.options.max_loss:
-                step.cancel()
-                return replace(found.failed("WORN"), lost=lost)
-            change = self.problem.u.x.array[: parts.owned] - step.start.u[: parts.owned]
-            way = Direction(change, self.problem.t - step.start.t)
-            found = replace(found, work=step.bond_work(), lost=lost, ahead=way)
+                found = found.failed("STABILIZATION_OUTGROWN")
+            if found.converged:
+                utilization = step.activation.utilization()
+                if utilization.largest > REPEATS_STEP:
+                    step.cancel()
+                    last = self._opened(utilization, last)
+                    self._progress.say("step again: facets open in it")
+                    continue
+                found = self._ended(found, limits)
+            break
+        if found.converged:
             step.commit()
-            return found
+        else:
+            step.cancel()
+        self._progress.attempted(limits, found)
+        return found
 
-    def _carried(self, way: Direction, before: Discretization) -> Direction:
-        """A direction where facets have opened: every cell moves as it did; collective."""
-        return Direction(carried(way.u, self.problem.discretization, before), way.t)
+    def _opened(self, utilization: Utilization, last: Attempt | None) -> Attempt | None:
+        """Open facets; every cell goes on as it did in the last step."""
+        before, step = self.problem.discretization, self.problem.step
+        if not step.open_facets(utilization) or last is None or last.ahead is None:
+            return last
+        way = carried(last.ahead.u, self.problem.discretization, before)
+        return last.going(Direction(way, last.ahead.t))
 
-    def _iterate(self, limits: Limits, guess: Guess, jump: Jump | None) -> Attempt:
-        problem, options = self.problem, self.options
+    def _ended(self, found: Attempt, limits: Limits) -> Attempt:
+        """What a step that has converged has changed, and whether it wears bonds too far."""
+        problem, step = self.problem, self.problem.step
+        wears = self.cyclic and not limits.jump and problem.t != step.start.t
+        lost = step.lost() if wears else 0.0
+        if lost > self.options.max_loss:
+            return replace(found.failed("WORN"), lost=lost)
+        change = (problem.u.x.array - step.start.u)[: problem.discretization.owned]
+        ahead = Direction(change, problem.t - step.start.t)
+        return replace(found, work=step.bond_work(), lost=lost, ahead=ahead)
+
+    def _iterate(self, limits: Limits, last: Attempt | None) -> Attempt:
+        problem, options, jump = self.problem, self.options, limits.jump
         if self._corrector.discretization is not problem.discretization:
             self.restart()
-        # A step of no length is at rest: rate effects vanish for infinite time.
+        # A step of no length is at rest: rate effects vanish for infinite time. Along a ray the
+        # iteration moves the load factor itself.
         moves = 0.0 if jump else abs(limits.target - problem.t)
-        dt = moves * options.duration or np.inf
+        t, dt = jump.t if jump else limits.target, moves * options.duration or np.inf
         if problem.loading.ray is None:
-            problem.loading.check_finite(jump.t if jump else limits.target)
-        # Along a ray the iteration moves the load factor itself.
-        t = problem.t if problem.loading.ray is not None else limits.target
-        begun = (jump.t, dt, limits.start) if jump else (t, dt, 0.0, moves * options.cycles)
+            problem.loading.check_finite(t)
+        elif not jump:
+            t = problem.t
         try:
-            problem.step.begin(*begun)
+            problem.step.begin(t, dt, limits.start if jump else 0.0, moves * options.cycles)
         except ValueError as error:
             if not (jump or self.viscous):
                 raise
-            return Attempt(False, [], str(error))
+            return Attempt(False, reason=str(error))
         scales = problem.step.scales
-        found = self._corrector.solve(limits, dt, guess, jump)
+        found = self._corrector.solve(limits, dt, last)
         if jump:
             # What a bond bears with an overstress only says nothing about the run.
             problem.step.scales = scales
