@@ -36,7 +36,7 @@ from ..base.parallel import global_sum, raise_together
 from ..domain.topology import mark_everywhere
 from ..output.history import History
 from ..problem.problem import Problem
-from ..problem.states import RunScales, Snapshot
+from ..problem.states import RunScales, Snapshot, Works
 from .files import open_arrays, read_description, remove_files, write_files
 from .identity import differences, identity
 from .records import (
@@ -109,8 +109,8 @@ def _write(problem: Problem, folder: Path, history: History | None) -> None:
         "problem": identity(problem),
         "state": {
             "t": snapshot.t,
-            "dissipated": global_sum(comm, snapshot.dissipated),
-            "external": global_sum(comm, snapshot.external),
+            "dissipated": global_sum(comm, snapshot.works.dissipated),
+            "external": global_sum(comm, snapshot.works.external),
         },
         "scales": asdict(problem.step.scales),
         "facets": {name: global_sum(comm, len(rows)) for name, rows in interfaces.items()},
@@ -246,9 +246,7 @@ def _read_state(
         fields["forces"],
         interfaces,
         marks,
-        share * np.array(state["dissipated"]),
-        share * np.array(state["external"]),
-        arc=None,
+        Works(share * np.array(state["dissipated"]), share * np.array(state["external"])),
     )
     return snapshot, [fields[_start(i)] for i in range(len(problem.loading.given.starts))]
 

@@ -552,6 +552,7 @@ class Problem:
     def energy(self) -> Energy:
         """Energies at the current state, with what is dissipated as in (34); collective."""
         bulk, interface, springs = self.discretization.stored_energy()
-        done = *self.step.dissipated, *self.step.external
+        works = self.step.ledger.works
+        done = *works.dissipated, *works.external
         values = [bulk, interface, *done, springs]
         return Energy(*(float(value) for value in global_sum(self.comm, values)))

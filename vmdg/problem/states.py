@@ -77,6 +77,26 @@ class InterfaceMean:
 
 
 @dataclass(frozen=True)
+class Works:
+    """Of a run so far, this rank's.
+
+    Attributes:
+        dissipated: By damage, friction and viscosity (3,) [N mm].
+        external: Of loads, prescribed displacements and eigenstrains, and what the discretization
+            has added (2,) [N mm].
+        within: Of loads in the last step, beyond that of the mean of its ends by points that begin
+            to yield, part or close in it [N mm]. It is that of equilibria between both ends, which
+            a snap does not go through.
+        arc: The last step along the path; None where the next one does not go on from there.
+    """
+
+    dissipated: NDArray[np.float64]
+    external: NDArray[np.float64]
+    within: float = 0.0
+    arc: Arc | None = None
+
+
+@dataclass(frozen=True)
 class Snapshot:
     """A converged state: everything a run continues from.
 
@@ -87,10 +107,7 @@ class Snapshot:
         forces: Nodal forces of bodies and interfaces [N].
         interfaces: State of every active interface.
         open: By interface, which of its facets were open.
-        dissipated: Works spent so far on damage, friction and viscosity [N mm].
-        external: Work of loads, prescribed displacements and eigenstrains so far, and what the
-            discretization has added (2,) [N mm].
-        arc: The step that ended here.
+        works: Of the run up to there.
     """
 
     t: float
@@ -99,9 +116,7 @@ class Snapshot:
     forces: NDArray[np.float64]
     interfaces: list[InterfaceSnapshot]
     open: list[NDArray[np.bool_]]
-    dissipated: NDArray[np.float64]
-    external: NDArray[np.float64]
-    arc: Arc | None
+    works: Works
 
     def way_to(self, other: Snapshot) -> tuple[NDArray[np.float64], float] | None:
         """Change of the displacement of owned dofs [mm] and of the load factor to another state.

@@ -334,7 +334,9 @@ class Path:
     def _released(self, before: Snapshot) -> float:
         """Energy that a step has released, but for rounding [N mm]."""
         step, now = self._problem.step, self._problem.step.snapshot()
-        released = self._problem.energy().imbalance - global_sum(self._problem.comm, step.within)
+        released = self._problem.energy().imbalance - global_sum(
+            self._problem.comm, step.ledger.works.within
+        )
         step.return_to(before)
         released -= self._problem.energy().imbalance
         step.return_to(now)
@@ -450,10 +452,10 @@ class Path:
             self._result.failures.append((t, found.reason))
             problem.step.return_to(limit)
             return None
-        problem.step.hold_loads(limit)
+        problem.step.ledger.hold_loads(limit)
         # What is released, in place of what the overstress was charged; not less than nothing.
         after = problem.energy()
         charged = after.viscosity - before.viscosity
-        problem.step.release(max(after.imbalance - before.imbalance, -charged))
+        problem.step.ledger.release(max(after.imbalance - before.imbalance, -charged))
         self._size = Size()
         return Part(t, stage.done(t), 0.0, found, 0, count)

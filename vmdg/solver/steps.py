@@ -54,7 +54,7 @@ class Steps:
         self._corrector = self._begin()
 
     def _begin(self) -> Corrector:
-        self.problem.step.arc = None
+        self.problem.step.ledger.begin_arc()
         return Corrector(self.problem, self.options)
 
     @property
