@@ -35,7 +35,7 @@ from ..problem.states import RunScales
 from .attempt import Attempt
 from .limits import ROUNDING, Direction, Limits, Reach
 from .options import SolveOptions
-from .parameter import parameter_of
+from .parameter import Rate, parameter_of
 from .turn import turn
 
 Array = NDArray[np.float64]
@@ -161,6 +161,7 @@ class _Iteration:
         self._goal, self._slope, self._rtol = math.nan, 0.0, MAX_RTOL
         self._mapped: Direction | None = None  # where the points were mapped back last
         self._guessed = Reach()
+        self._rate: Rate | None = None  # of the parameter, at the last correction
 
     def attempt(self) -> Attempt:
         """What there is to say about it."""
@@ -185,7 +186,7 @@ class _Iteration:
             for one in self._failing
         )
         self._elastic = not global_any(self._comm, breaks)
-        if not self._parameter.moves and turn(self._problem):
+        if not self._parameter.moves and turn(self._problem, self._numbers.missed):
             self._step.assemble_residual(self._dt)
             self._go(self._place(), self._correct(-self._forces()), 1.0)
         elif last is None or last.ahead is None or not self._extrapolate(last):
@@ -308,7 +309,7 @@ class _Iteration:
         away, self._ends_at_target = self._loading.away(self._problem.t), True
         left = limits.target - now.t if parameter.moves else 0.0
         alone = limits.by_load_alone or not parameter.moves
-        rate = parameter.rate(self._moved()) if left or not alone else None
+        self._rate = rate = parameter.rate(self._moved()) if left or not alone else None
         self._system.drag = max(parameter.drag, self._numbers.small * self._step.scales.held)
         if alone:
             if left:
@@ -418,8 +419,8 @@ class _Iteration:
         direction = self._read(x)
         y.set(0.0)
         forces = self._system.product(direction.u)
-        if direction.t != 0:
-            forces = forces - direction.t * self._parameter.rate(self._moved()).forces
+        if self._rate is not None:
+            forces = forces - direction.t * self._rate.forces
         y.array[: self._owned] = self._loading.balance(forces)
 
     def draw_back(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
@@ -446,9 +447,9 @@ class _Iteration:
         if norm > goal and before and min(last) > (1 - little) * min(before):
             return reasons.DIVERGED_LOCAL_MIN
         self._rtol = linear_tolerance(self._norms, goal)
-        # By quadratic convergence a tangent leaves twice the share it has left; surely 20 times.
-        first, second = self._norms[-2:][0], len(self._norms) > 1
-        self._system.lags = second and goal < norm and 20 * norm**2 <= goal * first
+        # By quadratic convergence a tangent leaves twice the share it has left, which is to miss.
+        first, surely = self._norms[-2:][0], self._numbers.missed * goal
+        self._system.lags = len(self._norms) > 1 and goal < norm and 2 * norm**2 <= surely * first
         return reasons.ITERATING
 
     def _goal_of(self, scales: RunScales) -> float:

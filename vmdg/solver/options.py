@@ -42,8 +42,9 @@ class PathOptions:
             way to a limit point.
         patience: Corrections after which an attempt is given up if they have hardly lowered the
             residual.
-        missed: Share of a limit by which a step may miss it, and by which a step with cycles stays
-            below the loss that is allowed.
+        missed: Share of a limit by which a step may miss it, by which a step with cycles stays
+            below the loss that is allowed, and of the motion of supports that is not theirs as a
+            rigid body, for the body to turn with them.
         aim: Corrections that a step should take; the next one is shorter or longer by that.
         growth: How much longer at most, and how much more than its limit a trial state may break.
         cut: What a failed attempt is cut by, and the least share that the last step may be of a

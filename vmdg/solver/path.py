@@ -302,7 +302,8 @@ class Path:
         stride = math.inf
         if self._steps.cyclic:
             aim = (1 - numbers.missed) * options.max_loss
-            stride = min(aim / max(found.lost, 1e-300), 1 / numbers.cut) * limits.length
+            room = aim / found.lost if found.lost else math.inf
+            stride = min(room, 1 / numbers.cut) * limits.length
         elif cuts or size.stride < math.inf:
             stride = growth * limits.length
         # Along the way nothing need break or come nearer to the target, without end.
@@ -334,11 +335,10 @@ class Path:
     def _released(self, before: Snapshot) -> float:
         """Energy that a step has released, but for rounding [N mm]."""
         step, now = self._problem.step, self._problem.step.snapshot()
-        released = self._problem.energy().imbalance - global_sum(
-            self._problem.comm, step.ledger.works.within
-        )
+        released = self._problem.energy().imbalance
         step.return_to(before)
         released -= self._problem.energy().imbalance
+        released -= global_sum(self._problem.comm, now.works.within)
         step.return_to(now)
         # The energy of bodies is not known better, however weak their bonds are.
         return math.copysign(max(abs(released) - self._steps.rounding, 0.0), released)

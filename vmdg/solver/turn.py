@@ -15,13 +15,13 @@ from ..domain.geometry import rigid_part
 from ..forms.geometry import Axisymmetric
 from ..problem.problem import Problem
 
-#: Share of the motion of the supports that may be left when its rigid part is done, and the angle
-#: below which the tangent does as well [rad].
-LEFT, ANGLE = 0.1, 1e-2
 
-
-def turn(problem: Problem) -> bool:
+def turn(problem: Problem, most: float) -> bool:
     """Turn a body with its supports, if that is most of their way; collective.
+
+    Args:
+        problem: The problem.
+        most: Share of the way that may be left then.
 
     Returns:
         False, and nothing has changed, where it is not, at small strain, where faces are rigid,
@@ -44,11 +44,9 @@ def turn(problem: Problem) -> bool:
     if found is None:
         return False
     R, before, after = found
-    if np.linalg.norm(R - np.eye(d)) < ANGLE:
-        return False
     moved = ((points + u.reshape(-1, d) - before) @ R.T + after - points).ravel()
     way, left = (global_norm(problem.comm, (v - target)[held]) for v in (u, moved))
-    if not left < LEFT * way:
+    if not left < most * way:
         return False
     u[:] = moved
     return True
