@@ -35,10 +35,11 @@ def test_two_steps_foretell_a_little(comm, factor):
     a, b = (np.array([d]) * (comm.rank == 0) for d in np.diff(z))
     f_a, f_b = (np.array([f]) * (comm.rank == 0) for f in np.diff(3 * z**2))
     work = factor * 4 / CURVED * (comm.rank == 0)
-    first, more = next_arc(comm, None, f_a, a, work)
-    assert more is None
-    _, more = next_arc(comm, first, f_b, b, work)
-    assert more == (pytest.approx(-4, rel=1e-14) if factor > 1 else None)
+    first, *foretold = next_arc(comm, None, f_a, a, work)
+    assert foretold == [0.0, False]
+    _, more, told = next_arc(comm, first, f_b, b, work)
+    assert more == pytest.approx(-4, rel=1e-14)
+    assert told == (factor > 1)
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -46,6 +47,5 @@ def test_a_path_that_turns_foretells_nothing(comm, known):
     """A step at .3 or .4 rad to the one before; the forces are those of a spring."""
     angle = 0.3 if known else 0.4
     a, b = (np.array([np.cos(x), np.sin(x)]) * (comm.rank == 0) for x in (0.0, angle))
-    first, _ = next_arc(comm, None, a, a, 1.0)
-    _, more = next_arc(comm, first, b, b, 1.0)
-    assert (more is not None) == known
+    first, *_ = next_arc(comm, None, a, a, 1.0)
+    assert next_arc(comm, first, b, b, 1.0)[2] == known

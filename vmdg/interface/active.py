@@ -149,16 +149,17 @@ class ActiveInterface:
         """What the return map of the step starts from at the current displacement."""
         return self._return_map.trial(self.stabilization, self.history, self._drag, self._cycles)
 
-    def go_between(self, end: PointValues, share: float) -> None:
+    def go_between(self, start: PointHistory, end: PointValues, share: float) -> None:
         """Take values at the present displacement, zeta at a share of its change in the step.
 
         Args:
-            end: Values at the end of the step.
+            start: History at the start of the step.
+            end: Values at its end.
             share: Of the step.
         """
         trial = self.trial()
         if end.update is not None:
-            gap = self.history.gap + share * (end.update.gap - self.history.gap)
+            gap = start.gap + share * (end.update.gap - start.gap)
             trial = replace(trial, gap=gap)
         self.take(evaluate(self.law, trial, 1.0, end))
 

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from ..assembly.discretization import Discretization
 from ..assembly.space import at_owners
-from ..base.parallel import global_sum
+from ..base.parallel import global_any, global_sum
 from ..interface.gap_work import gap_force, gap_forces, gap_work
 from .loading import Loading
-from .states import Snapshot, Works
+from .states import Energy, Pending, Snapshot, Works
 from .work import chord_integral, next_arc
 
 #: Share of a step over which the change of the energy with the eigenstrains is taken.
@@ -86,6 +86,10 @@ class Ledger:
 
     # The course of a step
 
+    def settle(self) -> None:
+        """What is pending stays as it is entered."""
+        self.works = replace(self.works, pending=None)
+
     def begin(self, state: Snapshot, dt: float, slowed: bool, cycles: float) -> None:
         """A step sets out from a converged state."""
         loads, fluids = self._loading.vector, self._fluids()
@@ -107,13 +111,42 @@ class Ledger:
     def commit(self) -> None:
         """Enter the step as it is now; collective."""
         work, charged, within = self._external_work()
-        works, done = self.works, (work, self._start.added + self._relaxed())
+        done = work, self._start.added + self._relaxed()
+        self._enter(done, self.dissipation() + charged)
+        self.works = replace(self.works, within=within)
+
+    def complete(self) -> None:
+        """Find what is pending of the last step, at whose end the problem is; collective."""
+        pending = self.works.pending
+        if pending is None:
+            return
+        change = self.discretization.u.x.array - pending.start.u
+        if not global_any(self._comm, not np.array_equal(change, pending.change[0])):
+            self._enter_curvature(self._curvature(pending) - pending.entered, pending.at_rest)
+        self.settle()
+
+    def energy(self) -> Energy:
+        """Energies at the current state, with works as they are entered; collective."""
+        bulk, interface, springs = self.discretization.stored_energy()
+        done = *self.works.dissipated, *self.works.external
+        values = [bulk, interface, *done, springs]
+        return Energy(*(float(value) for value in global_sum(self._comm, values)))
+
+    def _enter(self, external: Sequence[float], dissipated: NDArray[np.float64]) -> None:
+        """Enter works, this rank's."""
+        works = self.works
         self.works = replace(
             works,
-            dissipated=works.dissipated + self.dissipation() + charged,
-            external=works.external + done,
-            within=within,
+            dissipated=works.dissipated + dissipated,
+            external=works.external + external,
         )
+
+    def _enter_curvature(self, more: float, at_rest: bool) -> None:
+        """Enter what the curvature of a step adds, on the first rank."""
+        more *= self._comm.rank == 0
+        # Loads at rest do no work: what a rate lets go is less by it.
+        spent = np.array([0.0, 0.0, -more * at_rest])
+        self._enter((more * (not at_rest), 0.0), spent)
 
     def dissipation(self) -> NDArray[np.float64]:
         """Damage, friction and viscous work of the step (3,), this rank's [N mm]."""
@@ -124,7 +157,7 @@ class Ledger:
 
     def begin_arc(self) -> None:
         """The next step does not go on from the last one."""
-        self.works = replace(self.works, arc=None)
+        self.works = replace(self.works, arc=None, pending=None)
 
     def follow(self, discretization: Discretization) -> None:
         """Go on with another discretization."""
@@ -133,7 +166,7 @@ class Ledger:
 
     def enter_opening(self, added: float) -> None:
         """Facets that have opened have added an energy, this rank's [N mm]."""
-        self.works = replace(self.works, external=self.works.external + (0.0, added))
+        self._enter((0.0, added), np.zeros(3))
 
     def hold_loads(self, since: Snapshot) -> None:
         """Count the work of loads since a state of this load factor as that of loads that are held.
@@ -149,8 +182,7 @@ class Ledger:
 
     def release(self, energy: float) -> None:
         """Count what a jump has released with the viscous work; `energy` of all ranks [N mm]."""
-        released = np.array([0.0, 0.0, energy * (self._comm.rank == 0)])
-        self.works = replace(self.works, dissipated=self.works.dissipated + released)
+        self._enter((0.0, 0.0), np.array([0.0, 0.0, energy * (self._comm.rank == 0)]))
 
     # Works of a step
 
@@ -202,38 +234,48 @@ class Ledger:
         at_rest = rated and held and not begun.slowed and begun.cycles == 0
         if (at_rest or not held) and not (now.bodies.small or now.surface.fluids):
             so_far, last = self.works.external[0] + mean + work, self.works.arc
-            arc, curved = next_arc(self._comm, last, ends[1] - ends[0], change, so_far)
-            self.works = replace(self.works, arc=arc)
-            if curved is None:
-                curved = self._curvature(slopes, change[now.owned : -1])
-            curved *= self._comm.rank == 0
-            # loads at rest do no work: what a rate lets go is less by it
-            if at_rest:
-                more[2] -= curved
-            else:
-                mean += curved
+            arc, curved, told = next_arc(self._comm, last, ends[1] - ends[0], change, so_far)
+            gap = change[now.owned : -1]
+            pending = None if told else self._pending(slopes, gap, curved, at_rest)
+            self.works = replace(self.works, arc=arc, pending=pending)
+            self._enter_curvature(curved, at_rest)
         return mean + work, more, work - straight
 
-    def _curvature(self, slopes: Sequence[float], gap: NDArray[np.float64]) -> float:
-        """What the trapezoidal rule misses of the first integral of :mod:`.work`; collective.
-
-        [N mm], the same on every rank.
+    def _pending(
+        self, slopes: Sequence[float], gap: NDArray[np.float64], entered: float, at_rest: bool
+    ) -> Pending:
+        """What it takes to find the curvature of the step.
 
         Args:
             slopes: phi at start and end by the loads, this rank's [N mm].
             gap: d zeta, flat [mm].
+            entered, at_rest: As of :class:`.Pending`.
         """
-        now, start, t = self.discretization, self._start.state, self._loading.t
+        start, forces, t = self._start.state, self._start.forces, self._loading.t
+        change = self.discretization.u.x.array - start.u, gap
+        before = first = slopes[0] + 2 * self._relaxed()
+        # The first guess of the step knows the forces at its start with its tau_s, but not with the
+        # eigenstrains there.
+        if forces is not None and not self._loading.strained(start.t, t):
+            first = self._slope(forces, change)
+        return Pending(start, change, (before, first, slopes[1]), entered, at_rest)
+
+    def _slope(self, forces: _Forces, change: tuple[NDArray, NDArray]) -> float:
+        """phi of forces but eigenstrains, this rank's [N mm]."""
+        u, gap = change
+        at_gaps = float(self.discretization.geometry.thickness) * forces.at_gaps @ gap
+        return float(forces.residual @ u[: self.discretization.owned] + forces.loads @ u + at_gaps)
+
+    def _curvature(self, pending: Pending) -> float:
+        """What the trapezoidal rule misses of the first integral of :mod:`.work`; collective.
+
+        [N mm], the same on every rank.
+        """
+        now, start, t = self.discretization, pending.start, self._loading.t
         u, residual = now.u.x.array.copy(), now.forces.x.array.copy()
         values = [active.values for active in now.active.values()]
-        thickness = float(now.geometry.thickness)
-        change, span = u - start.u, t - start.t
+        change, span = pending.change[0], t - start.t
         strains = self._loading.strained(start.t, t)
-
-        def slope(forces: _Forces, rate: float = 0.0) -> float:
-            at_nodes = forces.residual @ change[: now.owned] + forces.loads @ change
-            at_gaps = thickness * forces.at_gaps @ gap
-            return float(at_nodes + at_gaps) + rate * span * (self._comm.rank == 0)
 
         def between(share: float) -> float:
             here, rate = start.t + share * span, 0.0
@@ -241,18 +283,17 @@ class Ledger:
             now.update_means()
             if strains:
                 self._loading.strain(here)
-            for active, end in zip(now.active.values(), values, strict=True):
-                active.go_between(end, share)
+            for active, begun, end in zip(
+                now.active.values(), start.interfaces, values, strict=True
+            ):
+                active.go_between(begun.history, end, share)
             forces = _Forces(now.assemble_residual(None), np.zeros_like(change), self._gap_forces())
             if strains:
-                rate = self._eigenstrain_rate(here, t)
-            return float(global_sum(self._comm, slope(forces, rate)))
+                rate = self._eigenstrain_rate(here, t) * span
+            slope = self._slope(forces, pending.change) + rate * (self._comm.rank == 0)
+            return float(global_sum(self._comm, slope))
 
-        # The first guess of the step knows the forces at its start with its tau_s, but not with the
-        # eigenstrains there.
-        before, begun = slopes[0] + 2 * self._relaxed(), self._start.forces
-        first = before if strains or begun is None else slope(begun)
-        before, first, last = global_sum(self._comm, [before, first, slopes[1]])
+        before, first, last = global_sum(self._comm, pending.slopes)
         whole = chord_integral(first, last, between, self.works.arc.work)
         now.u.x.array[:] = u
         if strains:

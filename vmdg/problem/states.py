@@ -77,6 +77,26 @@ class InterfaceMean:
 
 
 @dataclass(frozen=True)
+class Pending:
+    """What the curvature of a step adds to its work, as it is entered and as it may be found.
+
+    Attributes:
+        start: The state in which the step has begun.
+        change: Of the displacement, local dofs [mm], and of zeta, flat [mm].
+        slopes: phi of :mod:`.work` at the start, before and with its tau_s, and at the end, this
+            rank's [N mm].
+        entered: What it was taken for [N mm].
+        at_rest: Whether loads were at rest, so that a rate has let it go.
+    """
+
+    start: Snapshot
+    change: tuple[NDArray[np.float64], NDArray[np.float64]]
+    slopes: tuple[float, float, float]
+    entered: float
+    at_rest: bool
+
+
+@dataclass(frozen=True)
 class Works:
     """Of a run so far, this rank's.
 
@@ -88,12 +108,14 @@ class Works:
             to yield, part or close in it [N mm]. It is that of equilibria between both ends, which
             a snap does not go through.
         arc: The last step along the path; None where the next one does not go on from there.
+        pending: Of the last step what costs residuals to enter; None where there is nothing.
     """
 
     dissipated: NDArray[np.float64]
     external: NDArray[np.float64]
     within: float = 0.0
     arc: Arc | None = None
+    pending: Pending | None = None
 
 
 @dataclass(frozen=True)

@@ -84,6 +84,7 @@ class Step:
         Raises:
             ValueError: r <= H on a facet; the converged state is kept.
         """
+        self.ledger.settle()
         self._dt, self.start = dt, self.snapshot()
         self.ledger.begin(self.start, dt, overstress > 0, cycles)
         self._loading.spread()

@@ -23,7 +23,8 @@ lengths l = |dz|, foretell that:
 
 Where that is much, and in a first step, Simpson's rule takes phi in the middle besides, where
 forces are not in equilibrium, and misses phi''''/2880; where it differs much from the trapezoidal
-rule, Boole's rule takes quarters besides and misses phi^(6)/1935360.
+rule, Boole's rule takes quarters besides and misses phi^(6)/1935360. That costs residuals, and is
+done where someone asks for the energies at the end of the step.
 
 What is stored at the ends is in none of this, nor is what the laws say that they have spent, so
 that the balance of the energies holds them to it. A snap goes through no equilibrium: a jump, whose
@@ -70,10 +71,11 @@ class Arc(NamedTuple):
 
 def next_arc(
     comm: MPI.Comm, last: Arc | None, forces: Array, z: Array, work: float
-) -> tuple[Arc, float | None]:
-    """The arc of a step, and what the integral is more than the trapezoidal rule has; collective.
+) -> tuple[Arc, float, bool]:
+    """The arc of a step, what the integral is more than the trapezoidal rule has [N mm], as two
+    steps foretell it, and whether that will do; collective.
 
-    None where the path is not STRAIGHT, or where the step before foretells more than CURVED [N mm].
+    It will not where the path is not STRAIGHT, so that 0 is foretold, or where it is above CURVED.
 
     Args:
         comm: Of the problem.
@@ -87,12 +89,13 @@ def next_arc(
     crossed, along, square, work = global_sum(comm, [before, along, z @ z, work])
     arc = Arc(forces, z, float(np.sqrt(square)), abs(work))
     if arc.length == 0:
-        return arc, 0.0
+        return arc, 0.0, True
     if last is None or last.length == 0:
-        return arc, None
+        return arc, 0.0, False
     more = crossed * arc.length**2 / (6 * last.length * (last.length + arc.length))
-    told = abs(more) <= CURVED * arc.work and along >= STRAIGHT * last.length * arc.length
-    return arc, float(more) if told else None
+    if along < STRAIGHT * last.length * arc.length:
+        return arc, 0.0, False
+    return arc, float(more), abs(more) <= CURVED * arc.work
 
 
 def chord_integral(first: float, last: float, phi: Callable[[float], float], size: float) -> float:

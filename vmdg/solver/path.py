@@ -334,10 +334,11 @@ class Path:
 
     def _released(self, before: Snapshot) -> float:
         """Energy that a step has released, but for rounding [N mm]."""
-        step, now = self._problem.step, self._problem.step.snapshot()
-        released = self._problem.energy().imbalance
+        step, ledger = self._problem.step, self._problem.step.ledger
+        ledger.complete()
+        now, released = step.snapshot(), ledger.energy().imbalance
         step.return_to(before)
-        released -= self._problem.energy().imbalance
+        released -= ledger.energy().imbalance
         released -= global_sum(self._problem.comm, now.works.within)
         step.return_to(now)
         # The energy of bodies is not known better, however weak their bonds are.
@@ -445,7 +446,7 @@ class Path:
         """
         problem = self._problem
         problem.step.return_to(limit)
-        before = problem.energy()
+        before = problem.step.ledger.energy()
         problem.step.return_to(start)
         found, count = jump(self._steps, t, stage.most)
         if not found.converged:
@@ -454,7 +455,7 @@ class Path:
             return None
         problem.step.ledger.hold_loads(limit)
         # What is released, in place of what the overstress was charged; not less than nothing.
-        after = problem.energy()
+        after = problem.step.ledger.energy()
         charged = after.viscosity - before.viscosity
         problem.step.ledger.release(max(after.imbalance - before.imbalance, -charged))
         self._size = Size()

@@ -119,6 +119,8 @@ class Steps:
             break
         if found.converged:
             step.commit()
+            if self.options.energy:
+                step.ledger.complete()
         else:
             step.cancel()
         self._progress.attempted(limits, found)
