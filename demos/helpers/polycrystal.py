@@ -219,7 +219,7 @@ def draw_damage(ax: Axes, points: NDArray, title: str) -> None:
     colours = {"c": points[:, -1], "cmap": "inferno_r", "vmin": 0, "vmax": 1}
     drawn = ax.scatter(*points[:, :-1].T, s=4, **colours)
     ax.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title=title)
-    ax.figure.colorbar(drawn, ax=ax, shrink=0.8)
+    vmdg.plot.add_colorbar(ax, drawn)
 
 
 def draw_run(

@@ -199,7 +199,8 @@ class Levels:
                 shown = corners if solid else corners[..., :2]
                 _, colours, limits = self.ROWS[row]
                 drawn = draw_cells(ax, problem, shown, values[cells], limits)
-                drawn.set(cmap=colours, linewidth=0)
+                # Lines of the colour of the faces: without any there would be white seams in space.
+                drawn.set(cmap=colours, linewidth=0.3 if solid else 0, edgecolor="face")
                 if solid:
                     ax.set(xlim=(0, OUTER_RADIUS), ylim=(0, OUTER_RADIUS), zlim=(-1, HEIGHT))
                     ax.set_aspect("equal")

@@ -128,22 +128,28 @@ def stress(
         drawn = _draw_smooth(ax, problem, polygons, _corner_values(problem, sigma, take), limits)
         lines = draw_cells(ax, problem, polygons, np.zeros(len(cells)))
         lines.set(array=None, facecolor="none", linewidth=edges)
-    if colorbar and solid:
-        # On the left: the z axis has its numbers on the right.
-        ax.figure.colorbar(drawn, ax=ax, label=label, location="left", shrink=0.6, pad=0.02)
-    elif colorbar:
-        _add_bar(ax, drawn, label)
+    if colorbar:
+        add_colorbar(ax, drawn, label)
     first, second, _ = axis_names(problem)
     ax.set(xlabel=f"{first} [mm]", ylabel=f"{second} [mm]")
     return ax
 
 
-def _add_bar(ax: Axes, drawn: Collection, label: str) -> None:
-    """A scale of colours as long as the side of the axes at which it stands, whatever their shape.
+def add_colorbar(ax: Axes, drawn: Collection, label: str = "") -> None:
+    """Add a scale of colours as long as the side of the axes at which it stands.
 
-    It belongs to the axes, since the layout of a figure does not know how high a body of equal
-    scales along x and y will be.
+    In the plane it belongs to the axes, since the layout of a figure does not know how high a body
+    of equal scales along x and y will be, and lies above those of a flat body; in space it stands
+    on the left, where the z axis has no numbers.
+
+    Args:
+        ax: The axes.
+        drawn: What has the colours.
+        label: Of the scale.
     """
+    if ax.name == "3d":
+        ax.figure.colorbar(drawn, ax=ax, label=label, location="left", shrink=0.6, pad=0.02)
+        return
     flat = ax.dataLim.height < FLAT * ax.dataLim.width
     bar = ax.inset_axes((0, 0, 1, 1))
 
