@@ -274,15 +274,20 @@ def test_bar_fits_a_plane_body(comm, height, layout):
     assert layout == "none" or (whole.x1 <= figure.bbox.x1 and whole.y1 <= figure.bbox.y1)
 
 
-def test_bar_leaves_the_axes_of_a_solid(comm):
-    """It covers no axis with its numbers."""
-    problem = bonded(comm, "hexahedron")
+@pytest.mark.parametrize("height", [1.0, 0.1])
+def test_bar_leaves_the_axes_of_a_solid(comm, height):
+    """It covers no axis with its numbers, and is shorter beside a flat one."""
+    scene = two_blocks(comm, "hexahedron", 2)
+    scene.mesh.geometry.x[:, 2] *= height
+    problem = couple(scene, LAW, (SOFT, STIFF))
     ax = plot.stress(with_opening(problem, lambda x: 0.01 * x), "xx")
     if comm.rank:
         return
     whole = bar_of(ax).get_tightbbox()
     for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
         assert not whole.overlaps(axis.get_tightbbox())
+    share = bar_of(ax).get_window_extent().height / ax.get_window_extent().height
+    assert share < (0.65 if height == 1 else 0.35)
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])

@@ -10,6 +10,7 @@ from dolfinx import fem
 from dolfinx.mesh import exterior_facet_indices
 from matplotlib.axes import Axes
 from matplotlib.collections import Collection, PolyCollection, TriMesh
+from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox, TransformedBbox
 from matplotlib.tri import Triangulation
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
@@ -123,6 +124,8 @@ def stress(
         drawn.set_linewidth(edges)
         ax.auto_scale_xyz(*on_first_rank(problem, corners.reshape(-1, 3))[0].T)
         ax.set(aspect="equal", zlabel="z [mm]")
+        for axis, share in zip((ax.xaxis, ax.yaxis, ax.zaxis), _sides(ax), strict=True):
+            axis.set_major_locator(MaxNLocator(max(round(6 * share), 1)))
     else:
         polygons, cells = deformed_polygons(problem, magnify=magnify)
         drawn = _draw_smooth(ax, problem, polygons, _corner_values(problem, sigma, take), limits)
@@ -148,7 +151,8 @@ def add_colorbar(ax: Axes, drawn: Collection, label: str = "") -> None:
         label: Of the scale.
     """
     if ax.name == "3d":
-        ax.figure.colorbar(drawn, ax=ax, label=label, location="left", shrink=0.6, pad=0.02)
+        size = 0.3 if _sides(ax)[2] < FLAT else 0.6
+        ax.figure.colorbar(drawn, ax=ax, label=label, location="left", shrink=size, pad=0.02)
         return
     flat = ax.dataLim.height < FLAT * ax.dataLim.width
     bar = ax.inset_axes((0, 0, 1, 1))
@@ -162,6 +166,12 @@ def add_colorbar(ax: Axes, drawn: Collection, label: str = "") -> None:
 
     bar.set_axes_locator(place)
     ax.figure.colorbar(drawn, cax=bar, label=label, location="top" if flat else "right")
+
+
+def _sides(ax: Axes) -> NDArray[np.float64]:
+    """Lengths of the axes of a picture in space, relative to the longest."""
+    sides = np.ptp([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()], axis=1)
+    return sides / sides.max()
 
 
 def axis_names(problem: Problem) -> str:
