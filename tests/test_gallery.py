@@ -84,7 +84,16 @@ def test_numbers_in_the_text():
         f"reason, {stopped} stopped in a clear error with their last state intact, none was wrong."
     )
     assert said in " ".join(text.split())
+    accuracy = (ROOT / "demos" / "ACCURACY.md").read_text()
+    for study in ("pushout_mesh", "pushout_steps", "pushout_friction", "pushout_modulus"):
+        # The run with the defaults of the demo, in each of them once.
+        (ran,) = (row for row in rows(found[study]) if row[1] == "8107.2")
+        largest, end = float(ran[4]), float(ran[6])
+        assert f"| 412.2 | {largest:.1f} (+.3%) |" in accuracy
+        assert f"| 105.5 | {end:.1f} (-.3%) |" in accuracy
+        assert abs(largest / 412.2 - 1) < 0.0035
+        assert abs(end / 105.5 - 1) < 0.0035
     studies = sum(int(row[2]) for row in rows(found["convergence"]))
     missed = sum(int(row[-1]) for row in rows(found["convergence"]))
-    assert f"All {studies} studies meet the targets" in (ROOT / "demos/ACCURACY.md").read_text()
+    assert f"All {studies} studies meet the targets" in accuracy
     assert missed == 0
