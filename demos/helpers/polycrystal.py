@@ -115,8 +115,7 @@ class Study:
         problem = self.problem(seed, comm)
         monitor = CellMonitor(problem, animate)
         said = {"progress": reports(comm), "show": ("stress_xx",), "verbose": verbose}
-        # Where many points are about to break at once short steps lead nowhere, and a jump does.
-        path = {"unstable": "trace", "max_share": ROW} if self.trace else {"max_cuts": 2}
+        path = {"unstable": "trace", "max_share": ROW} if self.trace else {}
         # Tetrahedra between grains are flat: factors cost less than 130 iterations of multigrid.
         solver = path | {"petsc": LDLT if self.dimension == 3 else None}
         options = vmdg.SolveOptions(**solver, energy=True, csv=f"{name}.csv", **said)
