@@ -1,6 +1,6 @@
 """Makes the pictures and tables of the pages anew by the present code.
 
-    demos/run .ci/pictures.py             all of them, some hours on one core
+    demos/run .ci/pictures.py             all of them, an hour or more on one core
     demos/run .ci/pictures.py NAME...     those of some commands, "list" names them
     demos/run .ci/pictures.py pages       only put the tables of demos/gallery into the pages
 
