@@ -40,7 +40,7 @@ SCENES = {
     "weak_links": "weak_links --no-plot",
     "buckling": "buckling --no-plot",
     "fibre_cell": "fibre_cell --no-plot",
-    "polycrystal": "polycrystal --no-plot",
+    "polycrystal": "polycrystal --no-trace --steps 10 --no-plot",
     "fibre_matrix": "fibre_matrix --no-plot",
     "fibre_film": f"fibre_matrix {_CELL} --growth 1.04 --no-plot",
     "fibres_five": f"fibre_matrix {_CELL} {_MANY} --no-plot",

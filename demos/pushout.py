@@ -98,7 +98,7 @@ def main(
     history = vmdg.solve(problem, loads, options, monitor, history).history
     figure = levels.draw() if levels else None
     if rank == 0:
-        print(describe({"": history}))
+        print(describe({"solid" if solid else "section": history}))
         if figure:
             figure.savefig(folder / "pushout_levels.png", dpi=110)
             name = "3D" if solid else "axisymmetric"

@@ -99,9 +99,7 @@ class Study:
         known = *plane_moduli(problem), shortest_cut(problem), fibre_share(tagged)
         monitor = CellMonitor(problem, animate)
         said = {"progress": reports(comm), "show": ("stress_xx", "stress_xy")}
-        # Where many points are about to break at once short steps lead nowhere, and a jump does.
-        steps = {"max_cuts": 2, "energy": True, "csv": f"{name}.csv"}
-        options = vmdg.SolveOptions(**steps, **said, verbose=verbose)
+        options = vmdg.SolveOptions(energy=True, csv=f"{name}.csv", **said, verbose=verbose)
         try:
             history = vmdg.solve(problem, self.loads, options, monitor).history
         except vmdg.StepFailure as failure:

@@ -27,6 +27,9 @@ STRENGTH, CRITICAL_GAP = 500.0, {2: 2e-4, 3: 4e-4}  # MPa, mm; by dimension, of 
 #: Share of its strength below which a cell has parted: nothing but rounding and grains that rub.
 PARTED = 1e-3
 
+#: Share of the bonds that breaks from row to row of a path that is traced.
+ROW = 0.01
+
 COLUMNS = (
     "seed",
     "unknowns",
@@ -56,6 +59,7 @@ class Study:
         spread: Of their sizes.
         cells: Along the mean size of a grain.
         loads: Mean strains (n,).
+        trace: Follow the path back at a snap, or else jump.
     """
 
     folder: Path
@@ -64,11 +68,12 @@ class Study:
     spread: float
     cells: float
     loads: NDArray[np.float64]
+    trace: bool
 
     @property
     def table(self) -> Table:
         """What runs have found."""
-        names = ("dimension", "grains", "spread", "cells")
+        names = ("dimension", "grains", "spread", "cells", "trace")
         key = {n: getattr(self, n) for n in names} | {"end": self.loads[-1]}
         return Table(self.folder / "cells.csv", key, COLUMNS)
 
@@ -110,9 +115,9 @@ class Study:
         problem = self.problem(seed, comm)
         monitor = CellMonitor(problem, animate)
         said = {"progress": reports(comm), "show": ("stress_xx",), "verbose": verbose}
-        # Where many points are about to break at once short steps lead nowhere, and a jump does.
+        path = {"unstable": "trace", "max_share": ROW} if self.trace else {}
         # Tetrahedra between grains are flat: factors cost less than 130 iterations of multigrid.
-        solver = {"max_cuts": 2, "petsc": LDLT if self.dimension == 3 else None}
+        solver = path | {"petsc": LDLT if self.dimension == 3 else None}
         options = vmdg.SolveOptions(**solver, energy=True, csv=f"{name}.csv", **said)
         try:
             result = vmdg.solve(problem, self.loads, options, monitor)
@@ -219,7 +224,7 @@ def draw_damage(ax: Axes, points: NDArray, title: str) -> None:
     colours = {"c": points[:, -1], "cmap": "inferno_r", "vmin": 0, "vmax": 1}
     drawn = ax.scatter(*points[:, :-1].T, s=4, **colours)
     ax.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title=title)
-    ax.figure.colorbar(drawn, ax=ax, shrink=0.8)
+    vmdg.plot.add_colorbar(ax, drawn)
 
 
 def draw_run(

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import vmdg
+from helpers.tables import markdown
 from vmdg.meshes import pushout, pushout_section
 from vmdg.meshes.pushout import (
     FIBRE,
@@ -199,7 +200,8 @@ class Levels:
                 shown = corners if solid else corners[..., :2]
                 _, colours, limits = self.ROWS[row]
                 drawn = draw_cells(ax, problem, shown, values[cells], limits)
-                drawn.set(cmap=colours, linewidth=0)
+                # Lines of the colour of the faces: without any there would be white seams in space.
+                drawn.set(cmap=colours, linewidth=0.3 if solid else 0, edgecolor="face")
                 if solid:
                     ax.set(xlim=(0, OUTER_RADIUS), ylim=(0, OUTER_RADIUS), zlim=(-1, HEIGHT))
                     ax.set_aspect("equal")
@@ -262,21 +264,25 @@ def _force_at_first(history: vmdg.History, name: str) -> float:
     return history["force"][np.argmax(reached)] if reached.any() else np.nan
 
 
-def describe(runs: dict[str, vmdg.History]) -> str:
+def describe(runs: dict[str, vmdg.History], name: str = "run") -> str:
     """Table of the numbers of section 7.4, a row a run.
 
-    Forces [N] at the first damage, where the bond is first gone, the largest and the last; debonded
-    length [mm] at the largest.
+    Args:
+        runs: Histories by label.
+        name: Of what runs differ in.
     """
-    head = ["slope [N/mm]", "damage", "bond gone", "largest", "debonded", "end"]
-    lines = [" " * 20 + "".join(f"{text:>14}" for text in head)]
+    head = [
+        *(name, "slope [N/mm]", "first damage [N]", "bond first gone [N]", "largest [N]"),
+        *("debonded at the largest [mm]", "end [N]"),
+    ]
+    rows = []
     for label, history in runs.items():
         punch, force, gone = (history[name] for name in ("punch", "force", "debonded"))
         starts = [_force_at_first(history, name) for name in ("damaged", "debonded")]
         peak = np.argmax(force)
         numbers = [force[0] / punch[0], *starts, force[peak], gone[peak], force[-1]]
-        lines.append(f"{label:20}" + "".join(f"{number:14.5g}" for number in numbers))
-    return "\n".join(lines)
+        rows.append([label, *(f"{number:.5g}" for number in numbers)])
+    return markdown(head, rows)
 
 
 def studied(
@@ -287,13 +293,13 @@ def studied(
     plot: bool = True,
     **options: float | bool,
 ) -> dict[str, vmdg.History]:
-    """One run of the demo a value, one table and one picture; the histories by label.
+    """One run of the demo a value, a table and a picture of all; the histories by label.
 
     Args:
         main: Of the demo.
         name: Of the study.
         values: Of its argument.
-        out: Folder for the picture; every run has a folder in it.
+        out: Folder for table and picture; every run has a folder in it.
         plot: Draw the picture.
         options: Other arguments of the demo.
     """
@@ -306,7 +312,8 @@ def studied(
         given["out"] = str(out / f"{name}_{value}")
         runs[label.format(value)] = main(**options | given, plot=False)
     if first:
-        print(describe(runs))
+        (out / f"pushout_{name}.md").write_text(describe(runs, name) + "\n")
+        print(describe(runs, name))
     if first and plot:
         curves(runs, FRICTION, FIBRE_MODULUS).savefig(out / f"pushout_{name}.png", dpi=130)
     return runs

@@ -206,6 +206,25 @@ def test_weibull():
         vmdg.Weibull(40.0, 7.0)(places)
 
 
+@pytest.mark.parametrize("refined", [1, 2])
+def test_weibull_by_section(comm, refined):
+    """Facets of a section share a strength, the same on every mesh; sections are independent."""
+    sample = vmdg.Weibull(30.0, 5.0, seed=3, section=lambda x: x[1] // 0.5)
+    low, high = sample(np.array([[1.0, 1.0], [0.2, 0.7], [0.0, 0.0]]))
+    assert low != high
+    problem = pulled(
+        two_blocks(comm, "quadrilateral", 4 * refined),
+        [vmdg.Interface(between=(1, 2), law=bond(sample))],
+    )
+    active = problem.discretization.active[0]
+    expected = np.where(active.quadrature.points[:, 1] < 0.5, low, high)
+    np.testing.assert_array_equal(active.law.strength, expected)
+    numbers = vmdg.Weibull(30.0, 5.0, seed=3, section=lambda x: x[0])(np.arange(20000.0)[None])
+    assert stats.kstest(numbers, stats.weibull_min(5.0, scale=30.0).cdf).pvalue > 0.05
+    with pytest.raises(TypeError, match=r"Weibull: section = 0.5 must be a function of points"):
+        vmdg.Weibull(30.0, 5.0, section=0.5)
+
+
 @pytest.mark.parametrize(
     ("law", "words"),
     [
@@ -215,6 +234,8 @@ def test_weibull():
         (bond(lambda x: np.nan * x[0]), r"or not finite"),
         (bond(vmdg.Weibull(1.0, 5.0, resolution=9.0)), "nearer to each other than resolution = 9 "),
         (bond(vmdg.Weibull(1.0, 5.0, resolution=1e-14)), "near the rounding of coordinates"),
+        (bond(vmdg.Weibull(1.0, 5.0, section=lambda x: 4 * x[1])), "section must give one whole"),
+        (bond(vmdg.Weibull(1.0, 5.0, section=lambda x: x[:2] // 1)), "section must give one whole"),
     ],
 )
 def test_mistakes_are_told(comm, law, words):

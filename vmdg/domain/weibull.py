@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from numbers import Integral, Real
 
 import numpy as np
@@ -38,7 +39,8 @@ class Weibull:
 
     The values of two facets are independent however small the facets are: a mesh twice as fine has
     more weak places. By the theory of the weakest link facets of another size A would have the
-    scale (A_0/A)^(1/modulus) times that of facets of size A_0.
+    scale (A_0/A)^(1/modulus) times that of facets of size A_0. With ``section`` all places of a
+    section share one value, whatever the mesh: a bar, a weld, a strip of an adhesive.
 
     Args:
         scale: Of the distribution, in the unit of the property: 63.2% of all values are below.
@@ -48,15 +50,20 @@ class Weibull:
             facets, and far above the rounding of coordinates. None follows the size of the mesh, so
             that a sample is the same in any unit of length; who calls f(x) himself has no mesh, and
             gives one.
+        section: f(x) with the whole number of the section for each of the points x (3, n), for
+            example ``lambda x: x[0] // 5.0``. Draw its borders between the midpoints of facets, not
+            through them, where rounding would choose. None for a value of its own at every place.
 
     Raises:
         ValueError: scale, modulus or resolution is not positive, or the seed is no integer.
+        TypeError: section is no function.
     """
 
     scale: float
     modulus: float
     seed: int = 0
     resolution: float | None = None
+    section: Callable[[NDArray[np.float64]], ArrayLike] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         for name in ("scale", "modulus", "resolution"):
@@ -67,6 +74,11 @@ class Weibull:
                 raise ValueError(f"Weibull: {name} = {value!r} must be a positive, finite number")
         if not isinstance(self.seed, Integral) or self.seed < 0:
             raise ValueError(f"Weibull: seed = {self.seed!r} must be an integer, zero or more")
+        if self.section is not None and not callable(self.section):
+            raise TypeError(
+                f"Weibull: section = {self.section!r} must be a function of points x (3, n) that "
+                "gives the number of the section of each, for example lambda x: x[0] // 5.0"
+            )
 
     @property
     def mean(self) -> float:
@@ -92,14 +104,35 @@ class Weibull:
 
         Raises:
             ValueError: points are nearer to each other than the resolution, or so far away that
-                their rounding is not far below it, or no mesh has given one.
+                their rounding is not far below it, or no mesh has given one; sections are no whole
+                numbers.
         """
+        x = np.asarray(x, dtype=float)
+        boxes = self._boxes(x) if self.section is None else self._sections(x)
+        number = np.full(x.shape[1], self.seed, dtype=np.uint64)
+        for position in boxes.view(np.uint64):
+            number = _mixed(number + position)
+        # in (0, 1), with the 53 digits of a double
+        share = ((number >> np.uint64(11)).astype(float) + 0.5) / 2.0**53
+        return self.scale * (-np.log1p(-share)) ** (1 / self.modulus)
+
+    def _sections(self, x: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Numbers of the sections of points (1, n)."""
+        found = np.asarray(self.section(x))
+        if found.shape != x.shape[1:] or not (found == np.rint(found)).all():
+            raise ValueError(
+                f"Weibull: section must give one whole number for each of the points x (3, "
+                f"{x.shape[1]}), not {found!r:.80}"
+            )
+        return found.astype(np.int64)[None]
+
+    def _boxes(self, x: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Boxes of the resolution in which points lie (d, n)."""
         if self.resolution is None:
             raise ValueError(
                 "Weibull: called by itself it does not know the size of the mesh; give it a "
                 "resolution=, about 1e-6 of the size of the facets"
             )
-        x = np.asarray(x, dtype=float)
         farthest, remedy = np.abs(x).max(initial=0.0), "about 1e-6 of the size of the facets"
         if farthest * np.finfo(float).eps > _ROUNDING * self.resolution:
             raise ValueError(
@@ -112,12 +145,7 @@ class Weibull:
                 f"Weibull: points are nearer to each other than resolution = {self.resolution:g} "
                 f"and would have one value; take one of {remedy}"
             )
-        number = np.full(x.shape[1], self.seed, dtype=np.uint64)
-        for position in boxes.view(np.uint64):
-            number = _mixed(number + position)
-        # in (0, 1), with the 53 digits of a double
-        share = ((number >> np.uint64(11)).astype(float) + 0.5) / 2.0**53
-        return self.scale * (-np.log1p(-share)) ** (1 / self.modulus)
+        return boxes
 
 
 def _mixed(number: NDArray[np.uint64]) -> NDArray[np.uint64]:

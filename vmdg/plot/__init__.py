@@ -8,9 +8,18 @@ from ..output.profile import profile
 from . import solids as solids
 from .animation import animate
 from .interface import interface_profile, mode_map
-from .stress import cell_means, curve, deformed_corners, deformed_polygons, draw_cells, stress
+from .stress import (
+    add_colorbar,
+    cell_means,
+    curve,
+    deformed_corners,
+    deformed_polygons,
+    draw_cells,
+    stress,
+)
 
 __all__ = [
+    "add_colorbar",
     "animate",
     "cell_means",
     "curve",

@@ -81,7 +81,9 @@ def animate(
         for row, snapshot, factor in zip(rows, snapshots, factors, strict=True):
             problem.step.return_to(snapshot)
             shape.clear()
-            stress(problem, ax=shape, magnify=factor, colorbar=row == rows[0], **options)
+            # In the plane the scale belongs to the axes and goes with what they had.
+            bar = not solid or row == rows[0]
+            stress(problem, ax=shape, magnify=factor, colorbar=bar, **options)
             shape.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
             if solid:
                 shape.set(zlim=(low[2], high[2]), aspect="equal")

@@ -28,6 +28,9 @@ MODES = {
     Mode.CLOSING: ("closing", "#2ca02c"),
 }
 
+#: Relative rounding of coordinates and normals of a straight interface.
+STRAIGHT = 1e-9
+
 
 def interface_profile(
     problem: Problem,
@@ -89,9 +92,11 @@ def mode_map(
         problem: The problem.
         interface: Its number, its name or itself.
         quantity: "mode", or another scalar of :func:`vmdg.output.values.scalar`.
-        axis: "x", "y" or "z": in 3D the interface is a cylinder along it, or a part of one, and is
-            unrolled to angle and position along the axis; in 2D it is drawn as a strip over this
-            coordinate. None: a surface in 3D is seen along its mean normal's largest component.
+        axis: "x", "y" or "z": in 3D a cylinder along it, or a part of one, is unrolled to angle and
+            position along the axis; in 2D the interface is drawn as a strip over this coordinate.
+            None: a surface in 3D is seen along its mean normal's largest component, a strip has the
+            coordinate in which it is longest. A plane has nothing to unroll, and a line no length
+            across itself: they are drawn as with None.
         ax: Where to draw; None for a new figure.
         legend: Whether to add the legend of the modes, or the scale of colours.
 
@@ -99,16 +104,18 @@ def mode_map(
         The axes; the picture itself is on rank 0's only.
 
     Raises:
-        ValueError: an unknown ``quantity`` or ``axis``, or none in 2D.
+        ValueError: an unknown ``quantity`` or ``axis``.
     """
-    if axis not in (None, "x", "y", "z") or (axis is None and problem.mesh.geometry.dim == 2):
-        raise ValueError(f"mode_map: axis = {axis!r} must be 'x', 'y' or 'z', in 3D or None")
+    axes = "xyz"[: problem.mesh.geometry.dim]
+    if axis is not None and axis not in tuple(axes):
+        raise ValueError(f"mode_map: axis = {axis!r} must be one of {', '.join(axes)}, or None")
     ax = plt.subplots(layout="constrained")[1] if ax is None else ax
     corners, normals, values = _open_facets(problem, interface, quantity)
     if problem.mesh.geometry.dim == 2:
+        axis = _extended(corners, axis)
         polygons, names = _strip(corners, axis), ("interface", _along_label(problem, axis))
         ax.set_xticks([])
-    elif axis is None:
+    elif axis is None or _plane(normals):
         polygons, names = _projected(corners, normals)
     else:
         polygons, names = unrolled(corners, normals, axis)
@@ -148,6 +155,19 @@ def _open_facets(
     normals = quadrature.facet_means(quadrature.normal)
     gathered = problem.comm.allgather((X, normals, facet_scalar(problem, i, quantity)))
     return tuple(np.concatenate(parts) for parts in zip(*gathered, strict=True))
+
+
+def _extended(corners: NDArray, axis: str | None) -> str:
+    """The coordinate of a strip: the one asked for, if the lines have an extent along it."""
+    extent = np.ptp(corners.reshape(-1, 3), axis=0) if len(corners) else np.zeros(3)
+    if axis is None or extent["xyz".index(axis)] <= STRAIGHT * extent.max():
+        return "xyz"[int(np.argmax(extent))]
+    return axis
+
+
+def _plane(normals: NDArray) -> bool:
+    """Whether all normals are parallel, so that they meet in no axis."""
+    return len(normals) > 0 and bool((np.abs(normals @ normals[0]) > 1 - STRAIGHT).all())
 
 
 def _strip(corners: NDArray, axis: str) -> NDArray:

@@ -13,9 +13,9 @@ from .stress import (
     Limits,
     boundary_facets,
     cell_means,
-    component_of,
     deformed_corners,
     on_first_rank,
+    seen_stress,
 )
 
 
@@ -56,10 +56,10 @@ def picture(
     if problem.mesh.geometry.dim != 3:
         message = "solids.picture: the problem is plane; use vmdg.plot.stress"
     raise_together(problem.comm, message)
-    take, _ = component_of(problem, component)
+    sigma, take, _ = seen_stress(problem, component)
     facets = boundary_facets(problem) if facets is None else facets
     corners, cells = deformed_corners(problem, facets, magnify)
-    values = take(cell_means(problem.stress()))[cells]
+    values = take(cell_means(sigma))[cells]
     corners, values = on_first_rank(problem, corners, values)
     if problem.comm.rank > 0:
         return

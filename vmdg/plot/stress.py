@@ -10,11 +10,13 @@ from dolfinx import fem
 from dolfinx.mesh import exterior_facet_indices
 from matplotlib.axes import Axes
 from matplotlib.collections import Collection, PolyCollection, TriMesh
+from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Bbox, TransformedBbox
 from matplotlib.tri import Triangulation
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
-from ..base.parallel import global_box
+from ..base.parallel import global_box, global_max
 from ..domain.topology import facet_cells, local_facets
 from ..forms.geometry import Axisymmetric
 from ..output.cell import whole_displacement
@@ -30,6 +32,15 @@ from ..problem.problem import Problem
 
 Limits = tuple[float, float]
 Component = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+#: Height of a plane body relative to its width below which its colour bar lies above it [-].
+FLAT = 0.4
+#: Of a colour bar, and between it and the body [inch].
+THICKNESS, GAP = 0.14, 0.08
+
+#: Stress, relative to the largest one and to what the displacement would strain the softest body
+#: by, up to which it is what the tolerance of equilibrium leaves: a pair of free blocks has 3e-10.
+ROUNDING = 1e-9
 
 
 def curve(
@@ -81,6 +92,8 @@ def stress(
 
     In 2D the cell values are averaged over the cells around each node of the displacement: smooth
     in the bodies, with jumps at interfaces. In 3D boundary facets have the mean of their cell.
+    Where all there is of the component is what the tolerance of equilibrium leaves, as in bodies
+    that have come free, it is drawn as zero, and the scale of colours says up to which size.
 
     Args:
         problem: The problem.
@@ -99,8 +112,7 @@ def stress(
     Raises:
         ValueError: no such component.
     """
-    take, label = component_of(problem, component)
-    sigma = problem.stress()
+    sigma, take, label = seen_stress(problem, component)
     solid = problem.mesh.geometry.dim == 3
     if ax is None:
         figure = plt.figure(layout="none" if solid else "constrained")
@@ -112,16 +124,54 @@ def stress(
         drawn.set_linewidth(edges)
         ax.auto_scale_xyz(*on_first_rank(problem, corners.reshape(-1, 3))[0].T)
         ax.set(aspect="equal", zlabel="z [mm]")
+        for axis, share in zip((ax.xaxis, ax.yaxis, ax.zaxis), _sides(ax), strict=True):
+            axis.set_major_locator(MaxNLocator(max(round(6 * share), 1)))
     else:
         polygons, cells = deformed_polygons(problem, magnify=magnify)
         drawn = _draw_smooth(ax, problem, polygons, _corner_values(problem, sigma, take), limits)
         lines = draw_cells(ax, problem, polygons, np.zeros(len(cells)))
         lines.set(array=None, facecolor="none", linewidth=edges)
     if colorbar:
-        ax.figure.colorbar(drawn, ax=ax, label=label, shrink=0.8)
+        add_colorbar(ax, drawn, label)
     first, second, _ = axis_names(problem)
     ax.set(xlabel=f"{first} [mm]", ylabel=f"{second} [mm]")
     return ax
+
+
+def add_colorbar(ax: Axes, drawn: Collection, label: str = "") -> None:
+    """Add a scale of colours as long as the side of the axes at which it stands.
+
+    In the plane it belongs to the axes, since the layout of a figure does not know how high a body
+    of equal scales along x and y will be, and lies above those of a flat body; in space it stands
+    on the left, where the z axis has no numbers.
+
+    Args:
+        ax: The axes.
+        drawn: What has the colours.
+        label: Of the scale.
+    """
+    if ax.name == "3d":
+        size = 0.3 if _sides(ax)[2] < FLAT else 0.6
+        ax.figure.colorbar(drawn, ax=ax, label=label, location="left", shrink=size, pad=0.02)
+        return
+    flat = ax.dataLim.height < FLAT * ax.dataLim.width
+    bar = ax.inset_axes((0, 0, 1, 1))
+
+    def place(_bar: Axes, _renderer: object) -> TransformedBbox:
+        width, height = ax.bbox.size / ax.figure.dpi
+        over = (0, 1 + GAP / height, 1, THICKNESS / height)
+        beside = (1 + GAP / width, 0, THICKNESS / width, 1)
+        bounds = Bbox.from_bounds(*(over if flat else beside))
+        return TransformedBbox(bounds, ax.transAxes - ax.figure.transSubfigure)
+
+    bar.set_axes_locator(place)
+    ax.figure.colorbar(drawn, cax=bar, label=label, location="top" if flat else "right")
+
+
+def _sides(ax: Axes) -> NDArray[np.float64]:
+    """Lengths of the axes of a picture in space, relative to the longest."""
+    sides = np.ptp([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()], axis=1)
+    return sides / sides.max()
 
 
 def axis_names(problem: Problem) -> str:
@@ -131,10 +181,43 @@ def axis_names(problem: Problem) -> str:
 
 def stress_means(problem: Problem, component: str) -> NDArray[np.float64]:
     """Cell means of a component of :func:`stress`, of all ranks, on every rank (n,) [MPa]."""
-    take, _ = component_of(problem, component)
+    sigma, take, _ = seen_stress(problem, component)
     owned = problem.mesh.topology.index_map(problem.mesh.topology.dim).size_local
-    own = take(cell_means(problem.stress())[:owned])
-    return np.concatenate(problem.comm.allgather(own))
+    return np.concatenate(problem.comm.allgather(take(cell_means(sigma)[:owned])))
+
+
+def seen_stress(problem: Problem, component: str) -> tuple[fem.Function, Component, str]:
+    """The Cauchy stress, what takes a component to be seen from tensors, its label; collective.
+
+    A component that is rounding everywhere is taken as zero.
+    """
+    take, label = component_of(problem, component)
+    sigma = problem.stress()
+    tensors = sigma.x.array.reshape(-1, 3, 3)
+    largest = global_max(problem.comm, np.abs(tensors).max(initial=0.0))
+    floor = ROUNDING * max(largest, _free_scale(problem))
+    if 0 < global_max(problem.comm, np.abs(take(tensors)).max(initial=0.0)) <= floor:
+        return sigma, lambda tensors: np.zeros(len(tensors)), f"{label} (0: below {floor:.0e})"
+    return sigma, take, label
+
+
+def _free_scale(problem: Problem) -> float:
+    """Stress of the softest cell beside an interface, strained as if no body could move [MPa].
+
+    The strain is the largest displacement relative to the size of the mesh, 1 at most; the
+    stiffness is r h of the derived tau_s. Zero where no facet is open; collective.
+    """
+    softest = np.inf
+    for active in problem.discretization.active.values():
+        if active.stabilization is None:  # before the first step
+            return 0.0
+        stiffness = active.stabilization.norm / active.stabilization.safety
+        softest = min(softest, (stiffness * active.quadrature.extent).min(initial=np.inf))
+    softest = -global_max(problem.comm, -softest)
+    low, high = global_box(problem.comm, problem.mesh.geometry.x)
+    moved = np.abs(whole_displacement(problem).x.array).max(initial=0.0)
+    strain = min(global_max(problem.comm, moved) / (high - low).max(), 1.0)
+    return softest * strain if np.isfinite(softest) else 0.0
 
 
 def component_of(problem: Problem, name: str) -> tuple[Component, str]:
