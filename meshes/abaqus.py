@@ -95,7 +95,13 @@ def read_abaqus(path: Path) -> MeshArrays:
     sets: dict[str, dict[int, None]] = defaultdict(dict)
     internal: set[str] = set()
     surfaces: dict[str, list[list[str]]] = defaultdict(list)
-    seen = defaultdict(int)
+    seen: dict[str, int] = defaultdict(int)
+    spelt: dict[str, str] = {}
+
+    def called(word: str) -> str:
+        """A name as it is written first; Abaqus does not mind the case."""
+        return spelt.setdefault(word.upper(), word)
+
     for keyword, given, lines in _sections(path):
         seen[keyword] += 1
         if keyword in ("PART", "INSTANCE") and (seen[keyword] > 1 or any(map(any, lines))):
@@ -109,20 +115,22 @@ def read_abaqus(path: Path) -> MeshArrays:
             )
         if keyword == "NODE":
             for words in lines:
-                number[int(words[0])] = len(points)
+                number[_whole(words[0])] = len(points)
                 points.append([float(word or 0) for word in (words[1:] + ["0", "0"])[:3]])
         elif keyword == "ELEMENT":
             made = list(_elements(given.get("TYPE", "").upper(), lines, number))
-            elements |= {label: rest for label, *rest in made}
+            elements |= {label: tuple(rest) for label, *rest in made}
             if "ELSET" in given:
-                sets[given["ELSET"]] |= dict.fromkeys(label for label, *_ in made)
+                sets[called(given["ELSET"])] |= dict.fromkeys(label for label, *_ in made)
         elif keyword == "ELSET":
-            name = given.get("ELSET", "")
-            sets[name] |= dict.fromkeys(_members(lines, "GENERATE" in given, sets))
+            name = called(given.get("ELSET", ""))
+            named = [[called(word) for word in line] for line in lines]
+            sets[name] |= dict.fromkeys(_members(named, "GENERATE" in given, sets))
             if "INTERNAL" in given:
                 internal.add(name)
         elif keyword == "SURFACE" and given.get("TYPE", "ELEMENT").upper() == "ELEMENT":
-            surfaces[given.get("NAME", "")] += lines
+            named = [[called(words[0]), *words[1:]] for words in lines]
+            surfaces[given.get("NAME", "")] += named
     if not elements:
         raise ValueError("it has no elements (*ELEMENT)")
     blocks, names = _blocks(elements, {n: s for n, s in sets.items() if n not in internal})
@@ -156,12 +164,23 @@ def _sections(path: Path) -> Iterator[_Section]:
         yield section
 
 
+def _whole(word: str) -> int:
+    """A label."""
+    try:
+        return int(word)
+    except ValueError:
+        raise ValueError(
+            f"{word!r} stands where a number of a node or element belongs; is it a whole input "
+            "file of Abaqus?"
+        ) from None
+
+
 def _elements(
     type_: str, lines: list[list[str]], number: dict[int, int]
 ) -> Iterator[tuple[int, int, int, NDArray[np.int64]]]:
     """Label, dimension, type in gmsh and nodes of every element of a section."""
     dim, kind, count = _kind(type_)
-    words = [int(word) for line in lines for word in line if word]
+    words = [_whole(word) for line in lines for word in line if word]
     if len(words) % (count + 1):
         raise ValueError(
             f"the elements {type_} are cut short: they have {count} nodes each, and "
@@ -197,7 +216,7 @@ def _members(
     for line in lines:
         words = [word for word in line if word]
         if generate:
-            first, last, *step = map(int, words)
+            first, last, *step = map(_whole, words)
             yield from range(first, last + 1, *step)
             continue
         for word in words:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import mmap
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from xml.etree import ElementTree
 
 from mpi4py import MPI
@@ -16,7 +16,7 @@ import numpy as np
 from dolfinx.io import XDMFFile
 from dolfinx.mesh import GhostMode, meshtags
 
-from vmdg.base.parallel import raise_together, warn_together
+from vmdg.base.parallel import warn_together
 from vmdg.domain.tags import NamedTags, names_of
 
 from .abaqus import read_abaqus
@@ -37,8 +37,13 @@ from .plane import Plane
 #: Names of the tags in XDMF files.
 CELL_TAGS, FACET_TAGS = "cell_tags", "facet_tags"
 
-#: In the word of ``groups``: parts of the geometry that are in no group are one each.
+#: The word for ``groups`` by which parts of the geometry that are in no group are one each.
 ENTITIES = "entities"
+
+#: What a .msh of gmsh or Neper has near its begin and behind its elements, in formats 1, 2 and 4.
+BEGIN, END = (b"$MeshFormat", b"$NOD"), (b"$EndElements", b"$ENDELM")
+
+T = TypeVar("T")
 
 
 def read_mesh(
@@ -53,22 +58,17 @@ def read_mesh(
 ) -> TaggedMesh:
     """Read and distribute a mesh; collective.
 
-    ==================== =========================================================================
-    ending               groups of cells and facets are
-    ==================== =========================================================================
-    .msh                 physical groups of gmsh (2.2 and 4.1, partitioned ones too); of Neper
-                         every grain ("poly1", in 2D "face1") and every face between two ("face1",
-                         in 2D "edge1")
-    .xdmf                tags that :func:`write_mesh` and ``dolfinx.io.XDMFFile`` write, read by
-                         all ranks; an attribute of the grid that meshio writes
-    .inp                 of Abaqus and CalculiX: sets of elements (*ELSET), surfaces of element
-                         faces (*SURFACE)
-    .med, .vtu, .vtk,    what meshio has as sets, or as data of cells that are whole numbers
-    .bdf, .mesh, ...
-    ==================== =========================================================================
+    Groups keep their names. They are, by the ending of the file,
+
+    * .msh: physical groups of gmsh (formats 2.2 and 4.1, partitioned or not); what Neper has:
+      every grain ("poly1", in 2D "face1") and every face between two ("face1", in 2D "edge1");
+    * .xdmf: the tags that :func:`write_mesh` and ``dolfinx.io.XDMFFile`` write, read by all ranks,
+      or an attribute of the grid, as meshio writes it;
+    * .inp of Abaqus and CalculiX: sets of elements (*ELSET) and surfaces of their faces (*SURFACE);
+    * .med, .vtu, .vtk, .bdf and others: what meshio has as sets, or as whole numbers of cells.
 
     Args:
-        path: A file. All but .msh, .inp and XDMF of DOLFINx are read by meshio, the extra "mesh".
+        path: A file. All but .msh, .inp and XDMF of DOLFINx need meshio (the extra "mesh").
         comm: Communicator.
         cell_tags: Name of the tags, or data, of the cells; None for "cell_tags" in an XDMF file
             with several grids, else for the only data that are whole numbers.
@@ -89,62 +89,65 @@ def read_mesh(
     """
     path = Path(path)
     try:
-        grids = comm.bcast(_on_root(comm, lambda: _door(path)))
-        if grids is not None:
+        grids = _on_root(comm, lambda: _door(path))
+        if grids:
             if (merge, groups, plane) != (None, None, None):
                 raise ValueError(
-                    "merge, groups and plane are for files of other programs; this one has tags "
-                    "and lies in its plane"
+                    "merge, groups and plane are for files of other programs; this one is of "
+                    "DOLFINx, which has read its mesh already"
                 )
-            return _read_xdmf(path, comm, grids, cell_tags or CELL_TAGS, facet_tags or FACET_TAGS)
+            return _read_xdmf(path, comm, grids, cell_tags, facet_tags)
         with model("file") as gmsh_model:
-            gdim, shift, warning = comm.bcast(
-                _on_root(
-                    comm, lambda: _load(path, gmsh_model, cell_tags, facet_tags, merge, groups)
-                )
+            gdim, shift, warning = _on_root(
+                comm, lambda: _load(path, gmsh_model, cell_tags, facet_tags, merge, groups)
             )
             warn_together(comm, warning and f"read_mesh: {path}: {warning}")
             return _shifted(distribute(gmsh_model, comm, gdim, plane=plane), shift)
     except (ValueError, ImportError) as error:
-        raise type(error)(f"read_mesh: {path}: {error}") from None
+        kind = ImportError if isinstance(error, ImportError) else ValueError
+        raise kind(f"read_mesh: {path}: {error}") from None
 
 
-def _on_root(comm: MPI.Comm, call: Any) -> Any:
-    """What a function gives on rank 0, None elsewhere; its error is raised on all ranks."""
+def _on_root(comm: MPI.Comm, call: Callable[[], T]) -> T:
+    """What a function gives on rank 0, or its error, on all ranks."""
     result, error = None, None
     if comm.rank == 0:
         try:
             result = call()
         except (ValueError, ImportError, OSError) as raised:
-            error = raised
-    error = comm.bcast(error)
+            error = ValueError(str(raised)) if isinstance(raised, OSError) else raised
+    result, error = comm.bcast((result, error))
     if error is not None:
-        raise error if isinstance(error, ValueError | ImportError) else ValueError(str(error))
+        raise error
     return result
 
 
-def _door(path: Path) -> list[str] | None:
-    """Names of the grids in an XDMF file of DOLFINx, or None: another file, that can be read."""
-    ending = path.suffix.lower()
-    if ending not in (".msh", ".inp", ".xdmf") and ending not in (known := endings()):
-        more = ", ".join(known) or "those of meshio (pip install 'vmdg[mesh]')"
-        raise ValueError(f"its name must end in .msh, .inp, .xdmf or what meshio reads: {more}")
+def _door(path: Path) -> list[str]:
+    """That there is a file that can be read; names of the grids if it is XDMF of DOLFINx."""
+    name = path.name.lower()
+    if not name.endswith((".msh", ".inp", ".xdmf")):
+        known = endings()
+        if not name.endswith(known):
+            raise ValueError(
+                "its name must end in .msh, .inp, .xdmf or what else meshio reads: "
+                f"{', '.join(known)}"
+            )
     if not path.is_file():
         raise ValueError("there is no file of this name")
     if not path.stat().st_size:
         raise ValueError("the file is empty")
-    if ending != ".xdmf":
-        return None
+    if not name.endswith(".xdmf"):
+        return []
     try:
         root = ElementTree.parse(path).getroot()
     except ElementTree.ParseError as error:
         raise ValueError(f"it is no whole XML file ({error}); was it cut short?") from None
-    for item in root.iter("DataItem"):
-        other, colon, _ = (item.text or "").strip().partition(":/")
-        if colon and not (path.parent / other).is_file():
-            raise ValueError(f"its file {other} is missing, which belongs beside it")
-    grids = root.findall("./Domain/Grid")
-    return [grid.get("Name", "") for grid in grids] if len(grids) > 1 else None
+    for item in root.iterfind(".//DataItem[@Format='HDF']"):
+        other = (item.text or "").strip().partition(":")[0]
+        if not (path.parent / other).is_file():
+            raise ValueError(f"its data are in {other}, which is missing beside it")
+    grids = [grid.get("Name", "") for grid in root.iterfind("./Domain/Grid")]
+    return grids if len(grids) > 1 else []
 
 
 def _load(
@@ -167,10 +170,13 @@ def _load(
         mesh = read_foreign(path, cell_tags, facet_tags)
     if not np.isfinite(mesh.points).all():
         raise ValueError("it has nodes whose coordinates are no numbers")
-    place = places(mesh, None if isinstance(merge, bool) or merge is None else float(merge))
+    join = merge is not None and merge is not False
+    distance = None if merge is True or not join else float(merge)
+    if distance is not None and not 0 <= distance < np.inf:
+        raise ValueError(f"merge={merge!r} is no distance: give True, or a length [mm]")
+    place = places(mesh, distance)
     twice = int((place != np.arange(len(place))).sum())
     flat = count_flat(mesh, place)
-    join = merge is not None and merge is not False
     if flat and not join:
         raise ValueError(
             f"{flat} cells have two nodes at one place, as cohesive elements of no thickness; vmdg "
@@ -217,12 +223,12 @@ def _load_gmsh(path: Path, gmsh_model: Any) -> tuple[MeshArrays, bool]:
     """A file of gmsh or Neper, and whether its groups are not those that gmsh has loaded."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         begin = bytes(content[:4096])
-        if b"$MeshFormat" not in begin and b"$NOD" not in begin:
+        if not any(word in begin for word in BEGIN):
             raise ValueError(
                 f"it is no file of gmsh: it begins with {begin[:20].decode(errors='replace')!r}; "
                 "have the program that made it write .inp, .med or .vtu"
             )
-        if content.find(b"$EndElements") < 0 and content.find(b"$ENDELM") < 0:
+        if all(content.find(word) < 0 for word in END):
             raise ValueError("it was cut short: its elements do not end ($EndElements)")
         bare_names = list(_bare_names(content))
     try:
@@ -283,27 +289,30 @@ def _shifted(tagged: TaggedMesh, shift: int) -> TaggedMesh:
 
 
 def _read_xdmf(
-    path: Path, comm: MPI.Comm, grids: list[str], cell_tags: str, facet_tags: str
+    path: Path, comm: MPI.Comm, grids: list[str], cell_tags: str | None, facet_tags: str | None
 ) -> TaggedMesh:
-    """A file of DOLFINx: a grid for the mesh, then one for the tags of cells and of facets each."""
-    lacking = [name for name in (cell_tags, facet_tags) if name not in grids[1:]]
+    """A file of DOLFINx: a grid for the mesh, then one each for the tags of cells and of facets."""
+    wanted = [cell_tags or CELL_TAGS, facet_tags or FACET_TAGS]
+    needed = wanted if facet_tags else wanted[:1]
+    lacking = [name for name in needed if name not in grids[1:]]
     if lacking:
         raise ValueError(
-            f"it has no tags {lacking[0]!r}; its grids are {', '.join(map(repr, grids))}, named by "
-            "MeshTags.name when the file was written"
+            f"it has no tags {lacking[0]!r}; its grids are {', '.join(map(repr, grids))}, with the "
+            "names that mesh and tags had when it was written (MeshTags.name): cell_tags=..."
         )
     try:
         with XDMFFile(comm, str(path), "r") as file:
             mesh = file.read_mesh(ghost_mode=GhostMode.shared_facet, name=grids[0])
             dim = mesh.topology.dim
             mesh.topology.create_connectivity(dim - 1, dim)
-            tags = [
-                NamedTags(
-                    file.read_meshtags(mesh, name=name),
-                    json.loads(file.read_information(_names(name)) or "{}"),
-                )
-                for name in (cell_tags, facet_tags)
-            ]
+            tags = []
+            for name in wanted:
+                nothing = np.zeros(0, dtype=np.int32)
+                found, names = meshtags(mesh, dim - 1, nothing, nothing), "{}"
+                if name in grids:
+                    found = file.read_meshtags(mesh, name=name)
+                    names = file.read_information(_names(name)) or names
+                tags.append(NamedTags(found, json.loads(names)))
     except RuntimeError as error:
         raise ValueError(f"DOLFINx cannot read it ({error}); is it whole?") from None
     return TaggedMesh(mesh, *tags)

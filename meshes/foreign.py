@@ -58,12 +58,13 @@ def meshio() -> ModuleType:
     return meshio
 
 
-def endings() -> list[str]:
-    """What names of files that meshio reads end in; none where it is not installed."""
-    try:
-        return sorted(meshio().extension_to_filetypes)
-    except ImportError:
-        return []
+def endings() -> tuple[str, ...]:
+    """What names of files that meshio reads end in.
+
+    Raises:
+        ImportError: it is not installed.
+    """
+    return tuple(sorted(meshio().extension_to_filetypes))
 
 
 def read_foreign(
@@ -117,10 +118,9 @@ def _read(path: Path, form: str | None) -> Any:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
             mesh = library.read(path, form)
     except (Exception, SystemExit) as error:  # of any reader, on any input
-        words = [" ".join(said.getvalue().split()), f"{type(error).__name__}: {error}"]
+        words = " ".join(said.getvalue().split()) or f"{type(error).__name__}: {error}"
         raise ValueError(
-            f"meshio cannot read it ({[word for word in words if word][0]}); is it whole, and what "
-            "its ending says?"
+            f"meshio cannot read it ({words}); is it whole, and what its ending says?"
         ) from None
     if not len(mesh.points) or not mesh.cells:
         raise ValueError("it has no cells")
