@@ -136,7 +136,10 @@ def read_abaqus(path: Path) -> MeshArrays:
     blocks, names = _blocks(elements, {n: s for n, s in sets.items() if n not in internal})
     faces, more = _faces(elements, sets, surfaces, names)
     dim = max(block.dim for block in blocks)
-    return MeshArrays(np.array(points), blocks + faces, {dim: names, dim - 1: names | more})
+    blocks, names = blocks + faces, names | more
+    there = {(block.dim, block.group) for block in blocks}
+    by_dim = {d: {n: t for n, t in names.items() if (d, t) in there} for d in (dim, dim - 1)}
+    return MeshArrays(np.array(points), blocks, by_dim)
 
 
 def _sections(path: Path) -> Iterator[_Section]:

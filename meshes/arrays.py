@@ -111,16 +111,21 @@ def only_cells_and_facets(mesh: MeshArrays) -> MeshArrays:
 
 
 def into_gmsh(gmsh_model: Any, mesh: MeshArrays) -> None:
-    """Make a mesh with one group a cell or facet the only one of gmsh."""
+    """Make a mesh with one group a cell or facet the only one of gmsh; without spare nodes."""
     gmsh.clear()
     gmsh_model.add("mesh")
+    used, renumbered = np.unique(
+        np.concatenate([block.nodes.ravel() for block in mesh.blocks]), return_inverse=True
+    )
+    begins = np.cumsum([block.nodes.size for block in mesh.blocks])[:-1]
     groups: dict[tuple[int, int], list[int]] = {}
-    for number, block in enumerate(mesh.blocks, 1):
+    nodes = np.split(renumbered.ravel() + 1, begins)
+    for number, (block, of_block) in enumerate(zip(mesh.blocks, nodes, strict=True), 1):
         gmsh_model.addDiscreteEntity(block.dim, number)
         if number == 1:
-            nodes = np.arange(1, len(mesh.points) + 1)
-            gmsh_model.mesh.addNodes(block.dim, 1, nodes, mesh.points.ravel())
-        gmsh_model.mesh.addElementsByType(number, block.kind, [], block.nodes.ravel() + 1)
+            tags = np.arange(1, len(used) + 1)
+            gmsh_model.mesh.addNodes(block.dim, 1, tags, mesh.points[used].ravel())
+        gmsh_model.mesh.addElementsByType(number, block.kind, [], of_block)
         groups.setdefault((block.dim, block.group), []).append(number)
         if block.group:
             name = f"group {mesh.called(block.dim, block.group)}"
@@ -207,7 +212,8 @@ def _collapsed(kind: int, cells: NDArray[np.int64]) -> tuple[NDArray[np.int64], 
     name, _, _, _, _, corners = gmsh.model.mesh.getElementProperties(kind)
     first = np.sort(cells[:, :corners], axis=1)
     different = 1 + (first[:, 1:] != first[:, :-1]).sum(axis=1)
-    if (corners == 4 and name.startswith("Tetra")) or (2 * different != corners).any():
+    can_be_flat = not name.startswith(("Triangle", "Tetrahedron", "Pyramid"))
+    if len(cells) and not (can_be_flat and (2 * different == corners).all()):
         raise ValueError(
             f"cells of type {name} have two nodes at one place and are not flat; collapsed cells "
             "are not supported: write them as the type they are (a collapsed quadrilateral is a "

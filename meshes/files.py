@@ -89,14 +89,14 @@ def read_mesh(
     """
     path = Path(path)
     try:
-        grids = _on_root(comm, lambda: _door(path))
+        grids, words = _on_root(comm, lambda: _door(path))
         if grids:
             if (merge, groups, plane) != (None, None, None):
                 raise ValueError(
                     "merge, groups and plane are for files of other programs; this one is of "
                     "DOLFINx, which has read its mesh already"
                 )
-            return _read_xdmf(path, comm, grids, cell_tags, facet_tags)
+            return _read_xdmf(path, comm, grids, words, cell_tags, facet_tags)
         with model("file") as gmsh_model:
             gdim, shift, warning = _on_root(
                 comm, lambda: _load(path, gmsh_model, cell_tags, facet_tags, merge, groups)
@@ -122,8 +122,8 @@ def _on_root(comm: MPI.Comm, call: Callable[[], T]) -> T:
     return result
 
 
-def _door(path: Path) -> list[str]:
-    """That there is a file that can be read; names of the grids if it is XDMF of DOLFINx."""
+def _door(path: Path) -> tuple[list[str], dict[str, str]]:
+    """That a file can be read; the grids of XDMF of DOLFINx and what else it says, by name."""
     name = path.name.lower()
     if not name.endswith((".msh", ".inp", ".xdmf")):
         known = endings()
@@ -137,7 +137,7 @@ def _door(path: Path) -> list[str]:
     if not path.stat().st_size:
         raise ValueError("the file is empty")
     if not name.endswith(".xdmf"):
-        return []
+        return [], {}
     try:
         root = ElementTree.parse(path).getroot()
     except ElementTree.ParseError as error:
@@ -147,7 +147,10 @@ def _door(path: Path) -> list[str]:
         if not (path.parent / other).is_file():
             raise ValueError(f"its data are in {other}, which is missing beside it")
     grids = [grid.get("Name", "") for grid in root.iterfind("./Domain/Grid")]
-    return grids if len(grids) > 1 else []
+    if len(grids) < 2:
+        return [], {}
+    words = root.iterfind("./Domain/Information")
+    return grids, {word.get("Name", ""): word.get("Value", "") for word in words}
 
 
 def _load(
@@ -256,11 +259,14 @@ def _load_gmsh(path: Path, gmsh_model: Any) -> tuple[MeshArrays, bool]:
         (dim, e) for dim in (mesh.dim, mesh.dim - 1) for _, e in gmsh_model.getEntities(dim)
     ]
     several = any(len(gmsh_model.getPhysicalGroupsForEntity(*entity)) > 1 for entity in entities)
-    if several and begin.partition(b"$MeshFormat")[2].split()[0].startswith(b"2"):
+    if several and begin.partition(BEGIN[0])[2].split()[0].startswith(b"2"):
         # Groups are those of elements in this format, and gmsh keeps those of entities.
         by_cell = read_foreign(path, None, None, "gmsh")
         return MeshArrays(by_cell.points, by_cell.blocks, mesh.names), True
-    return mesh, several
+    used = np.unique(np.concatenate([block.nodes.ravel() for block in mesh.of(mesh.dim)]))
+    # DOLFINx wants nodes from 1 on, and none to spare.
+    spare = len(used) < len(mesh.points) or gmsh_model.mesh.getMaxNodeTag() > len(used)
+    return mesh, several or spare
 
 
 def _bare_names(content: mmap.mmap) -> Iterator[tuple[int, int, str]]:
@@ -289,7 +295,12 @@ def _shifted(tagged: TaggedMesh, shift: int) -> TaggedMesh:
 
 
 def _read_xdmf(
-    path: Path, comm: MPI.Comm, grids: list[str], cell_tags: str | None, facet_tags: str | None
+    path: Path,
+    comm: MPI.Comm,
+    grids: list[str],
+    words: dict[str, str],
+    cell_tags: str | None,
+    facet_tags: str | None,
 ) -> TaggedMesh:
     """A file of DOLFINx: a grid for the mesh, then one each for the tags of cells and of facets."""
     wanted = [cell_tags or CELL_TAGS, facet_tags or FACET_TAGS]
@@ -308,11 +319,10 @@ def _read_xdmf(
             tags = []
             for name in wanted:
                 nothing = np.zeros(0, dtype=np.int32)
-                found, names = meshtags(mesh, dim - 1, nothing, nothing), "{}"
+                found = meshtags(mesh, dim - 1, nothing, nothing)
                 if name in grids:
                     found = file.read_meshtags(mesh, name=name)
-                    names = file.read_information(_names(name)) or names
-                tags.append(NamedTags(found, json.loads(names)))
+                tags.append(NamedTags(found, json.loads(words.get(_names(name), "{}"))))
     except RuntimeError as error:
         raise ValueError(f"DOLFINx cannot read it ({error}); is it whole?") from None
     return TaggedMesh(mesh, *tags)

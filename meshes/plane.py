@@ -84,5 +84,7 @@ def _not_flat(x: NDArray[np.float64], height: float, plane: Plane | None) -> str
     level *= np.sign(level[np.abs(level).argmax()])
     up = np.cross(axes[2], level)
     up *= np.sign(up[2])
-    pair = ", ".join(f"({', '.join(f'{value + 0.0:.12g}' for value in v)})" for v in (level, up))
+    pair = ", ".join(
+        f"({', '.join(f'{round(value, 12) + 0:.12g}' for value in v)})" for v in (level, up)
+    )
     return said + f"plane=({pair}) maps them to x and y"
