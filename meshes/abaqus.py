@@ -145,7 +145,12 @@ def read_abaqus(path: Path) -> MeshArrays:
 def _sections(path: Path) -> Iterator[_Section]:
     """Keywords with their parameters and lines of data; lines that end in a comma go on."""
     section, unfinished = None, ""
-    for line in path.read_text(errors="replace").splitlines():
+    text = path.read_text(errors="replace")
+    if not text.endswith("\n"):
+        raise ValueError(
+            "its last line has no end; was it cut short? If it is whole, end that line"
+        )
+    for line in text.splitlines():
         if line.startswith("**") or not line.strip():
             continue
         if line.startswith("*") or unfinished:

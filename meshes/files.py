@@ -231,8 +231,9 @@ def _load_gmsh(path: Path, gmsh_model: Any) -> tuple[MeshArrays, bool]:
                 f"it is no file of gmsh: it begins with {begin[:20].decode(errors='replace')!r}; "
                 "have the program that made it write .inp, .med or .vtu"
             )
-        if all(content.find(word) < 0 for word in END):
-            raise ValueError("it was cut short: its elements do not end ($EndElements)")
+        last = bytes(content[-4096:]).rstrip().rpartition(b"\n")[2]
+        if not last.upper().startswith(b"$END") or all(content.find(word) < 0 for word in END):
+            raise ValueError("it was cut short: its last section or its elements have no $End")
         bare_names = list(_bare_names(content))
     try:
         gmsh.open(str(path))

@@ -93,6 +93,8 @@ def read_foreign(
             continue
         kind, nodes = _in_gmsh_order(cells.type, cells.data)
         blocks.append(Block(cells.dim, kind, nodes, 0, number + 1))
+    if any(((b.nodes < 0) | (b.nodes >= len(points))).any() for b in blocks):
+        raise ValueError("its cells have nodes that there are not; is it whole?")
     bare = only_cells_and_facets(MeshArrays(points, blocks, {}))
     tagged, names, shift = [], {}, 0
     for dim, wanted in ((bare.dim, cell_tags), (bare.dim - 1, facet_tags)):

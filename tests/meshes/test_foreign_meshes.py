@@ -103,12 +103,15 @@ def changed(write: Callable, *changes: tuple[str, str]) -> Callable:
 def cut(write: Callable, share: float, of: str | None = None) -> Callable:
     """The same file, or the one beside it of another ending, cut short."""
 
-    def write_cut(path: Path) -> None:
-        write(path)
+    def write_cut(path: Path, *comm) -> None:
+        write(path, *comm)
+        if comm and comm[0].rank:
+            return
         path = path.with_suffix(of) if of else path
         content = path.read_bytes()
         path.write_bytes(content[: int(share * len(content))])
 
+    write_cut.collective = getattr(write, "collective", False)
     return write_cut
 
 
@@ -133,6 +136,25 @@ def a_part(version: float) -> Callable:
     def write(path: Path) -> None:
         foreign.of_gmsh(path, lambda: in_parts(split=True), version)
         path.with_name(f"{path.stem}_1.msh").rename(path)
+
+    return write
+
+
+def of_neper(dim: int, order: int = 1, interface: str = "continuous") -> Callable:
+    """The blocks as grains."""
+
+    def write(path: Path) -> None:
+        points, cells, facets = (POINTS, CELLS, FACETS) if dim == 2 else foreign.solid()
+        flat = {}
+        if interface != "continuous":
+            points, cells, facets, flat = foreign.apart(points, cells, facets)
+        if order == 2:
+            points, (cells, facets) = foreign.second(points, cells, facets)
+        kinds = {(2, 1): (2, 1), (3, 1): (4, 2), (2, 2): (9, 8), (3, 2): (11, 9)}[dim, order]
+        groups = [(kinds[1], facets), (kinds[0], cells)]
+        if interface == "cohesive":
+            groups.append(({2: 3, 3: 6}[dim], flat))
+        foreign.neper(path, points, *groups)
 
     return write
 
@@ -233,6 +255,7 @@ GMSH |= {
     "gmsh serendipity": Refused(incomplete, r"Quadrilateral 8 \(serendipity\).* of 9 nodes"),
     "gmsh cut in the elements": Refused(cut(foreign.of_gmsh, 0.8), "cut short"),
     "gmsh cut in the nodes": Refused(cut(foreign.of_gmsh, 0.3), "cut short"),
+    "Neper cut behind the elements": Refused(cut(of_neper(2), 0.85), "cut short"),
     "gmsh empty": Refused(text(""), "the file is empty"),
     "gmsh nothing in it": Refused(
         text("$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$EndElements\n"), "has no cells|cannot read"
@@ -350,6 +373,9 @@ XDMF = {
     "XDMF of DOLFINx, cells only": Read(
         of_dolfinx(False), "xdmf", {2: 1.0}, {}, {"cell_tags": "bodies"}
     ),
+    "XDMF of DOLFINx, HDF5 cut short": Refused(
+        cut(of_dolfinx(), 0.5, ".h5"), "DOLFINx cannot read it", "xdmf", {"cell_tags": "bodies"}
+    ),
     "XDMF of DOLFINx, names": Refused(
         of_dolfinx(), "no tags 'cell_tags'; its grids are 'plate', 'bodies', 'facet_tags'", "xdmf"
     ),
@@ -359,25 +385,6 @@ XDMF = {
 }
 
 # -------------------------------------------------------------------------------------- Neper
-
-
-def of_neper(dim: int, order: int = 1, interface: str = "continuous") -> Callable:
-    """The blocks as grains."""
-
-    def write(path: Path) -> None:
-        points, cells, facets = (POINTS, CELLS, FACETS) if dim == 2 else foreign.solid()
-        flat = {}
-        if interface != "continuous":
-            points, cells, facets, flat = foreign.apart(points, cells, facets)
-        if order == 2:
-            points, (cells, facets) = foreign.second(points, cells, facets)
-        kinds = {(2, 1): (2, 1), (3, 1): (4, 2), (2, 2): (9, 8), (3, 2): (11, 9)}[dim, order]
-        groups = [(kinds[1], facets), (kinds[0], cells)]
-        if interface == "cohesive":
-            groups.append(({2: 3, 3: 6}[dim], flat))
-        foreign.neper(path, points, *groups)
-
-    return write
 
 
 NEPER = {}
@@ -397,6 +404,11 @@ for dim in (2, 3):
             of_neper(dim, 1, "cohesive"), "two nodes at one place, as cohesive .* merge=True drops"
         ),
     }
+NEPER["Neper 2D, nodes with gaps"] = Read(
+    changed(
+        of_neper(2), ("\n6 3.0", "\n60 3.0"), (" 2 3 6\n", " 2 3 60\n"), (" 2 6 5\n", " 2 60 5\n")
+    )
+)
 NEPER["Neper 3D, a distance"] = Read(of_neper(3, 1, "cohesive"), given={"merge": 1e-3})
 NEPER["Neper 3D, too far"] = Refused(of_neper(3), "are not flat; collapsed", given={"merge": 1.0})
 NEPER["Neper 3D, no distance"] = Refused(
@@ -499,9 +511,10 @@ ABAQUS = {
     "Abaqus serendipity": Refused(
         inp("CPE8R", cells={"left": [(0, 1, 4, 3, 0, 1, 4, 3)]}), "two nodes at one place", "inp"
     ),
+    "Abaqus cut in a line": Refused(cut(inp(), 0.6), "its last line has no end", "inp"),
     "Abaqus cut short": Refused(
         lambda path: path.write_text(
-            foreign.abaqus("CPS3", POINTS, CELLS).partition("2, 1, 5")[0] + "2, 1"
+            foreign.abaqus("CPS3", POINTS, CELLS).partition("2, 1, 5")[0] + "2, 1\n"
         ),
         "cut short: they have 3 nodes each, and 2 numbers",
         "inp",
