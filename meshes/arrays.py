@@ -67,10 +67,14 @@ class MeshArrays:
         """Blocks of a dimension."""
         return [block for block in self.blocks if block.dim == dim]
 
+    def tag(self, dim: int, group: int) -> int:
+        """Tag of a group in the file."""
+        return group - self.shift * (dim == self.dim)
+
     def called(self, dim: int, group: int) -> str:
         """A group as messages call it."""
         names = [name for name, tag in self.names.get(dim, {}).items() if tag == group]
-        return repr(names[0]) if names else str(group - self.shift * (dim == self.dim))
+        return repr(names[0]) if names else str(self.tag(dim, group))
 
 
 def from_gmsh(gmsh_model: Any) -> MeshArrays:
@@ -104,7 +108,10 @@ def only_cells_and_facets(mesh: MeshArrays) -> MeshArrays:
     """
     dim = max((block.dim for block in mesh.blocks), default=0)
     if dim < 2:
-        raise ValueError("it has no cells: neither in a plane nor in space")
+        raise ValueError(
+            f"it has {'edges only' if dim else 'no cells'}; cells and the facets that have tags "
+            "belong into one file"
+        )
     blocks = [block for block in mesh.blocks if block.dim >= dim - 1]
     names = {d: {n: t for n, t in mesh.names.get(d, {}).items() if n} for d in (dim, dim - 1)}
     return replace(mesh, blocks=blocks, names=names)
@@ -251,16 +258,14 @@ def one_group_each(mesh: MeshArrays, groups: Collection[str | int] | None) -> Me
 
 def _only(mesh: MeshArrays, groups: Collection[str | int]) -> MeshArrays:
     """The cells and facets of other groups in none."""
-    there = {(block.dim, block.group) for block in mesh.blocks if block.group}
-    known = {mesh.called(dim, group): (dim, group) for dim, group in sorted(there)}
-    for group in groups:
-        if not any(group == tag or repr(group) == name for name, (_, tag) in known.items()):
-            raise ValueError(f"groups: there is none {group!r}; it has {', '.join(known)}")
-    keep = {
-        (dim, tag)
-        for dim, tag in there
-        if tag in groups or mesh.called(dim, tag) in [repr(group) for group in groups]
-    }
+    there = sorted({(block.dim, block.group) for block in mesh.blocks if block.group})
+    called = {key: {mesh.called(*key), str(mesh.tag(*key))} for key in there}
+    wanted = {group: repr(group) for group in groups}
+    for group, word in wanted.items():
+        if not any(word in words for words in called.values()):
+            known = ", ".join(mesh.called(*key) for key in there)
+            raise ValueError(f"groups: there is none {group!r}; it has {known or 'none'}")
+    keep = {key for key, words in called.items() if words & set(wanted.values())}
     blocks = [
         block if (block.dim, block.group) in keep else block._replace(group=0)
         for block in mesh.blocks

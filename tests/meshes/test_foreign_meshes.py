@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -554,6 +554,17 @@ OTHERS = {
     "MED cut short": Refused(cut(of_salome, 0.5), "meshio cannot read it", "med"),
     "VTU": Read(tetrahedra(1, 1), "vtu", {1: 1.0, 2: 2.0}, {}),
     "VTU, tags from 0": Read(tetrahedra(1, 0), "vtu", {0: 1.0, 1: 2.0}, {}),
+    "VTU, one tag from 0": Refused(
+        tetrahedra(1, 0), "6 of 12 cells, .* in no group", "vtu", {"groups": [0]}
+    ),
+    "VTU, no such tag": Refused(
+        tetrahedra(1, 0), "there is none 2; it has 0, 1$", "vtu", {"groups": [0, 2]}
+    ),
+    "VTU of edges": Refused(
+        lambda path: meshio.write(path, meshio.Mesh(POINTS, [("line", FACETS["join"])])),
+        "edges only; .* belong into one file",
+        "vtu",
+    ),
     "VTU, degree 2": Read(tetrahedra(2, 5), "vtu", {5: 1.0, 6: 2.0}, {}),
     "VTU, tags too large": Refused(tetrahedra(1, 2**40), "must be below 2", "vtu"),
     "VTU of single precision": Read(tetrahedra(1, 1, np.float32), "vtu", {1: 1.0, 2: 2.0}, {}),
@@ -670,10 +681,7 @@ def test_bodies_that_seem_to_touch(comm, folder):
 def test_without_meshio(comm, folder, monkeypatch):
     """The extra is named, on every rank."""
     path = written(comm, folder, OTHERS["VTU"])
-    find = importlib.util.find_spec
-    monkeypatch.setattr(
-        "vmdg.meshes.foreign.find_spec", lambda name: None if name == "meshio" else find(name)
-    )
+    monkeypatch.setitem(sys.modules, "meshio", None)
     with pytest.raises(ImportError, match=r"no meshio: pip install 'vmdg\[mesh\]'"):
         read_mesh(path, comm)
 

@@ -78,7 +78,7 @@ def test_bad_files(comm, folder):
             model.mesh.generate(2)
             gmsh.write(str(path))
     comm.barrier()
-    with pytest.raises(ValueError, match="untagged.msh: .*no physical group of dimension 2"):
+    with pytest.raises(ValueError, match=r"untagged\.msh: .*no physical group of dimension 2"):
         read_mesh(path, comm)
     write_mesh(blocks(comm, "triangle"), folder / "named.xdmf")
     with pytest.raises(ValueError, match="no tags 'bodies'"):
