@@ -103,9 +103,10 @@ def read_mesh(
             )
             warn_together(comm, warning and f"read_mesh: {path}: {warning}")
             return _shifted(distribute(gmsh_model, comm, gdim, plane=plane), shift)
-    except (ValueError, ImportError) as error:
-        kind = ImportError if isinstance(error, ImportError) else ValueError
-        raise kind(f"read_mesh: {path}: {error}") from None
+    except ValueError as error:
+        raise ValueError(f"read_mesh: {path}: {error}") from None
+    except ImportError as error:
+        raise ImportError(f"read_mesh: {path}: {error}") from None
 
 
 def _on_root(comm: MPI.Comm, call: Callable[[], T]) -> T:
