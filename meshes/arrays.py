@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import gmsh
@@ -15,6 +16,9 @@ from scipy.spatial import cKDTree
 
 #: Nodes are at one place where they are nearer than this, relative to the longest side of the mesh.
 COINCIDENT = 1e-7
+
+#: Nodes at one place, on average, of more than which no mesh has.
+MANY = 20
 
 #: Opposite faces of cells that may be flat, by the number of the type in gmsh, and type of a face.
 _FLAT = {
@@ -58,7 +62,7 @@ class MeshArrays:
     names: Mapping[int, Mapping[str, int]]
     shift: int = 0
 
-    @property
+    @cached_property
     def dim(self) -> int:
         """That of the cells."""
         return max(block.dim for block in self.blocks)
@@ -73,8 +77,15 @@ class MeshArrays:
 
     def called(self, dim: int, group: int) -> str:
         """A group as messages call it."""
-        names = [name for name, tag in self.names.get(dim, {}).items() if tag == group]
-        return repr(names[0]) if names else str(self.tag(dim, group))
+        name = self.name.get((dim, group))
+        return str(self.tag(dim, group)) if name is None else repr(name)
+
+    @cached_property
+    def name(self) -> dict[tuple[int, int], str]:
+        """Names by dimension and tag."""
+        return {
+            (dim, tag): name for dim, names in self.names.items() for name, tag in names.items()
+        }
 
 
 def from_gmsh(gmsh_model: Any) -> MeshArrays:
@@ -139,11 +150,7 @@ def into_gmsh(gmsh_model: Any, mesh: MeshArrays) -> None:
             gmsh_model.setEntityName(block.dim, number, name)
     for (dim, group), entities in groups.items():
         if group:
-            gmsh_model.addPhysicalGroup(dim, entities, group)
-    for dim, names in mesh.names.items():
-        for name, group in names.items():
-            if (dim, group) in groups:
-                gmsh_model.setPhysicalName(dim, group, name)
+            gmsh_model.addPhysicalGroup(dim, entities, group, mesh.name.get((dim, group), ""))
 
 
 def size(points: NDArray[np.float64]) -> float:
@@ -157,12 +164,18 @@ def places(mesh: MeshArrays, distance: float | None = None) -> NDArray[np.int64]
     Args:
         mesh: The mesh.
         distance: Points are at one place up to this [mm]; None for that of rounding.
+
+    Raises:
+        ValueError: so many are near each other that the distance cannot be meant.
     """
     used = np.unique(np.concatenate([block.nodes.ravel() for block in mesh.blocks]))
     points = mesh.points[used]
-    pairs = cKDTree(points).query_pairs(
-        COINCIDENT * size(points) if distance is None else distance, output_type="ndarray"
-    )
+    tree, reach = cKDTree(points), COINCIDENT * size(points) if distance is None else distance
+    if tree.count_neighbors(tree, reach) > MANY * len(points):
+        raise ValueError(
+            f"its nodes have more than {MANY} others within {reach:g}; is merge= in its units?"
+        )
+    pairs = tree.query_pairs(reach, output_type="ndarray")
     graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(used), len(used)))
     _, component = connected_components(graph, directed=False)
     first = np.unique(component, return_index=True)[1]
@@ -189,7 +202,7 @@ def merged(mesh: MeshArrays, place: NDArray[np.int64]) -> MeshArrays:
         ValueError: a cell with two nodes at one place is not flat.
     """
     dim, blocks, names = mesh.dim, [], {d: dict(names) for d, names in mesh.names.items()}
-    flat_groups: dict[int, int] = {}
+    new = max((block.group for block in mesh.of(dim - 1)), default=0)
     for block in mesh.blocks:
         nodes = place[block.nodes]
         flat = _with_repeated_nodes(nodes)
@@ -198,20 +211,14 @@ def merged(mesh: MeshArrays, place: NDArray[np.int64]) -> MeshArrays:
             if len(facets):
                 group = block.group
                 if group:
-                    group = flat_groups.setdefault(group, _free_tag(mesh, dim - 1, flat_groups))
-                    called = [name for name, tag in names[dim].items() if tag == block.group]
-                    names[dim - 1] |= {name: group for name in called}
+                    name = mesh.name.get((dim, group), str(mesh.tag(dim, group)))
+                    group = names[dim - 1].setdefault(name, new := new + 1)
                 # Facets that the file has come before those of flat cells.
                 blocks.append(Block(dim - 1, kind, facets, group, -block.entity))
         blocks.append(block._replace(nodes=nodes[~flat]))
     left = {(block.dim, block.group) for block in blocks if len(block.nodes)}
     names = {d: {n: t for n, t in of.items() if (d, t) in left} for d, of in names.items()}
     return replace(mesh, blocks=[block for block in blocks if len(block.nodes)], names=names)
-
-
-def _free_tag(mesh: MeshArrays, dim: int, more: Collection[int]) -> int:
-    """A tag that no group of a dimension has."""
-    return max((block.group for block in mesh.of(dim)), default=0) + len(more) + 1
 
 
 def _collapsed(kind: int, cells: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
@@ -299,13 +306,18 @@ def _each_once(mesh: MeshArrays, blocks: list[Block]) -> list[Block]:
         )
     keep = np.sort(first)
     nodes, group, entity = nodes[keep], group[keep], entity[keep]
-    pairs = np.unique(np.column_stack([group, entity]), axis=0)
+    pairs, which = np.unique(np.column_stack([group, entity]), axis=0, return_inverse=True)
     return [
-        blocks[0]._replace(
-            nodes=nodes[(group == g) & (entity == e)], group=int(g), entity=abs(int(e))
-        )
-        for g, e in pairs
+        blocks[0]._replace(nodes=nodes[rows], group=int(g), entity=abs(int(e)))
+        for (g, e), (_, rows) in zip(pairs, rows_of(which.ravel()), strict=True)
     ]
+
+
+def rows_of(values: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """Every value and the rows (k,) that have it, of values (n,)."""
+    order = np.argsort(values, kind="stable")
+    different, begins = np.unique(values[order], return_index=True)
+    yield from zip(different.tolist(), np.split(order, begins[1:]), strict=True)
 
 
 def entities_as_groups(mesh: MeshArrays) -> MeshArrays:

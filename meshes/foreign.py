@@ -15,7 +15,7 @@ from dolfinx.cpp.io import perm_gmsh, perm_vtk
 from dolfinx.mesh import CellType
 from numpy.typing import NDArray
 
-from .arrays import Block, MeshArrays, only_cells_and_facets
+from .arrays import Block, MeshArrays, only_cells_and_facets, rows_of
 
 #: Types of cells by their name in meshio: number in gmsh, cell of DOLFINx.
 _KINDS = {
@@ -198,8 +198,8 @@ def _by_tag(block: Block, values: NDArray, shift: int) -> Iterator[Block]:
     tags = np.maximum(values.astype(np.int64) + shift, 0)
     if tags.max(initial=0) > np.iinfo(np.int32).max:
         raise ValueError(f"its tags are as large as {tags.max()}; they must be below 2^31")
-    for tag in np.unique(tags):
-        yield block._replace(nodes=block.nodes[tags == tag], group=int(tag))
+    for tag, rows in rows_of(tags):
+        yield block._replace(nodes=block.nodes[rows], group=tag)
 
 
 def _by_set(
