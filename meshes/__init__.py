@@ -3,6 +3,7 @@
 Groups have tags and names: ``mesh.cell_tags.names`` and ``mesh.facet_tags.names`` list them, and
 ``mesh.facet_tags.find("left")`` finds their facets. A geometry of your own is made with the gmsh
 API in ``with model(name) as gmsh_model`` on rank 0 and becomes such a mesh by :func:`distribute`.
+Files of gmsh, Neper, Abaqus, Salome, meshio and others are read by :func:`read_mesh`.
 """
 
 from .beams import beams

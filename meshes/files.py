@@ -3,105 +3,330 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import mmap
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
+from typing import Any, TypeVar
+from xml.etree import ElementTree
 
 from mpi4py import MPI
 
 import gmsh
+import numpy as np
 from dolfinx.io import XDMFFile
-from dolfinx.mesh import GhostMode
+from dolfinx.mesh import GhostMode, meshtags
 
-from vmdg.base.parallel import raise_together
+from vmdg.base.parallel import warn_together
 from vmdg.domain.tags import NamedTags, names_of
 
+from .abaqus import read_abaqus
+from .arrays import (
+    MeshArrays,
+    count_flat,
+    entities_as_groups,
+    from_gmsh,
+    into_gmsh,
+    merged,
+    one_group_each,
+    places,
+)
+from .foreign import endings, read_foreign
 from .gmsh_model import TaggedMesh, distribute, model, name_groups
+from .plane import Plane
 
 #: Names of the tags in XDMF files.
 CELL_TAGS, FACET_TAGS = "cell_tags", "facet_tags"
+
+#: The word for ``groups`` by which parts of the geometry that are in no group are one each.
+ENTITIES = "entities"
+
+#: What a .msh of gmsh or Neper has near its begin and behind its elements, in formats 1, 2 and 4.
+BEGIN, END = (b"$MeshFormat", b"$NOD"), (b"$EndElements", b"$ENDELM")
+
+T = TypeVar("T")
 
 
 def read_mesh(
     path: str | Path,
     comm: MPI.Comm = MPI.COMM_WORLD,
-    cell_tags: str = CELL_TAGS,
-    facet_tags: str = FACET_TAGS,
+    cell_tags: str | None = None,
+    facet_tags: str | None = None,
+    *,
+    merge: bool | float | None = None,
+    groups: str | Collection[str | int] | None = None,
+    plane: Plane | None = None,
 ) -> TaggedMesh:
     """Read and distribute a mesh; collective.
 
+    Groups keep their names. They are, by the ending of the file,
+
+    * .msh: physical groups of gmsh (formats 2.2 and 4.1, partitioned or not); what Neper has:
+      every grain ("poly1", in 2D "face1") and every face between two ("face1", in 2D "edge1");
+    * .xdmf: the tags that :func:`write_mesh` and ``dolfinx.io.XDMFFile`` write, read by all ranks,
+      or an attribute of the grid, as meshio writes it;
+    * .inp of Abaqus and CalculiX: sets of elements (*ELSET) and surfaces of their faces (*SURFACE);
+    * .med, .vtu, .vtk, .bdf and others: what meshio has as sets, or as whole numbers of cells.
+
     Args:
-        path: A file of gmsh (.msh, tags and names by physical groups) or of Neper (.msh, a group
-            for every grain, "poly1" or, in 2D, "face1", and for every face between two), or of XDMF
-            (.xdmf, with its .h5) as :func:`write_mesh` and ``dolfinx.io.XDMFFile`` write it.
+        path: A file. All but .msh, .inp and XDMF of DOLFINx need meshio (the extra "mesh").
         comm: Communicator.
-        cell_tags: Name of the cell tags in an XDMF file.
-        facet_tags: Name of the facet tags in an XDMF file.
+        cell_tags: Name of the tags, or data, of the cells; None for "cell_tags" in an XDMF file
+            with several grids, else for the only data that are whole numbers.
+        facet_tags: Name of those of the facets; None for "facet_tags", or the name of the cells'.
+        merge: True joins nodes at one place, as on both sides of cohesive elements, and drops
+            flat cells, whose groups become groups of facets; a number is the distance up to which
+            nodes are joined [mm], 1e-7 of the longest side by default. False leaves them; None
+            warns of them.
+        groups: "entities" makes every volume, surface and curve of gmsh, and every block of cells
+            of other files, a group if it is in none: "surface 1" has tag 1. Names or tags say
+            which of several groups that a cell is in serve; the others are left out.
+        plane: Where a 2D mesh lies, if not in a plane z = const: see :func:`distribute`.
 
     Raises:
-        ValueError: the file is missing, of another kind, or without tags of cells.
+        ValueError: the file is missing, of another kind, not whole, without tags of cells, with
+            cells in two groups, with flat cells, or with cells that vmdg does not have.
+        ImportError: meshio is needed and not installed.
     """
     path = Path(path)
-    message = None
-    if path.suffix not in (".msh", ".xdmf"):
-        message = f"read_mesh: {path} must end in .msh or .xdmf"
-    elif comm.rank == 0 and not path.is_file():
-        message = f"read_mesh: there is no file {path}"
-    raise_together(comm, message)
-    if path.suffix == ".msh":
-        return _read_gmsh(path, comm)
-    return _read_xdmf(path, comm, cell_tags, facet_tags)
-
-
-def _read_gmsh(path: Path, comm: MPI.Comm) -> TaggedMesh:
-    with model("file") as gmsh_model:
-        message, gdim = None, 0
-        if comm.rank == 0:
-            gmsh.open(str(path))
-            gdim = gmsh_model.getDimension()
-            for dim, tag, name in _bare_names(path):
-                name_groups(gmsh_model, dim, {name: tag})
-            if not gmsh_model.getPhysicalGroups(gdim):
-                message = (
-                    f"read_mesh: {path} has no physical group of dimension {gdim}; make one for "
-                    "every body (addPhysicalGroup), or gmsh does not say which cell is whose"
+    try:
+        grids, words = _on_root(comm, lambda: _door(path))
+        if grids:
+            if (merge, groups, plane) != (None, None, None):
+                raise ValueError(
+                    "merge, groups and plane are for files of other programs; this one is of "
+                    "DOLFINx, which has read its mesh already"
                 )
-        raise_together(comm, message)
-        return distribute(gmsh_model, comm, comm.bcast(gdim))
+            return _read_xdmf(path, comm, grids, words, cell_tags, facet_tags)
+        with model("file") as gmsh_model:
+            gdim, shift, warning = _on_root(
+                comm, lambda: _load(path, gmsh_model, cell_tags, facet_tags, merge, groups)
+            )
+            warn_together(comm, warning and f"read_mesh: {path}: {warning}")
+            return _shifted(distribute(gmsh_model, comm, gdim, plane=plane), shift)
+    except ValueError as error:
+        raise ValueError(f"read_mesh: {path}: {error}") from None
+    except ImportError as error:
+        raise ImportError(f"read_mesh: {path}: {error}") from None
 
 
-def _bare_names(path: Path) -> Iterator[tuple[int, int, str]]:
+def _on_root(comm: MPI.Comm, call: Callable[[], T]) -> T:
+    """What a function gives on rank 0, or its error, on all ranks."""
+    result, error = None, None
+    if comm.rank == 0:
+        try:
+            result = call()
+        except (ValueError, ImportError, OSError) as raised:
+            error = ValueError(str(raised)) if isinstance(raised, OSError) else raised
+    result, error = comm.bcast((result, error))
+    if error is not None:
+        raise error
+    return result
+
+
+def _door(path: Path) -> tuple[list[str], dict[str, str]]:
+    """That a file can be read; the grids of XDMF of DOLFINx and what else it says, by name."""
+    name = path.name.lower()
+    if not name.endswith((".msh", ".inp", ".xdmf")):
+        known = endings()
+        if not name.endswith(known):
+            raise ValueError(
+                "its name must end in .msh, .inp, .xdmf or what else meshio reads: "
+                f"{', '.join(known)}"
+            )
+    if not path.is_file():
+        raise ValueError("there is no file of this name")
+    if not path.stat().st_size:
+        raise ValueError("the file is empty")
+    if not name.endswith(".xdmf"):
+        return [], {}
+    try:
+        root = ElementTree.parse(path).getroot()
+    except ElementTree.ParseError as error:
+        raise ValueError(f"it is no whole XML file ({error}); was it cut short?") from None
+    for item in root.iterfind(".//DataItem[@Format='HDF']"):
+        other = (item.text or "").strip().partition(":")[0]
+        if not (path.parent / other).is_file():
+            raise ValueError(f"its data are in {other}, which is missing beside it")
+    grids = [grid.get("Name", "") for grid in root.iterfind("./Domain/Grid")]
+    if len(grids) < 2:
+        return [], {}
+    words = root.iterfind("./Domain/Information")
+    return grids, {word.get("Name", ""): word.get("Value", "") for word in words}
+
+
+def _load(
+    path: Path,
+    gmsh_model: Any,
+    cell_tags: str | None,
+    facet_tags: str | None,
+    merge: bool | float | None,
+    groups: str | Collection[str | int] | None,
+) -> tuple[int, int, str | None]:
+    """Load a file into gmsh: dimension, shift of the tags of cells, and a warning."""
+    if isinstance(groups, str) and groups != ENTITIES:
+        groups = [groups]
+    changed = True
+    if path.suffix.lower() == ".msh":
+        mesh, changed = _load_gmsh(path, gmsh_model)
+    elif path.suffix.lower() == ".inp":
+        mesh = read_abaqus(path)
+    else:
+        mesh = read_foreign(path, cell_tags, facet_tags)
+    if not np.isfinite(mesh.points).all():
+        raise ValueError("it has nodes whose coordinates are no numbers")
+    join = merge is not None and merge is not False
+    distance = None if merge is True or not join else float(merge)
+    if distance is not None and not 0 <= distance < np.inf:
+        raise ValueError(f"merge={merge!r} is no distance: give True, or a length [mm]")
+    place = places(mesh, distance)
+    twice = int((place != np.arange(len(place))).sum())
+    flat = count_flat(mesh, place)
+    if flat and not join:
+        raise ValueError(
+            f"{flat} cells have two nodes at one place, as cohesive elements of no thickness; vmdg "
+            "needs none, as its interfaces are facets: merge=True drops them and joins the nodes"
+        )
+    warning = None
+    if twice and merge is None:
+        warning = (
+            f"{twice} nodes are at the place of another one, so that bodies which seem to touch "
+            "there are apart; merge=True joins them, merge=False says that they are meant so"
+        )
+    if join and twice:
+        mesh, changed = merged(mesh, place), True
+    if changed or groups is not None:
+        mesh = one_group_each(mesh, None if groups == ENTITIES else groups)
+        if groups == ENTITIES:
+            mesh = entities_as_groups(mesh)
+        into_gmsh(gmsh_model, mesh)
+    _check_groups(mesh)
+    return mesh.dim, mesh.shift, warning
+
+
+def _check_groups(mesh: MeshArrays) -> None:
+    """That every cell is in a group."""
+    word = {2: "surface", 3: "volume"}[mesh.dim]
+    cells = mesh.of(mesh.dim)
+    lost = sum(len(block.nodes) for block in cells if not block.group)
+    if not lost:
+        return
+    if all(block.group == 0 for block in cells):
+        raise ValueError(
+            f"it has no group of cells (no physical group of dimension {mesh.dim}, no set, no "
+            f"tags), which say whose a cell is; groups={ENTITIES!r} makes every {word} of it one "
+            f"({len({block.entity for block in cells})} here)"
+        )
+    raise ValueError(
+        f"{lost} of {sum(len(block.nodes) for block in cells)} cells, the first in {word} "
+        f"{min(block.entity for block in cells if not block.group)}, are in no group and would be "
+        f"lost; make a group for every body, or groups={ENTITIES!r} makes each such {word} one"
+    )
+
+
+def _load_gmsh(path: Path, gmsh_model: Any) -> tuple[MeshArrays, bool]:
+    """A file of gmsh or Neper, and whether its groups are not those that gmsh has loaded."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        begin = bytes(content[:4096])
+        if not any(word in begin for word in BEGIN):
+            raise ValueError(
+                f"it is no file of gmsh: it begins with {begin[:20].decode(errors='replace')!r}; "
+                "have the program that made it write .inp, .med or .vtu"
+            )
+        last = bytes(content[-4096:]).rstrip().rpartition(b"\n")[2]
+        if not last.upper().startswith(b"$END") or all(content.find(word) < 0 for word in END):
+            raise ValueError("it was cut short: its last section or its elements have no $End")
+        bare_names = list(_bare_names(content))
+    try:
+        gmsh.open(str(path))
+    except Exception as error:  # the only class that gmsh has
+        raise ValueError(f"gmsh cannot read it ({error}); is it whole?") from None
+    parts = gmsh_model.getNumberOfPartitions()
+    if parts:
+        with_cells = {
+            int(part)
+            for dim, entity in gmsh_model.getEntities(gmsh_model.getDimension())
+            if len(gmsh_model.mesh.getElements(dim, entity)[0])
+            for part in gmsh_model.getPartitions(dim, entity)
+        }
+        if len(with_cells) < max(parts, 2):
+            raise ValueError(
+                "it is one part of a mesh that was split into several files; write the whole mesh "
+                "(Mesh.PartitionSplitMeshFiles 0)"
+            )
+        gmsh_model.mesh.unpartition()
+    for dim, tag, name in bare_names:
+        name_groups(gmsh_model, dim, {name: tag})
+    mesh = from_gmsh(gmsh_model)
+    entities = [
+        (dim, e) for dim in (mesh.dim, mesh.dim - 1) for _, e in gmsh_model.getEntities(dim)
+    ]
+    several = any(len(gmsh_model.getPhysicalGroupsForEntity(*entity)) > 1 for entity in entities)
+    if several and begin.partition(BEGIN[0])[2].split()[0].startswith(b"2"):
+        # Groups are those of elements in this format, and gmsh keeps those of entities.
+        by_cell = read_foreign(path, None, None, "gmsh")
+        return MeshArrays(by_cell.points, by_cell.blocks, mesh.names), True
+    used = np.unique(np.concatenate([block.nodes.ravel() for block in mesh.of(mesh.dim)]))
+    # DOLFINx wants nodes from 1 on, and none to spare.
+    spare = len(used) < len(mesh.points) or gmsh_model.mesh.getMaxNodeTag() > len(used)
+    return mesh, several or spare
+
+
+def _bare_names(content: mmap.mmap) -> Iterator[tuple[int, int, str]]:
     """Dimension, tag and name of physical groups whose names have no quotes; gmsh leaves them out.
 
     Neper writes them so (its manual, Mesh File).
     """
-    lines = iter(path.read_bytes().splitlines())
-    for line in lines:
-        if line.strip() == b"$PhysicalNames":
-            break
-    next(lines, None)  # how many there are
-    for line in lines:
-        words = line.decode().split(maxsplit=2)
-        if len(words) < 3:
-            return
+    content.seek(max(content.find(b"$PhysicalNames"), 0))
+    if not content.readline().startswith(b"$PhysicalNames"):
+        return
+    content.readline()  # how many there are
+    while len(words := content.readline().decode(errors="replace").split(maxsplit=2)) == 3:
         if not words[2].startswith('"'):
             yield int(words[0]), int(words[1]), words[2].strip()
 
 
-def _read_xdmf(path: Path, comm: MPI.Comm, cell_tags: str, facet_tags: str) -> TaggedMesh:
-    with XDMFFile(comm, str(path), "r") as file:
-        mesh = file.read_mesh(ghost_mode=GhostMode.shared_facet)
-        dim = mesh.topology.dim
-        mesh.topology.create_connectivity(dim - 1, dim)
-        tags = []
-        for name in (cell_tags, facet_tags):
-            try:
-                found = file.read_meshtags(mesh, name=name)
-            except RuntimeError:
-                raise ValueError(
-                    f"read_mesh: {path} has no tags {name!r}; their names are those of "
-                    "MeshTags.name when the file was written"
-                ) from None
-            tags.append(NamedTags(found, json.loads(file.read_information(_names(name)) or "{}")))
+def _shifted(tagged: TaggedMesh, shift: int) -> TaggedMesh:
+    """With the tags of cells that the file has."""
+    if not shift:
+        return tagged
+    mesh, cells, facets = tagged
+    values = cells.values - np.int32(shift)
+    tags = meshtags(mesh, mesh.topology.dim, cells.indices, values)
+    names = {name: tag - shift for name, tag in cells.names.items()}
+    return TaggedMesh(mesh, NamedTags(tags, names), facets)
+
+
+def _read_xdmf(
+    path: Path,
+    comm: MPI.Comm,
+    grids: list[str],
+    words: dict[str, str],
+    cell_tags: str | None,
+    facet_tags: str | None,
+) -> TaggedMesh:
+    """A file of DOLFINx: a grid for the mesh, then one each for the tags of cells and of facets."""
+    wanted = [cell_tags or CELL_TAGS, facet_tags or FACET_TAGS]
+    needed = wanted if facet_tags else wanted[:1]
+    lacking = [name for name in needed if name not in grids[1:]]
+    if lacking:
+        raise ValueError(
+            f"it has no tags {lacking[0]!r}; its grids are {', '.join(map(repr, grids))}, with the "
+            "names that mesh and tags had when it was written (MeshTags.name): cell_tags=..."
+        )
+    try:
+        with XDMFFile(comm, str(path), "r") as file:
+            mesh = file.read_mesh(ghost_mode=GhostMode.shared_facet, name=grids[0])
+            dim = mesh.topology.dim
+            mesh.topology.create_connectivity(dim - 1, dim)
+            tags = []
+            for name in wanted:
+                nothing = np.zeros(0, dtype=np.int32)
+                found = meshtags(mesh, dim - 1, nothing, nothing)
+                if name in grids:
+                    found = file.read_meshtags(mesh, name=name)
+                tags.append(NamedTags(found, json.loads(words.get(_names(name), "{}"))))
+    except RuntimeError as error:
+        raise ValueError(f"DOLFINx cannot read it ({error}); is it whole?") from None
     return TaggedMesh(mesh, *tags)
 
 

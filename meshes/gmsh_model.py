@@ -16,12 +16,10 @@ from vmdg import compat
 from vmdg.base.parallel import raise_together
 from vmdg.domain.tags import NamedTags
 from vmdg.meshes.partition import between_bodies, slabs, weighted
+from vmdg.meshes.plane import Plane, turn
 
 #: Cells that vmdg has, in the words of gmsh.
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
-
-#: Height of a plane mesh relative to its longest side that rounding may leave.
-FLAT = 1e-9
 
 
 class TaggedMesh(NamedTuple):
@@ -87,6 +85,7 @@ def distribute(
     interface_weight: int = 1,
     slabs_along: int | None = None,
     unit: float = 1.0,
+    plane: Plane | None = None,
 ) -> TaggedMesh:
     """Distribute the model of rank 0 over ``comm``, ghosts by shared facets; collective.
 
@@ -99,15 +98,18 @@ def distribute(
         slabs_along: Cut across this axis only (0, 1, 2), see :func:`vmdg.meshes.partition.slabs`.
         unit: Of the lengths of the model [mm]. gmsh has tolerances and least lengths of its own:
             in units of its size a model in m is the model in mm.
+        plane: Where a 2D mesh lies, if not in a plane z = const: the axes of space that become its
+            x and y, "xz" or, of a tilted plane, two vectors ((1, 0, 0), (0, 0.6, 0.8)). The nodes
+            of the model are turned into z = 0.
 
     Raises:
         ValueError: a weight below 1, cells without a group, cells or facets in two groups, cells of
-            several types or of one that vmdg does not have, facets without a cell,
-            or a plane mesh that is not in a plane z = const.
+            several types or of one that vmdg does not have, facets without a cell, a 2D mesh that
+            does not lie in its plane, or ``plane`` is no plane.
     """
     message, names = None, None
     if comm.rank == 0:
-        message = _wrong_groups(gmsh_model, gdim)
+        message = _wrong_groups(gmsh_model, gdim, plane)
         names = [_names(gmsh_model, dim) for dim in (gdim, gdim - 1)]
     raise_together(comm, message)
     graph_partitioner = None
@@ -131,12 +133,12 @@ def _names(gmsh_model: Any, dim: int) -> dict[str, int]:
     return {name: tag for name, tag in named if name}
 
 
-def _wrong_groups(gmsh_model: Any, gdim: int) -> str | None:
+def _wrong_groups(gmsh_model: Any, gdim: int, plane: Plane | None) -> str | None:
     """What is wrong with the physical groups, or with the cells in them, or None."""
     for dim in (gdim, gdim - 1):
         for _, entity in gmsh_model.getEntities(dim):
             groups = gmsh_model.getPhysicalGroupsForEntity(dim, entity)
-            place = _place(dim, entity)
+            place = _place(gmsh_model, dim, entity)
             if len(groups) > 1:
                 return (
                     f"{place} is in the physical groups {list(map(int, groups))}; a cell or facet "
@@ -147,44 +149,54 @@ def _wrong_groups(gmsh_model: Any, gdim: int) -> str | None:
                     f"{place} is meshed and in no physical group, so its cells would be lost; make "
                     "a group for every body (addPhysicalGroup)"
                 )
-    tilted = _out_of_plane(gmsh_model) if gdim == 2 else None
-    return tilted or _wrong_cells(gmsh_model, gdim) or _facets_without_cells(gmsh_model, gdim)
+    try:
+        turn(gmsh_model, gdim, plane)
+    except ValueError as error:
+        return str(error)
+    return _wrong_cells(gmsh_model, gdim) or _facets_without_cells(gmsh_model, gdim)
 
 
-def _place(dim: int, entity: int) -> str:
-    return f"{('point', 'curve', 'surface', 'volume')[dim]} {entity} of the gmsh model"
-
-
-def _out_of_plane(gmsh_model: Any) -> str | None:
-    """Nodes of a plane mesh whose z differ, which would be lost."""
-    sides = np.ptp(gmsh_model.mesh.getNodes()[1].reshape(-1, 3), axis=0)
-    if sides[2] <= FLAT * sides.max():
-        return None
-    return (
-        f"the nodes of the plane gmsh model differ by {sides[2]:g} in z, which a 2D mesh does not "
-        "have; turn the model into the plane z = 0 (gmsh.model.occ.rotate) before it is meshed"
-    )
+def _place(gmsh_model: Any, dim: int, entity: int) -> str:
+    name = gmsh_model.getEntityName(dim, entity)
+    kind = ("point", "curve", "surface", "volume")[dim]
+    return f"{kind} {entity}{f' ({name})' if name else ''} of the gmsh model"
 
 
 def _wrong_cells(gmsh_model: Any, gdim: int) -> str | None:
     """Cells of other kinds than DOLFINx and vmdg have, or of more than one kind."""
     first = None
     for _, entity in gmsh_model.getEntities(gdim):
+        place = _place(gmsh_model, gdim, entity)
         for kind in gmsh_model.mesh.getElements(gdim, entity)[0]:
-            name = gmsh_model.mesh.getElementProperties(kind)[0]
+            name, _, degree, nodes, *_ = gmsh_model.mesh.getElementProperties(kind)
             if name.split()[0].lower() not in CELLS:
                 return (
-                    f"{_place(gdim, entity)} has cells of type {name}; the cells must be one of "
+                    f"{place} has cells of type {name}; the cells must be one of "
                     f"{', '.join(CELLS)}: extrude without recombine, or leave surfaces unrecombined"
                 )
-            first = first or (kind, name, entity)
+            complete = _nodes(name, degree)
+            if nodes != complete:
+                return (
+                    f"{place} has cells of type {name} (serendipity), which vmdg does not have: "
+                    f"mesh with those of {complete} nodes (Mesh.SecondOrderIncomplete 0 in gmsh), "
+                    "with triangles or tetrahedra, or with cells of degree 1"
+                )
+            first = first or (kind, name, place)
             if kind != first[0]:
                 return (
-                    f"{_place(gdim, entity)} has cells of type {name}, {_place(gdim, first[2])} of "
-                    f"type {first[1]}; a mesh has one type: recombine all bodies "
-                    "(mesh.setRecombine) or none"
+                    f"{place} has cells of type {name}, {first[2]} of type {first[1]}; a mesh has "
+                    "one type: recombine all bodies (mesh.setRecombine) or none"
                 )
     return None
+
+
+def _nodes(name: str, degree: int) -> int:
+    """Number of nodes of a cell that has all of its degree."""
+    if name.startswith("Triangle"):
+        return (degree + 1) * (degree + 2) // 2
+    if name.startswith("Tetrahedron"):
+        return (degree + 1) * (degree + 2) * (degree + 3) // 6
+    return (degree + 1) ** (2 if name.startswith("Quadrilateral") else 3)
 
 
 def _facets_without_cells(gmsh_model: Any, gdim: int) -> str | None:
@@ -196,9 +208,10 @@ def _facets_without_cells(gmsh_model: Any, gdim: int) -> str | None:
             continue
         for nodes in gmsh_model.mesh.getElements(gdim - 1, entity)[2]:
             if not np.isin(nodes, known).all():
+                place = _place(gmsh_model, gdim - 1, entity)
                 return (
-                    f"{_place(gdim - 1, entity)} is in a physical group, but the body beside it "
-                    "has no cells here, as gmsh writes grouped bodies only; make a group for every "
-                    "body (addPhysicalGroup), or leave the facets out"
+                    f"{place} is in a physical group, but the body beside it has no cells here, as "
+                    "gmsh writes grouped bodies only; make a group for every body "
+                    "(addPhysicalGroup), or leave the facets out"
                 )
     return None

@@ -46,6 +46,7 @@ REQUIRED |= {name: f"pip install {name}" for name in ("numpy", "scipy", "tqdm")}
 OPTIONAL = {
     "matplotlib": ("vmdg.plot and pictures of demos", "pip install matplotlib"),
     "gmsh": ("vmdg.meshes and demos", "pip install gmsh, or Debian's python3-gmsh"),
+    "meshio": ("meshes of other programs than gmsh", "pip install meshio h5py"),
     "pyvista": ("pictures in space", "pip install pyvista"),
 }
 

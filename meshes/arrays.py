@@ -1,0 +1,340 @@
+"""A mesh as arrays, between a file and a gmsh model: one group a cell, coincident nodes merged."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import gmsh
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+#: Nodes are at one place where they are nearer than this, relative to the longest side of the mesh.
+COINCIDENT = 1e-7
+
+#: Nodes at one place, on average, of more than which no mesh has.
+MANY = 20
+
+#: Opposite faces of cells that may be flat, by the number of the type in gmsh, and type of a face.
+_FLAT = {
+    3: ([(0, 1), (1, 2)], 1),
+    5: ([(0, 1, 2, 3), (0, 1, 5, 4), (1, 2, 6, 5)], 3),
+    6: ([(0, 1, 2)], 2),
+}
+
+
+class Block(NamedTuple):
+    """Cells or facets of one type in one group; those of several groups are in several blocks.
+
+    Attributes:
+        dim: Their dimension.
+        kind: Number of their type in gmsh.
+        nodes: Rows of the points, in the order of gmsh (n, nodes of one).
+        group: Tag; 0 where they are in no group.
+        entity: Number of the part of the geometry that they belong to, or of the block.
+    """
+
+    dim: int
+    kind: int
+    nodes: NDArray[np.int64]
+    group: int
+    entity: int
+
+
+@dataclass(frozen=True)
+class MeshArrays:
+    """A mesh as arrays.
+
+    Attributes:
+        points: (n, 3).
+        blocks: Its cells and facets.
+        names: By dimension, tag by name of the group.
+        shift: By which tags of cells here are larger than in the file: those of gmsh begin at 1.
+    """
+
+    points: NDArray[np.float64]
+    blocks: list[Block]
+    names: Mapping[int, Mapping[str, int]]
+    shift: int = 0
+
+    @cached_property
+    def dim(self) -> int:
+        """That of the cells."""
+        return max(block.dim for block in self.blocks)
+
+    def of(self, dim: int) -> list[Block]:
+        """Blocks of a dimension."""
+        return [block for block in self.blocks if block.dim == dim]
+
+    def tag(self, dim: int, group: int) -> int:
+        """Tag of a group in the file."""
+        return group - self.shift * (dim == self.dim)
+
+    def called(self, dim: int, group: int) -> str:
+        """A group as messages call it."""
+        name = self.name.get((dim, group))
+        return str(self.tag(dim, group)) if name is None else repr(name)
+
+    @cached_property
+    def name(self) -> dict[tuple[int, int], str]:
+        """Names by dimension and tag."""
+        return {
+            (dim, tag): name for dim, names in self.names.items() for name, tag in names.items()
+        }
+
+
+def from_gmsh(gmsh_model: Any) -> MeshArrays:
+    """Cells and facets of a gmsh model.
+
+    Raises:
+        ValueError: it has no cells in a plane or in space.
+    """
+    tags, points, _ = gmsh_model.mesh.getNodes()
+    rows = np.zeros(int(tags.max(initial=0)) + 1, dtype=np.int64)
+    rows[tags] = np.arange(len(tags))
+    blocks = []
+    for dim, entity in gmsh_model.getEntities():
+        groups = [int(group) for group in gmsh_model.getPhysicalGroupsForEntity(dim, entity)]
+        kinds, _, nodes = gmsh_model.mesh.getElements(dim, entity)
+        for kind, flattened in zip(kinds, nodes, strict=True):
+            count = gmsh_model.mesh.getElementProperties(kind)[3]
+            cells = rows[flattened].reshape(-1, count)
+            blocks += [Block(dim, int(kind), cells, group, entity) for group in groups or [0]]
+    names: dict[int, dict[str, int]] = {}
+    for dim, tag in gmsh_model.getPhysicalGroups():
+        names.setdefault(dim, {})[gmsh_model.getPhysicalName(dim, tag)] = tag
+    return only_cells_and_facets(MeshArrays(points.reshape(-1, 3), blocks, names))
+
+
+def only_cells_and_facets(mesh: MeshArrays) -> MeshArrays:
+    """Without edges in space and points.
+
+    Raises:
+        ValueError: there are no cells.
+    """
+    dim = max((block.dim for block in mesh.blocks), default=0)
+    if dim < 2:
+        raise ValueError(
+            f"it has {'edges only' if dim else 'no cells'}; cells and the facets that have tags "
+            "belong into one file"
+        )
+    blocks = [block for block in mesh.blocks if block.dim >= dim - 1]
+    names = {d: {n: t for n, t in mesh.names.get(d, {}).items() if n} for d in (dim, dim - 1)}
+    return replace(mesh, blocks=blocks, names=names)
+
+
+def into_gmsh(gmsh_model: Any, mesh: MeshArrays) -> None:
+    """Make a mesh with one group a cell or facet the only one of gmsh; without spare nodes."""
+    gmsh.clear()
+    gmsh_model.add("mesh")
+    used, renumbered = np.unique(
+        np.concatenate([block.nodes.ravel() for block in mesh.blocks]), return_inverse=True
+    )
+    begins = np.cumsum([block.nodes.size for block in mesh.blocks])[:-1]
+    groups: dict[tuple[int, int], list[int]] = {}
+    nodes = np.split(renumbered.ravel() + 1, begins)
+    for number, (block, of_block) in enumerate(zip(mesh.blocks, nodes, strict=True), 1):
+        gmsh_model.addDiscreteEntity(block.dim, number)
+        if number == 1:
+            tags = np.arange(1, len(used) + 1)
+            gmsh_model.mesh.addNodes(block.dim, 1, tags, mesh.points[used].ravel())
+        gmsh_model.mesh.addElementsByType(number, block.kind, [], of_block)
+        groups.setdefault((block.dim, block.group), []).append(number)
+        if block.group:
+            name = f"group {mesh.called(block.dim, block.group)}"
+            gmsh_model.setEntityName(block.dim, number, name)
+    for (dim, group), entities in groups.items():
+        if group:
+            gmsh_model.addPhysicalGroup(dim, entities, group, mesh.name.get((dim, group), ""))
+
+
+def size(points: NDArray[np.float64]) -> float:
+    """Longest side of the box around points (n, 3)."""
+    return float(np.ptp(points, axis=0).max(initial=0.0))
+
+
+def places(mesh: MeshArrays, distance: float | None = None) -> NDArray[np.int64]:
+    """For every point one of those at its place, itself where it is alone; (n,).
+
+    Args:
+        mesh: The mesh.
+        distance: Points are at one place up to this [mm]; None for that of rounding.
+
+    Raises:
+        ValueError: so many are near each other that the distance cannot be meant.
+    """
+    used = np.unique(np.concatenate([block.nodes.ravel() for block in mesh.blocks]))
+    points = mesh.points[used]
+    tree, reach = cKDTree(points), COINCIDENT * size(points) if distance is None else distance
+    if tree.count_neighbors(tree, reach) > MANY * len(points):
+        raise ValueError(
+            f"its nodes have more than {MANY} others within {reach:g}; is merge= in its units?"
+        )
+    pairs = tree.query_pairs(reach, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(used), len(used)))
+    _, component = connected_components(graph, directed=False)
+    first = np.unique(component, return_index=True)[1]
+    result = np.arange(len(mesh.points))
+    result[used] = used[first[component]]
+    return result
+
+
+def _with_repeated_nodes(nodes: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Cells (n, k) of which two nodes are one; (n,)."""
+    in_order = np.sort(nodes, axis=1)
+    return (in_order[:, 1:] == in_order[:, :-1]).any(axis=1)
+
+
+def count_flat(mesh: MeshArrays, place: NDArray[np.int64]) -> int:
+    """Number of cells with two nodes at one place, as cohesive elements of no thickness have."""
+    return sum(int(_with_repeated_nodes(place[block.nodes]).sum()) for block in mesh.of(mesh.dim))
+
+
+def merged(mesh: MeshArrays, place: NDArray[np.int64]) -> MeshArrays:
+    """One node at a place; flat cells of degree 1 become facets of their group, others go.
+
+    Raises:
+        ValueError: a cell with two nodes at one place is not flat.
+    """
+    dim, blocks, names = mesh.dim, [], {d: dict(names) for d, names in mesh.names.items()}
+    new = max((block.group for block in mesh.of(dim - 1)), default=0)
+    for block in mesh.blocks:
+        nodes = place[block.nodes]
+        flat = _with_repeated_nodes(nodes)
+        if block.dim == dim:
+            facets, kind = _collapsed(block.kind, nodes[flat])
+            if len(facets):
+                group = block.group
+                if group:
+                    name = mesh.name.get((dim, group), str(mesh.tag(dim, group)))
+                    group = names[dim - 1].setdefault(name, new := new + 1)
+                # Facets that the file has come before those of flat cells.
+                blocks.append(Block(dim - 1, kind, facets, group, -block.entity))
+        blocks.append(block._replace(nodes=nodes[~flat]))
+    left = {(block.dim, block.group) for block in blocks if len(block.nodes)}
+    names = {d: {n: t for n, t in of.items() if (d, t) in left} for d, of in names.items()}
+    return replace(mesh, blocks=[block for block in blocks if len(block.nodes)], names=names)
+
+
+def _collapsed(kind: int, cells: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
+    """Facets that flat cells are, and their type; none of cells of higher degree."""
+    name, _, _, _, _, corners = gmsh.model.mesh.getElementProperties(kind)
+    first = np.sort(cells[:, :corners], axis=1)
+    different = 1 + (first[:, 1:] != first[:, :-1]).sum(axis=1)
+    can_be_flat = not name.startswith(("Triangle", "Tetrahedron", "Pyramid"))
+    if len(cells) and not (can_be_flat and (2 * different == corners).all()):
+        raise ValueError(
+            f"cells of type {name} have two nodes at one place and are not flat; collapsed cells "
+            "are not supported: write them as the type they are (a collapsed quadrilateral is a "
+            "triangle), or give a shorter distance for merge"
+        )
+    faces, facet_kind = _FLAT.get(kind, ([], 0))
+    facets = np.zeros((len(cells) if faces else 0, corners // 2), dtype=np.int64)
+    for face in reversed(faces):
+        whole = ~_with_repeated_nodes(cells[:, face])
+        facets[whole] = cells[whole][:, face]
+    return facets, facet_kind
+
+
+def one_group_each(mesh: MeshArrays, groups: Collection[str | int] | None) -> MeshArrays:
+    """Every cell and facet once, in the one group that it has.
+
+    Args:
+        mesh: The mesh.
+        groups: Names or tags of the groups that serve; None for all.
+
+    Raises:
+        ValueError: there is no such group, or a cell or facet is in two of them.
+    """
+    if groups is not None:
+        mesh = _only(mesh, groups)
+    blocks = []
+    for dim in (mesh.dim, mesh.dim - 1):
+        by_kind: dict[int, list[Block]] = {}
+        for block in mesh.of(dim):
+            by_kind.setdefault(block.kind, []).append(block)
+        for same in by_kind.values():
+            blocks += _each_once(mesh, same)
+    return replace(mesh, blocks=blocks)
+
+
+def _only(mesh: MeshArrays, groups: Collection[str | int]) -> MeshArrays:
+    """The cells and facets of other groups in none."""
+    there = sorted({(block.dim, block.group) for block in mesh.blocks if block.group})
+    called = {key: {mesh.called(*key), str(mesh.tag(*key))} for key in there}
+    wanted = {group: repr(group) for group in groups}
+    for group, word in wanted.items():
+        if not any(word in words for words in called.values()):
+            known = ", ".join(mesh.called(*key) for key in there)
+            raise ValueError(f"groups: there is none {group!r}; it has {known or 'none'}")
+    keep = {key for key, words in called.items() if words & set(wanted.values())}
+    blocks = [
+        block if (block.dim, block.group) in keep else block._replace(group=0)
+        for block in mesh.blocks
+    ]
+    names = {d: {n: t for n, t in of.items() if (d, t) in keep} for d, of in mesh.names.items()}
+    return replace(mesh, blocks=blocks, names=names)
+
+
+def _each_once(mesh: MeshArrays, blocks: list[Block]) -> list[Block]:
+    """Blocks of one type without what is repeated."""
+    nodes = np.concatenate([block.nodes for block in blocks])
+    sizes = [len(block.nodes) for block in blocks]
+    group = np.repeat([block.group for block in blocks], sizes)
+    entity = np.repeat([block.entity for block in blocks], sizes)
+    # What is in a group comes first, then what the file has as facets.
+    order = np.lexsort([entity < 0, group == 0])
+    nodes, group, entity = nodes[order], group[order], entity[order]
+    in_order = np.sort(nodes, axis=1)
+    _, first, which = np.unique(in_order, axis=0, return_index=True, return_inverse=True)
+    which = which.ravel()
+    other = (group != group[first][which]) & (group != 0) & (entity >= 0)
+    if other.any():
+        one, two = group[first][which][other][0], group[other][0]
+        dim = blocks[0].dim
+        what = "cells" if dim == mesh.dim else "facets"
+        alike = int((other & (group == two) & (group[first][which] == one)).sum())
+        raise ValueError(
+            f"{alike} {what} are both in {mesh.called(dim, int(one))} and in "
+            f"{mesh.called(dim, int(two))}, and each has one tag; name the groups that serve: "
+            "groups=[...]"
+        )
+    keep = np.sort(first)
+    nodes, group, entity = nodes[keep], group[keep], entity[keep]
+    pairs, which = np.unique(np.column_stack([group, entity]), axis=0, return_inverse=True)
+    return [
+        blocks[0]._replace(nodes=nodes[rows], group=int(g), entity=abs(int(e)))
+        for (g, e), (_, rows) in zip(pairs, rows_of(which.ravel()), strict=True)
+    ]
+
+
+def rows_of(values: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """Every value and the rows (k,) that have it, of values (n,)."""
+    order = np.argsort(values, kind="stable")
+    different, begins = np.unique(values[order], return_index=True)
+    yield from zip(different.tolist(), np.split(order, begins[1:]), strict=True)
+
+
+def entities_as_groups(mesh: MeshArrays) -> MeshArrays:
+    """A group for every part of the geometry that is in none; its tag is its number if free.
+
+    Their names are "volume 1", "surface 3", "curve 2".
+    """
+    blocks, names = [], {dim: dict(names) for dim, names in mesh.names.items()}
+    taken = {dim: {block.group for block in mesh.of(dim)} for dim in (mesh.dim, mesh.dim - 1)}
+    made: dict[tuple[int, int], int] = {}
+    for block in mesh.blocks:
+        key = block.dim, block.entity
+        if not block.group and key not in made:
+            used = taken[block.dim]
+            made[key] = block.entity if block.entity not in used else max(used) + 1
+            used.add(made[key])
+            word = ("point", "curve", "surface", "volume")[block.dim]
+            names[block.dim][f"{word} {block.entity}"] = made[key]
+        blocks.append(block if block.group else block._replace(group=made[key]))
+    return replace(mesh, blocks=blocks, names=names)

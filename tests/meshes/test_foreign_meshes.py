@@ -1,0 +1,697 @@
+"""Files of other programs are read right, or refused in words on every rank."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import gmsh
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.io import XDMFFile
+from dolfinx.mesh import compute_midpoints, create_unit_square, meshtags
+from support import foreign
+from support.foreign import CELLS, FACETS, POINTS
+
+import vmdg
+from vmdg.meshes import read_mesh, write_mesh
+
+meshio = pytest.importorskip("meshio")
+pytest.importorskip("h5py")
+
+#: What the blocks are: area or volume by group, and place of the facets by group.
+BODIES, PLACES = {"left": 1.0, "right": 2.0}, {"join": 1.0, "end": 0.0}
+TAGS = {"left": 1, "right": 2}
+
+
+@dataclass
+class Read:
+    """A file that is read: how it is written, what it has, and how it is asked for.
+
+    Attributes:
+        write: Writes it.
+        bodies: Area or volume by name or tag of the cells.
+        places: x of all facets by name or tag.
+        given: Arguments of ``read_mesh``.
+        ending: Of its name.
+    """
+
+    write: Callable[[Path], object]
+    ending: str = "msh"
+    bodies: dict = field(default_factory=lambda: BODIES)
+    places: dict = field(default_factory=lambda: PLACES)
+    given: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class Refused:
+    """A file that is refused: how it is written, the words, and how it is asked for."""
+
+    write: Callable[[Path], object]
+    words: str
+    ending: str = "msh"
+    given: dict[str, Any] = field(default_factory=dict)
+
+
+def by_meshio(form: str | None = None, order: int = 1, data: str = "tag", **options) -> Callable:
+    """The blocks in the plane, written by meshio with whole numbers as tags."""
+    names = {"gmsh22": "gmsh:physical"}
+    name = names.get(form, data)
+
+    def write(path: Path) -> None:
+        given = {**CELLS, **FACETS}
+        points, of = POINTS, given
+        if order == 2:
+            points, (of,) = foreign.second(POINTS, given)
+        kinds = {3: "triangle", 6: "triangle6"}, {2: "line", 3: "line3"}
+        cells = [(kinds[0][3 * order], of["left"] + of["right"])]
+        cells.append((kinds[1][order + 1], of["join"] + of["end"]))
+        values = [np.array([1, 1, 2, 2]), np.array([1, 2])]
+        cell_data = {name: values}
+        if form == "gmsh22":
+            cell_data["gmsh:geometrical"] = [np.ones_like(tags) for tags in values]
+        field_data = {"left": [1, 2], "right": [2, 2], "join": [1, 1], "end": [2, 1]}
+        mesh = meshio.Mesh(points, cells, cell_data=cell_data, field_data=field_data)
+        meshio.write(path, mesh, file_format=form, **options)
+
+    return write
+
+
+#: Groups of data that have no names.
+BY_TAG = {"bodies": {1: 1.0, 2: 2.0}, "places": {1: 1.0, 2: 0.0}}
+
+
+def changed(write: Callable, *changes: tuple[str, str]) -> Callable:
+    """The same file with other words in it."""
+
+    def write_changed(path: Path) -> None:
+        write(path)
+        text = path.read_text()
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        path.write_text(text)
+
+    return write_changed
+
+
+def cut(write: Callable, share: float, of: str | None = None) -> Callable:
+    """The same file, or the one beside it of another ending, cut short."""
+
+    def write_cut(path: Path, *comm) -> None:
+        write(path, *comm)
+        if comm and comm[0].rank:
+            return
+        path = path.with_suffix(of) if of else path
+        content = path.read_bytes()
+        path.write_bytes(content[: int(share * len(content))])
+
+    write_cut.collective = getattr(write, "collective", False)
+    return write_cut
+
+
+def text(words: str) -> Callable:
+    """A file of these words."""
+    return lambda path: path.write_text(words)
+
+
+# -------------------------------------------------------------------------------------- gmsh
+
+
+def in_parts(ghosts: bool = False, split: bool = False) -> None:
+    """Partition the present model of gmsh."""
+    gmsh.option.setNumber("Mesh.PartitionCreateGhostCells", ghosts)
+    gmsh.option.setNumber("Mesh.PartitionSplitMeshFiles", split)
+    gmsh.model.mesh.partition(3)
+
+
+def a_part(version: float) -> Callable:
+    """One of the files of a mesh that was split."""
+
+    def write(path: Path) -> None:
+        foreign.of_gmsh(path, lambda: in_parts(split=True), version)
+        path.with_name(f"{path.stem}_1.msh").rename(path)
+
+    return write
+
+
+def of_neper(dim: int, order: int = 1, interface: str = "continuous") -> Callable:
+    """The blocks as grains."""
+
+    def write(path: Path) -> None:
+        points, cells, facets = (POINTS, CELLS, FACETS) if dim == 2 else foreign.solid()
+        flat = {}
+        if interface != "continuous":
+            points, cells, facets, flat = foreign.apart(points, cells, facets)
+        if order == 2:
+            points, (cells, facets) = foreign.second(points, cells, facets)
+        kinds = {(2, 1): (2, 1), (3, 1): (4, 2), (2, 2): (9, 8), (3, 2): (11, 9)}[dim, order]
+        groups = [(kinds[1], facets), (kinds[0], cells)]
+        if interface == "cohesive":
+            groups.append(({2: 3, 3: 6}[dim], flat))
+        foreign.neper(path, points, *groups)
+
+    return write
+
+
+def two_groups() -> None:
+    """The left block is in another group too."""
+    gmsh.model.addPhysicalGroup(2, [1, 2], 7, "all")
+
+
+def rotated(*angles: tuple[int, float]) -> Callable:
+    """The blocks turned about axes through the origin."""
+
+    def turn() -> None:
+        for axis, angle in angles:
+            c, s, rotation = np.cos(angle), np.sin(angle), np.eye(3)
+            one, two = [n for n in range(3) if n != axis]
+            rotation[[one, one, two, two], [one, two, one, two]] = c, -s, s, c
+            affine = np.column_stack([rotation, np.zeros(3)])
+            gmsh.model.mesh.affineTransform(affine.ravel().tolist())
+
+    return lambda path: foreign.of_gmsh(path, turn)
+
+
+def on_a_roof(path: Path) -> None:
+    """The right block goes up."""
+    points = POINTS + np.outer(POINTS[:, 0] > 1, [0, 0, 1])
+    foreign.neper(path, points, (2, CELLS))
+
+
+def incomplete(path: Path) -> None:
+    """Quadrilaterals of 8 nodes."""
+    with foreign.model("serendipity") as g:
+        gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 1)
+        g.occ.addRectangle(0, 0, 0, 1, 1)
+        g.occ.synchronize()
+        g.addPhysicalGroup(2, [1])
+        g.mesh.setTransfiniteSurface(1)
+        g.mesh.setRecombine(2, 1)
+        g.mesh.generate(2)
+        g.mesh.setOrder(2)
+        gmsh.write(str(path))
+
+
+GMSH = {
+    f"gmsh {version}": Read(lambda path, v=version: foreign.of_gmsh(path, version=v))
+    for version in (2.2, 4.0, 4.1)
+}
+for version in (2.2, 4.1):
+    for ghosts in (False, True):
+        GMSH[f"gmsh {version} in parts{', ghosts' * ghosts}"] = Read(
+            lambda path, v=version, g=ghosts: foreign.of_gmsh(path, lambda: in_parts(g), v)
+        )
+    GMSH[f"gmsh {version} one part"] = Refused(a_part(version), "one part of a mesh that was split")
+    GMSH[f"gmsh {version} no groups"] = Refused(
+        lambda path, v=version: foreign.of_gmsh(path, version=v, groups=False),
+        r"no group of cells .* groups='entities' makes every surface of it one \(2 here\)",
+    )
+    GMSH[f"gmsh {version} surfaces as groups"] = Read(
+        lambda path, v=version: foreign.of_gmsh(path, version=v, groups=False),
+        bodies={"surface 1": 1.0, "surface 2": 2.0, 1: 1.0, 2: 2.0},
+        places={"curve 2": 1.0, 2: 1.0},
+        given={"groups": "entities"},
+    )
+GMSH |= {
+    "gmsh 4.1 binary": Read(
+        lambda path: foreign.of_gmsh(path, lambda: gmsh.option.setNumber("Mesh.Binary", 1))
+    ),
+    "gmsh 2.2 of meshio": Read(by_meshio("gmsh22", binary=False)),
+    "gmsh 2.2 of meshio, binary": Read(by_meshio("gmsh22", binary=True)),
+    "gmsh 2.2 of meshio, degree 2": Read(by_meshio("gmsh22", order=2)),
+    "gmsh 4.1, two groups": Refused(
+        lambda path: foreign.of_gmsh(path, two_groups),
+        r"cells are both in 'left' and in 'all', .* groups=\[\.\.\.\]",
+    ),
+    "gmsh 2.2, two groups": Refused(
+        lambda path: foreign.of_gmsh(path, two_groups, 2.2), r"both in 'left' and in 'all'"
+    ),
+    "gmsh, a group of two": Read(
+        lambda path: foreign.of_gmsh(path, two_groups),
+        given={"groups": ["left", "right", "join", "end"]},
+    ),
+    "gmsh, another group of two": Read(
+        lambda path: foreign.of_gmsh(path, two_groups),
+        bodies={"all": 3.0},
+        places={"join": 1.0},
+        given={"groups": ["all", "join"]},
+    ),
+    "gmsh, a wrong group": Refused(
+        lambda path: foreign.of_gmsh(path),
+        "there is none 'centre'; it has .*'left'",
+        given={"groups": ["centre"]},
+    ),
+    "gmsh, a group left out": Refused(
+        lambda path: foreign.of_gmsh(path),
+        r"cells, the first in surface 2, are in no group and would be lost",
+        given={"groups": ["left"]},
+    ),
+    "gmsh serendipity": Refused(incomplete, r"Quadrilateral 8 \(serendipity\).* of 9 nodes"),
+    "gmsh cut in the elements": Refused(cut(foreign.of_gmsh, 0.8), "cut short"),
+    "gmsh cut in the nodes": Refused(cut(foreign.of_gmsh, 0.3), "cut short"),
+    "Neper cut behind the elements": Refused(cut(of_neper(2), 0.85), "cut short"),
+    "gmsh empty": Refused(text(""), "the file is empty"),
+    "gmsh nothing in it": Refused(
+        text("$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$EndElements\n"), "has no cells|cannot read"
+    ),
+    "msh of another program": Refused(
+        text('(0 "GAMBIT to Fluent File")\n(2 2)\n'), r"no file of gmsh: it begins with '\(0 \"GAM"
+    ),
+    "picture": Refused(
+        lambda path: path.write_bytes(b"\x89PNG\r\n\x1a\n\0\xff"), "no file of gmsh"
+    ),
+}
+
+# -------------------------------------------------------------------------------------- planes
+
+
+PLANES = {
+    "section in x-z": Refused(
+        rotated((0, np.pi / 2)), r"differ by 1 in z, .*; plane='xz' maps them"
+    ),
+    "section in x-z mapped": Read(rotated((0, np.pi / 2)), given={"plane": "xz"}),
+    "section in z-y mapped": Read(rotated((1, np.pi / 2)), given={"plane": "zy"}),
+    "section in the wrong plane": Refused(
+        rotated((0, np.pi / 2)), "differ by 3 across plane='yz', .*'xz'", given={"plane": "yz"}
+    ),
+    "tilted": Refused(
+        rotated((0, np.pi / 3)), r"differ by 0\.866\d* in z.*\(\(1, 0, 0\), \(0, 0\.5, 0\.8660"
+    ),
+    "tilted and mapped": Read(
+        rotated((0, np.pi / 3)), given={"plane": ((1, 0, 0), (0, 0.5, np.sqrt(0.75)))}
+    ),
+    "tilted by little": Refused(rotated((0, 1e-5)), "differ by 1e-05 in z"),
+    "tilted by rounding": Read(rotated((0, 1e-7))),
+    "surface in space": Refused(on_a_roof, "lie in no plane .* mesh the volume"),
+    "no plane": Refused(foreign.of_gmsh, "plane='xx' is no plane", given={"plane": "xx"}),
+    "no plane at all": Refused(foreign.of_gmsh, "plane=3 is no plane", given={"plane": 3}),
+    "plane of a body": Refused(
+        lambda path: foreign.neper(path, foreign.solid()[0], (4, foreign.solid()[1])),
+        "for 2D meshes",
+        given={"plane": "xz"},
+    ),
+}
+
+# -------------------------------------------------------------------------------------- XDMF
+
+
+def of_dolfinx(facets: bool = True) -> Callable:
+    """A mesh and tags with names of their own; written by all ranks."""
+
+    def write(path: Path, comm) -> None:
+        mesh = create_unit_square(comm, 2, 2)
+        mesh.name = "plate"
+        with XDMFFile(comm, str(path), "w") as file:
+            file.write_mesh(mesh)
+            for dim, name in ((2, "bodies"), (1, "facet_tags"))[: 1 + facets]:
+                mesh.topology.create_connectivity(dim, 2)
+                count = mesh.topology.index_map(dim).size_local
+                tags = meshtags(mesh, dim, np.arange(count), np.full(count, dim, dtype=np.int32))
+                tags.name = name
+                file.write_meshtags(tags, mesh.geometry)
+
+    write.collective = True
+    return write
+
+
+def tetrahedra(order: int, first_tag: int, dtype: type = np.float64) -> Callable:
+    """The blocks in space with their numbers."""
+
+    def write(path: Path) -> None:
+        points, cells, _ = foreign.solid()
+        if order == 2:
+            points, (cells,) = foreign.second(points, cells)
+            # VTK has the last two nodes of gmsh in the other order.
+            cells = {name: [(*c[:8], c[9], c[8]) for c in group] for name, group in cells.items()}
+        tags = first_tag + np.repeat([0, 1], [len(cells["left"]), len(cells["right"])])
+        kind = {1: "tetra", 2: "tetra10"}[order]
+        both = [(kind, cells["left"] + cells["right"])]
+        mesh = meshio.Mesh(points.astype(dtype), both, cell_data={"MaterialIDs": [tags]})
+        meshio.write(path, mesh)
+
+    return write
+
+
+def two_data(path: Path) -> None:
+    """Cells with two integer data."""
+    data = {"material": [np.array([1, 1, 2, 2])], "part": [np.array([4, 4, 4, 4])]}
+    cells = [("triangle", CELLS["left"] + CELLS["right"])]
+    meshio.write(path, meshio.Mesh(POINTS[:, :2], cells, cell_data=data))
+
+
+XDMF = {
+    "XDMF of meshio inline": Read(by_meshio(data_format="XML"), "xdmf", **BY_TAG),
+    "XDMF of meshio HDF5": Read(by_meshio(data_format="HDF"), "xdmf", **BY_TAG),
+    "XDMF of meshio by name": Read(
+        by_meshio(data_format="HDF"), "xdmf", **BY_TAG, given={"cell_tags": "tag"}
+    ),
+    "XDMF of meshio, degree 2": Read(tetrahedra(2, 5), "xdmf", {5: 1.0, 6: 2.0}, {}),
+    "XDMF, another grid": Read(
+        changed(by_meshio(data_format="XML"), ('Name="Grid"', 'Name="mesh"')), "xdmf", **BY_TAG
+    ),
+    "XDMF, no such tags": Refused(
+        by_meshio(), "no tags 'bodies'; .* whole numbers are 'tag'", "xdmf", {"cell_tags": "bodies"}
+    ),
+    "XDMF, two data": Refused(
+        two_data, "several data .* 'material', 'part': .* cell_tags='material'", "xdmf"
+    ),
+    "XDMF, one of two data": Read(
+        two_data, "xdmf", {1: 1.0, 2: 2.0}, {}, {"cell_tags": "material"}
+    ),
+    "XDMF cut short": Refused(cut(by_meshio(data_format="XML"), 0.7), "no whole XML", "xdmf"),
+    "XDMF, HDF5 cut short": Refused(cut(by_meshio(), 0.5, ".h5"), "meshio cannot read", "xdmf"),
+    "XDMF without its HDF5": Refused(
+        lambda path: (by_meshio()(path), path.with_suffix(".h5").unlink()), "is missing", "xdmf"
+    ),
+    "XDMF of DOLFINx": Read(of_dolfinx(), "xdmf", {2: 1.0}, {1: None}, {"cell_tags": "bodies"}),
+    "XDMF of DOLFINx, cells only": Read(
+        of_dolfinx(False), "xdmf", {2: 1.0}, {}, {"cell_tags": "bodies"}
+    ),
+    "XDMF of DOLFINx, HDF5 cut short": Refused(
+        cut(of_dolfinx(), 0.5, ".h5"), "DOLFINx cannot read it", "xdmf", {"cell_tags": "bodies"}
+    ),
+    "XDMF of DOLFINx, names": Refused(
+        of_dolfinx(), "no tags 'cell_tags'; its grids are 'plate', 'bodies', 'facet_tags'", "xdmf"
+    ),
+    "XDMF of DOLFINx, merge": Refused(
+        of_dolfinx(), "files of other programs", "xdmf", {"merge": True}
+    ),
+}
+
+# -------------------------------------------------------------------------------------- Neper
+
+
+NEPER = {}
+for dim in (2, 3):
+    NEPER |= {
+        f"Neper {dim}D": Read(of_neper(dim)),
+        f"Neper {dim}D order 2": Read(of_neper(dim, 2)),
+        f"Neper {dim}D discontinuous": Read(
+            of_neper(dim, 1, "discontinuous"), given={"merge": True}
+        ),
+        f"Neper {dim}D discontinuous order 2": Read(
+            of_neper(dim, 2, "discontinuous"), given={"merge": True}
+        ),
+        f"Neper {dim}D left apart": Read(of_neper(dim, 1, "discontinuous"), given={"merge": False}),
+        f"Neper {dim}D cohesive": Read(of_neper(dim, 1, "cohesive"), given={"merge": True}),
+        f"Neper {dim}D cohesive, not merged": Refused(
+            of_neper(dim, 1, "cohesive"), "two nodes at one place, as cohesive .* merge=True drops"
+        ),
+    }
+NEPER["Neper 2D, nodes with gaps"] = Read(
+    changed(
+        of_neper(2), ("\n6 3.0", "\n60 3.0"), (" 2 3 6\n", " 2 3 60\n"), (" 2 6 5\n", " 2 60 5\n")
+    )
+)
+NEPER["Neper 3D, a distance"] = Read(of_neper(3, 1, "cohesive"), given={"merge": 1e-3})
+NEPER["Neper 3D, too far"] = Refused(of_neper(3), "are not flat; collapsed", given={"merge": 1.0})
+NEPER["Neper 3D, no distance"] = Refused(
+    of_neper(3), "merge=nan is no dist", given={"merge": np.nan}
+)
+
+# -------------------------------------------------------------------------------------- Abaqus
+
+#: Surfaces of the faces of elements, as Abaqus/CAE writes them, of the blocks in the plane.
+SURFACES = """
+*Elset, elset=_join_S2, internal
+ 1,
+*Surface, type=ELEMENT, name=join
+_JOIN_S2, S2
+*Surface, name=end
+2, S3
+*Nset, nset=corner, generate
+ 1, 4, 3
+"""
+
+
+def inp(kind: str = "CPE3", more: str = SURFACES, cells: dict = CELLS) -> Callable:
+    """The blocks in the plane."""
+    return lambda path: path.write_text(foreign.abaqus(kind, POINTS, cells, more))
+
+
+def inp_cohesive(path: Path) -> None:
+    """With cohesive elements between."""
+    points, cells, _, flat = foreign.apart(*foreign.solid())
+    path.write_text(foreign.abaqus("C3D4", points, cells | flat))
+
+
+def inp_solid(path: Path) -> None:
+    """Tetrahedra of degree 2 and surfaces of them."""
+    points, cells, facets = foreign.solid()
+    lines = []
+    faces = [(0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)]
+    for name, triangles in facets.items():
+        lines.append(f"*Surface, type=element, name={name}")
+        for number, cell in enumerate(cells["left"], 1):
+            for face, corners in enumerate(faces, 1):
+                if {cell[c] for c in corners} in map(set, triangles):
+                    lines.append(f"{number}, S{face}")
+    points, (cells,) = foreign.second(points, cells)
+    # Abaqus has the last two nodes of gmsh in the other order.
+    cells = {name: [(*c[:8], c[9], c[8]) for c in group] for name, group in cells.items()}
+    path.write_text(foreign.abaqus("C3D10M", points, cells, "\n".join(lines)))
+
+
+def inp_sections(path: Path) -> None:
+    """A section without a set first, sets by range and by other sets, lines that go on.
+
+    meshio 5.3.5 gives the second section's set to the cells of the first one.
+    """
+    path.write_text(
+        foreign.abaqus("CPS3", POINTS, CELLS)
+        .replace(", elset=left", "")
+        .replace("type=CPS3, elset=right", "elset=right,\n type=CPS3")
+        + "*Elset, elset=first, generate\n1, 2, 1\n*Elset, elset=left\nfirst\n"
+    )
+
+
+ABAQUS = {
+    "Abaqus": Read(inp(), "inp"),
+    "Abaqus, axisymmetric": Read(inp("CAX3H"), "inp"),
+    "Abaqus in a part": Read(
+        lambda path: path.write_text(
+            foreign.abaqus(
+                "CPS3", POINTS, CELLS, "*End Part\n*Assembly\n*Instance, part=A" + SURFACES
+            ).replace("*Node\n", "*Part, name=A\n*Node\n")
+        ),
+        "inp",
+    ),
+    "Abaqus in space, degree 2": Read(inp_solid, "inp"),
+    "Abaqus cohesive": Read(inp_cohesive, "inp", places={"bound1": 1.0}, given={"merge": True}),
+    "Abaqus cohesive, not merged": Refused(inp_cohesive, "merge=True drops them", "inp"),
+    "Abaqus sets of sets": Refused(inp_sections, r"both in 'first' and in 'left'|both in", "inp"),
+    "Abaqus sets chosen": Read(inp_sections, "inp", places={}, given={"groups": ["left", "right"]}),
+    "Abaqus without sets": Read(
+        lambda path: path.write_text(
+            foreign.abaqus("CPS3", POINTS, CELLS)
+            .replace(", elset=left", "")
+            .replace(", elset=right", "")
+        ),
+        "inp",
+        {1: 3.0, "surface 1": 3.0},
+        {},
+        {"groups": "entities"},
+    ),
+    "Abaqus, two parts": Refused(
+        inp(more="*Instance, name=A\n*Instance, name=B"), "noPartsInputFile=ON", "inp"
+    ),
+    "Abaqus, a part moved": Refused(inp(more="*Instance, name=A\n1., 0., 0."), "is moved", "inp"),
+    "Abaqus, include": Refused(inp(more="*Include, input=b.inp"), r"\*INCLUDE is not read", "inp"),
+    "Abaqus, springs": Refused(
+        changed(inp(), ("type=CPE3, elset=left", "type=SPRINGA")),
+        "type SPRINGA are not read",
+        "inp",
+    ),
+    "Abaqus serendipity": Refused(
+        inp("CPE8R", cells={"left": [(0, 1, 4, 3, 0, 1, 4, 3)]}), "two nodes at one place", "inp"
+    ),
+    "Abaqus cut in a line": Refused(cut(inp(), 0.6), "its last line has no end", "inp"),
+    "Abaqus cut short": Refused(
+        lambda path: path.write_text(
+            foreign.abaqus("CPS3", POINTS, CELLS).partition("2, 1, 5")[0] + "2, 1\n"
+        ),
+        "cut short: they have 3 nodes each, and 2 numbers",
+        "inp",
+    ),
+    "Abaqus, a lost node": Refused(
+        changed(inp(), ("\n5, 1, 1, 0", "")), "element 1 has node 5", "inp"
+    ),
+    "inp of another program": Refused(text("NATOMS 5\n"), "does not begin with a keyword", "inp"),
+}
+
+# -------------------------------------------------------------------------------------- others
+
+
+def of_salome(path: Path) -> None:
+    """Groups of MED, each a family."""
+    cells = [("triangle", CELLS["left"] + CELLS["right"]), ("line", FACETS["join"] + FACETS["end"])]
+    families = [np.array([-1, -1, -2, -2]), np.array([-3, -4])]
+    mesh = meshio.Mesh(POINTS[:, :2], cells, cell_data={"cell_tags": families})
+    mesh.cell_tags = {-1: ["left"], -2: ["right"], -3: ["join"], -4: ["end"]}
+    mesh.point_tags = {}
+    meshio.write(path, mesh)
+
+
+def single_precision(path: Path) -> None:
+    """A section in x-z far from the origin, in numbers of 7 digits."""
+    points = (POINTS[:, [0, 2, 1]] @ [[1, 0, 0], [0, 1, 0], [0, 0, 1]] + [0, 0.1, 0.7]) / 3 * 3
+    cells = [("triangle", CELLS["left"] + CELLS["right"])]
+    rounding = np.outer(np.resize([1, -1], len(points)), [0, 1e-7, 0])
+    mesh = meshio.Mesh((points + rounding).astype(np.float32), cells)
+    mesh.cell_data = {"part": [np.array([1, 1, 2, 2])]}
+    meshio.write(path, mesh)
+
+
+OTHERS = {
+    "MED of Salome": Read(of_salome, "med"),
+    "MED, another name": Refused(of_salome, "no tags 'part'", "med", {"cell_tags": "part"}),
+    "MED cut short": Refused(cut(of_salome, 0.5), "meshio cannot read it", "med"),
+    "VTU": Read(tetrahedra(1, 1), "vtu", {1: 1.0, 2: 2.0}, {}),
+    "VTU, tags from 0": Read(tetrahedra(1, 0), "vtu", {0: 1.0, 1: 2.0}, {}),
+    "VTU, one tag from 0": Refused(
+        tetrahedra(1, 0), "6 of 12 cells, .* in no group", "vtu", {"groups": [0]}
+    ),
+    "VTU, no such tag": Refused(
+        tetrahedra(1, 0), "there is none 2; it has 0, 1$", "vtu", {"groups": [0, 2]}
+    ),
+    "VTU of edges": Refused(
+        lambda path: meshio.write(path, meshio.Mesh(POINTS, [("line", FACETS["join"])])),
+        "edges only; .* belong into one file",
+        "vtu",
+    ),
+    "VTU, degree 2": Read(tetrahedra(2, 5), "vtu", {5: 1.0, 6: 2.0}, {}),
+    "VTU, tags too large": Refused(tetrahedra(1, 2**40), "must be below 2", "vtu"),
+    "VTU of single precision": Read(tetrahedra(1, 1, np.float32), "vtu", {1: 1.0, 2: 2.0}, {}),
+    "VTU in x-z of single precision": Read(
+        single_precision, "vtu", {1: 1.0, 2: 2.0}, {}, {"plane": "xz"}
+    ),
+    "VTU cut short": Refused(cut(tetrahedra(1, 1), 0.6), "meshio cannot read it", "vtu"),
+    "VTK": Read(tetrahedra(1, 3), "vtk", {3: 1.0, 4: 2.0}, {}),
+    "Medit": Read(by_meshio(data="medit:ref"), "mesh", **BY_TAG),
+    "vtu of another program": Refused(text("<html></html>"), "meshio cannot read it", "vtu"),
+    "nodes that are no numbers": Refused(
+        lambda path: meshio.write(
+            path, meshio.Mesh(POINTS * np.nan, [("triangle", CELLS["left"])])
+        ),
+        "no numbers",
+        "vtk",
+    ),
+    "another ending": Refused(text("mesh"), r"must end in \.msh, \.inp, \.xdmf or .*\.vtu", "docx"),
+}
+
+ALL = GMSH | PLANES | XDMF | NEPER | ABAQUS | OTHERS
+
+
+@pytest.fixture(scope="module")
+def folder(comm, tmp_path_factory) -> Path:
+    """One folder for all ranks."""
+    return Path(comm.bcast(str(tmp_path_factory.mktemp("foreign"))))
+
+
+def written(comm, folder: Path, case: Read | Refused) -> Path:
+    """The file of a case."""
+    name = next(n for n, other in ALL.items() if other is case)
+    path = folder / f"{''.join(c if c.isalnum() else '_' for c in name)}.{case.ending}"
+    if getattr(case.write, "collective", False):
+        case.write(path, comm)
+    elif comm.rank == 0:
+        case.write(path)
+    comm.barrier()
+    return path
+
+
+def measures(tagged, groups) -> dict:
+    """Area or volume of groups of cells."""
+    mesh, cells, _ = tagged
+    one = fem.Constant(mesh, 1.0)
+    found = {}
+    for group in groups:
+        tag = cells.names[group] if isinstance(group, str) else group
+        dx = ufl.Measure("dx", mesh, subdomain_data=cells)
+        found[group] = mesh.comm.allreduce(fem.assemble_scalar(fem.form(one * dx(tag))))
+    return found
+
+
+@pytest.mark.parametrize("name", [name for name, case in ALL.items() if isinstance(case, Read)])
+def test_read(comm, folder, name):
+    """Bodies have their area, facets their place, and a problem can be made."""
+    case = ALL[name]
+    tagged = read_mesh(written(comm, folder, case), comm, **case.given)
+    mesh, cells, facets = tagged
+    assert measures(tagged, case.bodies) == pytest.approx(case.bodies, rel=2e-7)
+    for group, x in case.places.items():
+        found = facets.find(group)
+        assert comm.allreduce(len(found)) > 0
+        if x is not None:
+            middles = compute_midpoints(mesh, mesh.topology.dim - 1, found)
+            assert middles[:, 0] == pytest.approx(np.full(len(found), x), abs=1e-6)
+    tags = np.unique(np.concatenate(comm.allgather(np.unique(cells.values))))
+    grain = vmdg.NeoHookean(E=1.0, nu=0.3)
+    degree = 2 if "degree 2" in name or "order 2" in name else 1
+    if len(tags) < 2 or case.given.get("merge") is False:
+        return
+    bond = vmdg.Interface(between="all", law=vmdg.Debonding(strength=1.0, critical_gap=0.1))
+    problem = vmdg.Problem(mesh, cells, dict.fromkeys(tags.tolist(), grain), [bond], degree=degree)
+    assert comm.allreduce(problem.state[0].weights.sum()) == pytest.approx(1.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", [name for name, case in ALL.items() if isinstance(case, Refused)])
+def test_refused(comm, folder, name):
+    """On every rank, by the name of the file and what is wrong."""
+    case = ALL[name]
+    path = written(comm, folder, case)
+    with pytest.raises(ValueError, match=f"^read_mesh: {path}: .*{case.words}"):
+        read_mesh(path, comm, **case.given)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_flat_cells_become_facets(comm, folder, dim):
+    """Their group has its name, and the interface is there; those of the file keep theirs."""
+    path = written(comm, folder, NEPER[f"Neper {dim}D cohesive"])
+    _, cells, facets = read_mesh(path, comm, merge=True)
+    assert cells.names == {"left": 1, "right": 2}
+    assert set(facets.names) == {"join", "end"}
+    path = written(comm, folder, ABAQUS["Abaqus cohesive"])
+    mesh, cells, facets = read_mesh(path, comm, merge=True)
+    assert set(cells.names) == {"left", "right"} and set(facets.names) == {"bound1"}
+    bond = vmdg.Interface(
+        facets=facets.find("bound1"), law=vmdg.Debonding(strength=1.0, critical_gap=0.1)
+    )
+    grain = vmdg.NeoHookean(E=1.0, nu=0.3)
+    problem = vmdg.Problem(mesh, cells, {"left": grain, "right": grain}, [bond])
+    assert comm.allreduce(problem.state[0].weights.sum()) == pytest.approx(1.0)
+
+
+def test_bodies_that_seem_to_touch(comm, folder):
+    """Nodes at one place are warned of, and the remedy is said."""
+    path = written(comm, folder, NEPER["Neper 2D discontinuous"])
+    if comm.rank == 0:
+        with pytest.warns(vmdg.ModelWarning, match="2 nodes are at the place .* merge=True joins"):
+            read_mesh(path, comm)
+    else:
+        read_mesh(path, comm)
+
+
+def test_without_meshio(comm, folder, monkeypatch):
+    """The extra is named, on every rank."""
+    path = written(comm, folder, OTHERS["VTU"])
+    monkeypatch.setitem(sys.modules, "meshio", None)
+    with pytest.raises(ImportError, match=r"no meshio: pip install 'vmdg\[mesh\]'"):
+        read_mesh(path, comm)
+
+
+def test_written_again(comm, folder):
+    """A foreign file becomes one that all ranks read, with its groups."""
+    tagged = read_mesh(written(comm, folder, ABAQUS["Abaqus"]), comm)
+    path = folder / "again.xdmf"
+    write_mesh(tagged, path)
+    again = read_mesh(path, comm)
+    assert again.cell_tags.names == tagged.cell_tags.names
+    assert again.facet_tags.names == tagged.facet_tags.names
+    assert measures(again, BODIES) == pytest.approx(BODIES)
