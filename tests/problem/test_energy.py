@@ -278,8 +278,8 @@ def test_work_of_eigenstrains(comm):
 
 
 def test_what_costs_residuals_is_asked_for(comm):
-    """The energies of the last step are exact where they are asked for; those of steps before it
-    whose energies nobody asked for are of the trapezoidal rule and what the one before foretells."""
+    """The energies of the last step are exact where they are asked for; those of earlier steps,
+    for which nobody asked, are of the trapezoidal rule and what two steps foretell."""
     errors, counts = {}, {}
     for asked in (True, False):
         for steps in (1, 8, 16):
