@@ -339,7 +339,7 @@ WRONG_VALUES = {
     "unknown tag within": (lambda s: bond(s, within=9), r"no cell has tag 9; tags are \[1, 2\]"),
     "facet in two interfaces": (
         lambda s: make(s, interfaces=[TIE, tie(facets=s.facet_tags.find(3))]),
-        r"facet \d+ belongs to both Interface\(between.* and Interface\(facets",
+        r"facet \d+ belongs to both interface 0 \(between=\(1, 2\)\) and interface 1 \(facets=",
     ),
     "facets on the boundary": (
         lambda s: bond(s, facets=s.facet_tags.find("left")),

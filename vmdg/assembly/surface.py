@@ -174,7 +174,7 @@ class Surface:
             ValueError: value or share have the wrong shape, or the interface has a pressure.
         """
         if active in self.fluids:
-            raise ValueError(f"pressure: {active.interface} has a pressure already; add them up")
+            raise ValueError(f"pressure: {active.facets.label} has a pressure already; add them up")
         active.fluid.share = self._share(active, debonded, share)
         quadrature, p = active.quadrature, active.fluid.pressure
         eta, N = ufl.TestFunction(self._space), ufl.FacetNormal(self._mesh)("+")

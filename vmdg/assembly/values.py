@@ -13,6 +13,7 @@ from dolfinx import fem
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.parallel import raise_together
+from ..base.words import at_points
 
 Value = float | ArrayLike | fem.Constant | Callable[..., Any]
 
@@ -66,7 +67,7 @@ def value_at(value: Value, t: float, points: NDArray[np.float64] | None = None) 
         return np.array(value.value)
     if not callable(value):
         return np.asarray(value, dtype=float)
-    return np.asarray(value(t) if points is None else value(points, t), dtype=float)
+    return np.asarray(value(t) if points is None else at_points(value, points, t), dtype=float)
 
 
 def check_resultant(

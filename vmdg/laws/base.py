@@ -11,7 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import IntEnum
 from numbers import Real
 from typing import Any
@@ -124,6 +124,14 @@ class Law(ABC):
 
         Viscosity does not help: it ends with the bond, and what is left of a bond softens by H.
         """
+
+    def __str__(self) -> str:
+        """As its repr, with few words for functions and arrays."""
+        if not is_dataclass(self):
+            return repr(self)
+        values = ((field.name, getattr(self, field.name)) for field in fields(self) if field.repr)
+        given = ", ".join(f"{name}={_in_short(value)}" for name, value in values)
+        return f"{type(self).__name__}({given})"
 
     @property
     def symmetric(self) -> bool:
@@ -434,6 +442,13 @@ def _check_parameter(law: Law, name: str, value: Any) -> None:
 def is_number(value: Any, number: float) -> bool:
     """Whether a parameter is this number and does not vary."""
     return isinstance(value, Real) and value == number
+
+
+def _in_short(value: Any) -> str:
+    """A parameter in a message."""
+    if isinstance(value, np.ndarray) and value.ndim:
+        return f"<{len(value)} values>"
+    return "<function>" if callable(value) and not is_dataclass(value) else repr(value)
 
 
 def same_law(a: Law, b: Law) -> bool:

@@ -9,7 +9,7 @@ from scipy.integrate import trapezoid
 from ..assembly.surface import BROKEN
 from ..base.parallel import global_sum
 from ..forms.geometry import Axisymmetric
-from ..interface.interface import Which, number_of
+from ..interface.interface import Which, label_of, number_of
 from ..interface.points import InterfaceState
 from ..problem.problem import Problem
 from .values import damage
@@ -47,12 +47,12 @@ class CrackGrowth:
         self, problem: Problem, interface: Which, width: float | None = None, start: float = 0.0
     ):
         self._number = number_of(problem.interfaces, interface)
-        chosen = problem.interfaces[self._number]
+        chosen, label = problem.interfaces[self._number], label_of(problem.interfaces, self._number)
         if not chosen.law.has_bond:
-            raise ValueError(f"CrackGrowth: {chosen} has no bond that can fail")
+            raise ValueError(f"CrackGrowth: {label} has no bond that can fail")
         if chosen.activate == "on-demand":
             raise ValueError(
-                f"CrackGrowth: {chosen} opens on demand, and what is not open yet has no points; "
+                f"CrackGrowth: {label} opens on demand, and what is not open yet has no points; "
                 'give the interface activate="all"'
             )
         self._plane = problem.mesh.topology.dim == 2

@@ -170,7 +170,7 @@ def _check_proportions(problem: Problem, active: ActiveInterface) -> None:
     law, comm, message = active.facets.law, problem.comm, None
     if (roughest := np.max(law.friction, initial=0.0)) > ROUGHEST:
         message = (
-            f"{active.interface}: friction = {roughest:g} is Coulomb's coefficient mu, the "
+            f"{active.facets.label}: friction = {roughest:g} is Coulomb's coefficient mu, the "
             "tangent of the angle of friction, usually below 1; it is neither in degrees nor in "
             "percent"
         )
@@ -187,15 +187,15 @@ def _check_proportions(problem: Problem, active: ActiveInterface) -> None:
     message = None
     if strength < WEAKEST * softest:
         message = (
-            f"{active.interface}: the strength {strength:.3g} is less than {WEAKEST:g} of "
+            f"{active.facets.label}: the strength {strength:.3g} is less than {WEAKEST:g} of "
             f"the elastic moduli beside it, of the order of {softest:.3g}: the bond breaks at "
             "once. Give both in the same unit (MPa with mm and N)"
         )
     # With a strength near the moduli it makes a bond that is meant never to break.
     elif gap > WIDEST * size and strength < USUAL * softest:
         message = (
-            f"{active.interface}: the critical gap is about {gap:.3g}, the mesh {size:.3g} wide: "
-            "the bond will hardly soften. Give both in the same unit (mm with N and MPa)"
+            f"{active.facets.label}: the critical gap is about {gap:.3g}, the mesh {size:.3g} "
+            "wide: the bond will hardly soften. Give both in the same unit (mm with N and MPa)"
         )
     warn_together(comm, message)
 
@@ -211,7 +211,7 @@ def _check_softening(comm: MPI.Comm, active: ActiveInterface) -> None:
     if worst < 1 / SUSPICIOUS_RATIO and worst == share.min(initial=np.inf):
         f = np.argmin(share)
         message = (
-            f"{active.interface}: at facet {active.facets.facets[f]} the softening modulus H = "
+            f"{active.facets.label}: at facet {active.facets.facets[f]} the softening modulus H = "
             f"{H[f]:.6g} MPa/mm is far above the derived |tau_s| = {share[f] * H[f]:.6g}: the bond "
             f"would break faster than the element can unload. Refine the facet from {extent[f]:.3g}"
             f" to below {extent[f] * share[f]:.3g} mm, or raise the critical gap{SAME_UNITS}"

@@ -233,7 +233,7 @@ class Loading:
         def impose(loading: Loading) -> None:
             space = loading._discretization.space
             if callable(where):
-                dofs = nodes_where(space, where)
+                dofs = nodes_where(space, where, what)
             else:
                 dofs = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, where)
             bs = space.dofmap.index_map_bs
@@ -411,18 +411,18 @@ class Loading:
                 f"point_load: where = {where!r} must be a predicate on coordinates (3, n), for "
                 "example lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 0)"
             )
-        self._refuse_split_nodes(where)
+        space = self._discretization.space
+        cells, loaded = space.dofmap.list, find_nodes(space, where, "point_load")
+        self._refuse_split_nodes(loaded)
 
         def impose(loading: Loading) -> None:
             nodes = find_nodes(loading._discretization.space, where, "point_load")
             loading._loads.add_point_load(nodes, value, component)
 
-        space = self._discretization.space
-        cells, loaded = space.dofmap.list, find_nodes(space, where, "point_load")
         self._add(impose)
         self.given.loaded[np.isin(cells, loaded).any(axis=1)[: len(self.given.loaded)]] = True
 
-    def _refuse_split_nodes(self, where: Locator) -> None:
+    def _refuse_split_nodes(self, loaded: NDArray[np.int32]) -> None:
         """Nodes of an interface are two, or will be when its facets open on demand.
 
         Raises:
@@ -431,13 +431,13 @@ class Loading:
         space = self._discretization.space
         x, message = space.tabulate_dof_coordinates(), None
         dim = self._mesh.topology.dim - 1
-        for interface, facets in zip(self._interfaces, self._activation.facets, strict=True):
+        for facets in self._activation.facets:
             nodes = fem.locate_dofs_topological(space, dim, facets.everywhere)
-            selected = nodes[where(x[nodes].T)]
+            selected = nodes[np.isin(nodes, loaded)]
             if len(selected) and message is None:
                 message = (
                     f"point_load: the node at {rounded(x[selected[0]])} lies on "
-                    f"{interface}, where it is one on either side; load a node beside it"
+                    f"{facets.label}, where it is one on either side; load a node beside it"
                 )
         raise_together(self._mesh.comm, message)
 
@@ -492,15 +492,15 @@ class Loading:
         self, which: Interface | str, value: Value, debonded: bool, share: Share | None
     ) -> None:
         number = number_of(self._interfaces, which)
-        interface = self._interfaces[number]
+        interface, label = self._interfaces[number], self._activation.facets[number].label
         if not interface.law.inelastic:
             raise ValueError(
-                f"pressure: {interface} is a tie, which leaves no room for a fluid; give it a law "
+                f"pressure: {label} is a tie, which leaves no room for a fluid; give it a law "
                 "that can fail, or vmdg.Contact() for a crack that is there already"
             )
         if interface.activate == "on-demand" and not debonded:
             raise ValueError(
-                f"pressure: {interface} opens on demand, and facets that are closed let no fluid "
+                f"pressure: {label} opens on demand, and facets that are closed let no fluid "
                 "in; give debonded=True"
             )
 
