@@ -45,8 +45,8 @@ def at_points(function: Callable[..., Any], *arguments: Any, what: str = "") -> 
             raise
         raise ValueError(
             f"{what}the function gets all points at once, x (3, n), and `and`, `or`, `not`, `if` "
-            "and 0 < x[0] < 1 are for one: write (0 < x[0]) & (x[0] < 1), with | and ~ for the others, "
-            "and np.where(x[0] < 1, a, b)"
+            "and 0 < x[0] < 1 are for one: write (0 < x[0]) & (x[0] < 1), with | and ~ for the "
+            "others, and np.where(x[0] < 1, a, b)"
         ) from error
 
 
