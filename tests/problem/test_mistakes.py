@@ -394,13 +394,13 @@ WRONG_VALUES = {
     ),
     "a displacement that ends in NaN": (
         lambda s: look(ended(s, lambda t: t if t < 1.0 else np.nan)),
-        "a prescribed displacement is not finite at load factor 1: look at its function",
+        r"a prescribed displacement \(call 2 of dirichlet.*\) is not finite at load factor 1: look",
     ),
     "an eigenstrain that ends in NaN": (
         lambda s: look(
             held(s, make(s, eigenstrain={1: lambda t: t if t < 1.0 else np.nan}), "left")
         ),
-        "an eigenstrain is not finite at load factor 1: look at its function",
+        r"an eigenstrain \(eigenstrain of tag 1\) is not finite at load factor 1: look at its",
     ),
     "no load factors": (lambda s: run(s, loads=[]), "one or more finite load factors"),
     "a load factor of NaN": (lambda s: run(s, loads=[0.1, np.nan]), "finite load factors"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ from .. import compat
 from ..base.parallel import global_sum, raise_together
 from ..base.tables import rounded
 from ..domain.topology import Locator, checked_facets, located
-from .values import Value, first_value, takes_points, value_at
+from .values import Part, Value, first_value, takes_points, value_at
 
 Where = ArrayLike | Locator
 
@@ -213,6 +214,11 @@ class DirichletConditions:
             result[np.searchsorted(self.dofs, dofs)] = values
         result[np.searchsorted(self.dofs, self._zeros)] = 0
         return result
+
+    def parts(self, t: float) -> Iterator[Part]:
+        """What every condition gives at load factor ``t``."""
+        for condition in self._conditions:
+            yield Part(condition.what, condition.at(t, self._d)[1], condition.points)
 
     def conflict(self, t: float) -> str | None:
         """Two conditions that give a dof different values at load factor ``t``, in words.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +23,7 @@ from ..assembly.loads import DeadLoads
 from ..assembly.means import lattice_of
 from ..assembly.rigid import RigidFaces
 from ..assembly.surface import Share
-from ..assembly.values import Value, value_at
+from ..assembly.values import Part, Value, not_finite, value_at
 from ..base.agreement import together
 from ..base.parallel import global_any, raise_together
 from ..base.tables import rounded
@@ -571,11 +571,23 @@ class Loading:
         message = None
         for kind, value in zip(KINDS, values, strict=True):
             if not np.isfinite(value).all():
+                found = not_finite(self._parts_of(kind, t))
                 message = (
-                    f"{kind} is not finite at load factor {t:.8g}: look at its function of the "
-                    "load factor there, for example at a root or a quotient"
+                    f"{kind}{found and f' ({found})'} is not finite at load factor {t:.8g}: look "
+                    "at its function of the load factor there, for example at a root or a quotient"
                 )
         raise_together(self._mesh.comm, message)
+
+    def _parts_of(self, kind: str, t: float) -> Iterable[Part]:
+        """Loads or supports of one of the kinds, one after the other."""
+        if kind == "an eigenstrain":
+            strains = self._bodies.strains(t)
+            places = np.zeros((3, 0))
+            return (
+                Part(f"eigenstrain of tag {tag}", np.atleast_1d(e), places) for tag, e in strains
+            )
+        containers = self.dirichlet, self._loads, self._surface, self.rigid
+        return containers[KINDS.index(kind)].parts(t)
 
     def as_given(self, t: float) -> bool:
         """Whether the present ray has the loads at ``t`` that were given for it; collective."""
