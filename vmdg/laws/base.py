@@ -349,6 +349,34 @@ def work_gradient(law: Law, update: Update, trial: Array, *known: Array | float)
     return gradient
 
 
+#: Gap at which a bond is gone for certain, relative to strength/H.
+_FAR = 1e6
+
+
+def separation(law: Law, d: int, axis: int) -> tuple[Array, Array]:
+    """Strength, MPa, and energy G_c, N/mm, of an opening or a shear of bonds, each (n,) or (1,).
+
+    By one return map to a gap at which every law that softens has lost its bond: the damage work of
+    a step is the integral of the resistance along its gap, whatever the law.
+
+    Args:
+        law: With a bond; parameters that vary are arrays (n,).
+        d: 2 or 3.
+        axis: 0 for opening, 1 for shear.
+    """
+    one = np.ones(max((len(value) for value in law.varying.values()), default=1))
+    direction = np.zeros((len(one), d))
+    direction[:, axis] = 1.0
+    use = law.utilization(*((one, 0.0 * one) if axis == 0 else (0.0 * one, one)))
+    strength, H = 1.0 / use, law.softening_modulus * one
+    r = 4.0 * H
+    load = (strength + r * _FAR * strength / H)[:, None] * direction
+    normal = np.zeros_like(direction)
+    normal[:, 0] = 1.0
+    update = law.return_map(load, normal, np.zeros_like(normal), np.zeros(len(one)), r)
+    return strength, update.damage_work
+
+
 #: Parameters of laws that must be positive, and what they are or what else to use.
 _POSITIVE = {
     **dict.fromkeys(
