@@ -26,6 +26,9 @@ WEAKEST, USUAL = 1e-8, 0.1
 #: Critical gap relative to the size of the mesh.
 WIDEST = 10.0
 
+#: |tau_s| relative to H from which on what H costs in digits is told.
+LOSSY = 1e-3
+
 #: Load factors at which it is asked whether loads change, and the place of one between two.
 MOST_SAMPLES, BETWEEN = 5, 0.382
 
@@ -313,5 +316,11 @@ def _check_softening(comm: MPI.Comm, active: ActiveInterface) -> bool:
             f"would break faster than the element can unload. Refine the facet from {extent[f]:.3g}"
             f" to below {extent[f] * share[f]:.3g} mm, or raise the critical gap{SAME_UNITS}"
         )
+        if share[f] < LOSSY:
+            # T = {P.N} + r (g - zeta), r = 2 H: openings are rounded as displacements are.
+            message += (
+                f" Tractions lose {-np.log10(share[f]):.0f} of their 16 digits, which no tolerance "
+                "knows: residuals cannot be as small as elsewhere"
+            )
     warn_together(comm, message)
     return worst < 1 / SUSPICIOUS_RATIO

@@ -71,7 +71,7 @@ class Parts(NamedTuple):
 
 def in_words(parts: Sequence[LoosePart]) -> str:
     """The bodies that parts are of, for messages."""
-    tags = [str(tag) for tag in dict.fromkeys(tag for part in parts for tag in part.tags)]
+    tags = [str(tag) for tag in sorted({tag for part in parts for tag in part.tags})]
     listed = ", ".join(tags[:MOST_TAGS]) + (", ..." if len(tags) > MOST_TAGS else "")
     noun = f"tag{'s' if len(tags) > 1 else ''} {listed}"
     return f"the body of {noun}" if len(parts) == 1 else f"{len(parts)} bodies of {noun}"
