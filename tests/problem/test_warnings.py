@@ -167,7 +167,8 @@ def test_process_zone_of_a_film(comm):
 
 def test_process_zone_of_large_bodies(comm):
     """E' G_c/P_c^2, with E' between those of both sides; warned of once."""
-    tagged = blocks(comm, "triangle", (3, 3, 3), length=60.0, height=30.0, interface=(30.0, 30.0))
+    size = {"length": 120.0, "height": 60.0, "interface": (60.0, 60.0)}
+    tagged = blocks(comm, "triangle", (6, 6), **size)
     soft, stiff = vmdg.NeoHookean(E=1e3, nu=0.3), vmdg.NeoHookean(E=4e3, nu=0.3)
 
     def problem(strength: float) -> vmdg.Problem:
@@ -181,6 +182,10 @@ def test_process_zone_of_large_bodies(comm):
     length = 2 / (1 / 1e3 + 1 / 4e3) / (1 - 0.3**2) * 0.5 / 15.0**2
     expect(problem(15.0), f"{length:.3g} mm or less, E' G_c/P_c^2", "interface 0 (between=(1, 2))")
     assert not told(problem(5.0))
+    # Two facets make a bar that breaks at once.
+    tagged = blocks(comm, "triangle", (6, 2), **size)
+    assert not told(problem(15.0))
+    tagged = blocks(comm, "triangle", (6, 6), **size)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         one = problem(15.0)
@@ -230,6 +235,8 @@ def test_no_load_that_changes(comm):
     """The same row again and again; one of them is a problem as any other."""
     expect(moved(comm, 1e-3), "no load depends on the load factor: all 2 steps end in the same")
     assert not told(moved(comm, 1e-3), loads=[1.0])
+    assert not told(moved(comm, lambda t: 1e-3 * min(t, 0.5)))
+    assert not told(moved(comm, 1e-3), loads=[1.0, 1.0])
     assert not told(moved(comm, 1e-3, eigenstrain={1: lambda t: 1e-4 * t}))
     # Equal at all load factors that are given, not between them.
     assert not told(moved(comm, lambda t: 1e-3 * np.sin(2 * np.pi * t)), loads=[1.0, 2.0, 3.0])

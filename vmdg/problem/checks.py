@@ -195,7 +195,7 @@ def _check_bonds(problem: Problem, loads: NDArray[np.float64]) -> None:
 
 def _check_programme(problem: Problem, loads: NDArray[np.float64]) -> None:
     """Warn of a run in which nothing is loaded, or nothing changes from row to row."""
-    loaded, changes = problem.loading.programme(_samples(loads))
+    loaded, changes = problem.loading.programme(_samples(problem.t, loads))
     message = None
     if not loaded and not global_any(problem.comm, bool(problem.u.x.array.any())):
         message = (
@@ -203,7 +203,7 @@ def _check_programme(problem: Problem, loads: NDArray[np.float64]) -> None:
             f"load factors {loads[0]:.6g} to {loads[-1]:.6g}. Give a load that depends on the load "
             "factor, problem.dirichlet(facets, lambda t: 0.1 * t, 'x') for example"
         )
-    elif not changes and len(loads) > 1 and not _moves_by_itself(problem):
+    elif not changes and len(set(loads)) > 1 and not _moves_by_itself(problem):
         message = (
             f"no load depends on the load factor: all {len(loads)} steps end in the same state. "
             "Give the one that grows as a function, lambda t: 0.1 * t in place of 0.1, or a single "
@@ -212,10 +212,11 @@ def _check_programme(problem: Problem, loads: NDArray[np.float64]) -> None:
     warn_together(problem.comm, message)
 
 
-def _samples(loads: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Some of many load factors, and one between the first two."""
+def _samples(start: float, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The present load factor, some of those to reach, and one between the first two."""
     some = loads[np.unique(np.linspace(0, len(loads) - 1, MOST_SAMPLES).astype(int))]
-    return some if len(loads) < 2 else np.append(some, loads[0] + BETWEEN * (loads[1] - loads[0]))
+    between = loads[0] + BETWEEN * np.diff(loads[:2])
+    return np.concatenate([[start], some, between])
 
 
 def _moves_by_itself(problem: Problem) -> bool:

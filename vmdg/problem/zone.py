@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
 from ..assembly.space import node_pieces
-from ..base.parallel import global_sum
+from ..base.parallel import global_box, global_sum
 from ..domain.moduli import RegionExpressions
 from ..domain.shapes import GeometryMap, determinants
 from ..forms import kinematics
@@ -48,6 +48,9 @@ from ..laws.base import separation
 from .problem import Problem
 
 Array = NDArray[np.float64]
+
+#: Facets along an interface below which no crack is meant to grow along it.
+FACETS = 4
 
 #: Strength relative to E' of bonds that are meant never to break.
 STRONG = 0.1
@@ -95,10 +98,14 @@ def _zones(problem: Problem, number: int, facets: InterfaceFacets, E: Array) -> 
     thinner = slender.argmin(axis=1)[:, None]
     narrow = np.take_along_axis(slender, thinner, axis=1)[:, 0]
     t = np.take_along_axis(t, thinner, axis=1)[:, 0]
-    # No crack grows where there is no bond, nor in one that is as strong as bodies are stiff.
+    # No crack grows where there is no bond, in one that is as strong as bodies are stiff, nor along
+    # a few facets, which break at once: the cross section of a bar.
     never = (facets.damage >= 1) | (ends[0][0] > STRONG * both.min(axis=1, initial=np.inf))
+    corners = _corners(problem.mesh, facets.facets)
+    edges = _shortest_edges(corners)
+    low, high = global_box(problem.comm, corners.reshape(-1, 3))
+    never |= edges * FACETS > (high - low).max()
     found = np.where(never, np.inf, np.minimum(wide, narrow))
-    edges = _shortest_edges(problem.mesh, facets.facets)
     return Zones(found, np.where(narrow < wide, t, np.inf), edges)
 
 
@@ -167,11 +174,16 @@ def _cell_moments(mesh: Mesh, owned: int) -> Array:
     return np.column_stack([dV.sum(axis=1), first, second.reshape(len(dV), -1)])
 
 
-def _shortest_edges(mesh: Mesh, facets: NDArray[np.int32]) -> Array:
-    """Of facets (nf,) [mm]."""
+def _corners(mesh: Mesh, facets: NDArray[np.int32]) -> Array:
+    """Of facets (nf, corners, 3) [mm]."""
     dim = mesh.topology.dim - 1
-    corners = len(basix.geometry(basix.cell.subentity_types(mesh.basix_cell())[dim][0]))
-    X = mesh.geometry.x[entities_to_geometry(mesh, dim, facets)[:, :corners]]
-    apart = np.linalg.norm(X[:, :, None] - X[:, None], axis=3)
-    apart[:, np.arange(corners), np.arange(corners)] = np.inf
+    count = len(basix.geometry(basix.cell.subentity_types(mesh.basix_cell())[dim][0]))
+    return mesh.geometry.x[entities_to_geometry(mesh, dim, facets)[:, :count]]
+
+
+def _shortest_edges(corners: Array) -> Array:
+    """Of facets (nf,) [mm]."""
+    apart = np.linalg.norm(corners[:, :, None] - corners[:, None], axis=3)
+    itself = np.arange(corners.shape[1])
+    apart[:, itself, itself] = np.inf
     return apart.min(axis=(1, 2), initial=np.inf)
