@@ -22,7 +22,6 @@ from ..assembly.discretization import Discretization
 from ..assembly.loads import DeadLoads
 from ..assembly.means import lattice_of
 from ..assembly.rigid import RigidFaces
-from ..assembly.space import at_owners
 from ..assembly.surface import Share
 from ..assembly.values import Part, Value, not_finite, value_at
 from ..base.agreement import together
@@ -451,15 +450,6 @@ class Loading:
             self._vector = self._vector_at(t) if ray is None else ray.at(ray.vectors, t)
         return self._vector + self._surface.load_vector() if self.pressurised else self._vector
 
-    def forces(self, t: float) -> Array:
-        """All loads at load factor ``t`` and the present displacement, on owned dofs, as they were
-        given; collective [N]."""
-        now = self.t
-        self.move(t)
-        forces = at_owners(self._discretization.space, self.vector.copy())
-        self.move(now)
-        return forces
-
     def _vector_at(self, t: float) -> Array:
         """Dead loads that were given for load factor ``t``."""
         if not self._loads:
@@ -567,30 +557,16 @@ class Loading:
         self._ray, self._vector = ray, None
         return True
 
-    def programme(self, factors: Iterable[float]) -> tuple[bool, bool]:
-        """Whether anything is given that is not zero at some load factors, and whether anything
-        changes between them; collective."""
-
-        def given() -> list[list[Array]]:
-            return [[part(float(t)) for part in self._given_parts] for t in factors]
-
-        comm = self._mesh.comm
-        rows = together(comm, given)
-        loaded = any(part.any() for row in rows for part in row)
-        changes = any(
-            (part != first).any() for row in rows for part, first in zip(row, rows[0], strict=True)
-        )
-        return global_any(comm, loaded), global_any(comm, changes)
-
-    def check_finite(self, t: float) -> None:
-        """Refuse loads and eigenstrains at load factor ``t`` that are not finite; collective.
+    def check_finite(self, t: float) -> list[Array]:
+        """What is given for load factor ``t``: displacements, loads, pressures, rigid faces and
+        eigenstrains; collective.
 
         Raises:
-            ValueError: a prescribed displacement, load, pressure or eigenstrain is not.
+            ValueError: one of them is not finite.
         """
-        self._refuse_infinite(
-            t, together(self._mesh.comm, lambda: [part(t) for part in self._given_parts])
-        )
+        values = together(self._mesh.comm, lambda: [part(t) for part in self._given_parts])
+        self._refuse_infinite(t, values)
+        return values
 
     def _refuse_infinite(self, t: float, values: Sequence[Array]) -> None:
         message = None

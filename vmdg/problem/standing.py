@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 from scipy.sparse import coo_array, csr_array, eye_array, hstack
 
+from ..assembly.space import at_owners
 from ..base.parallel import global_sum
 from ..domain.geometry import rigid_motions
 from ..interface.active import ActiveInterface
@@ -47,7 +48,7 @@ def falling(
         t: Load factor.
     """
     comm = problem.comm
-    forces = problem.loading.forces(t)
+    forces = _forces(problem, t)
     every = np.arange(len(forces), dtype=np.int32)
     owner, motions = motions_at(problem, parts.label, parts.names, every)
     load = np.zeros(parts.gram.shape[:2])
@@ -60,6 +61,15 @@ def falling(
         pairs, works = (np.concatenate(arrays) for arrays in zip(*columns, strict=True))
         found = {int(name) for name in parts.names[_left_over(parts.gram, load, pairs, works)]}
     return comm.bcast(found)
+
+
+def _forces(problem: Problem, t: float) -> Array:
+    """All loads at a load factor and the present displacement, on owned dofs; collective [N]."""
+    loading, now = problem.loading, problem.t
+    loading.move(t)
+    forces = at_owners(problem.space, loading.vector.copy())
+    loading.move(now)
+    return forces
 
 
 def _between(
