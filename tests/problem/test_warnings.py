@@ -103,13 +103,13 @@ FALLS = {
 }
 
 
-@pytest.mark.parametrize(("dim", "load"), product((2, 3), STANDS))
+@pytest.mark.parametrize(("dim", "load"), list(product((2, 3), STANDS)))
 def test_wall_that_stands(comm, dim, load):
     """Bricks that are pressed on each other need no bond: nothing to warn of."""
     assert not told(wall(comm, dim, MORTAR, STANDS[load]))
 
 
-@pytest.mark.parametrize(("dim", "load"), product((2, 3), FALLS))
+@pytest.mark.parametrize(("dim", "load"), list(product((2, 3), FALLS)))
 def test_wall_that_falls(comm, dim, load):
     """One warning for all bricks that come free, and for no others."""
     lift, words = FALLS[load]
