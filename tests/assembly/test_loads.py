@@ -135,7 +135,11 @@ def test_cantilever_under_a_point_load(comm):
 POINT_LOADS = {
     "facets": (lambda s: (s.facet_tags.find(1), 1.0, "x"), TypeError, "must be a predicate"),
     "nowhere": (lambda s: (at(7, 7), 1.0, "x"), ValueError, "no node is selected on any rank"),
-    "interface": (lambda s: (at(1, 0), 1.0, "x"), ValueError, "lies on Interface.* beside it"),
+    "interface": (
+        lambda s: (at(1, 0), 1.0, "x"),
+        ValueError,
+        r"lies on interface 0 \(between=.* beside it",
+    ),
     "one number": (lambda s: (at(2, 0), 1.0, None), ValueError, r"shape \(\), expected \(2,\)"),
     "f(x, t)": (lambda s: (at(2, 0), lambda x, t: x[0], "x"), ValueError, "number, array or f"),
 }

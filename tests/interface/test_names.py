@@ -67,5 +67,5 @@ def test_problem_and_pictures(comm):
     assert len(problem.state["interface_0"].weights) == 0
     with pytest.raises(ValueError, match="no interface 'fibre'"):
         problem.mean("fibre")
-    with pytest.raises(ValueError, match=r"interface 0, .*are both called 'interface_1'"):
+    with pytest.raises(ValueError, match=r"interface 0 \(between=.*are both called 'interface_1'"):
         vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [named("interface_1"), cracks])

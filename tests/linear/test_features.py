@@ -136,6 +136,7 @@ def test_where_it_is_cheaper(comm):
     assert "too many" in why
 
 
+@pytest.mark.filterwarnings("ignore:nothing is loaded")
 def test_summary(comm, capsys):
     """Quiet by default; with a progress bar rank 0 prints a line for every switch."""
     scene = two_blocks(comm, "quadrilateral")

@@ -17,14 +17,14 @@ STRENGTH, G_C, WIDTH, A_0, H = 20.0, 0.3, 5.0, 10.0, 1.0
 LAW = vmdg.Debonding(strength=STRENGTH, critical_gap=2 * G_C / STRENGTH)
 
 
-@pytest.fixture(scope="module")
-def opened():
+def cantilever(**options) -> vmdg.History:
     """A cantilever of degree 2 opened until the crack has run 3 mm, about; its history."""
     tagged = beams(
         MPI.COMM_WORLD, "quadrilateral", (0.0, 8.0, A_0, 18.0, 24.0), (8, 8, 32, 6), H, 2, A_0
     )
     body = vmdg.NeoHookean(E=50e3, nu=0.3)
-    bond = vmdg.Interface(tagged.facet_tags.find(INTERFACE), law=LAW, name="bond")
+    facets = tagged.facet_tags.find(INTERFACE)
+    bond = vmdg.Interface(facets, law=LAW, name="bond", **options)
     problem = vmdg.Problem(
         tagged.mesh,
         tagged.cell_tags,
@@ -47,6 +47,26 @@ def opened():
     )
     assert crack.length == result.history["crack"][-1]
     return result.history
+
+
+@pytest.fixture(scope="module")
+def opened():
+    """Of the whole bond."""
+    return cantilever()
+
+
+def test_initial_damage(opened):
+    """A crack that is there by damage counts from the start, without another word; of a bond that
+    is half gone the crack needs (1 - d)^2 of the energy, and what was gone counts no crack."""
+    ahead = 2.0
+    given = cantilever(initial_damage=lambda x: np.where(x[0] < A_0 + ahead, 1.0, 0.0))
+    assert given["crack"][0] == pytest.approx(A_0 + ahead, abs=0.3)
+    weak = cantilever(initial_damage=0.5)
+    assert weak["crack"][0] == pytest.approx(opened["crack"][0], abs=0.3)
+    assert 0 < weak["zone"][-1] < 4 * opened["zone"][-1]
+    running = (weak["crack"] > A_0 + 1) & (weak["crack"] < A_0 + 6)
+    assert running.sum() > 2
+    assert weak["resistance"][running] == pytest.approx(0.25 * G_C, rel=0.05)
 
 
 def test_length(opened):

@@ -176,7 +176,7 @@ def test_folder_of_fields_that_cannot_be(comm, out):
 
 
 GONE = """
-import shutil, sys
+import resource, shutil, signal, sys
 from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import patch
@@ -185,23 +185,28 @@ from mpi4py import MPI
 from vmdg.meshes import blocks
 
 comm, folder = MPI.COMM_WORLD, Path(sys.argv[1])
-mesh, cells, _ = blocks(comm, "quadrilateral", (4, 4))
+n = 60 if sys.argv[2] == "midway" else 4
+mesh, cells, _ = blocks(comm, "quadrilateral", (n, n))
 bond = vmdg.Interface(between=(1, 2), law=vmdg.Debonding(10.0, 0.1))
 body = vmdg.NeoHookean(E=1e3, nu=0.3)
 problem = vmdg.Problem(mesh, cells, {1: body, 2: body}, [bond])
 fields = vmdg.FieldWriter(problem, folder)
 fields.write(0.0)
+full = patch("shutil.disk_usage", shutil.disk_usage)
 if sys.argv[2] == "gone":
     comm.barrier()
     if comm.rank == 0:
         shutil.rmtree(folder)
     comm.barrier()
-    full = patch("shutil.disk_usage", shutil.disk_usage)
+elif sys.argv[2] == "midway":
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (9_000_000, 9_000_000))
 else:
     full = patch("shutil.disk_usage", lambda path: SimpleNamespace(free=0))
 with full:
     try:
-        fields.write(1.0)
+        for t in range(1, 20 if sys.argv[2] == "midway" else 2):
+            fields.write(float(t))
     except OSError as error:
         print("told:", error, flush=True)
 fields.close()
@@ -209,17 +214,37 @@ print("end", flush=True)
 """
 
 
+def run_gone(folder: Path, what: str, ranks: int) -> subprocess.CompletedProcess:
+    """The script above, on ranks of its own."""
+    root = str(Path(__file__).resolve().parents[2])
+    path = os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])
+    command = ["mpirun", "-n", str(ranks), sys.executable, "-c", GONE, str(folder), what]
+    environment = os.environ | {"PYTHONPATH": path}
+    return subprocess.run(
+        command, env=environment, capture_output=True, text=True, check=False, timeout=120
+    )
+
+
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own ranks")
 @pytest.mark.parametrize("ranks", [1, 2])
 @pytest.mark.parametrize(("what", "words"), [("gone", "was removed"), ("full", "the disk is full")])
 def test_disk_fails(tmp_path, what, words, ranks):
     """A clear error on every rank, and the process ends as it should."""
-    root = str(Path(__file__).resolve().parents[2])
-    path = os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])
-    command = ["mpirun", "-n", str(ranks), sys.executable, "-c", GONE, str(tmp_path / "f"), what]
-    environment = os.environ | {"PYTHONPATH": path}
-    done = subprocess.run(
-        command, env=environment, capture_output=True, text=True, check=False, timeout=120
-    )
+    done = run_gone(tmp_path / "f", what, ranks)
     assert done.returncode == 0, done.stderr[-2000:]
     assert done.stdout.count(words) == done.stdout.count("end") == ranks
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own ranks")
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_disk_that_gets_full_midway(tmp_path, ranks):
+    """What writes knows, and not before: an error alone, the end of the job on several ranks."""
+    done = run_gone(tmp_path / "f", "midway", ranks)
+    if ranks == 1:
+        assert done.returncode == 0, done.stderr[-2000:]
+        assert "told: fields in" in done.stdout
+        assert "cannot be written" in done.stdout
+    else:
+        assert done.returncode != 0
+        assert "couldn't write to file" in done.stderr
+        assert "the job ends on all ranks" in done.stderr

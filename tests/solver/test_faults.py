@@ -174,10 +174,20 @@ def test_load_that_is_not_finite(comm, kind):
     problem.dirichlet(right, square if kind == "displacement" else 0.0)
     bottom = lambda x: np.isclose(x[1], 0)  # noqa: E731
     if kind == "load":
+        problem.traction(lambda x: np.isclose(x[1], 1), lambda t: (0.0, t))
         problem.traction(bottom, lambda t: (0.0, square(t)))
     elif kind == "pressure":
+        problem.pressure(lambda x: np.isclose(x[1], 1), lambda x, t: t + 0 * x[0])
         problem.pressure(bottom, square)
-    with pytest.raises(ValueError, match=f"{kind} is not finite at load factor 0.03"):
+    call = {
+        "displacement": r"call 2 of dirichlet, with a point at \[2.0, ",
+        "load": r"call 2 of traction, with a point at \[\S+ [0.]+\d*, 0.0\]",
+        "pressure": r"call 2 of pressure, with a point at \[\S+ 0.0, 0.0\]",
+        "eigenstrain": "eigenstrain of tag 1",
+    }
+    with pytest.raises(
+        ValueError, match=rf"{kind} \({call[kind]}.*\) is not finite at load factor 0.03"
+    ):
         vmdg.solve(problem, LOADS)
     assert problem.t == 0.02
     assert np.isfinite(problem.u.x.array).all()

@@ -118,7 +118,7 @@ def test_programmes(comm, name, unloading, kinematics, steps):
 
 @settings(max_examples=8)
 @given(
-    knots=st.lists(st.integers(-2, 12), min_size=2, max_size=5),
+    knots=st.lists(st.integers(-2, 12), min_size=2, max_size=5).filter(any),
     unloading=st.sampled_from(["plastic", "secant"]),
     kinematics=st.sampled_from(["small", "finite"]),
     steps=st.integers(4, 20),
@@ -290,7 +290,7 @@ def test_a_proportional_solution_costs_no_more_in_five_steps_than_in_one(comm):
         )
         bond = vmdg.Interface(
             between=(1, 2),
-            law=vmdg.Debonding(strength=1e3, critical_gap=1e-4),
+            law=vmdg.Debonding(strength=1e3, critical_gap=1e-3),
             initial_damage=lambda x: np.where(x[1] > 0.5, 1.0, 0.0),
         )
         bodies = {1: vmdg.NeoHookean(E=200e3, nu=0.25), 2: vmdg.NeoHookean(E=100e3, nu=0.3)}

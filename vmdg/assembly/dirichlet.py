@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +14,8 @@ from ufl.core.expr import Expr
 from .. import compat
 from ..base.parallel import global_sum, raise_together
 from ..base.tables import rounded
-from ..domain.topology import Locator, checked_facets
-from .values import Value, first_value, takes_points, value_at
+from ..domain.topology import Locator, checked_facets, located
+from .values import Part, Value, first_value, takes_points, value_at
 
 Where = ArrayLike | Locator
 
@@ -32,7 +33,9 @@ def find_boundary_facets(mesh, where: Where, what: str) -> NDArray[np.int32]:
         ValueError: nothing is selected on any rank, or a facet does not exist.
     """
     if callable(where):
-        facets = locate_entities_boundary(mesh, mesh.topology.dim - 1, where)
+        dim = mesh.topology.dim - 1
+        mesh.topology.create_connectivity(dim, dim + 1)
+        facets = located(mesh, lambda f: locate_entities_boundary(mesh, dim, f), where, what)
     else:
         facets = checked_facets(mesh, where, what)
     if global_sum(mesh.comm, len(facets)) == 0:
@@ -40,10 +43,14 @@ def find_boundary_facets(mesh, where: Where, what: str) -> NDArray[np.int32]:
     return facets
 
 
-def nodes_where(space: fem.FunctionSpace, where: Locator) -> NDArray[np.int32]:
+def nodes_where(space: fem.FunctionSpace, where: Locator, what: str) -> NDArray[np.int32]:
     """Local nodes of cells by a predicate on the coordinates (3, n), block numbers; those of means
-    lie nowhere."""
-    nodes = fem.locate_dofs_geometrical(space, where)
+    lie nowhere; collective."""
+
+    def find(marker: Locator) -> NDArray[np.int32]:
+        return fem.locate_dofs_geometrical(space, marker)
+
+    nodes = located(space.mesh, find, where, what)
     return nodes[np.isin(nodes, space.dofmap.list)]
 
 
@@ -53,7 +60,7 @@ def find_nodes(space: fem.FunctionSpace, where: Locator, what: str) -> NDArray[n
     Raises:
         ValueError: no node is selected on any rank.
     """
-    nodes = nodes_where(space, where)
+    nodes = nodes_where(space, where, what)
     if global_sum(space.mesh.comm, len(nodes)) == 0:
         raise ValueError(f"{what}: no node is selected on any rank")
     return nodes
@@ -207,6 +214,11 @@ class DirichletConditions:
             result[np.searchsorted(self.dofs, dofs)] = values
         result[np.searchsorted(self.dofs, self._zeros)] = 0
         return result
+
+    def parts(self, t: float) -> Iterator[Part]:
+        """What every condition gives at load factor ``t``."""
+        for condition in self._conditions:
+            yield Part(condition.what, condition.at(t, self._d)[1], condition.points)
 
     def conflict(self, t: float) -> str | None:
         """Two conditions that give a dof different values at load factor ``t``, in words.

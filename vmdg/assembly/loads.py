@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import ufl
 from dolfinx import fem
+from dolfinx.mesh import compute_midpoints
 from numpy.typing import NDArray
 from ufl.algorithms import extract_arguments, extract_coefficients
 from ufl.core.expr import Expr
@@ -19,7 +21,7 @@ from ..domain.topology import boundary_rows
 from ..forms.geometry import Geometry
 from .dirichlet import component_index
 from .rigid import RigidFace
-from .values import Value, check_resultant, first_value, takes_points, value_at
+from .values import Part, Value, check_resultant, first_value, takes_points, value_at
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,7 @@ class _Load:
         value: What the user gave.
         points: Where ``value`` is f(x, t): the nodes (3, n) at which it is evaluated, else None.
         dofs: Nodes of ``density`` that belong to ``points``.
+        what: By which call it was given.
     """
 
     entities: NDArray[np.int32]
@@ -39,6 +42,7 @@ class _Load:
     value: Value | Expr
     points: NDArray[np.float64] | None = None
     dofs: NDArray[np.int32] | None = None
+    what: str = ""
 
     def update(self, t: float) -> None:
         """Set the density to load factor ``t``; a UFL expression knows it already."""
@@ -61,11 +65,13 @@ class _Force:
         dofs: Component-wise numbers of owned nodes (n, components).
         spread: Forces on them by the components of the value (n, components, components).
         value: What the user gave.
+        what: By which call.
     """
 
     dofs: NDArray[np.int32]
     spread: NDArray[np.float64]
     value: Value
+    what: str
 
 
 class DeadLoads:
@@ -125,7 +131,7 @@ class DeadLoads:
         components = np.arange(self._d) if index is None else np.array([index])
         owned = nodes[nodes < self._space.dofmap.index_map.size_local]
         spread = np.broadcast_to(np.eye(len(components)), (len(owned), *2 * components.shape))
-        self._forces.append(_Force(owned[:, None] * self._d + components, spread, value))
+        self._forces.append(_Force(owned[:, None] * self._d + components, spread, value, what))
 
     def add_face_load(self, face: RigidFace, value: Value) -> None:
         """Force [N] at the point of a rigid face.
@@ -135,7 +141,7 @@ class DeadLoads:
         """
         shapes = [(self._d,)] if face.component is None else [(), (1,)]
         check_resultant(self._mesh.comm, value, shapes, "rigid_face")
-        self._forces.append(_Force(face.dofs, face.spread, value))
+        self._forces.append(_Force(face.dofs, face.spread, value, "rigid_face"))
 
     def _load(
         self,
@@ -149,11 +155,11 @@ class DeadLoads:
         self._form = None
         if isinstance(value, Expr):
             self._check_expression(value, what)
-            return _Load(entities, value, value)
+            return _Load(entities, value, value, what=what)
         if not takes_points(value, what):
             initial = first_value(self._mesh.comm, value, what)
             self._check_shape(initial.shape, [(self._d,)], what)
-            return _Load(entities, fem.Constant(self._mesh, initial), value)
+            return _Load(entities, fem.Constant(self._mesh, initial), value, what=what)
         if self._nodes is None:
             degree = self._space.ufl_element().degree
             self._nodes = fem.functionspace(self._mesh, ("Lagrange", degree, (self._d,)))
@@ -162,7 +168,7 @@ class DeadLoads:
         points = self._nodes.tabulate_dof_coordinates()[dofs].T
         shape = first_value(self._mesh.comm, value, what, points).shape
         self._check_shape(shape, [(self._d,), (self._d, len(dofs))], what)
-        return _Load(entities, fem.Function(self._nodes), value, points, dofs)
+        return _Load(entities, fem.Function(self._nodes), value, points, dofs, what)
 
     def _check_shape(
         self, shape: tuple[int, ...], allowed: list[tuple[int, ...]], what: str
@@ -185,6 +191,24 @@ class DeadLoads:
                 "displacement; problem.pressure(facets, value) is a load that does, "
                 "problem.spring(facets, stiffness) one in proportion to it"
             )
+
+    def parts(self, t: float) -> Iterator[Part]:
+        """What every load gives at load factor ``t``, expressions of UFL aside."""
+        dim, x = self._mesh.topology.dim, self._space.tabulate_dof_coordinates()
+        loads = [
+            *((load, 2) for load in self._tractions),
+            *((load, 1) for load in self._body_forces),
+        ]
+        for load, columns in loads:
+            if isinstance(load.value, Expr) and not isinstance(load.value, fem.Constant):
+                continue
+            value, places = value_at(load.value, t, load.points), load.points
+            if places is None:
+                places = compute_midpoints(self._mesh, dim, load.entities[:columns:columns]).T
+            yield Part(load.what, np.atleast_2d(value).T, places)
+        for force in self._forces:
+            value = np.atleast_2d(value_at(force.value, t))
+            yield Part(force.what, value, x[force.dofs[:1, 0] // self._d].T)
 
     def vector(self, t: float) -> NDArray[np.float64]:
         """Load vector at load factor ``t`` over local dofs; ghosts still to be added to owners."""

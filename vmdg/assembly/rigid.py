@@ -11,6 +11,7 @@ Nodal forces f then balance in the sum, (T.Z)^T.f = 0, no longer node by node.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -22,7 +23,7 @@ from ..base.parallel import global_sum
 from ..domain.geometry import rigid_motions
 from ..forms.geometry import Axisymmetric, Geometry
 from .dirichlet import component_index
-from .values import Value, check_resultant, value_at
+from .values import Part, Value, check_resultant, value_at
 
 Array = NDArray[np.float64]
 
@@ -205,6 +206,14 @@ class RigidFaces:
         """Prescribed displacements at load factor ``t``, of one point after the other [mm]."""
         given = (np.broadcast_to(value_at(f.value, t), len(f.place)) for f in self._led)
         return np.concatenate([np.zeros(0), *given])
+
+    def parts(self, t: float) -> Iterator[Part]:
+        """What is prescribed of every face at load factor ``t``."""
+        for face in self.faces:
+            node = face.dofs[:1].ravel()[:1] // self._d
+            value = np.zeros(1) if face.value is None else np.atleast_1d(value_at(face.value, t))
+            x = np.pad(self._x[node], ((0, 0), (0, 3 - self._d)))
+            yield Part("rigid_face", value[None], x.T)
 
     def displacements(self) -> Array:
         """Displacements now of the points of :meth:`values`; collective [mm]."""

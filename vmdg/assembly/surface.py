@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -25,7 +25,7 @@ from ..interface.active import ActiveInterface
 from ..interface.fluid import Fluid
 from .dirichlet import ROUNDING
 from .space import at_owners
-from .values import Value, first_value, takes_points, value_at
+from .values import Part, Value, first_value, takes_points, value_at
 
 Array = NDArray[np.float64]
 
@@ -81,6 +81,7 @@ class _Pressure:
         value: What the user gave.
         points: Where it is evaluated if it is f(x, t), (3, n), else None.
         dofs: Of ``function`` at the points.
+        places: Where these are (3, n).
         fluid: Between lips; None on the boundary.
     """
 
@@ -89,6 +90,7 @@ class _Pressure:
     value: Value
     points: Array | None
     dofs: NDArray[np.int32]
+    places: Array
     fluid: Fluid | None = None
 
     def at(self, t: float) -> Array:
@@ -174,7 +176,7 @@ class Surface:
             ValueError: value or share have the wrong shape, or the interface has a pressure.
         """
         if active in self.fluids:
-            raise ValueError(f"pressure: {active.interface} has a pressure already; add them up")
+            raise ValueError(f"pressure: {active.facets.label} has a pressure already; add them up")
         active.fluid.share = self._share(active, debonded, share)
         quadrature, p = active.quadrature, active.fluid.pressure
         eta, N = ufl.TestFunction(self._space), ufl.FacetNormal(self._mesh)("+")
@@ -218,7 +220,7 @@ class Surface:
                 "with one number for each of the points x (3, n), positive where it pushes"
             )
         raise_together(comm, message)
-        self._pressures.append(_Pressure(term, p, value, local, dofs, fluid))
+        self._pressures.append(_Pressure(term, p, value, local, dofs, points, fluid))
 
     def add_spring(self, facets: NDArray[np.int32], stiffness: ArrayLike) -> None:
         """Springs [MPa/mm] on boundary facets.
@@ -288,6 +290,11 @@ class Surface:
     def pressures(self, t: float) -> Array:
         """All pressures at load factor ``t``, wherever fluids are, one after the other [MPa]."""
         return np.concatenate([np.zeros(0), *(pressure.at(t) for pressure in self._pressures)])
+
+    def parts(self, t: float) -> Iterator[Part]:
+        """What every pressure is at load factor ``t``, wherever its fluid is."""
+        for pressure in self._pressures:
+            yield Part("pressure", pressure.at(t), pressure.places)
 
     def set_pressures(self, values: Array) -> None:
         """Take these pressures, ordered as :meth:`pressures` gives them."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
 
 from mpi4py import MPI
 
@@ -13,6 +13,23 @@ from dolfinx import fem
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.parallel import raise_together
+from ..base.tables import rounded
+from ..base.words import at_points
+
+
+class Part(NamedTuple):
+    """What one load or support of the user's gives at a load factor, on this rank.
+
+    Attributes:
+        what: By which call it was given.
+        values: Rows as many as places, or any others.
+        places: Where (3, n), of which one is enough for all; n may be 0.
+    """
+
+    what: str
+    values: NDArray[np.float64]
+    places: NDArray[np.float64]
+
 
 Value = float | ArrayLike | fem.Constant | Callable[..., Any]
 
@@ -66,7 +83,21 @@ def value_at(value: Value, t: float, points: NDArray[np.float64] | None = None) 
         return np.array(value.value)
     if not callable(value):
         return np.asarray(value, dtype=float)
-    return np.asarray(value(t) if points is None else value(points, t), dtype=float)
+    return np.asarray(value(t) if points is None else at_points(value, points, t), dtype=float)
+
+
+def not_finite(parts: Iterable[Part]) -> str:
+    """The first part that is not finite, in words by which its call is found; empty for none."""
+    parts = list(parts)
+    calls = [part.what for part in parts]
+    for i, (what, values, places) in enumerate(parts):
+        bad = np.flatnonzero(~np.isfinite(values).reshape(len(values), -1).all(axis=1))
+        if len(bad):
+            number = f"call {calls[: i + 1].count(what)} of " if calls.count(what) > 1 else ""
+            first = bad[0] if len(values) == places.shape[1] else 0
+            near = f", with a point at {rounded(places.T)[first]}" if places.size else ""
+            return f"{number}{what}{near}"
+    return ""
 
 
 def check_resultant(

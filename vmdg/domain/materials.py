@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Protocol
@@ -143,6 +143,11 @@ class Bodies:
                 value = value.reshape(*value.shape[:-2], 9)
             array[self.cells_of[tag]] = value
         return array.ravel()
+
+    def strains(self, t: float) -> Iterator[tuple[int, NDArray[np.float64]]]:
+        """Tag and eigenstrain at load factor ``t``, as it was given."""
+        for tag, strain in self._eigenstrains.items():
+            yield tag, strain(t)
 
     def set_eigenstrains(self, values: NDArray[np.float64]) -> None:
         """Take eigenstrains, as of :meth:`eigenstrains`."""

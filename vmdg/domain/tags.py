@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from difflib import get_close_matches
+from collections.abc import Mapping
 from typing import TypeVar
 
 import numpy as np
@@ -11,6 +10,7 @@ from dolfinx.mesh import Mesh, MeshTags, meshtags
 from numpy.typing import NDArray
 
 from ..base.parallel import global_any, global_max
+from ..base.words import near
 from .topology import LevelSet, cells_inside, tags_of_cells
 
 #: A group by its tag or by its name.
@@ -80,7 +80,7 @@ def group_tag(group: Group, names: Mapping[str, int], what: str) -> int:
         )
     known = ", ".join(f"{name!r} ({tag})" for name, tag in names.items())
     raise ValueError(
-        f"{what}: no group is called {group!r}; the mesh has {known}{_near(group, names)}"
+        f"{what}: no group is called {group!r}; the mesh has {known}{near(group, names)}"
     )
 
 
@@ -149,9 +149,3 @@ def split_cells(
     values[inside] = tag
     tags = meshtags(mesh, mesh.topology.dim, np.arange(len(values), dtype=np.int32), values)
     return NamedTags(tags, names | {name: tag})
-
-
-def _near(group: str, names: Iterable[str]) -> str:
-    lower = {name.lower(): name for name in names}
-    close = get_close_matches(group.lower(), lower, n=3)
-    return f". Did you mean {' or '.join(repr(lower[name]) for name in close)}?" if close else ""

@@ -9,8 +9,10 @@ from dolfinx import la
 from dolfinx.mesh import Mesh, MeshTags, compute_midpoints
 from numpy.typing import ArrayLike, NDArray
 
+from ..base.agreement import together
 from ..base.parallel import global_box, raise_together
 from ..base.tables import rounded
+from ..base.words import at_points
 
 #: Whether points x (3, n) are meant, n values.
 Locator = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
@@ -82,7 +84,8 @@ def cells_inside(mesh: Mesh, level_set: LevelSet) -> NDArray[np.bool_]:
     cells = mesh.topology.index_map(mesh.topology.dim)
     owned = np.arange(cells.size_local, dtype=np.int32)
     midpoints = compute_midpoints(mesh, mesh.topology.dim, owned).T
-    values = np.asarray(level_set(midpoints), dtype=float)
+    given = together(mesh.comm, lambda: at_points(level_set, midpoints, what="level set: "))
+    values = np.asarray(given, dtype=float)
     message = None
     if values.shape != owned.shape or not np.isfinite(values).all():
         message = (
@@ -95,6 +98,34 @@ def cells_inside(mesh: Mesh, level_set: LevelSet) -> NDArray[np.bool_]:
     inside.array[: cells.size_local] = values < 0
     inside.scatter_forward()
     return inside.array > 0
+
+
+def located(
+    mesh: Mesh, find: Callable[[Locator], NDArray[np.int32]], where: Locator, what: str
+) -> NDArray[np.int32]:
+    """What DOLFINx finds by a user's predicate; what is wrong with it on one rank is raised on all.
+
+    Args:
+        mesh: The mesh.
+        find: Calls DOLFINx with a predicate.
+        where: What the user gave.
+        what: What for, for messages.
+
+    Raises:
+        ValueError: the predicate does not give True or False for every point.
+    """
+
+    def checked(x: NDArray[np.float64]) -> NDArray[np.bool_]:
+        marks = np.asarray(at_points(where, x, what=f"{what}: "))
+        if marks.shape != x.shape[1:] or marks.dtype != bool:
+            raise ValueError(
+                f"{what}: the predicate must give True or False for each of the points x (3, n), "
+                f"for example lambda x: np.isclose(x[0], 0); of {x.shape[1]} points it gives "
+                f"values of shape {marks.shape} and type {marks.dtype}"
+            )
+        return marks
+
+    return together(mesh.comm, lambda: find(checked))
 
 
 def checked_facets(mesh: Mesh, where: ArrayLike, what: str) -> NDArray[np.int32]:

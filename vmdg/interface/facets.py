@@ -13,6 +13,7 @@ from dolfinx.mesh import GhostMode, Mesh, compute_midpoints, locate_entities
 from numpy.typing import NDArray
 
 from ..base.parallel import global_sum, raise_together
+from ..base.words import at_points
 from ..domain.tags import group_tag
 from ..domain.topology import (
     UNTAGGED,
@@ -20,12 +21,13 @@ from ..domain.topology import (
     checked_facets,
     facet_cells,
     local_facets,
+    located,
     mark_everywhere,
     refuse_facets,
 )
 from ..domain.weibull import Weibull
 from ..laws import Law
-from .interface import ALL, Interface
+from .interface import ALL, Interface, PairRule
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,7 @@ class InterfaceFacets:
         everywhere: The same interface with the facets of other ranks known here (ghosts).
         damage: Of the bond at the start (nf,), 1 where it is gone.
         law: On these facets: parameters that vary are arrays (nf,).
+        label: What messages call the interface.
     """
 
     facets: NDArray[np.int32]
@@ -49,6 +52,7 @@ class InterfaceFacets:
     everywhere: NDArray[np.int32]
     damage: NDArray[np.float64]
     law: Law
+    label: str
 
     def among(self, mark: NDArray[np.bool_]) -> InterfaceFacets:
         """The facets that are marked, ``mark`` given for all local facets of the mesh."""
@@ -61,6 +65,7 @@ class InterfaceFacets:
             self.everywhere[mark[self.everywhere]],
             self.damage[keep],
             self.law.at(keep),
+            self.label,
         )
 
     def rows(self, select: NDArray[np.bool_]) -> NDArray[np.int32]:
@@ -98,6 +103,7 @@ def find_facets(
     cell_tags: NDArray[np.int32],
     interface: Interface,
     names: Mapping[str, int] | None = None,
+    label: str | None = None,
 ) -> InterfaceFacets:
     """Select the facets of an interface and decide their sides.
 
@@ -110,12 +116,13 @@ def find_facets(
         cell_tags: Tag of every local cell, ghosts included.
         interface: The user's description.
         names: Tag by name of the groups of cells.
+        label: What messages call the interface; None for its name or place.
 
     Raises:
         ValueError: a facet is not interior, a tag is unknown, nothing is selected, or the initial
             damage or a parameter of the law has no value, or one out of range, on a facet.
     """
-    comm = mesh.comm
+    comm, label = mesh.comm, label or str(interface)
     fdim = mesh.topology.dim - 1
     pairs = facet_cells(mesh)
     interior = (pairs >= 0).all(axis=1)
@@ -125,23 +132,24 @@ def find_facets(
     groups = () if several else interface.between or ()
     if interface.within is not None:
         groups = (interface.within,)
-    wanted = [group_tag(group, names or {}, f"{interface}") for group in groups]
+    wanted = [group_tag(group, names or {}, label) for group in groups]
     for tag in wanted:
         if tag not in known:
-            raise ValueError(f"{interface}: no cell has tag {tag}; tags are {sorted(known)}")
+            raise ValueError(f"{label}: no cell has tag {tag}; tags are {sorted(known)}")
     tags = np.where(interior[:, None], cell_tags[pairs], UNTAGGED)
     inside = None
     if callable(interface.facets):
         mesh.topology.create_connectivity(fdim, 0)
         chosen = interior.copy()
-        chosen &= mark_everywhere(mesh, fdim, locate_entities(mesh, fdim, interface.facets))
+        found = located(mesh, lambda f: locate_entities(mesh, fdim, f), interface.facets, label)
+        chosen &= mark_everywhere(mesh, fdim, found)
     elif interface.facets is not None:
-        chosen = _given_facets(mesh, interface, interior)
+        chosen = _given_facets(mesh, interface.facets, interior, label)
     elif interface.level_set is not None:
         inside = cells_inside(mesh, interface.level_set)
         chosen = interior & (inside[pairs[:, 0]] != inside[pairs[:, 1]])
     elif several:
-        chosen = _between_groups(mesh, interface, tags)
+        chosen = _between_groups(mesh, interface.between, tags, label)
     elif interface.between is not None:
         chosen = (np.sort(tags, axis=1) == np.sort(np.array(wanted))).all(axis=1)
     else:
@@ -149,40 +157,44 @@ def find_facets(
     everywhere = np.flatnonzero(chosen).astype(np.int32)
     facets = everywhere[everywhere < mesh.topology.index_map(fdim).size_local]
     if global_sum(comm, len(facets)) == 0:
-        raise ValueError(f"{interface} has no facet: {_why_empty(interface)}")
+        raise ValueError(f"{label} has no facet: {_why_empty(interface)}")
     cells = pairs[facets]
     cells = np.where(_reversed(mesh, cell_tags, cells, inside)[:, None], cells[:, ::-1], cells)
     local = np.column_stack([local_facets(mesh, cells[:, a], facets) for a in range(2)])
-    damage = _initial_damage(mesh, interface, facets, cells)
-    law = _law_on(mesh, interface, facets, cells)
-    return InterfaceFacets(facets, cells, local, cell_tags[cells], everywhere, damage, law)
+    damage = _initial_damage(mesh, interface, facets, cells, label)
+    law = _law_on(mesh, interface, facets, cells, label)
+    tags = cell_tags[cells]
+    return InterfaceFacets(facets, cells, local, tags, everywhere, damage, law, label)
 
 
-def _between_groups(mesh: Mesh, interface: Interface, tags: NDArray[np.int32]) -> NDArray[np.bool_]:
+def _between_groups(
+    mesh: Mesh, between: str | PairRule, tags: NDArray[np.int32], label: str
+) -> NDArray[np.bool_]:
     """Marks of the facets between any two groups, or between those that a user's function chooses.
 
     Args:
         mesh: The mesh.
-        interface: The user's description.
+        between: What the user gave.
         tags: Of the two cells of every local facet (nf, 2), UNTAGGED on the boundary of the mesh.
+        label: What messages call the interface.
 
     Raises:
         ValueError: the function does not give one truth value a pair; on all ranks.
     """
     chosen = (tags[:, 0] != tags[:, 1]) & (tags != UNTAGGED).all(axis=1)
-    if interface.between == ALL:
+    if between == ALL:
         return chosen
     pairs = np.sort(tags[chosen], axis=1)
     message = None
     try:
-        wanted = np.asarray(interface.between(*pairs.T))
+        wanted = np.asarray(between(*pairs.T))
     except Exception as error:  # of a user's function, which may do anything
         wanted, message = np.zeros(0), f"it fails: {error}"
     if message is None and (wanted.shape != pairs.shape[:1] or wanted.dtype != bool):
         message = f"it gives values of shape {wanted.shape} and type {wanted.dtype}"
     if message is not None:
         message = (
-            f"{interface}: the function of two tags, arrays ({len(pairs)},), must give True or "
+            f"{label}: the function of two tags, arrays ({len(pairs)},), must give True or "
             f"False for each pair, for example lambda a, b: angle[a] == angle[b]; {message}"
         )
     raise_together(mesh.comm, message)
@@ -211,19 +223,23 @@ def _why_empty(interface: Interface) -> str:
 
 
 def _given_facets(
-    mesh: Mesh, interface: Interface, interior: NDArray[np.bool_]
+    mesh: Mesh, given: NDArray[np.int32], interior: NDArray[np.bool_], label: str
 ) -> NDArray[np.bool_]:
-    facets = checked_facets(mesh, interface.facets, f"{interface}")
+    facets = checked_facets(mesh, given, label)
     chosen = mark_everywhere(mesh, mesh.topology.dim - 1, facets)
     # A ghost facet may have one cell here; its owner sees both.
     reason = "lies on the boundary of the mesh; an interface takes interior facets only"
     everywhere = np.flatnonzero(chosen).astype(np.int32)
-    refuse_facets(mesh, everywhere, ~interior, f"{interface}", reason)
+    refuse_facets(mesh, everywhere, ~interior, label, reason)
     return chosen & interior
 
 
 def _initial_damage(
-    mesh: Mesh, interface: Interface, facets: NDArray[np.int32], cells: NDArray[np.int32]
+    mesh: Mesh,
+    interface: Interface,
+    facets: NDArray[np.int32],
+    cells: NDArray[np.int32],
+    label: str,
 ) -> NDArray[np.float64]:
     """Damage of the bond on owned facets at the start (nf,); collective.
 
@@ -232,12 +248,12 @@ def _initial_damage(
     """
     if interface.initial_damage is None:
         return np.zeros(len(facets))
-    given, what = interface.initial_damage, "initial_damage"
+    given, what = interface.initial_damage, f"{label}: initial_damage"
     values = facet_values(mesh, interface, given, facets, cells, what)
     message = None
     if not ((values >= 0) & (values <= 1)).all():
         message = (
-            f"{interface}: {what} gives values from {values.min():g} to {values.max():g} on "
+            f"{what} gives values from {values.min():g} to {values.max():g} on "
             "its facets; it must give a number from 0 to 1 for each, for example lambda x: "
             "np.where(x[0] < 30, 1.0, 0.0)"
         )
@@ -246,7 +262,11 @@ def _initial_damage(
 
 
 def _law_on(
-    mesh: Mesh, interface: Interface, facets: NDArray[np.int32], cells: NDArray[np.int32]
+    mesh: Mesh,
+    interface: Interface,
+    facets: NDArray[np.int32],
+    cells: NDArray[np.int32],
+    label: str,
 ) -> Law:
     """The law on owned facets; collective.
 
@@ -255,7 +275,7 @@ def _law_on(
     """
     law = interface.law
     values = {
-        name: facet_values(mesh, interface, given, facets, cells, f"{name} of the law")
+        name: facet_values(mesh, interface, given, facets, cells, f"{label}: {name} of the law")
         for name, given in law.varying.items()
     }
     message = None
@@ -264,23 +284,23 @@ def _law_on(
         # Found once here: laws at points and parts of them take it along.
         _ = law.softening_modulus
     except ValueError:
-        message = _why_refused(mesh, interface, values, facets)
+        message = f"{label}: {_why_refused(mesh, interface.law, values, facets)}"
     raise_together(mesh.comm, message)
     return law
 
 
 def _why_refused(
     mesh: Mesh,
-    interface: Interface,
+    law: Law,
     values: Mapping[str, NDArray[np.float64]],
     facets: NDArray[np.int32],
-) -> str | None:
+) -> str:
     """What is wrong on the first facet on which the law is refused."""
 
     def refused(among: range) -> ValueError | None:
         chosen = slice(among.start, among.stop)
         try:
-            interface.law.with_values({name: array[chosen] for name, array in values.items()})
+            law.with_values({name: array[chosen] for name, array in values.items()})
         except ValueError as error:
             return error
         return None
@@ -289,7 +309,7 @@ def _why_refused(
     x = compute_midpoints(mesh, mesh.topology.dim - 1, facets[f : f + 1])[0]
     where = ", ".join(f"{a:.6g}" for a in x)
     reason = refused(range(f, f + 1))
-    return f"{interface}: facet {facets[f]} with its midpoint at ({where}): {reason}"
+    return f"facet {facets[f]} with its midpoint at ({where}): {reason}"
 
 
 def facet_values(
@@ -309,7 +329,7 @@ def facet_values(
             scalar Function on the mesh: the mean of both sides at the midpoints.
         facets: Owned facets (nf,).
         cells: Their cells (nf, 2).
-        what: Its name, for messages.
+        what: Its name and that of the interface, for messages.
 
     Raises:
         ValueError: there is not one finite number a facet.
@@ -334,7 +354,7 @@ def facet_values(
         values[:] = found
     except Exception as error:  # of a user's function, which may do anything
         message = (
-            f"{interface}: {what} must give one finite number for each of the midpoints x (3, "
+            f"{what} must give one finite number for each of the midpoints x (3, "
             f"{len(facets)}) of its facets [mm], or be a scalar Function on the mesh: {error}"
         )
     raise_together(mesh.comm, message)
@@ -345,7 +365,7 @@ def _at_midpoints(
     mesh: Mesh, given: Any, x: NDArray[np.float64], cells: NDArray[np.int32]
 ) -> NDArray[np.float64]:
     if not isinstance(given, fem.Function):
-        return np.asarray(given(x.T), dtype=float)
+        return np.asarray(at_points(given, x.T), dtype=float)
     if given.function_space.mesh is not mesh or given.ufl_shape != ():
         raise ValueError("it must be a scalar Function on the mesh of the problem")
     if not len(x):

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..base.words import near_keywords
 from ..domain.tags import Group
 from ..domain.topology import LevelSet, Locator
 from ..laws import Law
@@ -52,6 +53,7 @@ class StabilizationContext:
     area: NDArray[np.float64]
 
 
+@near_keywords(tags="between", groups="between", tag="within", group="within", material="law")
 class Interface:
     """A set of interior facets across which the displacement may jump, with its law.
 
@@ -189,21 +191,35 @@ class Interface:
             )
         super().__setattr__(name, value)
 
-    def __repr__(self) -> str:
+    @property
+    def place(self) -> str:
+        """Where it is, in words."""
         if callable(self.between):
-            where = "between=<function>"
-        elif self.between is not None:
-            where = f"between={self.between!r}"
-        elif self.within is not None:
-            where = f"within={self.within!r}"
-        elif self.level_set is not None:
-            where = "level_set=<function>"
-        elif callable(self.facets):
-            where = "facets=<function>"
-        else:
-            where = f"facets=<{len(self.facets)}>"
+            return "between=<function>"
+        if self.between is not None:
+            return f"between={self.between!r}"
+        if self.within is not None:
+            return f"within={self.within!r}"
+        if self.level_set is not None:
+            return "level_set=<function>"
+        return "facets=<function>" if callable(self.facets) else f"facets=<{len(self.facets)}>"
+
+    @property
+    def _first_side(self) -> str:
+        """Which of two groups is side 1, in words; nothing where that goes from facet to facet."""
+        if not isinstance(self.between, Sequence) or self.between == ALL:
+            return ""
+        if all(isinstance(group, int | np.integer) for group in self.between):
+            return f" <side 1: {min(self.between)}>"
+        return " <side 1: the lower tag>"
+
+    def __str__(self) -> str:
+        """For messages: its name, or where it is."""
+        return f"Interface({self.place})" if self.name is None else f"interface {self.name!r}"
+
+    def __repr__(self) -> str:
         name = "" if self.name is None else f", name={self.name!r}"
-        return f"Interface({where}, law={self.law!r}{name})"
+        return f"Interface({self.place}{self._first_side}, law={self.law}{name})"
 
 
 def _checked_damage(given: Any, facets: Any, law: Law) -> float | NDArray | LevelSet | None:
@@ -252,6 +268,12 @@ def interface_names(interfaces: Iterable[Interface]) -> list[str]:
     return [interface.name or f"interface_{i}" for i, interface in enumerate(interfaces)]
 
 
+def label_of(interfaces: Sequence[Interface], number: int) -> str:
+    """How messages call one of a problem's interfaces: its name, or number and place."""
+    one = interfaces[number]
+    return f"interface {number} ({one.place})" if one.name is None else str(one)
+
+
 def number_of(interfaces: Sequence[Interface], which: Which) -> int:
     """Number of one of a problem's interfaces.
 
@@ -264,7 +286,8 @@ def number_of(interfaces: Sequence[Interface], which: Which) -> int:
         ValueError: there is none of this name, or the problem does not have this interface.
     """
     names = interface_names(interfaces)
-    missing = f"there is no interface {which!r}; the problem has {', '.join(map(repr, names))}"
+    asked = which if isinstance(which, Interface) else repr(which)
+    missing = f"there is no interface {asked}; the problem has {', '.join(map(repr, names))}"
     if isinstance(which, str | Interface):
         places = names if isinstance(which, str) else list(interfaces)
         if which not in places:

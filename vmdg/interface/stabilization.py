@@ -189,7 +189,7 @@ class Stabilizer:
             for name, value in (("tau_s", tau), ("delta1", delta1)):
                 if np.shape(value) != (number, d, d):
                     raise ValueError(
-                        f"{self.interface}: stabilization returned {name} of shape "
+                        f"{self.facets.label}: stabilization returned {name} of shape "
                         f"{np.shape(value)}, expected {(number, d, d)}"
                     )
         else:
@@ -271,7 +271,7 @@ class Stabilizer:
             f = bad[np.argmin(r[bad])]
             size = self._quadrature.extent[f]
             message = (
-                f"{self.interface}: facet {self.facets.facets[f]} has r = |tau_s| = {r[f]:.6g} "
+                f"{self.facets.label}: facet {self.facets.facets[f]} has r = |tau_s| = {r[f]:.6g} "
                 f"MPa/mm, not above the softening modulus H = {H[f]:.6g} MPa/mm: the bond would "
                 f"break faster than the element can unload. Refine the facet from {size:.3g} to "
                 f"below {size * r[f] / H[f]:.3g} mm, or raise the critical gap"

@@ -11,7 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import IntEnum
 from numbers import Real
 from typing import Any
@@ -124,6 +124,14 @@ class Law(ABC):
 
         Viscosity does not help: it ends with the bond, and what is left of a bond softens by H.
         """
+
+    def __str__(self) -> str:
+        """As its repr, with few words for functions and arrays."""
+        if not is_dataclass(self):
+            return repr(self)
+        values = ((field.name, getattr(self, field.name)) for field in fields(self) if field.repr)
+        given = ", ".join(f"{name}={_in_short(value)}" for name, value in values)
+        return f"{type(self).__name__}({given})"
 
     @property
     def symmetric(self) -> bool:
@@ -341,6 +349,34 @@ def work_gradient(law: Law, update: Update, trial: Array, *known: Array | float)
     return gradient
 
 
+#: Gap at which a bond is gone for certain, relative to strength/H.
+_FAR = 1e6
+
+
+def separation(law: Law, d: int, axis: int) -> tuple[Array, Array]:
+    """Strength, MPa, and energy G_c, N/mm, of an opening or a shear of bonds, each (n,) or (1,).
+
+    By one return map to a gap at which every law that softens has lost its bond: the damage work of
+    a step is the integral of the resistance along its gap, whatever the law.
+
+    Args:
+        law: With a bond; parameters that vary are arrays (n,).
+        d: 2 or 3.
+        axis: 0 for opening, 1 for shear.
+    """
+    one = np.ones(max((len(value) for value in law.varying.values()), default=1))
+    direction = np.zeros((len(one), d))
+    direction[:, axis] = 1.0
+    use = law.utilization(*((one, 0.0 * one) if axis == 0 else (0.0 * one, one)))
+    strength, H = 1.0 / use, law.softening_modulus * one
+    r = 4.0 * H
+    load = (strength + r * _FAR * strength / H)[:, None] * direction
+    normal = np.zeros_like(direction)
+    normal[:, 0] = 1.0
+    update = law.return_map(load, normal, np.zeros_like(normal), np.zeros(len(one)), r)
+    return strength, update.damage_work
+
+
 #: Parameters of laws that must be positive, and what they are or what else to use.
 _POSITIVE = {
     **dict.fromkeys(
@@ -434,6 +470,13 @@ def _check_parameter(law: Law, name: str, value: Any) -> None:
 def is_number(value: Any, number: float) -> bool:
     """Whether a parameter is this number and does not vary."""
     return isinstance(value, Real) and value == number
+
+
+def _in_short(value: Any) -> str:
+    """A parameter in a message."""
+    if isinstance(value, np.ndarray) and value.ndim:
+        return f"<{len(value)} values>"
+    return "<function>" if callable(value) and not is_dataclass(value) else repr(value)
 
 
 def same_law(a: Law, b: Law) -> bool:

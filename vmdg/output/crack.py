@@ -9,7 +9,7 @@ from scipy.integrate import trapezoid
 from ..assembly.surface import BROKEN
 from ..base.parallel import global_sum
 from ..forms.geometry import Axisymmetric
-from ..interface.interface import Which, number_of
+from ..interface.interface import Which, label_of, number_of
 from ..interface.points import InterfaceState
 from ..problem.problem import Problem
 from .values import damage
@@ -18,11 +18,13 @@ from .values import damage
 class CrackGrowth:
     """Length, process zone, resistance and modes of a crack that grows along an interface.
 
-    Called once a row, in a monitor: ``monitor=lambda problem: crack()``. With d = Q/P_c the
-    damage of a point and D what the whole problem has spent on bonds,
+    Called once a row, in a monitor: ``monitor=lambda problem: crack()``. With Q the softening of a
+    point, Q_0 that of its ``initial_damage``, d = (Q - Q_0)/(P_c - Q_0) the share of its bond that
+    the run has broken, 1 where there was none, and D what the whole problem has spent on bonds,
 
-    * crack: a = a_0 + (integral of d dA)/b, the length at which all damage counts as crack;
-    * zone: area of 0 < d < .99 over b, the length of the process zone;
+    * crack: a = a_0 + (integral of d dA)/b, the length at which all damage counts as crack; one
+      that is there from the start by ``initial_damage`` counts by itself;
+    * zone: area of 0 < d < 1 over b where Q < .99 P_c, the length of the process zone;
     * resistance: G_R = dD/(b da) between two rows, the R-curve over a;
     * mode_1, mode_2: J_I = |integral of T_N dg_N| and J_II = |integral of T_T dg_T| along a plane
       interface (Rice 1968, J on a path around the process zone), the energy release rates of
@@ -36,7 +38,7 @@ class CrackGrowth:
         interface: The interface along which the crack grows: its number, its name or itself.
         width: b, across the direction of growth; default the thickness in plane strain. In
             axisymmetry it is the circumference of a crack along a cylinder [mm].
-        start: a_0 [mm].
+        start: a_0, of a crack ahead of the facets of the interface [mm].
 
     Raises:
         ValueError: the interface is a tie or opens on demand, or a width is missing in 3D or
@@ -47,12 +49,12 @@ class CrackGrowth:
         self, problem: Problem, interface: Which, width: float | None = None, start: float = 0.0
     ):
         self._number = number_of(problem.interfaces, interface)
-        chosen = problem.interfaces[self._number]
+        chosen, label = problem.interfaces[self._number], label_of(problem.interfaces, self._number)
         if not chosen.law.has_bond:
-            raise ValueError(f"CrackGrowth: {chosen} has no bond that can fail")
+            raise ValueError(f"CrackGrowth: {label} has no bond that can fail")
         if chosen.activate == "on-demand":
             raise ValueError(
-                f"CrackGrowth: {chosen} opens on demand, and what is not open yet has no points; "
+                f"CrackGrowth: {label} opens on demand, and what is not open yet has no points; "
                 'give the interface activate="all"'
             )
         self._plane = problem.mesh.topology.dim == 2
@@ -65,12 +67,15 @@ class CrackGrowth:
         self._problem = problem
         self._width = float(geometry.thickness if width is None else width)
         self._start = start
+        active = problem.discretization.active[self._number]
+        self._initial = active.facets.damage[active.quadrature.facet]
         self._before = (self._crack(self._state()), problem.energy().damage)
 
     def _state(self) -> InterfaceState:
         return self._problem.state[self._number]
 
     def _damage(self, state: InterfaceState) -> NDArray[np.float64]:
+        """Q/P_c (nq,)."""
         return damage(state.softening, self._problem.discretization.active[self._number].law)
 
     def _area(self, state: InterfaceState, share: NDArray[np.float64]) -> float:
@@ -80,7 +85,11 @@ class CrackGrowth:
         return float(area / self._width)
 
     def _crack(self, state: InterfaceState) -> float:
-        return self._start + self._area(state, self._damage(state))
+        bonded = self._initial < BROKEN
+        share = np.ones(len(bonded))
+        before = self._initial[bonded]
+        share[bonded] = (self._damage(state)[bonded] - before) / (1 - before)
+        return self._start + self._area(state, share)
 
     @property
     def length(self) -> float:
@@ -96,12 +105,13 @@ class CrackGrowth:
         """
         state, spent = self._state(), self._problem.energy().damage
         damage, crack = self._damage(state), self._crack(state)
+        breaking = (damage > self._initial) & (damage < BROKEN)
         last, before = self._before
         grown = crack - last
         self._before = crack, spent
         row = {
             "crack [mm]": crack,
-            "zone [mm]": self._area(state, ((damage > 0) & (damage < BROKEN)).astype(float)),
+            "zone [mm]": self._area(state, breaking.astype(float)),
             "resistance [N/mm]": (
                 (spent - before) / (self._width * grown) if grown > 0 else float("nan")
             ),

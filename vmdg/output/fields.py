@@ -114,7 +114,9 @@ class InterfaceFields:
 
 
 def _writer(file: Path, functions: list[fem.Function]) -> VTXWriter:
-    return VTXWriter(functions[0].function_space.mesh.comm, file, functions)
+    """Of the engine BP4: where a disk gets full it raises an error on the rank that writes, with
+    which the job ends; with BP5, the default, all ranks wait for ever."""
+    return VTXWriter(functions[0].function_space.mesh.comm, file, functions, "BP4")
 
 
 class FieldWriter:
@@ -138,6 +140,8 @@ class FieldWriter:
     Raises:
         ValueError: an unknown name.
         OSError: the folder cannot be written to, or another run does so; on all ranks.
+
+    Where a disk gets full in the middle of writing on several ranks, the job ends.
     """
 
     def __init__(

@@ -62,8 +62,8 @@ def checked_interfaces(interfaces: Sequence[Interface]) -> tuple[Interface, ...]
         first = names.index(name)
         if first < i:
             raise ValueError(
-                f"Problem: interface {first}, {interfaces[first]}, and interface {i}, "
-                f"{interfaces[i]}, are both called {name!r}; give each a name of its own"
+                f"Problem: interface {first} ({interfaces[first].place}) and interface {i} "
+                f"({interfaces[i].place}) are both called {name!r}; give each a name of its own"
             )
     return tuple(interfaces)
 
@@ -304,9 +304,7 @@ def check_rigid_face(
         raise ValueError(f"rigid_face: at = {at!r} must be a point of {d} finite coordinates")
 
 
-def check_overlap(
-    mesh: Mesh, interfaces: Sequence[Interface], facets: Sequence[InterfaceFacets]
-) -> None:
+def check_overlap(mesh: Mesh, facets: Sequence[InterfaceFacets]) -> None:
     """Every facet belongs to one interface; collective.
 
     Raises:
@@ -314,12 +312,12 @@ def check_overlap(
     """
     taken = np.full(len(facet_cells(mesh)), -1)
     message = None
-    for number, (interface, selected) in enumerate(zip(interfaces, facets, strict=True)):
+    for number, selected in enumerate(facets):
         twice = selected.everywhere[taken[selected.everywhere] >= 0]
         if len(twice) and message is None:
             message = (
-                f"facet {twice[0]} belongs to both {interfaces[taken[twice[0]]]} and {interface}; "
-                "give every facet one interface"
+                f"facet {twice[0]} belongs to both {facets[taken[twice[0]]].label} and "
+                f"{selected.label}; give every facet one interface"
             )
         taken[selected.everywhere] = number
     raise_together(mesh.comm, message)
@@ -375,6 +373,6 @@ def check_faces(
         if lies.any():
             place = min(rounded(middle[faces[lies, 0]]))
             raise ValueError(
-                f"Periodic: {interface} would lie on the boundary of the cell at {place}, where "
-                f"opposite faces are tied and nothing fails; {remedy}"
+                f"Periodic: {selected.label} would lie on the boundary of the cell at {place}, "
+                f"where opposite faces are tied and nothing fails; {remedy}"
             )

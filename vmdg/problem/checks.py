@@ -15,7 +15,9 @@ from ..domain.topology import box_sides
 from ..interface.active import ActiveInterface
 from ..interface.stabilization import SAME_UNITS, SUSPICIOUS_RATIO
 from .problem import Problem
-from .supports import loose_parts
+from .standing import falling
+from .supports import LoosePart, in_words, loose_among, loose_parts, parts_of
+from .zone import process_zones
 
 #: Strength relative to r h, the stiffness of the cells at an interface: the least that is believed
 #: (a modulus in Pa beside a strength in MPa is below), and the largest that is usual.
@@ -23,6 +25,12 @@ WEAKEST, USUAL = 1e-8, 0.1
 
 #: Critical gap relative to the size of the mesh.
 WIDEST = 10.0
+
+#: |tau_s| relative to H from which on what H costs in digits is told.
+LOSSY = 1e-3
+
+#: Load factors at which it is asked whether loads change, and the place of one between two.
+MOST_SAMPLES, BETWEEN = 5, 0.382
 
 #: Coefficient of friction, usually below 1; degrees and percent are above.
 ROUGHEST = 5.0
@@ -44,15 +52,17 @@ def check_model(problem: Problem, loads: NDArray[np.float64], traced: bool = Fal
             not finite at the first or the last load factor.
     """
     rests_on_contact = _check_supports(problem)
+    _check_programme(problem, loads)
     if not traced:
-        _check_bonds(problem)
-    for t in (loads[0], loads[-1]):
-        problem.loading.check_finite(float(t))
+        _check_bonds(problem, loads)
     first, last = (problem.loading.dirichlet.conflict(float(t)) for t in (loads[0], loads[-1]))
     warn_together(problem.comm, first or last)
-    for active in problem.discretization.active.values():
-        if active.law.inelastic:
-            _check_proportions(problem, active)
+    steep = set()
+    for number, active in problem.discretization.active.items():
+        if active.law.inelastic and _check_proportions(problem, active):
+            steep.add(number)
+    if not global_any(problem.comm, bool(problem.u.x.array.any())):
+        _check_zones(problem, steep)
     return rests_on_contact
 
 
@@ -114,22 +124,28 @@ def _equal_steps(number: int, start: float) -> NDArray[np.float64]:
 def _check_supports(problem: Problem) -> bool:
     """Whether contact alone holds a body; refuses one that nothing holds."""
     interfaces, message = problem.discretization.active.values(), None
-    for part in loose_parts(problem, interfaces):
+    for words, motions in _alike(loose_parts(problem, interfaces)):
         message = (
-            f"nothing holds the body of {part.body} against {part.motions}: the equations have "
+            f"nothing holds {words} against {motions}: the equations have "
             "no single solution. Prescribe displacements by problem.dirichlet(facets, 0.0), or of "
             "a symmetric body those of its planes of symmetry, dirichlet(facets, 0.0, 'x')"
         )
     raise_together(problem.comm, message)
     bonded = _bonded(problem)
     resting = loose_parts(problem, bonded) if len(bonded) < len(interfaces) else []
-    for part in resting:
+    for words, motions in _alike(resting):
         warn_together(
             problem.comm,
-            f"only contact holds the body of {part.body} against {part.motions}, and contact "
+            f"only contact holds {words} against {motions}, and contact "
             "that is not pressed holds nothing: prescribe displacements, or press the body by them",
         )
     return bool(resting)
+
+
+def _alike(parts: Sequence[LoosePart]) -> list[tuple[str, str]]:
+    """Bodies and motions in words, one for all parts with equal motions."""
+    motions = dict.fromkeys(part.motions for part in parts)
+    return [(in_words([p for p in parts if p.motions == one]), one) for one in motions]
 
 
 def _bonded(problem: Problem) -> list[ActiveInterface]:
@@ -143,8 +159,8 @@ def _bonded(problem: Problem) -> list[ActiveInterface]:
     ]
 
 
-def _check_bonds(problem: Problem) -> None:
-    """Warn of a load that only bonds bear."""
+def _check_bonds(problem: Problem, loads: NDArray[np.float64]) -> None:
+    """Warn of loads that only bonds bear: what is pressed stands without them."""
     interfaces = problem.discretization.active.values()
     # Cracks within a body leave it in one piece, as far as is known before.
     lasting = [c for c in interfaces if not c.law.inelastic or c.interface.within is not None]
@@ -152,32 +168,84 @@ def _check_bonds(problem: Problem) -> None:
     breakable = [c for c in _bonded(problem) if c not in lasting]
     if not breakable or not global_any(problem.comm, bool(loaded.any())):
         return
-    for part in loose_parts(problem, lasting):
-        if global_any(problem.comm, bool(loaded[part.cells].any())):
-            warn_together(
-                problem.comm,
-                f"the body of {part.body} bears a load, and against {part.motions} only bonds "
-                "hold it: once they break there is no equilibrium, and no step will converge. "
-                "Prescribe a displacement instead of the load to go on, or follow the falling load "
-                "by SolveOptions(unstable='trace') until= the crack is long enough",
-            )
+    held, comm = parts_of(problem, lasting), problem.comm
+    loose = [
+        part
+        for part in loose_among(problem, held)
+        if global_any(comm, bool(loaded[part.cells].any()))
+    ]
+    # A fluid is where cracks will be, and its forces are not known before.
+    if loose and not problem.loading.given.filled:
+        between = [one for one in interfaces if one not in lasting]
+        falls = set().union(*(falling(problem, held, between, t) for t in (loads[0], loads[-1])))
+        loose = [part for part in loose if part.name in falls]
+    for words, motions in _alike(loose):
+        several = words[0].isdigit()
+        warn_together(
+            comm,
+            f"{words} {'bear loads' if several else 'bears a load'}, and against {motions} only "
+            f"bonds hold {'them' if several else 'it'}: once they break there is no equilibrium, "
+            "and no step will converge. Prescribe a displacement instead of the load to go on, or "
+            "follow the falling load by SolveOptions(unstable='trace') until= the crack is long "
+            "enough",
+        )
+
+
+def _check_programme(problem: Problem, loads: NDArray[np.float64]) -> None:
+    """Warn of a run in which nothing is loaded, or nothing changes from row to row."""
+    rows = [problem.loading.check_finite(float(t)) for t in (loads[0], loads[-1])]
+    try:
+        rows += [problem.loading.check_finite(float(t)) for t in _samples(problem.t, loads)]
+    except Exception:  # of a user's function, at load factors that a run may not come to
+        return
+    pairs = [(part, first) for row in rows for part, first in zip(row, rows[0], strict=True)]
+    loaded = global_any(problem.comm, any(part.any() for part, _ in pairs))
+    changes = global_any(problem.comm, any((part != first).any() for part, first in pairs))
+    message = None
+    if not loaded and not global_any(problem.comm, bool(problem.u.x.array.any())):
+        message = (
+            "nothing is loaded: all prescribed displacements, loads and eigenstrains are zero at "
+            f"load factors {loads[0]:.6g} to {loads[-1]:.6g}. Give a load that depends on the load "
+            "factor, problem.dirichlet(facets, lambda t: 0.1 * t, 'x') for example"
+        )
+    elif not changes and len(set(loads)) > 1 and not _moves_by_itself(problem):
+        message = (
+            f"no load depends on the load factor: all {len(loads)} steps end in the same state. "
+            "Give the one that grows as a function, lambda t: 0.1 * t in place of 0.1, or a single "
+            "load factor, [1.0]"
+        )
+    warn_together(problem.comm, message)
+
+
+def _samples(start: float, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The present load factor, some of those to reach, and one between the first two."""
+    some = loads[np.unique(np.linspace(0, len(loads) - 1, MOST_SAMPLES).astype(int))]
+    between = loads[0] + BETWEEN * np.diff(loads[:2])
+    return np.concatenate([[start], some, between])
+
+
+def _moves_by_itself(problem: Problem) -> bool:
+    """Whether a state may change under loads that stay: by time, cycles, or fluids that spread."""
+    laws = [interface.law for interface in problem.interfaces]
+    return bool(problem.loading.given.filled) or any(law.fatigues or law.viscosity for law in laws)
 
 
 # Proportions
 
 
-def _check_proportions(problem: Problem, active: ActiveInterface) -> None:
+def _check_proportions(problem: Problem, active: ActiveInterface) -> bool:
+    """Warn of numbers out of proportion; whether the law is far too steep for the facets."""
     law, comm, message = active.facets.law, problem.comm, None
     if (roughest := np.max(law.friction, initial=0.0)) > ROUGHEST:
         message = (
-            f"{active.interface}: friction = {roughest:g} is Coulomb's coefficient mu, the "
+            f"{active.facets.label}: friction = {roughest:g} is Coulomb's coefficient mu, the "
             "tangent of the angle of friction, usually below 1; it is neither in degrees nor in "
             "percent"
         )
     warn_together(comm, message)
     if not law.has_bond:
-        return
-    _check_softening(comm, active)
+        return False
+    steep = _check_softening(comm, active)
     stiffness = active.stabilization.norm / active.stabilization.safety
     stiffness = stiffness * active.quadrature.extent
     softest = -global_max(comm, float(-stiffness.min(initial=np.inf)))
@@ -187,23 +255,61 @@ def _check_proportions(problem: Problem, active: ActiveInterface) -> None:
     message = None
     if strength < WEAKEST * softest:
         message = (
-            f"{active.interface}: the strength {strength:.3g} is less than {WEAKEST:g} of "
+            f"{active.facets.label}: the strength {strength:.3g} is less than {WEAKEST:g} of "
             f"the elastic moduli beside it, of the order of {softest:.3g}: the bond breaks at "
             "once. Give both in the same unit (MPa with mm and N)"
         )
     # With a strength near the moduli it makes a bond that is meant never to break.
     elif gap > WIDEST * size and strength < USUAL * softest:
         message = (
-            f"{active.interface}: the critical gap is about {gap:.3g}, the mesh {size:.3g} wide: "
-            "the bond will hardly soften. Give both in the same unit (mm with N and MPa)"
+            f"{active.facets.label}: the critical gap is about {gap:.3g}, the mesh {size:.3g} "
+            "wide: the bond will hardly soften. Give both in the same unit (mm with N and MPa)"
         )
     warn_together(comm, message)
+    return steep
 
 
-def _check_softening(comm: MPI.Comm, active: ActiveInterface) -> None:
-    """Facets far too coarse for H, which the r of ``safety="auto"`` exceeds on any mesh."""
+def _check_zones(problem: Problem, steep: set[int]) -> None:
+    """Warn once of facets whose points are farther apart than a process zone is long.
+
+    Args:
+        problem: In its reference configuration.
+        steep: Interfaces that are warned of already, for the same reason.
+    """
+    k, comm, worst = problem.space.ufl_element().degree, problem.comm, 1.0
+    found = None
+    for number, zones in process_zones(problem).items():
+        apart = zones.edge / (k + 1) / zones.length
+        largest = global_max(comm, float(apart.max(initial=0.0)))
+        if number in steep or largest <= worst:
+            continue
+        worst, message = largest, None
+        if apart.max(initial=0.0) == largest:
+            f = np.argmax(apart)
+            edge, length, t = (
+                float(values[f]) for values in (zones.edge, zones.length, zones.thickness)
+            )
+            reason = (
+                "E' G_c/P_c^2"
+                if t == np.inf
+                else f"sqrt(E' t G_c)/P_c with a part of t = {t:.3g} mm beside it"
+            )
+            message = (
+                f"{problem.step.activation.facets[number].label}: facets of {edge:.3g} mm are too "
+                f"long for the process zone of a crack, {length:.3g} mm or less, {reason}: a crack "
+                "that should grow may stay, the bond holds far above its fracture energy. Take "
+                f"facets of about {k * length / 3:.2g} mm where it grows, or a lower strength with "
+                "the same fracture energy, which cracks hardly feel (nothing to do where no crack "
+                "grows but all breaks at once)"
+            )
+        found = message
+    warn_together(comm, found)
+
+
+def _check_softening(comm: MPI.Comm, active: ActiveInterface) -> bool:
+    """Warn of facets far too coarse for H, which the r of ``safety="auto"`` exceeds on any mesh."""
     if not active.stabilizer.automatic:
-        return
+        return False
     extent = active.quadrature.extent
     H = np.broadcast_to(active.facets.law.softening_modulus, extent.shape)
     share = active.stabilization.norm / active.stabilization.safety / H
@@ -211,9 +317,16 @@ def _check_softening(comm: MPI.Comm, active: ActiveInterface) -> None:
     if worst < 1 / SUSPICIOUS_RATIO and worst == share.min(initial=np.inf):
         f = np.argmin(share)
         message = (
-            f"{active.interface}: at facet {active.facets.facets[f]} the softening modulus H = "
+            f"{active.facets.label}: at facet {active.facets.facets[f]} the softening modulus H = "
             f"{H[f]:.6g} MPa/mm is far above the derived |tau_s| = {share[f] * H[f]:.6g}: the bond "
             f"would break faster than the element can unload. Refine the facet from {extent[f]:.3g}"
             f" to below {extent[f] * share[f]:.3g} mm, or raise the critical gap{SAME_UNITS}"
         )
+        if share[f] < LOSSY:
+            # T = {P.N} + r (g - zeta), r = 2 H: openings are rounded as displacements are.
+            message += (
+                f" Tractions lose {-np.log10(share[f]):.0f} of their 16 digits, which no tolerance "
+                "knows: residuals cannot be as small as elsewhere"
+            )
     warn_together(comm, message)
+    return worst < 1 / SUSPICIOUS_RATIO

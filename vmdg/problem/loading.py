@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +23,7 @@ from ..assembly.loads import DeadLoads
 from ..assembly.means import lattice_of
 from ..assembly.rigid import RigidFaces
 from ..assembly.surface import Share
-from ..assembly.values import Value, value_at
+from ..assembly.values import Part, Value, not_finite, value_at
 from ..base.agreement import together
 from ..base.parallel import global_any, raise_together
 from ..base.tables import rounded
@@ -233,7 +233,7 @@ class Loading:
         def impose(loading: Loading) -> None:
             space = loading._discretization.space
             if callable(where):
-                dofs = nodes_where(space, where)
+                dofs = nodes_where(space, where, what)
             else:
                 dofs = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, where)
             bs = space.dofmap.index_map_bs
@@ -411,18 +411,18 @@ class Loading:
                 f"point_load: where = {where!r} must be a predicate on coordinates (3, n), for "
                 "example lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 0)"
             )
-        self._refuse_split_nodes(where)
+        space = self._discretization.space
+        cells, loaded = space.dofmap.list, find_nodes(space, where, "point_load")
+        self._refuse_split_nodes(loaded)
 
         def impose(loading: Loading) -> None:
             nodes = find_nodes(loading._discretization.space, where, "point_load")
             loading._loads.add_point_load(nodes, value, component)
 
-        space = self._discretization.space
-        cells, loaded = space.dofmap.list, find_nodes(space, where, "point_load")
         self._add(impose)
         self.given.loaded[np.isin(cells, loaded).any(axis=1)[: len(self.given.loaded)]] = True
 
-    def _refuse_split_nodes(self, where: Locator) -> None:
+    def _refuse_split_nodes(self, loaded: NDArray[np.int32]) -> None:
         """Nodes of an interface are two, or will be when its facets open on demand.
 
         Raises:
@@ -431,13 +431,13 @@ class Loading:
         space = self._discretization.space
         x, message = space.tabulate_dof_coordinates(), None
         dim = self._mesh.topology.dim - 1
-        for interface, facets in zip(self._interfaces, self._activation.facets, strict=True):
+        for facets in self._activation.facets:
             nodes = fem.locate_dofs_topological(space, dim, facets.everywhere)
-            selected = nodes[where(x[nodes].T)]
+            selected = nodes[np.isin(nodes, loaded)]
             if len(selected) and message is None:
                 message = (
                     f"point_load: the node at {rounded(x[selected[0]])} lies on "
-                    f"{interface}, where it is one on either side; load a node beside it"
+                    f"{facets.label}, where it is one on either side; load a node beside it"
                 )
         raise_together(self._mesh.comm, message)
 
@@ -492,15 +492,15 @@ class Loading:
         self, which: Interface | str, value: Value, debonded: bool, share: Share | None
     ) -> None:
         number = number_of(self._interfaces, which)
-        interface = self._interfaces[number]
+        interface, label = self._interfaces[number], self._activation.facets[number].label
         if not interface.law.inelastic:
             raise ValueError(
-                f"pressure: {interface} is a tie, which leaves no room for a fluid; give it a law "
+                f"pressure: {label} is a tie, which leaves no room for a fluid; give it a law "
                 "that can fail, or vmdg.Contact() for a crack that is there already"
             )
         if interface.activate == "on-demand" and not debonded:
             raise ValueError(
-                f"pressure: {interface} opens on demand, and facets that are closed let no fluid "
+                f"pressure: {label} opens on demand, and facets that are closed let no fluid "
                 "in; give debonded=True"
             )
 
@@ -557,25 +557,38 @@ class Loading:
         self._ray, self._vector = ray, None
         return True
 
-    def check_finite(self, t: float) -> None:
-        """Refuse loads and eigenstrains at load factor ``t`` that are not finite; collective.
+    def check_finite(self, t: float) -> list[Array]:
+        """What is given for load factor ``t``: displacements, loads, pressures, rigid faces and
+        eigenstrains; collective.
 
         Raises:
-            ValueError: a prescribed displacement, load, pressure or eigenstrain is not.
+            ValueError: one of them is not finite.
         """
-        self._refuse_infinite(
-            t, together(self._mesh.comm, lambda: [part(t) for part in self._given_parts])
-        )
+        values = together(self._mesh.comm, lambda: [part(t) for part in self._given_parts])
+        self._refuse_infinite(t, values)
+        return values
 
     def _refuse_infinite(self, t: float, values: Sequence[Array]) -> None:
         message = None
         for kind, value in zip(KINDS, values, strict=True):
             if not np.isfinite(value).all():
+                found = not_finite(self._parts_of(kind, t))
                 message = (
-                    f"{kind} is not finite at load factor {t:.8g}: look at its function of the "
-                    "load factor there, for example at a root or a quotient"
+                    f"{kind}{found and f' ({found})'} is not finite at load factor {t:.8g}: look "
+                    "at its function of the load factor there, for example at a root or a quotient"
                 )
         raise_together(self._mesh.comm, message)
+
+    def _parts_of(self, kind: str, t: float) -> Iterable[Part]:
+        """Loads or supports of one of the kinds, one after the other."""
+        if kind == "an eigenstrain":
+            strains = self._bodies.strains(t)
+            places = np.zeros((3, 0))
+            return (
+                Part(f"eigenstrain of tag {tag}", np.atleast_1d(e), places) for tag, e in strains
+            )
+        containers = self.dirichlet, self._loads, self._surface, self.rigid
+        return containers[KINDS.index(kind)].parts(t)
 
     def as_given(self, t: float) -> bool:
         """Whether the present ray has the loads at ``t`` that were given for it; collective."""

@@ -32,7 +32,14 @@ from ..forms.materials import Material
 from ..interface.activation import Activation
 from ..interface.active import ActiveInterface, fine_scales
 from ..interface.facets import check_ghosts, find_facets
-from ..interface.interface import Interface, InterfaceList, Which, interface_names, number_of
+from ..interface.interface import (
+    Interface,
+    InterfaceList,
+    Which,
+    interface_names,
+    label_of,
+    number_of,
+)
 from ..interface.points import InterfaceState
 from ..interface.stabilization import Stabilization
 from .arguments import (
@@ -144,8 +151,11 @@ class Problem:
         strains = checked_eigenstrains(mesh, tags, eigenstrain, names)
         small = kinematics == "small"
         bodies = Bodies(mesh, tags, materials, small, strains, geometry, stress_only)
-        facets = [find_facets(mesh, tags, interface, names) for interface in self.interfaces]
-        check_overlap(mesh, self.interfaces, facets)
+        facets = [
+            find_facets(mesh, tags, interface, names, label_of(self.interfaces, i))
+            for i, interface in enumerate(self.interfaces)
+        ]
+        check_overlap(mesh, facets)
         if lattice is not None:
             check_faces(mesh, tags, lattice, self.interfaces, facets)
         activation = Activation(mesh, self.interfaces, facets, bodies, degree)
@@ -199,7 +209,7 @@ class Problem:
     def _repr_html_(self) -> str:
         """For notebooks: the line, and a table of the interfaces."""
         names = interface_names(self.interfaces)
-        rows = [(i, names[i], interface) for i, interface in enumerate(self.interfaces)]
+        rows = [(i, names[i], repr(interface)) for i, interface in enumerate(self.interfaces)]
         table = html_table(("number", "name", "interface"), rows)
         return f"<p>{escape(repr(self))}</p>{table}"
 

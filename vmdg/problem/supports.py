@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -30,6 +30,9 @@ _LOST = 0.99
 
 _AXES = "xyz"
 
+#: Tags that a message lists.
+MOST_TAGS = 8
+
 #: Lower half of a number of 64 bits.
 _LOW = 0xFFFFFFFF
 
@@ -38,14 +41,40 @@ class LoosePart(NamedTuple):
     """A part of a problem that can move as a rigid body.
 
     Attributes:
-        body: Tags of its cells, in words.
+        name: Its number.
+        tags: Of its cells.
         motions: What is free, in words.
         cells: Its cells on this rank, ghosts included.
     """
 
-    body: str
+    name: int
+    tags: list[int]
     motions: str
     cells: NDArray[np.intp]
+
+
+class Parts(NamedTuple):
+    """What moves as rigid bodies, and what supports hold of that; the same on every rank.
+
+    Attributes:
+        label: Name of its part for every local cell.
+        names: Of all parts, ascending.
+        tags: Of the cells of every part.
+        gram: Sum of m m^T over what holds, m the rigid motions (parts, modes, modes).
+    """
+
+    label: NDArray[np.int64]
+    names: NDArray[np.int64]
+    tags: list[list[int]]
+    gram: NDArray[np.float64]
+
+
+def in_words(parts: Sequence[LoosePart]) -> str:
+    """The bodies that parts are of, for messages."""
+    tags = [str(tag) for tag in sorted({tag for part in parts for tag in part.tags})]
+    listed = ", ".join(tags[:MOST_TAGS]) + (", ..." if len(tags) > MOST_TAGS else "")
+    noun = f"tag{'s' if len(tags) > 1 else ''} {listed}"
+    return f"the body of {noun}" if len(parts) == 1 else f"{len(parts)} bodies of {noun}"
 
 
 def loose_parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> list[LoosePart]:
@@ -57,7 +86,12 @@ def loose_parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> list
         problem: With all its prescribed displacements.
         interfaces: The interfaces that hold.
     """
-    return _loose(problem, [active.facets.cells for active in interfaces], [])
+    return loose_among(problem, parts_of(problem, interfaces))
+
+
+def parts_of(problem: Problem, interfaces: Iterable[ActiveInterface]) -> Parts:
+    """What moves as rigid bodies if only some interfaces hold; collective."""
+    return _parts(problem, [active.facets.cells for active in interfaces], [])
 
 
 def bonds(problem: Problem) -> tuple[float, float]:
@@ -116,13 +150,14 @@ def hanging_piece(problem: Problem) -> str:
         joined.append(active.facets.cells[every])
         single = holds & ~every[q.facet]
         links.append((active.facets.cells[q.facet[single]], q.points[single]))
-    found = [(_box(problem, part.cells), part) for part in _loose(problem, joined, links)]
+    loose = loose_among(problem, _parts(problem, joined, links))
+    found = [(_box(problem, part.cells), part) for part in loose]
     if not found:
         return ""
     box, part = min(found, key=lambda one: np.linalg.norm(one[0][1] - one[0][0]))
     low, high = rounded(box)
     return (
-        f"Against {part.motions} nothing holds a piece of the body of {part.body} any more, that "
+        f"Against {part.motions} nothing holds a piece of {in_words([part])} any more, that "
         f"between {low} and {high} before the deformation: its bonds are gone, but perhaps for one "
         "point."
     )
@@ -144,12 +179,22 @@ def _box(problem: Problem, cells: NDArray[np.intp]) -> NDArray[np.float64]:
     return global_box(problem.comm, x)
 
 
-def _loose(
+def loose_among(problem: Problem, parts: Parts) -> list[LoosePart]:
+    """Those that keep a rigid motion."""
+    result = []
+    for name, tags, matrix in zip(parts.names, parts.tags, parts.gram, strict=True):
+        if motions := _free_motions(matrix, problem):
+            cells = np.flatnonzero(parts.label == name)
+            result.append(LoosePart(int(name), tags, motions, cells))
+    return result
+
+
+def _parts(
     problem: Problem,
     joined: list[NDArray[np.int32]],
     links: list[tuple[NDArray[np.int32], NDArray[np.float64]]],
-) -> list[LoosePart]:
-    """Parts that keep a rigid motion; collective.
+) -> Parts:
+    """What moves as rigid bodies, and what holds it; collective.
 
     Args:
         problem: With all its prescribed displacements.
@@ -167,7 +212,7 @@ def _loose(
     part_of, tag_of = code >> 32, (code & _LOW).astype(np.uint32).view(np.int32)
     parts = np.unique(part_of)
     gram = _gram(problem, label, parts)
-    size, geometry = _size(problem), problem.discretization.geometry
+    size, geometry = size_of(problem), problem.discretization.geometry
     for cells, points in links:
         m = rigid_motions(points[:, : mesh.geometry.dim] / size, geometry)
         apart = label[cells[:, 0]] != label[cells[:, 1]]
@@ -175,13 +220,8 @@ def _loose(
         for side in label[cells[apart]].T:
             np.add.at(gram, np.searchsorted(parts, side), works)
     gram = _with_faces(problem, label, parts, global_sum(comm, gram))
-    result = []
-    for part, matrix in zip(parts, gram, strict=True):
-        if motions := _free_motions(matrix, problem):
-            tags = tag_of[part_of == part]
-            body = f"tag{'s' if len(tags) > 1 else ''} {', '.join(map(str, tags))}"
-            result.append(LoosePart(body, motions, np.flatnonzero(label == part)))
-    return result
+    tags = [tag_of[part_of == part].tolist() for part in parts]
+    return Parts(label, parts, tags, gram)
 
 
 def _gram(
@@ -195,19 +235,19 @@ def _gram(
     held, means = problem.loading.owned_prescribed, problem.discretization.means
     if means is not None:
         held = np.setdiff1d(held, means.owned_rows)
-    part, m = _motions_at(problem, label, parts, held)
+    part, m = motions_at(problem, label, parts, held)
     gram = np.zeros((len(parts), m.shape[1], m.shape[1]))
     np.add.at(gram, part, m[:, :, None] * m[:, None, :])
     if lattice_of(means) is not None:
         nodes, (here, there) = means.shifts()
-        geometry, size = problem.discretization.geometry, _size(problem)
+        geometry, size = problem.discretization.geometry, size_of(problem)
         m = rigid_motions(here / size, geometry) - rigid_motions(there / size, geometry)
         part = _part_of_nodes(problem, label, parts)[means.nodes[nodes]]
         np.add.at(gram, part, np.einsum("mni,kni->nmk", m, m))
     surface = problem.discretization.surface
     if surface.sprung:
         every = np.arange(len(problem.u.x.array), dtype=np.int32)
-        part, m = _motions_at(problem, label, parts, every)
+        part, m = motions_at(problem, label, parts, every)
         np.add.at(gram, part, surface.spring_work(m.T.copy()))
     return gram
 
@@ -227,7 +267,7 @@ def _with_faces(
     if not rigid:
         return gram
     count, modes = gram.shape[:2]
-    part, m = _motions_at(problem, label, parts, rigid.dofs)
+    part, m = motions_at(problem, label, parts, rigid.dofs)
     moved = np.zeros((len(rigid.dofs), count, modes))
     moved[np.arange(len(m)), part] = m
     moved = moved.reshape(len(m), count * modes)
@@ -243,7 +283,13 @@ def _with_faces(
     return result
 
 
-def _motions_at(
+def free_motions(gram: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Motions of a part that nothing holds, by columns (modes, n)."""
+    values, vectors = np.linalg.eigh(gram)
+    return vectors[:, values <= _FREE * max(values[-1], np.finfo(float).tiny)]
+
+
+def motions_at(
     problem: Problem,
     label: NDArray[np.int64],
     parts: NDArray[np.int64],
@@ -255,7 +301,7 @@ def _motions_at(
     coordinates = space.tabulate_dof_coordinates()[:, :d]
     part_of_node = _part_of_nodes(problem, label, parts)
     node, component = dofs // d, dofs % d
-    motions = rigid_motions(coordinates[node] / _size(problem), problem.discretization.geometry)
+    motions = rigid_motions(coordinates[node] / size_of(problem), problem.discretization.geometry)
     return part_of_node[node], motions[:, np.arange(len(node)), component].T
 
 
@@ -269,7 +315,7 @@ def _part_of_nodes(
     return result
 
 
-def _size(problem: Problem) -> float:
+def size_of(problem: Problem) -> float:
     """Largest coordinate; collective [mm]."""
     largest = float(np.abs(problem.mesh.geometry.x).max(initial=0.0))
     return max(global_max(problem.comm, largest), np.finfo(float).tiny)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..base.words import near_keywords
 from ..linear.ksp import Petsc
 
 CONTROLS, UNSTABLE = ("auto", "load", "dissipation"), ("jump", "trace")
@@ -77,6 +78,16 @@ class PathOptions:
         return min(self.aim / max(corrections, 1), self.growth)
 
 
+@near_keywords(
+    rtol="relative_tolerance",
+    snes_rtol="relative_tolerance",
+    tolerance="relative_tolerance",
+    tol="relative_tolerance",
+    max_it="max_iterations",
+    snes_max_it="max_iterations",
+    maxiter="max_iterations",
+    solver_options="petsc",
+)
 @dataclass(frozen=True, kw_only=True)
 class SolveOptions:
     """How to step; all by name.

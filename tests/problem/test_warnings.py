@@ -1,0 +1,253 @@
+"""Warnings before a run: each where it is true, once, and not where it is not."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from itertools import product
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx.mesh import (
+    CellType,
+    GhostMode,
+    compute_midpoints,
+    create_box,
+    create_rectangle,
+    meshtags,
+)
+
+import vmdg
+from vmdg.meshes import blocks
+from vmdg.problem.checks import check_model
+
+BODY = vmdg.NeoHookean(E=1e3, nu=0.2)
+
+
+def told(problem: vmdg.Problem, loads=(0.5, 1.0)) -> list[str]:
+    """What rank 0 is warned of before a run."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_model(problem, np.array(loads))
+    return [str(warning.message) for warning in caught]
+
+
+def expect(problem: vmdg.Problem, *words: str, **options) -> str:
+    """The one warning, with these words; the other ranks are quiet."""
+    found = told(problem, **options)
+    assert len(found) == (problem.comm.rank == 0)
+    assert all(word in message for word, message in product(words, found))
+    return "".join(found)
+
+
+# Loads that only bonds bear
+
+
+def wall(comm: MPI.Comm, dim: int, law: vmdg.Law, load: Callable) -> vmdg.Problem:
+    """Bricks of 2 x 1 mm in four rows of a running bond, whose lowest faces are held."""
+    if dim == 2:
+        mesh = create_rectangle(
+            comm,
+            [(0, 0), (6, 4)],
+            (12, 8),
+            CellType.quadrilateral,
+            ghost_mode=GhostMode.shared_facet,
+        )
+    else:
+        mesh = create_box(
+            comm,
+            [(0, 0, 0), (6, 4, 1)],
+            (12, 8, 1),
+            CellType.hexahedron,
+            ghost_mode=GhostMode.shared_facet,
+        )
+    cell_map = mesh.topology.index_map(dim)
+    cells = np.arange(cell_map.size_local + cell_map.num_ghosts, dtype=np.int32)
+    x, y = compute_midpoints(mesh, dim, cells).T[:2]
+    row = np.floor(y).astype(np.int32)
+    values = (10 * row + np.floor((x + row % 2) / 2)).astype(np.int32)
+    names = np.unique(np.concatenate(comm.allgather(np.unique(values))))
+    problem = vmdg.Problem(
+        mesh,
+        meshtags(mesh, dim, cells, values),
+        dict.fromkeys(names.tolist(), BODY),
+        [vmdg.Interface(between="all", law=law)],
+        kinematics="small",
+    )
+    problem.dirichlet(lambda x: np.isclose(x[1], 0), 0.0)
+    load(problem, lambda along, up: np.array([along, up, 0.0])[:dim])
+    return problem
+
+
+def top(x: np.ndarray) -> np.ndarray:
+    """The upper side of the wall."""
+    return np.isclose(x[1], 4)
+
+
+MORTAR = vmdg.Debonding(strength=1.0, critical_gap=0.1, friction=0.5)
+STANDS = {
+    "pressed": lambda p, f: p.traction(top, lambda t: f(0, -t)),
+    "under its weight": lambda p, f: p.body_force(lambda t: f(0, -1e-3 * t)),
+    "under a pressure": lambda p, f: p.pressure(top, lambda t: t),
+    "pushed a little": lambda p, f: p.traction(top, lambda t: f(0.2 * t, -t)),
+}
+FALLS = {
+    "lifted": (lambda p, f: p.traction(top, lambda t: f(0, t)), "4 bodies of tags 30, 31, 32, 33"),
+    "lifted at a corner": (
+        lambda p, f: p.traction(lambda x: top(x) & (x[0] < 1.01), lambda t: f(0, t)),
+        "the body of tag 30 bears a load",
+    ),
+    "pushed": (lambda p, f: p.traction(top, lambda t: f(0.7 * t, -t)), "bodies of tags 3"),
+}
+
+
+@pytest.mark.parametrize(("dim", "load"), list(product((2, 3), STANDS)))
+def test_wall_that_stands(comm, dim, load):
+    """Bricks that are pressed on each other need no bond: nothing to warn of."""
+    assert not told(wall(comm, dim, MORTAR, STANDS[load]))
+
+
+@pytest.mark.parametrize(("dim", "load"), list(product((2, 3), FALLS)))
+def test_wall_that_falls(comm, dim, load):
+    """One warning for all bricks that come free, and for no others."""
+    lift, words = FALLS[load]
+    expect(wall(comm, dim, MORTAR, lift), words, "only bonds hold", "no step will converge")
+
+
+def test_wall_without_mortar(comm):
+    """So do bricks that nothing but contact holds."""
+    dry = wall(comm, 2, vmdg.Contact(friction=0.5), STANDS["under its weight"])
+    expect(dry, "only contact holds 11 bodies of tags 10, 11, 12, 13, 20, 21, 22, 30, ...")
+
+
+# Process zones
+
+
+def film(comm: MPI.Comm, cells: int, thickness: float = 0.01, degree: int = 2) -> vmdg.Problem:
+    """A film on a base, 5 mm long, that shrinks."""
+    mesh = create_rectangle(
+        comm,
+        [(0, 0), (5, 7)],
+        (cells, 7),
+        CellType.quadrilateral,
+        ghost_mode=GhostMode.shared_facet,
+    )
+    y = mesh.geometry.x[:, 1]
+    mesh.geometry.x[:, 1] = np.where(y < 6.5, y / 6, 1 + thickness)
+    tags = vmdg.split_cells(mesh, lambda x: 1 - x[1], "film")
+    base, strip = vmdg.NeoHookean(E=70e3, nu=0.3), vmdg.NeoHookean(E=200e3, nu=0.25)
+    bond = vmdg.Interface(between=("film", "outside"), law=vmdg.Debonding(60.0, 1e-3), name="bond")
+    problem = vmdg.Problem(
+        mesh,
+        tags,
+        {"outside": base, "film": strip},
+        [bond],
+        degree=degree,
+        kinematics="small",
+        eigenstrain={"film": lambda t: -6e-3 * t},
+    )
+    problem.dirichlet(lambda x: np.isclose(x[0], 0), 0.0, "x")
+    problem.dirichlet(lambda x: np.isclose(x[1], 0), 0.0, "y")
+    return problem
+
+
+def test_process_zone_of_a_film(comm):
+    """Its thickness makes it short: (E' t G_c)^1/2/P_c, and facets of the size that is named do."""
+    length = np.sqrt(200e3 / (1 - 0.25**2) * 0.01 * 0.03) / 60
+    words = f"{length:.3g} mm or less, sqrt(E' t G_c)/P_c with a part of t = 0.01 mm beside it"
+    message = expect(film(comm, 5), "interface 'bond': facets of 1 mm are too long for", words)
+    size = comm.bcast(float(message.split("facets of about ")[1].split()[0]) if message else None)
+    assert size == pytest.approx(2 * length / 3, rel=0.1)
+    assert not told(film(comm, int(np.ceil(5 / size))))
+    # As thick as the base is, the zone is that of large bodies, and these facets have points in it.
+    assert not told(film(comm, 5, thickness=1.0))
+
+
+def test_process_zone_of_large_bodies(comm):
+    """E' G_c/P_c^2, with E' between those of both sides; warned of once."""
+    size = {"length": 120.0, "height": 60.0, "interface": (60.0, 60.0)}
+    tagged = blocks(comm, "triangle", (6, 6), **size)
+    soft, stiff = vmdg.NeoHookean(E=1e3, nu=0.3), vmdg.NeoHookean(E=4e3, nu=0.3)
+
+    def problem(strength: float) -> vmdg.Problem:
+        law = vmdg.ExponentialDebonding(strength=strength, fracture_energy=0.5)
+        between = vmdg.Interface(between=(1, 2), law=law)
+        result = vmdg.Problem(tagged.mesh, tagged.cell_tags, {1: soft, 2: stiff}, [between])
+        result.dirichlet(tagged.facet_tags.find("left"), 0.0)
+        result.dirichlet(tagged.facet_tags.find("right"), lambda t: [1e-4 * t, 0.0])
+        return result
+
+    length = 2 / (1 / 1e3 + 1 / 4e3) / (1 - 0.3**2) * 0.5 / 15.0**2
+    expect(problem(15.0), f"{length:.3g} mm or less, E' G_c/P_c^2", "interface 0 (between=(1, 2))")
+    assert not told(problem(5.0))
+    # Two facets make a bar that breaks at once.
+    tagged = blocks(comm, "triangle", (6, 2), **size)
+    assert not told(problem(15.0))
+    tagged = blocks(comm, "triangle", (6, 6), **size)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        one = problem(15.0)
+        for t in (0.5, 1.0):
+            vmdg.solve(one, [t])
+    assert len(caught) == (comm.rank == 0)
+
+
+def test_softening_far_above_the_bodies(comm):
+    """One warning, with the digits that it costs."""
+    tagged = blocks(comm, "quadrilateral", (2, 2, 2))
+    law = vmdg.Debonding(strength=100.0, critical_gap=1e-9)
+    problem = vmdg.Problem(
+        tagged.mesh, tagged.cell_tags, {1: BODY, 2: BODY}, [vmdg.Interface(between=(1, 2), law=law)]
+    )
+    problem.dirichlet(tagged.facet_tags.find("left"), 0.0)
+    problem.dirichlet(tagged.facet_tags.find("right"), lambda t: [1e-4 * t, 0.0])
+    expect(problem, "H = 1e+11 MPa/mm is far above", "Tractions lose 7 of their 16 digits")
+
+
+# Loads
+
+
+def moved(comm: MPI.Comm, value, law=MORTAR, **options) -> vmdg.Problem:
+    """Two blocks of which one is held and one is moved by a value along x."""
+    tagged = blocks(comm, "quadrilateral", (2, 2, 2))
+    bond = vmdg.Interface(between=(1, 2), law=law, name="bond")
+    problem = vmdg.Problem(
+        tagged.mesh, tagged.cell_tags, {1: BODY, 2: BODY}, [bond], kinematics="small", **options
+    )
+    problem.dirichlet(tagged.facet_tags.find("left"), 0.0)
+    problem.dirichlet(tagged.facet_tags.find("right"), value, "x")
+    problem.dirichlet(tagged.facet_tags.find("right"), 0.0, "y")
+    return problem
+
+
+def test_nothing_loaded(comm):
+    """Zero is what is asked for, and what comes out; unless it is where a state comes back to."""
+    expect(moved(comm, 0.0), "nothing is loaded", "lambda t: 0.1 * t")
+    expect(moved(comm, lambda t: 0.0 * t), "nothing is loaded", loads=[1.0])
+    problem = moved(comm, lambda t: 1e-3 * t)
+    vmdg.solve(problem, [1.0])
+    assert not told(problem, loads=[0.0])
+
+
+def test_no_load_that_changes(comm):
+    """The same row again and again; one of them is a problem as any other."""
+    expect(moved(comm, 1e-3), "no load depends on the load factor: all 2 steps end in the same")
+    assert not told(moved(comm, 1e-3), loads=[1.0])
+    assert not told(moved(comm, lambda t: 1e-3 * min(t, 0.5)))
+    assert not told(moved(comm, 1e-3), loads=[1.0, 1.0])
+    assert not told(moved(comm, 1e-3, eigenstrain={1: lambda t: 1e-4 * t}))
+    # Equal at all load factors that are given, not between them.
+    assert not told(moved(comm, lambda t: 1e-3 * np.sin(2 * np.pi * t)), loads=[1.0, 2.0, 3.0])
+
+
+def test_what_changes_by_itself(comm):
+    """By time, by cycles, by a fluid that spreads: constant loads are right."""
+    slow = vmdg.Debonding(strength=1.0, critical_gap=0.1, viscosity=1.0)
+    worn = vmdg.FatigueDebonding(1.0, 1.0, 0.05, 0.05)
+    assert not told(moved(comm, 1e-3, law=slow))
+    assert not told(moved(comm, 1e-3, law=worn))
+    cracked = moved(comm, 1e-3)
+    cracked.pressure("bond", 0.1, debonded=True)
+    assert not told(cracked)

@@ -1,0 +1,85 @@
+"""Words for what users get wrong most: names that do not exist, functions of one point."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable, Mapping
+from difflib import get_close_matches
+from functools import wraps
+from typing import Any, TypeVar
+
+Called = TypeVar("Called", bound=Callable[..., Any])
+
+
+def near(name: str, names: Iterable[str], others: Mapping[str, str] | None = None) -> str:
+    """A question for the end of a message, or nothing where no name is near.
+
+    Args:
+        name: That does not exist.
+        names: Those that do.
+        others: What some of them are called elsewhere, which looks different.
+    """
+    lower = {name.lower(): name for name in names}
+    lower |= {word.lower(): meant for word, meant in (others or {}).items()}
+    close = dict.fromkeys(lower[word] for word in get_close_matches(name.lower(), lower, n=3))
+    if name.lower() in lower:
+        close = {lower[name.lower()]: None}
+    return f". Did you mean {' or '.join(map(repr, close))}?" if close else ""
+
+
+def at_points(function: Callable[..., Any], *arguments: Any, what: str = "") -> Any:
+    """Call a user's function of points x (3, n).
+
+    Args:
+        function: What the user gave.
+        arguments: The points first.
+        what: Begins the message.
+
+    Raises:
+        ValueError: it is written for one point.
+    """
+    try:
+        return function(*arguments)
+    except ValueError as error:
+        if "truth value" not in str(error):
+            raise
+        raise ValueError(
+            f"{what}the function gets all points at once, x (3, n), and `and`, `or`, `not`, `if` "
+            "and 0 < x[0] < 1 are for one: write (0 < x[0]) & (x[0] < 1), with | and ~ for the "
+            "others, and np.where(x[0] < 1, a, b)"
+        ) from error
+
+
+def near_keywords(**others: str) -> Callable[[Called], Called]:
+    """Decorate a function or a class: an unknown keyword is answered by the one that was meant.
+
+    Python itself (3.13, and not in the ``__init__`` of data classes whose names differ by more than
+    a few letters) names one that is spelt nearly the same. The signature stays as it is, for
+    editors and for :func:`inspect.signature`.
+
+    Args:
+        others: What keywords are called elsewhere: ``rtol="relative_tolerance"``.
+    """
+
+    def decorate(called: Called) -> Called:
+        function = called.__init__ if inspect.isclass(called) else called
+        names = [
+            parameter.name
+            for parameter in inspect.signature(called).parameters.values()
+            if parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY)
+        ]
+
+        @wraps(function)
+        def checked(*arguments: Any, **keywords: Any) -> Any:
+            for name in keywords:
+                if name not in names:
+                    meant = near(name, names, others) or f"; it takes {', '.join(names)}"
+                    raise TypeError(f"{called.__name__}: there is no {name}={meant}")
+            return function(*arguments, **keywords)
+
+        if not inspect.isclass(called):
+            return checked
+        called.__init__ = checked
+        return called
+
+    return decorate
