@@ -17,6 +17,7 @@ from dolfinx.io import XDMFFile
 from dolfinx.mesh import GhostMode, meshtags
 
 from vmdg.base.parallel import warn_together
+from vmdg.base.words import near_keywords
 from vmdg.domain.tags import NamedTags, names_of
 
 from .abaqus import read_abaqus
@@ -46,6 +47,7 @@ BEGIN, END = (b"$MeshFormat", b"$NOD"), (b"$EndElements", b"$ENDELM")
 T = TypeVar("T")
 
 
+@near_keywords(tags="cell_tags", physical="groups", tolerance="merge")
 def read_mesh(
     path: str | Path,
     comm: MPI.Comm = MPI.COMM_WORLD,

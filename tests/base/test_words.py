@@ -39,6 +39,12 @@ def test_interface(wrong, meant):
         vmdg.Interface(**{wrong: (1, 2)}, law=LAW)
 
 
+def test_reading_a_mesh(comm):
+    """So does the door of meshes, before the file is looked for."""
+    with pytest.raises(TypeError, match="read_mesh: there is no mrge=. Did you mean 'merge'"):
+        vmdg.meshes.read_mesh(comm, "nowhere.msh", mrge=True)
+
+
 def test_signatures_stay():
     """For editors: names, defaults and docstrings of what is decorated; functions too."""
     parameters = inspect.signature(vmdg.SolveOptions).parameters

@@ -171,13 +171,16 @@ def _cell_moments(mesh: Mesh, owned: int) -> Array:
     X = shape.positions(nodes)
     first = np.einsum("cq,icq->ci", dV, X)
     second = np.einsum("cq,icq,jcq->cij", dV, X, X, optimize=True)
-    return np.column_stack([dV.sum(axis=1), first, second.reshape(len(dV), -1)])
+    # A rank may own no cells.
+    return np.column_stack([dV.sum(axis=1), first, second.reshape(len(dV), first.shape[1] ** 2)])
 
 
 def _corners(mesh: Mesh, facets: NDArray[np.int32]) -> Array:
     """Of facets (nf, corners, 3) [mm]."""
     dim = mesh.topology.dim - 1
     count = len(basix.geometry(basix.cell.subentity_types(mesh.basix_cell())[dim][0]))
+    if not len(facets):  # of which DOLFINx divides by their number
+        return np.zeros((0, count, 3))
     return mesh.geometry.x[entities_to_geometry(mesh, dim, facets)[:, :count]]
 
 
