@@ -41,7 +41,7 @@ def test_interface(wrong, meant):
 
 def test_reading_a_mesh(comm):
     """So does the door of meshes, before the file is looked for."""
-    with pytest.raises(TypeError, match="read_mesh: there is no mrge=. Did you mean 'merge'"):
+    with pytest.raises(TypeError, match=r"read_mesh: there is no mrge=\. Did you mean 'merge'"):
         vmdg.meshes.read_mesh(comm, "nowhere.msh", mrge=True)
 
 
