@@ -219,16 +219,20 @@ def test_dead_load(comm):
     assert max(errors) < 3e-5 * stored
 
 
+def hanging_bar(comm, steps: int, energy: bool) -> tuple[vmdg.Problem, int]:
+    """Two bonded squares that hang, their weight put on in equal steps; the residuals it took."""
+    scene = blocks(comm, "quadrilateral", (1, 2))
+    problem = couple(scene, vmdg.Bonded())
+    problem.dirichlet(scene.facet_tags.find(1), 0.0)
+    problem.body_force(lambda t: [100.0 * t, 20.0 * t])
+    options = vmdg.SolveOptions(relative_tolerance=1e-12, energy=energy)
+    return problem, vmdg.solve(problem, steps, options).counts.residuals
+
+
 def test_body_force_works_too(comm):
     """Dead body forces are external work: a hanging bar balances in few steps."""
     for steps in (2, 4, 8):
-        scene = blocks(comm, "quadrilateral", (1, 2))
-        problem = couple(scene, vmdg.Bonded())
-        problem.dirichlet(scene.facet_tags.find(1), 0.0)
-        problem.body_force(lambda t: [100.0 * t, 20.0 * t])
-        options = vmdg.SolveOptions(relative_tolerance=1e-12, energy=True)
-        vmdg.solve(problem, np.arange(1, steps + 1) / steps, options)
-        energy = problem.energy()
+        energy = hanging_bar(comm, steps, energy=True)[0].energy()
         assert abs(energy.imbalance) < 3e-5 * energy.external
 
 
@@ -283,12 +287,7 @@ def test_what_costs_residuals_is_asked_for(comm):
     errors, counts = {}, {}
     for asked in (True, False):
         for steps in (1, 8, 16):
-            scene = blocks(comm, "quadrilateral", (1, 2))
-            problem = couple(scene, vmdg.Bonded())
-            problem.dirichlet(scene.facet_tags.find(1), 0.0)
-            problem.body_force(lambda t: [100.0 * t, 20.0 * t])
-            options = vmdg.SolveOptions(relative_tolerance=1e-12, energy=asked)
-            counts[asked, steps] = vmdg.solve(problem, steps, options).counts.residuals
+            problem, counts[asked, steps] = hanging_bar(comm, steps, asked)
             energy = problem.energy()
             errors[asked, steps] = abs(energy.imbalance) / energy.external
             assert problem.energy() == energy

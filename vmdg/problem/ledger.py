@@ -189,9 +189,9 @@ class Ledger:
     def _external_work(self) -> tuple[float, NDArray[np.float64], float]:
         """Work of prescribed displacements, dead loads and eigenstrains in the step, and what its
         parts charge to damage, friction and viscosity more than the whole (3,), this rank's [N mm];
-        ``within`` of :class:`Works`.
+        ``within`` of :class:`.Works`.
 
-        What the curvature of a step adds is on the first rank.
+        What the curvature of the step adds is entered here, as far as two steps foretell it.
         """
         now, begun, start = self.discretization, self._start, self._start.state
         owned, prescribed = slice(now.owned), self._loading.owned_prescribed

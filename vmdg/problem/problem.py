@@ -562,9 +562,10 @@ class Problem:
     def energy(self) -> Energy:
         """Energies at the current state, with what is dissipated as in (34); collective.
 
-        At finite strain the work of loads is an integral along the path, which steps at whose end
-        nobody asks are added to by the trapezoidal rule, less what the step before foretells:
-        ``SolveOptions(energy=True)`` asks always.
+        At finite strain the external work of a step is integrated accurately only if its energies
+        are asked for before the next step begins; otherwise by the trapezoidal rule, corrected
+        where the step before allows an estimate. ``SolveOptions(energy=True)`` asks after every
+        step.
         """
         self.step.ledger.complete()
         return self.step.ledger.energy()

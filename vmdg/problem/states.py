@@ -26,7 +26,8 @@ class Energy:
         damage: Spent on bonds since the start.
         friction: Spent on sliding since the start.
         viscosity: Spent on the overstress since the start, or released in jumps [N mm].
-        external: Work of prescribed displacements, loads and eigenstrains since the start.
+        external: Work of prescribed displacements, loads and eigenstrains since the start; see
+            :meth:`.Problem.energy` for its accuracy at finite strain.
         discretization: Added since the start by a tau_s that changes between steps, the change of
             (30) at fixed u and zeta, and by facets that open, less what relaxes as they do.
         springs: Stored by springs.

@@ -183,7 +183,7 @@ def loose_among(problem: Problem, parts: Parts) -> list[LoosePart]:
     """Those that keep a rigid motion."""
     result = []
     for name, tags, matrix in zip(parts.names, parts.tags, parts.gram, strict=True):
-        if motions := _free_motions(matrix, problem):
+        if motions := _motions_in_words(matrix, problem):
             cells = np.flatnonzero(parts.label == name)
             result.append(LoosePart(int(name), tags, motions, cells))
     return result
@@ -283,10 +283,15 @@ def _with_faces(
     return result
 
 
+def _nothing(gram: NDArray[np.float64]) -> float:
+    """Eigenvalue of a part's matrix up to which nothing holds the motion."""
+    return _FREE * max(np.linalg.eigvalsh(gram)[-1], np.finfo(float).tiny)
+
+
 def free_motions(gram: NDArray[np.float64]) -> NDArray[np.float64]:
     """Motions of a part that nothing holds, by columns (modes, n)."""
     values, vectors = np.linalg.eigh(gram)
-    return vectors[:, values <= _FREE * max(values[-1], np.finfo(float).tiny)]
+    return vectors[:, values <= _nothing(gram)]
 
 
 def motions_at(
@@ -321,14 +326,13 @@ def size_of(problem: Problem) -> float:
     return max(global_max(problem.comm, largest), np.finfo(float).tiny)
 
 
-def _free_motions(gram: NDArray[np.float64], problem: Problem) -> str:
+def _motions_in_words(gram: NDArray[np.float64], problem: Problem) -> str:
     """Free rigid motions in words; empty where all are held."""
-    values = np.linalg.eigvalsh(gram)
-    free = int((values <= _FREE * max(values[-1], np.finfo(float).tiny)).sum())
+    free = free_motions(gram).shape[1]
     if not free:
         return ""
     d = problem.mesh.geometry.dim
-    held = np.diag(gram) > _FREE * max(values[-1], np.finfo(float).tiny)
+    held = np.diag(gram) > _nothing(gram)
     if isinstance(problem.discretization.geometry, Axisymmetric):
         return "translation along y"
     names = [f"translation along {_AXES[k]}" for k in range(d) if not held[k]]

@@ -179,7 +179,7 @@ def _corners(mesh: Mesh, facets: NDArray[np.int32]) -> Array:
     """Of facets (nf, corners, 3) [mm]."""
     dim = mesh.topology.dim - 1
     count = len(basix.geometry(basix.cell.subentity_types(mesh.basix_cell())[dim][0]))
-    if not len(facets):  # of which DOLFINx divides by their number
+    if not len(facets):  # entities_to_geometry divides by their number
         return np.zeros((0, count, 3))
     return mesh.geometry.x[entities_to_geometry(mesh, dim, facets)[:, :count]]
 

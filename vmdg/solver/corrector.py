@@ -447,7 +447,8 @@ class _Iteration:
         if norm > goal and before and min(last) > (1 - little) * min(before):
             return reasons.DIVERGED_LOCAL_MIN
         self._rtol = linear_tolerance(self._norms, goal)
-        # By quadratic convergence a tangent leaves twice the share it has left, which is to miss.
+        # The last tangent multiplies the residual by about twice the ratio of the last two, since
+        # convergence is quadratic; it serves once more where that ends far below the goal.
         first, surely = self._norms[-2:][0], self._numbers.missed * goal
         self._system.lags = len(self._norms) > 1 and goal < norm and 2 * norm**2 <= surely * first
         return reasons.ITERATING

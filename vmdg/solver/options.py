@@ -125,8 +125,8 @@ class SolveOptions:
             made once, and a dense matrix of the gaps at the interface points, see
             :mod:`vmdg.linear.capacitance`: None where that is possible and cheaper, False never,
             True wherever it is possible, see :mod:`vmdg.linear.condensation`.
-        energy: Add the energies of every step to the history, and find the work of every one
-            of them as exactly as that costs residuals.
+        energy: Add the energies of every step to the history. At finite strain the external work
+            of every step is then integrated accurately, which costs one or more residuals a step.
         progress: Show a progress bar and the summary of the run (rank 0): load factor, size,
             iterations of the step, forces, share of the interfaces that is debonded, and with
             ``energy`` the imbalance relative to the largest work put in. A number is the time
