@@ -22,7 +22,7 @@ settings.load_profile("vmdg")
 
 
 #: Seconds after which a test is taken for a deadlock, cold compilers included.
-PATIENCE = 1800
+PATIENCE = 900
 
 
 class FailuresOnly:

@@ -91,7 +91,7 @@ def not_finite(parts: Iterable[Part]) -> str:
     parts = list(parts)
     calls = [part.what for part in parts]
     for i, (what, values, places) in enumerate(parts):
-        bad = np.flatnonzero(~np.isfinite(values).reshape(len(values), -1).all(axis=1))
+        bad = np.flatnonzero(~np.isfinite(values).all(axis=tuple(range(1, np.ndim(values)))))
         if len(bad):
             number = f"call {calls[: i + 1].count(what)} of " if calls.count(what) > 1 else ""
             first = bad[0] if len(values) == places.shape[1] else 0
