@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 from support.scenes import DIMENSION, LEFT, RIGHT, two_blocks
@@ -11,11 +13,8 @@ import vmdg
 E, PRESSED, FRICTION = 1000.0, 0.01, 0.3
 
 
-@pytest.mark.parametrize("kinematics", ["small", "finite"])
-@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
-@pytest.mark.parametrize("stiff", [1e4, 1e6])
-def test_block_on_a_wall(comm, cell, kinematics, stiff):
-    """Pressed and dragged along it: E times the strain, friction times that, hardly any give."""
+def block_on_a_wall(comm, cell, kinematics, stiff):
+    """A block, a wall so many times as stiff, friction between them; pressed, then dragged."""
     scene = two_blocks(comm, cell, 2)
     x = scene.mesh.geometry.x
     x[:, 0] = np.minimum(x[:, 0], 1 + 0.01 * (x[:, 0] - 1))  # a layer of .01 mm for block 2
@@ -28,6 +27,15 @@ def test_block_on_a_wall(comm, cell, kinematics, stiff):
     problem.dirichlet(right, 0.0)
     across = np.zeros(DIMENSION[cell] - 2)
     problem.dirichlet(left, lambda t: (PRESSED * min(t, 1), 0.03 * max(t - 1, 0), *across))
+    return problem, left, right
+
+
+@pytest.mark.parametrize("kinematics", ["small", "finite"])
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+@pytest.mark.parametrize("stiff", [1e4, 1e6])
+def test_block_on_a_wall(comm, cell, kinematics, stiff):
+    """Pressed and dragged along it: E times the strain, friction times that, hardly any give."""
+    problem, left, right = block_on_a_wall(comm, cell, kinematics, stiff)
     vmdg.solve(problem, [1.0])
     pressed = problem.reaction(right)
     state = problem.state[0]
@@ -42,3 +50,14 @@ def test_block_on_a_wall(comm, cell, kinematics, stiff):
     given = problem.space.tabulate_dof_coordinates()[:, 0] > 1 + 1e-6
     moved = problem.u.x.array.reshape(-1, DIMENSION[cell])
     assert np.abs(moved[given]).max(initial=0.0) < PRESSED / stiff
+
+
+def test_too_stiff(comm):
+    """Forces that drown in the rounding of a wall of 1e9 times the modulus are told, on rank 0."""
+    problem, *_ = block_on_a_wall(comm, "quadrilateral", "finite", 1e9)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        vmdg.solve(problem, [1.0])
+    told = [str(one.message) for one in caught if one.category is vmdg.ModelWarning]
+    assert all("rounding of the stiffest body" in text for text in told)
+    assert len(told) == (comm.rank == 0)

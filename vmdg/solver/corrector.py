@@ -21,7 +21,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.parallel import global_any, global_max, global_norm, global_sum
+from ..base.parallel import global_any, global_max, global_norm, global_sum, warn_together
 from ..base.timers import timer
 from ..compat import SNES_REASONS, UNBOUNDED_SEARCH
 from ..domain.topology import box_sides
@@ -76,6 +76,7 @@ class Corrector:
         self._snes.getKSP().setType(PETSc.KSP.Type.PYTHON)
         self._snes.getKSP().getPC().setType(PETSc.PC.Type.NONE)
         self._own = {k: v for k, v in (options.petsc or {}).items() if k.startswith("snes_")}
+        self._rounds = False
         # By halves, however large or small a correction is as a number.
         least = float(np.finfo(float).tiny)
         halves = {"order": 1, "max_it": options.path.halvings, "minlambda": least}
@@ -118,16 +119,30 @@ class Corrector:
             warn_of_unused(self._snes)
         reason = self._snes.getConvergedReason()
         # The forces of a state that is given up say nothing about the run.
+        found = iteration.attempt()
         if reason > 0:
             scales = problem.step.scales.with_forces(reaction=iteration.reaction())
+            self._warn_of_rounding(found.norms[-1], scales.reaction)
         problem.step.scales = scales
         return replace(
-            iteration.attempt(),
+            found,
             converged=reason > 0,
             reason=_REASONS.get(reason, str(reason)),
             krylov=self._system.iterations - krylov,
             unstable=self._system.unstable,
         )
+
+    def _warn_of_rounding(self, norm: float, reaction: float) -> None:
+        """Tell once that a stiff body's rounding is all that the residual can come down to."""
+        least = self._options.path.small / self._options.path.missed
+        if not self._rounds and least * reaction < norm < reaction:
+            self._rounds = True
+            warn_together(
+                self._problem.comm,
+                f"forces balance to {norm:.2g} N only, of {reaction:.3g} N: that is the rounding "
+                "of the stiffest body. Take a smaller modulus for it, 1e4 to 1e6 times that of the "
+                "others is as good as rigid, or prescribe its displacement and leave it out",
+            )
 
     def free(self) -> None:
         """Free the PETSc objects; collective."""
