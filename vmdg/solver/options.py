@@ -62,7 +62,7 @@ class PathOptions:
 
     small: float = 1e-6
     halvings: int = 8
-    patience: int = 5
+    patience: int = 3
     missed: float = 0.1
     aim: int = 4
     growth: float = 2.0
