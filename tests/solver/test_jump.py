@@ -15,7 +15,7 @@ import vmdg
 from vmdg.base.parallel import global_max
 from vmdg.solver.attempt import Attempt
 from vmdg.solver.jump import jump
-from vmdg.solver.limits import Limits
+from vmdg.solver.limits import Limits, Reach
 from vmdg.solver.path import Path
 from vmdg.solver.result import Result
 from vmdg.solver.steps import Steps
@@ -118,7 +118,7 @@ class Failing(Steps):
         self.calls: list[SimpleNamespace] = []
 
     def attempt(self, limits, last) -> Attempt:
-        report = Attempt(converged=False)
+        report = Attempt(converged=False, guessed=Reach(work=WORK))
         if limits.jump is None or len(self.calls) not in self.fails:
             report = super().attempt(limits, last)
         if limits.jump is not None:

@@ -16,8 +16,8 @@ def jump(steps: Steps, t: float, most: float) -> tuple[Attempt, int]:
     continuation (Kelley and Keyes 1998), and steps follow them as they break: each ends where they
     have taken a given work, with the overstress that this takes, or at half of the last one, and
     when next to nothing is left of it at s = 0, the equilibrium. So s is to a jump what the load
-    factor is to a path. Where steps fail although bonds are slowed down it is bodies that move, as
-    in buckling, and no bond need break. They are slowed down as well,
+    factor is to a path. Where steps fail although bonds are slowed down, or hardly break, it is
+    bodies that move, as in buckling. They are slowed down as well,
 
         R(u) + s c |K| (u - u_n) = 0,
 
@@ -46,7 +46,8 @@ def jump(steps: Steps, t: float, most: float) -> tuple[Attempt, int]:
             step.return_to(before)
             cuts, last = cuts + 1, None
             s, work = s / numbers.cut, max(numbers.cut * work, least)
-            if s * numbers.drag > 1 and not (small or by.drag):
+            bodies = found.guessed.work <= least or s * numbers.drag > 1
+            if bodies and not (small or by.drag):
                 s, cuts, by = numbers.overstress, 0, Jump(t, numbers.drag)
             continue
         if found.end == 0.0:
