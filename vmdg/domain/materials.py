@@ -149,6 +149,24 @@ class Bodies:
         for tag, strain in self._eigenstrains.items():
             yield tag, strain(t)
 
+    def least_stretch(self, values: NDArray[np.float64]) -> float:
+        """Least eigenvalue of F_s = I + e over the cells of this rank, or a bound from below that
+        is positive.
+
+        Args:
+            values: Eigenstrains, as of :meth:`eigenstrains`.
+        """
+        if not self._tensor:
+            return 1 + float(values.min(initial=0.0))
+        stretches = np.eye(3) + values.reshape(-1, 3, 3)
+        diagonal = np.diagonal(stretches, axis1=1, axis2=2)
+        # Circles of Gershgorin; eigenvalues only where these do not tell.
+        bounds = (2 * diagonal - np.abs(stretches).sum(axis=2)).min(axis=1)
+        doubtful = bounds <= 0
+        if doubtful.any():
+            bounds[doubtful] = np.linalg.eigvalsh(stretches[doubtful])[:, 0]
+        return float(bounds.min(initial=1.0))
+
     def set_eigenstrains(self, values: NDArray[np.float64]) -> None:
         """Take eigenstrains, as of :meth:`eigenstrains`."""
         if self._eigenstrain is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from numbers import Real
 from typing import Any
 
 from petsc4py import PETSc
@@ -246,8 +247,8 @@ def check_approximation(mesh: Mesh, degree: int, kinematics: str) -> None:
     Raises:
         ValueError: one of them does not, or the cells are of a higher degree than the displacement.
     """
-    if degree < 1 or degree % 1:
-        raise ValueError(f"Problem: degree = {degree} must be a whole number, at least 1")
+    if not isinstance(degree, Real) or degree < 1 or degree % 1:
+        raise ValueError(f"Problem: degree = {degree!r} must be a whole number, at least 1")
     if kinematics not in KINEMATICS:
         raise ValueError(f"Problem: kinematics = {kinematics!r} must be one of {KINEMATICS}")
     geometry = compat.coordinate_element(mesh).degree

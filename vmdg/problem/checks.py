@@ -48,9 +48,14 @@ def check_model(problem: Problem, loads: NDArray[np.float64], traced: bool = Fal
         Whether contact alone holds a body.
 
     Raises:
-        ValueError: nothing holds a part of the problem, whatever its interfaces do, or loads are
-            not finite at the first or the last load factor.
+        ValueError: nothing holds a part of the problem, whatever its interfaces do, loads are not
+            finite at the first or the last load factor, or nodes of the mesh were moved.
     """
+    message = (
+        "the nodes of the mesh were moved after the problem was made, which does not follow them: "
+        "move or scale the mesh first"
+    )
+    raise_together(problem.comm, message if problem.moved else None)
     rests_on_contact = _check_supports(problem)
     _check_programme(problem, loads)
     if not traced:
@@ -78,8 +83,13 @@ def checked_loads(
 
     Raises:
         ValueError: there is none, one is not a finite number, or an int leads nowhere.
-        TypeError: it is a single number that is no int, which could mean a load factor or steps.
+        TypeError: it is a single number that is no int, which could mean a load factor or steps, or
+            the problem is none.
     """
+    if not isinstance(problem, Problem):
+        raise TypeError(
+            f"solve: problem = {problem!r} must be a vmdg.Problem: solve(problem, loads)"
+        )
     if isinstance(loads, int | np.integer) and not isinstance(loads, bool):
         return _equal_steps(int(loads), problem.t)
     if np.ndim(loads) == 0:
@@ -87,14 +97,14 @@ def checked_loads(
             f"solve: loads = {loads!r} must be a list of load factors, [1.0] for one step to 1, or "
             "an int, 10 for ten equal steps to 1"
         )
-    result = np.asarray(loads, dtype=float)
-    empty = not result.size and rows is None
-    if result.ndim != 1 or empty or not np.isfinite(result).all():
+    given = np.asarray(loads)
+    empty = not given.size and rows is None
+    if given.ndim != 1 or given.dtype.kind not in "iuf" or empty or not np.isfinite(given).all():
         raise ValueError(
             f"solve: loads = {loads!r} must be one or more finite load factors, for example "
             "numpy.linspace(0.1, 1.0, 10)"
         )
-    message = None
+    result, message = given.astype(float), None
     if rows and result.size and rows[0]["load"] == result[0] != problem.t in result:
         message = (
             f"solve: the run that goes on is at load factor {problem.t:.8g}, and loads begin where "

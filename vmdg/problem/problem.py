@@ -7,6 +7,7 @@ from functools import cached_property
 from html import escape
 from types import MappingProxyType
 from typing import Any, TypeVar
+from zlib import crc32
 
 import numpy as np
 from dolfinx import fem
@@ -20,7 +21,7 @@ from ..assembly.means import lattice_of
 from ..assembly.stress import CauchyStress
 from ..assembly.surface import BROKEN, Share
 from ..assembly.values import Value
-from ..base.parallel import global_sum
+from ..base.parallel import global_sum, raise_together
 from ..base.tables import html_table
 from ..domain.cells import check_cells
 from ..domain.geometry import make_geometry
@@ -54,7 +55,7 @@ from .arguments import (
     checked_materials,
 )
 from .axial import GeneralizedStrain, generalized
-from .eigenstrain import checked_eigenstrains
+from .eigenstrain import checked_eigenstrains, refusal
 from .loading import Loading
 from .periodic import Periodic, checked_periodic
 from .rigid_motion import RigidMotion
@@ -151,6 +152,7 @@ class Problem:
         strains = checked_eigenstrains(mesh, tags, eigenstrain, names)
         small = kinematics == "small"
         bodies = Bodies(mesh, tags, materials, small, strains, geometry, stress_only)
+        raise_together(mesh.comm, refusal(bodies, bodies.eigenstrains(0.0), 0.0))
         facets = [
             find_facets(mesh, tags, interface, names, label_of(self.interfaces, i))
             for i, interface in enumerate(self.interfaces)
@@ -167,6 +169,13 @@ class Problem:
         drives += axial.drives(self.comm) if axial else []
         self.loading.drive_means(drives)
         self.step = Step(discretization, activation, self.loading)
+        self._nodes = crc32(mesh.geometry.x)
+
+    @property
+    def moved(self) -> bool:
+        """Whether nodes of this rank were moved since the problem was made, which it does not
+        follow."""
+        return crc32(self.mesh.geometry.x) != self._nodes
 
     @property
     def discretization(self) -> Discretization:
@@ -468,14 +477,21 @@ class Problem:
     def reaction(self, facets: Where) -> NDArray[np.float64]:
         """Total force that holds the nodes of boundary facets (d,) [N], the same on every rank.
 
-        By prescribed displacements and springs. In axisymmetry the axial component is the force on
-        the whole body. The radial one is the sum of the radial forces all around (2 pi r t_r ds),
-        which works with u_r: as a resultant it is zero.
+        By prescribed displacements and springs: on a face that is free, or that bears a load, it is
+        zero, for loads are no reactions. In axisymmetry the axial component is the force on the
+        whole body. The radial one is the sum of the radial forces all around (2 pi r t_r ds), which
+        works with u_r: as a resultant it is zero.
 
         Raises:
-            ValueError: nothing is selected, or the problem is a periodic cell, which has none.
+            ValueError: nothing is selected, facets of an interface, or the problem is a periodic
+                cell, which has none.
         """
         facets = find_boundary_facets(self.mesh, facets, "reaction")
+        reason = (
+            "lies on an interface, whose nodes nothing holds; the force across an interface is "
+            "vmdg.integral(problem, interface, lambda state: state.traction[:, 0]) along x"
+        )
+        self.loading.refuse_interfaces(facets, "reaction", reason)
         dofs = fem.locate_dofs_topological(self.space, self.mesh.topology.dim - 1, facets)
         return self._force_on(dofs)
 
