@@ -14,7 +14,8 @@ import ufl
 from dolfinx.mesh import CellType, create_mesh, create_rectangle, create_unit_square, meshtags
 
 import vmdg
-from vmdg.meshes import TaggedMesh, blocks, distribute, model
+from vmdg import plot
+from vmdg.meshes import TaggedMesh, blocks, distribute, model, read_mesh, write_mesh
 from vmdg.problem.checks import check_model
 
 STEEL = vmdg.NeoHookean(E=5000.0, nu=0.25)  # MPa
@@ -457,6 +458,18 @@ WRONG_VALUES = {
         lambda s: look(scaled(held(s, bonded(s), "left", "right"))),
         "nodes of the mesh were moved after the problem was made, .*scale the mesh first",
     ),
+    "no fields": (
+        lambda s: vmdg.FieldWriter(bonded(s), "run", []),
+        "FieldWriter: fields is empty; choose from",
+    ),
+    "a negative width of a crack": (
+        lambda s: vmdg.CrackGrowth(bonded(s), 0, width=-1.0),
+        "CrackGrowth: width = -1.0 must be positive and finite",
+    ),
+    "a crack that starts at a word": (
+        lambda s: vmdg.CrackGrowth(bonded(s), 0, start="30 mm"),
+        "CrackGrowth: start = '30 mm' must be a length",
+    ),
     "no load factors": (lambda s: run(s, loads=[]), "one or more finite load factors"),
     "a load factor of NaN": (lambda s: run(s, loads=[0.1, np.nan]), "finite load factors"),
     "no steps": (lambda s: run(s, loads=0), "loads = 0 is a number of steps"),
@@ -535,6 +548,34 @@ WRONG_TYPES = {
     "a checkpoint without a name": (
         lambda s: run(s, options=vmdg.SolveOptions(checkpoint=True)),
         "checkpoint: folder = True must be a str or a Path",
+    ),
+    "a place that is no interface": (
+        lambda s: bonded(s).mean(0.0),
+        "there is no interface 0.0; the problem has 'interface_0'",
+    ),
+    "a group named by a number": (
+        lambda s: vmdg.split_cells(s.mesh, lambda x: x[0] - 1, 5),
+        "split_cells: name = 5 must be a word",
+    ),
+    "a number as level set": (
+        lambda s: vmdg.split_cells(s.mesh, 0.5, "inside"),
+        "level set 0.5 must be a function of points",
+    ),
+    "a mesh without tags": (
+        lambda s: write_mesh(s.mesh, "part.xdmf"),
+        "write_mesh: tagged = <.*> must be mesh, cell_tags, facet_tags",
+    ),
+    "ranks in place of a file": (
+        lambda s: read_mesh(s.mesh.comm, "part.msh"),
+        "read_mesh: path = <.*> must be a str or a Path",
+    ),
+    "fields of a folder": (
+        lambda s: vmdg.FieldWriter("run", bonded(s)),
+        "FieldWriter: problem = 'run' must be a vmdg.Problem, and the folder comes after it",
+    ),
+    "a curve of a result": (
+        lambda s: plot.curve(vmdg.solve(held(s, bonded(s), "left"), [1.0]), "load", "step"),
+        "curve: history = <Result: .* must be a vmdg.History: result.history",
     ),
     "options in a dict": (lambda s: run(s, options={"max_cuts": 3}), r"SolveOptions\(\.\.\.\)"),
     "a load factor alone": (lambda s: run(s, loads=1.0), r"\[1.0\] for one step to 1, or an int"),

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Protocol
+from zlib import crc32
 
 import numpy as np
 from dolfinx import fem
@@ -88,6 +89,7 @@ class Bodies:
     ):
         _check_tags(mesh, tags, materials, eigenstrain)
         space = fem.functionspace(mesh, ("DG", 0))
+        self._mesh, self._nodes = mesh, crc32(mesh.geometry.x)
         self.tags = tags
         self.small = small
         self.geometry = geometry
@@ -148,6 +150,11 @@ class Bodies:
         """Tag and eigenstrain at load factor ``t``, as it was given."""
         for tag, strain in self._eigenstrains.items():
             yield tag, strain(t)
+
+    @property
+    def moved(self) -> bool:
+        """Whether nodes of the mesh were moved on this rank since then."""
+        return crc32(self._mesh.geometry.x) != self._nodes
 
     def least_stretch(self, values: NDArray[np.float64]) -> float:
         """Least eigenvalue of F_s = I + e over the cells of this rank, or a bound from below that

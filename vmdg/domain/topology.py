@@ -79,8 +79,14 @@ def cells_inside(mesh: Mesh, level_set: LevelSet) -> NDArray[np.bool_]:
     """Local cells, ghosts included, at whose midpoint a level set is negative; collective.
 
     Raises:
-        ValueError: the level set does not give one finite number a point.
+        TypeError: the level set is no function.
+        ValueError: it does not give one finite number a point.
     """
+    if not callable(level_set):
+        raise TypeError(
+            f"the level set {level_set!r} must be a function of points x (3, n), for example "
+            "lambda x: np.hypot(x[0], x[1]) - R"
+        )
     cells = mesh.topology.index_map(mesh.topology.dim)
     owned = np.arange(cells.size_local, dtype=np.int32)
     midpoints = compute_midpoints(mesh, mesh.topology.dim, owned).T

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -318,6 +317,7 @@ def number_of(interfaces: Sequence[Interface], which: Which) -> int:
     Raises:
         IndexError: there is no interface of this number.
         ValueError: there is none of this name, or the problem does not have this interface.
+        TypeError: it is neither a whole number nor a name nor an interface.
     """
     names = interface_names(interfaces)
     asked = which if isinstance(which, Interface) else repr(which)
@@ -327,7 +327,9 @@ def number_of(interfaces: Sequence[Interface], which: Which) -> int:
         if which not in places:
             raise ValueError(missing)
         return places.index(which)
-    number = operator.index(which)
+    if not isinstance(which, int | np.integer) or isinstance(which, bool):
+        raise TypeError(missing)
+    number = int(which)
     if not -len(names) <= number < len(names):
         raise IndexError(missing)
     return number % len(names)

@@ -10,6 +10,7 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..base.agreement import same_call
 from ..base.parallel import global_any, global_max, raise_together, warn_together
 from ..domain.topology import box_sides
 from ..interface.active import ActiveInterface
@@ -55,7 +56,7 @@ def check_model(problem: Problem, loads: NDArray[np.float64], traced: bool = Fal
         "the nodes of the mesh were moved after the problem was made, which does not follow them: "
         "move or scale the mesh first"
     )
-    raise_together(problem.comm, message if problem.moved else None)
+    raise_together(problem.comm, message if problem.discretization.bodies.moved else None)
     rests_on_contact = _check_supports(problem)
     _check_programme(problem, loads)
     if not traced:
@@ -91,6 +92,7 @@ def checked_loads(
             f"solve: problem = {problem!r} must be a vmdg.Problem: solve(problem, loads)"
         )
     if isinstance(loads, int | np.integer) and not isinstance(loads, bool):
+        same_call(problem.comm, "solve", [f"loads = {loads}"])
         return _equal_steps(int(loads), problem.t)
     if np.ndim(loads) == 0:
         raise TypeError(
@@ -105,6 +107,7 @@ def checked_loads(
             "numpy.linspace(0.1, 1.0, 10)"
         )
     result, message = given.astype(float), None
+    same_call(problem.comm, "solve", [f"loads = {result.tolist()}"])
     if rows and result.size and rows[0]["load"] == result[0] != problem.t in result:
         message = (
             f"solve: the run that goes on is at load factor {problem.t:.8g}, and loads begin where "

@@ -203,31 +203,13 @@ class Loading:
             "lies on an interface, whose two sides would be held together; prescribe boundary "
             "facets, or leave these out of the interface"
         )
-        self.refuse_interfaces(facets, "dirichlet", reason)
+        self._activation.refuse(facets, "dirichlet", reason)
         if relative and self._activation:
             raise ValueError(
                 "dirichlet: relative=True does not go with activate='on-demand'; prescribe the "
                 "displacement from the start"
             )
         self._prescribe("dirichlet", facets, value, component, relative)
-
-    def refuse_interfaces(self, facets: NDArray[np.int32], what: str, reason: str) -> None:
-        """Refuse facets of interfaces, those that may open on demand too; collective.
-
-        Args:
-            facets: Local facets.
-            what: Who refuses them.
-            reason: What is wrong and the cure, said after the place of the facet.
-
-        Raises:
-            ValueError: one lies on an interface.
-        """
-        fdim = self._mesh.topology.dim - 1
-        index_map = self._mesh.topology.index_map(fdim)
-        inside = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=bool)
-        for selected in self._activation.facets:
-            inside[selected.everywhere] = True
-        refuse_facets(self._mesh, facets, inside, what, reason)
 
     def add_dirichlet_points(
         self, where: Locator, value: Value | Expr, component: int | str | None

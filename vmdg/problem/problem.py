@@ -7,7 +7,6 @@ from functools import cached_property
 from html import escape
 from types import MappingProxyType
 from typing import Any, TypeVar
-from zlib import crc32
 
 import numpy as np
 from dolfinx import fem
@@ -21,6 +20,7 @@ from ..assembly.means import lattice_of
 from ..assembly.stress import CauchyStress
 from ..assembly.surface import BROKEN, Share
 from ..assembly.values import Value
+from ..base.agreement import of_all_ranks, same_call
 from ..base.parallel import global_sum, raise_together
 from ..base.tables import html_table
 from ..domain.cells import check_cells
@@ -53,6 +53,7 @@ from .arguments import (
     check_rest,
     checked_interfaces,
     checked_materials,
+    in_numbers,
 )
 from .axial import GeneralizedStrain, generalized
 from .eigenstrain import checked_eigenstrains, refusal
@@ -135,6 +136,7 @@ class Problem:
         repeats = checked_periodic(periodic) is not None
         names = names_of(cell_tags)
         materials = by_tag(checked_materials(materials), names, "materials")
+        same_call(mesh.comm, "Problem", in_numbers(materials, self.interfaces))
         axial = generalized(plane)
         word = GENERALIZED if axial else plane
         stress_only = check_plane(mesh, word, materials, kinematics, symmetry, volumetric)
@@ -169,13 +171,6 @@ class Problem:
         drives += axial.drives(self.comm) if axial else []
         self.loading.drive_means(drives)
         self.step = Step(discretization, activation, self.loading)
-        self._nodes = crc32(mesh.geometry.x)
-
-    @property
-    def moved(self) -> bool:
-        """Whether nodes of this rank were moved since the problem was made, which it does not
-        follow."""
-        return crc32(self.mesh.geometry.x) != self._nodes
 
     @property
     def discretization(self) -> Discretization:
@@ -224,6 +219,7 @@ class Problem:
 
     # Loads
 
+    @of_all_ranks
     def dirichlet(
         self,
         facets: Where,
@@ -251,6 +247,7 @@ class Problem:
         """
         self.loading.add_dirichlet(facets, value, component, relative)
 
+    @of_all_ranks
     def dirichlet_points(
         self, where: Locator, value: Value, component: int | str | None = None
     ) -> None:
@@ -266,6 +263,7 @@ class Problem:
         """
         self.loading.add_dirichlet_points(where, value, component)
 
+    @of_all_ranks
     def traction(self, facets: Where, value: Value | Expr) -> None:
         """Dead traction per reference area on boundary facets.
 
@@ -283,6 +281,7 @@ class Problem:
         """
         self.loading.add_traction(facets, value)
 
+    @of_all_ranks
     def point_load(self, where: Locator, value: Value, component: int | str | None = None) -> None:
         """Dead force at single nodes.
 
@@ -303,6 +302,7 @@ class Problem:
         """
         self.loading.add_point_load(where, value, component)
 
+    @of_all_ranks
     def pressure(
         self,
         facets: Where | Interface | str,
@@ -335,6 +335,7 @@ class Problem:
         """
         self.loading.add_pressure(facets, value, debonded, share)
 
+    @of_all_ranks
     def spring(self, facets: Where, stiffness: ArrayLike) -> None:
         """Springs between boundary facets and the rigid ground, an elastic foundation.
 
@@ -353,6 +354,7 @@ class Problem:
         """
         self.loading.add_spring(facets, stiffness)
 
+    @of_all_ranks
     def rigid_face(
         self,
         facets: Where,
@@ -392,6 +394,7 @@ class Problem:
         number = self.loading.add_rigid_face(facets, component, tilts, at, force, displacement)
         return RigidMotion(self.loading, number)
 
+    @of_all_ranks
     def body_force(self, value: Value | Expr, tag: Group | None = None) -> None:
         """Dead body force per reference volume.
 
@@ -434,6 +437,7 @@ class Problem:
         values = (value(active[i]) if i in active else empty for i in numbers)
         return InterfaceList(self.interfaces, values)
 
+    @of_all_ranks
     def mean(self, interface: Which) -> InterfaceMean:
         """Averages over an interface, weighted by area, the same on every rank.
 
@@ -448,6 +452,7 @@ class Problem:
         ]
         return InterfaceMean(*values, area)
 
+    @of_all_ranks
     def debonded(self, interface: Which | None = None) -> float:
         """Share of the area of the interfaces whose bond is broken, the same on every rank.
 
@@ -474,6 +479,7 @@ class Problem:
         broken, area = global_sum(self.comm, areas)
         return float(broken / area) if area > 0 else 0.0
 
+    @of_all_ranks
     def reaction(self, facets: Where) -> NDArray[np.float64]:
         """Total force that holds the nodes of boundary facets (d,) [N], the same on every rank.
 
@@ -491,10 +497,11 @@ class Problem:
             "lies on an interface, whose nodes nothing holds; the force across an interface is "
             "vmdg.integral(problem, interface, lambda state: state.traction[:, 0]) along x"
         )
-        self.loading.refuse_interfaces(facets, "reaction", reason)
+        self.step.activation.refuse(facets, "reaction", reason)
         dofs = fem.locate_dofs_topological(self.space, self.mesh.topology.dim - 1, facets)
         return self._force_on(dofs)
 
+    @of_all_ranks
     def reaction_points(self, where: Locator) -> NDArray[np.float64]:
         """Total force that holds single nodes (d,) [N], as :meth:`reaction`.
 
@@ -546,6 +553,7 @@ class Problem:
         square = (self.fine_scale(i) ** 2).sum(axis=(1, 2))
         return np.sqrt(self.discretization.active[i].quadrature.facet_means(square))
 
+    @of_all_ranks
     def fine_scale_error(self, interface: Which) -> float:
         """Size of the fine scales of an interface in one number [mm]; collective.
 
@@ -564,6 +572,7 @@ class Problem:
     def _stress(self) -> CauchyStress:
         return CauchyStress(self.discretization)
 
+    @of_all_ranks
     def stress(self) -> fem.Function:
         """Cauchy stress sigma = P.F^T / J at the current displacement (3, 3) [MPa]; collective.
 
@@ -575,6 +584,7 @@ class Problem:
         """
         return self._stress.update(self.discretization)
 
+    @of_all_ranks
     def energy(self) -> Energy:
         """Energies at the current state, with what is dissipated as in (34); collective.
 
