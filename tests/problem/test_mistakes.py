@@ -545,6 +545,10 @@ WRONG_TYPES = {
         lambda s: vmdg.read_checkpoint("run", bonded(s)),
         r"checkpoint: problem = 'run' must be a vmdg.Problem, and the folder comes after it",
     ),
+    "a table without a name": (
+        lambda s: run(s, options=vmdg.SolveOptions(csv=True)),
+        "history: csv = True must be a str or a Path",
+    ),
     "a checkpoint without a name": (
         lambda s: run(s, options=vmdg.SolveOptions(checkpoint=True)),
         "checkpoint: folder = True must be a str or a Path",

@@ -209,7 +209,9 @@ def _check_programme(problem: Problem, loads: NDArray[np.float64]) -> None:
     rows = [problem.loading.check_finite(float(t)) for t in (loads[0], loads[-1])]
     try:
         rows += [problem.loading.check_finite(float(t)) for t in _samples(problem.t, loads)]
-    except Exception:  # of a user's function, at load factors that a run may not come to
+    except Exception:
+        # A user's function, on all ranks, at a load factor that the run may not come to: where it
+        # does, it ends there by this error, with the rows until then. Nothing is known of loads.
         return
     pairs = [(part, first) for row in rows for part, first in zip(row, rows[0], strict=True)]
     loaded = global_any(problem.comm, any(part.any() for part, _ in pairs))
