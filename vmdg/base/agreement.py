@@ -112,7 +112,7 @@ def same_call(
             one, another = next(pair for pair in pairs if pair[0] != pair[1])
             raise ValueError(
                 f"{call}: rank 0 gives {one:.200}, rank {rank} {another:.200}; give the same on "
-                "all ranks, random numbers for example by one seed"
+                "all ranks, functions and random numbers (by one seed) too"
             )
 
 

@@ -10,6 +10,7 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..assembly.means import lattice_of
 from ..base.agreement import same_call
 from ..base.parallel import global_any, global_max, raise_together, warn_together
 from ..domain.topology import box_sides
@@ -32,6 +33,10 @@ LOSSY = 1e-3
 
 #: Load factors at which it is asked whether loads change, and the place of one between two.
 MOST_SAMPLES, BETWEEN = 5, 0.382
+
+#: Length of a periodic cell in the first state to reach, relative to that at rest: the least that
+#: is believed.
+SHORTEST = 0.5
 
 #: Coefficient of friction, usually below 1; degrees and percent are above.
 ROUGHEST = 5.0
@@ -61,6 +66,7 @@ def check_model(problem: Problem, loads: NDArray[np.float64], traced: bool = Fal
     _check_programme(problem, loads)
     if not traced:
         _check_bonds(problem, loads)
+    _check_gradient(problem, float(loads[0]))
     first, last = (problem.loading.dirichlet.conflict(float(t)) for t in (loads[0], loads[-1]))
     warn_together(problem.comm, first or last)
     steep = set()
@@ -237,6 +243,24 @@ def _samples(start: float, loads: NDArray[np.float64]) -> NDArray[np.float64]:
     some = loads[np.unique(np.linspace(0, len(loads) - 1, MOST_SAMPLES).astype(int))]
     between = loads[0] + BETWEEN * np.diff(loads[:2])
     return np.concatenate([[start], some, between])
+
+
+def _check_gradient(problem: Problem, t: float) -> None:
+    """Warn of a mean gradient that is meant as a strain."""
+    means, u = problem.discretization.means, problem.u.x.array
+    if lattice_of(means) is None or problem.discretization.bodies.small:
+        return
+    given = np.zeros_like(u)
+    given[problem.loading.prescribed] = problem.loading.dirichlet.values(t)
+    H = means.gradient(given)
+    least, message = np.linalg.svd(np.eye(len(H)) + H, compute_uv=False)[-1], None
+    if least < SHORTEST:
+        message = (
+            f"Periodic: gradient presses the cell to {least:.3g} of its length at the first load "
+            f"factor, {t:.6g}. It is F_bar, 1 where nothing is strained: 1 + 0.01 * t in place of "
+            "0.01 * t"
+        )
+    warn_together(problem.comm, message)
 
 
 def _moves_by_itself(problem: Problem) -> bool:
