@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import mmap
 from collections.abc import Callable, Collection, Iterator
+from numbers import Real
+from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 from xml.etree import ElementTree
@@ -87,9 +89,10 @@ def read_mesh(
     Raises:
         ValueError: the file is missing, of another kind, not whole, without tags of cells, with
             cells in two groups, with flat cells, or with cells that vmdg does not have.
+        TypeError: the path is none.
         ImportError: meshio is needed and not installed.
     """
-    path = Path(path)
+    path = _checked_path("read_mesh", path)
     try:
         grids, words = _on_root(comm, lambda: _door(path))
         if grids:
@@ -109,6 +112,12 @@ def read_mesh(
         raise ValueError(f"read_mesh: {path}: {error}") from None
     except ImportError as error:
         raise ImportError(f"read_mesh: {path}: {error}") from None
+
+
+def _checked_path(what: str, path: str | Path) -> Path:
+    if not isinstance(path, str | PathLike):
+        raise TypeError(f"{what}: path = {path!r} must be a str or a Path")
+    return Path(path)
 
 
 def _on_root(comm: MPI.Comm, call: Callable[[], T]) -> T:
@@ -177,10 +186,9 @@ def _load(
     if not np.isfinite(mesh.points).all():
         raise ValueError("it has nodes whose coordinates are no numbers")
     join = merge is not None and merge is not False
-    distance = None if merge is True or not join else float(merge)
-    if distance is not None and not 0 <= distance < np.inf:
+    if join and not (isinstance(merge, Real) and 0 <= merge < np.inf):
         raise ValueError(f"merge={merge!r} is no distance: give True, or a length [mm]")
-    place = places(mesh, distance)
+    place = places(mesh, None if merge is True or not join else float(merge))
     twice = int((place != np.arange(len(place))).sum())
     flat = count_flat(mesh, place)
     if flat and not join:
@@ -342,13 +350,19 @@ def write_mesh(tagged: TaggedMesh, path: str | Path) -> None:
 
     Args:
         tagged: The mesh.
-        path: Ends in .xdmf; its folder must exist.
+        path: Ends in .xdmf; its folder is made if missing.
 
     Raises:
         ValueError: another ending.
+        TypeError: the mesh comes without tags, or the path is none.
     """
-    if Path(path).suffix != ".xdmf":
+    if _checked_path("write_mesh", path).suffix != ".xdmf":
         raise ValueError(f"write_mesh: {path} must end in .xdmf")
+    if not isinstance(tagged, tuple) or len(tagged) != 3:
+        raise TypeError(
+            f"write_mesh: tagged = {tagged!r} must be mesh, cell_tags, facet_tags, as read_mesh "
+            "and the builders of vmdg.meshes give them"
+        )
     mesh, cells, facets = tagged
     mesh.topology.create_connectivity(mesh.topology.dim - 1, mesh.topology.dim)
     with XDMFFile(mesh.comm, str(path), "w") as file:

@@ -261,3 +261,17 @@ def test_process_that_dies(tmp_path):
     )
     assert done.returncode == 1, done.stderr
     assert len(re.findall("crashed while running '.*test_dies.py::test_dies'", done.stdout)) == 1
+
+
+def test_ranks_after_arguments_of_pytest():
+    """``tests/run -q -n 2`` would share a serial suite between two processes, on one rank each."""
+    own = {"VMDG_PYTHON": sys.executable}
+    done = subprocess.run(
+        ["bash", str(ROOT / "tests" / "run"), "-q", "-n", "2"],
+        env=os.environ | own,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode != 0
+    assert "-n comes before the arguments of pytest" in done.stderr

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 from mpi4py import MPI
 
 import numpy as np
@@ -11,6 +13,7 @@ from support.problems import joined
 from support.scenes import EVERY_CELL, two_blocks, unit_box
 
 import vmdg
+from vmdg.base.agreement import same_call
 from vmdg.base.parallel import (
     global_any,
     global_box,
@@ -116,6 +119,38 @@ def test_raise_together(comm):
     raise_together(comm, None)
     assert global_any(comm, comm.rank == last)
     assert not global_any(comm, False)
+
+
+SEVERAL = pytest.mark.skipif(MPI.COMM_WORLD.size == 1, reason="ranks that differ")
+
+
+@SEVERAL
+def test_calls_of_some_ranks(comm):
+    """Of calls of all ranks one that only some make is refused on all, and so is a solve with
+    other loads, and a law with other numbers."""
+    scene = two_blocks(comm, "quadrilateral", n=2)
+    problem, right = joined(scene, LAW), scene.facet_tags.find(2)
+    problem.dirichlet(scene.facet_tags.find(1), 0.0)
+    with pytest.raises(
+        ValueError, match=r"0 calls problem\.traction where rank 1 calls solve: .*if"
+    ):
+        if comm.rank == 0:
+            problem.traction(right, [1.0, 0.0])
+        vmdg.solve(problem, [1.0])
+    with pytest.raises(ValueError, match=r"rank 0 gives loads = \[1.0\], rank 1 loads = \[2.0\]"):
+        vmdg.solve(problem, [1.0 + (comm.rank == 1)])
+    drawn = vmdg.Debonding(strength=60.0 + (comm.rank == 1), critical_gap=0.2)
+    with pytest.raises(ValueError, match=r"Problem: rank 0 gives interface 0: .*by one seed"):
+        joined(scene, drawn)
+
+
+@SEVERAL
+def test_a_rank_that_waits_says_so(comm, capfd):
+    """In a call of all ranks to which others come late."""
+    if comm.rank > 0:
+        time.sleep(2.0)
+    same_call(comm, "problem.reaction", reminder=0.5)
+    assert ("has waited 0.5 s in problem.reaction" in capfd.readouterr().err) == (comm.rank == 0)
 
 
 def test_numbers_of_any_kind(comm):

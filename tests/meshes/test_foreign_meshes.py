@@ -198,6 +198,19 @@ def incomplete(path: Path) -> None:
         gmsh.write(str(path))
 
 
+def of_many_nodes(path: Path) -> None:
+    """36 nodes on a square of 1 mm."""
+    with foreign.model("many") as g:
+        g.occ.addRectangle(0, 0, 0, 1, 1)
+        g.occ.synchronize()
+        g.addPhysicalGroup(2, [1])
+        g.mesh.setTransfiniteSurface(1)
+        for curve in range(1, 5):
+            g.mesh.setTransfiniteCurve(curve, 6)
+        g.mesh.generate(2)
+        gmsh.write(str(path))
+
+
 GMSH = {
     f"gmsh {version}": Read(lambda path, v=version: foreign.of_gmsh(path, version=v))
     for version in (2.2, 4.0, 4.1)
@@ -251,6 +264,11 @@ GMSH |= {
         lambda path: foreign.of_gmsh(path),
         r"cells, the first in surface 2, are in no group and would be lost",
         given={"groups": ["left"]},
+    ),
+    "gmsh, a distance beyond the mesh": Refused(
+        of_many_nodes,
+        r"more than 20 others within 100; is merge= in its units",
+        given={"merge": 100.0},
     ),
     "gmsh serendipity": Refused(incomplete, r"Quadrilateral 8 \(serendipity\).* of 9 nodes"),
     "gmsh cut in the elements": Refused(cut(foreign.of_gmsh, 0.8), "cut short"),
@@ -411,6 +429,9 @@ NEPER["Neper 2D, nodes with gaps"] = Read(
 )
 NEPER["Neper 3D, a distance"] = Read(of_neper(3, 1, "cohesive"), given={"merge": 1e-3})
 NEPER["Neper 3D, too far"] = Refused(of_neper(3), "are not flat; collapsed", given={"merge": 1.0})
+NEPER["Neper 3D, a distance in words"] = Refused(
+    of_neper(3), "merge='yes' is no dist", given={"merge": "yes"}
+)
 NEPER["Neper 3D, no distance"] = Refused(
     of_neper(3), "merge=nan is no dist", given={"merge": np.nan}
 )

@@ -43,7 +43,7 @@ def cantilever(**options) -> vmdg.History:
         problem,
         np.linspace(0.1, 1.4, 14),
         vmdg.SolveOptions(energy=True),
-        lambda problem: crack(),
+        crack,
     )
     assert crack.length == result.history["crack"][-1]
     return result.history

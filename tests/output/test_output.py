@@ -118,6 +118,10 @@ def test_chosen_fields(comm, out, cell):
     if comm.size == 1:
         assert "displacement" not in read_vtx(out / "a" / "bodies.bp")
         assert not {"traction", "displacement"} & set(read_vtx(out / "b" / "bond.bp"))
+    with FieldWriter(problem, out / "d", fields="stress") as fields:
+        for wrong in (np.nan, "0.1", problem):
+            with pytest.raises(ValueError, match="must be a finite number, for example pro"):
+                fields.write(wrong)
     with pytest.raises(ValueError, match=r"no field 'strain'; choose from \('displacement'"):
         FieldWriter(problem, out / "c", fields=["strain"])
 

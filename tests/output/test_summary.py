@@ -10,6 +10,7 @@ from support.problems import couple, joined
 from support.scenes import two_blocks
 
 import vmdg
+from vmdg import plot
 
 LAW = vmdg.Debonding(strength=20.0, critical_gap=1.0)
 
@@ -48,6 +49,22 @@ def test_same_on_any_number_of_ranks(comm):
     assert damage == pytest.approx(problem.mean("bond").softening / LAW.strength)
     assert force == pytest.approx(-problem.reaction(lambda x: np.isclose(x[0], 0))[0], rel=1e-6)
     assert area == pytest.approx(2.0)
+
+
+def test_profile_of_a_function(comm):
+    """Of the state, as of what has a name; a picture of it has no label of its own."""
+    problem = torn(comm)
+    share = lambda state: state.softening / LAW.strength  # noqa: E731
+    ((rows,), (named,)) = (
+        vmdg.profile(problem, "bond", quantity, along="y") for quantity in (share, "damage")
+    )
+    assert rows[:, 1].max() > 0
+    assert np.array_equal(rows, named)
+    axes = plot.interface_profile(problem, "bond", share, along="y")
+    assert np.array_equal(axes.lines[0].get_xydata(), rows)
+    assert axes.get_ylabel() == ""
+    with pytest.raises(ValueError, match="must be one number for each"):
+        vmdg.profile(problem, "bond", lambda state: state.traction)
 
 
 def test_nothing_open(comm):

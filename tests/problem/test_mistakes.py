@@ -14,7 +14,8 @@ import ufl
 from dolfinx.mesh import CellType, create_mesh, create_rectangle, create_unit_square, meshtags
 
 import vmdg
-from vmdg.meshes import TaggedMesh, blocks, distribute, model
+from vmdg import plot
+from vmdg.meshes import TaggedMesh, blocks, distribute, model, read_mesh, write_mesh
 from vmdg.problem.checks import check_model
 
 STEEL = vmdg.NeoHookean(E=5000.0, nu=0.25)  # MPa
@@ -252,6 +253,12 @@ def ended(tagged: TaggedMesh, value) -> vmdg.Problem:
     return problem
 
 
+def scaled(problem: vmdg.Problem) -> vmdg.Problem:
+    """Its mesh from mm to m."""
+    problem.mesh.geometry.x[:] *= 1e-3
+    return problem
+
+
 def tie(**options) -> vmdg.Interface:
     """A tie with these options."""
     return vmdg.Interface(**({"law": vmdg.Bonded()} | options))
@@ -403,6 +410,66 @@ WRONG_VALUES = {
         ),
         r"an eigenstrain \(eigenstrain of tag 1\) is not finite at load factor 1: look at its",
     ),
+    "an eigenstrain in percent": (
+        lambda s: look(held(s, make(s, eigenstrain={1: lambda t: -3.0 * t}), "left")),
+        r"an eigenstrain of -1.5 at load factor 0.5 leaves nothing .*must be positive.* 1% is 0.01",
+    ),
+    "an eigenstrain that vanishes along an axis": (
+        lambda s: make(s, eigenstrain={1: np.diag([0.0, -1.0, 0.2])}),
+        r"an eigenstrain of -1 at load factor 0 leaves nothing",
+    ),
+    "endless thickness": (lambda s: make(s, thickness=np.inf), "thickness = inf must be positive"),
+    "thickness with a unit": (
+        lambda s: make(s, thickness="2 mm"),
+        "thickness = '2 mm' must be positive and finite",
+    ),
+    "degree in quotes": (lambda s: make(s, degree="2"), "degree = '2' must be a whole number"),
+    "a set of tags between": (
+        lambda s: tie(between={1, 2}),
+        r"between = \{1, 2\} must be two different tags",
+    ),
+    "several tags within": (
+        lambda s: tie(within=[1, 2]),
+        r"within = \[1, 2\] must be one tag; make an interface for each",
+    ),
+    "safety of None": (lambda s: tie(within=1, safety=None), "safety = None must be positive"),
+    "initial damage in words": (
+        lambda s: bond(s, between=(1, 2), initial_damage="half"),
+        r"initial_damage = 'half' must lie in \[0, 1\]: the share of the strength",
+    ),
+    "level set of truth values": (
+        lambda s: bond(s, level_set=lambda x: x[0] < 1),
+        "the level set gives True or False; .* negative inside",
+    ),
+    "reaction of an interface": (
+        lambda s: bonded(s).reaction(s.facet_tags.find("interface")),
+        r"reaction: facet \d+ at \[1.0, .*nothing holds; .* vmdg.integral\(problem, interface",
+    ),
+    "True as a component": (lambda s: prescribe(s, 0.0, True), "unknown component True; in 2D"),
+    "load factors in quotes": (
+        lambda s: run(s, loads=["0.5", "1.0"]),
+        r"loads = \['0.5', '1.0'\] must be one or more finite load factors",
+    ),
+    "complex load factors": (
+        lambda s: run(s, loads=np.array([0.5 + 1j])),
+        "must be one or more finite load factors",
+    ),
+    "a mesh scaled too late": (
+        lambda s: look(scaled(held(s, bonded(s), "left", "right"))),
+        "nodes of the mesh were moved after the problem was made, .*scale the mesh first",
+    ),
+    "no fields": (
+        lambda s: vmdg.FieldWriter(bonded(s), "run", []),
+        "FieldWriter: fields is empty; choose from",
+    ),
+    "a negative width of a crack": (
+        lambda s: vmdg.CrackGrowth(bonded(s), 0, width=-1.0),
+        "CrackGrowth: width = -1.0 must be positive and finite",
+    ),
+    "a crack that starts at a word": (
+        lambda s: vmdg.CrackGrowth(bonded(s), 0, start="30 mm"),
+        "CrackGrowth: start = '30 mm' must be a length",
+    ),
     "no load factors": (lambda s: run(s, loads=[]), "one or more finite load factors"),
     "a load factor of NaN": (lambda s: run(s, loads=[0.1, np.nan]), "finite load factors"),
     "no steps": (lambda s: run(s, loads=0), "loads = 0 is a number of steps"),
@@ -445,6 +512,74 @@ WRONG_TYPES = {
     "a mask in place of facets": (
         lambda s: bonded(s).dirichlet(np.ones(4, dtype=bool), 0.0),
         "must be an array of local facets",
+    ),
+    "a mask of facets in an interface": (
+        lambda s: bond(s, facets=np.ones(4, dtype=bool)),
+        r"Interface: facets = .* must be an array of local facets.*np.flatnonzero\(mask\)",
+    ),
+    "a factor in place of a stabilization": (
+        lambda s: tie(within=1, stabilization=4.0),
+        "stabilization = 4.0 must be a function of tau1, tau2 .* safety=",
+    ),
+    "node numbers": (
+        lambda s: bonded(s).dirichlet_points([0, 1], 0.0),
+        r"dirichlet_points: where = \[0, 1\] must be a predicate on coordinates",
+    ),
+    "a place in place of a predicate": (
+        lambda s: bonded(s).reaction_points((0.0, 0.0)),
+        r"reaction_points: where = \(0.0, 0.0\) must be a predicate on coordinates",
+    ),
+    "a spring that changes": (
+        lambda s: bonded(s).spring(s.facet_tags.find("left"), lambda t: 100 * t),
+        "spring: the stiffness .* must be numbers in MPa/mm; springs change neither with the load",
+    ),
+    "a spring in quotes": (
+        lambda s: bonded(s).spring(s.facet_tags.find("left"), "100"),
+        "spring: the stiffness '100' must be numbers",
+    ),
+    "a list of problems": (
+        lambda s: run(s, problem=[bonded(s)]),
+        r"solve: problem = \[<Problem: .*\] must be a vmdg.Problem: solve\(problem, loads\)",
+    ),
+    "a checkpoint of a folder": (
+        lambda s: vmdg.read_checkpoint("run", bonded(s)),
+        r"checkpoint: problem = 'run' must be a vmdg.Problem, and the folder comes after it",
+    ),
+    "a table without a name": (
+        lambda s: run(s, options=vmdg.SolveOptions(csv=True)),
+        "history: csv = True must be a str or a Path",
+    ),
+    "a checkpoint without a name": (
+        lambda s: run(s, options=vmdg.SolveOptions(checkpoint=True)),
+        "checkpoint: folder = True must be a str or a Path",
+    ),
+    "a place that is no interface": (
+        lambda s: bonded(s).mean(0.0),
+        "there is no interface 0.0; the problem has 'interface_0'",
+    ),
+    "a group named by a number": (
+        lambda s: vmdg.split_cells(s.mesh, lambda x: x[0] - 1, 5),
+        "split_cells: name = 5 must be a word",
+    ),
+    "a number as level set": (
+        lambda s: vmdg.split_cells(s.mesh, 0.5, "inside"),
+        "level set 0.5 must be a function of points",
+    ),
+    "a mesh without tags": (
+        lambda s: write_mesh(s.mesh, "part.xdmf"),
+        "write_mesh: tagged = <.*> must be mesh, cell_tags, facet_tags",
+    ),
+    "ranks in place of a file": (
+        lambda s: read_mesh(s.mesh.comm, "part.msh"),
+        "read_mesh: path = <.*> must be a str or a Path",
+    ),
+    "fields of a folder": (
+        lambda s: vmdg.FieldWriter("run", bonded(s)),
+        "FieldWriter: problem = 'run' must be a vmdg.Problem, and the folder comes after it",
+    ),
+    "a curve of a result": (
+        lambda s: plot.curve(vmdg.solve(held(s, bonded(s), "left"), [1.0]), "load", "step"),
+        "curve: history = <Result: .* must be a vmdg.History: result.history",
     ),
     "options in a dict": (lambda s: run(s, options={"max_cuts": 3}), r"SolveOptions\(\.\.\.\)"),
     "a load factor alone": (lambda s: run(s, loads=1.0), r"\[1.0\] for one step to 1, or an int"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from contextlib import nullcontext
 from itertools import product
 
 from mpi4py import MPI
@@ -23,6 +24,7 @@ from support.problems import PRECISE
 from support.scenes import DIMENSION, EVERY_CELL
 
 import vmdg
+from vmdg.problem.checks import check_model
 
 MODULI = {1: (1000.0, 0.3), 2: (5000.0, 0.2), 3: (300.0, 0.4)}
 #: Tags of layers of equal height from the bottom; the first and the last one are two halves.
@@ -385,6 +387,22 @@ ON_BOUNDARY = [
     ({"facets": lambda x: np.isclose(x[0] % 0.5, 0)}, "leave its boundary out of facets="),
     ({"level_set": lambda x: x[0] - 0.5}, "inside of it by facets="),
 ]
+
+
+@pytest.mark.parametrize(
+    "gradient", [{"xx": lambda t: 0.01 * t}, lambda t: t * np.diag([0.01, 0.0])]
+)
+def test_a_strain_as_gradient(comm, gradient):
+    """A cell that is pressed to nothing is warned of before it is solved; one that turns is not."""
+    loads = np.array([0.5, 1.0])
+    with (
+        pytest.warns(vmdg.ModelWarning, match="1 where nothing is strained: 1 \\+ 0.01 \\* t")
+        if (comm.rank == 0)
+        else nullcontext()
+    ):
+        check_model(included(comm, vmdg.Periodic(gradient=gradient), kinematics="finite"), loads)
+    turned = vmdg.Periodic(gradient=lambda t: np.array([[0.0, -1.0], [1.0, 0.0]]) * (1 + 0.01 * t))
+    check_model(included(comm, turned, kinematics="finite"), loads)
 
 
 def test_more_mistakes(comm):

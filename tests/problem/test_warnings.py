@@ -231,6 +231,23 @@ def test_nothing_loaded(comm):
     assert not told(problem, loads=[0.0])
 
 
+def test_load_factors_that_a_run_does_not_come_to(comm):
+    """A function that fails there, on one rank, ends no run before, and nothing is said of loads
+    of which not all are known."""
+
+    def move(t: float) -> float:
+        if t == 0.5 and comm.rank == comm.size - 1:
+            raise ZeroDivisionError("no such time")
+        return 0.0
+
+    problem = moved(comm, move)
+    loads = [0.25, 0.5, 1.0]
+    assert len(vmdg.solve(problem, loads, until=lambda problem: True).history) == 1
+    with pytest.raises(ZeroDivisionError, match="no such time"):
+        vmdg.solve(problem, loads)
+    assert problem.t == 0.25
+
+
 def test_no_load_that_changes(comm):
     """The same row again and again; one of them is a problem as any other."""
     expect(moved(comm, 1e-3), "no load depends on the load factor: all 2 steps end in the same")

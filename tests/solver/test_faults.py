@@ -333,6 +333,10 @@ STUCK = {
         raise IndexError("no points here")
     vmdg.solve(problem, [0.01, 0.02])
     """,
+    "at the end of a script": """
+    if comm.rank == 0:
+        raise IndexError("no points here")
+    """,
 }
 
 

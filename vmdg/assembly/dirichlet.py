@@ -77,7 +77,8 @@ def component_index(component: int | str | None, d: int, what: str) -> int | Non
     names = AXES[:d]
     if component in names:
         return names.index(component)
-    if isinstance(component, (int, np.integer)) and 0 <= component < d:
+    whole = isinstance(component, int | np.integer) and not isinstance(component, bool)
+    if whole and 0 <= component < d:
         return int(component)
     raise ValueError(
         f"{what}: unknown component {component!r}; in {d}D it is one of 0..{d - 1} or "

@@ -228,12 +228,18 @@ class Surface:
         Raises:
             ValueError: the stiffness has another shape, or is not positive semidefinite.
         """
-        K, eta = self._foundation(np.asarray(stiffness, dtype=float)), ufl.TestFunction(self._space)
+        K, eta = self._foundation(np.asarray(stiffness)), ufl.TestFunction(self._space)
         density = surface.spring_force(eta, K, self._u)
         self._springs.append(self._term(density, self._ds(facets)))
 
     def _foundation(self, stiffness: Array) -> Expr:
         d = self._mesh.geometry.dim
+        if stiffness.dtype.kind not in "iuf":
+            raise TypeError(
+                f"spring: the stiffness {stiffness.tolist()!r} must be numbers in MPa/mm; springs "
+                "change neither with the load factor nor from place to place"
+            )
+        stiffness = stiffness.astype(float)
         rounding = ROUNDING * np.abs(stiffness).max(initial=0.0)
         if stiffness.shape in ((), (2,)):
             least = stiffness.min()

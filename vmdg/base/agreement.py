@@ -13,9 +13,11 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import wraps
+from itertools import zip_longest
 from types import FrameType
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from mpi4py import MPI
 
@@ -66,6 +68,63 @@ def leave_together(comm: MPI.Comm, error: BaseException) -> None:
     """
     if comm.size > 1:
         _first_error(comm, error)
+
+
+def same_call(
+    comm: MPI.Comm, call: str, given: Iterable[str] = (), reminder: float = REMINDER
+) -> None:
+    """Refuse a call of all ranks that only some make, or make with other arguments; collective.
+
+    It finds those at whose place other ranks make another call that asks the same.
+
+    Args:
+        comm: The ranks.
+        call: What this rank calls.
+        given: Its arguments in words, as far as they are to be the same.
+        reminder: Seconds that a rank waits for the others before it says so.
+
+    Raises:
+        ValueError: ranks differ; on all ranks.
+    """
+    if comm.size == 1:
+        return
+    others = comm.Ibarrier()
+    if not within(reminder, others.Test):
+        print(
+            f"vmdg: rank {comm.rank} has waited {reminder:.3g} s in {call} for the other ranks. If "
+            "they never come, look for a call of all ranks that only some make, under `if rank == "
+            "0` for example",
+            file=sys.stderr,
+            flush=True,
+        )
+        others.Wait()
+    calls = comm.allgather((call, tuple(given)))
+    first, said = calls[0]
+    for rank, (other, arguments) in enumerate(calls):
+        if other != first:
+            raise ValueError(
+                f"rank 0 calls {first} where rank {rank} calls {other}: all ranks make these calls "
+                "together, in one order. Leave out conditions such as `if rank == 0` and "
+                "`if len(facets)`: a rank may give no facets"
+            )
+        if arguments != said:
+            pairs = zip_longest(said, arguments, fillvalue="nothing")
+            one, another = next(pair for pair in pairs if pair[0] != pair[1])
+            raise ValueError(
+                f"{call}: rank 0 gives {one:.200}, rank {rank} {another:.200}; give the same on "
+                "all ranks, functions and random numbers (by one seed) too"
+            )
+
+
+def of_all_ranks(method: Callable[..., T]) -> Callable[..., T]:
+    """A method of an object with a communicator ``comm`` that all ranks call together."""
+
+    @wraps(method)
+    def checked(self: Any, *arguments: Any, **keywords: Any) -> T:
+        same_call(self.comm, f"problem.{method.__name__}")
+        return method(self, *arguments, **keywords)
+
+    return checked
 
 
 def _first_error(comm: MPI.Comm, mine: BaseException | None) -> bytes | None:

@@ -165,7 +165,11 @@ def _end_all_ranks(
     if MPI.Is_finalized():
         return
     others = MPI.COMM_WORLD.Ibarrier()
-    if not within(PATIENCE, others.Test):
+    try:
+        ended = within(PATIENCE, others.Test)
+    except MPI.Exception:  # they are in MPI_Finalize, at the end of the script, or in another call
+        ended = False
+    if not ended:
         end_job(f"rank {MPI.COMM_WORLD.rank} has failed (above) and others have not")
 
 

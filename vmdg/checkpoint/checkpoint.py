@@ -19,6 +19,7 @@ one exactly, and on another number but for rounding.
 from __future__ import annotations
 
 from dataclasses import asdict
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +71,9 @@ def write_checkpoint(problem: Problem, folder: str | Path, history: History | No
         OSError: the folder cannot be written to, another run writes there, or the disk is full; on
             all ranks, and the former checkpoint is still valid.
         ValueError: the state is not finite, or the table has what a file cannot hold; likewise.
+        TypeError: the problem is none, or the folder is no path.
     """
+    _check_problem(problem)
     with claim_checkpoint(problem.comm, folder):
         _write(problem, Path(folder), history)
 
@@ -86,7 +89,21 @@ def claim_checkpoint(comm: MPI.Comm, folder: str | Path) -> Claim:
         OSError: another run writes there, or nobody can; on all ranks.
     """
     what = f"the checkpoint in {folder}"
-    return Claim(comm, Path(folder) / "checkpoint.lock", what, nested=True)
+    return Claim(comm, _path(folder) / "checkpoint.lock", what, nested=True)
+
+
+def _path(folder: str | Path) -> Path:
+    if not isinstance(folder, str | PathLike):
+        raise TypeError(f"checkpoint: folder = {folder!r} must be a str or a Path")
+    return Path(folder)
+
+
+def _check_problem(problem: Problem) -> None:
+    if not isinstance(problem, Problem):
+        raise TypeError(
+            f"checkpoint: problem = {problem!r} must be a vmdg.Problem, and the folder comes after "
+            'it: read_checkpoint(problem, "run")'
+        )
 
 
 def _write(problem: Problem, folder: Path, history: History | None) -> None:
@@ -142,8 +159,10 @@ def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
     Raises:
         ValueError: the checkpoint is of another format, belongs to another problem or is damaged;
             the problem keeps its state.
+        TypeError: the problem is none, or the folder is no path.
     """
-    found = read_description(problem.comm, Path(folder), FORMAT)
+    _check_problem(problem)
+    found = read_description(problem.comm, _path(folder), FORMAT)
     if found is None:
         return None
     slot, about = found

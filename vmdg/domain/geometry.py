@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import combinations
+from numbers import Real
 
 from mpi4py import MPI
 
@@ -67,8 +68,11 @@ def make_geometry(
         raise ValueError(f"Problem: symmetry = {symmetry!r} must be one of {SYMMETRIES}")
     d = mesh.geometry.dim
     if symmetry is None:
-        if not thickness > 0 or (d == 3 and thickness != 1):
-            raise ValueError(f"Problem: thickness = {thickness} must be positive, and 1 in 3D")
+        number = isinstance(thickness, Real) and 0 < thickness < np.inf
+        if not number or (d == 3 and thickness != 1):
+            raise ValueError(
+                f"Problem: thickness = {thickness!r} must be positive and finite, and 1 in 3D"
+            )
         constant = fem.Constant(mesh, float(thickness)) if thickness != 1 else 1
         macroscopic = fem.Constant(mesh, np.zeros((d, d))) if periodic else None
         if axial:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Protocol
+from zlib import crc32
 
 import numpy as np
 from dolfinx import fem
@@ -88,6 +89,7 @@ class Bodies:
     ):
         _check_tags(mesh, tags, materials, eigenstrain)
         space = fem.functionspace(mesh, ("DG", 0))
+        self._mesh, self._nodes = mesh, crc32(mesh.geometry.x)
         self.tags = tags
         self.small = small
         self.geometry = geometry
@@ -148,6 +150,29 @@ class Bodies:
         """Tag and eigenstrain at load factor ``t``, as it was given."""
         for tag, strain in self._eigenstrains.items():
             yield tag, strain(t)
+
+    @property
+    def moved(self) -> bool:
+        """Whether nodes of the mesh were moved on this rank since then."""
+        return crc32(self._mesh.geometry.x) != self._nodes
+
+    def least_stretch(self, values: NDArray[np.float64]) -> float:
+        """Least eigenvalue of F_s = I + e over the cells of this rank, or a bound from below that
+        is positive.
+
+        Args:
+            values: Eigenstrains, as of :meth:`eigenstrains`.
+        """
+        if not self._tensor:
+            return 1 + float(values.min(initial=0.0))
+        stretches = np.eye(3) + values.reshape(-1, 3, 3)
+        diagonal = np.diagonal(stretches, axis1=1, axis2=2)
+        # Circles of Gershgorin; eigenvalues only where these do not tell.
+        bounds = (2 * diagonal - np.abs(stretches).sum(axis=2)).min(axis=1)
+        doubtful = bounds <= 0
+        if doubtful.any():
+            bounds[doubtful] = np.linalg.eigvalsh(stretches[doubtful])[:, 0]
+        return float(bounds.min(initial=1.0))
 
     def set_eigenstrains(self, values: NDArray[np.float64]) -> None:
         """Take eigenstrains, as of :meth:`eigenstrains`."""

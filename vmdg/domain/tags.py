@@ -128,6 +128,7 @@ def split_cells(
     Raises:
         ValueError: no cell of the group has its midpoint inside, the name is taken, or the level
             set does not give one number a point.
+        TypeError: the name is no word, or the level set no function.
     """
     if cell_tags is None:
         number = mesh.topology.index_map(mesh.topology.dim)
@@ -135,6 +136,10 @@ def split_cells(
         names = {"outside": 1}
     else:
         values, names = tags_of_cells(mesh, cell_tags), names_of(cell_tags)
+    if not isinstance(name, str):
+        raise TypeError(
+            f"split_cells: name = {name!r} must be a word; the tag is the next one free"
+        )
     if name in names:
         raise ValueError(f"split_cells: there is a group {name!r} already; give another name=")
     inside = cells_inside(mesh, level_set)

@@ -79,15 +79,25 @@ def cells_inside(mesh: Mesh, level_set: LevelSet) -> NDArray[np.bool_]:
     """Local cells, ghosts included, at whose midpoint a level set is negative; collective.
 
     Raises:
-        ValueError: the level set does not give one finite number a point.
+        TypeError: the level set is no function.
+        ValueError: it does not give one finite number a point.
     """
+    if not callable(level_set):
+        raise TypeError(
+            f"the level set {level_set!r} must be a function of points x (3, n), for example "
+            "lambda x: np.hypot(x[0], x[1]) - R"
+        )
     cells = mesh.topology.index_map(mesh.topology.dim)
     owned = np.arange(cells.size_local, dtype=np.int32)
     midpoints = compute_midpoints(mesh, mesh.topology.dim, owned).T
     given = together(mesh.comm, lambda: at_points(level_set, midpoints, what="level set: "))
-    values = np.asarray(given, dtype=float)
-    message = None
-    if values.shape != owned.shape or not np.isfinite(values).all():
+    values, message = np.asarray(given), None
+    if values.dtype == bool:
+        message = (
+            "the level set gives True or False; it must be a number that is negative inside, for "
+            "example lambda x: np.hypot(x[0], x[1]) - R in place of np.hypot(x[0], x[1]) < R"
+        )
+    elif values.shape != owned.shape or not np.isfinite(values.astype(float)).all():
         message = (
             f"the level set gives values of shape {values.shape} at points (3, {len(owned)}); it "
             "must give one finite number a point, for example lambda x: np.hypot(x[0], x[1]) - R"
@@ -112,8 +122,14 @@ def located(
         what: What for, for messages.
 
     Raises:
+        TypeError: it is no function.
         ValueError: the predicate does not give True or False for every point.
     """
+    if not callable(where):
+        raise TypeError(
+            f"{what}: where = {where!r} must be a predicate on coordinates (3, n), for example "
+            "lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 0)"
+        )
 
     def checked(x: NDArray[np.float64]) -> NDArray[np.bool_]:
         marks = np.asarray(at_points(where, x, what=f"{what}: "))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..base.parallel import global_max
 from ..base.quadrature import facet_degree
 from ..domain.materials import Bodies
-from ..domain.topology import mark_everywhere
+from ..domain.topology import mark_everywhere, refuse_facets
 from ..forms import kinematics
 from .facets import InterfaceFacets
 from .interface import Interface, InterfaceList
@@ -122,6 +122,23 @@ class Activation:
 
     def __bool__(self) -> bool:
         return bool(self._potential)
+
+    def refuse(self, facets: NDArray[np.int32], what: str, reason: str) -> None:
+        """Refuse facets of interfaces, open or not; collective.
+
+        Args:
+            facets: Local facets.
+            what: Who refuses them.
+            reason: What is wrong and the cure, said after the place of the facet.
+
+        Raises:
+            ValueError: one lies on an interface.
+        """
+        index_map = self._mesh.topology.index_map(self._mesh.topology.dim - 1)
+        inside = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=bool)
+        for selected in self.facets:
+            inside[selected.everywhere] = True
+        refuse_facets(self._mesh, facets, inside, what, reason)
 
     def follow(self, u: fem.Function) -> None:
         """Evaluate closed facets with this displacement from now on."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import operator
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any, TypeVar
 
 import numpy as np
@@ -98,7 +98,7 @@ class Interface:
 
     Raises:
         ValueError: the description is incomplete or contradictory.
-        TypeError: ``law`` is not an interface law.
+        TypeError: ``law`` is not an interface law, or facets are no array of whole numbers.
     """
 
     def __init__(
@@ -138,7 +138,7 @@ class Interface:
                 f"Interface: level_set = {level_set!r} must be a function of points x (3, n), for "
                 "example lambda x: np.hypot(x[0], x[1]) - 0.25"
             )
-        if safety != AUTO and (isinstance(safety, str) or not (np.isfinite(safety) and safety > 0)):
+        if safety != AUTO and not (isinstance(safety, Real) and 0 < safety < np.inf):
             raise ValueError(f'Interface: safety = {safety!r} must be positive, or "{AUTO}"')
         words = ("norm", norm, NORMS), ("frame", frame, FRAMES), ("activate", activate, ACTIVATIONS)
         for what, word, known in words:
@@ -150,11 +150,24 @@ class Interface:
             raise ValueError("Interface: a tie never fails, so it cannot open on demand")
         several = between is None or callable(between) or between == ALL
         if not several and (
-            isinstance(between, str) or len(between) != 2 or between[0] == between[1]
+            not isinstance(between, Sequence | np.ndarray)
+            or isinstance(between, str)
+            or len(between) != 2
+            or between[0] == between[1]
         ):
             raise ValueError(
                 f"Interface: between = {between!r} must be two different tags, {ALL!r}, or a "
                 "function of two tags; for the facets inside one tag use within=tag"
+            )
+        if np.ndim(within) != 0:
+            raise ValueError(
+                f"Interface: within = {within!r} must be one tag; make an interface for each, with "
+                "the same law"
+            )
+        if stabilization is not None and not callable(stabilization):
+            raise TypeError(
+                f"Interface: stabilization = {stabilization!r} must be a function of tau1, tau2 "
+                "and the context; a number that multiplies tau_s is safety="
             )
         usable = name is None or (isinstance(name, str) and _NAME.fullmatch(name))
         if not usable or name == "bodies":
@@ -167,7 +180,7 @@ class Interface:
             if not callable(value):
                 _check_one_a_facet(value, facets, f"{parameter} of the law")
         indices = facets is not None and not callable(facets)
-        self.facets = np.asarray(facets, dtype=np.int32) if indices else facets
+        self.facets = _local_indices(facets) if indices else facets
         self.between = between
         self.within = within
         self.level_set = level_set
@@ -222,6 +235,22 @@ class Interface:
         return f"Interface({self.place}{self._first_side}, law={self.law}{name})"
 
 
+def _local_indices(given: ArrayLike) -> NDArray[np.int32]:
+    """Facets as a user gives them.
+
+    Raises:
+        TypeError: a mask, names or tags in place of them.
+    """
+    facets = np.asarray(given)
+    if facets.ndim != 1 or (facets.size and facets.dtype.kind not in "iu"):
+        raise TypeError(
+            f"Interface: facets = {given!r} must be an array of local facets, as "
+            "facet_tags.find(group) gives them (np.flatnonzero(mask) of a mask), or a predicate "
+            "on coordinates"
+        )
+    return facets.astype(np.int32)
+
+
 def _checked_damage(given: Any, facets: Any, law: Law) -> float | NDArray | LevelSet | None:
     """Initial damage as a number, an array like the facets, or a function; None for none.
 
@@ -237,9 +266,13 @@ def _checked_damage(given: Any, facets: Any, law: Law) -> float | NDArray | Leve
         )
     if callable(given):
         return given
-    values = np.asarray(given, dtype=float)
-    if not ((values >= 0) & (values <= 1)).all():
-        raise ValueError(f"Interface: initial_damage = {given} must lie in [0, 1]")
+    values = np.asarray(given)
+    if values.dtype.kind not in "biuf" or not ((values >= 0) & (values <= 1)).all():
+        raise ValueError(
+            f"Interface: initial_damage = {given!r} must lie in [0, 1]: the share of the strength "
+            "that is lost, a number, f(x) of midpoints x (3, n), or one number a facet"
+        )
+    values = values.astype(float)
     if values.ndim == 0:
         return float(values)
     _check_one_a_facet(values, facets, "initial_damage")
@@ -284,6 +317,7 @@ def number_of(interfaces: Sequence[Interface], which: Which) -> int:
     Raises:
         IndexError: there is no interface of this number.
         ValueError: there is none of this name, or the problem does not have this interface.
+        TypeError: it is neither a whole number nor a name nor an interface.
     """
     names = interface_names(interfaces)
     asked = which if isinstance(which, Interface) else repr(which)
@@ -293,7 +327,9 @@ def number_of(interfaces: Sequence[Interface], which: Which) -> int:
         if which not in places:
             raise ValueError(missing)
         return places.index(which)
-    number = operator.index(which)
+    if not isinstance(which, int | np.integer) or isinstance(which, bool):
+        raise TypeError(missing)
+    number = int(which)
     if not -len(names) <= number < len(names):
         raise IndexError(missing)
     return number % len(names)

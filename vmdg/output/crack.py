@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from numbers import Real
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
@@ -18,9 +20,10 @@ from .values import damage
 class CrackGrowth:
     """Length, process zone, resistance and modes of a crack that grows along an interface.
 
-    Called once a row, in a monitor: ``monitor=lambda problem: crack()``. With Q the softening of a
-    point, Q_0 that of its ``initial_damage``, d = (Q - Q_0)/(P_c - Q_0) the share of its bond that
-    the run has broken, 1 where there was none, and D what the whole problem has spent on bonds,
+    Called once a row: as the monitor, ``monitor=crack``, or in one, ``crack()``. With Q the
+    softening of a point, Q_0 that of its ``initial_damage``, d = (Q - Q_0)/(P_c - Q_0) the share of
+    its bond that the run has broken, 1 where there was none, and D what the whole problem has spent
+    on bonds,
 
     * crack: a = a_0 + (integral of d dA)/b, the length at which all damage counts as crack; one
       that is there from the start by ``initial_damage`` counts by itself;
@@ -41,8 +44,8 @@ class CrackGrowth:
         start: a_0, of a crack ahead of the facets of the interface [mm].
 
     Raises:
-        ValueError: the interface is a tie or opens on demand, or a width is missing in 3D or
-            axisymmetry.
+        ValueError: the interface is a tie or opens on demand, a width is missing in 3D or
+            axisymmetry, or width or start are no lengths.
     """
 
     def __init__(
@@ -57,6 +60,10 @@ class CrackGrowth:
                 f"CrackGrowth: {label} opens on demand, and what is not open yet has no points; "
                 'give the interface activate="all"'
             )
+        if width is not None and not (isinstance(width, Real) and 0 < width < np.inf):
+            raise ValueError(f"CrackGrowth: width = {width!r} must be positive and finite [mm]")
+        if not (isinstance(start, Real) and 0 <= start < np.inf):
+            raise ValueError(f"CrackGrowth: start = {start!r} must be a length, zero or more [mm]")
         self._plane = problem.mesh.topology.dim == 2
         geometry = problem.discretization.geometry
         if width is None and (not self._plane or isinstance(geometry, Axisymmetric)):
@@ -96,8 +103,11 @@ class CrackGrowth:
         """a of the last row [mm]."""
         return self._before[0]
 
-    def __call__(self) -> dict[str, float]:
+    def __call__(self, problem: Problem | None = None) -> dict[str, float]:
         """The present row; collective.
+
+        Args:
+            problem: As a monitor is called, that of the crack.
 
         Returns:
             "crack [mm]", "zone [mm]", "resistance [N/mm]", nan in a row without growth, and in 2D

@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import count
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -138,7 +139,8 @@ class FieldWriter:
             is chosen.
 
     Raises:
-        ValueError: an unknown name.
+        ValueError: an unknown name, or none.
+        TypeError: the problem is none.
         OSError: the folder cannot be written to, or another run does so; on all ranks.
 
     Where a disk gets full in the middle of writing on several ranks, the job ends.
@@ -147,11 +149,18 @@ class FieldWriter:
     def __init__(
         self, problem: Problem, folder: str | Path, fields: Sequence[str] | str | None = None
     ):
+        if not isinstance(problem, Problem):
+            raise TypeError(
+                f"FieldWriter: problem = {problem!r} must be a vmdg.Problem, and the folder comes "
+                "after it"
+            )
         fields = (fields,) if isinstance(fields, str) else fields
         names = FIELDS if fields is None else tuple(dict.fromkeys(fields))
         for name in names:
             if name not in FIELDS:
                 raise ValueError(f"FieldWriter: there is no field {name!r}; choose from {FIELDS}")
+        if not names:
+            raise ValueError(f"FieldWriter: fields is empty; choose from {FIELDS}, None for all")
         self._comm, self._folder = problem.comm, Path(folder)
         self._updates: list[Callable[[], object]] = []
         files: dict[str, list[fem.Function]] = {"bodies": []}
@@ -189,9 +198,13 @@ class FieldWriter:
         """Write the current state as time ``t``; collective.
 
         Raises:
-            ValueError: the files are closed.
+            ValueError: the files are closed, or the time is no finite number.
             OSError: the disk is full, or files are gone; on all ranks. The files are closed then.
         """
+        if not (isinstance(t, Real) and np.isfinite(t)):
+            raise ValueError(
+                f"FieldWriter: t = {t!r} must be a finite number, for example problem.t"
+            )
         if not self._writers:
             raise ValueError(
                 f"FieldWriter: the files in {self._folder} are closed; write before close() and "

@@ -8,6 +8,7 @@ import json
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, KeysView, Mapping, Sequence
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -214,9 +215,12 @@ class HistoryFile:
 
     Raises:
         OSError: the file cannot be written, or another run does so; on all ranks.
+        TypeError: the path is none.
     """
 
     def __init__(self, comm: MPI.Comm, path: str | Path | None, history: History):
+        if not (path is None or isinstance(path, str | PathLike)):
+            raise TypeError(f"history: csv = {path!r} must be a str or a Path")
         self._comm = comm
         self._path = None if path is None else Path(path)
         self._history = history

@@ -11,7 +11,7 @@ from ..base.graph import components
 from ..interface.interface import Which, number_of
 from ..problem.problem import Problem
 from .corners import corners_of_local, positions_and_displacements
-from .values import scalar
+from .values import Quantity, values_at_points
 
 ALONG = ("arc", "angle", "x", "y", "z")
 
@@ -19,7 +19,7 @@ ALONG = ("arc", "angle", "x", "y", "z")
 def profile(
     problem: Problem,
     interface: Which,
-    quantity: str,
+    quantity: Quantity,
     along: str = "arc",
     centre: ArrayLike | None = None,
 ) -> list[NDArray[np.float64]]:
@@ -28,7 +28,8 @@ def profile(
     Args:
         problem: The problem.
         interface: Its number, its name or itself.
-        quantity: A scalar of :func:`vmdg.output.values.scalar`.
+        quantity: As for :func:`vmdg.extremes`: a scalar of :func:`vmdg.output.values.scalar`, or a
+            function of an :class:`vmdg.InterfaceState`.
         along: What s is, in the undeformed body: "arc" length [mm] from the left end of a piece, or
             counterclockwise from the rightmost corner of a closed one; "angle" about an axis along
             z [degrees]; "x", "y" or "z" [mm].
@@ -47,7 +48,7 @@ def profile(
     if along == "arc" and not plane:
         raise ValueError("profile: a surface has no arc length; use 'angle', 'x', 'y' or 'z'")
     i = number_of(problem.interfaces, interface)
-    values = scalar(problem, i, quantity)
+    values = values_at_points(problem, i, quantity)
     if i not in problem.discretization.active:
         return []
     points, values, start, end = _gathered(problem, i, values)

@@ -5,20 +5,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from ..base.agreement import together
 from ..base.parallel import global_max, global_sum
 from ..interface.interface import Which
-from ..interface.points import InterfaceState
 from ..problem.problem import Problem
-from .values import scalar
-
-#: A scalar of :func:`vmdg.output.values.scalar`, or a function of a state with a value a point.
-Quantity = str | Callable[[InterfaceState], ArrayLike]
+from .values import Quantity, values_at_points
 
 
 def extremes(problem: Problem, interface: Which, quantity: Quantity) -> tuple[float, float]:
@@ -37,7 +29,7 @@ def extremes(problem: Problem, interface: Which, quantity: Quantity) -> tuple[fl
     Raises:
         ValueError: no such scalar or interface, or a function that gives something else.
     """
-    values = _values(problem, interface, quantity)
+    values = values_at_points(problem, interface, quantity)
     ends = [-values.min(initial=np.inf), values.max(initial=-np.inf)]
     low, high = (global_max(problem.comm, float(end)) for end in ends)
     return (float("nan"),) * 2 if high == -np.inf else (-low, high)
@@ -78,26 +70,10 @@ def average(problem: Problem, interface: Which, quantity: Quantity) -> float:
 def _integral_and_area(
     problem: Problem, interface: Which, quantity: Quantity
 ) -> tuple[float, float]:
-    values, weights = _values(problem, interface, quantity), problem.state[interface].weights
+    values, weights = (
+        values_at_points(problem, interface, quantity),
+        problem.state[interface].weights,
+    )
     thickness = float(problem.discretization.geometry.thickness)
     whole, area = global_sum(problem.comm, [weights @ values, weights.sum()])
     return thickness * float(whole), thickness * float(area)
-
-
-def _values(problem: Problem, interface: Which, quantity: Quantity) -> NDArray[np.float64]:
-    """At the points of this rank (nq,); collective."""
-
-    def evaluated() -> NDArray[np.float64]:
-        if isinstance(quantity, str):
-            return scalar(problem, interface, quantity)
-        state = problem.state[interface]
-        values = np.asarray(quantity(state), dtype=float)
-        if values.shape != (len(state.weights),):
-            raise ValueError(
-                f"the function of an interface's state gives an array of shape {values.shape}; it "
-                f"must be one number for each of the {len(state.weights)} points, for example "
-                "lambda state: state.traction[:, 0]"
-            )
-        return values
-
-    return together(problem.comm, evaluated)

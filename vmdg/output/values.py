@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ..base.agreement import together
 from ..interface.interface import Which, number_of
 from ..interface.points import InterfaceState
 from ..laws import Law
 from ..problem.problem import Problem
+
+#: A scalar of :func:`scalar` by name, or a function of a state with a value a point.
+Quantity = str | Callable[[InterfaceState], ArrayLike]
 
 #: Vectors at the points, which are attributes of the state, with their units.
 VECTORS = {"traction": "MPa", "opening": "mm", "gap": "mm"}
@@ -56,6 +60,34 @@ def scalar(problem: Problem, interface: Which, name: str) -> NDArray[np.float64]
     if name in VECTORS:
         return _along(getattr(state, name), state)
     return _across(state.gap if name == "slip" else state.traction, state)
+
+
+def values_at_points(problem: Problem, interface: Which, quantity: Quantity) -> NDArray[np.float64]:
+    """What is asked for at the points of an interface this rank owns (nq,); collective.
+
+    Args:
+        problem: The problem.
+        interface: Its number, its name or itself.
+        quantity: A name as for :func:`scalar`, or a function of a state with a value a point.
+
+    Raises:
+        ValueError: no such scalar or interface, or a function that gives something else.
+    """
+
+    def evaluated() -> NDArray[np.float64]:
+        if isinstance(quantity, str):
+            return scalar(problem, interface, quantity)
+        state = problem.state[interface]
+        values = np.asarray(quantity(state), dtype=float)
+        if values.shape != (len(state.weights),):
+            raise ValueError(
+                f"the function of an interface's state gives an array of shape {values.shape}; it "
+                f"must be one number for each of the {len(state.weights)} points, for example "
+                "lambda state: state.traction[:, 0]"
+            )
+        return values
+
+    return together(problem.comm, evaluated)
 
 
 def traction_integrals(state: InterfaceState) -> NDArray[np.float64]:

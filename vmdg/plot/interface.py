@@ -15,7 +15,7 @@ from ..interface.interface import Which, number_of
 from ..laws import Mode
 from ..output.corners import corners_of_local, positions_and_displacements
 from ..output.profile import profile
-from ..output.values import LABELS, facet_scalar
+from ..output.values import LABELS, Quantity, facet_scalar
 from ..problem.problem import Problem
 from .stress import axis_names
 
@@ -35,7 +35,7 @@ STRAIGHT = 1e-9
 def interface_profile(
     problem: Problem,
     interface: Which,
-    quantity: str,
+    quantity: Quantity,
     along: str = "arc",
     centre: ArrayLike | None = None,
     ax: Axes | None = None,
@@ -47,7 +47,8 @@ def interface_profile(
         problem: The problem.
         interface: Its number, its name or itself.
         quantity: A scalar of :func:`vmdg.output.values.scalar`: "traction", "opening", "gap",
-            "slip", "shear", "damage", "mode" or "fine_scale".
+            "slip", "shear", "damage", "mode" or "fine_scale"; or a function of an
+            :class:`vmdg.InterfaceState`.
         along: "arc", "angle", "x", "y" or "z", as :func:`vmdg.output.profile.profile` has it.
         centre: For the angle, x and y of the axis [mm]; None for the middle of each piece.
         ax: Where to draw; None for a new figure.
@@ -64,7 +65,8 @@ def interface_profile(
         style = {"ls": "", "marker": ".", **style}
     for rows in profile(problem, interface, quantity, along, centre):
         ax.plot(*rows.T, **style)
-    ax.set(xlabel=_along_label(problem, along), ylabel=LABELS[quantity])
+    label = LABELS[quantity] if isinstance(quantity, str) else ""
+    ax.set(xlabel=_along_label(problem, along), ylabel=label)
     ax.margins(x=0)
     if along == "angle":
         ax.xaxis.set_major_locator(MultipleLocator(45))

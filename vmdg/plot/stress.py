@@ -66,7 +66,10 @@ def curve(
 
     Raises:
         KeyError: the history has no such column.
+        TypeError: it is no history.
     """
+    if not isinstance(history, History):
+        raise TypeError(f"curve: history = {history!r:.80} must be a vmdg.History: result.history")
     ax = plt.subplots(layout="constrained")[1] if ax is None else ax
     start = [0.0] if origin else []
     ax.plot([*start, *history[x]], [*start, *history[y]], **style)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from numbers import Real
 from typing import Any
 
 from petsc4py import PETSc
@@ -91,6 +92,17 @@ def checked_materials(materials: Mapping[Group, Material]) -> Mapping[Group, Mat
                 "for example vmdg.NeoHookean(E=5000.0, nu=0.25)"
             )
     return materials
+
+
+def in_numbers(materials: Mapping[int, Material], interfaces: Sequence[Interface]) -> list[str]:
+    """What is to be the same of materials and laws on all ranks, kinds and numbers, in words."""
+    bodies = [(f"material {t}", body, body.parameters) for t, body in materials.items()]
+    laws = [(f"interface {i}", one.law, vars(one.law)) for i, one in enumerate(interfaces)]
+    return [
+        f"{what}: {type(given).__name__} "
+        + ", ".join(f"{k}={v}" for k, v in values.items() if isinstance(v, Real | str))
+        for what, given, values in (*bodies, *laws)
+    ]
 
 
 def check_mesh(mesh: Mesh, cell_tags: MeshTags) -> None:
@@ -246,8 +258,8 @@ def check_approximation(mesh: Mesh, degree: int, kinematics: str) -> None:
     Raises:
         ValueError: one of them does not, or the cells are of a higher degree than the displacement.
     """
-    if degree < 1 or degree % 1:
-        raise ValueError(f"Problem: degree = {degree} must be a whole number, at least 1")
+    if not isinstance(degree, Real) or degree < 1 or degree % 1:
+        raise ValueError(f"Problem: degree = {degree!r} must be a whole number, at least 1")
     if kinematics not in KINEMATICS:
         raise ValueError(f"Problem: kinematics = {kinematics!r} must be one of {KINEMATICS}")
     geometry = compat.coordinate_element(mesh).degree

@@ -10,6 +10,8 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..assembly.means import lattice_of
+from ..base.agreement import same_call
 from ..base.parallel import global_any, global_max, raise_together, warn_together
 from ..domain.topology import box_sides
 from ..interface.active import ActiveInterface
@@ -32,6 +34,10 @@ LOSSY = 1e-3
 #: Load factors at which it is asked whether loads change, and the place of one between two.
 MOST_SAMPLES, BETWEEN = 5, 0.382
 
+#: Length of a periodic cell in the first state to reach, relative to that at rest: the least that
+#: is believed.
+SHORTEST = 0.5
+
 #: Coefficient of friction, usually below 1; degrees and percent are above.
 ROUGHEST = 5.0
 
@@ -48,13 +54,19 @@ def check_model(problem: Problem, loads: NDArray[np.float64], traced: bool = Fal
         Whether contact alone holds a body.
 
     Raises:
-        ValueError: nothing holds a part of the problem, whatever its interfaces do, or loads are
-            not finite at the first or the last load factor.
+        ValueError: nothing holds a part of the problem, whatever its interfaces do, loads are not
+            finite at the first or the last load factor, or nodes of the mesh were moved.
     """
+    message = (
+        "the nodes of the mesh were moved after the problem was made, which does not follow them: "
+        "move or scale the mesh first"
+    )
+    raise_together(problem.comm, message if problem.discretization.bodies.moved else None)
     rests_on_contact = _check_supports(problem)
     _check_programme(problem, loads)
     if not traced:
         _check_bonds(problem, loads)
+    _check_gradient(problem, float(loads[0]))
     first, last = (problem.loading.dirichlet.conflict(float(t)) for t in (loads[0], loads[-1]))
     warn_together(problem.comm, first or last)
     steep = set()
@@ -78,23 +90,30 @@ def checked_loads(
 
     Raises:
         ValueError: there is none, one is not a finite number, or an int leads nowhere.
-        TypeError: it is a single number that is no int, which could mean a load factor or steps.
+        TypeError: it is a single number that is no int, which could mean a load factor or steps, or
+            the problem is none.
     """
+    if not isinstance(problem, Problem):
+        raise TypeError(
+            f"solve: problem = {problem!r} must be a vmdg.Problem: solve(problem, loads)"
+        )
     if isinstance(loads, int | np.integer) and not isinstance(loads, bool):
+        same_call(problem.comm, "solve", [f"loads = {loads}"])
         return _equal_steps(int(loads), problem.t)
     if np.ndim(loads) == 0:
         raise TypeError(
             f"solve: loads = {loads!r} must be a list of load factors, [1.0] for one step to 1, or "
             "an int, 10 for ten equal steps to 1"
         )
-    result = np.asarray(loads, dtype=float)
-    empty = not result.size and rows is None
-    if result.ndim != 1 or empty or not np.isfinite(result).all():
+    given = np.asarray(loads)
+    empty = not given.size and rows is None
+    if given.ndim != 1 or given.dtype.kind not in "iuf" or empty or not np.isfinite(given).all():
         raise ValueError(
             f"solve: loads = {loads!r} must be one or more finite load factors, for example "
             "numpy.linspace(0.1, 1.0, 10)"
         )
-    message = None
+    result, message = given.astype(float), None
+    same_call(problem.comm, "solve", [f"loads = {result.tolist()}"])
     if rows and result.size and rows[0]["load"] == result[0] != problem.t in result:
         message = (
             f"solve: the run that goes on is at load factor {problem.t:.8g}, and loads begin where "
@@ -196,7 +215,9 @@ def _check_programme(problem: Problem, loads: NDArray[np.float64]) -> None:
     rows = [problem.loading.check_finite(float(t)) for t in (loads[0], loads[-1])]
     try:
         rows += [problem.loading.check_finite(float(t)) for t in _samples(problem.t, loads)]
-    except Exception:  # of a user's function, at load factors that a run may not come to
+    except Exception:
+        # A user's function, on all ranks, at a load factor that the run may not come to: where it
+        # does, it ends there by this error, with the rows until then. Nothing is known of loads.
         return
     pairs = [(part, first) for row in rows for part, first in zip(row, rows[0], strict=True)]
     loaded = global_any(problem.comm, any(part.any() for part, _ in pairs))
@@ -222,6 +243,24 @@ def _samples(start: float, loads: NDArray[np.float64]) -> NDArray[np.float64]:
     some = loads[np.unique(np.linspace(0, len(loads) - 1, MOST_SAMPLES).astype(int))]
     between = loads[0] + BETWEEN * np.diff(loads[:2])
     return np.concatenate([[start], some, between])
+
+
+def _check_gradient(problem: Problem, t: float) -> None:
+    """Warn of a mean gradient that is meant as a strain."""
+    means, u = problem.discretization.means, problem.u.x.array
+    if lattice_of(means) is None or problem.discretization.bodies.small:
+        return
+    given = np.zeros_like(u)
+    given[problem.loading.prescribed] = problem.loading.dirichlet.values(t)
+    H = means.gradient(given)
+    least, message = np.linalg.svd(np.eye(len(H)) + H, compute_uv=False)[-1], None
+    if least < SHORTEST:
+        message = (
+            f"Periodic: gradient presses the cell to {least:.3g} of its length at the first load "
+            f"factor, {t:.6g}. It is F_bar, 1 where nothing is strained: 1 + 0.01 * t in place of "
+            "0.01 * t"
+        )
+    warn_together(problem.comm, message)
 
 
 def _moves_by_itself(problem: Problem) -> bool:

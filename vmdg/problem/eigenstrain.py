@@ -15,7 +15,7 @@ from ufl.core.expr import Expr
 
 from ..assembly.values import takes_points, value_at
 from ..base.parallel import raise_together
-from ..domain.materials import rows_of_cells
+from ..domain.materials import Bodies, rows_of_cells
 from ..domain.tags import Group, by_tag
 
 Array = NDArray[np.float64]
@@ -96,6 +96,24 @@ def checked_eigenstrains(
         )
         for tag, value in by_tag(eigenstrain or {}, names, "eigenstrain").items()
     }
+
+
+def refusal(bodies: Bodies, strains: Array, t: float) -> str | None:
+    """Why no body can have these eigenstrains at finite strain, in words; None where it can.
+
+    Args:
+        bodies: The bodies.
+        strains: Of all local cells, as they have them.
+        t: Load factor.
+    """
+    least = np.inf if bodies.small else bodies.least_stretch(strains)
+    if least > 0:
+        return None
+    return (
+        f"an eigenstrain of {least - 1:.6g} at load factor {t:.8g} leaves nothing of a body: at "
+        "finite strain F_s = I + e must be positive. A strain is a number without a unit, 1% is "
+        "0.01"
+    )
 
 
 def _reader(

@@ -34,6 +34,7 @@ from ..forms.geometry import GeneralizedPlane
 from ..interface.activation import Activation
 from ..interface.interface import Interface, number_of
 from .arguments import check_condition, check_rigid_face
+from .eigenstrain import refusal
 
 Array = NDArray[np.float64]
 
@@ -198,14 +199,11 @@ class Loading:
         """See :meth:`vmdg.Problem.dirichlet`."""
         check_condition("dirichlet", facets, value)
         facets = find_boundary_facets(self._mesh, facets, "dirichlet")
-        inside = np.zeros(len(facet_cells(self._mesh)), dtype=bool)
-        for selected in self._activation.facets:
-            inside[selected.everywhere] = True
         reason = (
             "lies on an interface, whose two sides would be held together; prescribe boundary "
             "facets, or leave these out of the interface"
         )
-        refuse_facets(self._mesh, facets, inside, "dirichlet", reason)
+        self._activation.refuse(facets, "dirichlet", reason)
         if relative and self._activation:
             raise ValueError(
                 "dirichlet: relative=True does not go with activate='on-demand'; prescribe the "
@@ -218,6 +216,7 @@ class Loading:
     ) -> None:
         """See :meth:`vmdg.Problem.dirichlet_points`."""
         check_condition("dirichlet_points", where, value)
+        find_nodes(self._discretization.space, where, "dirichlet_points")
         self._prescribe("dirichlet_points", where, value, component)
 
     def _prescribe(
@@ -406,11 +405,6 @@ class Loading:
     def add_point_load(self, where: Locator, value: Value, component: int | str | None) -> None:
         """See :meth:`vmdg.Problem.point_load`."""
         check_condition("point_load", where, value)
-        if not callable(where):
-            raise TypeError(
-                f"point_load: where = {where!r} must be a predicate on coordinates (3, n), for "
-                "example lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 0)"
-            )
         space = self._discretization.space
         cells, loaded = space.dofmap.list, find_nodes(space, where, "point_load")
         self._refuse_split_nodes(loaded)
@@ -562,7 +556,7 @@ class Loading:
         eigenstrains; collective.
 
         Raises:
-            ValueError: one of them is not finite.
+            ValueError: one of them is not finite, or an eigenstrain of finite strain is -1 or less.
         """
         values = together(self._mesh.comm, lambda: [part(t) for part in self._given_parts])
         self._refuse_infinite(t, values)
@@ -577,6 +571,7 @@ class Loading:
                     f"{kind}{found and f' ({found})'} is not finite at load factor {t:.8g}: look "
                     "at its function of the load factor there, for example at a root or a quotient"
                 )
+        message = message or refusal(self._bodies, values[-1], t)
         raise_together(self._mesh.comm, message)
 
     def _parts_of(self, kind: str, t: float) -> Iterable[Part]:

@@ -20,7 +20,8 @@ from ..assembly.means import lattice_of
 from ..assembly.stress import CauchyStress
 from ..assembly.surface import BROKEN, Share
 from ..assembly.values import Value
-from ..base.parallel import global_sum
+from ..base.agreement import of_all_ranks, same_call
+from ..base.parallel import global_sum, raise_together
 from ..base.tables import html_table
 from ..domain.cells import check_cells
 from ..domain.geometry import make_geometry
@@ -52,9 +53,10 @@ from .arguments import (
     check_rest,
     checked_interfaces,
     checked_materials,
+    in_numbers,
 )
 from .axial import GeneralizedStrain, generalized
-from .eigenstrain import checked_eigenstrains
+from .eigenstrain import checked_eigenstrains, refusal
 from .loading import Loading
 from .periodic import Periodic, checked_periodic
 from .rigid_motion import RigidMotion
@@ -134,6 +136,7 @@ class Problem:
         repeats = checked_periodic(periodic) is not None
         names = names_of(cell_tags)
         materials = by_tag(checked_materials(materials), names, "materials")
+        same_call(mesh.comm, "Problem", in_numbers(materials, self.interfaces))
         axial = generalized(plane)
         word = GENERALIZED if axial else plane
         stress_only = check_plane(mesh, word, materials, kinematics, symmetry, volumetric)
@@ -151,6 +154,7 @@ class Problem:
         strains = checked_eigenstrains(mesh, tags, eigenstrain, names)
         small = kinematics == "small"
         bodies = Bodies(mesh, tags, materials, small, strains, geometry, stress_only)
+        raise_together(mesh.comm, refusal(bodies, bodies.eigenstrains(0.0), 0.0))
         facets = [
             find_facets(mesh, tags, interface, names, label_of(self.interfaces, i))
             for i, interface in enumerate(self.interfaces)
@@ -215,6 +219,7 @@ class Problem:
 
     # Loads
 
+    @of_all_ranks
     def dirichlet(
         self,
         facets: Where,
@@ -242,6 +247,7 @@ class Problem:
         """
         self.loading.add_dirichlet(facets, value, component, relative)
 
+    @of_all_ranks
     def dirichlet_points(
         self, where: Locator, value: Value, component: int | str | None = None
     ) -> None:
@@ -257,6 +263,7 @@ class Problem:
         """
         self.loading.add_dirichlet_points(where, value, component)
 
+    @of_all_ranks
     def traction(self, facets: Where, value: Value | Expr) -> None:
         """Dead traction per reference area on boundary facets.
 
@@ -274,6 +281,7 @@ class Problem:
         """
         self.loading.add_traction(facets, value)
 
+    @of_all_ranks
     def point_load(self, where: Locator, value: Value, component: int | str | None = None) -> None:
         """Dead force at single nodes.
 
@@ -294,6 +302,7 @@ class Problem:
         """
         self.loading.add_point_load(where, value, component)
 
+    @of_all_ranks
     def pressure(
         self,
         facets: Where | Interface | str,
@@ -326,6 +335,7 @@ class Problem:
         """
         self.loading.add_pressure(facets, value, debonded, share)
 
+    @of_all_ranks
     def spring(self, facets: Where, stiffness: ArrayLike) -> None:
         """Springs between boundary facets and the rigid ground, an elastic foundation.
 
@@ -344,6 +354,7 @@ class Problem:
         """
         self.loading.add_spring(facets, stiffness)
 
+    @of_all_ranks
     def rigid_face(
         self,
         facets: Where,
@@ -383,6 +394,7 @@ class Problem:
         number = self.loading.add_rigid_face(facets, component, tilts, at, force, displacement)
         return RigidMotion(self.loading, number)
 
+    @of_all_ranks
     def body_force(self, value: Value | Expr, tag: Group | None = None) -> None:
         """Dead body force per reference volume.
 
@@ -425,6 +437,7 @@ class Problem:
         values = (value(active[i]) if i in active else empty for i in numbers)
         return InterfaceList(self.interfaces, values)
 
+    @of_all_ranks
     def mean(self, interface: Which) -> InterfaceMean:
         """Averages over an interface, weighted by area, the same on every rank.
 
@@ -439,6 +452,7 @@ class Problem:
         ]
         return InterfaceMean(*values, area)
 
+    @of_all_ranks
     def debonded(self, interface: Which | None = None) -> float:
         """Share of the area of the interfaces whose bond is broken, the same on every rank.
 
@@ -465,20 +479,29 @@ class Problem:
         broken, area = global_sum(self.comm, areas)
         return float(broken / area) if area > 0 else 0.0
 
+    @of_all_ranks
     def reaction(self, facets: Where) -> NDArray[np.float64]:
         """Total force that holds the nodes of boundary facets (d,) [N], the same on every rank.
 
-        By prescribed displacements and springs. In axisymmetry the axial component is the force on
-        the whole body. The radial one is the sum of the radial forces all around (2 pi r t_r ds),
-        which works with u_r: as a resultant it is zero.
+        By prescribed displacements and springs: on a face that is free, or that bears a load, it is
+        zero, for loads are no reactions. In axisymmetry the axial component is the force on the
+        whole body. The radial one is the sum of the radial forces all around (2 pi r t_r ds), which
+        works with u_r: as a resultant it is zero.
 
         Raises:
-            ValueError: nothing is selected, or the problem is a periodic cell, which has none.
+            ValueError: nothing is selected, facets of an interface, or the problem is a periodic
+                cell, which has none.
         """
         facets = find_boundary_facets(self.mesh, facets, "reaction")
+        reason = (
+            "lies on an interface, whose nodes nothing holds; the force across an interface is "
+            "vmdg.integral(problem, interface, lambda state: state.traction[:, 0]) along x"
+        )
+        self.step.activation.refuse(facets, "reaction", reason)
         dofs = fem.locate_dofs_topological(self.space, self.mesh.topology.dim - 1, facets)
         return self._force_on(dofs)
 
+    @of_all_ranks
     def reaction_points(self, where: Locator) -> NDArray[np.float64]:
         """Total force that holds single nodes (d,) [N], as :meth:`reaction`.
 
@@ -530,6 +553,7 @@ class Problem:
         square = (self.fine_scale(i) ** 2).sum(axis=(1, 2))
         return np.sqrt(self.discretization.active[i].quadrature.facet_means(square))
 
+    @of_all_ranks
     def fine_scale_error(self, interface: Which) -> float:
         """Size of the fine scales of an interface in one number [mm]; collective.
 
@@ -548,6 +572,7 @@ class Problem:
     def _stress(self) -> CauchyStress:
         return CauchyStress(self.discretization)
 
+    @of_all_ranks
     def stress(self) -> fem.Function:
         """Cauchy stress sigma = P.F^T / J at the current displacement (3, 3) [MPa]; collective.
 
@@ -559,6 +584,7 @@ class Problem:
         """
         return self._stress.update(self.discretization)
 
+    @of_all_ranks
     def energy(self) -> Energy:
         """Energies at the current state, with what is dissipated as in (34); collective.
 
