@@ -553,6 +553,10 @@ WRONG_TYPES = {
         lambda s: run(s, options=vmdg.SolveOptions(checkpoint=True)),
         "checkpoint: folder = True must be a str or a Path",
     ),
+    "a result in place of a table": (
+        lambda s: run(s, history=[]),
+        r"solve: history = \[\] must be a History, such as result.history",
+    ),
     "a place that is no interface": (
         lambda s: bonded(s).mean(0.0),
         "there is no interface 0.0; the problem has 'interface_0'",
@@ -608,15 +612,55 @@ WRONG_OPTIONS = {
     "cycles": (-1.0, "zero or positive and finite"),
     "max_loss": (0.0, r"in \(0, 1\]"),
     "checkpoint_every": (0, "a whole number, at least 1"),
+    "petsc": ("mumps", "a mapping or None"),
+    "path": ({}, r"PathOptions\(\.\.\.\)"),
+    "condensed": ("no", "True, False or None"),
+    "energy": ("yes", "True or False"),
+    "progress": ("yes", "True, False or a number of seconds"),
+    "show": (5, "names of columns or None"),
+}
+WRONG_TYPES_OF_OPTIONS = {
+    name: (value, WRONG_OPTIONS[name][1])
+    for name, value in {"max_cuts": "6", "relative_tolerance": "1e-8", "duration": None}.items()
 }
 
 
-@pytest.mark.parametrize("name", WRONG_OPTIONS)
-def test_options(name):
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [(name, *one) for way in (WRONG_OPTIONS, WRONG_TYPES_OF_OPTIONS) for name, one in way.items()],
+)
+def test_options(name, value, words):
     """Refused when they are given, not when a run meets them."""
-    value, words = WRONG_OPTIONS[name]
     with pytest.raises(ValueError, match=f"SolveOptions: {name} = {value!r} must be {words}"):
         vmdg.SolveOptions(**{name: value})
+
+
+@pytest.mark.parametrize(("name", "value"), [("aim", 0), ("small", -1.0), ("cut", "0.25")])
+def test_path_options(name, value):
+    """The numbers of a path are numbers."""
+    with pytest.raises(ValueError, match=f"PathOptions: {name} = {value!r} must be positive and f"):
+        vmdg.PathOptions(**{name: value})
+
+
+@pytest.mark.parametrize("name", ["monitor", "until"])
+def test_functions_of_one_rank(comm, name):
+    """Refused on all ranks; alone they would wait for each other."""
+    tagged = scene(comm)
+    problem = held(tagged, bonded(tagged), "left", "right")
+    given = {name: (lambda _: {} if name == "monitor" else False) if comm.rank == 0 else None}
+    refused = pytest.raises(ValueError, match=f"solve: rank 0 gives {name}, rank 1 neither")
+    with refused if comm.size > 1 else nullcontext():
+        vmdg.solve(problem, [1.0], **given)
+
+
+def test_files_of_one_rank(comm, out):
+    """What rank 0 says of files, bars and energies holds on all."""
+    tagged = scene(comm)
+    problem = held(tagged, bonded(tagged), "left", "right")
+    options = vmdg.SolveOptions(csv=out / "history.csv", checkpoint=out / "run", energy=True)
+    history = vmdg.solve(problem, [1.0], options if comm.rank == 0 else None).history
+    assert "external" in history.columns
+    assert (out / "history.csv").is_file()
 
 
 def test_a_change_after_the_fact(comm):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import InitVar, dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import InitVar, dataclass, field, fields
+from numbers import Real
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +18,8 @@ CONTROLS, UNSTABLE = ("auto", "load", "dissipation"), ("jump", "trace")
 #: What options may be, in words and as a test.
 _SHARE = ("in (0, 1]", lambda value: 0 < value <= 1)
 _COUNT = ("a whole number, zero or more", lambda value: value >= 0 and value % 1 == 0)
+_POSITIVE = ("positive and finite", lambda value: 0 < value < np.inf)
+_SWITCH = ("True or False", lambda value: isinstance(value, bool | np.bool_))
 VALUES = {
     "relative_tolerance": _SHARE,
     "max_iterations": _COUNT,
@@ -23,11 +27,29 @@ VALUES = {
     "control": (f"one of {CONTROLS}", CONTROLS.__contains__),
     "unstable": (f"one of {UNSTABLE}", UNSTABLE.__contains__),
     "max_share": _SHARE,
-    "duration": ("positive and finite", lambda value: 0 < value < np.inf),
+    "duration": _POSITIVE,
     "cycles": ("zero or positive and finite", lambda value: 0 <= value < np.inf),
     "max_loss": _SHARE,
     "checkpoint_every": ("a whole number, at least 1", lambda value: value >= 1 and value % 1 == 0),
+    "petsc": ("a mapping or None", lambda value: isinstance(value, Mapping | None)),
+    "path": ("PathOptions(...)", lambda value: isinstance(value, PathOptions)),
+    "condensed": ("True, False or None", lambda value: value is None or _SWITCH[1](value)),
+    "energy": _SWITCH,
+    "verbose": _SWITCH,
+    "progress": ("True, False or a number of seconds", lambda value: isinstance(value, Real)),
+    "show": ("names of columns or None", lambda value: isinstance(value, Sequence | None)),
 }
+
+
+def _check(options: object, name: str, words: str, fits: Callable[[Any], bool]) -> None:
+    """Refuse a value that an option cannot have, of whatever type."""
+    value = getattr(options, name)
+    try:
+        fit = fits(value)
+    except TypeError:
+        fit = False
+    if not fit:
+        raise ValueError(f"{type(options).__name__}: {name} = {value!r} must be {words}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +80,9 @@ class PathOptions:
         drag: On bodies in a jump for an overstress of H, relative to the norm of the tangent.
         idle: Steps on which nothing breaks and that come no nearer to their target before a run, or
             a jump, is given up.
+
+    Raises:
+        ValueError: a number is not positive and finite.
     """
 
     small: float = 1e-6
@@ -72,6 +97,10 @@ class PathOptions:
     rest: float = 0.02
     drag: float = 1e-3
     idle: int = 100
+
+    def __post_init__(self):
+        for one in fields(self):
+            _check(self, one.name, *_POSITIVE)
 
     def growth_after(self, corrections: int) -> float:
         """How much longer the next step may be, by the corrections that the last one took."""
@@ -169,8 +198,7 @@ class SolveOptions:
 
     def __post_init__(self, petsc_options: Petsc | None):
         for name, (words, fits) in VALUES.items():
-            if not fits(value := getattr(self, name)):
-                raise ValueError(f"SolveOptions: {name} = {value!r} must be {words}")
+            _check(self, name, words, fits)
         if petsc_options is None:
             return
         if self.petsc is not None:

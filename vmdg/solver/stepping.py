@@ -11,7 +11,7 @@ from petsc4py import PETSc
 from numpy.typing import ArrayLike
 
 from ..assembly.means import lattice_of
-from ..base.agreement import Interrupt, leave_together
+from ..base.agreement import Interrupt, leave_together, same_call
 from ..base.timers import timer, timings, timings_since
 from ..checkpoint.checkpoint import claim_checkpoint, write_checkpoint
 from ..linear.features import switchboard
@@ -59,8 +59,8 @@ def solve(
             law is too steep for the mesh (r <= H), ``condensed=True`` where that is not possible,
             or columns of the history that have the same name, change their unit, or are to be shown
             and do not exist.
-        TypeError: ``loads`` is a single number that is no int, or ``options`` or what the monitor
-            or ``until`` returns is of the wrong kind.
+        TypeError: ``loads`` is a single number that is no int, or ``options``, ``history`` or what
+            the monitor or ``until`` returns is of the wrong kind.
         OSError: a checkpoint or the table could not be written; the problem is in the state that
             it should hold.
         RuntimeError: called by a monitor of the same problem.
@@ -73,9 +73,16 @@ def solve(
     options = options or SolveOptions()
     if not isinstance(options, SolveOptions):
         raise TypeError(f"solve: options = {options!r} must be SolveOptions(...)")
-    check_functions(monitor=monitor, until=until)
+    if history is not None and not isinstance(history, History):
+        raise TypeError(f"solve: history = {history!r} must be a History, such as result.history")
+    functions = {"monitor": monitor, "until": until}
+    check_functions(**functions)
     _refuse_nested(problem)
     loads = checked_loads(loads, problem, None if history is None else history.rows)
+    given = [name for name, value in functions.items() if value is not None]
+    same_call(problem.comm, "solve", [", ".join(given) or "neither monitor nor until"])
+    # What rank 0 says of files and bars holds for all.
+    options = problem.comm.bcast(options)
     result = Result(
         history=History() if history is None else history, switches=switchboard(problem, options)
     )
