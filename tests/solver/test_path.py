@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from dolfinx.mesh import CellType, compute_midpoints, create_rectangle, meshtags
 from scipy.integrate import quad
 from support import bar
 from support.bar import CRITICAL_GAPS, LOADS, STRENGTH
@@ -255,3 +256,36 @@ def test_max_share(comm):
     assert misses(fine, 0.02, "finite").max() < 1e-8
     with pytest.raises(ValueError, match=r"max_share = 0 must be in \(0, 1\]"):
         vmdg.SolveOptions(max_share=0)
+
+
+def test_a_wall_that_slides(comm):
+    """Bricks whose mortar goes while they slide: it bears the pressure times the friction then.
+
+    Two courses come loose at a time, and no work on bonds nor way leads on: steps by load do.
+    """
+    width, height, courses, friction, weight = 200.0, 100.0, 3, 0.7, 20e3
+    corner = (2 * width, courses * height)
+    mesh = create_rectangle(comm, [(0, 0), corner], (8, 2 * courses), CellType.quadrilateral)
+    cells = mesh.topology.index_map(2)
+    cells = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
+    x, y, _ = compute_midpoints(mesh, 2, cells).T
+    course = (y // height).astype(np.int32)
+    bricks = 10 * course + (x + course % 2 * width / 2) // width
+    tags = meshtags(mesh, 2, cells, bricks.astype(np.int32))
+    mortar = vmdg.Debonding(0.3, 0.1, friction=friction, gradual_friction=True)
+    brick = vmdg.NeoHookean(E=15e3, nu=0.2)
+    numbers = set().union(*comm.allgather(tags.values.tolist()))
+    joints = vmdg.Interface(between="all", law=mortar)
+    problem = vmdg.Problem(
+        mesh, tags, dict.fromkeys(numbers, brick), [joints], kinematics="small", thickness=100.0
+    )
+
+    def top(x: np.ndarray) -> np.ndarray:
+        return np.isclose(x[1], corner[1])
+
+    problem.dirichlet(lambda x: np.isclose(x[1], 0), 0.0)
+    problem.dirichlet(top, lambda t: max(t - 1, 0.0), "x")
+    problem.rigid_face(top, "y", force=lambda t: -weight * min(t, 1.0))
+    loads = [0.5, 1.0, *np.linspace(1.05, 1.3, 6)]
+    history = vmdg.solve(problem, loads, monitor=lambda p: {"shear": p.reaction(top)[0]}).history
+    assert history["shear"][-1] == pytest.approx(friction * weight, rel=1e-9)

@@ -248,6 +248,9 @@ class Path:
         """Where a first attempt ends."""
         size, scales = self._size, self._problem.step.scales
         limits = Limits(self._problem.t, stage.target, stage.span, self._numbers.small * stage.most)
+        if stage.follows and self._rests(stage):
+            # Steps have come to no length, where all that is pressed slides for example.
+            return limits
         if stage.follows:
             work = scales.work if scales.breaking else math.inf
             return replace(limits, work=work, way=size.way)
@@ -255,6 +258,12 @@ class Path:
         if self._steps.cyclic and stride == math.inf:
             stride = self._steps.first_stride
         return self._strode(limits, stride)
+
+    def _rests(self, stage: Stage) -> bool:
+        """Whether several steps have hardly broken anything nor changed the load factor."""
+        last, least = self._size.last, self._numbers.small * stage.span
+        moves = last is None or last.ahead is None or abs(last.ahead.t) > least
+        return not moves and self._size.idle >= self._numbers.patience
 
     def _strode(self, limits: Limits, stride: float) -> Limits:
         """Limits with a target that is no further away."""
