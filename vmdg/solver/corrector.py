@@ -76,7 +76,8 @@ class Corrector:
         self._snes.getKSP().setType(PETSc.KSP.Type.PYTHON)
         self._snes.getKSP().getPC().setType(PETSc.PC.Type.NONE)
         self._own = {k: v for k, v in (options.petsc or {}).items() if k.startswith("snes_")}
-        self._rounds = False
+        self._size = float(np.linalg.norm(box_sides(problem.mesh)))
+        self._rounds, self._softest = False, 0.0
         # By halves, however large or small a correction is as a number.
         least = float(np.finfo(float).tiny)
         halves = {"order": 1, "max_it": options.path.halvings, "minlambda": least}
@@ -87,8 +88,7 @@ class Corrector:
     @property
     def rounding(self) -> float:
         """Of the energy that bodies store [N mm]."""
-        size = float(np.linalg.norm(box_sides(self._problem.mesh)))
-        return float(np.finfo(float).eps) * size**2 * self._system.norm
+        return float(np.finfo(float).eps) * self._size**2 * self._system.norm
 
     def solve(self, limits: Limits, dt: float, last: Attempt | None) -> Attempt:
         """Go to where the first of the limits is met; collective.
@@ -133,16 +133,28 @@ class Corrector:
         )
 
     def _warn_of_rounding(self, norm: float, reaction: float) -> None:
-        """Tell once that a stiff body's rounding is all that the residual can come down to."""
-        least = self._options.path.small / self._options.path.missed
-        if not self._rounds and least * reaction < norm < reaction:
-            self._rounds = True
+        """Tell once where the rounding of a stiff body is large among the forces of softer ones."""
+        numbers = self._options.path
+        if self._rounds or norm <= numbers.small / numbers.missed * reaction:
+            return
+        self._softest = self._softest or self._least_stiffness()
+        # Else nothing is strained, and all forces are rounding.
+        self._rounds = reaction > numbers.small * self._softest * self._size
+        if self._rounds:
             warn_together(
                 self._problem.comm,
                 f"forces balance to {norm:.2g} N only, of {reaction:.3g} N: that is the rounding "
                 "of the stiffest body. Take a smaller modulus for it, 1e4 to 1e6 times that of the "
                 "others is as good as rigid, or prescribe its displacement and leave it out",
             )
+
+    def _least_stiffness(self) -> float:
+        """Least stiffness of a dof of the bodies; collective [N/mm]."""
+        matrix = self.discretization.create_matrix(PETSc.Mat.Type.AIJ)
+        self.discretization.assemble_tangent(matrix, failing=False)
+        softest = np.abs(matrix.getDiagonal().array).min(initial=math.inf)
+        matrix.destroy()
+        return -global_max(self._problem.comm, -float(softest))
 
     def free(self) -> None:
         """Free the PETSc objects; collective."""
