@@ -64,7 +64,8 @@ class PathOptions:
         halvings: How often a correction is halved where the parameter alone ends a step, and the
             way to a limit point.
         patience: Corrections after which an attempt is given up if they have hardly lowered the
-            residual.
+            residual, jumps at one load factor after which the path is traced, and steps of hardly
+            any length after which one goes by load.
         missed: Share of a limit by which a step may miss it, by which a step with cycles stays
             below the loss that is allowed, and of the motion of supports that is not theirs as a
             rigid body, for the body to turn with them.
