@@ -248,8 +248,8 @@ class Path:
         """Where a first attempt ends."""
         size, scales = self._size, self._problem.step.scales
         limits = Limits(self._problem.t, stage.target, stage.span, self._numbers.small * stage.most)
-        if stage.follows and self._rests(stage):
-            # Steps have come to no length, where all that is pressed slides for example.
+        if stage.follows and self._stalls(stage):
+            # Where all that is pressed slides, for example, neither work nor way leads on.
             return limits
         if stage.follows:
             work = scales.work if scales.breaking else math.inf
@@ -259,7 +259,7 @@ class Path:
             stride = self._steps.first_stride
         return self._strode(limits, stride)
 
-    def _rests(self, stage: Stage) -> bool:
+    def _stalls(self, stage: Stage) -> bool:
         """Whether several steps have hardly broken anything nor changed the load factor."""
         last, least = self._size.last, self._numbers.small * stage.span
         moves = last is None or last.ahead is None or abs(last.ahead.t) > least
