@@ -152,7 +152,9 @@ class Corrector:
         """Least stiffness of a dof of the bodies; collective [N/mm]."""
         matrix = self.discretization.create_matrix(PETSc.Mat.Type.AIJ)
         self.discretization.assemble_tangent(matrix, failing=False)
-        softest = np.abs(matrix.getDiagonal().array).min(initial=math.inf)
+        diagonal = matrix.getDiagonal().array
+        # Means have no place in it.
+        softest = diagonal.min(initial=math.inf, where=diagonal > 0)
         matrix.destroy()
         return -global_max(self._problem.comm, -float(softest))
 
