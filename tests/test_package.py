@@ -66,7 +66,9 @@ def test_checkout_is_one_package():
 
 def test_one_version():
     """The citation and the history name the version of the source, from which the wheel has it."""
-    read = {name: (ROOT / ".github" / name).read_text() for name in ("CITATION.cff", "CHANGELOG.md")}
+    read = {
+        name: (ROOT / ".github" / name).read_text() for name in ("CITATION.cff", "CHANGELOG.md")
+    }
     assert re.findall(r"^version: (.*)$", read["CITATION.cff"], re.MULTILINE) == [vmdg.__version__]
     released = re.findall(r"^## \[?(\d[\w.]*)", read["CHANGELOG.md"], re.MULTILINE)
     assert released[0] == vmdg.__version__
@@ -76,7 +78,9 @@ def test_one_version():
 
 def test_environments_have_what_the_tests_need():
     """The conda environment and the extras list what ``tests/run`` asks a machine's Python for."""
-    needs = re.findall(r'^vmdg_modules\+?="([^"]*)"', (ROOT / ".ci" / "environment").read_text(), re.M)
+    needs = re.findall(
+        r'^vmdg_modules\+?="([^"]*)"', (ROOT / ".ci" / "environment").read_text(), re.M
+    )
     needs += re.findall(r'^vmdg_modules\+?="([^"]*)"', (ROOT / "tests" / "run").read_text(), re.M)
     modules = set(" ".join(needs).split())
     assert {"gmsh", "scipy", "pytest", "meshio"} <= modules

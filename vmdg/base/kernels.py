@@ -382,7 +382,7 @@ def _is_whole(library: Path) -> bool:
 class _NumberLabels(MultiFunction):
     """Gives the variables of an expression the numbers 0, 1, ... in the order they are met."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__()
         self._labels: dict[Label, Label] = {}
 
