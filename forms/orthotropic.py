@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from numbers import Real
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import ufl
@@ -214,7 +214,7 @@ def _three(name: str, values: ArrayLike) -> NDArray[np.float64]:
             f"Orthotropic: {name} = {values!r} must be three numbers, for example E=(E1, E2, E3), "
             "nu=(nu12, nu13, nu23), G=(G12, G13, G23)"
         )
-    return np.array([one_number(f"Orthotropic: {name}", v) for v in np.asarray(values)])
+    return np.array([one_number(f"Orthotropic: {name}", v) for v in cast(Sequence[Any], values)])
 
 
 def _axial_stiffness(E: NDArray[np.float64], nu: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -89,7 +89,7 @@ def warn_together(comm: MPI.Comm, message: str | None) -> None:
     messages = [text for text in comm.allgather(message) if text is not None]
     if messages and comm.rank == 0:
         frame, level = sys._getframe(), 1
-        while frame and frame.f_globals["__name__"].partition(".")[0] == _PACKAGE:
+        while frame and frame.f_globals.get("__name__", "").partition(".")[0] == _PACKAGE:
             frame, level = frame.f_back, level + 1
         warnings.warn(messages[0], ModelWarning, stacklevel=level)
 
