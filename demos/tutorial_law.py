@@ -114,7 +114,7 @@ class BridgedDebonding(RadialLaw):
 # tangent d gap / d T_tr, on which the quadratic convergence of Newton's method depends.
 
 
-def tangent_error(law: vmdg.Law, points: int = 2000) -> float:
+def tangent_error(law: BridgedDebonding, points: int = 2000) -> float:
     """Largest error of r times the tangent against central differences, away from kinks [-]."""
     random = np.random.default_rng(0)
     r, h = 5 * law.softening_modulus, 1e-6 * law.strength
@@ -138,7 +138,7 @@ def tangent_error(law: vmdg.Law, points: int = 2000) -> float:
     return float(error[smooth].max())
 
 
-def dissipation(law: vmdg.Law, steps: int) -> float:
+def dissipation(law: BridgedDebonding, steps: int) -> float:
     """Work spent on the bond [N/mm] until it is gone, opened in equal steps."""
     r, normal = 5 * law.softening_modulus, np.array([[1.0, 0.0]])
     gap, softening, work = np.zeros((1, 2)), np.zeros(1), 0.0

@@ -28,11 +28,17 @@ function of theta is a scalar, so that one formula gives all blocks of the two-f
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import ufl
 from ufl.core.expr import Expr
 
 from .geometry import Axisymmetric, Cartesian, Entries, with_entry
+
+if TYPE_CHECKING:
+    _Plain = Cartesian  # what the mixin below is mixed with, or an axisymmetric geometry
+else:
+    _Plain = object
 
 
 def dilatation(tensor: Expr) -> Expr:
@@ -54,7 +60,7 @@ def mean_dilated(F: Expr, theta: Expr, small: bool) -> Expr:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class MeanDilatation:
+class MeanDilatation(_Plain):
     """A geometry whose F and GRAD have the entry of theta besides.
 
     Attributes:

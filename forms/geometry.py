@@ -62,7 +62,7 @@ class Cartesian:
 
     def entries(self, d: int) -> Entries:
         """Entries of GRAD w that are not zero for every w."""
-        return list(product(range(d), repeat=2))
+        return [(i, j) for i, j in product(range(d), repeat=2)]
 
     def gradient(self, w: Expr) -> Expr:
         """GRAD w, (d, d)."""
@@ -106,7 +106,7 @@ class GeneralizedPlane(Cartesian):
 
     def entries(self, d: int) -> Entries:
         """Entries of GRAD: in the plane, and F_33 - 1."""
-        return [*product(range(2), repeat=2), (2, 2)]
+        return [(0, 0), (0, 1), (1, 0), (1, 1), (2, 2)]
 
     def gradient(self, w: Expr) -> Expr:
         """GRAD of a displacement in the plane, or of a strain along z, a scalar, (3, 3)."""
@@ -167,7 +167,7 @@ class Axisymmetric:
 
     def entries(self, d: int) -> Entries:
         """Entries of GRAD w that are not zero for every w: in the section, and the hoop."""
-        return [*product(range(2), repeat=2), (2, 2)]
+        return [(0, 0), (0, 1), (1, 0), (1, 1), (2, 2)]
 
     def gradient(self, w: Expr) -> Expr:
         """GRAD w, (3, 3); regular at Gauss points, where r > 0."""

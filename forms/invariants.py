@@ -33,7 +33,7 @@ class Invariants:
 
 
 # Set partitions of one, two and three indices: the terms of repeated chain rules.
-_PARTITIONS = {
+_PARTITIONS: dict[int, list[list[tuple[int, ...]]]] = {
     1: [[(0,)]],
     2: [[(0,), (1,)], [(0, 1)]],
     3: [[(0,), (1,), (2,)], [(0, 1), (2,)], [(0, 2), (1,)], [(1, 2), (0,)], [(0, 1, 2)]],
@@ -48,10 +48,11 @@ class InvariantChain:
     multiplies tensors out.
     """
 
-    def __init__(self, energy: Callable[[Expr], Invariants], F: Expr):
+    def __init__(self, energy: Callable[[Expr], Invariants | None], F: Expr):
         self._d = d = F.ufl_shape[0]
         self._F = [ufl.variable(F[i, j]) for i in range(d) for j in range(d)]
         reduced = energy(self._matrix(self._F))
+        assert reduced is not None
         self._energy, self._arguments = reduced.energy, reduced.arguments
         self._variables = reduced.variables
         self._derivatives: dict[tuple[int, ...], Expr] = {}

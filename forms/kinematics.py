@@ -10,7 +10,7 @@ import numpy as np
 import ufl
 from ufl.core.expr import Expr
 
-from .dilatation import dilatation, mean_dilated, volume_ratio
+from .dilatation import MeanDilatation, dilatation, mean_dilated, volume_ratio
 from .geometry import Entries, Geometry, with_entry, without_entry
 from .invariants import InvariantChain, Invariants
 from .materials import Material, least
@@ -310,6 +310,7 @@ def bulk_stress(body: Body, geometry: Geometry, F: Expr) -> Expr:
     stress = _conjugate_stress(body, F)
     if not body.mean_dilatation:
         return stress
+    assert isinstance(geometry, MeanDilatation)
     return stress + geometry.pressure * ufl.diff(body.volume_ratio(F), F)
 
 
@@ -318,6 +319,7 @@ def bulk_moduli(body: Body, geometry: Geometry, F: Expr) -> Expr:
     A = acoustic_tensor(body, F)
     if not body.mean_dilatation:
         return A
+    assert isinstance(geometry, MeanDilatation)
     dJ = ufl.diff(body.volume_ratio(F), F)
     return A + geometry.pressure * ufl.diff(dJ, F)
 

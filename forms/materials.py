@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from numbers import Real
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import ufl
@@ -109,7 +109,7 @@ class Material:
             of it; plane stress takes that for granted.
     """
 
-    parameters: Mapping[str, float]
+    parameters: Mapping[str, Any]
     free_at_rest = False
     mirrored = True
 
@@ -126,7 +126,7 @@ class Material:
     @property
     def kernel_key(self) -> Hashable:
         """Materials of equal key have the same energy up to the values of the parameters."""
-        return type(self)
+        return cast(Hashable, type(self))
 
     def energy(self, F: Expr, parameters: Mapping[str, Expr]) -> Expr:
         """W per reference volume [MPa].
@@ -255,7 +255,8 @@ class NeoHookean(Material):
         if dilatation is None and out_of_plane is not None:
             return None
         mu, lmbda = parameters["mu"], parameters["lmbda"]
-        square, J = variables = ufl.variable(ufl.inner(F, F)), ufl.variable(ufl.det(F))
+        square, J = ufl.variable(ufl.inner(F, F)), ufl.variable(ufl.det(F))
+        variables: tuple[Expr, ...] = (square, J)
         first, volume = square, J
         if dilatation is not None:
             volume = ufl.variable(dilatation)

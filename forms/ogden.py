@@ -17,9 +17,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import ufl
+from numpy.typing import ArrayLike
 from ufl.core.expr import Expr
 
 from .invariants import Invariants
@@ -54,7 +56,7 @@ class Ogden(Material):
 
     free_at_rest = True
 
-    def __init__(self, *, c: Sequence[float], m: Sequence[float], kappa: float):
+    def __init__(self, *, c: ArrayLike, m: ArrayLike, kappa: float):
         c, m = np.atleast_1d(np.asarray(c, float)), np.atleast_1d(np.asarray(m, float))
         if c.ndim != 1 or c.shape != m.shape or not c.size:
             raise ValueError(
@@ -230,7 +232,7 @@ def _cosine_of_third(cosine: Expr) -> Expr:
     is so far that its Chebyshev series gains 1.4 digits a term.
     """
     centre, radius = (1 + math.sqrt(0.5)) / 2, (1 - math.sqrt(0.5)) / 2
-    series = np.polynomial.chebyshev.chebinterpolate(
+    series: Any = np.polynomial.chebyshev.chebinterpolate(
         lambda s: np.cos(2 / 3 * np.arccos(np.clip(centre + radius * s, -1, 1))), _ROOT_DEGREE
     )
     half = ufl.sqrt((1 + cosine) / 2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Mapping, Sequence
 from numbers import Real
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import ufl
@@ -52,9 +52,9 @@ class Orthotropic(Material):
 
     def __init__(
         self,
-        E: Sequence[float],
-        nu: Sequence[float],
-        G: Sequence[float],
+        E: ArrayLike,
+        nu: ArrayLike,
+        G: ArrayLike,
         angle: Any = 0.0,
         rotation: ArrayLike | None = None,
     ):
@@ -67,7 +67,7 @@ class Orthotropic(Material):
         self._set(_axial_stiffness(E, nu), G, angle, rotation)
 
     def _set(
-        self, C: NDArray[np.float64], G: Sequence[float], angle: Any, rotation: ArrayLike | None
+        self, C: NDArray[np.float64], G: NDArray[np.float64], angle: Any, rotation: ArrayLike | None
     ) -> None:
         """Parameters, from the stiffness of axial strains (3, 3) and the shear moduli [MPa]."""
         name = type(self).__name__
@@ -93,7 +93,7 @@ class Orthotropic(Material):
         return Orthotropic, self._turned, self._rotated
 
     @property
-    def mirrored(self) -> bool:
+    def mirrored(self) -> bool:  # type: ignore[override] # by its axes, of others by their class
         """Whether axis 3 is along z."""
         return not self._rotated or abs(abs(self.parameters["R22"]) - 1) < _ALONG
 
@@ -181,7 +181,7 @@ class Cubic(Orthotropic):
                 f"Cubic: C11 = {C11}, C12 = {C12}, C44 = {C44} give an energy that is not "
                 "positive; C44 > 0, C11 > |C12| and C11 + 2 C12 > 0 make it so"
             )
-        self._set(C12 + (C11 - C12) * np.eye(3), (C44,) * 3, angle, rotation)
+        self._set(C12 + (C11 - C12) * np.eye(3), np.full(3, C44), angle, rotation)
 
 
 def _checked_rotation(name: str, rotation: ArrayLike) -> NDArray[np.float64]:
@@ -203,7 +203,7 @@ def _checked_rotation(name: str, rotation: ArrayLike) -> NDArray[np.float64]:
     return axes
 
 
-def _three(name: str, values: Sequence[float]) -> NDArray[np.float64]:
+def _three(name: str, values: ArrayLike) -> NDArray[np.float64]:
     """Three constants of a material.
 
     Raises:
@@ -214,7 +214,7 @@ def _three(name: str, values: Sequence[float]) -> NDArray[np.float64]:
             f"Orthotropic: {name} = {values!r} must be three numbers, for example E=(E1, E2, E3), "
             "nu=(nu12, nu13, nu23), G=(G12, G13, G23)"
         )
-    return np.array([one_number(f"Orthotropic: {name}", v) for v in values])
+    return np.array([one_number(f"Orthotropic: {name}", v) for v in cast(Sequence[Any], values)])
 
 
 def _axial_stiffness(E: NDArray[np.float64], nu: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -233,4 +233,4 @@ def _axial_stiffness(E: NDArray[np.float64], nu: NDArray[np.float64]) -> NDArray
             "stay below sqrt(E_i/E_j), and 1 - nu12 nu21 - nu13 nu31 - nu23 nu32 - 2 nu21 nu32 "
             "nu13 above 0 with nu_ji = nu_ij E_j/E_i; perhaps nu_ji was given for nu_ij"
         )
-    return np.linalg.inv(S)
+    return np.asarray(np.linalg.inv(S), dtype=float)

@@ -40,7 +40,7 @@ _FAMILIES = {
 }
 
 #: Nodes of the faces S1, S2, ... of cells with these corners, by dimension and number.
-_FACES = {
+_FACES: dict[tuple[int, int], list[tuple[int, ...]]] = {
     (2, 3): [(0, 1), (1, 2), (2, 0)],
     (2, 4): [(0, 1), (1, 2), (2, 3), (3, 0)],
     (3, 4): [(0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)],
@@ -59,7 +59,7 @@ _SHAPE = {2: (2, 3), 3: (2, 4), 4: (3, 4), 5: (3, 8), 9: (2, 3), 10: (2, 4), 11:
 _FACE_KIND = {2: 1, 3: 1, 4: 2, 5: 3, 9: 8, 10: 8, 11: 9}
 
 #: Edges of cells of degree 2 in the order of the nodes on them, of gmsh.
-_EDGES = {
+_EDGES: dict[int, list[tuple[int, ...]]] = {
     9: [(0, 1), (1, 2), (0, 2)],
     10: [(0, 1), (1, 2), (2, 3), (0, 3)],
     11: [(0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3)],
@@ -119,7 +119,7 @@ def read_abaqus(path: Path) -> MeshArrays:
                 points.append([float(word or 0) for word in (words[1:] + ["0", "0"])[:3]])
         elif keyword == "ELEMENT":
             made = list(_elements(given.get("TYPE", "").upper(), lines, number))
-            elements |= {label: tuple(rest) for label, *rest in made}
+            elements |= {label: (dim, kind, nodes) for label, dim, kind, nodes in made}
             if "ELSET" in given:
                 sets[called(given["ELSET"])] |= dict.fromkeys(label for label, *_ in made)
         elif keyword == "ELSET":
@@ -269,15 +269,16 @@ def _faces(
     taken: dict[str, int],
 ) -> tuple[list[Block], dict[str, int]]:
     """Facets of the surfaces that are given by faces of elements, and their tags."""
-    blocks, names = [], {}
+    blocks: list[Block] = []
+    names: dict[str, int] = {}
     for name, lines in surfaces.items():
         facets = []
         for where, face, *_ in (words for words in lines if len(words) > 1):
             labels = [int(where)] if where.isdigit() else sets.get(where, {})
             if re.fullmatch(r"S\d", face.upper()):
                 cells = (elements[label] for label in labels if label in elements)
-                facets += [_face(cell, int(face[1])) for cell in cells]
-        facets = [facet for facet in facets if facet is not None]
+                found = (_face(cell, int(face[1])) for cell in cells)
+                facets += [facet for facet in found if facet is not None]
         if facets:
             names[name] = taken.get(name, len(taken) + len(names) + 1)
             blocks += _by_kind(facets, names[name])

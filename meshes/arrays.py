@@ -21,7 +21,7 @@ COINCIDENT = 1e-7
 MANY = 20
 
 #: Opposite faces of cells that may be flat, by the number of the type in gmsh, and type of a face.
-_FLAT = {
+_FLAT: dict[int, tuple[list[tuple[int, ...]], int]] = {
     3: ([(0, 1), (1, 2)], 1),
     5: ([(0, 1, 2, 3), (0, 1, 5, 4), (1, 2, 6, 5)], 3),
     6: ([(0, 1, 2)], 2),

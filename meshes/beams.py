@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 from mpi4py import MPI
 
@@ -80,7 +81,16 @@ def beams(
         return distribute(gmsh_model, comm, 2, unit=length)
 
 
-def _build(gmsh_model, cell, stations, divisions, height, rows, cracked, start) -> None:
+def _build(
+    gmsh_model: Any,
+    cell: str,
+    stations: Sequence[float],
+    divisions: Sequence[int],
+    height: float,
+    rows: int,
+    cracked: int,
+    start: int,
+) -> None:
     geo = gmsh_model.geo
     rims = [[geo.addPoint(x, y, 0) for x in stations] for y in (-height, 0, height)]
     bottom, lower, top = rims
@@ -88,7 +98,7 @@ def _build(gmsh_model, cell, stations, divisions, height, rows, cracked, start) 
     for j in range(start + (start > 0), cracked):
         upper[j] = geo.addPoint(stations[j], 0, 0)
 
-    def chain(points):
+    def chain(points: Sequence[int]) -> list[int]:
         return [geo.addLine(a, b) for a, b in pairwise(points)]
 
     below = chain(lower)
@@ -105,7 +115,7 @@ def _build(gmsh_model, cell, stations, divisions, height, rows, cracked, start) 
             geo.mesh.setTransfiniteCurve(line, count + 1)
     for line in (*upright[0], *upright[1]):
         geo.mesh.setTransfiniteCurve(line, rows + 1)
-    arms = [[], []]
+    arms: list[list[int]] = [[], []]
     for i, arm in enumerate(arms):
         for j in range(len(divisions)):
             loop = [edges[i][0][j], upright[i][j + 1], -edges[i][1][j], -upright[i][j]]

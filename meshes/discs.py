@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from mpi4py import MPI
 
 import gmsh
@@ -49,7 +51,7 @@ def core_and_ring(
         return distribute(gmsh_model, comm, 2, unit=outer)
 
 
-def _build(gmsh_model, radius, outer, size, outer_size) -> None:
+def _build(gmsh_model: Any, radius: float, outer: float, size: float, outer_size: float) -> None:
     geo = gmsh_model.geo
     centre = geo.addPoint(0, 0, 0, size)
     lengths = ((radius, size), (outer, outer_size))

@@ -140,11 +140,11 @@ def _geometry(
     inside = {tag for d, tag in pieces[0] if d == dim}
     occ.remove([(d, tag) for d, tag in made if d == dim and tag not in inside], recursive=True)
     occ.synchronize()
-    layers = [set() for _ in circles]
+    layers: list[set[int]] = [set() for _ in circles]
     for n, piece in enumerate(pieces[1:]):
         layers[n // len(places)] |= {tag for _, tag in piece} & inside
     bodies = {MATRIX: inside - layers[0], FIBRE: layers[-1], COATING: layers[0] - layers[-1]}
-    boundaries = []
+    boundaries: list[set[int]] = []
     for tag, entities in bodies.items():
         if entities:
             gmsh_model.addPhysicalGroup(dim, sorted(entities), tag)
@@ -152,9 +152,9 @@ def _geometry(
             boundaries.append({entity for _, entity in around})
     found = sides(gmsh_model, dim, size)
     outline = {entity for entities in found.values() for entity in entities}
-    interface = set().union(*boundaries) - outline
-    for tag, entities in {**found, INTERFACE: sorted(interface)}.items():
-        gmsh_model.addPhysicalGroup(dim - 1, entities, tag)
+    interface = set[int]().union(*boundaries) - outline
+    for tag, facets in {**found, INTERFACE: sorted(interface)}.items():
+        gmsh_model.addPhysicalGroup(dim - 1, facets, tag)
     if periodic:
         match_sides(gmsh_model, found, dim, size)
 

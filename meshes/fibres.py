@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from mpi4py import MPI
 
@@ -131,7 +132,9 @@ def _check(centres: NDArray[np.float64], radius: float, size: float) -> None:
         raise ValueError(f"fibre_matrix: two fibres are {apart.min():.4g} apart and overlap")
 
 
-def _geometry(gmsh_model, size, radius, centres) -> Sequence[int]:
+def _geometry(
+    gmsh_model: Any, size: float, radius: float, centres: NDArray[np.float64]
+) -> Sequence[int]:
     """Surfaces and physical groups; returns the curves of the interfaces."""
     occ = gmsh_model.occ
     square = (2, occ.addRectangle(0, 0, 0, size, size))
@@ -147,7 +150,7 @@ def _geometry(gmsh_model, size, radius, centres) -> Sequence[int]:
     for _, curve in gmsh_model.getBoundary([(2, tag) for tag in fibres + matrix], combined=True):
         x, y, _ = occ.getCenterOfMass(1, abs(curve))
         distance = {LEFT: x, RIGHT: size - x, BOTTOM: y, TOP: size - y}
-        sides[min(distance, key=distance.get)].append(abs(curve))
+        sides[min(distance, key=distance.__getitem__)].append(abs(curve))
     for tag, surfaces in ((FIBRE, fibres), (MATRIX, matrix)):
         gmsh_model.addPhysicalGroup(2, surfaces, tag)
     for tag, curves in {**sides, INTERFACE: interface}.items():
@@ -157,7 +160,9 @@ def _geometry(gmsh_model, size, radius, centres) -> Sequence[int]:
     return interface
 
 
-def _sizes(gmsh_model, curves, fine, coarse, reach) -> None:
+def _sizes(
+    gmsh_model: Any, curves: Sequence[int], fine: float, coarse: float, reach: float
+) -> None:
     """Element size: ``fine`` on the curves, growing linearly to ``coarse`` at ``reach``."""
     field = gmsh_model.mesh.field
     distance = field.add("Distance")
@@ -175,7 +180,7 @@ def _sizes(gmsh_model, curves, fine, coarse, reach) -> None:
     field.setAsBackgroundMesh(threshold)
 
 
-def generate_cells(gmsh_model, cell) -> None:
+def generate_cells(gmsh_model: Any, cell: str) -> None:
     """Mesh a plane model with "triangle" or "quadrilateral" cells; rank 0 only."""
     options = {"MeshSizeFromPoints": 0, "MeshSizeFromCurvature": 0, "MeshSizeExtendFromBoundary": 0}
     _set(options | {"Algorithm": 6})
@@ -197,12 +202,12 @@ def generate_cells(gmsh_model, cell) -> None:
     _recombine(gmsh_model, attempts[int(np.argmax(quality))])
 
 
-def _recombine(gmsh_model, options) -> None:
+def _recombine(gmsh_model: Any, options: dict[str, int]) -> None:
     _set({"RecombineAll": 1, "MeshSizeFactor": 1, "SubdivisionAlgorithm": 0} | options)
     gmsh_model.mesh.clear()
     gmsh_model.mesh.generate(2)
 
 
-def _set(options: dict[str, float]) -> None:
+def _set(options: Mapping[str, float]) -> None:
     for name, value in options.items():
         gmsh.option.setNumber(f"Mesh.{name}", value)

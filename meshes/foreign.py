@@ -96,7 +96,9 @@ def read_foreign(
     if any(((b.nodes < 0) | (b.nodes >= len(points))).any() for b in blocks):
         raise ValueError("its cells have nodes that there are not; is it whole?")
     bare = only_cells_and_facets(MeshArrays(points, blocks, {}))
-    tagged, names, shift = [], {}, 0
+    tagged: list[Block] = []
+    names: dict[int, dict[str, int]] = {}
+    shift = 0
     for dim, wanted in ((bare.dim, cell_tags), (bare.dim - 1, facet_tags)):
         there = bare.of(dim)
         name = None if sets and not wanted else _data(mesh, there, wanted, cell_tags)
@@ -210,7 +212,7 @@ def _by_set(
     alone = {block.entity: np.full(len(block.nodes), True) for block in blocks}
     for tag, (name, members) in enumerate(sets.items(), 1):
         for block in blocks:
-            there = members[block.entity - 1] if block.entity <= len(members) else []
+            there: Any = members[block.entity - 1] if block.entity <= len(members) else []
             if len(there):
                 names[name] = tag
                 alone[block.entity][there] = False

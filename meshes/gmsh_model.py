@@ -114,11 +114,11 @@ def distribute(
     raise_together(comm, message)
     graph_partitioner = None
     if interface_weight != 1 or slabs_along is not None:
-        tags, midpoints = np.zeros(0, dtype=np.int32), np.zeros((0, 3))
+        groups, midpoints = np.zeros(0, dtype=np.int32), np.zeros((0, 3))
         if comm.rank == 0:
-            tags, midpoints = compat.gmsh_cells(gmsh_model, gdim)
+            groups, midpoints = compat.gmsh_cells(gmsh_model, gdim)
         if slabs_along is None:
-            graph_partitioner = weighted(between_bodies(tags, interface_weight))
+            graph_partitioner = weighted(between_bodies(groups, interface_weight))
         else:
             graph_partitioner = slabs(midpoints[:, slabs_along])
     mesh, *tags = compat.gmsh_model_to_mesh(gmsh_model, comm, 0, gdim, graph_partitioner)

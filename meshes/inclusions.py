@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from mpi4py import MPI
 
@@ -65,11 +66,19 @@ def inclusions(
         return distribute(gmsh_model, comm, 2, unit=width)
 
 
-def _build(gmsh_model, centres, width, height, radius, size, at_interface) -> None:
+def _build(
+    gmsh_model: Any,
+    centres: Sequence[tuple[float, float]],
+    width: float,
+    height: float,
+    radius: float,
+    size: float,
+    at_interface: float,
+) -> None:
     occ = gmsh_model.occ
     box = (2, occ.addRectangle(0, 0, 0, width, height))
-    discs = [(2, occ.addDisk(x, y, 0, radius, radius)) for x, y in centres]
-    inside, _ = occ.intersect(discs, [box], removeTool=False)
+    whole = [(2, occ.addDisk(x, y, 0, radius, radius)) for x, y in centres]
+    inside, _ = occ.intersect(whole, [box], removeTool=False)
     faces, pieces = occ.fragment([box], inside)
     occ.synchronize()
     discs = sorted({tag for piece in pieces[1:] for _, tag in piece})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from mpi4py import MPI
 
@@ -70,14 +71,20 @@ def tearing(
         return distribute(gmsh_model, comm, 2, unit=width)
 
 
-def _build(gmsh_model, cell, xs, heights, counts) -> None:
+def _build(
+    gmsh_model: Any,
+    cell: str,
+    xs: Sequence[float],
+    heights: Sequence[float],
+    counts: tuple[tuple[int, int], Sequence[int]],
+) -> None:
     geo = gmsh_model.geo
     columns, rows = counts
     middle, end = heights[0], heights[0] + heights[1]
     bottom, lower, top = ([geo.addPoint(x, y, 0) for x in xs] for y in (0, middle, end))
     upper = [geo.addPoint(0, middle, 0), *lower[1:]]
 
-    def lines(starts, ends, counts):
+    def lines(starts: Sequence[int], ends: Sequence[int], counts: Sequence[int]) -> list[int]:
         made = [geo.addLine(a, b) for a, b in zip(starts, ends, strict=True)]
         for line, count in zip(made, counts, strict=True):
             geo.mesh.setTransfiniteCurve(line, count + 1)
@@ -87,7 +94,7 @@ def _build(gmsh_model, cell, xs, heights, counts) -> None:
     lips = [across[1][0], *lines(upper[:1], upper[1:2], columns[:1])]
     # Lower and upper edge of every plate, then its uprights.
     edges = [(across[0], across[1]), ([lips[1], across[1][1]], across[2])]
-    uprights = [lines(bottom, lower, rows[:1] * 3), lines(upper, top, rows[1:] * 3)]
+    uprights = [lines(bottom, lower, [rows[0]] * 3), lines(upper, top, [rows[1]] * 3)]
     plates = []
     for (low, high), upright in zip(edges, uprights, strict=True):
         faces = []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 from mpi4py import MPI
 
@@ -73,7 +74,7 @@ def plates(
         return distribute(gmsh_model, comm, 3, slabs_along=1)
 
 
-def _build(gmsh_model, x: NDArray, y: NDArray, height: float, rows: int, cracked: int) -> None:
+def _build(gmsh_model: Any, x: NDArray, y: NDArray, height: float, rows: int, cracked: int) -> None:
     """Nodes and elements of both plates, in groups."""
     z = np.linspace(0.0, height, rows + 1)
     count = len(x) * len(y) * (rows + 1)

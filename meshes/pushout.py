@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import Any
 
 from mpi4py import MPI
 
@@ -105,7 +107,9 @@ def layer_tops(layers: int, grading: float) -> list[float]:
     return [math.fsum(sizes[: i + 1]) / total for i in range(layers)]
 
 
-def _section(geo, radii, half, rings, growth) -> dict[str, list[int]]:
+def _section(
+    geo: Any, radii: Sequence[float], half: int, rings: Sequence[int], growth: float
+) -> dict[str, list[int]]:
     """Faces of the quarter section at z = 0: core and rings."""
     r = radii[0]
     centre = geo.addPoint(0, 0, 0)
@@ -145,7 +149,9 @@ def _section(geo, radii, half, rings, growth) -> dict[str, list[int]]:
     return {"fibre": faces[0] + faces[1], "hole": faces[2], "support": faces[3]}
 
 
-def _sweep(gmsh_model, faces, height, tops) -> None:
+def _sweep(
+    gmsh_model: Any, faces: dict[str, list[int]], height: float, tops: Sequence[float]
+) -> None:
     """Extrude the section along z; physical groups."""
     geo = gmsh_model.geo
     volumes: dict[str, list[int]] = {}

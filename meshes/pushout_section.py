@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 from mpi4py import MPI
 
 from .gmsh_model import TaggedMesh, distribute, model, name_groups
@@ -93,7 +96,15 @@ def check_sizes(scene: str, radii: tuple[float, float, float], height: float) ->
         )
 
 
-def _build(gmsh_model, radii, height, counts, layers, radial_ratio, grading) -> None:
+def _build(
+    gmsh_model: Any,
+    radii: Sequence[float],
+    height: float,
+    counts: Sequence[int],
+    layers: int,
+    radial_ratio: float,
+    grading: float,
+) -> None:
     geo = gmsh_model.geo
     bottom = [geo.addPoint(r, 0, 0) for r in radii]
     top = [geo.addPoint(r, height, 0) for r in radii]

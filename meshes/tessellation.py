@@ -72,9 +72,9 @@ def tessellate(
     """
     planes = _bounded(seeds, weights, size, periodic)
     if periodic:
-        corners = [_corners(own)[0] for own in planes]
+        corners = [_corners_of_cell(own) for own in planes]
         there = np.concatenate(corners).T
-        low = well_cut(there, size, lambda x: _from_boundaries(x, seeds, weights, size))
+        low = well_cut(list(there), size, lambda x: _from_boundaries(x, seeds, weights, size))
         middles = np.array([x.mean(axis=0) for x in corners]) - low
         planes = [
             _moved(own, -low - size * np.floor(middle / size))
@@ -140,6 +140,13 @@ def _box(dim: int, size: float) -> NDArray[np.float64]:
     return np.concatenate([low, high])
 
 
+def _corners_of_cell(planes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Corners (k, d) of a body that is known to have some."""
+    corners, _ = _corners(planes)
+    assert corners is not None
+    return corners
+
+
 def _corners(
     planes: NDArray[np.float64], least: float = 0.0
 ) -> tuple[NDArray[np.float64] | None, list[list[int]]]:
@@ -168,7 +175,7 @@ def _pieces(
     shifts = shifts_of(dim, size, periodic)
     box = _box(dim, size)
     for grain, own in enumerate(planes):
-        around = _corners(own)[0]
+        around = _corners_of_cell(own)
         low, high = around.min(axis=0), around.max(axis=0)
         for shift in shifts:
             if ((low + shift >= size) | (high + shift <= 0)).any():
@@ -247,7 +254,7 @@ def _astray(joined: NDArray[np.int64], sides: NDArray[np.bool_]) -> NDArray[np.i
 
 def _classes(count: int, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
     """Number of the class of every item (count,), of those that a chain of pairs (n, 2) joins."""
-    return components(*pairs.T, count).astype(np.int64)
+    return components(pairs[:, 0], pairs[:, 1], count).astype(np.int64)
 
 
 def _short_edges(
@@ -351,7 +358,7 @@ def _triangles(face: tuple[int, ...], points: NDArray[np.float64]) -> list[tuple
     @cache
     def best(i: int, k: int) -> tuple[float, list[tuple[int, ...]]]:
         """Of the corners i to k."""
-        found = (math.inf, []) if k - i < 2 else (-1.0, [])
+        found: tuple[float, list[tuple[int, ...]]] = (math.inf, []) if k - i < 2 else (-1.0, [])
         for j in range(i + 1, k):
             one, two = best(i, j), best(j, k)
             least = min(goodness(i, j, k), one[0], two[0])

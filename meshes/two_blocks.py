@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from mpi4py import MPI
 
@@ -68,7 +69,15 @@ def blocks(
         return distribute(gmsh_model, comm, gdim, unit=length)
 
 
-def build_blocks(gmsh_model, cell, divisions, length, height, depth, interface) -> None:
+def build_blocks(
+    gmsh_model: Any,
+    cell: str,
+    divisions: Sequence[int],
+    length: float,
+    height: float,
+    depth: float,
+    interface: Sequence[float],
+) -> None:
     """Add the meshed blocks to a model of gmsh; arguments as for :func:`blocks`."""
     geo = gmsh_model.geo
     bottom = [geo.addPoint(x, 0, 0) for x in (0, interface[0], length)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -63,6 +64,37 @@ def test_checkout_is_one_package():
     assert not any(find_spec(f"vmdg.{name}") for name in ("vmdg", "tests", "demos"))
 
 
+def test_one_version():
+    """The citation and the history name the version of the source, from which the wheel has it."""
+    read = {
+        name: (ROOT / ".github" / name).read_text() for name in ("CITATION.cff", "CHANGELOG.md")
+    }
+    assert re.findall(r"^version: (.*)$", read["CITATION.cff"], re.MULTILINE) == [vmdg.__version__]
+    released = re.findall(r"^## \[?(\d[\w.]*)", read["CHANGELOG.md"], re.MULTILINE)
+    assert released[0] == vmdg.__version__
+    project = (ROOT / "pyproject.toml").read_text().partition("[project]\n")[2].partition("\n[")[0]
+    assert not re.search(r"^version\b", project, re.MULTILINE)
+
+
+def test_environments_have_what_the_tests_need():
+    """The conda environment and the extras list what ``tests/run`` asks a machine's Python for."""
+    needs = re.findall(
+        r'^vmdg_modules\+?="([^"]*)"', (ROOT / ".ci" / "environment").read_text(), re.M
+    )
+    needs += re.findall(r'^vmdg_modules\+?="([^"]*)"', (ROOT / "tests" / "run").read_text(), re.M)
+    modules = set(" ".join(needs).split())
+    assert {"gmsh", "scipy", "pytest", "meshio"} <= modules
+    other_name = {"gmsh": "python-gmsh", "xdist": "pytest-xdist"}
+    conda = (ROOT / ".ci" / "environment.yml").read_text()
+    listed = set(re.findall(r"^  - ([\w-]+)", conda, re.MULTILINE))
+    assert {other_name.get(module, module) for module in modules} <= listed
+    project = (ROOT / "pyproject.toml").read_text().partition("[tool.")[0]
+    # DOLFINx, which is not pip's, comes with adios2.
+    wanted = {"xdist": "pytest-xdist"}
+    names = {wanted.get(module, module) for module in modules - {"adios2"}}
+    assert names <= set(re.findall(r'"([\w-]+)"', project))
+
+
 @pytest.mark.skipif(
     MPI.COMM_WORLD.size > 1 or int(metadata.version("setuptools").partition(".")[0]) < 77,
     reason="starts a process; needs setuptools 77",
@@ -77,6 +109,7 @@ def test_wheel(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
     )
+    assert done.stdout.split()[-1].startswith(f"vmdg-{vmdg.__version__}-")
     with ZipFile(tmp_path / done.stdout.split()[-1]) as wheel:
         found = {name for name in wheel.namelist() if ".dist-info/" not in name}
     folders = [ROOT / "vmdg", *(path for path in (ROOT / "vmdg").iterdir() if path.is_dir())]

@@ -13,10 +13,14 @@ import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = [ROOT / "README.md", *sorted(ROOT.glob("[!.]*/*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    *sorted(ROOT.glob("[!.]*/*.md")),
+    *(ROOT / ".github" / name for name in ("CONTRIBUTING.md", "CHANGELOG.md")),
+]
 
 #: Commands of others, which are not ours to try.
-OTHERS = ("git", "cd", "export", "conda", "source", "neper")
+OTHERS = ("git", "cd", "export", "conda", "docker", "source", "neper", "mypy", "pre-commit")
 
 #: Modules of others, and a word that stands for one.
 OTHER_MODULES = ("code", "pip", "jupyterlab", "MODULE")
@@ -121,6 +125,8 @@ def run_tests(parts: list[str]) -> None:
 
 def install(parts: list[str]) -> None:
     """``pip install [-e] .[extra]`` of this repository."""
+    if parts[-1] in OTHERS:
+        return
     (what,) = (part for part in parts[1:] if not part.startswith("-"))
     extras = re.fullmatch(r"\.(?:\[(.*)\])?", what)
     assert extras, f"pip install {what} is not of this repository"

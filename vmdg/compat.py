@@ -86,6 +86,7 @@ def facet_submesh(mesh: Mesh, facets: NDArray[np.int32]) -> FacetSubmesh:
 
 def form(integrand: ufl.Form, submeshes: list[FacetSubmesh], jit_options: dict) -> fem.Form:
     """Compile ``integrand`` whose arguments or coefficients live on the given submeshes too."""
+    entity_maps: Any
     if _NEW:
         entity_maps = [submesh.entity_map for submesh in submeshes]
     else:
@@ -201,7 +202,7 @@ def timing(name: str) -> tuple[int, float]:
 
 
 def _facet_ghost_partitioner(graph_partitioner: Any = None) -> Any:
-    given = (GhostMode.shared_facet,)
+    given: tuple[Any, ...] = (GhostMode.shared_facet,)
     if graph_partitioner is not None:
         given = (graph_partitioner, GhostMode.shared_facet)
     return create_cell_partitioner(*given, 2) if _NEW else create_cell_partitioner(*given)

@@ -21,6 +21,7 @@ from vmdg.base.parallel import (
     global_sum,
     group_maxima,
     raise_together,
+    warn_together,
 )
 from vmdg.meshes import blocks
 
@@ -173,3 +174,17 @@ def test_box(comm):
     found = global_box(comm, mine[:0] if 0 < comm.rank == last else mine)
     most = max(last - 1, 0)
     assert np.array_equal(found, [[-1, -most], [most, 2]])
+
+
+def test_warning_in_code_without_a_module():
+    """Code that is executed from a text has no ``__name__``; it is warned as any other."""
+    message = "a warning" if MPI.COMM_WORLD.rank == 0 else None
+    scope = {"warn_together": warn_together, "comm": MPI.COMM_WORLD, "message": message}
+    code = "def run():\n    warn_together(comm, message)\n"
+    exec(code, scope)
+    scope.pop("__name__", None)
+    if MPI.COMM_WORLD.rank == 0:
+        with pytest.warns(vmdg.ModelWarning, match="a warning"):
+            scope["run"]()
+    else:
+        scope["run"]()

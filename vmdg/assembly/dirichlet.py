@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from dolfinx import fem
-from dolfinx.mesh import locate_entities_boundary
+from dolfinx.mesh import Mesh, locate_entities_boundary
 from numpy.typing import ArrayLike, NDArray
 from ufl.core.expr import Expr
 
@@ -25,7 +25,7 @@ AXES = ("x", "y", "z")
 ROUNDING = 1e-12
 
 
-def find_boundary_facets(mesh, where: Where, what: str) -> NDArray[np.int32]:
+def find_boundary_facets(mesh: Mesh, where: Where, what: str) -> NDArray[np.int32]:
     """Facets given by index or by a predicate on the coordinates (3, n) of the boundary.
 
     Raises:

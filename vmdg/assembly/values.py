@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from mpi4py import MPI
 
@@ -31,7 +31,7 @@ class Part(NamedTuple):
     places: NDArray[np.float64]
 
 
-Value = float | ArrayLike | fem.Constant | Callable[..., Any]
+Value: TypeAlias = float | ArrayLike | fem.Constant | Callable[..., Any]
 
 _WAYS = (
     "write lambda t: ... of the load factor or lambda x, t: ... at points x (3, n); arguments with "

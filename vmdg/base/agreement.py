@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable
 from functools import wraps
 from itertools import zip_longest
 from types import FrameType
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from mpi4py import MPI
 
@@ -43,7 +43,7 @@ def together(comm: MPI.Comm, call: Callable[[], T]) -> T:
     """
     if comm.size == 1:
         return call()
-    result, mine = None, None
+    result, mine = cast(T, None), None
     try:
         result = call()
     except BaseException as error:

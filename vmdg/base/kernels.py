@@ -11,7 +11,7 @@ import json
 import random
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,7 @@ from struct import unpack_from
 from tempfile import TemporaryDirectory
 from time import perf_counter
 from types import ModuleType
-from typing import TextIO, TypeVar
+from typing import Any, TextIO, TypeVar, cast
 
 from mpi4py import MPI
 
@@ -44,7 +44,7 @@ _CLAIMED = "JIT compilation timed out"
 
 # gcc's variable tracking under Python's own -g dominates the compile time of large kernels, and
 # the default register allocator is slow on the straight-line code of the interface.
-JIT_OPTIONS = {
+JIT_OPTIONS: dict[str, Any] = {
     # How long a rank waits for the one that compiles [s].
     "timeout": 600,
     "cffi_extra_compile_args": [
@@ -111,7 +111,7 @@ def _lines(code: object) -> int:
     """Of the source that FFCx gives for what it has compiled: nested strings, or None."""
     if isinstance(code, str):
         return code.count("\n")
-    return 0 if code is None else sum(map(_lines, code))
+    return 0 if code is None else sum(map(_lines, cast(Iterable[object], code)))
 
 
 def compile_form(
@@ -206,6 +206,7 @@ def call(module: ModuleType, name: str, *arrays: NDArray | None) -> None:
     """
     ffi, function = module.ffi, getattr(module.lib, name)
     given = [None if one is None else np.ascontiguousarray(one) for one in arrays]
+    assert given[0] is not None
     function(len(given[0]), *(ffi.NULL if one is None else ffi.from_buffer(one) for one in given))
 
 
@@ -228,6 +229,7 @@ def _source_module(
         with TemporaryDirectory(dir=folder) as work:
             Path(builder.compile(tmpdir=work)).replace(file)
     spec = importlib.util.spec_from_file_location(name, file)
+    assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module, lines
@@ -382,7 +384,7 @@ def _is_whole(library: Path) -> bool:
 class _NumberLabels(MultiFunction):
     """Gives the variables of an expression the numbers 0, 1, ... in the order they are met."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__()
         self._labels: dict[Label, Label] = {}
 

@@ -10,8 +10,8 @@ import sys
 import time
 import warnings
 from collections.abc import Callable
-from types import TracebackType
-from typing import NoReturn
+from types import FrameType, TracebackType
+from typing import NoReturn, cast
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -41,7 +41,7 @@ def global_norm(comm: MPI.Comm, values: NDArray[np.float64]) -> float:
 
 def global_max(comm: MPI.Comm, value: float) -> float:
     """Largest value over ranks."""
-    return _reduced(comm, value, MPI.MAX)
+    return cast(float, _reduced(comm, value, MPI.MAX))
 
 
 def global_box(comm: MPI.Comm, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -88,8 +88,9 @@ def warn_together(comm: MPI.Comm, message: str | None) -> None:
     """
     messages = [text for text in comm.allgather(message) if text is not None]
     if messages and comm.rank == 0:
-        frame, level = sys._getframe(), 1
-        while frame and frame.f_globals["__name__"].partition(".")[0] == _PACKAGE:
+        frame: FrameType | None = sys._getframe()
+        level = 1
+        while frame and frame.f_globals.get("__name__", "").partition(".")[0] == _PACKAGE:
             frame, level = frame.f_back, level + 1
         warnings.warn(messages[0], ModelWarning, stacklevel=level)
 

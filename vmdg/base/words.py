@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
 from functools import wraps
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 Called = TypeVar("Called", bound=Callable[..., Any])
 
@@ -78,8 +78,8 @@ def near_keywords(**others: str) -> Callable[[Called], Called]:
             return function(*arguments, **keywords)
 
         if not inspect.isclass(called):
-            return checked
-        called.__init__ = checked
+            return cast(Called, checked)
+        cast(Any, called).__init__ = checked
         return called
 
     return decorate

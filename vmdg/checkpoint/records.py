@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -86,7 +87,7 @@ def restore_fields(
     """
     mine, present = records[_input_numbers(space.mesh)], _places(places)
     arrays = {}
-    for name in records.dtype.names:
+    for name in records.dtype.names or ():
         own = places if name == "place" else space
         imap, bs = own.dofmap.index_map, own.dofmap.index_map_bs
         arrays[name] = np.zeros((imap.size_local + imap.num_ghosts) * bs)
@@ -126,18 +127,18 @@ def restore_interface(active: ActiveInterface, records: NDArray) -> InterfaceSna
     quadrature, present = active.quadrature, active.history
     source = _same_points(quadrature, records["place"])
     arrays, at_points = {}, _at_points(active)
-    if _SHARE in records.dtype.names:
+    if _SHARE in (records.dtype.names or ()):
         # Fluids come into a discretization when it is loaded.
         at_points[_SHARE] = np.empty(len(quadrature.weights))
-    for name, values in at_points.items():
-        arrays[name] = np.empty_like(values)
+    for name, array in at_points.items():
+        arrays[name] = np.empty_like(array)
         stored = records[name][np.arange(len(records))[:, None], source]
         arrays[name][quadrature.points_of_facet] = stored
     # A tie has no history but its values.
     history = {
         name: arrays.get(f"history.{name}", getattr(present, name)) for name in HISTORY_ARRAYS
     }
-    values = {name: arrays.get(f"values.{name}") for name in VALUE_ARRAYS}
+    values: dict[str, Any] = {name: arrays.get(f"values.{name}") for name in VALUE_ARRAYS}
     # A field of records is a view with gaps, which sums in another order than an array.
     of_facets = {field.name: records[field.name].copy() for field in fields(Stabilization)}
     return InterfaceSnapshot(

@@ -130,7 +130,8 @@ class Bodies:
     @property
     def fields(self) -> list[fem.Function]:
         """What the stress in a body changes with besides the displacement."""
-        mean = [self.geometry.theta, self.geometry.pressure] if self.mean_dilatation else []
+        geometry = self.geometry
+        mean = [geometry.theta, geometry.pressure] if isinstance(geometry, MeanDilatation) else []
         return mean if self._eigenstrain is None else [self._eigenstrain, *mean]
 
     def eigenstrains(self, t: float) -> NDArray[np.float64]:
@@ -181,7 +182,7 @@ class Bodies:
 
 
 def cell_values(
-    mesh: Mesh, value: Any, cells: NDArray[np.int32], what: str
+    mesh: Mesh, value: Any, cells: NDArray[np.integer], what: str
 ) -> NDArray[np.float64] | float:
     """A parameter on local cells; collective.
 
@@ -219,7 +220,7 @@ def cell_values(
 
 
 def _found_from(
-    mesh: Mesh, value: FromOthers, cells: NDArray[np.int32], what: str
+    mesh: Mesh, value: FromOthers, cells: NDArray[np.integer], what: str
 ) -> NDArray[np.float64] | float:
     """A parameter that is found from others, cell by cell; collective."""
     given = [cell_values(mesh, one, cells, f"{what}, {name}") for name, one in value.given.items()]
@@ -232,7 +233,7 @@ def _found_from(
     return result
 
 
-def _given_on(mesh: Mesh, value: Any, cells: NDArray[np.int32]) -> NDArray[np.float64]:
+def _given_on(mesh: Mesh, value: Any, cells: NDArray[np.integer]) -> NDArray[np.float64]:
     if callable(value) and not isinstance(value, fem.Function):
         midpoints = compute_midpoints(mesh, mesh.topology.dim, cells)
         return np.asarray(value(midpoints.T), dtype=float)
@@ -240,7 +241,7 @@ def _given_on(mesh: Mesh, value: Any, cells: NDArray[np.int32]) -> NDArray[np.fl
 
 
 def rows_of_cells(
-    mesh: Mesh, value: fem.Function | ArrayLike, cells: NDArray[np.int32]
+    mesh: Mesh, value: fem.Function | ArrayLike, cells: NDArray[np.integer]
 ) -> NDArray[np.float64]:
     """Values of a Function of degree 0, or rows of an array of all local cells, at cells (n, ...).
 

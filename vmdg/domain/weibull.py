@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from numbers import Integral, Real
+from typing import Any
 
 import numpy as np
 from dolfinx.mesh import Mesh
@@ -67,10 +68,10 @@ class Weibull:
 
     def __post_init__(self) -> None:
         for name in ("scale", "modulus", "resolution"):
-            value = getattr(self, name)
+            value: Any = getattr(self, name)
             if name == "resolution" and value is None:
                 continue
-            if not (isinstance(value, Real) and 0 < value < math.inf):
+            if not (isinstance(value, Real) and 0 < float(value) < math.inf):
                 raise ValueError(f"Weibull: {name} = {value!r} must be a positive, finite number")
         if not isinstance(self.seed, Integral) or self.seed < 0:
             raise ValueError(f"Weibull: seed = {self.seed!r} must be an integer, zero or more")
@@ -118,6 +119,7 @@ class Weibull:
 
     def _sections(self, x: NDArray[np.float64]) -> NDArray[np.int64]:
         """Numbers of the sections of points (1, n)."""
+        assert self.section is not None
         found = np.asarray(self.section(x))
         if found.shape != x.shape[1:] or not (found == np.rint(found)).all():
             raise ValueError(

@@ -323,7 +323,7 @@ def number_of(interfaces: Sequence[Interface], which: Which) -> int:
     asked = which if isinstance(which, Interface) else repr(which)
     missing = f"there is no interface {asked}; the problem has {', '.join(map(repr, names))}"
     if isinstance(which, str | Interface):
-        places = names if isinstance(which, str) else list(interfaces)
+        places: list[Any] = names if isinstance(which, str) else list(interfaces)
         if which not in places:
             raise ValueError(missing)
         return places.index(which)
@@ -347,7 +347,7 @@ class InterfaceList(list[T]):
         super().__init__(values)
         self._interfaces = interfaces
 
-    def __getitem__(self, which):
+    def __getitem__(self, which: Any) -> Any:
         if not isinstance(which, slice):
             which = number_of(self._interfaces, which)
         return super().__getitem__(which)

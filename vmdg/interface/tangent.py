@@ -19,6 +19,7 @@ from ufl.core.expr import Expr
 from ..base.kernels import call, compile_source
 from ..domain.materials import Bodies
 from ..forms import kinematics
+from ..forms.kinematics import Body
 from .frame import TurningTangent
 from .jets import FacetJets
 from .points import PointValues
@@ -94,7 +95,7 @@ class PointTangent:
             components = count * (count + 1) // 2
             self._evaluate_third = evaluators((components,), self._third_derivative, "K")
 
-    def _third_derivative(self, body, F: Expr, N: Expr, a: int) -> Expr:
+    def _third_derivative(self, body: Body, F: Expr, N: Expr, a: int) -> Expr:
         K = kinematics.projected_third_derivative(body, F, N, self._directions[a])
         return kinematics.major_components(K, self._entries)
 

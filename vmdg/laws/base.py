@@ -9,20 +9,24 @@ zeta_{n+1} with T = T_tr - r (zeta_{n+1} - zeta_n).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import IntEnum
 from numbers import Real
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+if TYPE_CHECKING:
+    from typing import Self  # of Python 3.11
+
 Array = NDArray[np.float64]
 
-#: A number, one number for every facet or point, or f(x) of the midpoints x (3, n) of facets.
-Parameter = float | ArrayLike | Callable[[Array], ArrayLike]
+#: A number, one number for every facet or point, or f(x) of the midpoints x (3, n) of facets. Type
+#: checkers know it as a number or anything, because laws and users read from it what was resolved.
+Parameter = float | Any
 
 
 class Mode(IntEnum):
@@ -163,7 +167,7 @@ class Law(ABC):
         """Whether no parameter is a function, whose values are known on an interface only."""
         return not any(callable(value) for value in self.varying.values())
 
-    def with_values(self, values: Mapping[str, Array]) -> Law:
+    def with_values(self, values: Mapping[str, Array]) -> Self:
         """The law with arrays (n,) in place of parameters that vary.
 
         Args:
@@ -172,9 +176,9 @@ class Law(ABC):
         Raises:
             ValueError: a value is out of range.
         """
-        return replace(self, **values) if values else self
+        return cast(Any, replace)(self, **values) if values else self
 
-    def at(self, rows: NDArray | slice) -> Law:
+    def at(self, rows: NDArray | slice) -> Self:
         """The law at some of its points; itself where no parameter varies.
 
         Args:
@@ -276,7 +280,7 @@ class Law(ABC):
         """
         return np.ones(len(softening))
 
-    def _checked(self, *arrays: ArrayLike) -> tuple[Array, ...]:
+    def _checked(self, *arrays: ArrayLike) -> tuple[Array, Array, Array, Array, Array]:
         """The inputs of `return_map` as float arrays of matching shapes, r admissible."""
         trial, normal, gap, softening, penalty = (np.asarray(a, dtype=float) for a in arrays)
         if trial.ndim != 2 or trial.shape[1] not in (2, 3):
@@ -312,6 +316,8 @@ class Law(ABC):
         return trial, normal, gap, softening, penalty
 
 
+SomeLaw = TypeVar("SomeLaw", bound=Law)
+
 #: Change of the trial traction for differences, relative to the strength.
 INCREMENT = 1e-6
 
@@ -338,7 +344,9 @@ def work_gradient(law: Law, update: Update, trial: Array, *known: Array | float)
     if not rows.size:
         return gradient
     part, step = law.at(rows), np.broadcast_to(INCREMENT * law.strength, len(trial))[rows]
-    known = tuple(array[rows] if np.ndim(array) else array for array in known)
+    known = tuple(
+        array[rows] if isinstance(array, np.ndarray) and array.ndim else array for array in known
+    )
     for i in range(trial.shape[1]):
         works = []
         for end in (step, -step):
@@ -415,7 +423,7 @@ def check_parameters(law: Law) -> None:
         TypeError: it is neither a number, nor, where it may vary, an array (n,) or a function.
         ValueError: it is out of range.
     """
-    for name in (field.name for field in fields(law)):
+    for name in parameter_names(law):
         if name in _POSITIVE | _NOT_NEGATIVE:
             _check_parameter(law, name, getattr(law, name))
     unloading = getattr(law, "unloading", "plastic")
@@ -472,6 +480,11 @@ def is_number(value: Any, number: float) -> bool:
     return isinstance(value, Real) and value == number
 
 
+def parameter_names(law: Law) -> list[str]:
+    """Fields of a law, which is a data class."""
+    return [field.name for field in fields(cast(Any, law))]
+
+
 def _in_short(value: Any) -> str:
     """A parameter in a message."""
     if isinstance(value, np.ndarray) and value.ndim:
@@ -485,7 +498,7 @@ def same_law(a: Law, b: Law) -> bool:
         return a is b
     if not (a.varying or b.varying):
         return a == b
-    pairs = ((getattr(a, field.name), getattr(b, field.name)) for field in fields(a))
+    pairs = ((getattr(a, name), getattr(b, name)) for name in parameter_names(a))
     return all(x is y or (not callable(x) and np.array_equal(x, y)) for x, y in pairs)
 
 
@@ -505,10 +518,10 @@ def _at_points(law: Law) -> dict[str, Array]:
     return {name: array for name, array in arrays.items() if array.shape in counts}
 
 
-def _with(law: Law, arrays: Mapping[str, Array]) -> Law:
+def _with(law: SomeLaw, arrays: Mapping[str, Array]) -> SomeLaw:
     """A law with other arrays, known to be in range; what else it has kept is found anew."""
     result = copy(law)
-    parameters = {field.name for field in fields(law)}
+    parameters = parameter_names(law)
     vars(result).clear()
     vars(result).update({k: v for k, v in vars(law).items() if k in parameters} | dict(arrays))
     return result

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,7 +88,11 @@ class BenzeggaghKenane(Criterion):
 
 
 #: Criteria by the names that users give.
-CRITERIA = {"linear": Linear, "power": PowerLaw, "BK": BenzeggaghKenane}
+CRITERIA: dict[str, Callable[[float, float], Criterion]] = {
+    "linear": Linear,
+    "power": PowerLaw,
+    "BK": BenzeggaghKenane,
+}
 
 
 def criterion_of(name: str, exponent: float | None, shear_ratio: float) -> Criterion:

@@ -248,6 +248,7 @@ class IntrinsicExponential(Law):
         # ray2 counts twice where there was no gap
         by_ray2 = np.where(gap[rows].any(axis=1), 0.5, 1.0) * spent
         turned = b[rows] - ray2[:, None] * weighted[rows]
+        assert update.overstress is not None and update.work_gradient is not None
         update.work_gradient[rows] = (by_y / (scale * slope * delta_b[rows]))[:, None] * weighted[
             rows
         ]

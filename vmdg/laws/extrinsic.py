@@ -198,6 +198,7 @@ class ExtrinsicLaw(Law):
         closing = closure.length * at.penalty > ROUND_OFF * load
         update.mode[rows] = np.where(closing, Mode.CLOSING, mode)
         update.damage_work[rows] = sliding.damage_work
+        assert update.overstress is not None and update.work_gradient is not None
         update.work_gradient[rows] = sliding.resistance[:, None] * self._slip_gradient(
             at, closure, sliding, direction
         )
@@ -282,6 +283,7 @@ class RadialLaw(ExtrinsicLaw, SofteningCurve):
             update.softening[rows] < self.strength, Mode.TENSION, Mode.OPEN
         )
         update.damage_work[rows] = self.bond_energy(at.left) - self.bond_energy(left)
+        assert update.overstress is not None and update.work_gradient is not None
         update.work_gradient[rows] = (R * slope)[:, None] * n
         update.viscous_work[rows] = V * dgamma
         update.overstress[rows] = V[:, None] * n

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,9 @@ from .base import Array, Mode, Update, add_to_diagonal, dot, outer, unit
 from .mixed_mode import MixedModeDebonding
 from .roots import increasing_root
 from .secant import Scaled, Sheared, Start
+
+if TYPE_CHECKING:
+    from typing import Self  # of Python 3.11
 
 # Growth of the damage in a step that is left out: round-off of what is there.
 _ROUND_OFF = 1e-15
@@ -192,7 +195,7 @@ class FatigueDebonding(MixedModeDebonding):
         gap: ArrayLike,
         softening: ArrayLike,
         penalty: ArrayLike,
-        dt: float = 1.0,
+        dt: float | Array = 1.0,
         cycles: ArrayLike = 0.0,
     ) -> Update:
         """Advance n points by one backward-Euler step of some cycles.
@@ -276,7 +279,7 @@ class _Points:
     def __init__(self, law: FatigueDebonding, at: Start, cycles: Array):
         self.law, self.at, self.cycles = law, at, cycles
 
-    def of(self, mask: NDArray[np.bool_]) -> _Points:
+    def of(self, mask: NDArray[np.bool_]) -> Self:
         """Some of the points."""
         return type(self)(self.law.at(mask), secant.some_of(self.at, mask), self.cycles[mask])
 
@@ -445,6 +448,7 @@ class _Open(_Points):
         m, m_by_angle = law.flow_factor(cos, sin)
         ratio_by = (1.0 - g + g / m)[:, None] * u_by + (u * (1.0 / m - 1.0))[:, None] * growth
         ratio_by -= (u * g * m_by_angle / m**2)[:, None] * th_by
+        assert update.work_gradient is not None
         update.work_gradient[rows] = (
             spent.by_g[:, None] * growth
             + spent.by_angle[:, None] * th_by
@@ -532,6 +536,7 @@ class _Pressed(_Points):
         ratio_by = secant.borne_by_load(law, self._sheared, at.normal, e, rubbing)
         ratio_by *= (rubbing.slips / M)[:, None]
         ratio_by += slope[:, None] * growth
+        assert update.work_gradient is not None
         update.work_gradient[rows] = (
             spent.by_g[:, None] * growth + spent.by_ratio[:, None] * ratio_by
         )

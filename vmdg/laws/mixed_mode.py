@@ -123,7 +123,7 @@ class MixedModeDebonding(ExtrinsicLaw):
         return criterion_of(self.criterion, self.exponent, self.shear_energy / self.normal_energy)
 
     @property
-    def strength(self) -> float:
+    def strength(self) -> Parameter:  # type: ignore[override] # other laws are given one
         """P_n, MPa."""
         return self.normal_strength
 
@@ -138,7 +138,7 @@ class MixedModeDebonding(ExtrinsicLaw):
         return Debonding(self.shear_strength, 2.0 * self.shear_energy / self.shear_strength)
 
     @cached_property
-    def softening_modulus(self) -> float:
+    def softening_modulus(self) -> Parameter:
         """H of the class docstring, MPa/mm; max(H_n, H_s) where m = 1."""
         h_n, h_s = self.in_opening.softening_modulus, self.in_shear.softening_modulus
         if isinstance(self.interaction, Linear):
@@ -209,7 +209,7 @@ class MixedModeDebonding(ExtrinsicLaw):
         # What holds has rho_n > 0, so that A and B are not zero, also where the material of a trial
         # state has no traction (NaN, in a cell turned inside out).
         holds = length < rho_n * m
-        gone, left = (Points(*(array[mask] for array in at)) for mask in (~holds, holds))
+        gone, left = (Points._make(array[mask] for array in at) for mask in (~holds, holds))
         if gone.rows.size:
             self.at(~holds)._separate(update, gone)
         if left.rows.size:
@@ -233,6 +233,7 @@ class MixedModeDebonding(ExtrinsicLaw):
         energy, by_angle = self._energy(cos, sin)
 
         rows = at.rows
+        assert update.overstress is not None and update.work_gradient is not None
         update.overstress[rows] = update.traction[rows] = at.damping[:, None] * step
         update.gap[rows] = at.gap + step
         update.softening[rows] = self.strength
@@ -266,6 +267,7 @@ class MixedModeDebonding(ExtrinsicLaw):
 
         rows = at.rows
         borne = (rho / A)[:, None] * trial_normal + (rho / B)[:, None] * trial_shear
+        assert update.overstress is not None and update.work_gradient is not None
         update.overstress[rows] = at.damping[:, None] * step
         update.traction[rows] = borne + update.overstress[rows]
         update.gap[rows] = at.gap + step

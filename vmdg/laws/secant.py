@@ -51,8 +51,13 @@ _PIECES = 8
 class RigidLaw(Protocol):
     """What a law that is rigid up to its strength says of itself, see `ExtrinsicLaw`."""
 
-    strength: Parameter
-    friction: Parameter
+    @property
+    def strength(self) -> Parameter:
+        """Traction at which damage starts in pure opening, MPa."""
+
+    @property
+    def friction(self) -> Parameter:
+        """Coulomb coefficient."""
 
     def at(self, rows: NDArray) -> RigidLaw:
         """The law at some of its points."""
@@ -248,6 +253,7 @@ def _open(law: RigidLaw, update: Update, at: Start) -> None:
     update.mode[rows[update.softening[rows] >= law.strength]] = Mode.OPEN
     spent = _spent(part, some_of(at, some), g[some], cos, sin)
     update.damage_work[rows[some]] = spent.work
+    assert update.work_gradient is not None
     update.work_gradient[rows[some]] = (
         spent.by_angle[:, None] * th_by - spent.by_stiffness[:, None] * fall
     )
@@ -397,6 +403,7 @@ def _pressed(law: RigidLaw, update: Update, at: Start) -> None:
     update.damage_work[rows[some]] = spent.work
     s, s_slope = Scaled(part.in_shear).at(g[some])
     by_g = spent.by_stiffness * (s_slope * g[some] - s) / g[some] ** 2
+    assert update.work_gradient is not None
     update.work_gradient[rows[some]] = by_g[:, None] * growth[some]
     update.friction_work[rows] = start.cap * _rubbed(shear, start.held, at.g, growing, rubbing)
 

@@ -29,6 +29,7 @@ class AxialMotion:
     def strain(self) -> float:
         """F_33 - 1."""
         now = self._problem.discretization
+        assert now.means is not None
         return float(now.means.gradient(now.u.x.array)[2, 2])
 
     @property

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from ..assembly.dirichlet import AXES
 from ..assembly.means import MeanSpace, lattice_of
 from ..base.parallel import global_sum
+from ..domain.lattice import Lattice
 from ..interface.interface import interface_names
 from ..problem.problem import Problem
 from .values import traction_integrals
@@ -25,6 +26,7 @@ def whole_displacement(problem: Problem) -> fem.Function:
 def forces_on_means(problem: Problem) -> Array:
     """Forces on H by all stresses and tractions (n, n), n = 3 with F_33; collective [N mm]."""
     now = problem.discretization
+    assert now.means is not None
     return now.means.forces_on_means(now.forces.x.array + problem.loading.vector)
 
 
@@ -48,18 +50,26 @@ class PeriodicCell:
 
     @property
     def _space(self) -> MeanSpace:
-        return self._problem.discretization.means
+        means = self._problem.discretization.means
+        assert means is not None
+        return means
+
+    @property
+    def _lattice(self) -> Lattice:
+        lattice = self._space.lattice
+        assert lattice is not None
+        return lattice
 
     @property
     def vectors(self) -> Array:
         """Sides of the cell, one a row (d, d) [mm]."""
-        return self._space.lattice.vectors.copy()
+        return self._lattice.vectors.copy()
 
     @property
     def volume(self) -> float:
         """Of the cell, voids included, of a plane cell times its thickness [mm3]."""
         thickness = float(self._problem.discretization.geometry.thickness)
-        return self._space.lattice.volume * thickness
+        return self._lattice.volume * thickness
 
     @property
     def gradient(self) -> Array:
@@ -98,7 +108,7 @@ class PeriodicCell:
         forces[self._space.owned_dofs] = 0
         work = global_sum(now.mesh.comm, forces @ change[: now.owned])
         length = self._space.length
-        force = max(step.scales.reaction, self.volume * np.linalg.norm(self.stress) / length)
+        force = max(step.scales.reaction, self.volume * float(np.linalg.norm(self.stress)) / length)
         scale = force * length * np.linalg.norm(self._space.gradient(change))
         return float(work / max(scale, np.finfo(float).tiny))
 

@@ -60,9 +60,9 @@ class CrackGrowth:
                 f"CrackGrowth: {label} opens on demand, and what is not open yet has no points; "
                 'give the interface activate="all"'
             )
-        if width is not None and not (isinstance(width, Real) and 0 < width < np.inf):
+        if width is not None and not (isinstance(width, float | Real) and 0 < width < np.inf):
             raise ValueError(f"CrackGrowth: width = {width!r} must be positive and finite [mm]")
-        if not (isinstance(start, Real) and 0 <= start < np.inf):
+        if not (isinstance(start, float | Real) and 0 <= start < np.inf):
             raise ValueError(f"CrackGrowth: start = {start!r} must be a length, zero or more [mm]")
         self._plane = problem.mesh.topology.dim == 2
         geometry = problem.discretization.geometry

@@ -178,13 +178,13 @@ class FieldWriter:
                 self._updates.append(interface.update)
                 files[name] = list(interface.functions.values())
         self._files = [self._folder / f"{name}.bp" for name in files if files[name]]
-        fields = [functions for functions in files.values() if functions]
-        local = sum(function.x.array.nbytes for part in fields for function in part)
+        written = [functions for functions in files.values() if functions]
+        local = sum(function.x.array.nbytes for part in written for function in part)
         self._bytes = float(global_sum(self._comm, local))
         self._claim = Claim(self._comm, self._folder / "fields.lock", f"fields in {folder}")
         self._writers: list[VTXWriter] = []
         self._do(self._keep_earlier_files)
-        self._do(lambda: self._writers.extend(map(_writer, self._files, fields)))
+        self._do(lambda: self._writers.extend(map(_writer, self._files, written)))
 
     def _keep_earlier_files(self) -> None:
         """Give those of an earlier run the first number that is free."""

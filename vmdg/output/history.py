@@ -268,6 +268,7 @@ class HistoryFile:
             return
         text = io.StringIO(newline="")
         csv.writer(text).writerows(_lines(rows, self._columns))
+        assert self._file is not None
         whole = self._file.tell()
         try:
             left = memoryview(text.getvalue().encode())
@@ -279,6 +280,7 @@ class HistoryFile:
         self._written += len(rows)
 
     def _replace(self) -> None:
+        assert self._path is not None
         self._close_file()
         partial = self._path.with_name(f"{self._path.name}.partial")
         try:

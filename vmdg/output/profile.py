@@ -56,7 +56,7 @@ def profile(
     vertices = vertices.reshape(2, -1)
     pieces = np.zeros(len(points), dtype=int)
     if plane:
-        pieces = components(*vertices, len(nodes))[vertices[0]]
+        pieces = components(vertices[0], vertices[1], len(nodes))[vertices[0]]
     rows = []
     for piece in range(pieces.max(initial=-1) + 1):
         here = pieces == piece

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -65,7 +66,7 @@ def animate(
     rows = np.arange(len(history) - len(snapshots), len(history))
     factors = np.broadcast_to(magnify, len(snapshots))
     found, low, high = _ranges(problem, snapshots, factors, component)
-    options = {"component": component, "limits": limits or found, "edges": 0}
+    options: dict[str, Any] = {"component": component, "limits": limits or found, "edges": 0}
     figure = plt.figure(figsize=figsize)
     solid = problem.mesh.geometry.dim == 3
     grid = figure.add_gridspec(1, 2, width_ratios=(1.5, 1))

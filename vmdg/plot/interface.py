@@ -156,7 +156,8 @@ def _open_facets(
     X, _ = positions_and_displacements(problem, facets.cells[:, 0], corners)
     normals = quadrature.facet_means(quadrature.normal)
     gathered = problem.comm.allgather((X, normals, facet_scalar(problem, i, quantity)))
-    return tuple(np.concatenate(parts) for parts in zip(*gathered, strict=True))
+    corners, normals, values = (np.concatenate(parts) for parts in zip(*gathered, strict=True))
+    return corners, normals, values
 
 
 def _extended(corners: NDArray, axis: str | None) -> str:

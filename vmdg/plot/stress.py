@@ -136,8 +136,8 @@ def stress(
         lines.set(array=None, facecolor="none", linewidth=edges)
     if colorbar:
         add_colorbar(ax, drawn, label)
-    first, second, _ = axis_names(problem)
-    ax.set(xlabel=f"{first} [mm]", ylabel=f"{second} [mm]")
+    names = axis_names(problem)
+    ax.set(xlabel=f"{names[0]} [mm]", ylabel=f"{names[1]} [mm]")
     return ax
 
 
@@ -287,6 +287,7 @@ def deformed_corners(
         corners = cell_corners(mesh)
         cells = np.arange(len(corners), dtype=np.int32)
     else:
+        assert facets is not None
         facets = facets[facets < mesh.topology.index_map(2).size_local]
         cells = facet_cells(mesh)[facets, 0]
         corners = corners_of_local(mesh, local_facets(mesh, cells, facets))
