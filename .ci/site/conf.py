@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from importlib.util import find_spec
 from pathlib import Path
 
+from sphinx.ext import autosummary
 from sphinx.ext.autodoc.mock import MockFinder, _MockObject
 
 HERE = Path(__file__).resolve().parent
@@ -40,19 +42,25 @@ extensions = [
     "sphinx_design",
 ]
 nitpicky = False  # types of packages that are not linked have no targets
+# A name such as Parameter is shorter than what it stands for; what it may be is in the words.
+autodoc_type_aliases = {
+    name: name
+    for path in [*(ROOT / "vmdg").glob("*/*.py"), *(ROOT / "vmdg").glob("*.py")]
+    for name in re.findall(r"^([A-Z][a-z]\w+) = (?!TypeVar).*[\[|]", path.read_text(), re.MULTILINE)
+} | {"Array": "NDArray", "ArrayLike": "ArrayLike"}
+autosummary.WELL_KNOWN_ABBREVIATIONS += ("eq.", "eqs.", "St.")
 
 myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]
 myst_heading_anchors = 4
 
 autosummary_generate = True
-autosummary_ignore_module_all = False
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented"
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
 autodoc_class_signature = "mixed"
 napoleon_numpy_docstring = False
-napoleon_use_ivar = True
+napoleon_custom_sections = [("Attributes", "params_style")]
 napoleon_use_rtype = False
 default_role = "code"
 templates_path = [str(HERE / "templates")]
@@ -69,7 +77,10 @@ html_css_files = ["style.css"]
 html_copy_source = False
 html_show_sourcelink = False
 html_theme_options = {
-    "header_links_before_dropdown": 6,
+    "header_links_before_dropdown": 7,
+    "navbar_align": "left",
+    "navbar_persistent": [],
+    "navbar_end": ["search-button", "theme-switcher"],
     "navigation_depth": 2,
     "show_toc_level": 1,
     "secondary_sidebar_items": ["page-toc"],
@@ -87,3 +98,5 @@ def setup(app) -> None:
 
 def _readable(app, what, name, item, options, lines: list[str]) -> None:
     lines[:] = readable(lines)
+    if what in ("property", "attribute"):
+        lines.insert(0, "")  # or napoleon takes what stands before a colon for the type

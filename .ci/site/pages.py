@@ -244,7 +244,7 @@ def chapters(demo: Path, behind: int) -> list[str]:
             i += 1
             continue
         made += _piece(demo, lines, start, i)
-        said = [found[3]]
+        said = [found[3][:1].upper() + found[3][1:]]
         i += 1
         while i < len(lines) and lines[i].lstrip().startswith("# "):
             said.append(lines[i].lstrip()[2:])
