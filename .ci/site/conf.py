@@ -63,6 +63,7 @@ napoleon_numpy_docstring = False
 napoleon_custom_sections = [("Attributes", "params_style")]
 napoleon_use_rtype = False
 default_role = "code"
+highlight_language = "none"  # blocks of formulas
 templates_path = [str(HERE / "templates")]
 python_use_unqualified_type_names = True
 toc_object_entries_show_parents = "hide"
@@ -99,4 +100,4 @@ def setup(app) -> None:
 def _readable(app, what, name, item, options, lines: list[str]) -> None:
     lines[:] = readable(lines)
     if what in ("property", "attribute"):
-        lines.insert(0, "")  # or napoleon takes what stands before a colon for the type
+        lines.insert(0, "\\ ")  # or napoleon takes what stands before a colon for the type
