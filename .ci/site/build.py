@@ -45,7 +45,7 @@ def requirements() -> list[str]:
     found = []
     for name in ("dependencies", "docs"):
         start = text.index(f"\n{name} = [") + len(name) + 4
-        found += [part.split('"')[0] for part in text[start : text.index("]", start)].split('"')[1::2]]
+        found += text[start : text.index("]", start)].split('"')[1::2]
     return found
 
 
@@ -85,10 +85,10 @@ def main() -> int:
     sources = out / "sources"
     write(sources)
     builder = "linkcheck" if arguments.links else "html"
-    options = ["-b", builder, "-W", "--keep-going", "-q", "-d", str(out / "doctrees"), "-c", str(HERE)]
-    failed = build_main([*options, str(sources), str(out / builder)])
-    if not failed:
-        print(f"the site is in {out / builder / 'index.html'}" if builder == "html" else "links work")
+    options = ["-b", builder, "-W", "--keep-going", "-q", "-d", str(out / "doctrees")]
+    failed = build_main([*options, "-c", str(HERE), str(sources), str(out / builder)])
+    if not failed and builder == "html":
+        print(f"the site is in {out / builder / 'index.html'}")
     return failed
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from sphinx.ext import autosummary
 from sphinx.ext.autodoc.mock import MockFinder, _MockObject
+from sphinx.util.inspect import TypeAliasForwardRef
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -48,6 +49,7 @@ autodoc_type_aliases = {
     for path in [*(ROOT / "vmdg").glob("*/*.py"), *(ROOT / "vmdg").glob("*.py")]
     for name in re.findall(r"^([A-Z][a-z]\w+) = (?!TypeVar).*[\[|]", path.read_text(), re.MULTILINE)
 } | {"Array": "NDArray", "ArrayLike": "ArrayLike"}
+TypeAliasForwardRef.__repr__ = lambda self: self.name
 autosummary.WELL_KNOWN_ABBREVIATIONS += ("eq.", "eqs.", "St.")
 
 myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]

@@ -26,14 +26,14 @@ PAGES = {
     "rooms": "vmdg/README.md",
     "path": "vmdg/solver/README.md",
     "equations": "forms/README.md",
-    "accuracy": "demos/ACCURACY.md",
+    "verification": "demos/ACCURACY.md",
     "speed": "demos/SPEED.md",
     "gallery": "demos/README.md",
     "contributing": ".github/CONTRIBUTING.md",
 }
 
 #: Pages that become one page for each of their headings, down to this level.
-SPLIT = {"guide": 3, "accuracy": 2}
+SPLIT = {"guide": 3, "verification": 2}
 
 #: Modules for users, in the order of the API; names by ``__all__``, or all that are defined there.
 MODULES = (
@@ -91,11 +91,12 @@ def parts(page: str) -> dict[str, str]:
     found = list(headings("\n".join(lines)))
     cuts = [(i, level, words) for i, level, words in found if 1 < level <= SPLIT[page]]
     made = {page: "\n".join(lines[: cuts[0][0]]) + "\n"}
-    for (start, level, _), end in zip(cuts, [*(cut[0] for cut in cuts[1:]), len(lines)], strict=True):
+    ends = [*(start for start, _, _ in cuts[1:]), len(lines)]
+    for (start, level, title), end in zip(cuts, ends, strict=True):
         raised = lines[start:end]
         for i, below, words in headings("\n".join(raised)):
             raised[i] = "#" * (below - level + 1) + " " + words
-        made[f"{page}/{slug(cuts[len(made) - 1][2])}"] = "\n".join(raised) + "\n"
+        made[f"{page}/{slug(title)}"] = "\n".join(raised) + "\n"
     return made
 
 
@@ -105,8 +106,8 @@ def anchors() -> dict[str, str]:
     for page, file in PAGES.items():
         for place, text in parts(page).items():
             for i, _, words in headings(text):
-                first = i == 0
-                known[f"{file}#{slug(words)}"] = f"/{place}.md" + ("" if first else f"#{slug(words)}")
+                below = f"#{slug(words)}" if i > 0 else ""
+                known[f"{file}#{slug(words)}"] = f"/{place}.md{below}"
         known[file] = f"/{page}.md"
     for table in sorted((ROOT / "demos" / "gallery").glob("*.md")):
         known[f"demos/gallery/{table.name}"] = f"/tables/{table.name}"
@@ -204,9 +205,17 @@ def demo_page(demo: Path) -> str:
     rest = [(path, "") for path in others if path not in named and path not in taken]
     for path, words in [*shown, *rest]:
         made += [f"![]({path})", "", words, ""]
-    made += ["## The script", "", f"`demos/{demo.name}`; `demos/run {demo.stem} --help` lists its options."]
-    made += ["", *chapters(demo, behind), ""]
-    helpers = sorted(set(re.findall(r"^from helpers\.(\w+) import", demo.read_text(), re.MULTILINE)))
+    options = f"`demos/run {demo.stem} --help` lists its options."
+    made += [
+        "## The script",
+        "",
+        f"`demos/{demo.name}`; {options}",
+        "",
+        *chapters(demo, behind),
+        "",
+    ]
+    imports = re.findall(r"^from helpers\.(\w+) import", demo.read_text(), re.MULTILINE)
+    helpers = sorted(set(imports))
     if helpers:
         made += ["## Helpers", "", "What the script imports from its own folder.", ""]
     for name in helpers:
@@ -275,7 +284,8 @@ def stub() -> dict[str, list[str]]:
 def public(module: str) -> list[str]:
     """Names of a module below ``vmdg``: ``__all__``, or classes and functions defined there."""
     path = ROOT.joinpath(*module.split("."))
-    tree = ast.parse((path / "__init__.py" if path.is_dir() else path.with_suffix(".py")).read_text())
+    file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    tree = ast.parse(file.read_text())
     defined = []
     for node in tree.body:
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
@@ -289,7 +299,7 @@ def api() -> str:
     """Page of all public names, by room and by module."""
     made = ["# All public names", "", "Names of `vmdg` itself, then those of its modules.", ""]
     rooms = stub()
-    order = [room for room in ROOMS if room in rooms] + [room for room in rooms if room not in ROOMS]
+    order = [room for room in [*ROOMS, *sorted(rooms.keys() - ROOMS.keys())] if room in rooms]
     known = [name for names in rooms.values() for name in names]
     groups = [(ROOMS.get(room, room), "vmdg", rooms[room]) for room in order]
     for module in MODULES[1:]:
