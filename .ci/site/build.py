@@ -69,7 +69,13 @@ def main() -> int:
     """Build the site; the exit code of Sphinx."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     default = ROOT / "results" / "site"
-    parser.add_argument("folder", nargs="?", type=Path, default=default, help="results/site")
+    parser.add_argument(
+        "folder",
+        nargs="?",
+        type=Path,
+        default=default,
+        help="its subfolders html (the site), sources and doctrees are made anew; results/site",
+    )
     parser.add_argument(
         "--links", action="store_true", help="try the links to other sites instead, a minute"
     )
@@ -83,6 +89,9 @@ def main() -> int:
 
     out = arguments.folder.resolve()
     sources = out / "sources"
+    # Anew each time: what has not changed would not warn again, and pages that are gone would stay.
+    for name in ("sources", "doctrees", "html", "linkcheck"):
+        shutil.rmtree(out / name, ignore_errors=True)
     write(sources)
     builder = "linkcheck" if arguments.links else "html"
     options = ["-b", builder, "-W", "--keep-going", "-q", "-d", str(out / "doctrees")]

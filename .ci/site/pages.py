@@ -336,30 +336,21 @@ def sources() -> dict[str, str]:
 
 
 def write(folder: Path) -> None:
-    """Write all sources; those that have not changed keep their time, what is gone is removed.
+    """Write all sources.
 
     Args:
-        folder: For the sources.
+        folder: For the sources; new.
     """
-    made = sources()
-    for name, text in made.items():
+    for name, text in sources().items():
         file = folder / name
         file.parent.mkdir(parents=True, exist_ok=True)
-        if not file.exists() or file.read_text() != text:
-            file.write_text(text)
-    for file in folder.rglob("*.md"):
-        if str(file.relative_to(folder)) not in made:
-            file.unlink()
-    gallery, code_folder = ROOT / "demos" / "gallery", folder / "code"
-    for file in gallery.iterdir():
-        if file.suffix != ".md":
-            _copy(file, folder / "demos" / "gallery" / file.name)
-    for file in [*demos(), *(ROOT / "demos" / "helpers").glob("*.py")]:
-        _copy(file, code_folder / file.relative_to(ROOT / "demos"))
-
-
-def _copy(file: Path, to: Path) -> None:
-    """Copy a file that has changed, so that Sphinx makes anew what depends on it."""
-    to.parent.mkdir(parents=True, exist_ok=True)
-    if not to.exists() or to.read_bytes() != file.read_bytes():
-        shutil.copyfile(file, to)
+        file.write_text(text)
+    demos_folder = ROOT / "demos"
+    shutil.copytree(
+        demos_folder / "gallery",
+        folder / "demos" / "gallery",
+        ignore=shutil.ignore_patterns("*.md", "*.csv"),
+    )
+    shutil.copytree(demos_folder / "helpers", folder / "code" / "helpers")
+    for demo in demos():
+        shutil.copy(demo, folder / "code")
