@@ -95,6 +95,14 @@ def test_every_public_name_is_in_the_api():
         assert set(PAGES.public(each)) <= names | stub
 
 
+def test_types_of_arguments_are_said():
+    """Short names of types in the API have a row; those of the engine's inside have none."""
+    rows = dict(re.findall(r"^\| (\w+) \| `(.+?)` \|", "\n".join(PAGES.types()), re.MULTILINE))
+    assert rows["Where"] == r"ArrayLike \| Locator"
+    assert {"Group", "Value", "Which", "Parameter"} <= set(rows)
+    assert not {"Piece", "Weigh", "Block", "Array"} & set(rows)
+
+
 def test_tutorials_are_chapters():
     """Numbered comments of a script become headings and text, all other lines are shown."""
     page = SOURCES["demos/tutorial.md"]

@@ -97,9 +97,15 @@ project_copyright = author
 def setup(app) -> None:
     """Docstrings are made ready before napoleon (priority 500) takes their sections apart."""
     app.connect("autodoc-process-docstring", _readable, priority=400)
+    app.connect("autodoc-skip-member", _said_before)
 
 
 def _readable(app, what, name, item, options, lines: list[str]) -> None:
     lines[:] = readable(lines)
     if what in ("property", "attribute"):
         lines.insert(0, "\\ ")  # or napoleon takes what stands before a colon for the type
+
+
+def _said_before(app, what, name, item, skip, options) -> bool | None:
+    """Fields of named tuples, which the class describes."""
+    return True if (getattr(item, "__doc__", "") or "").startswith("Alias for field") else None

@@ -295,6 +295,53 @@ def public(module: str) -> list[str]:
     return defined
 
 
+def aliases() -> dict[str, tuple[str, str]]:
+    """Names of types that the engine gives itself: what each stands for, and its comment."""
+    found: dict[str, tuple[str, str]] = {}
+    for path in [*sorted((ROOT / "vmdg").glob("*/*.py")), *(ROOT / "vmdg").glob("*.py")]:
+        lines = path.read_text().splitlines()
+        for node in ast.parse("\n".join(lines)).body:
+            if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Name):
+                continue
+            name = node.targets[0].id
+            if not re.fullmatch("[A-Z][a-z]+[A-Za-z]*", name) or not isinstance(
+                node.value, ast.BinOp | ast.Subscript
+            ):
+                continue
+            first = last = node.lineno - 1
+            while lines[first - 1].startswith("#:"):
+                first -= 1
+            comment = " ".join(line[2:].strip() for line in lines[first:last])
+            found.setdefault(name, (ast.unparse(node.value), comment))
+    return found
+
+
+def annotations() -> set[str]:
+    """Words in the types of arguments and attributes of public names."""
+    names = {name for names in stub().values() for name in names}
+    names |= {name for module in MODULES[1:] for name in public(module)}
+    words: set[str] = set()
+    for path in (ROOT / "vmdg").glob("*/*.py"):
+        for item in ast.parse(path.read_text()).body:
+            if getattr(item, "name", None) not in names:
+                continue
+            for node in ast.walk(item):
+                if isinstance(node, ast.arg | ast.AnnAssign) and node.annotation:
+                    words |= set(re.findall(r"\w+", ast.unparse(node.annotation)))
+    return words
+
+
+def types() -> list[str]:
+    """Table of the types that arguments of public names have."""
+    used = annotations()
+    rows = []
+    for name, (value, comment) in sorted(aliases().items()):
+        if name in used and name != "Array":
+            value, comment = value.replace("|", "\\|"), re.sub(r":\w+:", "", comment)
+            rows.append(f"| {name} | `{value}` | {comment} |")
+    return ["## Types of arguments", "", "| name | is one of | |", "|---|---|---|", *rows, ""]
+
+
 def api() -> str:
     """Page of all public names, by room and by module."""
     made = ["# All public names", "", "Names of `vmdg` itself, then those of its modules.", ""]
@@ -312,7 +359,7 @@ def api() -> str:
         made += [".. autosummary::", "   :toctree: names", "   :nosignatures:", ""]
         made += [f"   {module}.{name}" if module == "vmdg" else f"   {name}" for name in names]
         made += ["```", ""]
-    return "\n".join(made)
+    return "\n".join([*made, *types()])
 
 
 def sources() -> dict[str, str]:
