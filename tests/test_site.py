@@ -100,7 +100,7 @@ def test_types_of_arguments_are_said():
     rows = dict(re.findall(r"^\| (\w+) \| `(.+?)` \|", "\n".join(PAGES.types()), re.MULTILINE))
     assert rows["Where"] == r"ArrayLike \| Locator"
     assert {"Group", "Value", "Which", "Parameter"} <= set(rows)
-    assert not {"Piece", "Weigh", "Block", "Array"} & set(rows)
+    assert not {"Piece", "Weigh", "Points", "Array"} & set(rows)
 
 
 def test_tutorials_are_chapters():

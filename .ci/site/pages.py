@@ -298,22 +298,24 @@ def public(module: str) -> list[str]:
 def aliases() -> dict[str, tuple[str, str]]:
     """Names of types that the engine gives itself: what each stands for, and its comment."""
     found: dict[str, tuple[str, str]] = {}
-    for path in [*sorted((ROOT / "vmdg").glob("*/*.py")), *(ROOT / "vmdg").glob("*.py")]:
+    variables = set()
+    for path in sorted((ROOT / "vmdg").glob("*/*.py")):
         lines = path.read_text().splitlines()
         for node in ast.parse("\n".join(lines)).body:
-            if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Name):
+            if not isinstance(node, ast.Assign):
                 continue
-            name = node.targets[0].id
-            if not re.fullmatch("[A-Z][a-z]+[A-Za-z]*", name) or not isinstance(
+            name, first = ast.unparse(node.targets[0]), node.lineno - 1
+            if isinstance(node.value, ast.Call):
+                variables.add(name)  # a TypeVar, perhaps: elsewhere the name is another thing
+            if re.fullmatch("[A-Z][a-z]+[A-Za-z]*", name) and isinstance(
                 node.value, ast.BinOp | ast.Subscript
             ):
-                continue
-            first = last = node.lineno - 1
-            while lines[first - 1].startswith("#:"):
-                first -= 1
-            comment = " ".join(line[2:].strip() for line in lines[first:last])
-            found.setdefault(name, (ast.unparse(node.value), comment))
-    return found
+                start = first
+                while lines[start - 1].startswith("#:"):
+                    start -= 1
+                comment = " ".join(line[2:].strip() for line in lines[start:first])
+                found.setdefault(name, (ast.unparse(node.value), comment))
+    return {name: said for name, said in found.items() if name not in variables}
 
 
 def annotations() -> set[str]:
