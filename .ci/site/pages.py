@@ -298,15 +298,12 @@ def public(module: str) -> list[str]:
 def aliases() -> dict[str, tuple[str, str]]:
     """Names of types that the engine gives itself: what each stands for, and its comment."""
     found: dict[str, tuple[str, str]] = {}
-    variables = set()
     for path in sorted((ROOT / "vmdg").glob("*/*.py")):
         lines = path.read_text().splitlines()
         for node in ast.parse("\n".join(lines)).body:
             if not isinstance(node, ast.Assign):
                 continue
             name, first = ast.unparse(node.targets[0]), node.lineno - 1
-            if isinstance(node.value, ast.Call):
-                variables.add(name)  # a TypeVar, perhaps: elsewhere the name is another thing
             if re.fullmatch("[A-Z][a-z]+[A-Za-z]*", name) and isinstance(
                 node.value, ast.BinOp | ast.Subscript
             ):
@@ -315,7 +312,7 @@ def aliases() -> dict[str, tuple[str, str]]:
                     start -= 1
                 comment = " ".join(line[2:].strip() for line in lines[start:first])
                 found.setdefault(name, (ast.unparse(node.value), comment))
-    return {name: said for name, said in found.items() if name not in variables}
+    return found
 
 
 def annotations() -> set[str]:
@@ -324,12 +321,19 @@ def annotations() -> set[str]:
     names |= {name for module in MODULES[1:] for name in public(module)}
     words: set[str] = set()
     for path in (ROOT / "vmdg").glob("*/*.py"):
-        for item in ast.parse(path.read_text()).body:
+        body = ast.parse(path.read_text()).body
+        # A TypeVar may have the name of a type of another module.
+        variables = {
+            ast.unparse(item.targets[0])
+            for item in body
+            if isinstance(item, ast.Assign) and isinstance(item.value, ast.Call)
+        }
+        for item in body:
             if getattr(item, "name", None) not in names:
                 continue
             for node in ast.walk(item):
                 if isinstance(node, ast.arg | ast.AnnAssign) and node.annotation:
-                    words |= set(re.findall(r"\w+", ast.unparse(node.annotation)))
+                    words |= set(re.findall(r"\w+", ast.unparse(node.annotation))) - variables
     return words
 
 
