@@ -321,19 +321,17 @@ def annotations() -> set[str]:
     names |= {name for module in MODULES[1:] for name in public(module)}
     words: set[str] = set()
     for path in (ROOT / "vmdg").glob("*/*.py"):
-        body = ast.parse(path.read_text()).body
-        # A TypeVar may have the name of a type of another module.
-        variables = {
-            ast.unparse(item.targets[0])
-            for item in body
-            if isinstance(item, ast.Assign) and isinstance(item.value, ast.Call)
-        }
-        for item in body:
+        for item in ast.parse(path.read_text()).body:
             if getattr(item, "name", None) not in names:
                 continue
-            for node in ast.walk(item):
-                if isinstance(node, ast.arg | ast.AnnAssign) and node.annotation:
-                    words |= set(re.findall(r"\w+", ast.unparse(node.annotation))) - variables
+            members = item.body if isinstance(item, ast.ClassDef) else [item]
+            for member in members:
+                name = getattr(member, "name", "")
+                if name.startswith("_") and name != "__init__":
+                    continue
+                for node in ast.walk(member):
+                    if isinstance(node, ast.arg | ast.AnnAssign) and node.annotation:
+                        words |= set(re.findall(r"\w+", ast.unparse(node.annotation)))
     return words
 
 
