@@ -59,8 +59,14 @@ def environment() -> Path:
     if not (folder / "complete").exists():
         print(f"installing Sphinx in {folder}", flush=True)
         shutil.rmtree(folder, ignore_errors=True)
-        venv.create(folder, with_pip=True)
-        subprocess.run([python, "-m", "pip", "install", "--quiet", *wanted], check=True)
+        try:
+            venv.create(folder, with_pip=True)
+            subprocess.run([python, "-m", "pip", "install", "--quiet", *wanted], check=True)
+        except subprocess.CalledProcessError as error:
+            sys.exit(
+                f"Sphinx could not be installed ({error}): without a network or python3-venv, "
+                'have "pip install .[docs]" in an environment of your own, and build there'
+            )
         (folder / "complete").touch()
     return python
 
