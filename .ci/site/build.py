@@ -64,8 +64,8 @@ def environment() -> Path:
             subprocess.run([python, "-m", "pip", "install", "--quiet", *wanted], check=True)
         except subprocess.CalledProcessError as error:
             sys.exit(
-                f"Sphinx could not be installed (exit code {error.returncode}): without a network or python3-venv, "
-                'have "pip install .[docs]" in an environment of your own, and build there'
+                f"Sphinx could not be installed (exit code {error.returncode}): without a network "
+                'or python3-venv, "pip install .[docs]" in an environment of your own, build there'
             )
         (folder / "complete").touch()
     return python

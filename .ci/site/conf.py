@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,6 +15,7 @@ ROOT = HERE.parents[1]
 sys.path[:0] = [str(HERE), str(ROOT)]
 
 from docstrings import readable  # noqa: E402
+from pages import aliases  # noqa: E402
 
 # What vmdg imports and this machine has not is replaced, so that docstrings can be read without
 # FEniCSx. Some modules of vmdg look into it when they are imported: they compare versions and the
@@ -44,11 +44,10 @@ extensions = [
 ]
 nitpicky = False  # types of packages that are not linked have no targets
 # A name such as Parameter is shorter than what it stands for; what it may be is in the words.
-autodoc_type_aliases = {
-    name: name
-    for path in [*(ROOT / "vmdg").glob("*/*.py"), *(ROOT / "vmdg").glob("*.py")]
-    for name in re.findall(r"^([A-Z][a-z]\w+) = (?!TypeVar).*[\[|]", path.read_text(), re.MULTILINE)
-} | {"Array": "NDArray", "ArrayLike": "ArrayLike"}
+autodoc_type_aliases = {name: name for name in aliases()} | {
+    "Array": "NDArray",
+    "ArrayLike": "ArrayLike",
+}
 TypeAliasForwardRef.__repr__ = lambda self: self.name
 autosummary.WELL_KNOWN_ABBREVIATIONS += ("eq.", "eqs.", "St.")
 

@@ -301,9 +301,13 @@ def aliases() -> dict[str, tuple[str, str]]:
     for path in sorted((ROOT / "vmdg").glob("*/*.py")):
         lines = path.read_text().splitlines()
         for node in ast.parse("\n".join(lines)).body:
-            if not isinstance(node, ast.Assign):
+            if isinstance(node, ast.AnnAssign) and node.value:  # Value: TypeAlias = ...
+                target = node.target
+            elif isinstance(node, ast.Assign):
+                target = node.targets[0]
+            else:
                 continue
-            name, first = ast.unparse(node.targets[0]), node.lineno - 1
+            name, first = ast.unparse(target), node.lineno - 1
             if re.fullmatch("[A-Z][a-z]+[A-Za-z]*", name) and isinstance(
                 node.value, ast.BinOp | ast.Subscript
             ):
