@@ -6,7 +6,6 @@ import ast
 import inspect
 import re
 import runpy
-import subprocess
 import textwrap
 from collections.abc import Iterator
 from dataclasses import is_dataclass
@@ -81,7 +80,7 @@ def test_equation_is_where_the_table_says(row):
 # Docstrings of public names
 
 #: Modules of the reference: names by ``__all__``, or all that are defined there.
-MODULES = runpy.run_path(str(ROOT / ".ci" / "reference.py"))["MODULES"]
+MODULES = runpy.run_path(str(ROOT / ".ci" / "site" / "pages.py"))["MODULES"]
 
 
 def public() -> Iterator[tuple[str, object]]:
@@ -226,14 +225,6 @@ def test_errors_are_documented():
                 silent.append(f"{where}: {name}")
     assert counted > 20
     assert not silent
-
-
-def test_reference_is_one_command():
-    """``.ci/reference`` explains itself, and all its modules say what they are."""
-    command = ["bash", str(ROOT / ".ci" / "reference"), "--help"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout.startswith("usage: .ci/reference [FOLDER]")
-    assert all(import_module(module).__doc__ for module in MODULES)
 
 
 def test_public_names_are_few_and_known():

@@ -26,7 +26,7 @@ OTHERS = ("git", "cd", "export", "conda", "docker", "source", "neper", "mypy", "
 OTHER_MODULES = ("code", "pip", "jupyterlab", "MODULE")
 
 FENCED = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
-OURS = r"(?:demos/run|tests/run|.ci/reference|python3? -m vmdg)\b"
+OURS = r"(?:demos/run|tests/run|.ci/site/build.py|python3? -m vmdg)\b"
 
 
 class Parsed(Exception):
