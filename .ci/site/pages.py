@@ -30,6 +30,7 @@ PAGES = {
     "speed": "demos/SPEED.md",
     "gallery": "demos/README.md",
     "contributing": ".github/CONTRIBUTING.md",
+    "changes": ".github/CHANGELOG.md",
 }
 
 #: Pages that become one page for each of their headings, down to this level.
