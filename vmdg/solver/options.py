@@ -99,7 +99,7 @@ class PathOptions:
     drag: float = 1e-3
     idle: int = 100
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for one in fields(self):
             _check(self, one.name, *_POSITIVE)
 
@@ -197,7 +197,7 @@ class SolveOptions:
     checkpoint: str | Path | None = None
     checkpoint_every: int = 10
 
-    def __post_init__(self, petsc_options: Petsc | None):
+    def __post_init__(self, petsc_options: Petsc | None) -> None:
         for name, (words, fits) in VALUES.items():
             _check(self, name, words, fits)
         if petsc_options is None:
