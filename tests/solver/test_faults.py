@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -372,7 +373,7 @@ def test_job_ends(tmp_path, name):
 
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own ranks")
 def test_call_of_all_that_one_rank_makes(tmp_path):
-    """Nothing fails, and nothing can go on: the rank that waits says so."""
+    """Nothing fails, and nothing can go on: the ranks that wait say so, in any order."""
     body = """
     def monitor(problem):
         return {"force": problem.reaction(facets.find(1))[0]} if comm.rank == 0 else None
@@ -388,5 +389,5 @@ def test_call_of_all_that_one_rank_makes(tmp_path):
     process.terminate()
     process.communicate()
     killer.cancel()
-    assert "rank 1 has waited 30 s for rank 0" in told
-    assert "that only some ranks make" in told
+    others = "(1 has waited 30 s for rank 0|0 has waited 30 s in problem.reaction for the other)"
+    assert re.search(f"rank {others}.* that only some", told)
