@@ -6,7 +6,6 @@ import json
 import mmap
 from collections.abc import Callable, Collection, Iterator
 from numbers import Real
-from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 from xml.etree import ElementTree
@@ -19,7 +18,7 @@ from dolfinx.io import XDMFFile
 from dolfinx.mesh import GhostMode, meshtags
 
 from vmdg.base.parallel import warn_together
-from vmdg.base.words import near_keywords
+from vmdg.base.words import checked_path, near_keywords
 from vmdg.domain.tags import NamedTags, names_of
 
 from .abaqus import read_abaqus
@@ -92,7 +91,7 @@ def read_mesh(
         TypeError: the path is none.
         ImportError: meshio is needed and not installed.
     """
-    path = _checked_path("read_mesh", path)
+    path = checked_path("read_mesh: path", path)
     try:
         grids, words = _on_root(comm, lambda: _door(path))
         if grids:
@@ -112,12 +111,6 @@ def read_mesh(
         raise ValueError(f"read_mesh: {path}: {error}") from None
     except ImportError as error:
         raise ImportError(f"read_mesh: {path}: {error}") from None
-
-
-def _checked_path(what: str, path: str | Path) -> Path:
-    if not isinstance(path, str | PathLike):
-        raise TypeError(f"{what}: path = {path!r} must be a str or a Path")
-    return Path(path)
 
 
 def _on_root(comm: MPI.Comm, call: Callable[[], T]) -> T:
@@ -356,7 +349,7 @@ def write_mesh(tagged: TaggedMesh, path: str | Path) -> None:
         ValueError: another ending.
         TypeError: the mesh comes without tags, or the path is none.
     """
-    if _checked_path("write_mesh", path).suffix != ".xdmf":
+    if checked_path("write_mesh: path", path).suffix != ".xdmf":
         raise ValueError(f"write_mesh: {path} must end in .xdmf")
     if not isinstance(tagged, tuple) or len(tagged) != 3:
         raise TypeError(

@@ -90,13 +90,7 @@ def same_call(
         return
     others = comm.Ibarrier()
     if not within(reminder, others.Test):
-        print(
-            f"vmdg: rank {comm.rank} has waited {reminder:.3g} s in {call} for the other ranks. If "
-            "they never come, look for a call of all ranks that only some make, under `if rank == "
-            "0` for example",
-            file=sys.stderr,
-            flush=True,
-        )
+        _remind(comm, f"{reminder:.3g} s in {call} for the other ranks")
         others.Wait()
     calls = comm.allgather((call, tuple(given)))
     first, said = calls[0]
@@ -150,14 +144,20 @@ def _received(comm: MPI.Comm, source: int, mine: BaseException | None) -> bytes 
             end_job(
                 f"rank {comm.rank} has failed (above) while others wait for it in a call of all"
             )
-        print(
-            f"vmdg: rank {comm.rank} has waited {REMINDER:.0f} s for rank {source} to end a "
-            "function of yours (monitor, until, a load). If it never does, look for a call of all "
-            "ranks, such as problem.reaction, that only some ranks make",
-            file=sys.stderr,
-            flush=True,
-        )
+        what = f"for rank {source} to end a function of yours (monitor, until, a load)"
+        _remind(comm, f"{REMINDER:.3g} s {what}")
     return comm.recv(source=source, tag=_TAG)
+
+
+def _remind(comm: MPI.Comm, waited: str) -> None:
+    """Say how long this rank has waited, and what may be the reason."""
+    print(
+        f"vmdg: rank {comm.rank} has waited {waited}. If this never ends, look for a call of all "
+        "ranks, such as problem.reaction, that only some ranks make, under `if rank == 0` for "
+        "example",
+        file=sys.stderr,
+        flush=True,
+    )
 
 
 def _packed(error: BaseException, rank: int) -> bytes:

@@ -1,4 +1,4 @@
-"""Words for what users get wrong most: names that do not exist, functions of one point."""
+"""Words for what users get wrong most: names that do not exist, functions of one point, paths."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
 from functools import wraps
+from os import PathLike
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 Called = TypeVar("Called", bound=Callable[..., Any])
@@ -25,6 +27,21 @@ def near(name: str, names: Iterable[str], others: Mapping[str, str] | None = Non
     if name.lower() in lower:
         close = {lower[name.lower()]: None}
     return f". Did you mean {' or '.join(map(repr, close))}?" if close else ""
+
+
+def checked_path(what: str, path: Any) -> Path:
+    """A path that a user gives.
+
+    Args:
+        what: Function and argument, for the message.
+        path: What is given.
+
+    Raises:
+        TypeError: it is no path.
+    """
+    if not isinstance(path, str | PathLike):
+        raise TypeError(f"{what} = {path!r} must be a str or a Path")
+    return Path(path)
 
 
 def at_points(function: Callable[..., Any], *arguments: Any, what: str = "") -> Any:

@@ -19,7 +19,6 @@ one exactly, and on another number but for rounding.
 from __future__ import annotations
 
 from dataclasses import asdict
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +33,7 @@ from .. import __version__
 from ..assembly.discretization import Discretization
 from ..base.claims import Claim
 from ..base.parallel import global_sum, raise_together
+from ..base.words import checked_path
 from ..domain.topology import mark_everywhere
 from ..output.history import History
 from ..problem.problem import Problem
@@ -89,13 +89,9 @@ def claim_checkpoint(comm: MPI.Comm, folder: str | Path) -> Claim:
         OSError: another run writes there, or nobody can; on all ranks.
     """
     what = f"the checkpoint in {folder}"
-    return Claim(comm, _path(folder) / "checkpoint.lock", what, nested=True)
-
-
-def _path(folder: str | Path) -> Path:
-    if not isinstance(folder, str | PathLike):
-        raise TypeError(f"checkpoint: folder = {folder!r} must be a str or a Path")
-    return Path(folder)
+    return Claim(
+        comm, checked_path("checkpoint: folder", folder) / "checkpoint.lock", what, nested=True
+    )
 
 
 def _check_problem(problem: Problem) -> None:
@@ -162,7 +158,7 @@ def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
         TypeError: the problem is none, or the folder is no path.
     """
     _check_problem(problem)
-    found = read_description(problem.comm, _path(folder), FORMAT)
+    found = read_description(problem.comm, checked_path("checkpoint: folder", folder), FORMAT)
     if found is None:
         return None
     slot, about = found

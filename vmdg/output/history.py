@@ -8,7 +8,6 @@ import json
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, KeysView, Mapping, Sequence
-from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from ..base.claims import Claim
 from ..base.parallel import raise_together
 from ..base.tables import html_table, short
+from ..base.words import checked_path
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -219,10 +219,8 @@ class HistoryFile:
     """
 
     def __init__(self, comm: MPI.Comm, path: str | Path | None, history: History):
-        if not (path is None or isinstance(path, str | PathLike)):
-            raise TypeError(f"history: csv = {path!r} must be a str or a Path")
         self._comm = comm
-        self._path = None if path is None else Path(path)
+        self._path = None if path is None else checked_path("history: csv", path)
         self._history = history
         self._file: BinaryIO | None = None
         self._claim: Claim | None = None

@@ -100,7 +100,7 @@ class Corrector:
         """
         problem, krylov, scales = self._problem, self._system.iterations, self._problem.step.scales
         self._system.lags = False
-        iteration = _Iteration(problem, self._options, self._system, limits, dt)
+        iteration = _Iteration(problem, self._options, self._system, self._size, limits, dt)
         with timer("predictor"):
             iteration.predict(last)
         self._snes.setFunction(iteration.residual, self._residual)
@@ -118,8 +118,8 @@ class Corrector:
         if self._own:
             warn_of_unused(self._snes)
         reason = self._snes.getConvergedReason()
-        # The forces of a state that is given up say nothing about the run.
         found = iteration.attempt()
+        # The forces of a state that is given up say nothing about the run.
         if reason > 0:
             scales = problem.step.scales.with_forces(reaction=iteration.reaction())
             self._warn_of_rounding(found.norms[-1], scales.reaction)
@@ -170,7 +170,13 @@ class _Iteration:
     """The iteration of one attempt: what PETSc asks of residual, matrix and linear solver."""
 
     def __init__(
-        self, problem: Problem, options: SolveOptions, system: System, limits: Limits, dt: float
+        self,
+        problem: Problem,
+        options: SolveOptions,
+        system: System,
+        size: float,
+        limits: Limits,
+        dt: float,
     ):
         self._problem, self._comm, self._step = problem, problem.comm, problem.step
         self._discretization, self._loading = problem.discretization, problem.loading
@@ -179,7 +185,7 @@ class _Iteration:
         self._options, self._numbers, self._system = options, options.path, system
         self._limits, self._dt = limits, dt
         self._parameter = parameter_of(problem, system, limits)
-        self._size = float(np.linalg.norm(box_sides(problem.mesh)))
+        self._size = size
         self._start = self._place()
         self._along: Array | None = None  # unit tangent of the path, the way of the step
         # Of the work, at the last return map, or that of the last step while zeta is held.

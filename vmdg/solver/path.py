@@ -248,10 +248,10 @@ class Path:
         """Where a first attempt ends."""
         size, scales = self._size, self._problem.step.scales
         limits = Limits(self._problem.t, stage.target, stage.span, self._numbers.small * stage.most)
-        if stage.follows and self._stalls(stage):
-            # Where all that is pressed slides, for example, neither work nor way leads on.
-            return limits
         if stage.follows:
+            if self._stalls(stage):
+                # Where all that is pressed slides, for example, neither work nor way leads on.
+                return limits
             work = scales.work if scales.breaking else math.inf
             return replace(limits, work=work, way=size.way)
         stride = size.stride

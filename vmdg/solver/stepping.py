@@ -44,7 +44,7 @@ def solve(
     Args:
         problem: Changed in place; ends in the state of the last load factor.
         loads: Load factors to reach, one after the other; an int is so many equal steps to 1.
-        options: See :class:`SolveOptions`.
+        options: See :class:`SolveOptions`; those of rank 0 hold on all ranks.
         monitor: Called after every converged step, on all ranks; the numbers that it returns join
             the history row, by names that may say their unit: "force [N]" is column "force". They
             are the same on every rank, and the problem stays as it is.
