@@ -42,6 +42,28 @@ def test_two_steps_foretell_a_little(comm, factor):
     assert told == (factor > 1)
 
 
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+def test_a_load_factor_is_no_length(comm, unit):
+    """Pi = u^2 t^2 of a displacement u and a load factor t, in seconds or pascals for example."""
+
+    def foretold(unit):
+        u, t = np.array([0.0, 1.0, 1.7]), np.array([0.0, 1.0, 1.8])
+        z, f = np.array([u, t * unit]), np.array([2 * u * t**2, 2 * u**2 * t / unit])
+        z, f = (np.diff(a) * (comm.rank == 0) for a in (z, f))
+        first, *_ = next_arc(comm, None, f[:, 0], z[:, 0], 1.0, 1)
+        return next_arc(comm, first, f[:, 1], z[:, 1], 1.0, 1)[1]
+
+    assert foretold(unit) == pytest.approx(foretold(1.0), rel=1e-12)
+    assert foretold(1.0) != 0
+
+
+def test_a_body_at_rest_whose_load_factor_changes(comm):
+    """Nothing is foretold of it: eigenstrains may do work on stress alone."""
+    z = np.array([0.0, 1.0 * (comm.rank == 0)])
+    assert next_arc(comm, None, z, z, 1.0, 1)[1:] == (0.0, False)
+    assert next_arc(comm, None, 0 * z, 0 * z, 1.0, 1)[1:] == (0.0, True)
+
+
 @pytest.mark.parametrize("known", [True, False])
 def test_a_path_that_turns_foretells_nothing(comm, known):
     """A step at .3 or .4 rad to the one before; the forces are those of a spring."""

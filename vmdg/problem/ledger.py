@@ -234,7 +234,8 @@ class Ledger:
         at_rest = rated and held and not begun.slowed and begun.cycles == 0
         if (at_rest or not held) and not (now.bodies.small or now.surface.fluids):
             so_far, last = self.works.external[0] + mean + work, self.works.arc
-            arc, curved, told = next_arc(self._comm, last, ends[1] - ends[0], change, so_far)
+            forces, lengths = ends[1] - ends[0], len(change) - 1
+            arc, curved, told = next_arc(self._comm, last, forces, change, so_far, lengths)
             gap = change[now.owned : -1]
             pending = None if told else self._pending(slopes, gap, curved, at_rest)
             self.works = replace(self.works, arc=arc, pending=pending)

@@ -16,7 +16,7 @@ At the ends phi is a matter of the loads, which are in equilibrium with F there:
 rule is the work of the mean of the loads on du. It is exact for linear bodies, however zeta goes
 from one end to the other. At finite strain the integral is less by phi''/12 = D3Pi[dz, dz, dz]/12,
 third order in the step. Two steps a and b, one after the other, with changes f of dPi/dz and
-lengths l = |dz|, foretell that:
+lengths l = |dz|, in which the load factor has no part, foretell that:
 
     X = f_a.dz_b - f_b.dz_a = -D3Pi[dz_a, dz_b, dz_a + dz_b]/2,
     D3Pi[dz_b, dz_b, dz_b] = -2 l_b^2/(l_a (l_a + l_b)) X  if the path goes straight on.
@@ -58,8 +58,8 @@ class Arc(NamedTuple):
 
     Attributes:
         forces: Change of dPi/dz, owned dofs and points [N].
-        z: Change of displacement and gap, owned dofs and points [mm].
-        length: Its norm [mm].
+        z: Change of displacement and gap, owned dofs and points [mm], and of the load factor.
+        length: Norm of that of displacement and gap [mm].
         work: Size of the work of the run so far [N mm].
     """
 
@@ -70,7 +70,12 @@ class Arc(NamedTuple):
 
 
 def next_arc(
-    comm: MPI.Comm, last: Arc | None, forces: Array, z: Array, work: float
+    comm: MPI.Comm,
+    last: Arc | None,
+    forces: Array,
+    z: Array,
+    work: float,
+    lengths: int | None = None,
 ) -> tuple[Arc, float, bool]:
     """The arc of a step, what the integral is more than the trapezoidal rule has [N mm], as two
     steps foretell it, and whether that will do; collective.
@@ -81,15 +86,19 @@ def next_arc(
         comm: Of the problem.
         last: The step before it; None where the path does not go on from there.
         forces: Change of dPi/dz, owned dofs and points [N].
-        z: Change of displacement and gap, owned dofs and points [mm].
+        z: Change of displacement and gap, owned dofs and points [mm], and of the load factor.
         work: Of the run so far, this rank's [N mm].
+        lengths: How many of z are lengths, the first ones; None for all.
     """
     before = 0.0 if last is None else last.forces @ z - forces @ last.z
-    along = 0.0 if last is None else last.z @ z
-    crossed, along, square, work = global_sum(comm, [before, along, z @ z, work])
+    # A load factor may have any unit and is not added to lengths.
+    moved, rest = z[:lengths], z[len(z) if lengths is None else lengths :]
+    along = 0.0 if last is None else last.z[:lengths] @ moved
+    sums = [before, along, moved @ moved, work, np.abs(rest).sum()]
+    crossed, along, square, work, led = global_sum(comm, sums)
     arc = Arc(forces, z, float(np.sqrt(square)), abs(work))
     if arc.length == 0:
-        return arc, 0.0, True
+        return arc, 0.0, bool(led == 0)
     if last is None or last.length == 0:
         return arc, 0.0, False
     more = crossed * arc.length**2 / (6 * last.length * (last.length + arc.length))
