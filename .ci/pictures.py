@@ -24,7 +24,9 @@ PAGES = [ROOT / "README.md", ROOT / "demos" / "ACCURACY.md"]
 
 _FINE = "fibre_matrix --element-size .05 --critical-gap .01"
 _MANY = f"{_FINE} --fibres 5 --cell triangle --activate on-demand"
-_ENVELOPE = "fibre_cell --fibres 12 --cells 2 --directions 7 --seeds 2 --end .018 --steps 6"
+_ENVELOPE = (
+    "fibre_cell_strengths --fibres 12 --cells 2 --directions 7 --seeds 2 --end .018 --steps 6"
+)
 
 #: By name a command and what it makes, each with its name in the gallery where that is another.
 COMMANDS = {
@@ -40,27 +42,28 @@ COMMANDS = {
     "tutorial_material": ("tutorial_material", "tutorial_material.png"),
     "tutorial_laminate": ("tutorial_laminate", "tutorial_laminate.png"),
     "buckling": ("buckling", "buckling.png"),
-    "fibre_matrix": ("fibre_matrix", "fibre_matrix_stages.png"),
+    "fibre_matrix": ("fibre_matrix", "fibre_matrix.png"),
     "film": (f"{_FINE} --growth 1.04 --animate", "fibre_matrix.gif"),
-    "fibres_many": (_MANY, "fibre_matrix_stages.png=fibres_many_stages.png"),
-    "fibre_cell": ("fibre_cell", "fibre_cell_0_0.png=fibre_cell.png"),
+    "fibres_many": (_MANY, "fibre_matrix.png=fibres_many.png"),
+    "fibre_cell": ("fibre_cell", "fibre_cell.png"),
     "envelope": (_ENVELOPE, "envelope.png=fibre_cell_envelope.png"),
-    "polycrystal": ("polycrystal", "polycrystal_0.png=polycrystal.png"),
+    "polycrystal": ("polycrystal", "polycrystal.png"),
     "polycrystal_solid": (
         "polycrystal --solid --grains 6 --seed 1 --cells 2 --end .01",
-        "polycrystal_1.png=polycrystal_solid.png",
+        "polycrystal.png=polycrystal_solid.png",
     ),
     "pushout": ("pushout", "pushout.png"),
+    "pushout_report": ("pushout_parameters", "pushout_report.png"),
     "pushout_friction": (
-        "pushout --study friction",
+        "pushout_parameters --study friction",
         "pushout_friction.png pushout_friction.md",
     ),
-    "pushout_modulus": ("pushout --study modulus", "pushout_modulus.md"),
-    "pushout_mesh": ("pushout --study mesh", "pushout_mesh.png pushout_mesh.md"),
-    "pushout_steps": ("pushout --study steps", "pushout_steps.md"),
-    "pushout_solid": ("pushout --solid", "pushout_levels.png=pushout_solid_levels.png"),
-    "tearing": ("tearing --mesh all", "tearing_neo-hookean.png"),
-    "tearing_ogden": ("tearing --material ogden --mesh all", "tearing_ogden_contours.png"),
+    "pushout_modulus": ("pushout_parameters --study modulus", "pushout_modulus.md"),
+    "pushout_mesh": ("pushout_parameters --study mesh", "pushout_mesh.png pushout_mesh.md"),
+    "pushout_steps": ("pushout_parameters --study steps", "pushout_steps.md"),
+    "pushout_solid": ("pushout --solid", "pushout.png=pushout_solid.png"),
+    "tearing": ("tearing", "tearing_neo-hookean.png"),
+    "tearing_ogden": ("tearing --material ogden", "tearing_ogden.png"),
     "verification": ("verification", "verification.png verification.md"),
     "delamination": (
         "delamination",
@@ -72,6 +75,7 @@ COMMANDS = {
         "benchmark precision",
         "precision.png=benchmark_precision.png precision.csv=benchmark_precision.csv",
     ),
+    "tearing_meshes": ("tearing_meshes", "tearing_meshes_neo-hookean.png=tearing_meshes.png"),
     "convergence": ("convergence", "convergence.png convergence.md convergence.csv"),
 }
 
@@ -84,7 +88,8 @@ def make(name: str) -> bool:
     folder.mkdir(parents=True)
     script, *options = command.replace("OUT", str(folder)).split()
     if not script.startswith("."):
-        script, options = f"demos/{script}.py", [*options, "--out", str(folder)]
+        (script,) = (ROOT / "demos").glob(f"**/{script}.py")
+        options += ["--out", str(folder)]
     with open(folder / "log", "w") as log:
         run = [sys.executable, str(ROOT / script), *options]
         done = subprocess.run(run, stdout=log, stderr=log, check=False).returncode == 0

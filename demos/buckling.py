@@ -2,21 +2,71 @@
 
 Plane strain, right half. A layer h = .5 mm thick on a body of H = 4 mm is debonded over L = 20 mm;
 the body lies on a smooth table, its ends are pushed together by a strain e. That the layer is not
-quite plane, by 1/500 of its thickness, is the imperfection that lifts it. The closed forms
-(``helpers/buckling.py``) clamp it at the ends of the crack. The body is no rigid clamp, L is longer
-by less than h at each end: the layer buckles 7% earlier.
+quite plane, by 1/500 of its thickness, is the imperfection that lifts it. The body is no
+rigid clamp as in closed forms, L is longer by less than h at each end: it buckles 7% earlier.
+
+Clamped at the ends of a crack of length L the layer of thickness h buckles when the strain e' of
+the body of height H below it is
+
+    e_c = pi^2/3 (h/L)^2,    and rises by    w = 2 L/pi sqrt(e' - e_c).
+
+The crack grows when (Chai, Babcock and Knauss 1981, for a body that yields as the layer buckles)
+
+    G = E' h/2 (e' - e_c) (k (e' - e_c) + 4 e_c) = G_c,    E' = E/(1 - nu^2),  k = H/(H + h).
 """
 
 from __future__ import annotations
 
+import argparse
+
+from mpi4py import MPI
+
 import matplotlib.pyplot as plt
 import numpy as np
-from helpers.buckling import CRACK, WIDTH, at_ends, build, critical, growth
-from helpers.options import run
+from dolfinx.mesh import MeshTags
 
 import vmdg
-from vmdg.base.parallel import global_max
-from vmdg.meshes.plate import RIGHT
+from vmdg.meshes import tearing
+from vmdg.meshes.plate import BOTTOM, LEFT, RIGHT
+
+BODY, LAYER, CRACK, WIDTH = 4.0, 0.5, 10.0, 30.0  # mm; half of the crack, of the width
+WAVE = LAYER / 500  # mm
+E, NU, STRENGTH, ENERGY = 70e3, 0.3, 100.0, 1.2  # MPa, MPa, N/mm
+BOND = vmdg.Debonding(strength=STRENGTH, critical_gap=2 * ENERGY / STRENGTH)
+
+
+def build(cells: int) -> tuple[vmdg.Problem, MeshTags]:
+    """The problem, its load factor the strain of the ends, and its facets; cells along a mm."""
+    divisions = int(cells * WIDTH), 4, 1
+    mesh, tags, facets = tearing(
+        MPI.COMM_WORLD, "quadrilateral", WIDTH, BODY, LAYER, divisions, CRACK
+    )
+    x, y, _ = mesh.geometry.x.T
+    y += WAVE * np.cos(np.pi / 2 * x / CRACK) ** 2 * (x < CRACK) * (y > BODY - 1e-9)
+    bodies = dict.fromkeys((1, 2), vmdg.NeoHookean(E=E, nu=NU))
+    problem = vmdg.Problem(mesh, tags, bodies, [vmdg.Interface(between=(1, 2), law=BOND)], degree=2)
+    problem.dirichlet(facets.find(LEFT), 0.0, "x")
+    problem.dirichlet(facets.find(BOTTOM), 0.0, "y")
+    problem.dirichlet(facets.find(RIGHT), lambda e: -WIDTH * e, "x")
+    return problem, facets
+
+
+def critical(crack: float) -> float:
+    """e_c of a layer that is debonded over 2 ``crack`` [mm]."""
+    return np.pi**2 / 12 * (LAYER / crack) ** 2
+
+
+def at_ends(below: float, crack: float) -> float:
+    """e, where the body below the layer has the strain e': the force is the same all along."""
+    bonded = (BODY * below + LAYER * critical(crack)) / (BODY + LAYER)
+    return (crack * below + (WIDTH - crack) * bonded) / WIDTH
+
+
+def growth(crack: float) -> float:
+    """e at which G = G_c."""
+    e_c, k = critical(crack), BODY / (BODY + LAYER)
+    root = np.sqrt(4 * e_c**2 + 2 * k * ENERGY * (1 - NU**2) / (E * LAYER))
+    return at_ends(e_c + (root - 2 * e_c) / k, crack)
 
 
 def draw(problem: vmdg.Problem, history: vmdg.History) -> plt.Figure:
@@ -38,43 +88,35 @@ def draw(problem: vmdg.Problem, history: vmdg.History) -> plt.Figure:
 
 
 def main(
-    cells: int = 4,
-    end: float = 0.0074,
-    steps: int = 16,
-    out: str = "results/buckling",
-    plot: bool = True,
-    verbose: bool = False,
+    cells: int = 4, end: float = 0.0074, steps: int = 16, out: str = "results/buckling"
 ) -> vmdg.History:
-    """Compress the ends; the history of the run.
-
-    Args:
-        cells: Along a mm.
-        end: Strain of the ends [-].
-        steps: Load steps.
-        out: Folder for picture and history.
-        plot: Draw the picture.
-        verbose: Print the residuals of every step.
-    """
+    """Compress the ends; the history of the run."""
     problem, facets = build(cells)
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         rise = problem.u.x.array.reshape(-1, 2)[:, 1].max(initial=0.0)
         return {
             "force [N]": -problem.reaction(facets.find(RIGHT))[0],
-            "rise [mm]": global_max(problem.comm, rise),
+            "rise [mm]": problem.comm.allreduce(rise, MPI.MAX),
             "crack [mm]": (WIDTH - CRACK) * problem.debonded(),
         }
 
-    shown = {"progress": True, "verbose": verbose, "csv": f"{out}/history.csv"}
-    options = vmdg.SolveOptions(energy=True, **shown)
+    options = vmdg.SolveOptions(energy=True, progress=True, csv=f"{out}/history.csv")
     history = vmdg.solve(problem, np.linspace(0, end, steps + 1)[1:], options, monitor).history
-    if plot and (figure := draw(problem, history)) and problem.comm.rank == 0:
-        figure.savefig(f"{out}/buckling.png", dpi=130)
+    figure = draw(problem, history)
     if problem.comm.rank == 0:
+        figure.savefig(f"{out}/buckling.png", dpi=130)
         print(f"buckles at {critical(CRACK):.3%}, grows at {growth(CRACK):.3%} by the closed forms")
         print(f"results are in {out}")
     return history
 
 
 if __name__ == "__main__":
-    run(main)
+    command = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    command.add_argument("--cells", type=int, default=4, help="along a mm")
+    command.add_argument("--end", type=float, default=0.0074, help="strain of the ends [-]")
+    command.add_argument("--steps", type=int, default=16, help="load steps")
+    command.add_argument("--out", default="results/buckling", help="folder for the results")
+    main(**vars(command.parse_args()))

@@ -1,76 +1,109 @@
-"""A composite fails across its fibres: periodic cells of glass in epoxy at random places.
+"""A composite fails across its fibres: a periodic cell of glass in epoxy at random places.
 
-Plane strain. The bond of the fibres fails first, then cracks run through the matrix along any
-facet. The mean strain turns from pull along x at 0 degrees over shear at 90 to pressure at 180:
-``--directions 4 --seeds 3`` makes an envelope of 12 runs, ``--seeds 10`` the scatter of the
-strength. Several runs are shared by the ranks of ``demos/run -n 2``, one by all of them; those that
-``strengths.csv`` has are not done again.
+Plane strain; lengths are in radii of a fibre. The bond of the fibres fails first, then cracks run
+through the matrix along any facet. The mean strain is turned from pull along x at 0 degrees over
+shear at 90 to pressure at 180, free of stress across. Many cells and directions, with mean and
+scatter of the strength beside bounds, are the study ``fibre_cell_strengths``.
 """
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 
 from mpi4py import MPI
 
+import matplotlib.pyplot as plt
 import numpy as np
-from helpers.fibre_cell import Study, draw_envelope
-from helpers.options import run
-from helpers.study import shared
+
+import vmdg
+from vmdg import meshes
+
+ELASTIC = {"fibre": (40e3, 0.33), "matrix": (4e3, 0.4)}  # E [MPa], nu
+BODIES = {name: vmdg.NeoHookean(E=E, nu=nu) for name, (E, nu) in ELASTIC.items()}
+BOND, MATRIX = (50.0, 0.07), (80.0, 0.14)  # strength [MPa], critical gap
+
+
+def make_mesh(
+    fibres: int, fraction: float, seed: int, cells: float, comm: MPI.Comm = MPI.COMM_WORLD
+) -> meshes.TaggedMesh:
+    """A cell of fibres of radius 1, with this many cells along a radius."""
+    size = np.sqrt(fibres * np.pi / fraction)
+    return meshes.fibre_cell(fibres, fraction, seed, size=size, element_size=1 / cells, comm=comm)
+
+
+def make_problem(tagged: meshes.TaggedMesh, angle: float, friction: float) -> vmdg.Problem:
+    """The cell under the mean strain xx = t cos, xy = t sin of an angle [degrees]."""
+    bond, matrix = (vmdg.Debonding(*law, friction=friction) for law in (BOND, MATRIX))
+    interfaces = [
+        vmdg.Interface(between=("fibre", "matrix"), law=bond, name="bond"),
+        vmdg.Interface(within="matrix", law=matrix, name="cracks"),
+    ]
+    # Where its component of the strain is not given, the cell is free of stress.
+    shares = {"xx": np.cos(np.radians(angle)), "xy": np.sin(np.radians(angle))}
+    strain = {name: lambda t, s=s: s * t for name, s in shares.items() if abs(s) > 1e-12}
+    kinds = {"kinematics": "small", "periodic": vmdg.Periodic(strain=strain)}
+    return vmdg.Problem(tagged.mesh, tagged.cell_tags, BODIES, interfaces, **kinds)
 
 
 def main(
     fibres: int = 7,
     fraction: float = 0.5,
-    directions: int = 1,
-    first: float = 0.0,
-    last: float = 90.0,
+    angle: float = 0.0,
     friction: float = 0.0,
-    seeds: int = 1,
     seed: int = 0,
     cells: float = 2.5,
     end: float = 0.02,
     steps: int = 8,
     animate: bool = False,
     out: str = "results/fibre_cell",
-    plot: bool = True,
-    verbose: bool = False,
-) -> np.ndarray:
-    """Load every cell in every direction beyond its strength; rows of its table.
+) -> vmdg.History:
+    """Load a cell beyond its strength; the history of the run."""
+    problem = make_problem(make_mesh(fibres, fraction, seed, cells), angle, friction)
+    cell, snapshots, peak = vmdg.PeriodicCell(problem), [], 0.0
+    stress = "stress_xx" if abs(np.cos(np.radians(angle))) > 0.7 else "stress_xy"
+    figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
 
-    Args:
-        fibres: Number of fibres.
-        fraction: Share of the area that they have [-].
-        directions: Of the mean strain, from the first to the last; 1 for the first alone.
-        first: Direction [degrees].
-        last: Direction [degrees].
-        friction: Of surfaces that have parted [-].
-        seeds: Number of cells.
-        seed: Of the first one.
-        cells: Along the radius of a fibre [-].
-        end: Size of the mean strain at the end [-].
-        steps: Given strains on the way.
-        animate: Make films, too.
-        out: Folder for pictures, histories and strengths.
-        plot: Draw the pictures.
-        verbose: Print the residuals of every step.
-    """
-    study = Study(Path(out), fibres, fraction, friction, cells, np.linspace(0, end, steps + 1)[1:])
-    angles, world = np.linspace(first, last, directions), MPI.COMM_WORLD
-    asked = [(float(n), angle) for n in range(seed, seed + seeds) for angle in angles]
-    runs, comm = shared(study.table.left(asked), len(asked) > 1)
-    for number, angle in runs:
-        study.run(int(number), angle, comm, plot, animate, verbose)
-    world.barrier()
-    rows = study.table.read()
-    if plot and len(asked) > 1:
-        draw_envelope(rows, study.folder / "envelope.png")
-    if world.rank == 0:
-        print(study.summary())
-    if left := study.table.left(asked):
-        raise RuntimeError(f"runs of these seeds and angles have stopped before they fail: {left}")
-    return rows
+    def monitor(problem: vmdg.Problem) -> dict[str, float]:
+        nonlocal peak
+        row = cell.row()
+        if animate:
+            snapshots.append(problem.snapshot())
+        if abs(row[f"{stress} [MPa]"]) > peak:
+            peak = abs(row[f"{stress} [MPa]"])
+            axes[1].clear()
+            vmdg.plot.interface_points(problem, "damage", axes[1], limits=(0, 1))
+            axes[1].set_title(f"damage at the peak, {problem.t:.2%}")
+        return row
+
+    shown = {"progress": True, "show": ("stress_xx", "stress_xy"), "csv": f"{out}/history.csv"}
+    options = vmdg.SolveOptions(energy=True, **shown)
+    loads = np.linspace(0, end, steps + 1)[1:]
+    history = vmdg.solve(problem, loads, options, monitor).history
+    if animate:
+        film = Path(out) / "fibre_cell.gif"
+        vmdg.plot.animate(film, problem, snapshots, history, "load", stress, "mises", 3)
+    vmdg.plot.curve(history, "load", stress, ax=axes[0], origin=True, color="black")
+    axes[0].set(xlabel="size of the mean strain [-]")
+    vmdg.plot.stress(problem, "mises", magnify=3, ax=axes[2], edges=0)
+    if problem.comm.rank == 0:
+        figure.savefig(f"{out}/fibre_cell.png", dpi=130)
+        print(f"largest {stress} {peak:.4g} MPa; results are in {out}")
+    return history
 
 
 if __name__ == "__main__":
-    run(main)
+    command = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    command.add_argument("--fibres", type=int, default=7, help="number")
+    command.add_argument("--fraction", type=float, default=0.5, help="of the area [-]")
+    command.add_argument("--angle", type=float, default=0.0, help="of the strain [degrees]")
+    command.add_argument("--friction", type=float, default=0.0, help="of parted surfaces [-]")
+    command.add_argument("--seed", type=int, default=0, help="of the random places")
+    command.add_argument("--cells", type=float, default=2.5, help="along a radius [-]")
+    command.add_argument("--end", type=float, default=0.02, help="size of the strain [-]")
+    command.add_argument("--steps", type=int, default=8, help="given strains on the way")
+    command.add_argument("--animate", action="store_true", help="make a film, too")
+    command.add_argument("--out", default="results/fibre_cell", help="folder for the results")
+    main(**vars(command.parse_args()))

@@ -7,13 +7,13 @@ law softens, unloads without healing, closes at zero traction, holds by friction
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 
 from mpi4py import MPI
 
 import matplotlib.pyplot as plt
 import numpy as np
-from helpers.options import run
 
 import vmdg
 from vmdg.meshes import blocks
@@ -48,17 +48,8 @@ def draw(history: vmdg.History) -> plt.Figure:
     return figure
 
 
-def main(
-    steps: int = 200, out: str = "results/load_cycle", plot: bool = True, verbose: bool = False
-) -> vmdg.History:
-    """Follow the path; the history of the run.
-
-    Args:
-        steps: Load steps.
-        out: Folder for picture and history.
-        plot: Draw the picture.
-        verbose: Print the residuals of every step.
-    """
+def main(steps: int = 200, out: str = "results/load_cycle") -> vmdg.History:
+    """Follow the path; the history of the run."""
     mesh, cells, facets = blocks(MPI.COMM_WORLD, "quadrilateral")
     material = vmdg.NeoHookean(E=5000.0, nu=0.25)
     interface = vmdg.Interface(between=(1, 2), law=LAW)
@@ -77,15 +68,12 @@ def main(
         }
 
     loads = np.linspace(0, len(LEGS), steps + 1)[1:]
-    shown = {"progress": True, "show": ("normal", "shear"), "verbose": verbose}
-    options = vmdg.SolveOptions(
-        relative_tolerance=1e-11, energy=True, csv=Path(out) / "history.csv", **shown
-    )
+    shown = {"progress": True, "show": ("normal", "shear"), "csv": Path(out) / "history.csv"}
+    options = vmdg.SolveOptions(relative_tolerance=1e-11, energy=True, **shown)
     history = vmdg.solve(problem, loads, options, monitor).history
 
     if problem.comm.rank == 0:
-        if plot:
-            draw(history).savefig(Path(out) / "load_cycle.png", dpi=130)
+        draw(history).savefig(Path(out) / "load_cycle.png", dpi=130)
         share = np.abs(history["imbalance"]).max() / np.abs(history["external"]).max()
         print(f"{len(history)} steps; the energies balance to {share:.1e} of the external work")
         print(f"results are in {out}")
@@ -93,4 +81,9 @@ def main(
 
 
 if __name__ == "__main__":
-    run(main)
+    command = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    command.add_argument("--steps", type=int, default=200, help="load steps")
+    command.add_argument("--out", default="results/load_cycle", help="folder for the results")
+    main(**vars(command.parse_args()))

@@ -5,6 +5,7 @@ off the matrix, one after the other. Run it with ``demos/run tutorial``, then re
 bottom, copy it and change it. Units are N, mm and MPa throughout: forces per mm of thickness.
 """
 
+import argparse
 from pathlib import Path
 
 from mpi4py import MPI
@@ -12,7 +13,6 @@ from mpi4py import MPI
 import gmsh
 import matplotlib.pyplot as plt
 import numpy as np
-from helpers.options import run
 
 import vmdg
 from vmdg import plot
@@ -49,13 +49,7 @@ def ply(element_size: float) -> TaggedMesh:
 
 
 def main(element_size: float = 1e-3, steps: int = 30, out: str = "results/tutorial"):
-    """Pull the ply to a strain of 2.5 %; the history of the run.
-
-    Args:
-        element_size: Of the cells [mm].
-        steps: Load steps.
-        out: Folder for picture, table and ParaView files.
-    """
+    """Pull the ply to a strain of 2.5 %; the history of the run."""
     mesh, cells, sides = ply(element_size)
 
     # 2. Interface and law. The bond between fibres and matrix carries 50 MPa and is gone after
@@ -104,4 +98,10 @@ def main(element_size: float = 1e-3, steps: int = 30, out: str = "results/tutori
 
 
 if __name__ == "__main__":
-    run(main)
+    command = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    command.add_argument("--element-size", type=float, default=1e-3, help="of the cells [mm]")
+    command.add_argument("--steps", type=int, default=30, help="load steps")
+    command.add_argument("--out", default="results/tutorial", help="folder for the results")
+    main(**vars(command.parse_args()))

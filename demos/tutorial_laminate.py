@@ -6,13 +6,13 @@ The arms are opened, the crack runs; the load is set beside classical lamination
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 
 from mpi4py import MPI
 
 import matplotlib.pyplot as plt
 import numpy as np
-from helpers.options import run
 
 import vmdg
 from vmdg.meshes.plates import INTERFACE, LOWER_LEFT, RIGHT, UPPER_LEFT, plates
@@ -45,10 +45,10 @@ def theory(angles: list[float], opening: np.ndarray) -> np.ndarray:
 # 3. The test: a strip 2 mm wide that cannot contract sideways, cells of .5 mm where the crack runs,
 # facets glued by a bond of 40 MPa. Arms are mirrored, so that the crack is opened and not sheared.
 # More planes across y, and free sides, make it a specimen with a curved front: see
-# `studies/delamination/plies.py`.
+# `studies/parts/delamination/plies.py`.
 
 
-def open_arms(angles: list[float], openings: np.ndarray, verbose: bool) -> vmdg.History:
+def open_arms(angles: list[float], openings: np.ndarray) -> vmdg.History:
     """Open a crack of 30 mm in steps [mm]."""
     height, width = THICKNESS * len(angles), 2.0
     x = [*np.linspace(0, 28, 6), *np.arange(29, 52, 0.5), 54, 58, 70]
@@ -67,24 +67,16 @@ def open_arms(angles: list[float], openings: np.ndarray, verbose: bool) -> vmdg.
         load = problem.reaction(facets.find(UPPER_LEFT))[2] / width
         return {"opening [mm]": problem.t, "force [N/mm]": load} | crack()
 
-    options = vmdg.SolveOptions(progress=True, verbose=verbose, show=("force", "crack"))
+    options = vmdg.SolveOptions(progress=True, show=("force", "crack"))
     return vmdg.solve(problem, openings, options, monitor).history
 
 
-def main(
-    out: str = "results/tutorial_laminate", plot: bool = True, verbose: bool = False
-) -> dict[str, vmdg.History]:
-    """Test three laminates of the same plies; the history of each.
-
-    Args:
-        out: Folder for tables and picture.
-        plot: Draw the picture.
-        verbose: Print the residuals of every step.
-    """
+def main(out: str = "results/tutorial_laminate") -> dict[str, vmdg.History]:
+    """Test three laminates of the same plies; the history of each."""
     figure, (loads, resistance) = plt.subplots(1, 2, figsize=(9.5, 3.8), layout="constrained")
     openings, histories = np.linspace(0.1, 4.0, 40), {}
     for name, angles in LAYUPS.items():
-        histories[name] = history = open_arms(angles, openings, verbose)
+        histories[name] = history = open_arms(angles, openings)
         curve(history, "opening", "force", loads, origin=True, label=name)
         loads.plot(openings[13:], theory(angles, openings[13:]), "k--", lw=0.8, zorder=0)
         curve(history, "crack", "resistance", resistance)
@@ -95,10 +87,15 @@ def main(
         Path(out).mkdir(parents=True, exist_ok=True)
         for number, history in enumerate(histories.values()):
             history.to_csv(Path(out) / f"history_{number}.csv")
-        if plot:
-            figure.savefig(Path(out) / "tutorial_laminate.png", dpi=120)
+        figure.savefig(Path(out) / "tutorial_laminate.png", dpi=120)
     return histories
 
 
 if __name__ == "__main__":
-    run(main)
+    command = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    command.add_argument(
+        "--out", default="results/tutorial_laminate", help="folder for the results"
+    )
+    main(**vars(command.parse_args()))

@@ -7,6 +7,7 @@ and then peels a double cantilever beam, whose resistance rises while the bridge
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +15,6 @@ from mpi4py import MPI
 
 import matplotlib.pyplot as plt
 import numpy as np
-from helpers.options import run
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -152,9 +152,7 @@ def dissipation(law: BridgedDebonding, steps: int) -> float:
 # the same energy.
 
 
-def peel(
-    law: vmdg.Law, steps: int, opening: float, verbose: bool = False
-) -> tuple[vmdg.Problem, vmdg.History]:
+def peel(law: vmdg.Law, steps: int, opening: float) -> tuple[vmdg.Problem, vmdg.History]:
     """Pull the ends of both arms apart, by ``opening`` [mm] in all."""
     mesh, cells, facets = beams(stations=(0, 10, 40), divisions=(10, 60), precrack=10, rows=2)
     interface = vmdg.Interface(facets.find(INTERFACE), law=law)
@@ -171,41 +169,26 @@ def peel(
         return row | {"gap [mm]": gap, "traction [MPa]": traction}
 
     loads = np.linspace(0, opening, steps + 1)[1:]
-    options = vmdg.SolveOptions(
-        relative_tolerance=1e-8, energy=True, progress=True, verbose=verbose
-    )
+    options = vmdg.SolveOptions(relative_tolerance=1e-8, energy=True, progress=True)
     return problem, vmdg.solve(problem, loads, options, monitor).history
 
 
 def main(
-    steps: int = 40,
-    opening: float = 3.0,
-    out: str = "results/tutorial_law",
-    plot: bool = True,
-    verbose: bool = False,
+    steps: int = 40, opening: float = 3.0, out: str = "results/tutorial_law"
 ) -> dict[str, vmdg.History]:
-    """Check the law, then peel with it and without bridges; the history of both.
-
-    Args:
-        steps: Load steps.
-        opening: Of the ends of the arms, at the end [mm].
-        out: Folder for table and picture.
-        plot: Draw the picture.
-        verbose: Print the residuals of every step.
-    """
+    """Check the law, then peel with it and without bridges; the history of both."""
     bridged = BridgedDebonding(strength=30.0, bridging=3.0, knee=0.02, critical_gap=0.3)
     same = vmdg.Debonding(strength=30.0, critical_gap=2 * bridged.energy / 30.0)
     laws = {"with bridges": bridged, "one line, same energy": same}
     print(f"tangent off by {tangent_error(bridged):.1e}")
     print(f"dissipation {dissipation(bridged, 50):.6f}, closed form {bridged.energy:.6f} N/mm")
-    runs = {name: peel(law, steps, opening, verbose) for name, law in laws.items()}
+    runs = {name: peel(law, steps, opening) for name, law in laws.items()}
     histories = {name: history for name, (_, history) in runs.items()}
-    figure = picture(bridged, runs["with bridges"][0], histories) if plot else None
+    figure = picture(bridged, runs["with bridges"][0], histories)
     if MPI.COMM_WORLD.rank == 0:
         Path(out).mkdir(parents=True, exist_ok=True)
         histories["with bridges"].to_csv(Path(out) / "history.csv")
-        if figure:
-            figure.savefig(Path(out) / "tutorial_law.png", dpi=120)
+        figure.savefig(Path(out) / "tutorial_law.png", dpi=120)
         print(f"results are in {out}")
     return histories
 
@@ -231,4 +214,12 @@ def picture(
 
 
 if __name__ == "__main__":
-    run(main)
+    command = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    command.add_argument("--steps", type=int, default=40, help="load steps")
+    command.add_argument(
+        "--opening", type=float, default=3.0, help="of the ends of the arms, at the end [mm]"
+    )
+    command.add_argument("--out", default="results/tutorial_law", help="folder for the results")
+    main(**vars(command.parse_args()))

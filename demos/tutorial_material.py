@@ -7,6 +7,7 @@ together, are peeled at very large strains and rotations, as surgeons know it fr
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -15,7 +16,6 @@ from mpi4py import MPI
 import matplotlib.pyplot as plt
 import numpy as np
 import ufl
-from helpers.options import run
 from ufl.core.expr import Expr
 
 import vmdg
@@ -86,9 +86,7 @@ def check(theta: float = 30.0) -> tuple[float, float]:
 # closer to the direction of the strip, and along its axis. The bond spends .06 N/mm.
 
 
-def peel(
-    theta: float, steps: int, opening: float, verbose: bool = False
-) -> tuple[vmdg.Problem, vmdg.History]:
+def peel(theta: float, steps: int, opening: float) -> tuple[vmdg.Problem, vmdg.History]:
     """Grip the ends of two layers of .5 mm and pull them ``opening`` [mm] apart."""
     mesh, cells, facets = beams(
         stations=(0, 3, 10), divisions=(15, 50), height=0.5, rows=3, precrack=3
@@ -105,46 +103,42 @@ def peel(
         return {"opening [mm]": problem.t, "force [N]": problem.reaction(upper)[1]}
 
     loads = np.linspace(0, opening, steps + 1)[1:]
-    options = vmdg.SolveOptions(relative_tolerance=1e-8, progress=True, verbose=verbose)
+    options = vmdg.SolveOptions(relative_tolerance=1e-8, progress=True)
     return problem, vmdg.solve(problem, loads, options, monitor).history
 
 
 def main(
-    steps: int = 60,
-    opening: float = 12.0,
-    out: str = "results/tutorial_material",
-    plot: bool = True,
-    verbose: bool = False,
+    steps: int = 60, opening: float = 12.0, out: str = "results/tutorial_material"
 ) -> dict[str, vmdg.History]:
-    """Check the material, then peel strips of two directions; the history of both.
-
-    Args:
-        steps: Load steps.
-        opening: Of the grips, at the end [mm].
-        out: Folder for table and picture.
-        plot: Draw the picture.
-        verbose: Print the residuals of every step.
-    """
+    """Check the material, then peel strips of two directions; the history of both."""
     print("relative errors of traction and energy: {:.1e}, {:.1e}".format(*check()))
     figure, axes = plt.subplots(
         1, 3, figsize=(9.5, 4.2), width_ratios=(2, 2.4, 4), layout="constrained"
     )
     histories = {}
     for ax, (name, theta) in zip(axes, {"circumferential": 30, "axial": 60}.items(), strict=False):
-        problem, histories[name] = peel(theta, steps, opening, verbose)
-        if plot:
-            stress(problem, "principal", ax=ax, limits=(0, 0.2), colorbar=ax is axes[1])
-            ax.set(title=f"{name}\nfibres at {theta}°", xlim=(3.5, 10.2))
-            curve(histories[name], "opening", "force", axes[2], origin=True, label=name)
-            axes[2].legend()
+        problem, histories[name] = peel(theta, steps, opening)
+        stress(problem, "principal", ax=ax, limits=(0, 0.2), colorbar=ax is axes[1])
+        ax.set(title=f"{name}\nfibres at {theta}°", xlim=(3.5, 10.2))
+        curve(histories[name], "opening", "force", axes[2], origin=True, label=name)
+    axes[2].legend()
     if MPI.COMM_WORLD.rank == 0:
         Path(out).mkdir(parents=True, exist_ok=True)
         histories["axial"].to_csv(Path(out) / "history.csv")
-        if plot:
-            figure.savefig(Path(out) / "tutorial_material.png", dpi=120)
+        figure.savefig(Path(out) / "tutorial_material.png", dpi=120)
         print(f"results are in {out}")
     return histories
 
 
 if __name__ == "__main__":
-    run(main)
+    command = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    command.add_argument("--steps", type=int, default=60, help="load steps")
+    command.add_argument(
+        "--opening", type=float, default=12.0, help="of the grips, at the end [mm]"
+    )
+    command.add_argument(
+        "--out", default="results/tutorial_material", help="folder for the results"
+    )
+    main(**vars(command.parse_args()))

@@ -8,14 +8,69 @@ line.
 
 from __future__ import annotations
 
+import argparse
+from collections.abc import Callable
+
 from mpi4py import MPI
 
 import matplotlib.pyplot as plt
 import numpy as np
-from helpers.options import run
-from helpers.weak_links import bundle, order_statistics
+from dolfinx.mesh import locate_entities_boundary
 
 import vmdg
+from vmdg.meshes import distribute, model
+
+
+def bundle(
+    comm: MPI.Comm,
+    strengths: np.ndarray,
+    critical_gap: float,
+    way: Callable[[float], float] = lambda t: t,
+) -> tuple[vmdg.Problem, Callable[[vmdg.Problem], dict[str, float]]]:
+    """Bars between rigid grips, each of two halves that are bonded; the force on the grip.
+
+    The grip moves as far as an unbroken bar bears 10 MPa times the way.
+    """
+    length, width, E = 1.0, 0.05, 1000.0
+    with model("bundle") as g:
+        halves = [[], []]
+        for place in range(len(strengths)):
+            boxes = [
+                (2, g.occ.addRectangle(x, 2 * place * width, 0, length, width))
+                for x in (0.0, length)
+            ]
+            parts, _ = g.occ.fragment(boxes[:1], boxes[1:])
+            for half, part in zip(halves, parts, strict=True):
+                half.append(part[1])
+        g.occ.synchronize()
+        for _, curve in g.getEntities(1):
+            g.mesh.setTransfiniteCurve(curve, 2)
+        for _, surface in g.getEntities(2):
+            g.mesh.setTransfiniteSurface(surface)
+            g.mesh.setRecombine(2, surface)
+        for tag, half in enumerate(halves, 1):
+            g.addPhysicalGroup(2, half, tag)
+        g.mesh.generate(2)
+        mesh, cells, _ = distribute(g, comm, 2)
+    law = vmdg.Debonding(
+        strength=lambda x: strengths[np.floor(x[1] / (2 * width)).astype(int)],
+        critical_gap=critical_gap,
+    )
+    body = vmdg.NeoHookean(E=E, nu=0.0)
+    bond = vmdg.Interface(between=(1, 2), law=law)
+    problem = vmdg.Problem(mesh, cells, {1: body, 2: body}, [bond], kinematics="small")
+    grips = [
+        locate_entities_boundary(mesh, 1, lambda x, place=place: np.isclose(x[0], place))
+        for place in (0.0, 2 * length)
+    ]
+    problem.dirichlet(grips[0], 0.0)
+    problem.dirichlet(grips[1], lambda t: (20.0 * length / E * way(t), 0.0))
+    return problem, lambda p: {"force": p.reaction(grips[1])[0] / width}
+
+
+def order_statistics(strengths: np.ndarray, stress: float) -> float:
+    """Force of brittle bars by their width: those that are strong enough bear the stress [MPa]."""
+    return stress * (strengths > stress).sum()
 
 
 def draw(traced: vmdg.History, jumped: vmdg.History, strengths: np.ndarray) -> plt.Figure:
@@ -42,34 +97,36 @@ def main(
     steps: int = 20,
     seed: int = 3,
     out: str = "results/weak_links",
-    plot: bool = True,
-    verbose: bool = False,
 ) -> dict[str, vmdg.History]:
-    """Pull the grips apart twice; the histories, by what happens at a snap.
-
-    Args:
-        bars: Their number; strengths are drawn between 4 and 10 MPa.
-        critical_gap: At which a bond is gone [mm]; below 2 L P_c/E = .008 mm every bar snaps.
-        steps: Load steps.
-        seed: Of the strengths.
-        out: Folder for picture and histories.
-        plot: Draw the picture.
-        verbose: Print the residuals of every step.
-    """
+    """Pull the grips apart twice; the histories, by what happens at a snap."""
     strengths = np.sort(np.random.default_rng(seed).uniform(4.0, 10.0, bars))
     histories, comm = {}, MPI.COMM_WORLD
     for unstable in ("trace", "jump"):
         problem, monitor = bundle(comm, strengths, critical_gap)
-        shown = {"progress": True, "verbose": verbose, "csv": f"{out}/{unstable}.csv"}
+        shown = {"progress": True, "csv": f"{out}/{unstable}.csv"}
         options = vmdg.SolveOptions(unstable=unstable, energy=True, **shown)
         histories[unstable] = vmdg.solve(problem, steps, options, monitor).history
-    if plot and comm.rank == 0:
-        draw(histories["trace"], histories["jump"], strengths).savefig(
-            f"{out}/weak_links.png", dpi=130
-        )
+    if comm.rank == 0:
+        figure = draw(histories["trace"], histories["jump"], strengths)
+        figure.savefig(f"{out}/weak_links.png", dpi=130)
         print(f"results are in {out}")
     return histories
 
 
 if __name__ == "__main__":
-    run(main)
+    command = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    command.add_argument(
+        "--bars", type=int, default=4, help="number; strengths are drawn from 4 to 10 MPa"
+    )
+    command.add_argument(
+        "--critical-gap",
+        type=float,
+        default=0.006,
+        help="at which a bond is gone [mm]; below 2 L P_c/E = .008 mm every bar snaps",
+    )
+    command.add_argument("--steps", type=int, default=20, help="load steps")
+    command.add_argument("--seed", type=int, default=3, help="of the strengths")
+    command.add_argument("--out", default="results/weak_links", help="folder for the results")
+    main(**vars(command.parse_args()))

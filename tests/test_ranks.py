@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 import pytest
 import scaling
-from studies.scaling.measure import measure, modelled_ghosts
+from parts.scaling.measure import measure, modelled_ghosts
 from support import ranks
 
 ROOT = Path(__file__).resolve().parent.parent

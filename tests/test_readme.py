@@ -75,7 +75,7 @@ def parse(script: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
             monkeypatch.delitem(sys.modules, f"{script[1]}.__main__", raising=False)
             runpy.run_module(script[1], run_name="__main__")
         else:
-            monkeypatch.syspath_prepend(str(ROOT / "demos"))
+            monkeypatch.syspath_prepend(str(Path(script[0]).resolve().parent))
             runpy.run_path(script[0], run_name="__main__")
     except Parsed:
         pass
@@ -103,10 +103,11 @@ def run_demo(parts: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
         parse(parts, monkeypatch)
         return
     name = parts[0].removesuffix(".py")
-    places = [ROOT / "demos" / f"{name}.py", ROOT / f"{name}.py"]
+    folders = (ROOT / "demos", ROOT / "demos" / "studies", ROOT)
+    places = [folder / f"{name}.py" for folder in folders]
     there = [path for path in places if path.is_file()]
     assert there, f"there is no demo and no script {parts[0]}"
-    takes_options = re.search(r"argparse|helpers.options", there[0].read_text())
+    takes_options = re.search(r"argparse|parts.options", there[0].read_text())
     if takes_options:
         parse([str(there[0]), *parts[1:]], monkeypatch)
     else:
@@ -198,7 +199,8 @@ def test_demos_of_tables(page):
     for table in re.findall(r"^\| demo .*\n(?:\|.*\n)+", page.read_text(), re.MULTILINE):
         names = re.findall(r"^\| `(\w+)`", table, re.MULTILINE)
         assert names
-        assert all((ROOT / "demos" / f"{name}.py").is_file() for name in names)
+        folders = (ROOT / "demos", ROOT / "demos" / "studies")
+        assert all(any((folder / f"{n}.py").is_file() for folder in folders) for n in names)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -124,8 +124,8 @@ def test_classes_are_small():
 
 # Users of the package
 
-OURS = {"vmdg", "helpers", "studies", "support"}
-OURS |= {path.stem for path in (ROOT / "demos").glob("*.py")}
+OURS = {"vmdg", "parts", "support"}
+OURS |= {path.stem for place in ("demos", "demos/studies") for path in (ROOT / place).glob("*.py")}
 USERS = sorted(
     path.relative_to(ROOT).as_posix()
     for folder in ("tests", "demos")

@@ -59,7 +59,9 @@ def test_every_file_is_a_page():
     linked = {file for file in files if (ROOT / file).resolve() != (ROOT / file)}
     assert files - tables - linked == set(PAGES.PAGES.values())
     assert {f"tables/{Path(table).name}" for table in tables} <= set(SOURCES)
-    demos = {f"demos/{demo.stem}.md" for demo in (ROOT / "demos").glob("[!_]*.py")}
+    folder = ROOT / "demos"
+    scripts = [*folder.glob("*.py"), *folder.glob("studies/*.py")]
+    demos = {f"demos/{demo.stem}.md" for demo in scripts}
     assert demos <= set(SOURCES)
 
 

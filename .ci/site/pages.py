@@ -16,6 +16,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
+DEMOS = ROOT / "demos"
 
 #: Pages, by where they are in the site. README.md is the front page.
 PAGES = {
@@ -113,7 +114,7 @@ def anchors() -> dict[str, str]:
     for table in sorted((ROOT / "demos" / "gallery").glob("*.md")):
         known[f"demos/gallery/{table.name}"] = f"/tables/{table.name}"
     for demo in demos():
-        known[f"demos/{demo.name}"] = f"/demos/{demo.stem}.md"
+        known[str(demo.relative_to(ROOT))] = f"/demos/{demo.stem}.md"
     return known
 
 
@@ -162,8 +163,8 @@ def linked(text: str, file: str, known: dict[str, str]) -> str:
 
 
 def demos() -> list[Path]:
-    """Scripts that ``demos/run`` lists."""
-    return sorted((ROOT / "demos").glob("[!_]*.py"))
+    """Scripts that ``demos/run`` lists: examples and studies."""
+    return sorted([*DEMOS.glob("*.py"), *DEMOS.glob("studies/*.py")])
 
 
 def scenes() -> dict[str, list[tuple[str, str]]]:
@@ -194,7 +195,7 @@ def title(first: str) -> str:
 
 
 def demo_page(demo: Path) -> str:
-    """Page of a demo: its docstring, its pictures, the script, helpers that it imports."""
+    """Page of a demo: its docstring, its pictures, the script, of a study its parts."""
     lines, behind = docstring(demo)
     text = "\n".join(lines).replace("``", "`")
     made = [f"# {title(lines[0])}", "", text, ""]
@@ -210,17 +211,17 @@ def demo_page(demo: Path) -> str:
     made += [
         "## The script",
         "",
-        f"`demos/{demo.name}`; {options}",
+        f"`{demo.relative_to(ROOT)}`; {options}",
         "",
         *chapters(demo, behind),
         "",
     ]
-    imports = re.findall(r"^from helpers\.(\w+) import", demo.read_text(), re.MULTILINE)
-    helpers = sorted(set(imports))
-    if helpers:
-        made += ["## Helpers", "", "What the script imports from its own folder.", ""]
-    for name in helpers:
-        made += [f":::{{dropdown}} demos/helpers/{name}.py", *code(f"helpers/{name}.py"), ":::", ""]
+    imports = re.findall(r"^from parts\.([\w.]+) import", demo.read_text(), re.MULTILINE)
+    if imports:
+        made += ["## Parts", "", "What the script imports from its own folder.", ""]
+    for name in sorted(set(imports)):
+        file = f"studies/parts/{name.replace('.', '/')}.py"
+        made += [f":::{{dropdown}} demos/{file}", *code(file), ":::", ""]
     return "\n".join(made)
 
 
@@ -269,7 +270,7 @@ def _piece(demo: Path, lines: list[str], start: int, end: int) -> list[str]:
     filled = [i for i in range(start, end) if lines[i].strip()]
     if not filled:
         return []
-    return [*code(demo.name, filled[0] + 1, filled[-1] + 1), ""]
+    return [*code(str(demo.relative_to(DEMOS)), filled[0] + 1, filled[-1] + 1), ""]
 
 
 def stub() -> dict[str, list[str]]:
@@ -401,12 +402,11 @@ def write(folder: Path) -> None:
         file = folder / name
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text)
-    demos_folder = ROOT / "demos"
     shutil.copytree(
-        demos_folder / "gallery",
+        DEMOS / "gallery",
         folder / "demos" / "gallery",
         ignore=shutil.ignore_patterns("*.md", "*.csv"),
     )
-    shutil.copytree(demos_folder / "helpers", folder / "code" / "helpers")
-    for demo in demos():
+    shutil.copytree(DEMOS / "studies", folder / "code" / "studies")
+    for demo in DEMOS.glob("*.py"):
         shutil.copy(demo, folder / "code")

@@ -10,8 +10,8 @@ import pytest
 import two_inclusions
 import ufl
 from dolfinx import fem
-from helpers import two_inclusions as inclusions
-from studies.benchmark import cost, peers, precision
+from parts import two_inclusions as inclusions
+from parts.benchmark import cost, peers, precision
 from support.budgets import over_budget
 from support.checks import integral
 

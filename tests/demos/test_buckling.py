@@ -12,10 +12,9 @@ def test_buckling(comm, out):
     way: clamped at the tips it would buckle later, clamped its own thickness behind them earlier.
     Of G = G_c the process zone, 2 mm long, and the long way of the roots are left out.
     """
-    import buckling as demo
-    from helpers import buckling
+    import buckling
 
-    history = demo.main(cells=2, end=0.007, steps=6, out=str(out))
+    history = buckling.main(cells=2, end=0.007, steps=6, out=str(out))
     comm.barrier()
     load, rise, crack = history["load"], history["rise"], history["crack"]
     assert load[-1] == 0.007
@@ -40,7 +39,7 @@ def test_buckling(comm, out):
 
 def test_closed_forms():
     """G(e' = e_c) = 0, and the force is the same at the end and below the layer."""
-    from helpers import buckling
+    import buckling
 
     e_c = buckling.critical(buckling.CRACK)
     assert np.isclose(e_c, np.pi**2 / 3 * (0.5 / 20) ** 2)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from studies.convergence import manufactured, rates
+from parts.convergence import manufactured, rates
 
 import vmdg
 from vmdg import compat

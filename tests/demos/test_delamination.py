@@ -8,15 +8,15 @@ from dataclasses import replace
 import delamination
 import numpy as np
 import pytest
-from studies.delamination import fatigue
-from studies.delamination.beams import Run, dcb, four_point
-from studies.delamination.cases import Case, measure, table
-from studies.delamination.laminate import MMB, T300_977
-from studies.delamination.mmb import A_0, CRITICAL, LEVERS, lever_length, mmb, theory
-from studies.delamination.peel import peel
-from studies.delamination.peel import theory as peeling
-from studies.delamination.plies import D30, first_growth
-from studies.delamination.vcct import flexibility
+from parts.delamination import fatigue
+from parts.delamination.beams import Run, dcb, four_point
+from parts.delamination.cases import Case, measure, table
+from parts.delamination.laminate import MMB, T300_977
+from parts.delamination.mmb import A_0, CRITICAL, LEVERS, lever_length, mmb, theory
+from parts.delamination.peel import peel
+from parts.delamination.peel import theory as peeling
+from parts.delamination.plies import D30, first_growth
+from parts.delamination.vcct import flexibility
 
 import vmdg
 

@@ -1,4 +1,4 @@
-"""The command line of the demos: every option with its default, physical ones with their unit."""
+"""The command line of the studies: every option with its default, physical ones with their unit."""
 
 from __future__ import annotations
 
@@ -9,22 +9,15 @@ from pathlib import Path
 from typing import Annotated, get_type_hints
 
 import pytest
-from helpers.options import descriptions, parser, run
+from parts.options import descriptions, parser, run
 
-DEMOS = sorted(
-    path.stem
-    for path in (Path(__file__).resolve().parents[2] / "demos").glob("[!_]*.py")
-    if "def main" in path.read_text()
+STUDIES = sorted(
+    path.stem for path in (Path(__file__).resolve().parents[2] / "demos" / "studies").glob("*.py")
 )
 UNIT = re.compile(r"\[(mm|MPa|-|N|N/mm|s|degrees)\]")
 
 
-def test_all_demos_are_there():
-    """As many as the list of demos/run has, at least those of the report."""
-    assert {"patch_tension", "patch_shear", "fibre_matrix", "tearing", "pushout"} < set(DEMOS)
-
-
-@pytest.mark.parametrize("name", DEMOS)
+@pytest.mark.parametrize("name", STUDIES)
 def test_help(comm, capsys, name):
     """``--help`` on rank 0 only: name, text, default and unit of every argument of main."""
     main = import_module(name).main
@@ -49,22 +42,15 @@ def test_help(comm, capsys, name):
             assert UNIT.search(text), f"{option} of {name} has no unit"
 
 
-@pytest.mark.parametrize("name", DEMOS)
+@pytest.mark.parametrize("name", STUDIES)
 def test_defaults_are_those_of_main(name):
-    """No option: main gets what its signature says. All demos have --out, --plot, --verbose.
-
-    The first tutorial is a page of 60 lines to be read, which draws in any case.
-    """
+    """No option: main gets what its signature says. All studies have a folder."""
     main = import_module(name).main
     defaults = {k: v.default for k, v in inspect.signature(main).parameters.items()}
     found = vars(parser(main).parse_args([]))
     assert {k: v or None for k, v in found.items()} == {k: v or None for k, v in defaults.items()}
     assert defaults["out"] == f"results/{name}"
-    if name == "tutorial":
-        return
-    assert (defaults["plot"], defaults["verbose"]) == (True, False)
-    quiet = parser(main).parse_args(["--no-plot", "--out", "x", "--verbose"])
-    assert (quiet.plot, quiet.out, quiet.verbose) == (False, "x", True)
+    assert parser(main).parse_args(["--out", "x"]).out == "x"
 
 
 def scene(
@@ -137,13 +123,7 @@ def test_unknown_part_of_the_benchmark(out):
     ("name", "options"),
     [
         ("patch_shear", {}),
-        ("load_cycle", {"steps": 5}),
-        ("buckling", {"cells": 1, "end": 1e-3, "steps": 1}),
-        ("fibre_cell", {"fibres": 2, "cells": 1.5, "end": 1e-3, "steps": 1}),
-        ("fibre_matrix", {"element_size": 0.3, "end": 1e-3, "interface_only": True}),
-        ("polycrystal", {"grains": 4, "cells": 2.0, "end": 1e-3, "steps": 1}),
         ("pushout", {"layers": 4, "refine": 0.4, "steps": 2, "end": 0.004}),
-        ("tearing", {"mesh": "coarse", "steps": 1}),
         ("two_inclusions", {"element_size": 0.2, "steps": 2}),
         ("scaling", {"cells": 2, "load": 0.1}),
     ],

@@ -6,9 +6,9 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from studies.delamination.beams import open_beam
-from studies.delamination.intrinsic import Bilinear, peer, side_by_side, table
-from studies.delamination.laminate import ALFANO_CRISFIELD
+from parts.delamination.beams import open_beam
+from parts.delamination.intrinsic import Bilinear, peer, side_by_side, table
+from parts.delamination.laminate import ALFANO_CRISFIELD
 
 LAW = Bilinear(strength=50.0, energy=0.3, K=1e5)
 one_rank = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="the peer runs on one rank")

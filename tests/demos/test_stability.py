@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import stability
-from studies.stability import checks, runner
-from studies.stability.cases import (
+from parts.stability import checks, runner
+from parts.stability.cases import (
     FAMILIES,
     LATER,
     bar,
@@ -21,9 +21,9 @@ from studies.stability.cases import (
     pulled,
     two_materials,
 )
-from studies.stability.checks import Points, Run
-from studies.stability.runner import BAD, examine, execute, stress
-from studies.stability.scenes import Bond, Case
+from parts.stability.checks import Points, Run
+from parts.stability.runner import BAD, examine, execute, stress
+from parts.stability.scenes import Bond, Case
 
 import vmdg
 

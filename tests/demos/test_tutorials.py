@@ -119,7 +119,7 @@ def test_laminate_of_the_tutorial():
     from tutorial_laminate import LAYUPS, open_arms, theory
 
     angles = LAYUPS["[90/0]2s"]
-    history = open_arms(angles, np.linspace(0.425, 3.4, 8), verbose=False)
+    history = open_arms(angles, np.linspace(0.425, 3.4, 8))
     running = history["crack"] > 31
     assert running.any()
     expected = theory(angles, history["opening"][running])

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import verification
-from studies.delamination import beams as delamination
-from studies.delamination.laminate import ALFANO_CRISFIELD
-from studies.verification import checks, partial_slip, shear_lag
+from parts.delamination import beams as delamination
+from parts.delamination.laminate import ALFANO_CRISFIELD
+from parts.verification import checks, partial_slip, shear_lag
 from support.budgets import over_budget
 
 from vmdg.meshes import beams, core_and_ring

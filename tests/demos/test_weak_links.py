@@ -13,7 +13,6 @@ def test_weak_links(comm, out):
     its bond.
     """
     import weak_links as demo
-    from helpers.weak_links import order_statistics
 
     histories = demo.main(bars=3, critical_gap=0.006, steps=20, seed=3, out=str(out))
     comm.barrier()
@@ -21,7 +20,7 @@ def test_weak_links(comm, out):
     for history in histories.values():
         load = history["load"].tolist()
         for t in np.linspace(0, 1, 21)[1:]:
-            exact = order_statistics(strengths, 10 * t)
+            exact = demo.order_statistics(strengths, 10 * t)
             assert history["force"][load.index(t)] == pytest.approx(exact, abs=1e-6)
         limits = [10 * t for t in load if abs(10 * t - strengths).min() < 1e-5]
         assert len({round(limit, 4) for limit in limits}) == 3

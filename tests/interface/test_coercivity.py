@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from studies.coercivity import cells as random_cells
+from parts.coercivity import cells as random_cells
 from support.checks import by_position, gather
 from support.problems import MATERIALS, joined
 from support.scenes import (

@@ -13,6 +13,7 @@ from support.scenes import DIMENSION, two_blocks
 
 import vmdg
 from vmdg.meshes import blocks
+from vmdg.output.values import facet_scalar
 
 BOTH_FORMS = pytest.mark.parametrize("jump", [False, True], ids=["(27)", "(26)"])
 LAW = vmdg.Debonding(strength=100.0, critical_gap=0.2)
@@ -65,7 +66,7 @@ def test_bonded_patch(comm, cell, ratio, jump):
     assert np.abs(state.traction - P).max(initial=0) < 1e-7 * 80.0
     assert np.abs(state.opening).max(initial=0) < 1e-10
     assert np.abs(problem.fine_scale(0)).max(initial=0) < 1e-10
-    assert problem.error_indicator(0).max(initial=0) < 1e-10
+    assert facet_scalar(problem, 0, "fine_scale").max(initial=0) < 1e-10
 
 
 @BOTH_FORMS
@@ -198,7 +199,7 @@ def test_fine_scales(comm, cell):
     # Tensors of size 1e-5 to 1e5 multiply: 1e-10 of the move of .05 mm.
     assert found == pytest.approx(expected, abs=5e-12)
     assert found[:, 0] - found[:, 1] == pytest.approx(s, abs=1e-14)
-    for f, value in enumerate(problem.error_indicator(0)):
+    for f, value in enumerate(facet_scalar(problem, 0, "fine_scale")):
         mine = facet == f
         square = state.weights[mine] @ (expected[mine] ** 2).sum(axis=(1, 2))
         assert value == pytest.approx(np.sqrt(square / state.weights[mine].sum()), rel=1e-8)
@@ -220,7 +221,7 @@ def indicator_norm(comm, cell, degree, n):
         problem.dirichlet(scene.facet_tags.find(tag), lambda X, t: t * bent(X))
     vmdg.solve(problem, [1.0])
     area = problem.discretization.active[0].quadrature.area
-    return np.sqrt(comm.allreduce(float(area @ problem.error_indicator(0) ** 2)))
+    return np.sqrt(comm.allreduce(float(area @ facet_scalar(problem, 0, "fine_scale") ** 2)))
 
 
 @pytest.mark.parametrize(
@@ -253,7 +254,7 @@ def test_indicator_peaks_at_the_front(comm):
     front = comm.allreduce(held.max(initial=-1), op=MPI.MAX)
     assert 0.2 * length < front < 0.8 * length
     middle = np.bincount(facet, state.points[:, 1]) / np.maximum(np.bincount(facet), 1)
-    indicator = problem.error_indicator(0)
+    indicator = facet_scalar(problem, 0, "fine_scale")
     size = gather(comm, indicator)
     peak = gather(comm, middle)[np.argmax(size)]
     assert abs(peak - front) < 2 * length / count

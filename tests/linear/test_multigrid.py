@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from studies.benchmark import ratio, zone
+from parts.benchmark import ratio, zone
 from support.problems import FRICTION, pressed
 from support.scenes import everywhere, tag_cells, unit_box
 

@@ -8,7 +8,7 @@ from time import sleep
 
 import numpy as np
 import pytest
-from helpers.bars import progress
+from parts.bars import progress
 
 import vmdg
 from vmdg.output.bar import interval, shown

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from helpers.vtx import read_vtx
+from parts.vtx import read_vtx
 from support.problems import couple
 from support.scenes import LEFT, RIGHT, two_blocks
 

@@ -330,7 +330,7 @@ def test_animation(comm, out):
     snapshots = []
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
-        snapshots.append(problem.step.snapshot())
+        snapshots.append(problem.snapshot())
         return {"force": problem.reaction(right)[0]}
 
     history = vmdg.solve(problem, [0.05, 0.1, 0.2], monitor=monitor).history

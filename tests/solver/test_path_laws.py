@@ -14,12 +14,12 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from dolfinx import fem
-from helpers.weak_links import bundle, order_statistics
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 from support import bar
 from support.bar import STRENGTH
+from weak_links import bundle, order_statistics
 
 import vmdg
 from vmdg.meshes import blocks

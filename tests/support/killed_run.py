@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from helpers import pushout as scene
+import pushout as scene
 
 import vmdg
 

@@ -24,9 +24,11 @@ from vmdg.base.parallel import global_norm
 from vmdg.meshes import blocks, fibre_matrix, random_fibres
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "demos"))
+sys.path.append(str(Path(__file__).resolve().parents[2] / "demos" / "studies"))
+import fibre_matrix as cell
 import load_cycle
-from helpers import fibre_matrix as cell
-from helpers import pushout, two_inclusions
+import pushout
+from parts import two_inclusions
 
 #: Problems and the loads of their runs, one after the other.
 Runs = Iterator[tuple[vmdg.Problem, NDArray]]

@@ -7,7 +7,7 @@ Functions of a problem are collective: every rank calls them, rank 0 draws and s
 from ..output.profile import profile
 from . import solids as solids
 from .animation import animate
-from .interface import interface_profile, mode_map
+from .interface import interface_points, interface_profile, mode_map
 from .stress import (
     add_colorbar,
     cell_means,
@@ -26,6 +26,7 @@ __all__ = [
     "deformed_corners",
     "deformed_polygons",
     "draw_cells",
+    "interface_points",
     "interface_profile",
     "mode_map",
     "profile",

@@ -39,7 +39,7 @@ def animate(
 ) -> None:
     """Write an animation of stress on the deformed shape and of a curve; collective.
 
-    Take a snapshot in the monitor of every step (``problem.step.snapshot()``, a copy of the state);
+    Take a snapshot in the monitor of every step (``problem.snapshot()``, a copy of the state);
     the problem is in its last one afterwards.
 
     Args:

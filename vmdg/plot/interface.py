@@ -11,13 +11,14 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import ArrayLike, NDArray
 
+from ..base.parallel import global_box
 from ..interface.interface import Which, number_of
 from ..laws import Mode
 from ..output.corners import corners_of_local, positions_and_displacements
 from ..output.profile import profile
-from ..output.values import LABELS, Quantity, facet_scalar
+from ..output.values import LABELS, Quantity, facet_scalar, values_at_points
 from ..problem.problem import Problem
-from .stress import axis_names
+from .stress import Limits, add_colorbar, axis_names, on_first_rank
 
 MODES = {
     Mode.ELASTIC: ("bonded or stuck", "#dddddd"),
@@ -70,6 +71,55 @@ def interface_profile(
     ax.margins(x=0)
     if along == "angle":
         ax.xaxis.set_major_locator(MultipleLocator(45))
+    return ax
+
+
+def interface_points(
+    problem: Problem,
+    quantity: Quantity = "damage",
+    ax: Axes | None = None,
+    limits: Limits | None = None,
+    above: float = -np.inf,
+    colorbar: bool = True,
+    **style: object,
+) -> Axes:
+    """Draw the points of all interfaces in the undeformed body by a quantity; collective.
+
+    Args:
+        problem: The problem.
+        quantity: As for :func:`interface_profile`.
+        ax: Where to draw, with projection "3d" for solids; None for a new figure.
+        limits: Values at both ends of the colours; None for the range that occurs.
+        above: Leave out points with a value that is no larger, which would hide others in a solid.
+        colorbar: Whether to add a scale of colours.
+        **style: For ``Axes.scatter``, for example ``s=10`` or ``cmap="viridis"``.
+
+    Returns:
+        The axes; the picture itself is on rank 0's only.
+
+    Raises:
+        ValueError: unknown ``quantity``.
+    """
+    d = problem.mesh.geometry.dim
+    if ax is None:
+        figure = plt.figure(layout="constrained")
+        ax = figure.add_subplot(projection="3d" if d == 3 else None)
+    points, values = [np.zeros((0, d))], [np.zeros(0)]
+    for i, state in enumerate(problem.state):
+        points.append(state.points[:, :d])
+        values.append(values_at_points(problem, i, quantity))
+    x, shown = on_first_rank(problem, np.concatenate(points), np.concatenate(values))
+    seen = shown > above
+    low, high = limits or (None, None)
+    style = {"s": 4, "cmap": "inferno_r", "vmin": low, "vmax": high, **style}
+    drawn = ax.scatter(*x[seen].T, c=shown[seen], **style)
+    names = axis_names(problem)
+    if d == 3:
+        sides = np.transpose(global_box(problem.comm, problem.mesh.geometry.x))
+        ax.set(xlim=sides[0], ylim=sides[1], zlim=sides[2], zlabel=f"{names[2]} [mm]")
+    ax.set(aspect="equal", xlabel=f"{names[0]} [mm]", ylabel=f"{names[1]} [mm]")
+    if colorbar:
+        add_colorbar(ax, drawn, LABELS[quantity] if isinstance(quantity, str) else "")
     return ax
 
 

@@ -60,7 +60,7 @@ from .eigenstrain import checked_eigenstrains, refusal
 from .loading import Loading
 from .periodic import Periodic, checked_periodic
 from .rigid_motion import RigidMotion
-from .states import Energy, InterfaceMean
+from .states import Energy, InterfaceMean, Snapshot
 from .step import Step
 
 T = TypeVar("T")
@@ -538,21 +538,6 @@ class Problem:
             return np.zeros((0, 2, self.mesh.geometry.dim))
         return fine_scales(self.discretization.active[i])
 
-    def error_indicator(self, interface: Which) -> NDArray[np.float64]:
-        """Size of the fine scales on every owned facet of an interface (nf,) [mm].
-
-        The root mean square over the facet of |du_1|^2 + |du_2|^2 with (24): a local measure of
-        the error (Figures 18 and 22), of order h^(k+1).
-
-        Args:
-            interface: Its number, its name or itself.
-        """
-        i = number_of(self.interfaces, interface)
-        if i not in self.discretization.active:
-            return np.zeros(0)
-        square = (self.fine_scale(i) ** 2).sum(axis=(1, 2))
-        return np.sqrt(self.discretization.active[i].quadrature.facet_means(square))
-
     @of_all_ranks
     def fine_scale_error(self, interface: Which) -> float:
         """Size of the fine scales of an interface in one number [mm]; collective.
@@ -583,6 +568,14 @@ class Problem:
         stay.
         """
         return self._stress.update(self.discretization)
+
+    def snapshot(self) -> Snapshot:
+        """A copy of the converged state of this rank, as :func:`vmdg.plot.animate` shows it.
+
+        Taken in the monitor of a run, one in every row. It stays as it is while the run goes on,
+        and has displacement, load factor, nodal forces and the history of all interfaces.
+        """
+        return self.step.snapshot()
 
     @of_all_ranks
     def energy(self) -> Energy:

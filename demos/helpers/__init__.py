@@ -1,1 +1,0 @@
-"""What several demos share, and the models behind them."""

@@ -1,1 +1,0 @@
-"""Studies: each measures one property of the method over many runs."""

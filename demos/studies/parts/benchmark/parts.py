@@ -1,0 +1,111 @@
+"""The parts of the benchmark by name: what each runs, its table and its picture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from mpi4py import MPI
+
+from matplotlib.figure import Figure
+
+from parts.bars import progress
+from parts.benchmark import condensed, cost, peers, precision, ratio, step, switches, zone
+from parts.benchmark.common import DIMENSION, table
+
+#: What was found, its table, and what draws it.
+Outcome = tuple[Any, str, Callable[[], Figure] | None]
+
+
+def precision_part(coarse: bool, repeats: int) -> Outcome:
+    """Errors, seconds and work of three methods on all cells, degrees and meshes."""
+    levels = precision.COARSE if coarse else precision.LEVELS
+    cases = [(c, k, n) for c, d in DIMENSION.items() for k in (1, 2) for n in levels[d, k]]
+    points = []
+    for case in progress(cases, "mesh"):
+        points += precision.measure(*case, repeats)
+    text = table(precision.HEAD, precision.rows(points))
+    return points, text, lambda: precision.plot(points)
+
+
+def ratio_part(coarse: bool, repeats: int) -> Outcome:
+    """Newton iterations, direct and with multigrid in 3D, there on a mesh twice as fine too."""
+    size = 0.2 if coarse else 1.0
+    cases = [("2D", damage, True, size) for damage in (False, True)]
+    cases += [("3D", damage, direct, size) for direct in (True, False) for damage in (False, True)]
+    cases += [("3D", damage, False, 2 * size) for damage in (False, True)]
+    shown = MPI.COMM_WORLD.rank == 0
+    rows = [ratio.measure(*c[:3], repeats, c[3]) for c in progress(cases, "case", shown)]
+    return rows, table(ratio.HEAD, map(ratio.row, rows)), None
+
+
+def zone_part(coarse: bool, repeats: int) -> Outcome:
+    """Krylov iterations while a zone of failure grows, in 3D."""
+    cases = progress((True, False), "interpolation")
+    grown = [zone.measure(bodies, 10 if coarse else 20) for bodies in cases]
+    return grown, table(zone.HEAD, [one.row() for one in grown]), None
+
+
+def step_part(coarse: bool, repeats: int) -> Outcome:
+    """What a step does besides assembly and solves, by facet and cell."""
+    actions = step.measure(repeats, 0.2 if coarse else 1.0)
+    return actions, table(step.HEAD, step.rows(actions)), None
+
+
+def peers_part(coarse: bool, repeats: int) -> Outcome:
+    """P1 and P2, and the shear of a sliding interface."""
+    if coarse:
+        cases = {"P1": (peers.P1, 10, False, "small")}
+    else:
+        cases = {
+            f"{scene.name}{', even steps' * even}, {kinematics}": (scene, 40, even, kinematics)
+            for scene in (peers.P1, peers.P2)
+            for even, kinematics in ((False, "small"), (True, "small"), (False, "finite"))
+        }
+    runs = {n: peers.run(*case, repeats) for n, case in progress(cases.items(), "scene")}
+    text = table(peers.HEAD, [peers.row(name, run) for name, run in runs.items()])
+    shear = peers.sliding_shear()
+    return (runs, shear), f"{text}\n\nsliding shear {shear[0]:.9g} N, mu N {shear[1]:.9g} N", None
+
+
+def switches_part(coarse: bool, repeats: int) -> Outcome:
+    """P1 with and without what the switchboard can turn off."""
+    plate = (switches.COARSE, 6) if coarse else (peers.P1, 40)
+    cases = progress(switches.CASES, "switch")
+    savings = [switches.measure(name, *plate, repeats) for name in cases]
+    return savings, table(switches.HEAD, switches.rows(savings)), None
+
+
+def condensed_part(coarse: bool, repeats: int) -> Outcome:
+    """Systems condensed to the interface, at small strain, against the assembled tangent."""
+    scenes = progress((condensed.COARSE if coarse else condensed.SCENES).items(), "scene")
+    gains = [condensed.measure(name, make, repeats) for name, make in scenes]
+    return gains, table(condensed.HEAD, condensed.rows(gains)), None
+
+
+def kernels_part(coarse: bool, repeats: int) -> Outcome:
+    """Kernels of scenes that follow each other, from an empty cache."""
+    scenes = list(cost.SCENES)[: 3 if coarse else None]
+    found = cost.compiled(scenes)
+    return found, table(cost.HEAD_KERNELS, cost.kernel_rows(found)), None
+
+
+def memory_part(coarse: bool, repeats: int) -> Outcome:
+    """Peak resident size of the push-out with and without its interface."""
+    peaks = cost.peaks(3, 0.3) if coarse else cost.peaks()
+    rows = [(name, peak["unknowns"], peak["MiB"]) for name, peak in peaks.items()]
+    share = peaks["vmdg"]["MiB"] / peaks["plain"]["MiB"]
+    return peaks, table(("push-out", "unknowns", "MiB"), rows) + f"\n\nratio {share:.3f}", None
+
+
+PARTS: dict[str, Callable[[bool, int], Outcome]] = {
+    "precision": precision_part,
+    "ratio": ratio_part,
+    "zone": zone_part,
+    "step": step_part,
+    "peers": peers_part,
+    "switches": switches_part,
+    "condensed": condensed_part,
+    "kernels": kernels_part,
+    "memory": memory_part,
+}

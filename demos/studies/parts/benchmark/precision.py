@@ -1,0 +1,190 @@
+"""Error against seconds and unknowns: vmdg, plain finite elements, intrinsic cohesive springs.
+
+The kinked finite-strain solution of ``parts.convergence.manufactured``, moduli 10 : 1, two bodies
+tied along an upright interface. All three solve the same problem on the same meshes, with the same
+quadrature, compiler flags and direct solver, from the interpolated exact solution. The springs tie
+the broken space by T = K g as an intrinsic cohesive law does before damage; K is fixed, as it would
+be given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from time import process_time
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+import vmdg
+from parts.benchmark.common import DIMENSION
+from parts.benchmark.continuous import Plain
+from parts.convergence.rates import Study, field_errors, interpolate, tied
+from vmdg.linear.ksp import LDLT
+
+#: Stiffness of the springs [MPa/mm]: 250 soft moduli a mm, as the public one-fibre deck has a dummy
+#: stiffness of 1e6 N/mm3 with a matrix of 4000 MPa.
+SPRINGS = 2.5e5
+CONTRAST, TOLERANCE = 10.0, 1e-9
+METHODS = ("plain", "vmdg", "springs")
+
+#: Cells along each mm, by dimension and degree.
+LEVELS = {
+    (2, 1): (8, 16, 32, 64),
+    (2, 2): (4, 8, 16, 32),
+    (3, 1): (4, 7, 12),
+    (3, 2): (2, 4, 6),
+}
+COARSE = {(2, 1): (8,), (2, 2): (4,), (3, 1): (4,), (3, 2): (2,)}
+
+
+@dataclass(frozen=True)
+class Point:
+    """One solution.
+
+    Attributes:
+        cell: Of the mesh.
+        degree: k.
+        method: One of ``METHODS``.
+        n: Cells along each mm.
+        size: Number of unknowns.
+        l2: Relative error of u in L2.
+        h1: Of GRAD u.
+        seconds: Processor time of the solution [s].
+        solves: Linear systems; with vmdg the predictor is one of them.
+    """
+
+    cell: str
+    degree: int
+    method: str
+    n: int
+    size: int
+    l2: float
+    h1: float
+    seconds: float
+    solves: int
+
+
+def measure(cell: str, degree: int, n: int, repeats: int) -> list[Point]:
+    """The three methods on one mesh, taking turns; the least of some runs."""
+    study = Study(cell, degree, contrast=CONTRAST)
+    model = tied(study, n)
+    materials = dict(enumerate(study.materials, start=1))
+    plains = {
+        name: Plain(model.tagged, materials, degree, K, model.forces)
+        for name, K in (("plain", None), ("springs", SPRINGS))
+    }
+    starts = {"vmdg": model.problem.u.x.array.copy()}
+    for name, plain in plains.items():
+        interpolate(plain.u, model.tagged, model.exact)
+        plain.prescribe(model.sides)
+        starts[name] = plain.u.x.array.copy()
+    model.problem.discretization.compile()
+    options = vmdg.SolveOptions(relative_tolerance=TOLERANCE, petsc=LDLT)
+    least = dict.fromkeys(METHODS, np.inf)
+    for _ in range(repeats):
+        for name in METHODS:
+            u = plains[name].u if name in plains else model.problem.u
+            u.x.array[:] = starts[name]
+            start = process_time()
+            if name in plains:
+                plains[name].solve(LDLT, TOLERANCE)
+            else:
+                model.problem.loading.move(0.0)
+                counts = vmdg.solve(model.problem, [1.0], options).counts
+            least[name] = min(least[name], process_time() - start)
+    points = []
+    for name in METHODS:
+        plain = plains.get(name)
+        u = model.problem.u if plain is None else plain.u
+        solves = counts.solves if plain is None else plain.iterations
+        size = u.function_space.dofmap.index_map.size_global * DIMENSION[cell]
+        found = field_errors(u, model.tagged, model.exact)
+        points.append(Point(cell, degree, name, n, size, *found, least[name], solves))
+    return points
+
+
+def rows(points: Sequence[Point]) -> list[list]:
+    """One row a mesh: vmdg and springs relative to plain finite elements."""
+    result = []
+    for plain in (p for p in points if p.method == "plain"):
+        same = {p.method: p for p in points if (p.cell, p.degree, p.n) == key(plain)}
+        ours, springs = same["vmdg"], same["springs"]
+        result.append(
+            [
+                plain.cell,
+                plain.degree,
+                plain.n,
+                f"{plain.size} / {ours.size}",
+                plain.h1,
+                f"{ours.l2 / plain.l2:.3f}",
+                f"{ours.h1 / plain.h1:.3f}",
+                f"{springs.l2 / plain.l2:.2f}",
+                f"{springs.h1 / plain.h1:.2f}",
+                f"{plain.seconds:.3g} / {ours.seconds:.3g}",
+                f"{plain.solves} / {ours.solves}",
+            ]
+        )
+    return result
+
+
+HEAD = (
+    "cell",
+    "k",
+    "cells/mm",
+    "unknowns",
+    "GRAD u error",
+    "vmdg: u",
+    "GRAD u",
+    "springs: u",
+    "GRAD u",
+    "s",
+    "solves",
+)
+
+
+def key(point: Point) -> tuple[str, int, int]:
+    """What is solved."""
+    return point.cell, point.degree, point.n
+
+
+def records(points: Sequence[Point]) -> list[dict]:
+    """For a CSV file."""
+    return [asdict(point) for point in points]
+
+
+def plot(points: Sequence[Point]) -> Figure:
+    """Error of u in L2 against unknowns (above) and processor time (below), by cell."""
+    cells = list(dict.fromkeys(point.cell for point in points))
+    figure, axes = plt.subplots(
+        2, len(cells), figsize=(3.4 * len(cells), 6), layout="constrained", squeeze=False
+    )
+    styles = {"plain": "k-", "vmdg": "C0--", "springs": "C3:"}
+    names = {
+        "plain": "plain finite elements",
+        "vmdg": "vmdg, tied",
+        "springs": "intrinsic cohesive springs",
+    }
+    for column, cell in zip(axes.T, cells, strict=True):
+        for method in METHODS:
+            for degree, marker in ((1, "o"), (2, "s")):
+                mine = [p for p in points if (p.cell, p.degree, p.method) == (cell, degree, method)]
+                errors = [p.l2 for p in mine]
+                for ax, x in zip(column, ("size", "seconds"), strict=True):
+                    ax.loglog(
+                        [getattr(p, x) for p in mine],
+                        errors,
+                        styles[method] + marker,
+                        ms=4,
+                        label=f"{names[method]}, k = {degree}",
+                    )
+        column[0].set(title=cell, xlabel="unknowns")
+        column[1].set(xlabel="processor time [s]")
+        for ax in column:
+            ax.grid(lw=0.3)
+            ax.xaxis.set_minor_formatter("")
+    for ax in axes[:, 0]:
+        ax.set_ylabel("error of u in L2")
+    axes[0, 0].legend(fontsize=6, loc="lower left")
+    return figure

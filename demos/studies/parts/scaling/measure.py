@@ -1,0 +1,221 @@
+"""Two cubes with a bond between them on any number of ranks: seconds, memory and messages.
+
+The model behind the table, for p ranks, N nodes and d components: every rank computes on N/p nodes
+and holds copies (ghosts) of those that cells next to a cut bring with them. A cut of A nodes leaves
+A of them with the other rank, and the layer of ghost cells adds A on either side; a cut that
+follows an interface finds its nodes twice. So, with 4 for 3 along interfaces,
+
+    ghosts of all ranks = 3 * (nodes of cuts),    message = 8 d * ghosts [bytes]
+
+which is sent once in a Krylov iteration, twice in a residual (summed up, and sent back). Here the
+box of n x n x 2n cells is halved at the interface, n x n facets, then the halves are. Points of
+interfaces, their history and return maps belong to one rank each and send nothing.
+"""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+from mpi4py import MPI
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+import vmdg
+from parts.benchmark.common import BOTTOM, LOWER, TOP, UPPER, layers
+from vmdg.base.parallel import global_max, global_sum
+
+#: Where the time goes: timers of vmdg.
+TIMERS = {
+    "solve": "linear solve",
+    "tangent": "assemble tangent",
+    "residual": "assemble residual",
+    "return map": "return map",
+    "stabilization": "stabilization",
+}
+BOND = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.3)  # MPa, mm
+BODY = {"E": 4000.0, "nu": 0.3}  # MPa
+
+
+@dataclass(frozen=True)
+class Row:
+    """One run.
+
+    Attributes:
+        ranks: Number of processes.
+        n: Cells along an edge of a cube.
+        unknowns: Of all ranks.
+        force: On the top [N].
+        rows: Converged steps.
+        newton: Corrections.
+        systems: Linear systems, two a correction where the work on bonds leads.
+        krylov: Iterations of linear solves.
+        seconds: Wall time of the steps [s].
+        parts: Of it by timer, of the slowest rank [s].
+        ghosts: Nodes that ranks hold for others, of all ranks.
+        model: What the model of this module says.
+        facets: Share of the facets of the interface on the rank that has most.
+        MiB: Largest memory of a rank.
+    """
+
+    ranks: int
+    n: int
+    unknowns: int
+    force: float
+    rows: int
+    newton: int
+    systems: int
+    krylov: int
+    seconds: float
+    parts: dict[str, float]
+    ghosts: int
+    model: int
+    facets: float
+    MiB: float
+
+    def line(self, first: Row) -> list[str | int | float]:
+        """Of the table below ``HEAD``, with the gain over the first row."""
+        work = self.unknowns / first.unknowns
+        return [
+            self.ranks,
+            self.unknowns,
+            self.rows,
+            self.newton,
+            self.systems,
+            self.krylov,
+            self.seconds,
+            f"{work * first.seconds / self.seconds:.2f}",
+            *self.parts.values(),
+            f"{self.ghosts} / {self.model}",
+            f"{self.facets:.0%}",
+            self.MiB,
+            f"{self.force:.10g}",
+        ]
+
+
+HEAD = (
+    "ranks",
+    "unknowns",
+    "rows",
+    "Newton",
+    "systems",
+    "Krylov",
+    "seconds",
+    "gain",
+    *TIMERS,
+    "ghosts / model",
+    "most facets",
+    "MiB",
+    "force [N]",
+)
+
+
+def modelled_ghosts(ranks: int, n: int) -> int:
+    """Ghost nodes of all ranks where n x n x 2n cells are halved again and again."""
+    sides, parts, ghosts = np.array([n, n, 2 * n], dtype=float), 1, 0.0
+    while parts < ranks:
+        longest = np.argmax(sides)
+        cut = np.prod(np.delete(sides, longest) + 1)
+        # The first one is at the interface; the last ones may be of some parts only.
+        ghosts += 4 * cut if parts == 1 else 3 * cut * min(parts, ranks - parts)
+        sides[longest] /= 2
+        parts *= 2
+    return round(ghosts)
+
+
+def build(n: int, comm: MPI.Comm, apart: bool = False) -> tuple[vmdg.Problem, np.ndarray]:
+    """The cubes, their load factor the share of the final displacement; facets of the top.
+
+    Opened on one side, pressed and sheared on the other: all branches of the law. Or opened
+    everywhere beyond the critical gap, from one side on: the bond is gone in the end.
+    """
+    mesh, cell_tags, facet_tags = layers("hexahedron", (n, n, 2 * n), (1.0, 1.0, 2.0), n, comm)
+    body = vmdg.NeoHookean(**BODY)
+    interface = vmdg.Interface(between=(LOWER, UPPER), law=BOND)
+    problem = vmdg.Problem(mesh, cell_tags, {LOWER: body, UPPER: body}, [interface])
+    top = facet_tags.find(TOP)
+    problem.dirichlet(facet_tags.find(BOTTOM), 0.0)
+    # mm at x = 0.
+    opened = 0.06 if apart else -0.016
+    problem.dirichlet(
+        top, lambda x, t: t * np.vstack([0.01 + 0 * x[0], 0 * x[0], opened + 0.04 * x[0]])
+    )
+    return problem, top
+
+
+def measure(
+    n: int,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    load: float = 1.0,
+    share: float = 0.01,
+    apart: bool = False,
+    verbose: bool = False,
+) -> Row:
+    """Two stages to a share of the load; collective.
+
+    Args:
+        n: Cells along an edge of a cube.
+        comm: Of all ranks.
+        load: Share of the load.
+        share: Of the bond that breaks in a step. Longer steps follow the counts of corrections,
+            which differ by one with the linear solver and its ranks, and the force at the end
+            follows the steps.
+        apart: Open the bond to its end, led by the work on it from the start.
+        verbose: Print the residuals of every step.
+    """
+    problem, top = build(n, comm, apart)
+    problem.discretization.compile()
+    comm.barrier()
+    start = perf_counter()
+    options = vmdg.SolveOptions(
+        relative_tolerance=1e-7 if apart else 1e-10,
+        max_share=share,
+        control="dissipation" if apart else "auto",
+        verbose=verbose,
+    )
+    # Halfway there is an equilibrium to be met exactly, which costs the work's path some others.
+    result = vmdg.solve(problem, [load] if apart else [load / 2, load], options)
+    comm.barrier()
+    seconds = perf_counter() - start
+    measured = {timing.name: timing.seconds for timing in result.timings}
+    parts = {name: global_max(comm, measured.get(what, 0.0)) for name, what in TIMERS.items()}
+    nodes = problem.space.dofmap.index_map
+    facets = len(problem.step.activation.facets[0].facets)
+    return Row(
+        comm.size,
+        n,
+        3 * nodes.size_global,
+        float(problem.reaction(top)[-1]),
+        len(result.residuals),
+        int(result.history["iterations"].sum()),
+        result.counts.solves,
+        result.counts.krylov,
+        seconds,
+        parts,
+        int(global_sum(comm, nodes.num_ghosts)),
+        modelled_ghosts(comm.size, n),
+        global_max(comm, facets) / n**2,
+        global_max(comm, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+    )
+
+
+def draw(rows: Sequence[Row]) -> Figure:
+    """Wall time of every run by timers, and what one rank would take over the number of ranks."""
+    figure, ax = plt.subplots(figsize=(7, 4), layout="constrained")
+    places, bottom = np.arange(len(rows)), np.zeros(len(rows))
+    for name in TIMERS:
+        height = np.array([row.parts[name] for row in rows])
+        ax.bar(places, height, bottom=bottom, label=name)
+        bottom += height
+    first = rows[0]
+    ideal = [first.seconds * row.unknowns / first.unknowns / row.ranks for row in rows]
+    ax.plot(places, [row.seconds for row in rows], "ko", label="wall time")
+    ax.plot(places, ideal, "k_", ms=24, label="ideal")
+    ax.set_xticks(places, [f"{row.ranks}\n{row.unknowns:,}" for row in rows])
+    ax.set(ylabel="seconds", xlabel="ranks and unknowns")
+    ax.legend(loc="upper left", bbox_to_anchor=(1, 1))
+    return figure

@@ -1,0 +1,523 @@
+"""Is the state a stress run ended in a right one? Checks that do not take the solver's word.
+
+Each check returns what it found wrong, in words; an empty list is a pass. Points are examined in
+the frame of the law: zeta~ = R^T.zeta, T~ = R^T.T. Tolerances are those of the solver, or a bound
+of rounding where that is larger.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+from petsc4py import PETSc
+
+import numpy as np
+from numpy.typing import NDArray
+
+import vmdg
+import vmdg.problem.states
+from parts.stability.scenes import Array, Case
+from vmdg.domain.shapes import ShapeGradients
+from vmdg.interface.coercivity import MARGIN
+from vmdg.laws.extrinsic import RadialLaw
+
+EPS = np.finfo(float).eps
+
+#: Residual relative to the reactions that no solution may exceed, and deviation from a closed form.
+LOOSE, EXACT = 1e-6, 1e-6
+
+#: What a rigid rotation may change, residuals of many steps together, and what another tau_s may on
+#: these coarse meshes.
+TURNED, MESH = 1e-5, 0.05
+
+#: Share of the bulk energy by which that of a finite deformation may differ from the quadratic form
+#: of its tangent.
+NONLINEAR = 0.05
+
+
+@dataclass(frozen=True)
+class Record:
+    """A converged state, as it was reported.
+
+    Attributes:
+        t: Load factor.
+        u: Displacement.
+        forces: Internal minus external forces.
+        prescribed: Prescribed dofs.
+        softening: Q of every interface.
+        gap: zeta~ of every interface.
+        traction: T~ of every interface.
+        energy: Energies.
+    """
+
+    t: float
+    u: Array
+    forces: Array
+    prescribed: NDArray[np.int32]
+    softening: list[Array]
+    gap: list[Array]
+    traction: list[Array]
+    energy: vmdg.problem.states.Energy
+
+    @classmethod
+    def of(cls, problem: vmdg.Problem) -> Record:
+        """The state of a problem."""
+        states = problem.state
+        return cls(
+            problem.t,
+            problem.u.x.array.copy(),
+            problem.discretization.forces.x.array.copy(),
+            problem.loading.prescribed,
+            [state.softening.copy() for state in states],
+            [in_frame(state.gap, state.rotation) for state in states],
+            [in_frame(state.traction, state.rotation) for state in states],
+            problem.energy(),
+        )
+
+
+@dataclass
+class Run:
+    """A run that has ended, converged or not.
+
+    Attributes:
+        case: What was to be done.
+        problem: In its last converged state.
+        records: The start and all converged states.
+        history: The table of the run.
+        stopped: Message of the error that ended it early; "" where it got to the end.
+        failures: Load factor and reason of every step that had to be cut.
+        residuals: Assembled in all of its solves.
+    """
+
+    case: Case
+    problem: vmdg.Problem
+    records: list[Record]
+    history: vmdg.History = field(default_factory=vmdg.History)
+    stopped: str = ""
+    failures: list[tuple[float, str]] = field(default_factory=list)
+    residuals: int = 0
+
+    @property
+    def force(self) -> float:
+        """Largest force of the run [N]: the norm of the reactions."""
+        return max(float(np.linalg.norm(r.forces[r.prescribed])) for r in self.records)
+
+    @property
+    def unsettled(self) -> bool:
+        """Whether facets may have opened on demand since the last step: bonded, not balanced."""
+        return bool(self.stopped) and self.case.on_demand
+
+    @cached_property
+    def new(self) -> vmdg.Problem:
+        """A new problem with displacement, history and frozen penalties of the run, zeta held.
+
+        Facets that have opened on demand are interfaces there, all others are none.
+        """
+        problem = self.problem
+
+        def frozen(i: int) -> Callable | None:
+            if i not in problem.discretization.active:
+                return None
+            stabilization = problem.stabilization[i]
+            return lambda tau1, tau2, context: (stabilization.tau, stabilization.delta[:, 0])
+
+        stabilizations = tuple(frozen(i) for i in range(len(self.case.bonds)))
+        active = problem.discretization.active
+        opened = tuple(
+            active[i].facets.facets if i in active else None for i in range(len(self.case.bonds))
+        )
+        new = self.case.problem(stabilizations, opened)
+        for i, mine in new.discretization.active.items():
+            theirs = active[i]
+            past = theirs.history
+            mine.history = replace(mine.history, gap=past.gap, softening=past.softening)
+        new.u.x.array[:] = problem.u.x.array
+        new.loading.move(problem.t)
+        new.step.assemble_residual(hold=True)
+        return new
+
+    @cached_property
+    def rounding(self) -> float:
+        """Bound of the rounding of nodal forces [N]: eps |K| times the size of the body."""
+        matrix = self.new.discretization.create_matrix()
+        self.new.discretization.assemble_tangent(matrix, damage=False)
+        result = EPS * self.reach * matrix.norm(PETSc.NormType.NORM_INFINITY)
+        matrix.destroy()
+        return result
+
+    @property
+    def reach(self) -> float:
+        """Size of the body and its largest displacement together [mm]."""
+        return np.linalg.norm(self.case.mesh.size) + np.abs(self.problem.u.x.array).max()
+
+    @property
+    def tolerance(self) -> float:
+        """Of nodal forces [N]: that of the solver, and never more than LOOSE of the reactions."""
+        asked = 10 * self.case.options.relative_tolerance * self.problem.step.scales.force
+        return min(asked, LOOSE * self.force) + 10 * self.rounding
+
+
+def in_frame(vectors: Array, rotation: Array) -> Array:
+    """R^T.v at many points."""
+    return np.einsum("pji,pj->pi", rotation, vectors)
+
+
+def finite(run: Run) -> list[str]:
+    """No NaN and no infinity in any state or in the table."""
+    arrays = [
+        *(a for r in run.records for a in (r.u, r.forces, *r.softening, *r.gap, *r.traction)),
+        *([*vars(r.energy).values()] for r in run.records),
+        *(run.history[name] for name in run.history.columns),
+        run.problem.u.x.array,
+    ]
+    return ["a value is not finite"] * (not all(np.isfinite(a).all() for a in arrays))
+
+
+def at_last_record(run: Run) -> list[str]:
+    """The problem is in the state that was reported last, to the last bit.
+
+    A step that failed may have opened facets on demand: all of them are intact.
+    """
+    now, last = Record.of(run.problem), run.records[-1]
+    if len(now.u) > len(last.u):
+        held = np.allclose([*vars(now.energy).values()], [*vars(last.energy).values()], rtol=1e-9)
+        intact = now.t == last.t and held
+        return ["opening facets has changed the state"] * (not intact)
+    same = (
+        now.t == last.t
+        and np.array_equal(now.u, last.u)
+        and np.array_equal(now.forces, last.forces)
+        and all(map(np.array_equal, now.softening, last.softening))
+        and all(map(np.array_equal, now.gap, last.gap))
+        and all(map(np.array_equal, now.traction, last.traction))
+    )
+    return ["the problem is not in its last converged state"] * (not same)
+
+
+def equilibrium(run: Run) -> list[str]:
+    """Forces of a new assembly vanish at free nodes, balance as a whole, and are those reported."""
+    if run.unsettled:
+        return []
+    new, limit = run.new, run.tolerance
+    forces, d = new.discretization.forces.x.array, run.case.mesh.d
+    free = np.setdiff1d(np.arange(len(forces)), new.loading.prescribed)
+    found = []
+    if (left := np.linalg.norm(forces[free])) > limit:
+        found.append(f"residual {left:.2e} N of {run.force:.2e} N")
+    if (off := np.abs(forces - run.problem.discretization.forces.x.array).max()) > limit:
+        found.append(f"reported forces are off by {off:.2e} N")
+    axes = slice(1, None) if run.case.symmetry else slice(None)
+    total = (forces.reshape(-1, d).sum(axis=0) + run.case.load(run.problem.t))[axes]
+    if (sum_ := np.abs(total).max()) > limit:
+        found.append(f"forces add up to {sum_:.2e} N of {run.force:.2e} N")
+    if _balances_moments(run.case):
+        x = new.space.tabulate_dof_coordinates()[:, :d] + run.problem.u.x.array.reshape(-1, d)
+        products = np.einsum("ni,nj->ij", x, forces.reshape(-1, d))
+        moment = np.abs(products - products.T).max()
+        if moment > limit * np.abs(x).max():
+            found.append(f"moments add up to {moment:.2e} N mm")
+    return found
+
+
+def _balances_moments(case: Case) -> bool:
+    """Whether reactions alone must, and the form does not change under rotations.
+
+    A tensor tau_s would stay behind a body that turns.
+    """
+    turning = all(bond.law.inelastic for bond in case.bonds) and case.kinematics == "finite"
+    return turning and case.symmetry is None and case.traction is None
+
+
+def positive_volume(run: Run) -> list[str]:
+    """No cell is turned inside out: det F > 0 wherever the bulk is integrated."""
+    if run.case.kinematics == "small":
+        return []
+    problem, d = run.problem, run.case.mesh.d
+    mesh = problem.mesh
+    shapes = ShapeGradients(mesh, problem.discretization.geometry, run.case.degree)
+    cells = np.arange(mesh.topology.index_map(d).size_local, dtype=np.int32)
+    gradients, _ = shapes.in_cells(cells)
+    u = problem.u.x.array.reshape(-1, d)[problem.space.dofmap.list[cells]]
+    F = np.eye(d) + np.einsum("cqna,cni->cqia", gradients[..., :d], u)
+    J = np.linalg.det(F)
+    if run.case.symmetry:
+        J = J * (1 + np.einsum("cqn,cn->cq", gradients[..., d], u[..., 0]))
+    return [f"det F = {J.min():.2e}"] * bool(J.min() <= 0)
+
+
+def admissible(run: Run) -> list[str]:
+    """Tractions lie in the set that law and history allow, and gaps obey contact."""
+    if run.unsettled:
+        return []
+    found = []
+    new = run.new
+    for i, active in new.discretization.active.items():
+        bond, state, stabilization = run.case.bonds[i], new.state[i], run.problem.stabilization[i]
+        law = bond.law
+        if not law.inelastic:
+            continue
+        if law.viscosity > 0 and run.stopped:
+            continue  # overstress, until it rests
+        r = stabilization.norm[active.quadrature.facet]
+        if not law.admissible(r).all():
+            found.append(f"r = {r.min():.3g} does not exceed H = {law.softening_modulus:.3g}")
+            continue
+        points = Points(
+            law,
+            state.normal,
+            in_frame(state.gap, state.rotation),
+            in_frame(state.traction, state.rotation),
+            state.softening,
+            r,
+            1e-9 * law.strength + 100 * EPS * r * run.reach + _flux_rounding(run),
+        )
+        found += [*history_in_range(points), *fixed_point(points), *criterion(points)]
+    return found
+
+
+def _flux_rounding(run: Run) -> float:
+    """Rounding of {P.N}, gradients of cells as thin as they come [MPa]."""
+    thinnest = min(np.diff(line).min() for line in run.case.mesh.lines)
+    return 100 * EPS * _stiffest(run) * run.reach / thinnest
+
+
+def _stiffest(run: Run) -> float:
+    """Largest modulus of confined tension [MPa]."""
+    return max(map(_confined, run.case.materials.values()))
+
+
+def _confined(material: vmdg.Material) -> float:
+    values = material.parameters
+    if isinstance(material, vmdg.Ogden):
+        shear = sum(values[f"c{a + 1}"] for a in range(material.terms)) / 2
+        return values["kappa"] + 4 / 3 * shear
+    return values["lmbda"] + 2 * values["mu"]
+
+
+@dataclass(frozen=True)
+class Points:
+    """Converged points of one interface that can fail, in the frame of the law.
+
+    Attributes:
+        law: The law.
+        normal: N (n, d).
+        gap: zeta~ (n, d) [mm].
+        traction: T~ (n, d) [MPa].
+        softening: Q (n,) [MPa].
+        penalty: r (n,) [MPa/mm].
+        tolerance: Of tractions (n,) [MPa].
+    """
+
+    law: vmdg.Law
+    normal: Array
+    gap: Array
+    traction: Array
+    softening: Array
+    penalty: Array
+    tolerance: Array
+
+    def split(self, vectors: Array) -> tuple[Array, Array]:
+        """Normal component and length of the rest (n,)."""
+        normal = np.einsum("pi,pi->p", vectors, self.normal)
+        return normal, np.linalg.norm(vectors - normal[:, None] * self.normal, axis=1)
+
+
+def history_in_range(points: Points) -> list[str]:
+    """0 <= Q <= strength, no negative normal gap, and no gap without the damage it takes."""
+    law, Q = points.law, points.softening
+    gap, _ = points.split(points.gap)
+    small = points.tolerance / points.penalty
+    found = []
+    if not ((Q >= 0) & (Q <= law.strength)).all():
+        found.append(f"Q in [{Q.min():.3e}, {Q.max():.3e}], strength {law.strength:.3e}")
+    if (gap < -small).any():
+        found.append(f"zeta.N = {gap.min():.3e}")
+    if isinstance(law, vmdg.Debonding):
+        whole = Q < law.strength
+        length = np.linalg.norm(points.gap, axis=1)
+        excess = law.softening_modulus * (length - small) - Q
+        if (excess[whole] > 1e-9 * law.strength).any():
+            found.append(f"a bond left with |zeta| = {length[whole].max():.3e}")
+    return found
+
+
+def fixed_point(points: Points) -> list[str]:
+    """Mapped back once more from its end, a point stays where it is."""
+    again = points.law.return_map(
+        points.traction, points.normal, points.gap, points.softening, points.penalty, np.inf
+    )
+    moved = np.linalg.norm(again.gap - points.gap, axis=1) * points.penalty
+    # Close to r = H the map magnifies what is left over by r / (r - H).
+    magnified = points.penalty / (points.penalty - points.law.softening_modulus)
+    excess = moved - 10 * points.tolerance * magnified
+    return [f"a point would move on by {moved.max():.2e} MPa"] * bool((excess > 0).any())
+
+
+def criterion(points: Points) -> list[str]:
+    """Boxes 2 and 3 by hand, for the law with linear softening.
+
+    |T| <= R in tension; |T_T| <= max(R, mu |T_N|) under pressure; pressure on closed points only.
+    """
+    law = points.law
+    if not isinstance(law, vmdg.Debonding):
+        return []
+    R = law.strength - points.softening
+    normal, shear = points.split(points.traction)
+    gap, _ = points.split(points.gap)
+    tolerance = 10 * points.tolerance
+    pressed = normal < 0
+    allowed = np.where(pressed, np.maximum(R, -law.friction * normal), R)
+    size = np.where(pressed, shear, np.hypot(normal, shear))
+    found = []
+    if (over := size - allowed - tolerance).max(initial=-1) > 0:
+        found.append(f"traction exceeds the criterion by {over.max():.2e} MPa")
+    open_ = gap > 10 * points.tolerance / points.penalty
+    if (normal[open_] < -tolerance[open_]).any():
+        found.append(f"pressure {-normal[open_].min():.2e} MPa on an open point")
+    return found
+
+
+def irreversible(run: Run) -> list[str]:
+    """Damage and dissipation never decrease; of points, where no facets have opened."""
+    found = []
+    for before, after in zip(run.records, run.records[1:], strict=False):
+        for bond, Q0, Q1 in zip(run.case.bonds, before.softening, after.softening, strict=True):
+            if len(Q1) == len(Q0) and (Q1 < Q0).any():
+                share = (Q0 - Q1).max() / bond.law.strength
+                found.append(f"Q falls by {share:.1e} of the strength")
+        scale = 1e-9 * after.energy.dissipated
+        for name in ("damage", "friction"):
+            spent = getattr(after.energy, name) - getattr(before.energy, name)
+            if spent < -scale:
+                share = f"{spent:.2e} of {after.energy.dissipated:.2e} N mm"
+                found.append(f"{name} heals at t = {after.t:.4g}, by {share}")
+    return found[:1]
+
+
+def damage_energy(run: Run) -> list[str]:
+    """Damage has taken from the bond what its softening says, whatever the path was."""
+    laws = [bond.law for bond in run.case.bonds if bond.law.inelastic]
+    if not all(isinstance(law, RadialLaw) for law in laws):
+        return []
+    spent = sum(
+        state.weights @ (law.bond_energy(np.array([law.strength])) - law.bond_energy(R))
+        for law, state, R in (
+            (bond.law, state, bond.law.strength - state.softening)
+            for bond, state in zip(run.case.bonds, run.problem.state, strict=True)
+            if bond.law.inelastic
+        )
+    )
+    whole = sum(
+        state.weights.sum() * bond.law.bond_energy(np.array([bond.law.strength]))[0]
+        for bond, state in zip(run.case.bonds, run.problem.state, strict=True)
+        if bond.law.inelastic
+    )
+    damage = run.records[-1].energy.damage
+    return [f"damage took {damage:.6e}, the bonds lost {float(spent):.6e} N mm"] * bool(
+        abs(damage - spent) > 1e-9 * whole
+    )
+
+
+def energy_balance(run: Run) -> list[str]:
+    """No step creates or loses more than the trapezoidal rule can miss of its work.
+
+    External work is the mean of the reactions at both ends of a step times its displacement. On the
+    way the reactions stay within what the run has seen and what the bonds can bear, and the true
+    work differs by less than that times the displacement. Steps over a jump have the work of the
+    jump besides, and so has one at rest, which relaxes, to a small share. What the curvature of the
+    path adds to the work of a step is known with the next one. Energies are known no better than
+    the rounding of W.
+    """
+    found = []
+    rounding = 10 * EPS * _stiffest(run) * run.reach**run.case.mesh.d
+    borne = sum(
+        state.weights.sum() * max(bond.law.strength, getattr(bond.law, "shear_strength", 0.0))
+        for bond, state in zip(run.case.bonds, run.problem.state, strict=True)
+        if bond.law.inelastic
+    )
+    jumps = [0, *run.history["jump_steps"]] if len(run.history) else [0]
+    last = 0.0
+    for before, after, jumped in zip(run.records, run.records[1:], jumps[1:], strict=False):
+        values = [run.problem.loading.prescribed_values(record.t) for record in (before, after)]
+        moved = np.abs(values[1] - values[0])
+        reactions = [np.abs(record.forces[record.prescribed]) for record in run.records]
+        if len({len(forces) for forces in reactions}) == 1:
+            bound = np.max(reactions, axis=0) @ moved
+        else:  # nodes of the ends have been duplicated
+            bound = max(forces.sum() for forces in reactions) * moved.max()
+        bound += borne * run.case.mesh.d * moved.max()
+        if run.case.traction is not None:
+            load = max(np.linalg.norm(run.case.load(record.t)) for record in run.records)
+            bound += load * np.abs(after.u - before.u).max()
+        bound, last = bound + last, bound
+        change = abs(after.energy.imbalance - before.energy.imbalance)
+        if jumped:
+            bound += before.energy.stored
+        elif after.t == before.t:
+            bound += NONLINEAR * before.energy.stored
+        if change > bound + rounding:
+            found.append(f"{change:.2e} N mm lost at t = {after.t:.4g}, {bound:.2e} allowed")
+    return found[:1]
+
+
+def coercive(run: Run) -> list[str]:
+    """The interfaces take no more of the bulk energy than coercivity lets them.
+
+    In a spurious equilibrium, which only a tau_s too small for the state allows, they do.
+    """
+    energy = run.records[-1].energy
+    rounding = 10 * EPS * _stiffest(run) * run.reach**run.case.mesh.d
+    taken = -energy.interface - (1 - MARGIN) * energy.bulk
+    if run.case.kinematics == "finite":
+        taken -= NONLINEAR * energy.bulk
+    if taken <= rounding:
+        return []
+    return [f"interface energy {energy.interface:.3e}, bulk energy {energy.bulk:.3e} N mm"]
+
+
+def exact(run: Run) -> list[str]:
+    """The end state is that of the closed form, as far as F = I + GRAD u tells it from rest."""
+    if run.case.exact is None or run.stopped:
+        return []
+    rounding = 10 * EPS * run.reach / np.abs(run.problem.u.x.array).max()
+    deviation = run.case.exact(run.problem)
+    return [f"off the closed form by {deviation:.2e}"] * (not deviation < EXACT + rounding)
+
+
+def objective(run: Run) -> list[str]:
+    """Under rigid motion nothing happens in the frame of the law.
+
+    The first step of the motion is the first with tau_s of the deformed body, which moves the
+    solution on by a small part of the error of the mesh; after that all is the same to TURNED.
+    """
+    start, found = run.case.unchanged_from, []
+    if start is None:
+        return []
+    before = [record for record in run.records if record.t == start]
+    later = [record for record in run.records if record.t > start]
+    for i, bond in enumerate(run.case.bonds):
+        sizes = {"softening": bond.law.strength, "traction": bond.law.strength}
+        sizes["gap"] = max([1e-12, *(np.abs(record.gap[i]).max() for record in before)])
+        for name, size in sizes.items():
+            for records, allowed in ((before + later[:1], MESH), (later, TURNED)):
+                values = [getattr(record, name)[i] for record in records]
+                off = max([0.0, *(np.abs(value - values[0]).max() / size for value in values)])
+                if off > allowed:
+                    found.append(f"{name} turns by {off:.1e}")
+    return found
+
+
+CHECKS: tuple[Callable[[Run], list[str]], ...] = (
+    at_last_record,
+    equilibrium,
+    positive_volume,
+    admissible,
+    irreversible,
+    damage_energy,
+    energy_balance,
+    coercive,
+    exact,
+    objective,
+)

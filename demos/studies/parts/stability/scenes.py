@@ -1,0 +1,319 @@
+"""What a stress run is made of: meshes of few cells, motions of their ends, and the case itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+from mpi4py import MPI
+
+import basix
+import basix.ufl
+import numpy as np
+from dolfinx.mesh import compute_midpoints, create_mesh, meshtags
+from numpy.typing import NDArray
+
+import vmdg
+from parts.coercivity.cells import grid
+from vmdg.assembly.values import Value
+from vmdg.domain.topology import facet_cells
+from vmdg.interface.interface import StabilizationRule
+
+Array = NDArray[np.float64]
+Predicate = Callable[[Array], NDArray[np.bool_]]
+
+# Motions: displacement as a function of the load factor, at points x (3, n) where it varies
+
+
+@dataclass(frozen=True)
+class Path:
+    """Straight legs between points.
+
+    Attributes:
+        points: Displacements (n, d) at t = 0, 1, .. n - 1 [mm].
+    """
+
+    points: Array
+
+    def __call__(self, t: float) -> Array:
+        """Displacement (d,) [mm]."""
+        corners = np.arange(len(self.points))
+        return np.array([np.interp(t, corners, column) for column in self.points.T])
+
+
+@dataclass(frozen=True)
+class Affine:
+    """u = t H.x.
+
+    Attributes:
+        gradient: H (d, d).
+    """
+
+    gradient: Array
+
+    def __call__(self, x: Array, t: float) -> Array:
+        """Displacement (d, n) [mm]."""
+        return t * self.gradient @ x[: len(self.gradient)]
+
+
+@dataclass(frozen=True)
+class OpenAndTurn:
+    """Moves up to t = 1, then turns about the origin: rotated once more from one t to the next.
+
+    Attributes:
+        move: Displacement (d,) at t = 1 [mm].
+        axis: Unit vector (3,); (0, 0, 1) in the plane.
+        angle: Of every turn [rad].
+    """
+
+    move: Array
+    axis: Array
+    angle: float
+
+    def __call__(self, x: Array, t: float) -> Array:
+        """Displacement (d, n) [mm]."""
+        d = len(self.move)
+        moved = x[:d] + min(t, 1.0) * self.move[:, None]
+        return rotation(self.axis, self.angle * max(t - 1.0, 0.0))[:d, :d] @ moved - x[:d]
+
+
+def rotation(axis: Array, angle: float) -> Array:
+    """Rotation (3, 3) about a unit vector."""
+    W = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return np.eye(3) + np.sin(angle) * W + (1 - np.cos(angle)) * W @ W
+
+
+# Meshes
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A box of cells.
+
+    Attributes:
+        kind: Type of the cells.
+        nodes: Positions (n, d) [mm].
+        cells: Nodes of the cells (m, corners), in DOLFINx's order.
+        lines: Where the grid lines of every axis were before nodes were moved [mm].
+    """
+
+    kind: str
+    nodes: Array
+    cells: NDArray[np.int64]
+    lines: tuple[Array, ...]
+
+    @property
+    def d(self) -> int:
+        """Dimension."""
+        return self.nodes.shape[1]
+
+    @property
+    def midpoints(self) -> Array:
+        """Of the cells (m, d) [mm]."""
+        return self.nodes[self.cells].mean(axis=1)
+
+    @property
+    def size(self) -> Array:
+        """Lengths of the box (d,) [mm]."""
+        return np.array([line[-1] - line[0] for line in self.lines])
+
+    def side(self, axis: int, end: int) -> Predicate:
+        """Predicate of the side at the low (0) or high (-1) end of an axis."""
+        line = self.lines[axis]
+        value, small = line[end], 1e-9 * (line[-1] - line[0])
+        return lambda x: np.abs(x[axis] - value) < small
+
+    def jacobians(self, nodes: Array | None = None) -> Array:
+        """det dX/dxi at the corners of the cells (m, corners) [mm^d]."""
+        cell = basix.CellType[self.kind]
+        element = basix.create_element(
+            basix.ElementFamily.P, cell, 1, basix.LagrangeVariant.equispaced
+        )
+        slopes = element.tabulate(1, basix.geometry(cell))[1:, :, :, 0]
+        x = (self.nodes if nodes is None else nodes)[self.cells]
+        return np.linalg.det(np.einsum("tqn,cni->cqit", slopes, x))
+
+
+def box(kind: str, lines: tuple[Array, ...]) -> Cells:
+    """Cells between grid lines, split into simplices where ``kind`` is one."""
+    patch = grid(kind, tuple(len(line) - 1 for line in lines))
+    numbers = patch.nodes.astype(int)
+    nodes = np.column_stack([line[i] for line, i in zip(lines, numbers.T, strict=True)])
+    return Cells(kind, nodes, patch.cells, lines)
+
+
+def distorted(cells: Cells, rng: np.random.Generator, left: float, planes: Array) -> Cells:
+    """Move inner nodes until the most distorted corner keeps ``left`` of its Jacobian.
+
+    A negative ``left`` inverts cells. Nodes stay on the sides and on the ``planes`` of the first
+    axis (interfaces that have to stay plane).
+    """
+    shift = rng.uniform(-1, 1, cells.nodes.shape) * [np.diff(line).min() for line in cells.lines]
+    for axis, line in enumerate(cells.lines):
+        kept = [line[0], line[-1], *(planes if axis == 0 else ())]
+        shift[np.isclose(cells.nodes[:, [axis]], kept).any(axis=1), axis] = 0
+    if not shift.any():
+        raise ValueError("distorted: no node may move")
+    whole = cells.jacobians()
+
+    def quality(amplitude: float) -> float:
+        return float((cells.jacobians(cells.nodes + amplitude * shift) / whole).min())
+
+    high = 0.1
+    while quality(high) > left:
+        high *= 1.5
+    low = 0.0
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (low, middle) if quality(middle) < left else (middle, high)
+    return Cells(cells.kind, cells.nodes + low * shift, cells.cells, cells.lines)
+
+
+# Cases
+
+
+@dataclass(frozen=True)
+class Bond:
+    """An interface.
+
+    Attributes:
+        law: Its law.
+        between: Tags it separates; None where ``facets`` says where it is.
+        facets: Predicate on the midpoints (3, n) of inner facets and the tags (n, 2) of their
+            cells.
+        opens_at: Traction relative to the strength at which facets open on demand; None where all
+            are open from the start.
+    """
+
+    law: vmdg.Law
+    between: tuple[int, int] | None = None
+    facets: Callable[[Array, NDArray[np.int32]], NDArray[np.bool_]] | None = None
+    opens_at: float | None = None
+
+
+@dataclass(frozen=True)
+class Support:
+    """Prescribed displacement of a side.
+
+    Attributes:
+        where: Predicate on coordinates (3, n).
+        value: As for :meth:`vmdg.Problem.dirichlet`.
+        component: As there.
+    """
+
+    where: Predicate
+    value: Value
+    component: int | None = None
+
+
+@dataclass(frozen=True)
+class Case:
+    """One stress run, before it runs.
+
+    Attributes:
+        family: What it is to stress.
+        what: The numbers that were drawn, in words.
+        mesh: Cells.
+        tags: Of the cells (m,).
+        materials: By tag.
+        bonds: Interfaces.
+        supports: Prescribed displacements.
+        loads: Load factors.
+        traction: Dead traction on the high end of the first axis [MPa]; None for none.
+        degree: Of the displacement.
+        kinematics: "finite" or "small".
+        symmetry: None or "axisymmetric".
+        exact: Deviation of the end state from a closed form, relative; None where there is none.
+        refusal: Pattern of the error at the door that is a right answer; "" where none is.
+        must_refuse: Whether nothing else is.
+        unchanged_from: Load factor from which on all that happens is a rigid motion.
+    """
+
+    family: str
+    what: str
+    mesh: Cells
+    tags: NDArray[np.int32]
+    materials: Mapping[int, vmdg.Material]
+    bonds: tuple[Bond, ...]
+    supports: tuple[Support, ...]
+    loads: Array
+    traction: Path | None = None
+    degree: int = 1
+    kinematics: str = "finite"
+    symmetry: str | None = None
+    exact: Callable[[vmdg.Problem], float] | None = None
+    refusal: str = ""
+    must_refuse: bool = False
+    unchanged_from: float | None = None
+    options: vmdg.SolveOptions = field(default_factory=vmdg.SolveOptions)
+
+    def __str__(self) -> str:
+        geometry = self.symmetry or self.kinematics
+        return f"{self.mesh.kind} {self.degree}, {geometry}, {self.what}"
+
+    @property
+    def on_demand(self) -> bool:
+        """Whether there are facets that open on demand."""
+        return any(bond.opens_at is not None for bond in self.bonds)
+
+    def problem(
+        self,
+        stabilizations: tuple[StabilizationRule | None, ...] | None = None,
+        opened: tuple[NDArray[np.int32] | None, ...] | None = None,
+    ) -> vmdg.Problem:
+        """The problem at its start.
+
+        Args:
+            stabilizations: One for every interface in place of (21)-(23).
+            opened: Open facets of interfaces that open on demand, which are interfaces from the
+                start then; None for none.
+        """
+        mesh, d = self.mesh, self.mesh.d
+        element = basix.ufl.element("Lagrange", mesh.kind, 1, shape=(d,))
+        dolfinx_mesh = create_mesh(MPI.COMM_SELF, cells=mesh.cells, x=mesh.nodes, e=element)
+        original = np.asarray(dolfinx_mesh.topology.original_cell_index)
+        numbers = np.arange(len(original), dtype=np.int32)
+        tags = self.tags[original].astype(np.int32)
+        dolfinx_mesh.topology.create_entities(d - 1)
+        pairs = facet_cells(dolfinx_mesh)
+        inner = np.flatnonzero((pairs >= 0).all(axis=1)).astype(np.int32)
+        midpoints = compute_midpoints(dolfinx_mesh, d - 1, inner).T
+        frame = "corotating" if self.kinematics == "finite" else "reference"
+        interfaces = []
+        none = (None,) * len(self.bonds)
+        for bond, own, open_ in zip(
+            self.bonds, stabilizations or none, opened or none, strict=True
+        ):
+            options = {"law": bond.law, "frame": frame, "stabilization": own}
+            if bond.opens_at is not None and open_ is None:
+                options |= {"activate": "on-demand", "activate_at": bond.opens_at}
+            facets = open_ if bond.opens_at is not None else None
+            if bond.facets is not None and facets is None:
+                facets = inner[bond.facets(midpoints, tags[pairs[inner]])]
+            interfaces.append(vmdg.Interface(facets, between=bond.between, **options))
+        problem = vmdg.Problem(
+            dolfinx_mesh,
+            meshtags(dolfinx_mesh, d, numbers, tags),
+            self.materials,
+            interfaces,
+            self.degree,
+            self.kinematics,
+            symmetry=self.symmetry,
+        )
+        for support in self.supports:
+            problem.dirichlet(support.where, support.value, support.component)
+        if self.traction is not None:
+            problem.traction(mesh.side(0, -1), self.traction)
+        return problem
+
+    def load(self, t: float) -> Array:
+        """Resultant (d,) of the dead traction [N]."""
+        if self.traction is None:
+            return np.zeros(self.mesh.d)
+        return self.traction(t) * self.mesh.size[1:].prod()
+
+
+def legs(count: int, steps: int) -> Array:
+    """Load factors of ``count`` legs of unit length in equal steps."""
+    return np.concatenate([np.linspace(a, b, steps + 1)[1:] for a, b in pairwise(range(count + 1))])

@@ -1,0 +1,59 @@
+"""Random stress runs: cells, materials, laws, steps and motions far from ordinary, all checked.
+
+Every run has a number that fixes all that is drawn. It must end in a state that passes every check
+of ``parts/stability/checks.py``, or in a clear error: at the door, or with the state of the last
+converged step intact. The families are in ``parts/stability/cases.py``.
+"""
+
+from __future__ import annotations
+
+from itertools import chain
+from pathlib import Path
+
+from mpi4py import MPI
+
+from parts.bars import progress
+from parts.options import run
+from parts.stability.cases import numbers
+from parts.stability.runner import BAD, Outcome, chart, stress, table, write_csv
+
+
+def main(
+    each: int = 30,
+    only: int | None = None,
+    out: str = "results/stability",
+    plot: bool = True,
+    verbose: bool = False,
+) -> list[Outcome]:
+    """Run some of every family, or one run. Ranks take turns: every run is one of a single rank.
+
+    Args:
+        each: Runs of every family, 30 at most.
+        only: Number of the only run, for example of one that failed.
+        out: Folder for table, list of runs and picture.
+        plot: Draw the picture.
+        verbose: Print the verdict on every run.
+    """
+    comm = MPI.COMM_WORLD
+    chosen = numbers(each) if only is None else [only]
+    bar = progress(chosen[comm.rank :: comm.size], "run", shown=comm.rank == 0)
+    mine = []
+    for number in bar:
+        mine.append(outcome := stress(number))
+        if verbose or outcome.verdict in BAD or only is not None:
+            lines = (f"run {number}, {outcome.family}: {outcome.verdict}", outcome.case)
+            bar.write("\n".join((*lines, outcome.detail)))
+    outcomes = sorted(chain(*comm.allgather(mine)), key=lambda outcome: outcome.number)
+    if comm.rank == 0 and only is None:
+        Path(out).mkdir(parents=True, exist_ok=True)
+        (Path(out) / "stability.md").write_text(table(outcomes) + "\n")
+        write_csv(outcomes, Path(out) / "stability.csv")
+        if plot:
+            chart(outcomes).savefig(Path(out) / "stability.png", dpi=130)
+        print(table(outcomes))
+        print(f"results are in {out}")
+    return outcomes
+
+
+if __name__ == "__main__":
+    run(main)
