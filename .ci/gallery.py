@@ -94,7 +94,8 @@ def run_one(file: Path, demo: str, options: list[str]) -> None:
 
     vmdg.solve = recorded
     sys.argv = [demo, *options]
-    (script,) = DEMOS.glob(f"**/{demo}.py")
+    places = (DEMOS / f"{demo}.py", DEMOS / "studies" / f"{demo}.py")
+    script = next(place for place in places if place.is_file())
     sys.path.insert(0, str(script.parent))
     start = perf_counter()
     runpy.run_path(str(script), run_name="__main__")

@@ -88,7 +88,8 @@ def make(name: str) -> bool:
     folder.mkdir(parents=True)
     script, *options = command.replace("OUT", str(folder)).split()
     if not script.startswith("."):
-        (script,) = (ROOT / "demos").glob(f"**/{script}.py")
+        example = ROOT / "demos" / f"{script}.py"
+        script = example if example.is_file() else example.parent / "studies" / example.name
         options += ["--out", str(folder)]
     with open(folder / "log", "w") as log:
         run = [sys.executable, str(ROOT / script), *options]

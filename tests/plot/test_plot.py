@@ -178,6 +178,27 @@ def test_mode_map_of_a_plane(comm):
         plot.mode_map(bonded(comm), 0, axis="z")
 
 
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+def test_points_of_interfaces(comm, cell):
+    """All points of all interfaces on rank 0, coloured by what they have; few where it is asked."""
+    problem = bonded(comm, cell)
+    ax = plot.interface_points(problem, lambda state: state.points[:, 1], limits=(0, 2), s=9)
+    y = np.concatenate(comm.allgather(problem.state[0].points[:, 1]))
+    (drawn,) = ax.collections
+    few = plot.interface_points(problem, lambda state: state.points[:, 1], above=0.5)
+    assert ax.name == ("3d" if cell == "hexahedron" else "rectilinear")
+    assert drawn.get_clim() == (0, 2)
+    if comm.rank == 0:
+        assert np.sort(np.asarray(drawn.get_array())) == pytest.approx(np.sort(y), abs=1e-15)
+        assert len(few.collections[0].get_array()) == (y > 0.5).sum() == len(y) / 2
+        if ax.name == "rectilinear":
+            places = [[1.0, value] for value in drawn.get_array()]
+            assert np.asarray(drawn.get_offsets()) == pytest.approx(np.array(places), abs=1e-15)
+    assert "damage" in plot.interface_points(problem).child_axes[0].get_ylabel() or ax.name == "3d"
+    with pytest.raises(ValueError, match="no scalar of an interface"):
+        plot.interface_points(problem, "colour")
+
+
 # Stress
 
 

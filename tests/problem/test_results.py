@@ -76,6 +76,29 @@ def test_fine_scale_error(comm):
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.2)
 
 
+def test_snapshot(comm):
+    """It stays as it is while the run goes on, and the problem as it was when it is looked at."""
+    scene = two_blocks(comm, "quadrilateral", 2)
+    problem, right = couple(scene, LAW, BODIES), scene.facet_tags.find(RIGHT)
+    problem.dirichlet(scene.facet_tags.find(LEFT), 0.0)
+    problem.dirichlet(right, lambda t: (t, 0.0))
+    kept, seen = [], []
+
+    def monitor(problem: vmdg.Problem) -> None:
+        kept.append(problem.snapshot())
+        seen.append((problem.t, problem.u.x.array.copy(), problem.reaction(right)))
+
+    vmdg.solve(problem, [0.05, 0.1, 0.2], monitor=monitor)
+    assert len(kept) >= 3
+    for snapshot, (t, u, force) in zip(kept, seen, strict=True):
+        assert snapshot.t == t
+        assert (snapshot.u == u).all()
+        problem.step.return_to(snapshot)
+        assert problem.t == t
+        assert (problem.u.x.array == u).all()
+        assert problem.reaction(right) == pytest.approx(force, abs=0)
+
+
 def test_lines_and_tables(comm):
     """In a line: sizes, bodies, interfaces, work; in a notebook tables too."""
     scene = two_blocks(comm, "quadrilateral", 2)
