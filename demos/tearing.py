@@ -14,12 +14,13 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from mpi4py import MPI
 
 import matplotlib.pyplot as plt
 import numpy as np
+from dolfinx.mesh import MeshTags
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
@@ -74,7 +75,7 @@ class Run(NamedTuple):
     error: Mapping[float, NDArray[np.float64]]
 
 
-def gap_profile(problem: vmdg.Problem, cells: Any) -> NDArray[np.float64]:
+def gap_profile(problem: vmdg.Problem, cells: MeshTags) -> NDArray[np.float64]:
     """Rows (x, opening along y) at the nodes of both plates, those of the slit included."""
     X, faces = problem.space.tabulate_dof_coordinates(), []
     for tag in (1, 2):
@@ -134,13 +135,13 @@ def tear(material: str, mesh: str, steps: int, out: Path, panels: Mapping[float,
 
 def draw(run: Run, axes: Mapping[str, Axes], label: str, style: str = "-") -> None:
     """Force, traction at the tip, and profiles of opening and fine scales."""
-    load, style = 100 * run.history["load"], {"ls": style, "label": label}
-    axes["force"].plot(load, run.history["force"], **style)
-    axes["law"].plot(run.history["tip_opening"], run.history["tip_traction"], **style)
+    history = run.history
+    axes["force"].plot(100 * history["load"], history["force"], style, label=label)
+    axes["law"].plot(history["tip_opening"], history["tip_traction"], style, label=label)
     for i, strain in enumerate(run.gap):
-        style = style | {"label": f"{label}, {100 * strain:.3g} %", "color": f"C{i}"}
-        axes["gap"].plot(*run.gap[strain].T, **style)
-        axes["error"].semilogy(*run.error[strain].T, **style)
+        named = {"color": f"C{i}", "label": f"{100 * strain:.3g} %" if style == "-" else None}
+        axes["gap"].plot(*run.gap[strain].T, style, **named)
+        axes["error"].semilogy(*run.error[strain].T, style, **named)
     axes["force"].set(xlabel="strain [%]", ylabel="force [N/mm]")
     axes["law"].set(xlabel="opening at the tip [mm]", ylabel="traction there [MPa]")
     axes["gap"].set(xlabel="x [mm]", ylabel="opening [mm]")

@@ -43,7 +43,7 @@ def main(
     }
     figure = plt.figure(figsize=(14, 4), layout="constrained")
     axes = figure.subplot_mosaic([["force", "law", "gap", "error"]])
-    for (mesh, each), style in zip(runs.items(), (":", "--", "-"), strict=False):
+    for (mesh, each), style in zip(runs.items(), (":", "--", "-")[-len(runs) :], strict=True):
         tearing.draw(each, axes, mesh, style)
     if MPI.COMM_WORLD.rank == 0:
         figure.savefig(Path(out) / f"tearing_meshes_{material}.png", dpi=120)
