@@ -146,7 +146,7 @@ def draw(run: Run, axes: Mapping[str, Axes], label: str, style: str = "-") -> No
     axes["law"].set(xlabel="opening at the tip [mm]", ylabel="traction there [MPa]")
     axes["gap"].set(xlabel="x [mm]", ylabel="opening [mm]")
     axes["error"].set(xlabel="x [mm]", ylabel="fine scales [mm]")
-    for ax in axes.values():
+    for ax in axes.values() if style == "-" else ():
         ax.legend(fontsize=7)
 
 
