@@ -125,6 +125,8 @@ def stress(
         corners, cells = deformed_corners(problem, facets, magnify)
         drawn = draw_cells(ax, problem, corners, take(cell_means(sigma))[cells], limits)
         drawn.set_linewidth(edges)
+        if not edges:  # or there would be white seams in space
+            drawn.set(linewidth=0.3, edgecolor="face")
         ax.auto_scale_xyz(*on_first_rank(problem, corners.reshape(-1, 3))[0].T)
         ax.set(aspect="equal", zlabel="z [mm]")
         for axis, share in zip((ax.xaxis, ax.yaxis, ax.zaxis), _sides(ax), strict=True):
