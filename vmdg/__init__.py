@@ -1,7 +1,7 @@
 """vmdg: interface failure at finite strain by the Variational Multiscale DG method, on DOLFINx.
 
 ``__init__.pyi`` lists the public names and where they are, for editors and for this module, which
-imports a name when it is first used: ``vmdg.laws`` needs nothing but numpy.
+imports a name on first use: ``vmdg.laws`` needs nothing but numpy.
 """
 
 import ast
@@ -18,10 +18,11 @@ _HOME = {item.name: line.module for line in _IMPORTS for item in line.names}
 
 
 def _load_mpi() -> None:
-    """Load the MPI of DOLFINx's wheel (dolfinx-solver-real), which the loader does not look for.
+    """Load the MPI library of DOLFINx's wheel (dolfinx-solver-real), which the loader does not
+    find.
 
-    It is in the lib folder of the environment. Once it is loaded, its name is known to all who need
-    it. MPI is not initialised by this.
+    It is in the lib folder of the environment. Once loaded, every library that needs it finds it by
+    name. This does not initialise MPI.
     """
     library = Path(sys.prefix) / "lib" / "libmpi.so.12"
     if find_spec("dolfinx_solver") and library.is_file():

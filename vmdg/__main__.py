@@ -12,7 +12,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run a command; its exit code.
 
     Args:
-        arguments: Of the command line; None for those of the process.
+        arguments: Command-line arguments; None for those of the process.
     """
     parser = argparse.ArgumentParser(
         prog="python -m vmdg",

@@ -30,7 +30,7 @@ if _NEW:
 # Newer index maps take a message tag.
 _TAG = [0] if "tag: int" in IndexMap.__init__.__doc__ else []
 
-#: How SNES may end, by PETSc's names: those of 3.22, of which newer ones have renamed one.
+#: SNES convergence reasons by PETSc's names, as of 3.22; one was renamed later.
 _RENAMED = {"DIVERGED_FUNCTION_NANORINF": "DIVERGED_FNORM_NAN"}
 SNES_REASONS = {
     _RENAMED.get(name, name): value
@@ -38,13 +38,13 @@ SNES_REASONS = {
     if isinstance(value, int) and name.isupper()
 }
 
-#: A line search takes corrections of any size: PETSc before 3.24 bounds them as numbers, by 1e8.
+#: Line searches accept corrections of any size: PETSc before 3.24 limits their norm to 1e8.
 UNBOUNDED_SEARCH = {"maxstep": np.finfo(float).max} if PETSc.Sys.getVersion() < (3, 24) else {}
 
 
 def _show_warnings() -> None:
-    """Give warnings back to Python: FFCx of 0.9 makes records for a log of them, which nobody sees
-    where nobody has asked for a log."""
+    """Return warnings to Python: FFCx 0.9 redirects them to a log, which is invisible unless
+    logging is configured."""
     loggers = logging.getLogger("py.warnings"), logging.getLogger()
     handlers = [handler for logger in loggers for handler in logger.handlers]
     if all(isinstance(handler, logging.NullHandler) for handler in handlers):
@@ -94,13 +94,13 @@ def form(integrand: ufl.Form, submeshes: list[FacetSubmesh], jit_options: dict) 
         for submesh in submeshes:
             entity_maps |= submesh.entity_map
     compiled = fem.form(integrand, jit_options=jit_options, entity_maps=entity_maps)
-    # fem.form leaves a circle that holds them, and with them the meshes and their communicators.
+    # fem.form leaves a reference cycle, which keeps the meshes and their communicators alive.
     entity_maps.clear()
     return compiled
 
 
 def forget_traversals() -> None:
-    """Let go of what UFL's algorithms have seen of a form.
+    """Release the objects that UFL's algorithms have cached for a form.
 
     Python 3.13.0 and 3.13.1 keep every object that a ``functools.singledispatchmethod`` was called
     on (issue 127750 of CPython), as those of newer versions of UFL, which know the mesh.
@@ -120,16 +120,16 @@ def create_matrix(
     facets: NDArray[np.int32],
     kind: PETSc.Mat.Type = PETSc.Mat.Type.AIJ,
 ) -> PETSc.Mat:
-    """A matrix that joins all dofs of every cell, and those of the two cells of every facet.
+    """A matrix that couples all dofs of every cell, and those of the two cells of every facet.
 
-    The pattern needs a form, but no kernel: nothing has to be compiled.
+    The sparsity pattern needs a form but no kernel: nothing is compiled.
 
     Args:
         test: Space of the rows.
         trial: Space of the columns.
         cells: Local cells.
         facets: Rows (cell, facet in it, cell, facet in it), flattened.
-        kind: Of the matrix.
+        kind: Matrix type.
     """
     integrals = {
         integral: [(0, 0, entities, np.zeros(0, dtype=np.int8))]
@@ -143,7 +143,7 @@ def create_matrix(
     pattern_form = cpp.fem.Form_float64(spaces, integrals, [], [], False, maps, mesh._cpp_object)
     pattern = cpp.fem.create_sparsity_pattern(pattern_form)
     if test is trial:
-        # Of rows of no cell, too.
+        # Include rows that belong to no cell.
         pattern.insert_diagonal(np.arange(test.dofmap.index_map.size_local, dtype=np.int32))
     pattern.finalize()
     return cpp.la.petsc.create_matrix(mesh.comm, pattern, kind)
@@ -159,7 +159,7 @@ def evaluate(
 def interpolate(
     into: fem.Function, source: fem.Function | fem.Expression, cells: NDArray[np.int32]
 ) -> None:
-    """Interpolate on local cells; ``Function.interpolate`` leaves a circle that keeps ``into``."""
+    """Interpolate on local cells; ``Function.interpolate`` leaves a reference cycle to ``into``."""
     function = into._cpp_object
     if isinstance(source, fem.Expression) and hasattr(function, "interpolate_expr"):
         function.interpolate_expr(source._cpp_object, cells, cells)

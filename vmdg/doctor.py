@@ -1,9 +1,9 @@
 """``python -m vmdg info`` lists what is installed, ``python -m vmdg doctor`` checks that it works.
 
 The doctor pulls two blocks apart until the bond breaks. They are 1 mm long and high, of a
-neo-Hookean material with nu = 0, whose stress is P = mu (s - 1/s) at a stretch s without any
-lateral strain: half way down the softening branch T = P_c - H zeta, the end has moved by
-2 (s(T) - 1) + zeta, in closed form.
+neo-Hookean material with nu = 0, whose stress is P = mu (s - 1/s) at a stretch s without lateral
+strain. Halfway down the softening branch T = P_c - H zeta, the closed-form displacement of the end
+is 2 (s(T) - 1) + zeta.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ STRENGTH, CRITICAL_GAP, SHEAR_MODULUS = 50.0, 0.1, 1000.0  # MPa, mm, MPa
 #: Largest error of traction and gap relative to the closed form.
 EXACT = 1e-8
 
-#: What tells a process how many ranks mpirun has started, by MPI.
+#: Environment variable with the number of ranks that mpirun has started, by MPI library.
 RANKS = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
 
 _FENICS = (
@@ -40,17 +40,17 @@ _FENICS = (
     "or PyPI's dolfinx-solver-real (Linux, Python 3.12 or newer)"
 )
 
-#: How to get the packages without which nothing works, and what others are for.
+#: How to install required packages, and what optional packages are for.
 REQUIRED = dict.fromkeys(("dolfinx", "ufl", "basix", "ffcx", "petsc4py", "mpi4py"), _FENICS)
 REQUIRED |= {name: f"pip install {name}" for name in ("numpy", "scipy", "tqdm")}
 OPTIONAL = {
     "matplotlib": ("vmdg.plot and pictures of demos", "pip install matplotlib"),
     "gmsh": ("vmdg.meshes and demos", "pip install gmsh, or Debian's python3-gmsh"),
     "meshio": ("meshes of other programs than gmsh", "pip install meshio h5py"),
-    "pyvista": ("pictures in space", "pip install pyvista"),
+    "pyvista": ("pictures in 3D", "pip install pyvista"),
 }
 
-#: Solvers of PETSc by the name under which it knows their packages.
+#: PETSc's external solvers and the names of their packages in PETSc.
 SOLVERS = {"MUMPS": "mumps", "SuperLU_DIST": "superlu_dist", "hypre": "hypre"}
 
 
@@ -61,7 +61,7 @@ def find(name: str) -> tuple[str | None, str]:
     """Version of a package, None where it cannot be imported, and why."""
     try:
         module = import_module(name)
-    except Exception as error:  # broken libraries raise whatever they like
+    except Exception as error:  # broken libraries may raise anything
         return None, str(error)
     version = getattr(module, "__version__", None)
     if version is None:
@@ -73,7 +73,7 @@ def find(name: str) -> tuple[str | None, str]:
 
 
 def petsc_solvers() -> dict[str, bool]:
-    """Which of PETSc's solvers are there."""
+    """Which of PETSc's solvers are available."""
     from petsc4py import PETSc
 
     has = {name: bool(PETSc.Sys.hasExternalPackage(key)) for name, key in SOLVERS.items()}
@@ -104,7 +104,7 @@ def threads(environment: Mapping[str, str] = os.environ) -> str:
 
 
 def report() -> dict[str, str]:
-    """What is found, by name; "missing: ..." for a package that cannot be imported."""
+    """Installed versions by name; "missing: ..." for a package that cannot be imported."""
     lines = {
         "vmdg": f"{__version__}  {Path(__file__).parent}",
         "Python": f"{sys.version.split()[0]}  {sys.executable}",
@@ -170,7 +170,7 @@ def half_broken() -> tuple[float, float, float]:
 
 
 def blocks(comm: MPI.Comm) -> Problem:
-    """The two blocks, their load factor the displacement of the right end [mm]; no gmsh needed."""
+    """The two blocks; the load factor is the displacement of the right end [mm]. Needs no gmsh."""
     import numpy as np
     from dolfinx.mesh import CellType, GhostMode, compute_midpoints, create_rectangle, meshtags
 
@@ -194,7 +194,7 @@ def blocks(comm: MPI.Comm) -> Problem:
 
 @contextmanager
 def temporary(comm: MPI.Comm) -> Iterator[Path]:
-    """A folder that all ranks see."""
+    """A temporary folder visible to all ranks."""
     folder = comm.bcast(tempfile.mkdtemp(prefix="vmdg-doctor-") if comm.rank == 0 else None)
     try:
         yield Path(folder)
@@ -205,7 +205,7 @@ def temporary(comm: MPI.Comm) -> Iterator[Path]:
 
 
 def check_packages(comm: MPI.Comm, find: Callable = find) -> str:
-    """All required packages are there, in versions that fit."""
+    """Check that all required packages are installed in supported versions."""
     versions = {}
     for name, source in REQUIRED.items():
         versions[name], why = find(name)
@@ -218,11 +218,11 @@ def check_packages(comm: MPI.Comm, find: Callable = find) -> str:
 
 
 def check_ranks(comm: MPI.Comm, environment: Mapping[str, str] = os.environ) -> str:
-    """mpirun and mpi4py belong to one MPI."""
+    """Check that mpirun and mpi4py use the same MPI library."""
     started = next((int(environment[name]) for name in RANKS if name in environment), 1)
     if started > 1 and comm.size == 1:
         raise RuntimeError(
-            f"mpirun has started {started} processes that do not see each other: each is alone"
+            f"mpirun has started {started} processes that do not communicate: each runs alone"
         )
     threads = environment.get("OMP_NUM_THREADS")
     hint = "" if threads or comm.size == 1 else "; OMP_NUM_THREADS=1 would be faster"
@@ -230,7 +230,7 @@ def check_ranks(comm: MPI.Comm, environment: Mapping[str, str] = os.environ) -> 
 
 
 def check_petsc(comm: MPI.Comm, has: Mapping[str, bool] | None = None) -> str:
-    """PETSc has real numbers and the direct solver that vmdg uses."""
+    """Check that PETSc has real scalars and the direct solver that vmdg uses."""
     from petsc4py import PETSc
 
     import numpy as np
@@ -245,7 +245,7 @@ def check_petsc(comm: MPI.Comm, has: Mapping[str, bool] | None = None) -> str:
 
 
 def check_kernels(comm: MPI.Comm) -> str:
-    """Forms are compiled, or found in the cache."""
+    """Compile forms, or find them in the cache."""
     from .base import kernels
 
     before = len(kernels.requested)
@@ -256,12 +256,12 @@ def check_kernels(comm: MPI.Comm) -> str:
 
 
 def check_ghosts(comm: MPI.Comm) -> str:
-    """Every facet of the interface belongs to one rank, which has both cells."""
+    """Check that one rank owns each facet of the interface and has both of its cells."""
     if comm.size == 1:
         return "one rank has all cells (mpirun -n 2 checks several)"
     problem = blocks(comm)
     if (problem.step.activation.facets[0].cells < 0).any():
-        raise RuntimeError("a rank lacks a cell at the interface")
+        raise RuntimeError("a rank is missing a cell at the interface")
     if not math.isclose(area := problem.mean(0).area, 1.0, rel_tol=1e-12):
         raise RuntimeError(f"the ranks have {area:.6g} of 1 mm of the interface")
     shared = comm.allreduce(len(problem.mesh.topology.interprocess_facets()))
@@ -269,7 +269,7 @@ def check_ghosts(comm: MPI.Comm) -> str:
 
 
 def check_debonding(comm: MPI.Comm, exact: tuple[float, float, float] | None = None) -> str:
-    """Traction and gap of the closed form."""
+    """Compare traction and gap with the closed form."""
     from . import SolveOptions, solve
 
     traction, gap, end = half_broken() if exact is None else exact
@@ -287,7 +287,7 @@ def check_debonding(comm: MPI.Comm, exact: tuple[float, float, float] | None = N
 
 
 def check_fields(comm: MPI.Comm) -> str:
-    """Fields are written for ParaView."""
+    """Write fields for ParaView."""
     import dolfinx
 
     if not dolfinx.has_adios2:
@@ -300,12 +300,12 @@ def check_fields(comm: MPI.Comm) -> str:
         comm.barrier()
         written = sorted(folder.glob("*.bp"))
         if not written or not all(any(path.iterdir()) for path in written):
-            raise RuntimeError("nothing has been written")
+            raise RuntimeError("nothing was written")
     return f"{len(written)} VTX files"
 
 
 def check_checkpoints(comm: MPI.Comm) -> str:
-    """A state is written, and read by another problem."""
+    """Write a state and read it into another problem."""
     import numpy as np
 
     from . import read_checkpoint, write_checkpoint
@@ -318,12 +318,12 @@ def check_checkpoints(comm: MPI.Comm) -> str:
         read_checkpoint(other, folder)
     difference = np.abs(problem.u.x.array - other.u.x.array).max(initial=0.0)
     if global_max(comm, float(difference)) > 1e-14:
-        raise RuntimeError("the state that was read is another one")
+        raise RuntimeError("the state that was read differs from the one written")
     return "written and read again"
 
 
 def check_meshes(comm: MPI.Comm) -> str:
-    """gmsh makes a mesh."""
+    """Make a mesh with gmsh."""
     version, why = find("gmsh")
     if version is None:
         raise Missing(f"gmsh is missing ({why}): vmdg.meshes and the demos need it")
@@ -338,8 +338,8 @@ class Check(NamedTuple):
 
     Attributes:
         name: What is checked.
-        run: Checks it, on all ranks; what it found. Raises where it fails.
-        cure: What to do then.
+        run: Runs the check on all ranks and returns its finding; raises on failure.
+        cure: Remedy for a failure.
         vital: Whether later checks need it.
     """
 
@@ -367,8 +367,8 @@ CHECKS = (
         "XDG_CACHE_HOME names another one)",
         True,
     ),
-    Check("ghost facets", check_ghosts, "this DOLFINx shares no cells between ranks: reinstall it"),
-    Check("debonding", check_debonding, "the numerical libraries do not fit: reinstall them"),
+    Check("ghost facets", check_ghosts, "this DOLFINx creates no ghost cells: reinstall it"),
+    Check("debonding", check_debonding, "the numerical libraries are inconsistent: reinstall them"),
     Check(
         "fields",
         check_fields,
@@ -390,13 +390,13 @@ CHECKS = (
 
 
 def examine(comm: MPI.Comm, check: Check) -> bool:
-    """Run a check and print its line on rank 0; whether nothing has failed, on any rank."""
+    """Run a check and print its line on rank 0; return whether it passed on all ranks."""
     start, state, failure = perf_counter(), "ok", None
     try:
         detail = check.run(comm)
     except Missing as error:
         state, detail = "missing", str(error)
-    except Exception as error:  # whatever a broken installation raises is the finding
+    except Exception as error:  # any error of a broken installation is the finding
         failure = f"{type(error).__name__}: {error}"
     failures = [text for text in comm.allgather(failure) if text is not None]
     if failures:
@@ -409,9 +409,9 @@ def examine(comm: MPI.Comm, check: Check) -> bool:
 
 
 def doctor(checks: Sequence[Check] = CHECKS) -> int:
-    """Run the checks, up to one that has failed and that later ones need; exit code 1 if any has.
+    """Run the checks until a vital one fails; exit code 1 if any check has failed.
 
-    Optional parts that are missing are told, and are no failure.
+    Missing optional parts are reported and do not count as failures.
     """
     version, why = find("mpi4py")
     if version is None:
@@ -427,5 +427,5 @@ def doctor(checks: Sequence[Check] = CHECKS) -> int:
         if check.vital and not good:
             break
     if comm.rank == 0:
-        print("vmdg works here." if well else "vmdg does not work here as it should.")
+        print("vmdg works here." if well else "vmdg does not work correctly here.")
     return int(not well)

@@ -81,7 +81,7 @@ def test_folder_that_cannot_be_written(comm, out):
         (out / "file").write_text("")
     comm.barrier()
     options = {**JIT_OPTIONS, "cache_dir": out / "file" / "cache"}
-    with pytest.raises(RuntimeError, match=r"file.cache.*full or not yours.*XDG_CACHE_HOME"):
+    with pytest.raises(RuntimeError, match=r"file.cache.*full or not writable.*XDG_CACHE_HOME"):
         area(comm, options)
 
 

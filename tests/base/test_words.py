@@ -109,7 +109,7 @@ def couple_at(scene, **place) -> vmdg.Problem:
 def test_functions_of_one_point(comm, what):
     """`and`, `if` and chains of < are answered by & and numpy.where, on every rank."""
     scene = two_blocks(comm, "quadrilateral", 4)
-    with pytest.raises(ValueError, match=r"gets all points at once, .*\(0 < x\[0\]\) & \(x\[0\] "):
+    with pytest.raises(ValueError, match=r"is called with all points at once; .*\(0 < x\[0\]\) & \(x\[0\] "):
         ONE_POINT[what](couple(scene, LAW), scene)
 
 
@@ -117,5 +117,5 @@ def test_functions_of_one_point(comm, what):
 def test_predicates_that_are_none(comm, marks):
     """One truth value a point."""
     scene = two_blocks(comm, "quadrilateral", 2)
-    with pytest.raises(ValueError, match=r"dirichlet: the predicate must give True or False for"):
+    with pytest.raises(ValueError, match=r"dirichlet: the predicate must return True or False for"):
         couple(scene, LAW).dirichlet(marks, 0.0)

@@ -118,7 +118,7 @@ def test_split_one_group(comm, cell):
     assert np.isin(cell.cell_tags.find("matrix"), both).all()
     with pytest.raises(ValueError, match="there is a group 'fibre' already"):
         vmdg.split_cells(cell.mesh, radius, "fibre", cell.cell_tags)
-    with pytest.raises(ValueError, match="negative at no midpoint"):
+    with pytest.raises(ValueError, match="negative at no cell midpoint"):
         vmdg.split_cells(cell.mesh, radius, "core", cell.cell_tags, "matrix")
 
 

@@ -162,7 +162,7 @@ def test_one_writer_a_folder(comm, out):
     """And none after its end."""
     problem = at_rest(comm)
     with FieldWriter(problem, out) as fields:
-        with pytest.raises(OSError, match=r"cannot be written: process .* does so"):
+        with pytest.raises(OSError, match=r"cannot be written: process .* is writing it"):
             FieldWriter(problem, out)
         fields.write(1.0)
     with pytest.raises(ValueError, match="are closed; write before close"):
@@ -251,4 +251,4 @@ def test_disk_that_gets_full_midway(tmp_path, ranks):
     else:
         assert done.returncode != 0
         assert "couldn't write to file" in done.stderr
-        assert "the job ends on all ranks" in done.stderr
+        assert "the job is aborted on all ranks" in done.stderr

@@ -363,7 +363,7 @@ WRONG_VALUES = {
     ),
     "level set of three components": (
         lambda s: bond(s, level_set=lambda x: x),
-        r"gives values of shape \(3, \d+\) .* must give one finite number a point",
+        r"returns values of shape \(3, \d+\) .* must return one finite number per point",
     ),
     "predicate without facets": (
         lambda s: bond(s, facets=lambda x: x[0] == 0.9999),
@@ -439,7 +439,7 @@ WRONG_VALUES = {
     ),
     "level set of truth values": (
         lambda s: bond(s, level_set=lambda x: x[0] < 1),
-        "the level set gives True or False; .* negative inside",
+        "the level set returns True or False; .* negative inside",
     ),
     "reaction of an interface": (
         lambda s: bonded(s).reaction(s.facet_tags.find("interface")),

@@ -423,7 +423,7 @@ def test_more_mistakes(comm):
     turns = vmdg.Periodic(stress={"xy": 1.0, "yx": 1.0})
     with pytest.raises(ValueError, match="free to rotate"):
         vmdg.Problem(mesh, tags, **one, periodic=turns)
-    with pytest.raises(ValueError, match="does not go with symmetry"):
+    with pytest.raises(ValueError, match="cannot be combined with symmetry"):
         vmdg.Problem(mesh, tags, **one, symmetry="axisymmetric", periodic=GRADIENT)
     with pytest.raises(TypeError, match=r"must be vmdg\.Periodic"):
         vmdg.Problem(mesh, tags, **one, periodic=True)

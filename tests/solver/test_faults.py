@@ -124,7 +124,7 @@ def test_rows_that_differ(comm):
 def test_functions_that_do_more_than_look(comm):
     """A monitor that solves or moves, and an ``until`` that says neither yes nor no."""
     problem = pulled(comm)
-    with pytest.raises(TypeError, match=r"until gave nan .* must give True or False"):
+    with pytest.raises(TypeError, match=r"until gave nan .* must return True or False"):
         vmdg.solve(problem, LOADS, until=lambda p: float("nan"))
     problem = pulled(comm)
     with pytest.raises(RuntimeError, match="its monitor must not solve it"):
@@ -368,7 +368,7 @@ def test_job_ends(tmp_path, name):
     )
     assert done.returncode != 0
     assert "IndexError: no points here" in done.stderr
-    assert "the job ends on all ranks" in done.stderr
+    assert "the job is aborted on all ranks" in done.stderr
 
 
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own ranks")

@@ -1,1 +1,1 @@
-"""The ground: compiled kernels, ranks that talk, quadrature degrees, timers."""
+"""Common tools: compiled kernels, communication between ranks, quadrature degrees, timers."""

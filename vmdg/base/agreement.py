@@ -1,9 +1,9 @@
-"""What fails on one rank ends the run on all: errors of users' functions, and Ctrl-C.
+"""Collective errors: a failing user function, or Ctrl-C, on one rank ends the run on all ranks.
 
-A rank that leaves a run while others wait for it would have them wait for ever. So where vmdg calls
-a function of the user the ranks agree on how it went, by messages from rank to rank, which cannot
-be taken for those of a collective call inside of that function. A rank that failed waits for the
-others, but not for long; if they do not answer they are in such a call, and the job is ended.
+If one rank left a run, the others would wait for it indefinitely. After every call of a user
+function the ranks therefore agree on its outcome by point-to-point messages, which cannot be
+mistaken for those of a collective call inside the function. A rank that failed waits a short time
+for the others; if they do not answer, they are inside such a call, and the job is aborted.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from mpi4py import MPI
 
 from .parallel import PATIENCE, end_job, global_any, within
 
-#: Seconds that a rank waits for another one before it says so.
+#: Seconds that a rank waits for another one before it prints a reminder.
 REMINDER = 30.0
 
 _TAG = 22093
@@ -34,12 +34,12 @@ T = TypeVar("T")
 def together(comm: MPI.Comm, call: Callable[[], T]) -> T:
     """Call a user's function; an error of one rank is raised on all of them; collective.
 
-    Ranks on which it did not fail raise the same error, or RuntimeError with its words where it
-    cannot be sent, that of the lowest rank. What it gives may differ between ranks.
+    All ranks raise the error of the lowest failing rank, or a RuntimeError with its message where
+    the error cannot be pickled. Return values may differ between ranks.
 
     Args:
         comm: The ranks.
-        call: Calls it.
+        call: Calls the function.
     """
     if comm.size == 1:
         return call()
@@ -57,14 +57,14 @@ def together(comm: MPI.Comm, call: Callable[[], T]) -> T:
 
 
 def leave_together(comm: MPI.Comm, error: BaseException) -> None:
-    """Tell the other ranks of an error on the way of a run; collective.
+    """Report an error in the middle of a run to the other ranks; collective.
 
-    Where they have none they learn of it in the next function of a user that they call; where they
-    wait for this rank before that, the job is ended.
+    Ranks without an error receive it at their next call of a user function; if they wait for this
+    rank before that, the job is aborted.
 
     Args:
         comm: The ranks.
-        error: What this rank leaves by.
+        error: Error of this rank.
     """
     if comm.size > 1:
         _first_error(comm, error)
@@ -73,15 +73,15 @@ def leave_together(comm: MPI.Comm, error: BaseException) -> None:
 def same_call(
     comm: MPI.Comm, call: str, given: Iterable[str] = (), reminder: float = REMINDER
 ) -> None:
-    """Refuse a call of all ranks that only some make, or make with other arguments; collective.
+    """Refuse a collective call that only some ranks make, or with different arguments; collective.
 
-    It finds those at whose place other ranks make another call that asks the same.
+    It detects ranks that make a different checked call at the same place.
 
     Args:
         comm: The ranks.
-        call: What this rank calls.
-        given: Its arguments in words, as far as they are to be the same.
-        reminder: Seconds that a rank waits for the others before it says so.
+        call: Name of the call.
+        given: Its arguments as text, those that must be equal on all ranks.
+        reminder: Seconds that a rank waits for the others before it prints a reminder.
 
     Raises:
         ValueError: ranks differ; on all ranks.
@@ -97,8 +97,8 @@ def same_call(
     for rank, (other, arguments) in enumerate(calls):
         if other != first:
             raise ValueError(
-                f"rank 0 calls {first} where rank {rank} calls {other}: all ranks make these calls "
-                "together, in one order. Leave out conditions such as `if rank == 0` and "
+                f"rank 0 calls {first} where rank {rank} calls {other}: all ranks must make these "
+                "calls together, in the same order. Remove conditions such as `if rank == 0` and "
                 "`if len(facets)`: a rank may give no facets"
             )
         if arguments != said:
@@ -111,7 +111,7 @@ def same_call(
 
 
 def of_all_ranks(method: Callable[..., T]) -> Callable[..., T]:
-    """A method of an object with a communicator ``comm`` that all ranks call together."""
+    """Decorate a collective method of an object with a communicator ``comm``."""
 
     @wraps(method)
     def checked(self: Any, *arguments: Any, **keywords: Any) -> T:
@@ -122,7 +122,7 @@ def of_all_ranks(method: Callable[..., T]) -> Callable[..., T]:
 
 
 def _first_error(comm: MPI.Comm, mine: BaseException | None) -> bytes | None:
-    """That of the lowest rank on which there is one, pickled."""
+    """The error of the lowest failing rank, pickled."""
     packed = None if mine is None else _packed(mine, comm.rank)
     if comm.rank > 0:
         request = comm.isend(packed, 0, _TAG)
@@ -137,45 +137,45 @@ def _first_error(comm: MPI.Comm, mine: BaseException | None) -> bytes | None:
 
 
 def _received(comm: MPI.Comm, source: int, mine: BaseException | None) -> bytes | None:
-    """What a rank says; where this one has failed it does not wait for long."""
+    """The answer of a rank; a rank that has failed itself waits a short time only."""
     if not within(PATIENCE if mine else REMINDER, lambda: comm.Iprobe(source, _TAG)):
         if mine is not None:
             traceback.print_exception(mine)
             end_job(
-                f"rank {comm.rank} has failed (above) while others wait for it in a call of all"
+                f"rank {comm.rank} has failed (above) while others wait for it in a collective call"
             )
-        what = f"for rank {source} to end a function of yours (monitor, until, a load)"
+        what = f"for rank {source} to finish a function of yours (monitor, until, a load)"
         _remind(comm, f"{REMINDER:.3g} s {what}")
     return comm.recv(source=source, tag=_TAG)
 
 
 def _remind(comm: MPI.Comm, waited: str) -> None:
-    """Say how long this rank has waited, and what may be the reason."""
+    """Print how long this rank has waited, and a possible reason."""
     print(
-        f"vmdg: rank {comm.rank} has waited {waited}. If this never ends, look for a call of all "
-        "ranks, such as problem.reaction, that only some ranks make, under `if rank == 0` for "
-        "example",
+        f"vmdg: rank {comm.rank} has waited {waited}. If this never ends, look for a collective "
+        "call, such as problem.reaction, that only some ranks make, for example under `if rank == "
+        "0`",
         file=sys.stderr,
         flush=True,
     )
 
 
 def _packed(error: BaseException, rank: int) -> bytes:
-    """An error as it can be sent."""
+    """An error, pickled."""
     try:
         packed = pickle.dumps(error)
         pickle.loads(packed)
-    except Exception:  # of a user's class, which may do anything
+    except Exception:  # a user's class may raise anything
         words = f"on rank {rank}: {type(error).__name__}: {error}"
         packed = pickle.dumps(RuntimeError(words))
     return packed
 
 
 class Interrupt:
-    """Ctrl-C that ends a run between two attempts of a step, on all ranks; collective.
+    """Ctrl-C ends a run between two attempts of a step, on all ranks; collective.
 
-    A second one does not wait, and the step that is under way is lost. Handlers of others are left
-    as they are.
+    A second one interrupts at once, and the current step is lost. Other signal handlers are
+    unchanged.
 
     Args:
         comm: The ranks.
@@ -190,14 +190,14 @@ class Interrupt:
             signal.default_int_handler(number, frame)
         self._asked = True
         if self._comm.rank == 0:
-            words = "the run ends after the present attempt of a step; Ctrl-C again ends it at once"
+            words = "the run ends after this attempt of a step; press Ctrl-C again to stop at once"
             print(f"\nvmdg: {words}", file=sys.stderr, flush=True)
 
     def check(self) -> None:
-        """Stop here if anybody wants to; collective.
+        """Stop here if any rank was interrupted; collective.
 
         Raises:
-            KeyboardInterrupt: somebody does.
+            KeyboardInterrupt: a rank was interrupted.
         """
         if global_any(self._comm, self._asked):
             raise KeyboardInterrupt

@@ -1,4 +1,4 @@
-"""Files that one process at a time writes: a lock that ends with it, and tells others who it is."""
+"""File locks: one process at a time writes; a lock names its process and ends with it."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _held: set[Path] = set()
 
 
 class Claim:
-    """Right to write some files, of one run at a time; collective.
+    """Exclusive right of one run to write some files; collective.
 
-    A file beside them is locked by rank 0 until the end of its process, however it ends, and says
-    which process it is. Where a file system has no locks nothing is claimed.
+    Rank 0 locks a file next to them until its process ends, however it ends; the file names the
+    process. On file systems without locks nothing is claimed.
 
     Args:
         comm: The ranks.
@@ -30,7 +30,7 @@ class Claim:
         nested: Whether this process may have claimed it already.
 
     Raises:
-        OSError: another run writes there, or nobody can; on all ranks.
+        OSError: another run writes there, or the place is not writable; on all ranks.
     """
 
     def __init__(self, comm: MPI.Comm, path: Path, what: str, nested: bool = False):
@@ -40,13 +40,13 @@ class Claim:
                 self._file = self._locked()
             except BlockingIOError as error:
                 message = (
-                    f"{what} cannot be written: {error} does so (this is process {os.getpid()}). "
-                    "Let it end, close what it has open there, or name another place"
+                    f"{what} cannot be written: {error} is writing it (this is process "
+                    f"{os.getpid()}). Wait for it to finish, close its files there, or choose "
+                    "another place"
                 )
             except OSError as error:
                 message = (
-                    f"{what} cannot be written: {error}; make room or name a place that can be "
-                    "written to"
+                    f"{what} cannot be written: {error}; free some space or choose a writable place"
                 )
         raise_together(comm, message, OSError)
 
@@ -54,7 +54,7 @@ class Claim:
         """The lock; None where the file system has none.
 
         Raises:
-            BlockingIOError: another one has it, in words.
+            BlockingIOError: another process holds it; the message names the process.
             OSError: it cannot be written.
         """
         self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -70,7 +70,7 @@ class Claim:
                 file.close()
                 return None
             with suppress(FileNotFoundError):
-                # Whoever held it before may have removed it in between.
+                # Its previous owner may have removed it in the meantime.
                 if os.path.samefile(file.fileno(), self._path):
                     break
             file.close()
@@ -81,7 +81,7 @@ class Claim:
         return file
 
     def release(self) -> None:
-        """Let others write; a second time it does nothing."""
+        """Release the lock; a second call has no effect."""
         if self._file is not None:
             self._path.unlink(missing_ok=True)
             self._file.close()

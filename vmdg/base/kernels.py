@@ -1,4 +1,4 @@
-"""Forms, expressions and C compiled to kernels, or loaded from the cache that processes share."""
+"""Compilation of forms, expressions and C files to kernels, with a cache shared by processes."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ from .timers import timer
 
 T = TypeVar("T")
 
-#: What FFCx says of a kernel that another process has claimed.
+#: FFCx's message for a kernel that another process has claimed.
 _CLAIMED = "JIT compilation timed out"
 
 # gcc's variable tracking under Python's own -g dominates the compile time of large kernels, and
 # the default register allocator is slow on the straight-line code of the interface.
 JIT_OPTIONS: dict[str, Any] = {
-    # How long a rank waits for the one that compiles [s].
+    # Time for which a rank waits for the one that compiles [s].
     "timeout": 600,
     "cffi_extra_compile_args": [
         "-O1",
@@ -57,7 +57,7 @@ JIT_OPTIONS: dict[str, Any] = {
 }
 
 # Loops over many basis functions are worth a sixth more compile time: the tangent of 12,000
-# hexahedra takes .16 s instead of .26 s. Sums are in another order; NaN keeps its meaning.
+# hexahedra takes 0.16 s instead of 0.26 s. Sums may be reordered; NaN is preserved.
 VECTORIZED = {
     **JIT_OPTIONS,
     "cffi_extra_compile_args": [
@@ -72,10 +72,10 @@ VECTORIZED = {
 }
 
 
-# C that says itself what is done at a time: at -O3 gcc 14 changes the order of its loops, and its
-# products of small matrices take three times as long.
+# C files with explicit blocking: at -O3, gcc 14 reorders their loops, and products of small
+# matrices take three times as long.
 _PRODUCTS = ["-O2", "-fopenmp-simd", "-funroll-loops", "-march=native", "-g0"]
-# What such C files include.
+# Headers of such C files.
 _VECTORS = Path(__file__).with_name("vectors.h")
 
 
@@ -84,9 +84,9 @@ class Kernel:
     """A compiled form, expression or C file.
 
     Attributes:
-        name: What it is for.
-        seconds: To compile it, or to find it in the cache [s].
-        lines: Of C; 0 where it was in the cache.
+        name: Its purpose.
+        seconds: Time to compile it, or to load it from the cache [s].
+        lines: Lines of C; 0 where it was cached.
     """
 
     name: str
@@ -94,21 +94,21 @@ class Kernel:
     lines: int
 
 
-#: Every kernel that this process has asked for, in order.
+#: All kernels that this process has requested, in order.
 requested: list[Kernel] = []
 
 
 def _record(name: str, start: float, code: object) -> None:
     lines = _lines(code)
     if lines:
-        # UFL's algorithms leave circles, which would keep the mesh and its communicators.
+        # UFL's algorithms leave reference cycles, which would keep the mesh and its communicators.
         compat.forget_traversals()
         gc.collect()
     requested.append(Kernel(name, perf_counter() - start, lines))
 
 
 def _lines(code: object) -> int:
-    """Of the source that FFCx gives for what it has compiled: nested strings, or None."""
+    """Lines of the source that FFCx returns with its result: nested strings, or None."""
     if isinstance(code, str):
         return code.count("\n")
     return 0 if code is None else sum(map(_lines, cast(Iterable[object], code)))
@@ -125,14 +125,14 @@ def compile_form(
 
     Args:
         form: What to integrate.
-        submeshes: Where arguments or coefficients live besides the mesh.
-        comm: The mesh's.
-        options: Of DOLFINx's just-in-time compiler.
+        submeshes: Further meshes on which arguments or coefficients live.
+        comm: Communicator of the mesh.
+        options: Options of DOLFINx's just-in-time compiler.
         name: For :data:`requested`.
     """
     start = perf_counter()
-    # Python's import system lists the whole folder for every kernel it loads: several milliseconds
-    # where thousands lie in one, as much as all the rest of setting up a small problem.
+    # Python's import system lists the whole folder for every kernel it loads. With thousands of
+    # kernels this takes several milliseconds, as long as the rest of the set-up of a small problem.
     folder_name = form.signature()[:2]
     with timer("kernels"):
         compiled = _compiled(
@@ -152,7 +152,7 @@ def compile_expression(
     """Compile an expression at reference ``points``, or load it from the cache; collective.
 
     The cache knows expressions, unlike forms, by the running numbers of their UFL variables, and
-    would never find one again: give them numbers of their own.
+    would never find one again: they are renumbered here.
     """
     numbered = map_expr_dag(_NumberLabels(), expression)
     start = perf_counter()
@@ -174,9 +174,9 @@ def compile_source(
 
     Args:
         source: The file.
-        declaration: Of its functions, for cffi.
+        declaration: Declaration of its functions, for cffi.
         sizes: Values of its macros.
-        comm: Of the ranks that ask for it.
+        comm: Communicator of the ranks that request it.
         name: For :data:`requested`.
 
     Returns:
@@ -201,8 +201,8 @@ def call(module: ModuleType, name: str, *arrays: NDArray | None) -> None:
 
     Args:
         module: The module.
-        name: Of a function of the number of rows of the first array, and of pointers.
-        arrays: Contiguous where they are written to; NULL for None.
+        name: A function of the number of rows of the first array, and of pointers.
+        arrays: Contiguous where the function writes to them; NULL for None.
     """
     ffi, function = module.ffi, getattr(module.lib, name)
     given = [None if one is None else np.ascontiguousarray(one) for one in arrays]
@@ -214,7 +214,7 @@ def call(module: ModuleType, name: str, *arrays: NDArray | None) -> None:
 def _source_module(
     code: str, declaration: str, sizes: dict[str, int], folder: Path
 ) -> tuple[ModuleType, int]:
-    """The module, and its lines of C; 0 where it was in the cache."""
+    """The module, and its lines of C; 0 where it was cached."""
     arguments = [*_PRODUCTS, *(f"-D{macro}={value}" for macro, value in sizes.items())]
     read = [code, _VECTORS.read_text(), declaration, arguments]
     key = hashlib.sha1(json.dumps(read).encode()).hexdigest()
@@ -225,7 +225,7 @@ def _source_module(
         builder.cdef(declaration)
         folders = [str(_VECTORS.parent)]
         builder.set_source(name, code, extra_compile_args=arguments, include_dirs=folders)
-        # Whoever else compiles it at the same time puts the same into its place.
+        # Another process that compiles it at the same time writes the same file.
         with TemporaryDirectory(dir=folder) as work:
             Path(builder.compile(tmpdir=work)).replace(file)
     spec = importlib.util.spec_from_file_location(name, file)
@@ -236,31 +236,32 @@ def _source_module(
 
 
 def cache_folder(options: dict = JIT_OPTIONS) -> Path:
-    """Where compiled kernels are kept for all later runs, in folders of this folder."""
+    """Folder whose subfolders hold the compiled kernels for later runs."""
     return options.get("cache_dir") or Path(dolfinx.jit.get_options()["cache_dir"]) / "vmdg"
 
 
 def _compiled(
     comm: MPI.Comm, options: dict, folder_name: str, compile_in: Callable[[dict], T]
 ) -> T:
-    """What a compiler gives that knows a folder of the cache; collective.
+    """Compile into a folder of the cache, or load from it; collective.
 
-    FFCx claims a kernel by its C file and marks it when it is ready. A process that was killed in
-    between leaves its claim, and all later ones would wait for the mark until their time is out.
-    So whoever compiles holds a shared lock, which ends with the process; who gets the same lock
-    exclusively knows that nobody is compiling, and that claims without a mark are void. Who finds
-    a claim lets go of the lock before looking again. Those who compile without the lock have their
-    kernels elsewhere: these are in a folder of their own in DOLFINx's, unless ``options`` name one.
-    Only the first rank of ``comm`` claims kernels.
+    FFCx claims a kernel by its C file and marks it when it is ready. A process killed in between
+    leaves its claim behind, and later processes would wait for the mark until they time out. So
+    each process that compiles holds a shared lock, which ends with the process. A process that gets
+    the lock exclusively knows that no other is compiling and that claims without a mark are stale.
+    A process that finds a claim releases the lock before it looks again. Processes that compile
+    without the lock do not interfere: the kernels of vmdg have a subfolder of their own in
+    DOLFINx's cache, unless ``options`` name a folder. Only the first rank of ``comm`` claims
+    kernels.
 
     Args:
         comm: The ranks.
-        options: Of DOLFINx's just-in-time compiler.
-        folder_name: Of the folder in the cache.
+        options: Options of DOLFINx's just-in-time compiler.
+        folder_name: Name of the folder in the cache.
         compile_in: Compiles or loads, with options that name the folder.
 
     Raises:
-        RuntimeError: a kernel is being compiled elsewhere for too long, or cannot be.
+        RuntimeError: another process takes too long to compile a kernel, or it cannot be compiled.
     """
     folder = cache_folder(options) / folder_name
     end = time.monotonic() + options.get("timeout", JIT_OPTIONS["timeout"])
@@ -275,9 +276,9 @@ def _compiled(
             if not comm.bcast(_CLAIMED in str(error) and time.monotonic() < end):
                 raise RuntimeError(
                     f"a kernel cannot be compiled or loaded: {error}. Kernels are kept in "
-                    f"{folder}, which may be full or not yours to write to, or another process is "
-                    "compiling there: make room, remove the folder (what it holds is compiled "
-                    "anew), or let the variable XDG_CACHE_HOME name another one"
+                    f"{folder}, which may be full or not writable, or another process is compiling "
+                    "there: free some space, remove the folder (its kernels are then compiled "
+                    "again), or set the variable XDG_CACHE_HOME to another one"
                 ) from error
         if comm.rank == 0:
             _wait_for_claim(folder)
@@ -285,11 +286,11 @@ def _compiled(
 
 @contextmanager
 def _in_order(comm: MPI.Comm, folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder, in which no kernel is damaged or claimed by a dead process."""
+    """Hold the lock of a folder, cleared of damaged kernels and of claims of dead processes."""
     if comm.rank > 0:
         yield
         return
-    with suppress(OSError):  # without a folder to write to the compiler will say what it lacks
+    with suppress(OSError):  # without a writable folder the compiler reports the error
         folder.mkdir(parents=True, exist_ok=True)
     with _lock(folder) as lock:
         _free(folder, lock)
@@ -303,7 +304,7 @@ def _in_order(comm: MPI.Comm, folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _lock(folder: Path) -> Iterator[TextIO | None]:
-    """The file that is locked; None in a folder that is read only."""
+    """The locked file; None in a read-only folder."""
     try:
         lock = (folder / "vmdg.lock").open("a")
     except OSError:
@@ -314,7 +315,7 @@ def _lock(folder: Path) -> Iterator[TextIO | None]:
 
 
 def _free(folder: Path, lock: TextIO | None) -> bool:
-    """Remove claims if nobody is compiling; whether that is so."""
+    """Remove claims if no process is compiling; return whether that is so."""
     if lock is not None:
         with suppress(OSError):  # held by others, or a file system without locks
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -324,7 +325,7 @@ def _free(folder: Path, lock: TextIO | None) -> bool:
 
 
 def _wait_for_claim(folder: Path) -> None:
-    """Until nobody is compiling, but not for long; others who wait hold the lock now and then."""
+    """Wait a limited time until no process is compiling; others that wait hold the lock briefly."""
     for _ in range(random.randint(5, 25)):
         with _lock(folder) as lock:
             if _free(folder, lock):
@@ -332,13 +333,13 @@ def _wait_for_claim(folder: Path) -> None:
         time.sleep(0.1)
 
 
-#: When the folders that were searched for claims, and for damage, had last changed [ns].
+#: Modification times of the folders when last searched for claims, and for damage [ns].
 _searched: dict[Path, int] = {}
 _inspected: dict[Path, int] = {}
 
 
 def _unchanged(folder: Path, seen: dict[Path, int]) -> bool:
-    """Whether a folder is as it was when this was last asked."""
+    """Whether a folder is unchanged since the last call."""
     changed = folder.stat().st_mtime_ns
     same = seen.get(folder) == changed
     seen[folder] = changed
@@ -346,7 +347,7 @@ def _unchanged(folder: Path, seen: dict[Path, int]) -> bool:
 
 
 def _remove_claims(folder: Path) -> None:
-    """Remove C files whose kernel never became ready, where files have come since the last look."""
+    """Remove C files whose kernel was never completed, if files were added since the last check."""
     if _unchanged(folder, _searched):
         return
     for source in folder.glob("*.c"):
@@ -355,9 +356,9 @@ def _remove_claims(folder: Path) -> None:
 
 
 def _remove_damaged(folder: Path) -> None:
-    """Remove kernels of which a part is missing, where files have come since the last look.
+    """Remove truncated kernels, if files were added since the last check.
 
-    To load a library that was cut ends the process.
+    Loading a truncated library would kill the process.
     """
     if _unchanged(folder, _inspected):
         return
@@ -382,7 +383,7 @@ def _is_whole(library: Path) -> bool:
 
 
 class _NumberLabels(MultiFunction):
-    """Gives the variables of an expression the numbers 0, 1, ... in the order they are met."""
+    """Numbers the variables of an expression 0, 1, ... in the order of traversal."""
 
     def __init__(self) -> None:
         super().__init__()

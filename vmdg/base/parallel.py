@@ -1,7 +1,7 @@
-"""The one place where ranks talk: global scalars, maxima of groups that ranks share, ends.
+"""Communication between ranks: global scalars, maxima over shared groups, aborting a job.
 
-After an error of one rank that nobody catches others would wait for it for ever: an excepthook ends
-the job.
+After an uncaught error on one rank the others would wait indefinitely: an excepthook aborts the
+job.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from numpy.typing import ArrayLike, NDArray
 
 _PACKAGE = __name__.partition(".")[0]
 
-#: Seconds that a rank on which something failed waits for the others.
+#: Seconds that a failed rank waits for the others.
 PATIENCE = 10.0
 
-#: Longest time between two looks whether something is done [s], and share of the wait so far.
+#: Longest interval between two polls [s], and the interval as a share of the wait so far.
 _PAUSE, _SHARE = 0.01, 0.1
 
 
@@ -35,7 +35,7 @@ def global_sum(comm: MPI.Comm, value: ArrayLike) -> NDArray:
 
 
 def global_norm(comm: MPI.Comm, values: NDArray[np.float64]) -> float:
-    """Euclidean norm of a vector of which every rank has its own part."""
+    """Euclidean norm of a distributed vector."""
     return float(np.sqrt(global_sum(comm, values @ values)))
 
 
@@ -56,10 +56,10 @@ def global_any(comm: MPI.Comm, value: bool) -> bool:
 
 
 def _reduced(comm: MPI.Comm, value: ArrayLike, op: MPI.Op) -> NDArray:
-    """Of numbers, not of objects, which MPI for Python would pickle.
+    """Reduce numbers, not objects, which MPI for Python would pickle.
 
-    As floats, since a rank that has nothing may give the integer 0; integers of this rank stay
-    integers where the result is one (below 2^53).
+    In floats, since a rank without data may give the integer 0; integers stay integers where the
+    result is one (below 2^53).
     """
     mine = np.asarray(value)
     result = np.empty(mine.shape)
@@ -78,13 +78,14 @@ def raise_together(
 
 
 class ModelWarning(UserWarning):
-    """A problem that can be solved, but is hardly what was meant; the message names the cure."""
+    """A problem that can be solved but is probably not what was intended; the message names the
+    remedy."""
 
 
 def warn_together(comm: MPI.Comm, message: str | None) -> None:
     """Warn on rank 0 if any rank has a message; the lowest rank's is shown.
 
-    The line that it names is the one from which a user has called vmdg.
+    It points to the line of the user's script that called vmdg.
     """
     messages = [text for text in comm.allgather(message) if text is not None]
     if messages and comm.rank == 0:
@@ -102,15 +103,15 @@ def group_maxima(
     members: NDArray[np.bool_],
     group: NDArray[np.integer],
 ) -> NDArray[np.int64]:
-    """Give all members of a group, over all ranks, the largest of their values; collective.
+    """Set the values of all members of a group, on all ranks, to their maximum; collective.
 
-    Groups of two ranks are one where a row of both, an owner's and a ghost's, is a member of them:
-    values travel between owners and ghosts until nothing changes.
+    Groups on two ranks are joined where a shared row, owned by one and a ghost on the other, is a
+    member of both: values are exchanged between owners and ghosts until nothing changes.
 
     Args:
-        comm: Of the index map.
+        comm: Communicator of the index map.
         index_map: Of the rows.
-        values: One row an index, owned ones first, then ghosts; below 2^53, which doubles hold.
+        values: One row per index, owned ones first, then ghosts; below 2^53, exact in doubles.
         members: Which of the values belong to a group.
         group: Number of the group on this rank, for each of these.
     """
@@ -137,7 +138,7 @@ def group_maxima(
 
 
 def within(seconds: float, done: Callable[[], bool]) -> bool:
-    """Wait until something is done, but not longer than that; whether it is."""
+    """Wait until something is done, at most this long; return whether it is."""
     start = time.monotonic()
     while not done():
         waited = time.monotonic() - start
@@ -148,8 +149,8 @@ def within(seconds: float, done: Callable[[], bool]) -> bool:
 
 
 def end_job(message: str) -> NoReturn:
-    """End all ranks, where they cannot end by an error each."""
-    print(f"vmdg: {message}: the job ends on all ranks", file=sys.stderr)
+    """Abort all ranks, where they cannot raise an error each."""
+    print(f"vmdg: {message}: the job is aborted on all ranks", file=sys.stderr)
     sys.stdout.flush()
     sys.stderr.flush()
     MPI.COMM_WORLD.Abort(1)
@@ -159,7 +160,7 @@ def end_job(message: str) -> NoReturn:
 def _end_all_ranks(
     kind: type[BaseException], error: BaseException, trace: TracebackType | None
 ) -> None:
-    """After an error that nobody has caught: end the other ranks too, if they do not end so."""
+    """After an uncaught error: abort the other ranks too, unless they end by themselves."""
     _show(kind, error, trace)
     sys.stdout.flush()
     sys.stderr.flush()
@@ -168,10 +169,10 @@ def _end_all_ranks(
     others = MPI.COMM_WORLD.Ibarrier()
     try:
         ended = within(PATIENCE, others.Test)
-    except MPI.Exception:  # they are in MPI_Finalize, at the end of the script, or in another call
+    except MPI.Exception:  # others are in MPI_Finalize or in another call
         ended = False
     if not ended:
-        end_job(f"rank {MPI.COMM_WORLD.rank} has failed (above) and others have not")
+        end_job(f"rank {MPI.COMM_WORLD.rank} has failed (above), others have not")
 
 
 _show = sys.excepthook

@@ -1,4 +1,4 @@
-"""Quadrature degrees, owned in this one place, and compiler flags of the two kinds of kernels."""
+"""Quadrature degrees, all defined here, and compiler flags of the two kinds of kernels."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from ..forms.geometry import Axisymmetric, Geometry
 def bulk_degree(cell: str, degree: int, geometry: Geometry) -> int:
     """Degree in the cells for displacement degree k.
 
-    Simplices: 2 (k - 1), exact for a constant A, at least what the load needs. Quadrilaterals and
-    hexahedra: 2 k counted per direction, k + 1 points, the fewest that leave no spurious mode.
+    Simplices: 2 (k - 1), exact for a constant A, but at least 1. Quadrilaterals and hexahedra: 2 k
+    per direction, k + 1 points, the fewest without spurious modes.
 
-    Axisymmetric triangles: 2 k. The weight r adds one degree, and with the one point that would do
-    for k = 1 a triangle could turn about its centroid without strain, since the hoop strain u_r/r
-    vanishes there. The k + 1 points of quadrilaterals are exact to 2 k + 1, so they need no more.
-    Hoop terms have r in the denominator, which no degree integrates exactly; it varies across a
-    cell by h/r, and where that is large, at the axis, u_r is a multiple of r.
+    Axisymmetric triangles: 2 k. The weight r adds one degree, and with a single point, sufficient
+    for k = 1 in the plane, a triangle could rotate about its centroid without strain, since the
+    hoop strain u_r/r vanishes there. The k + 1 points of quadrilaterals are exact to 2 k + 1, which
+    is sufficient. Hoop terms have r in the denominator, which no degree integrates exactly; it
+    varies across a cell by h/r, and where that is large, at the axis, u_r is a multiple of r.
     """
     if cell in ("triangle", "tetrahedron") and not isinstance(geometry, Axisymmetric):
         return max(2 * (degree - 1), 1)
@@ -27,7 +27,7 @@ def bubble_degree(cell: str, geometry: Geometry) -> int:
     """Degree for the bubble integral (22), exact where A is constant.
 
     Axisymmetric triangles: b^2/r has the degree 4 of b^2 or less; the weight r takes the others to
-    3. Five on quadrilaterals holds the weight already.
+    3. Degree five on quadrilaterals includes the weight.
     """
     if cell == "triangle" and isinstance(geometry, Axisymmetric):
         return 4

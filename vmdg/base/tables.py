@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-#: Digits of numbers in texts.
+#: Significant digits of numbers in text.
 DIGITS = 6
 
 
 def rounded(values: ArrayLike) -> list[Any]:
-    """Numbers as a list for a text, to six digits of the largest one, whatever their unit."""
+    """Numbers as a list for messages, rounded to six digits of the largest one."""
     numbers = np.asarray(values, dtype=float)
     largest = np.abs(numbers).max(initial=0.0)
     if not 0 < largest < np.inf:
@@ -32,7 +32,7 @@ def html_table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 
     Args:
         header: Names of the columns.
-        rows: Values, as many a row.
+        rows: Values, one per column.
     """
     lines = [("th", header), *(("td", row) for row in rows)]
     body = (

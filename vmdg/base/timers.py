@@ -1,4 +1,4 @@
-"""Timers of vmdg, kept in DOLFINx's table under "vmdg: ...", and what they have measured."""
+"""Timers of vmdg, in DOLFINx's table under "vmdg: ...", and their readings."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class Timing(NamedTuple):
     """What a timer has measured on this rank.
 
     Attributes:
-        name: What it is of, without "vmdg: ".
-        runs: How often.
+        name: Name of the timer, without "vmdg: ".
+        runs: Number of runs.
         seconds: Wall time [s].
     """
 
@@ -33,12 +33,12 @@ def timer(name: str) -> Timer:
 
 
 def timings() -> dict[str, Timing]:
-    """All that this process has measured so far, by name."""
+    """All timings of this process so far, by name."""
     return {name: Timing(name, *compat.timing(f"vmdg: {name}")) for name in _names}
 
 
 def timings_since(before: Mapping[str, Timing]) -> list[Timing]:
-    """What has run since :func:`timings` gave ``before``, longest first."""
+    """Timings since :func:`timings` returned ``before``, longest first."""
     found = []
     for name, (_, runs, seconds) in timings().items():
         _, former_runs, former_seconds = before.get(name, Timing(name, 0, 0.0))

@@ -1,4 +1,4 @@
-"""What makes rounding the same in all units."""
+"""Scaling that makes rounding independent of units."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 
 
 def power_of_two(sizes: ArrayLike) -> NDArray[np.float64]:
-    """The one next above each of some positive sizes.
+    """The next power of two above each of some positive sizes.
 
-    What is divided by it has the same digits in all units that differ by powers of two, and so have
-    its roots.
+    A number divided by it has the same digits in all units that differ by powers of two, and so has
+    its square root.
     """
     return np.ldexp(1.0, np.frexp(sizes)[1])

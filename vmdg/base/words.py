@@ -1,4 +1,4 @@
-"""Words for what users get wrong most: names that do not exist, functions of one point, paths."""
+"""Messages for frequent mistakes: names that do not exist, functions of one point, paths."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ Called = TypeVar("Called", bound=Callable[..., Any])
 
 
 def near(name: str, names: Iterable[str], others: Mapping[str, str] | None = None) -> str:
-    """A question for the end of a message, or nothing where no name is near.
+    """A "Did you mean ...?" for the end of a message; empty where no name is close.
 
     Args:
-        name: That does not exist.
-        names: Those that do.
-        others: What some of them are called elsewhere, which looks different.
+        name: A name that does not exist.
+        names: Names that exist.
+        others: What other programs call some of them.
     """
     lower = {name.lower(): name for name in names}
     lower |= {word.lower(): meant for word, meant in (others or {}).items()}
@@ -37,7 +37,7 @@ def checked_path(what: str, path: Any) -> Path:
         path: What is given.
 
     Raises:
-        TypeError: it is no path.
+        TypeError: it is not a path.
     """
     if not isinstance(path, str | PathLike):
         raise TypeError(f"{what} = {path!r} must be a str or a Path")
@@ -61,21 +61,21 @@ def at_points(function: Callable[..., Any], *arguments: Any, what: str = "") -> 
         if "truth value" not in str(error):
             raise
         raise ValueError(
-            f"{what}the function gets all points at once, x (3, n), and `and`, `or`, `not`, `if` "
-            "and 0 < x[0] < 1 are for one: write (0 < x[0]) & (x[0] < 1), with | and ~ for the "
-            "others, and np.where(x[0] < 1, a, b)"
+            f"{what}the function is called with all points at once, x (3, n); `and`, `or`, `not`, "
+            "`if` and 0 < x[0] < 1 work for one point only: write (0 < x[0]) & (x[0] < 1), with | "
+            "and ~ for the others, and np.where(x[0] < 1, a, b)"
         ) from error
 
 
 def near_keywords(**others: str) -> Callable[[Called], Called]:
-    """Decorate a function or a class: an unknown keyword is answered by the one that was meant.
+    """Decorate a function or a class: for an unknown keyword the error suggests the intended one.
 
     Python itself (3.13, and not in the ``__init__`` of data classes whose names differ by more than
     a few letters) names one that is spelt nearly the same. The signature stays as it is, for
     editors and for :func:`inspect.signature`.
 
     Args:
-        others: What keywords are called elsewhere: ``rtol="relative_tolerance"``.
+        others: What other programs call some keywords: ``rtol="relative_tolerance"``.
     """
 
     def decorate(called: Called) -> Called:

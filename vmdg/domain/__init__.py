@@ -1,1 +1,1 @@
-"""The bodies: mesh topology, tags, checks of cells, materials on cells, geometry."""
+"""The bodies: mesh topology, tags, cell checks, materials on cells, geometry."""

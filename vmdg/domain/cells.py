@@ -13,22 +13,22 @@ from ..base.tables import rounded
 from .shapes import GeometryMap, determinants
 from .topology import facet_cells, local_facets
 
-# det J relative to the lengths of its columns, and edges at a corner relative to the longest, that
-# rounding cannot tell from zero.
+# Relative to rounding zero: det J over the lengths of its columns, and edges at a corner over the
+# longest.
 _FLAT, _SHORT = 1e-14, 1e-12
 
-# Cells and facets that are examined together.
+# Cells and facets per batch.
 _BATCH = 2**16
 
-REMEDY = "move its nodes or mesh anew"
+REMEDY = "move its nodes or remesh"
 
 
 def check_cells(mesh: Mesh) -> None:
     """Refuse meshes with cells on which no element can be built; collective.
 
     det dX/dxi must have one sign at the corners and inside of every cell, edges must have a length,
-    and the two cells of a facet must lie on different sides of it: simplices that are turned over
-    show by that only.
+    and the two cells of a facet must lie on different sides of it; this is the only sign of an
+    inverted simplex.
 
     Args:
         mesh: Mesh with facet ghosts, if distributed.
@@ -36,7 +36,7 @@ def check_cells(mesh: Mesh) -> None:
     Raises:
         ValueError: names a cell, where it is and what is wrong.
     """
-    # Collective: before ranks with a bad cell and ranks without part.
+    # Collective, so before ranks with a bad cell leave.
     pairs = facet_cells(mesh)
     mesh.topology.create_connectivity(mesh.topology.dim, mesh.topology.dim - 1)
     raise_together(mesh.comm, _bad_cell(mesh) or _folded_cell(mesh, pairs))
@@ -55,8 +55,8 @@ def _bad_cell(mesh: Mesh) -> str | None:
         with np.errstate(invalid="ignore"):
             det, size = determinants(J), edges.prod(axis=2)
         det *= np.where(det.sum(axis=1) < 0, -1, 1)[:, None]
-        # At a corner two sides may form one line; inside, where integrals are taken, they may not.
-        # The comparison also catches coordinates that are not finite.
+        # Two edges may be collinear at a corner, but not at interior points, where integrals are
+        # taken. The comparison also catches coordinates that are not finite.
         flat = ~(det > _FLAT * size)[:, len(corners) :].all(axis=1)
         collapsed = edges.min(axis=(1, 2)) <= _SHORT * edges.max(axis=(1, 2))
         turned = (det < -_FLAT * size).any(axis=1) & ~collapsed

@@ -1,4 +1,4 @@
-"""The geometry of a problem from the user's words, its axis and its rigid motions."""
+"""The geometry of a problem from the user's input, its axis and its rigid motions."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ Array = NDArray[np.float64]
 SYMMETRIES = (None, "axisymmetric")
 VOLUMETRIC = ("pointwise", "mean")
 
-# Nodes within this share of the largest radius lie on the axis: the rounding of a mesher.
+# Nodes within this fraction of the largest radius lie on the axis (rounding of mesh generators).
 _ON_AXIS = 1e-10
 
-# Square of the width of points across their longest line, relative to its length, below which a
-# turn about it is not known.
+# Squared width over length of a set of points below which a rotation about their longest line is
+# undetermined.
 _WIDTH = 1e-6
 
 
@@ -46,21 +46,21 @@ def make_geometry(
         symmetry: None or "axisymmetric".
         thickness: Of a plane body [mm].
         volumetric: "pointwise" or "mean".
-        degree: Of the displacement.
+        degree: Degree of the displacement.
         periodic: Whether the mesh is a periodic cell.
         axial: Whether F_33 of a plane body is an unknown.
 
     Raises:
-        ValueError: unknown word, a mesh that is no half section, a thickness that has no meaning,
-            or cells for which mean dilatation is no remedy.
+        ValueError: unknown option, a mesh that is not a half section, a thickness without meaning,
+            or cells that mean dilatation does not support.
     """
     if volumetric not in VOLUMETRIC:
         raise ValueError(f"Problem: volumetric = {volumetric!r} must be one of {VOLUMETRIC}")
     if periodic and (symmetry is not None or volumetric == "mean"):
         raise ValueError(
-            f"Problem: periodic does not go with symmetry={symmetry!r}, volumetric={volumetric!r}: "
-            "a periodic cell is plane or solid, and J is that of a point; leave both out, and take "
-            "degree=2 near incompressibility"
+            f"Problem: periodic cannot be combined with symmetry={symmetry!r}, "
+            f"volumetric={volumetric!r}: a periodic cell is plane or 3D with pointwise J; omit "
+            "both, and use degree=2 near incompressibility"
         )
     if volumetric == "mean":
         return _with_mean_dilatation(mesh, make_geometry(mesh, symmetry, thickness), degree)
@@ -71,7 +71,7 @@ def make_geometry(
         number = isinstance(thickness, Real) and 0 < thickness < np.inf
         if not number or (d == 3 and thickness != 1):
             raise ValueError(
-                f"Problem: thickness = {thickness!r} must be positive and finite, and 1 in 3D"
+                f"Problem: thickness = {thickness!r} must be positive and finite, in 3D equal to 1"
             )
         constant = fem.Constant(mesh, float(thickness)) if thickness != 1 else 1
         macroscopic = fem.Constant(mesh, np.zeros((d, d))) if periodic else None
@@ -85,7 +85,7 @@ def make_geometry(
     if thickness != 1:
         raise ValueError(
             f"Problem: thickness = {thickness} has no meaning with symmetry='axisymmetric', where "
-            "every integral is that of the whole body of revolution"
+            "every integral is over the whole body of revolution"
         )
     r = mesh.geometry.x[:, 0]
     largest = global_max(mesh.comm, float(np.abs(r).max(initial=0.0)))
@@ -103,9 +103,9 @@ def _with_mean_dilatation(mesh: Mesh, geometry: Geometry, degree: int) -> Geomet
     cell = mesh.topology.cell_name()
     if cell not in ("quadrilateral", "hexahedron") or degree != 1:
         raise ValueError(
-            f"Problem: volumetric='mean' is made for quadrilaterals and hexahedra of degree 1, not "
-            f"for a {cell} of degree {degree}: a linear simplex has one J anyway and locks all the "
-            "same, degree 2 does not lock; use quadrilaterals or hexahedra, or degree=2 with "
+            "Problem: volumetric='mean' is for quadrilaterals and hexahedra of degree 1, not for a "
+            f"{cell} of degree {degree}: a linear simplex has constant J and locks regardless, "
+            "degree 2 does not lock; use quadrilaterals or hexahedra, or degree=2 with "
             "volumetric='pointwise'"
         )
     space = fem.functionspace(mesh, ("DG", 0))
@@ -130,7 +130,7 @@ def rigid_motions(x: NDArray[np.float64], geometry: Geometry) -> NDArray[np.floa
 
     Args:
         x: Points (n, d).
-        geometry: Of the problem.
+        geometry: Geometry of the problem.
     """
     d = x.shape[1]
     translations = [np.tile(direction, (len(x), 1)) for direction in np.eye(d)]
@@ -145,17 +145,18 @@ def rigid_motions(x: NDArray[np.float64], geometry: Geometry) -> NDArray[np.floa
 
 
 def rigid_part(comm: MPI.Comm, x: Array, y: Array) -> tuple[Array, Array, Array] | None:
-    """The rigid motion that takes points nearest to others (Kabsch 1976); collective.
+    """The best-fit rigid motion between two sets of points (Kabsch 1976); collective.
 
         R = argmin sum_i |y_i - c' - R (x_i - c)|^2,    c and c' the mean positions.
 
     Args:
         comm: Communicator.
         x: Points of this rank (n, d) [mm].
-        y: Where they go (n, d) [mm].
+        y: Their images (n, d) [mm].
 
     Returns:
-        Rotation (d, d), mean of all x and mean of all y; None where they do not tell the rotation.
+        Rotation (d, d), mean of all x and mean of all y; None where they do not determine the
+        rotation.
     """
     d = x.shape[1]
     count = int(global_sum(comm, len(x)))
@@ -163,7 +164,7 @@ def rigid_part(comm: MPI.Comm, x: Array, y: Array) -> tuple[Array, Array, Array]
         return None
     before, after = (global_sum(comm, points.sum(axis=0)) / count for points in (x, y))
     U, sizes, V = np.linalg.svd(global_sum(comm, (y - after).T @ (x - before)))
-    # In 3D points on a line leave the turn about it open, in 2D a single one.
+    # Collinear points in 3D, or a single point in 2D, do not determine the rotation.
     if sizes[d - 2] <= _WIDTH * sizes[0]:
         return None
     mirror = np.ones(d)

@@ -1,4 +1,4 @@
-"""The lattice of a periodic cell: the vectors by which it repeats, and which points are images."""
+"""The lattice of a periodic cell: its period vectors, and which points are images of each other."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from .topology import box_sides
 
 Array = NDArray[np.float64]
 
-#: Distance, relative to the shortest side of the cell, within which points are the same.
+#: Distance, relative to the shortest side of the cell, below which points coincide.
 SAME_PLACE = 1e-6
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """A parallelepiped that repeats.
+    """A parallelepiped repeated periodically.
 
     Attributes:
-        vectors: Of its sides, one a row (d, d) [mm].
-        origin: Its corner from which all sides set out (d,) [mm].
+        vectors: Its sides, one per row (d, d) [mm].
+        origin: The corner from which the sides start (d,) [mm].
     """
 
     vectors: Array
@@ -34,12 +34,12 @@ class Lattice:
 
     @property
     def centre(self) -> Array:
-        """Of the cell (d,) [mm]."""
+        """Centre of the cell (d,) [mm]."""
         return self.origin + self.vectors.sum(axis=0) / 2
 
     @property
     def volume(self) -> float:
-        """Of the cell, voids included [mm3; in 2D mm2]."""
+        """Volume of the cell, voids included [mm3; in 2D mm2]."""
         return float(abs(determinants(self.vectors)))
 
     @property
@@ -50,7 +50,7 @@ class Lattice:
 
     @property
     def tolerance(self) -> float:
-        """Distance within which points are the same [mm]."""
+        """Distance below which points coincide [mm]."""
         return SAME_PLACE * float(np.linalg.norm(self.vectors, axis=1).min())
 
     def fractions(self, x: Array) -> Array:
@@ -61,10 +61,10 @@ class Lattice:
         """Pairs of entities on opposite faces of the cell (n, 2).
 
         Args:
-            x: Points of every entity, of those of all ranks (entities, points, d).
+            x: Points of every entity, of all ranks (entities, points, d).
 
         Raises:
-            ValueError: one on a face has no image on the opposite one.
+            ValueError: an entity on a face has no image on the opposite face.
         """
         fractions, middle = self.fractions(x), x.mean(axis=1)
         pairs = [np.zeros((0, 2), dtype=np.intp)]
@@ -81,12 +81,12 @@ class Lattice:
         return np.concatenate(pairs)
 
     def _check(self, points: Array, others: Array, to: Array, side: int) -> None:
-        """Points of a face against those of the opposite one."""
+        """Compare the points of a face with those of the opposite one."""
         axis = ("first", "second", "third")[side]
         if not len(points) and not len(others):
             raise ValueError(
                 f"Periodic: no facet lies on the faces that the {axis} vector joins, {to.tolist()} "
-                f"from {self.origin.tolist()}; give vectors=, the sides of the cell, one a row"
+                f"from {self.origin.tolist()}; give vectors=, the sides of the cell, one per row"
             )
         apart = np.full(len(points), np.inf)
         if len(others):
@@ -97,7 +97,7 @@ class Lattice:
             raise ValueError(
                 f"Periodic: the facet at {rounded(here)} has no image at "
                 f"{rounded(here + to)} ({len(bad)} of {len(points)} facets of this face "
-                "have none): opposite faces must be meshed alike, in gmsh by "
+                "have none): opposite faces must have the same mesh, in gmsh by "
                 "gmsh.model.mesh.setPeriodic before the mesh is generated"
             )
 
@@ -106,8 +106,8 @@ def make_lattice(mesh: Mesh, vectors: ArrayLike | None) -> Lattice:
     """The lattice of a mesh; collective.
 
     Args:
-        mesh: Of a cell.
-        vectors: Its sides, one a row (d, d); None for those of the box around it [mm].
+        mesh: Mesh of a cell.
+        vectors: Its sides, one per row (d, d); None for those of its bounding box [mm].
 
     Raises:
         ValueError: the vectors are not independent, or the mesh does not fill the cell.
@@ -116,8 +116,8 @@ def make_lattice(mesh: Mesh, vectors: ArrayLike | None) -> Lattice:
     A = np.diag(box_sides(mesh)[:d]) if vectors is None else np.array(vectors, dtype=float)
     if A.shape != (d, d) or not np.isfinite(A).all() or not np.linalg.cond(A) < 1e6:
         raise ValueError(
-            f"Periodic: vectors = {vectors!r} must be the {d} sides of the cell, one a row, that "
-            "are independent"
+            f"Periodic: vectors = {vectors!r} must be the {d} linearly independent sides of the "
+            "cell, one per row"
         )
     at = mesh.geometry.x[:, :d] @ np.linalg.inv(A)
     low, high = global_box(mesh.comm, at)
@@ -126,6 +126,6 @@ def make_lattice(mesh: Mesh, vectors: ArrayLike | None) -> Lattice:
         i = wrong[0]
         raise ValueError(
             f"Periodic: along vectors[{i}] = {A[i].tolist()} the mesh is {high[i] - low[i]:.6g} "
-            "times as long; give the vectors by which one cell repeats"
+            "times as long; give the period vectors of one cell"
         )
     return Lattice(A, low @ A)

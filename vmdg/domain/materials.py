@@ -1,4 +1,5 @@
-"""Materials on the mesh: cell-wise constant parameters, grouped by regions that share a kernel."""
+"""Materials on the mesh: cell-wise constant parameters, grouped into regions that share a
+kernel."""
 
 from __future__ import annotations
 
@@ -34,15 +35,15 @@ class Strain(Protocol):
     uniform: bool
 
     def __call__(self, t: float) -> NDArray[np.float64]:
-        """At load factor t: of all cells, or (n, ...) of each, ghosts included."""
+        """Strain at load factor t: one for all cells, or one per cell (n, ...), ghosts included."""
 
 
 @dataclass(frozen=True)
 class Region:
-    """Materials that differ in the values of their parameters only.
+    """Cells whose materials differ only in the values of their parameters.
 
     Attributes:
-        body: What the forms ask of it.
+        body: Its mechanical description for the forms.
         cells: Local cells of the region, owned ones, (n,).
     """
 
@@ -60,7 +61,7 @@ class Bodies:
         small: Small-strain kinematics.
         eigenstrain: Stress-free strain by tag; None where there is none.
         geometry: Gradient and measure.
-        plane_stress: No stress out of the plane, in place of no strain.
+        plane_stress: Zero stress out of the plane instead of zero strain.
 
     Attributes:
         tags: As given.
@@ -68,7 +69,7 @@ class Bodies:
         small: As given.
         geometry: As given.
         plane_stress: As given.
-        mean_dilatation: J of a cell is one number, as the geometry says.
+        mean_dilatation: Whether J is constant in a cell, from the geometry.
         regions: All regions.
         region: Region of every local cell.
 
@@ -129,13 +130,13 @@ class Bodies:
 
     @property
     def fields(self) -> list[fem.Function]:
-        """What the stress in a body changes with besides the displacement."""
+        """Fields other than the displacement on which the stress depends."""
         geometry = self.geometry
         mean = [geometry.theta, geometry.pressure] if isinstance(geometry, MeanDilatation) else []
         return mean if self._eigenstrain is None else [self._eigenstrain, *mean]
 
     def eigenstrains(self, t: float) -> NDArray[np.float64]:
-        """Eigenstrains as they were given for load factor ``t``, of all local cells, flat."""
+        """The given eigenstrains at load factor ``t``, of all local cells, flat."""
         if self._eigenstrain is None:
             return np.zeros(0)
         array = np.zeros((len(self.tags), *(9,) * self._tensor))
@@ -148,18 +149,18 @@ class Bodies:
         return array.ravel()
 
     def strains(self, t: float) -> Iterator[tuple[int, NDArray[np.float64]]]:
-        """Tag and eigenstrain at load factor ``t``, as it was given."""
+        """Tag and given eigenstrain at load factor ``t``."""
         for tag, strain in self._eigenstrains.items():
             yield tag, strain(t)
 
     @property
     def moved(self) -> bool:
-        """Whether nodes of the mesh were moved on this rank since then."""
+        """Whether nodes of the mesh were moved on this rank after the set-up."""
         return crc32(self._mesh.geometry.x) != self._nodes
 
     def least_stretch(self, values: NDArray[np.float64]) -> float:
-        """Least eigenvalue of F_s = I + e over the cells of this rank, or a bound from below that
-        is positive.
+        """Smallest eigenvalue of F_s = I + e over the cells of this rank, or a positive lower
+        bound.
 
         Args:
             values: Eigenstrains, as of :meth:`eigenstrains`.
@@ -168,7 +169,7 @@ class Bodies:
             return 1 + float(values.min(initial=0.0))
         stretches = np.eye(3) + values.reshape(-1, 3, 3)
         diagonal = np.diagonal(stretches, axis1=1, axis2=2)
-        # Circles of Gershgorin; eigenvalues only where these do not tell.
+        # Gershgorin circles; eigenvalues only where these are inconclusive.
         bounds = (2 * diagonal - np.abs(stretches).sum(axis=2)).min(axis=1)
         doubtful = bounds <= 0
         if doubtful.any():
@@ -176,7 +177,7 @@ class Bodies:
         return float(bounds.min(initial=1.0))
 
     def set_eigenstrains(self, values: NDArray[np.float64]) -> None:
-        """Take eigenstrains, as of :meth:`eigenstrains`."""
+        """Set eigenstrains, as returned by :meth:`eigenstrains`."""
         if self._eigenstrain is not None:
             self._eigenstrain.x.array[:] = values
 
@@ -208,10 +209,10 @@ def cell_values(
     message, values = None, np.zeros(len(cells))
     try:
         values[:] = _given_on(mesh, value, cells)
-    except Exception as error:  # of a user's function, which may do anything
+    except Exception as error:  # a user's function may raise anything
         message = (
-            f"{what}: {value!r} is no number, f(x) with a number for each of the points x (3, n), "
-            f"Function of degree 0, or array with a value for each local cell: {error}"
+            f"{what}: {value!r} is not a number, f(x) with a number for each of the points x (3, "
+            f"n), a Function of degree 0, or an array with a value for each local cell: {error}"
         )
     if not np.isfinite(values).all():
         message = f"{what}: not finite in {np.count_nonzero(~np.isfinite(values))} cells"
@@ -222,7 +223,7 @@ def cell_values(
 def _found_from(
     mesh: Mesh, value: FromOthers, cells: NDArray[np.integer], what: str
 ) -> NDArray[np.float64] | float:
-    """A parameter that is found from others, cell by cell; collective."""
+    """A parameter computed from others, cell by cell; collective."""
     given = [cell_values(mesh, one, cells, f"{what}, {name}") for name, one in value.given.items()]
     message, result = None, 0.0
     try:

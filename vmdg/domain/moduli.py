@@ -23,10 +23,10 @@ class RegionExpressions:
     Args:
         u: Displacement.
         bodies: Materials.
-        regions: Numbers of those in which it is asked for, the same on all ranks; collective.
-        expression: Vector of ``expression(body, F)``.
+        regions: Numbers of the regions in which it is evaluated, the same on all ranks; collective.
+        expression: The vector ``expression(body, F)``.
         points: Reference points in a cell, or in a facet.
-        name: What for.
+        name: Its purpose.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class RegionExpressions:
     def __call__(
         self, region: NDArray[np.int32], entities: NDArray[np.int32]
     ) -> NDArray[np.float64]:
-        """Values where every entity is of a ``region`` of its own."""
+        """Values where ``region`` gives the region of each entity."""
         result = np.empty((len(entities), self._points, self._size))
         for number in np.unique(region):
             chosen = np.flatnonzero(region == number)

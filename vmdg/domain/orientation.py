@@ -1,4 +1,4 @@
-"""How much the axes of two crystals differ."""
+"""Misorientation of crystals."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ SYMMETRIES = ("cubic", "hexagonal", "orthorhombic", "triclinic")
 def misorientation(
     first: ArrayLike, second: ArrayLike, symmetry: str = "cubic"
 ) -> NDArray[np.float64]:
-    """Least angle [degrees] by which one crystal turns into the other, (n,).
+    """Smallest rotation angle [degrees] between two crystals, (n,).
 
-    It makes classes of grain boundaries: with the rotations R (grains + 1, 3, 3) by tag,
+    It defines classes of grain boundaries: with the rotations R (grains + 1, 3, 3) by tag,
 
         Interface(between=lambda a, b: misorientation(R[a], R[b]) < 15, law=...)
 
     Args:
         first: Rotations (n, 3, 3), or one (3, 3), whose columns are the axes of the crystal.
         second: The same number of rotations.
-        symmetry: Of the crystal, which rotations it does not tell apart: "cubic" 24, "hexagonal" 12
-            (axis 3 is the hexagonal one), "orthorhombic" 4, "triclinic" none.
+        symmetry: Crystal symmetry, with its number of equivalent rotations: "cubic" 24, "hexagonal"
+            12 (axis 3 is the hexagonal one), "orthorhombic" 4, "triclinic" 1.
 
     Raises:
-        ValueError: an unknown symmetry, or arrays of other shapes.
+        ValueError: an unknown symmetry, or arrays of the wrong shape.
     """
     one, two = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
     if symmetry not in SYMMETRIES:
@@ -38,13 +38,13 @@ def misorientation(
             "(n, 3, 3), the axes of a crystal the columns of a matrix"
         )
     apart = np.swapaxes(one, -1, -2) @ two
-    # Of all equivalent turns the one of the largest trace, 1 + 2 cos, is the least.
+    # Of all equivalent rotations the smallest one has the largest trace, 1 + 2 cos.
     trace = np.einsum("...ij,sji->...s", apart, _alike(symmetry)).max(axis=-1)
     return np.degrees(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
 
 
 def _alike(symmetry: str) -> NDArray[np.float64]:
-    """Rotations that turn a crystal into itself (s, 3, 3)."""
+    """Rotations that map a crystal onto itself (s, 3, 3)."""
     signs = [np.diag(s) for s in itertools.product((1.0, -1.0), repeat=3)]
     if symmetry == "cubic":
         orders = [np.eye(3)[list(order)] for order in itertools.permutations(range(3))]

@@ -18,9 +18,9 @@ Array = NDArray[np.float64]
 
 
 def determinants(A: Array) -> Array:
-    """Of small matrices (..., d, d), d up to 3.
+    """Determinants of small matrices (..., d, d), d up to 3.
 
-    Those of numpy go by logarithms, and their rounding depends on the unit.
+    numpy computes them by logarithms, whose rounding depends on the unit.
     """
     if A.shape[-1] == 1:
         return A[..., 0, 0]
@@ -33,7 +33,7 @@ class GeometryMap:
     """The map X(xi) from the reference cell to the cells of a mesh, at some points.
 
     Args:
-        mesh: The mesh; of facets of another one, too.
+        mesh: The mesh; may be a facet submesh.
         points: Reference points (points, t).
 
     Attributes:
@@ -57,7 +57,7 @@ class GeometryMap:
         return self._mesh.geometry.x[nodes][:, :, : self._mesh.geometry.dim]
 
     def positions(self, nodes: Array) -> Array:
-        """X of the points, its components first (d, cells, points) [mm]."""
+        """X of the points, components first (d, cells, points) [mm]."""
         return np.einsum("qn,cni->icq", self.values, nodes)
 
     def jacobians(self, nodes: Array) -> Array:
@@ -70,7 +70,7 @@ class FacetShapes(NamedTuple):
 
     Attributes:
         gradients: GRAD (n, points, nodes, d or d + 1).
-        weights: Of the points (n, points).
+        weights: Quadrature weights (n, points).
         values: N (n, points, nodes).
         points: X (n, points, d) [mm].
     """
@@ -81,9 +81,9 @@ class FacetShapes(NamedTuple):
     points: Array
 
     def at(self, positions: Array) -> FacetShapes:
-        """The same in the order in which others count the points of a facet.
+        """The same with the points of each facet in the order of ``positions``.
 
-        DOLFINx since 0.10 turns the points of a facet with its orientation in the mesh.
+        DOLFINx 0.10 and later order the points of a facet by its orientation in the mesh.
 
         Args:
             positions: X of the points in that order (n, points, d) [mm].

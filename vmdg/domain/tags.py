@@ -1,4 +1,4 @@
-"""Groups of cells and facets by name, as meshers have them or a level set marks them."""
+"""Groups of cells and facets by name, from mesh generators or from a level set."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def group_tag(group: Group, names: Mapping[str, int], what: str) -> int:
     Args:
         group: Its tag or its name.
         names: Tag by name.
-        what: Who asks, for messages.
+        what: Caller, for messages.
 
     Raises:
         ValueError: there is no group of this name.
@@ -90,10 +90,10 @@ def by_tag(values: Mapping[Group, Value], names: Mapping[str, int], what: str) -
     Args:
         values: By group.
         names: Tag by name.
-        what: Who asks, for messages.
+        what: Caller, for messages.
 
     Raises:
-        ValueError: there is no group of a name, or one has two values.
+        ValueError: there is no group of this name, or a group has two values.
     """
     result: dict[int, Value] = {}
     for group, value in values.items():
@@ -111,24 +111,24 @@ def split_cells(
     cell_tags: MeshTags | None = None,
     group: Group | None = None,
 ) -> NamedTags:
-    """Cells where a level set is negative as a group of their own; collective.
+    """Make the cells in which a level set is negative a group of their own; collective.
 
     The mesh is not cut: a cell is inside where the level set is negative at its midpoint.
 
     Args:
         mesh: The mesh.
         level_set: phi(x) at points x (3, n) [mm], n values.
-        name: Of the new group. Its tag is one more than the largest there is.
+        name: Name of the new group. Its tag is the largest existing one plus 1.
         cell_tags: Tags so far; None for one group "outside" of tag 1.
-        group: Tag or name of the cells that are split; None for all.
+        group: Tag or name of the cells to split; None for all.
 
     Returns:
         Tags of all cells.
 
     Raises:
         ValueError: no cell of the group has its midpoint inside, the name is taken, or the level
-            set does not give one number a point.
-        TypeError: the name is no word, or the level set no function.
+            set does not return one number per point.
+        TypeError: the name is not a word, or the level set is not a function.
     """
     if cell_tags is None:
         number = mesh.topology.index_map(mesh.topology.dim)
@@ -138,7 +138,7 @@ def split_cells(
         values, names = tags_of_cells(mesh, cell_tags), names_of(cell_tags)
     if not isinstance(name, str):
         raise TypeError(
-            f"split_cells: name = {name!r} must be a word; the tag is the next one free"
+            f"split_cells: name = {name!r} must be a word; the tag is chosen automatically"
         )
     if name in names:
         raise ValueError(f"split_cells: there is a group {name!r} already; give another name=")
@@ -147,8 +147,8 @@ def split_cells(
         inside &= values == group_tag(group, names, "split_cells")
     if not global_any(mesh.comm, bool(inside.any())):
         raise ValueError(
-            "split_cells: the level set is negative at no midpoint of the cells; check its sign "
-            "and units, or refine the mesh"
+            "split_cells: the level set is negative at no cell midpoint; check its sign and units, "
+            "or refine the mesh"
         )
     tag = int(global_max(mesh.comm, int(values.max(initial=0)))) + 1
     values[inside] = tag

@@ -1,4 +1,4 @@
-"""Vectorised questions to a mesh: cells of facets, tags of cells, and facets that users give."""
+"""Vectorised mesh queries: cells of facets, tags of cells, and facets selected by users."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..base.parallel import global_box, raise_together
 from ..base.tables import rounded
 from ..base.words import at_points
 
-#: Whether points x (3, n) are meant, n values.
+#: Predicate on points x (3, n), n truth values.
 Locator = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
 #: phi(x) at points x (3, n), n values.
@@ -24,7 +24,7 @@ UNTAGGED = np.iinfo(np.int32).min
 
 
 def facet_cells(mesh: Mesh) -> NDArray[np.int32]:
-    """The two local cells of every local facet, -1 where there is no second one; (nf, 2)."""
+    """The two local cells of every local facet, -1 where there is no second cell; (nf, 2)."""
     tdim = mesh.topology.dim
     mesh.topology.create_connectivity(tdim - 1, tdim)
     connectivity = mesh.topology.connectivity(tdim - 1, tdim)
@@ -49,7 +49,7 @@ def local_facets(
 
 
 def boundary_rows(mesh: Mesh, facets: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Cell and number within it of the owned ones of these boundary facets, as measures take them:
+    """Cell and local facet number of the owned boundary facets among these, as integration entities
     (2 n,)."""
     owned = facets[facets < mesh.topology.index_map(mesh.topology.dim - 1).size_local]
     cells = facet_cells(mesh)[owned, 0]
@@ -67,7 +67,7 @@ def tags_of_cells(mesh: Mesh, cell_tags: MeshTags) -> NDArray[np.int32]:
 
 
 def mark_everywhere(mesh: Mesh, dim: int, entities: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Mark entities on every rank that holds them, given on any of these ranks."""
+    """Mark entities on every rank that holds them if they are marked on any of these ranks."""
     marks = la.vector(mesh.topology.index_map(dim), dtype=np.int32)
     marks.array[entities] = 1
     marks.scatter_reverse(la.InsertMode.add)
@@ -79,8 +79,8 @@ def cells_inside(mesh: Mesh, level_set: LevelSet) -> NDArray[np.bool_]:
     """Local cells, ghosts included, at whose midpoint a level set is negative; collective.
 
     Raises:
-        TypeError: the level set is no function.
-        ValueError: it does not give one finite number a point.
+        TypeError: the level set is not a function.
+        ValueError: it does not return one finite number per point.
     """
     if not callable(level_set):
         raise TypeError(
@@ -94,16 +94,17 @@ def cells_inside(mesh: Mesh, level_set: LevelSet) -> NDArray[np.bool_]:
     values, message = np.asarray(given), None
     if values.dtype == bool:
         message = (
-            "the level set gives True or False; it must be a number that is negative inside, for "
-            "example lambda x: np.hypot(x[0], x[1]) - R in place of np.hypot(x[0], x[1]) < R"
+            "the level set returns True or False; it must return a number that is negative inside, "
+            "for example lambda x: np.hypot(x[0], x[1]) - R instead of np.hypot(x[0], x[1]) < R"
         )
     elif values.shape != owned.shape or not np.isfinite(values.astype(float)).all():
         message = (
-            f"the level set gives values of shape {values.shape} at points (3, {len(owned)}); it "
-            "must give one finite number a point, for example lambda x: np.hypot(x[0], x[1]) - R"
+            f"the level set returns values of shape {values.shape} at points (3, {len(owned)}); it "
+            "must return one finite number per point, for example lambda x: np.hypot(x[0], x[1]) - "
+            "R"
         )
     raise_together(mesh.comm, message)
-    # Owners decide: a rounded midpoint on the zero contour must not differ between ranks.
+    # Owners decide, since rounding of a midpoint on the zero contour may differ between ranks.
     inside = la.vector(cells, dtype=np.int32)
     inside.array[: cells.size_local] = values < 0
     inside.scatter_forward()
@@ -113,17 +114,17 @@ def cells_inside(mesh: Mesh, level_set: LevelSet) -> NDArray[np.bool_]:
 def located(
     mesh: Mesh, find: Callable[[Locator], NDArray[np.int32]], where: Locator, what: str
 ) -> NDArray[np.int32]:
-    """What DOLFINx finds by a user's predicate; what is wrong with it on one rank is raised on all.
+    """Entities that DOLFINx locates by a user's predicate; an error on one rank is raised on all.
 
     Args:
         mesh: The mesh.
         find: Calls DOLFINx with a predicate.
         where: What the user gave.
-        what: What for, for messages.
+        what: Its purpose, for messages.
 
     Raises:
-        TypeError: it is no function.
-        ValueError: the predicate does not give True or False for every point.
+        TypeError: it is not a function.
+        ValueError: the predicate does not return True or False for every point.
     """
     if not callable(where):
         raise TypeError(
@@ -135,8 +136,8 @@ def located(
         marks = np.asarray(at_points(where, x, what=f"{what}: "))
         if marks.shape != x.shape[1:] or marks.dtype != bool:
             raise ValueError(
-                f"{what}: the predicate must give True or False for each of the points x (3, n), "
-                f"for example lambda x: np.isclose(x[0], 0); of {x.shape[1]} points it gives "
+                f"{what}: the predicate must return True or False for each of the points x (3, n), "
+                f"for example lambda x: np.isclose(x[0], 0); for {x.shape[1]} points it returned "
                 f"values of shape {marks.shape} and type {marks.dtype}"
             )
         return marks
@@ -148,7 +149,7 @@ def checked_facets(mesh: Mesh, where: ArrayLike, what: str) -> NDArray[np.int32]
     """Local facets as given by a user; collective.
 
     Raises:
-        TypeError: a tag or a mask in place of facets.
+        TypeError: a tag or a mask instead of facets.
         ValueError: a facet does not exist.
     """
     facets = np.asarray(where)
@@ -182,7 +183,7 @@ def refuse_facets(
         facets: Local facets.
         refused: Marks of all local facets.
         what: Name of the load for the message.
-        reason: What is wrong and the cure, said after the place of the facet.
+        reason: The error and the remedy, which follow the place of the facet in the message.
 
     Raises:
         ValueError: one is marked.
@@ -197,6 +198,6 @@ def refuse_facets(
 
 
 def box_sides(mesh: Mesh) -> NDArray[np.float64]:
-    """Sides of the box around the mesh along x, y and z (3,) [mm]; collective."""
+    """Sides of the bounding box of the mesh along x, y and z (3,) [mm]; collective."""
     low, high = global_box(mesh.comm, mesh.geometry.x)
     return high - low

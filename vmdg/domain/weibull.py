@@ -1,4 +1,4 @@
-"""Random properties that belong to places: the same on any number of ranks."""
+"""Random properties as functions of position: the same on any number of ranks."""
 
 from __future__ import annotations
 
@@ -14,50 +14,52 @@ from numpy.typing import ArrayLike, NDArray
 
 from .topology import box_sides
 
-# Where the boxes of the resolution begin: away from round numbers, which would otherwise lie on the
-# edge of two boxes, and by rounding in the one or the other.
+# Origin of the boxes, not a round number: round coordinates would lie on the edge between two boxes
+# and be assigned to either by rounding.
 _OFFSET = 1 / math.pi
 
-# Step, shifts and multipliers of SplitMix64 (Steele, Lea and Flood 2014, OOPSLA), which makes
-# independent numbers of counters.
+# Step, shifts and multipliers of SplitMix64 (Steele, Lea and Flood 2014, OOPSLA), which turns
+# counters into independent random numbers.
 _STEP, _MIX, _LAST = 0x9E3779B97F4A7C15, ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)), 31
 
-# Resolution relative to the largest side of the box around a mesh.
+# Resolution relative to the largest side of the bounding box of a mesh.
 _SHARE = 1e-9
 
-# Rounding of coordinates relative to the resolution, at most.
+# Largest admissible rounding of coordinates relative to the resolution.
 _ROUNDING = 1e-3
 
 
 @dataclass(frozen=True)
 class Weibull:
-    """A property that scatters from place to place, P(X < x) = 1 - exp(-(x/scale)^modulus).
+    """A spatially random property, P(X < x) = 1 - exp(-(x/scale)^modulus).
 
-    It is f(x) and goes wherever a parameter may be one: strengths and energies of laws, one value
-    for every facet. The value is a function of the seed and the midpoint alone, so that it does not
-    depend on the ranks, on the order of the facets or on which of them are open. Two properties
-    with one seed and one modulus are their scales times the same numbers.
+    It is a function f(x) and can be used wherever a parameter may be one, for example for strengths
+    and energies of laws, with one value per facet. The value depends on the seed and the midpoint
+    alone, not on the ranks, on the order of the facets or on which of them are open. Two properties
+    with the same seed and modulus are proportional.
 
-    The values of two facets are independent however small the facets are: a mesh twice as fine has
-    more weak places. By the theory of the weakest link facets of another size A would have the
-    scale (A_0/A)^(1/modulus) times that of facets of size A_0. With ``section`` all places of a
-    section share one value, whatever the mesh: a bar, a weld, a strip of an adhesive.
+    The values of two facets are independent however small the facets are, so that a finer mesh has
+    more weak facets. By weakest-link theory, facets of size A have (A_0/A)^(1/modulus) times the
+    scale of facets of size A_0. With ``section`` all points of a section share one value, whatever
+    the mesh: a bar, a weld, a strip of adhesive.
 
     Args:
-        scale: Of the distribution, in the unit of the property: 63.2% of all values are below.
+        scale: Scale of the distribution, in the unit of the property: 63.2 % of all values are
+            below.
         modulus: Weibull's modulus; 5 for scattered, 20 for uniform materials.
         seed: Number of the sample.
-        resolution: Size of the boxes of which each has one value [mm]; far below the size of the
-            facets, and far above the rounding of coordinates. None follows the size of the mesh, so
-            that a sample is the same in any unit of length; who calls f(x) himself has no mesh, and
-            gives one.
-        section: f(x) with the whole number of the section for each of the points x (3, n), for
-            example ``lambda x: x[0] // 5.0``. Draw its borders between the midpoints of facets, not
-            through them, where rounding would choose. None for a value of its own at every place.
+        resolution: Size of the boxes in which the value is constant [mm]; far below the size of the
+            facets, and far above the rounding of coordinates. By default it follows from the size
+            of the mesh, so that a sample is the same in any unit of length; required to call f(x)
+            without a mesh.
+        section: f(x) with the integer number of the section for each of the points x (3, n), for
+            example ``lambda x: x[0] // 5.0``. Its borders should lie between the midpoints of
+            facets, not on them, where rounding would decide. None for a separate value at every
+            point.
 
     Raises:
-        ValueError: scale, modulus or resolution is not positive, or the seed is no integer.
-        TypeError: section is no function.
+        ValueError: scale, modulus or resolution is not positive, or the seed is not an integer.
+        TypeError: section is not a function.
     """
 
     scale: float
@@ -78,7 +80,7 @@ class Weibull:
         if self.section is not None and not callable(self.section):
             raise TypeError(
                 f"Weibull: section = {self.section!r} must be a function of points x (3, n) that "
-                "gives the number of the section of each, for example lambda x: x[0] // 5.0"
+                "returns the number of the section of each, for example lambda x: x[0] // 5.0"
             )
 
     @property
@@ -93,7 +95,7 @@ class Weibull:
         return self.scale * math.sqrt(square)
 
     def on(self, mesh: Mesh) -> Weibull:
-        """The same with the resolution that fits a mesh, unless one is given; collective."""
+        """The same with a resolution from the size of a mesh, unless one is given; collective."""
         found = _SHARE * float(box_sides(mesh).max())
         return replace(self, resolution=found) if self.resolution is None else self
 
@@ -104,9 +106,9 @@ class Weibull:
             x: Points (d, n) [mm].
 
         Raises:
-            ValueError: points are nearer to each other than the resolution, or so far away that
-                their rounding is not far below it, or no mesh has given one; sections are no whole
-                numbers.
+            ValueError: points are closer together than the resolution, or so far from the origin
+                that their rounding is not far below it, or there is no resolution; sections are not
+                integers.
         """
         x = np.asarray(x, dtype=float)
         boxes = self._boxes(x) if self.section is None else self._sections(x)
@@ -123,7 +125,7 @@ class Weibull:
         found = np.asarray(self.section(x))
         if found.shape != x.shape[1:] or not (found == np.rint(found)).all():
             raise ValueError(
-                f"Weibull: section must give one whole number for each of the points x (3, "
+                "Weibull: section must return one integer for each of the points x (3, "
                 f"{x.shape[1]}), not {found!r:.80}"
             )
         return found.astype(np.int64)[None]
@@ -132,26 +134,26 @@ class Weibull:
         """Boxes of the resolution in which points lie (d, n)."""
         if self.resolution is None:
             raise ValueError(
-                "Weibull: called by itself it does not know the size of the mesh; give it a "
-                "resolution=, about 1e-6 of the size of the facets"
+                "Weibull: outside of a problem the size of the mesh is unknown; give resolution=, "
+                "about 1e-6 of the size of the facets"
             )
         farthest, remedy = np.abs(x).max(initial=0.0), "about 1e-6 of the size of the facets"
         if farthest * np.finfo(float).eps > _ROUNDING * self.resolution:
             raise ValueError(
-                f"Weibull: resolution = {self.resolution:g} is near the rounding of coordinates of "
-                f"{farthest:g}; take one of {remedy}"
+                f"Weibull: resolution = {self.resolution:g} is close to the rounding of "
+                f"coordinates of {farthest:g}; use one of {remedy}"
             )
         boxes = np.floor(x / self.resolution + _OFFSET).astype(np.int64)
         if np.unique(boxes, axis=1).shape[1] < x.shape[1]:
             raise ValueError(
-                f"Weibull: points are nearer to each other than resolution = {self.resolution:g} "
-                f"and would have one value; take one of {remedy}"
+                f"Weibull: points are closer together than resolution = {self.resolution:g} and "
+                f"would have the same value; use one of {remedy}"
             )
         return boxes
 
 
 def _mixed(number: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """The number of SplitMix64 for each state."""
+    """The output of SplitMix64 for each state."""
     number = number + np.uint64(_STEP)
     for shift, factor in _MIX:
         number = (number ^ (number >> np.uint64(shift))) * np.uint64(factor)

@@ -71,7 +71,7 @@ def ends(problem: Problem, until: Until | None) -> bool:
         value = until(problem)
         if not isinstance(value, bool | np.bool_ | int | np.integer):
             raise TypeError(
-                f"solve: until gave {short(value)} at load factor {problem.t:.8g}; it must give "
+                f"solve: until gave {short(value)} at load factor {problem.t:.8g}; it must return "
                 "True or False, for example problem.debonded() > 0.5"
             )
         return bool(value)
