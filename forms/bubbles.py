@@ -59,7 +59,7 @@ def element(cell: str) -> basix.ufl._ElementBase:
     topology = basix.topology(cell_type)
     midpoints = np.array([vertices[facet].mean(axis=0) for facet in topology[d - 1]])
     n = len(midpoints)
-    unused: list[list] = [[]] * (3 - d)  # basix wants one entry for each dimension up to 3
+    unused: list[list] = [[]] * (3 - d)  # basix expects one entry for each dimension up to 3
     entity_points = [[np.zeros((0, d)) for _ in entities] for entities in topology[:d]]
     entity_duals = [[np.zeros((0, 1, 0, 1)) for _ in entities] for entities in topology[:d]]
     return basix.ufl.custom_element(

@@ -1,9 +1,9 @@
-"""Mean dilatation: nearly incompressible bodies of linear quadrilaterals and hexahedra.
+"""Mean dilatation for nearly incompressible bodies of linear quadrilaterals and hexahedra.
 
-Pointwise, J = det F of such a cell must be 1 at all of its quadrature points where the bulk modulus
-is large: more constraints than the cell has freedom, it locks. Mean dilatation asks for one per
-cell (Nagtegaal, Parks & Rice 1974; Hughes 1980; Simo, Taylor & Pister 1985; de Souza Neto et al.
-1996). The dilatation theta is constant in a cell and F is replaced by
+For a large bulk modulus J = det F must be close to 1 at all quadrature points of a cell: more
+constraints than the cell has degrees of freedom, so it locks. Mean dilatation imposes one per cell
+(Nagtegaal, Parks & Rice 1974; Hughes 1980; Simo, Taylor & Pister 1985; de Souza Neto et al. 1996).
+The dilatation theta is constant in a cell and F is replaced by
 
     F_bar = (theta / J)^(1/n) F,   theta = 1/V int_K J dV,
 
@@ -20,9 +20,9 @@ dw/dF a deviatoric and p the pressure in the cell. The first Piola-Kirchhoff str
 equal to dW/dF where theta = J; the tractions P.N of interfaces are made with it. At small strain
 J - 1 = tr(eps), theta - 1 is its mean and F_bar - I = eps + (theta - J)/n I, the B-bar method.
 
-Here theta is an independent field of the forms: it follows the displacement gradient as one more
-diagonal entry, (n, n), of F, of GRAD and of everything that is differentiated by F. A test or trial
-function of theta is a scalar, so that one formula gives all blocks of the two-field form.
+Here theta is an independent field of the forms, stored as an additional diagonal entry (n, n) of F,
+of GRAD and of all derivatives by F. A test or trial function of theta is a scalar, so one formula
+gives all blocks of the two-field form.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from ufl.core.expr import Expr
 from .geometry import Axisymmetric, Cartesian, Entries, with_entry
 
 if TYPE_CHECKING:
-    _Plain = Cartesian  # what the mixin below is mixed with, or an axisymmetric geometry
+    _Plain = Cartesian  # base of the mixin below, or an axisymmetric geometry
 else:
     _Plain = object
 
@@ -61,7 +61,7 @@ def mean_dilated(F: Expr, theta: Expr, small: bool) -> Expr:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MeanDilatation(_Plain):
-    """A geometry whose F and GRAD have the entry of theta besides.
+    """A geometry whose F and GRAD have an additional entry for theta.
 
     Attributes:
         theta: Dilatation of the cells.

@@ -1,7 +1,7 @@
-"""What the coordinates mean: the gradient operator and the measure of the forms.
+"""The meaning of the coordinates: gradient operator and measure of the forms.
 
-The forms are written once, for a displacement w of d components, its gradient GRAD w (n, n) with
-n >= d, and integrals weighted by :attr:`weight`; a geometry supplies both.
+The forms are written once, for a displacement w with d components, its gradient GRAD w (n, n), n >=
+d, and integrals weighted by :attr:`weight`; a geometry supplies gradient and weight.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Entries = list[tuple[int, int]]
 
 
 def with_entry(tensor: Expr, value: Expr | float) -> Expr:
-    """``tensor`` (n, n) with ``value`` as one more diagonal entry, (n + 1, n + 1)."""
+    """``tensor`` (n, n) with ``value`` as an additional diagonal entry, (n + 1, n + 1)."""
     n = range(tensor.ufl_shape[0])
     return ufl.as_tensor([[*(tensor[i, j] for j in n), 0] for i in n] + [[*(0 for _ in n), value]])
 
@@ -39,9 +39,9 @@ class Cartesian:
     """Solids in 3D, and plane strain of a given thickness; n = d.
 
     Attributes:
-        thickness: Of a plane body [mm], a factor of all integrals.
-        macroscopic: Of a periodic cell F_bar - I, the mean of GRAD u (d, d); the displacement of
-            the forms is then the fluctuation w of u = (F_bar - I).X + w. None where u is all of it.
+        thickness: Thickness of a plane body [mm], a factor of all integrals.
+        macroscopic: F_bar - I of a periodic cell, the mean of GRAD u (d, d); the displacement of
+            the forms is then the fluctuation w in u = (F_bar - I).X + w. None for other bodies.
     """
 
     thickness: Expr | float = 1
@@ -53,7 +53,7 @@ class Cartesian:
         return self.thickness
 
     def circumference(self, x: Any) -> Any:
-        """Factor of areas at positions ``x`` (d, ...) besides the thickness: 1."""
+        """Factor of areas at positions ``x`` (d, ...) in addition to the thickness: 1."""
         return 1
 
     def size(self, d: int) -> int:
@@ -77,7 +77,7 @@ class Cartesian:
         return _plus_identity(self.section_gradient(u))
 
     def nodal_deformation(self, u: Expr) -> Expr:
-        """F for points that may be nodes, (d, d)."""
+        """F at points that may be nodes, (d, d)."""
         return _plus_identity(self.section_gradient(u))
 
     def bubble_stiffness(self, A: Expr, bubble: Expr) -> Expr:
@@ -119,7 +119,7 @@ class GeneralizedPlane(Cartesian):
         return _plus_identity(with_entry(self.section_gradient(u), self.axial))
 
     def nodal_deformation(self, u: Expr) -> Expr:
-        """F for points that may be nodes, (3, 3)."""
+        """F at points that may be nodes, (3, 3)."""
         return self.deformation(u)
 
     def bubble_stiffness(self, A: Expr, bubble: Expr) -> Expr:
@@ -149,7 +149,7 @@ class Axisymmetric:
 
     @property
     def thickness(self) -> float:
-        """Factor of areas besides the circumference: 1."""
+        """Factor of areas in addition to the circumference: 1."""
         return 1
 
     @property
@@ -193,12 +193,12 @@ class Axisymmetric:
         """GRAD b : A : GRAD b of (22) with the hoop part of GRAD b, (2, 2) [MPa/mm2].
 
         B_ik = GRAD(b e_i) : A : GRAD(b e_k), where GRAD(b e_i) has b_,r and b_,z in row i and,
-        for i = r, b/r in the hoop entry: B_ik = b_,j A_ijkl b_,l for j and l in the section, and
-        besides, where i or k is r, the terms of A_ij33, A_33kl and A_3333 with b/r. It is regular:
-        the bubble of a facet that is not on the axis vanishes there like r.
+        for i = r, b/r in the hoop entry: B_ik = b_,j A_ijkl b_,l for j and l in the section and,
+        where i or k is r, in addition the terms of A_ij33, A_33kl and A_3333 with b/r. It is
+        regular: the bubble of a facet off the axis vanishes like r on the axis.
         """
         db = ufl.as_vector([*ufl.grad(bubble), bubble / self.x[0]])
-        # Entries of GRAD(b e_r) and of GRAD(b e_z); db[n] stands in column n.
+        # Entries of GRAD(b e_r) and of GRAD(b e_z); db[n] is in column n.
         filled = ([(0, 0), (0, 1), (2, 2)], [(1, 0), (1, 1)])
 
         def component(i: int, k: int) -> Expr:

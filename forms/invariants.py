@@ -1,6 +1,6 @@
-"""Energies written in few invariants, and their derivatives by the chain rule.
+"""Energies as functions of a few invariants, with derivatives by the chain rule.
 
-For energies whose automatic derivatives by F would compile into very large kernels.
+For energies whose automatic derivatives by F would compile to very large kernels.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from ufl.variable import Variable
 
 @dataclass(frozen=True)
 class Invariants:
-    """A strain energy as a function of few scalars.
+    """A strain energy as a function of a few scalars.
 
     Its derivatives by F follow from scalar ones by the chain rule in two stages, arguments of W by
-    invariants, invariants by F, which keeps kernels of elaborate energies small.
+    invariants and invariants by F. This keeps the kernels of elaborate energies small.
 
     Attributes:
         energy: W [MPa], depends on F through the arguments only.
@@ -43,9 +43,9 @@ _PARTITIONS: dict[int, list[list[tuple[int, ...]]]] = {
 class InvariantChain:
     """Derivatives of W by F from those by its invariants I_a, component by component.
 
-    With w_a = dW/dI_a and so on, G_a = dI_a/dF and B_a = d2I_a/dF2, all of them scalars:
-    P = w_a G_a, A = w_ab G_a (x) G_b + w_a B_a. The form compiler shares equal scalars, but
-    multiplies tensors out.
+    With w_a = dW/dI_a etc., G_a = dI_a/dF and B_a = d2I_a/dF2, all of them scalars: P = w_a G_a, A
+    = w_ab G_a (x) G_b + w_a B_a. The form compiler shares equal scalars, but multiplies tensors
+    out.
     """
 
     def __init__(self, energy: Callable[[Expr], Invariants | None], F: Expr):
@@ -65,14 +65,14 @@ class InvariantChain:
         return ufl.as_tensor([[entries[d * i + j] for j in range(d)] for i in range(d)])
 
     def _symmetric(self, gradient: Sequence[Expr]) -> list[list[Expr]]:
-        """Second derivatives from first ones, every one taken once."""
+        """Second derivatives from first ones, each differentiated once."""
         n = len(gradient)
         upper = [[ufl.diff(gradient[p], self._F[q]) for q in range(p, n)] for p in range(n)]
         return [[upper[min(p, q)][abs(q - p)] for q in range(n)] for p in range(n)]
 
     def _w(self, *order: int) -> Expr:
         """Derivative of W by up to three invariants, through its arguments."""
-        # Mixed derivatives are written in one order, so that equal ones are one expression.
+        # Mixed derivatives are taken in one order, so that equal ones share an expression.
         order = tuple(sorted(order))
         if order not in self._derivatives:
             n = len(self._arguments)

@@ -18,20 +18,19 @@ from .materials import Material, least
 
 @dataclass(frozen=True)
 class Body:
-    """A material with its parameters at a point; all that the forms ask of a side of an interface.
+    """A material with its parameters at a point, as the forms use it on each side of an interface.
 
     Attributes:
         material: The strain energy.
         parameters: UFL expressions of the material's parameters (cell-wise constants).
         small: Small strains: the energy is the quadratic one of the symmetric gradient.
         eigenstrain: Stress-free strain, F = F_e F_s: e with F_s = (1 + e) I, or a symmetric tensor
-            (3, 3) with F_s = I + e, without shear out of the plane in 2D; None where the scene has
-            none.
-        plane_stress: F (2, 2), and F_33 such that there is no stress out of the plane; without it
-            F_33 = 1.
+            (3, 3) with F_s = I + e, without shear out of the plane in 2D; None for none.
+        plane_stress: F is (2, 2), and F_33 such that the stress out of the plane vanishes;
+            otherwise F_33 = 1.
         mean_dilatation: The energy is w(F, theta) of :mod:`forms.dilatation`, theta an entry of F.
-        fluid: Pressure p of a fluid at a facet, where tractions are those of W + p J, what is left
-            of P.N without the fluid [MPa]; None for tractions P.N.
+        fluid: Fluid pressure p at a facet [MPa]: tractions are then those of W + p J, the part of
+            P.N not due to the fluid. None for tractions P.N.
     """
 
     material: Material
@@ -46,7 +45,7 @@ class Body:
         """The same body with its parameters restricted to ``side`` ('+' or '-') of a facet."""
         parameters = {name: value(side) for name, value in self.parameters.items()}
         eigenstrain = None if self.eigenstrain is None else self.eigenstrain(side)
-        # What lives on facets has no other side.
+        # Facet quantities are not restricted to a side.
         fluid = None if self.fluid is None else self.fluid("+")
         return replace(self, parameters=parameters, eigenstrain=eigenstrain, fluid=fluid)
 
@@ -83,7 +82,7 @@ class Body:
         return (1 + e) ** 3 * self.material.energy(F / (1 + e), self.parameters)
 
     def _plane_stress_energy(self, F: Expr) -> Expr:
-        """:meth:`energy` of the plane F (2, 2), the least over F_33."""
+        """:meth:`energy` of the plane F (2, 2), minimised over F_33."""
         if not self.small:
             elastic, J_s = self._elastic(F), self._stress_free_volume
             return J_s * self.material.plane_stress_energy(elastic, self.parameters)
@@ -125,7 +124,8 @@ class Body:
         return volume_ratio(without_entry(F), self.small)
 
     def invariant_energy(self, F: Expr) -> Invariants | None:
-        """:meth:`energy` by few invariants, where the material offers that, else None."""
+        """:meth:`energy` as a function of a few invariants; None where the material does not define
+        it."""
         if self.small or self.plane_stress:
             return None
         plane, more = without_entry(F) if self.mean_dilatation else F, {}
@@ -175,7 +175,7 @@ def _chain(body: Body, F: Expr) -> InvariantChain | None:
 
 
 def _conjugate_stress(body: Body, F: Expr) -> Expr:
-    """dW/dF, of the shape of F [MPa]; with mean dilatation dw/dtheta stands in its last entry."""
+    """dW/dF, with the shape of F [MPa]; with mean dilatation its last entry is dw/dtheta."""
     chain = _chain(body, F)
     return ufl.diff(body.energy(F), F) if chain is None else chain.stress()
 
@@ -192,7 +192,7 @@ def first_piola(body: Body, F: Expr) -> Expr:
 
 
 def area_vector(body: Body, F: Expr, N: Expr) -> Expr:
-    """J F^-T.N = dJ/dF.N, current area with its direction per reference area (d,); Nanson.
+    """J F^-T.N = dJ/dF.N, oriented current area per reference area (d,); Nanson.
 
     At small strain N.
     """
@@ -206,7 +206,7 @@ def area_vector(body: Body, F: Expr, N: Expr) -> Expr:
 def traction(body: Body, F: Expr, N: Expr) -> Expr:
     """P.N, traction per reference area (d,) [MPa], d the length of N; with a fluid P + p dJ/dF.
 
-    F may have a hoop direction besides, in which neither N nor P.N has a component.
+    F may have an additional hoop direction, in which N and P.N have no component.
     """
     P = first_piola(body, F)
     stress = ufl.dot(without_entry(P) if P.ufl_shape[0] > len(N) else P, N)
@@ -214,7 +214,7 @@ def traction(body: Body, F: Expr, N: Expr) -> Expr:
 
 
 def _fluid_traction(body: Body, F: Expr, N: Expr, v: Expr) -> Expr | None:
-    """p v.(dJ/dF).N, the part of the fluid in v.P.N; None where it does not change with F."""
+    """p v.(dJ/dF).N, the contribution of the fluid to v.P.N; None where it does not depend on F."""
     if body.fluid is None or body.small:
         return None
     return body.fluid * ufl.dot(v, area_vector(body, F, N))
@@ -303,7 +303,7 @@ def acoustic_tensor(body: Body, F: Expr) -> Expr:
 
 
 def bulk_stress(body: Body, geometry: Geometry, F: Expr) -> Expr:
-    """What works on GRAD eta in a cell, of the shape of F [MPa].
+    """The stress conjugate to GRAD eta in a cell, with the shape of F [MPa].
 
     P; with mean dilatation diag(dw/dF + p dJ/dF, dw/dtheta).
     """
@@ -325,7 +325,7 @@ def bulk_moduli(body: Body, geometry: Geometry, F: Expr) -> Expr:
 
 
 def volume_gradient(body: Body, F: Expr, entries: Entries) -> Expr:
-    """Vector of these entries of dJ/dF in diag(F, theta) but the last one, that of theta."""
+    """Vector of these entries of dJ/dF in diag(F, theta), except the last one, that of theta."""
     dJ = ufl.diff(body.volume_ratio(F), F)
     return ufl.as_vector([dJ[entry] for entry in entries[:-1]])
 

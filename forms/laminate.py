@@ -1,4 +1,4 @@
-"""Laminates: plies stacked along z, several of them in one layer of cells."""
+"""Laminates: plies stacked along z, several per layer of cells."""
 
 from __future__ import annotations
 
@@ -17,42 +17,43 @@ from .orthotropic import Orthotropic
 #: Components of a strain or stress: 11, 22, 33, 23, 13, 12.
 _COMPONENTS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
-#: Entries of C that a ply turned about z has, upper triangle.
+#: Nonzero entries of C of a ply rotated about z, upper triangle.
 _ENTRIES = tuple(
     (a, b) for a, b in itertools.combinations_with_replacement(range(6), 2)
     if (a in (3, 4)) == (b in (3, 4))
 )  # fmt: skip
 
-#: The points that cells of degree 2 have across a layer, zeta in (-1, 1) from below.
+#: Quadrature points of cells of degree 2 across a layer, zeta in (-1, 1) from below.
 _POINTS = np.array([-math.sqrt(0.6), 0.0, math.sqrt(0.6)])
 
-#: zeta from here on is the upper face of a layer, with minus the lower one.
+#: |zeta| above this value is on a face of a layer, the upper one for zeta > 0.
 _FACE = 1 - 1e-9
 
 
 class Laminate(Material):
-    """Plies stacked along z; layers of hexahedra of degree 2 hold several of them each.
+    """Plies stacked along z; a layer of hexahedra of degree 2 contains several plies.
 
     Over a layer of cells, with zeta in (-1, 1) from its lower to its upper face, the moduli C of
     the plies are replaced by their projection on quadratic polynomials,
 
         C~ = sum_k C_k P_k(zeta),    C_k = (2 k + 1)/2 int C P_k dzeta,    k = 0, 1, 2,
 
-    P_k of Legendre. So the energy of every strain that is linear in zeta is that of the plies, and
-    the stiffnesses A, B and D of classical lamination theory are exact in every layer, with the
-    three points that cells of degree 2 have across it. On the faces, where interfaces ask for
-    tractions, C~ is C of the ply that lies there.
+    P_k the Legendre polynomials. The energy of every strain linear in zeta is then that of the
+    plies, and the stiffnesses A, B and D of classical lamination theory are exact in every layer,
+    with the three points that cells of degree 2 have across it. On the faces, where interfaces
+    evaluate tractions, C~ is the C of the adjacent ply.
 
     Args:
-        plies: From below; each has its angle to x.
-        thickness: Of one ply, or of each [mm].
+        plies: The plies from below, each with its angle to x.
+        thickness: One for all plies, or one for each [mm].
         bottom: z of the lower face of the first ply [mm].
-        rows: Layers of cells of equal height over the laminate.
+        rows: Number of layers of cells, of equal height, in the laminate.
 
     Raises:
-        TypeError: a ply is not :class:`Orthotropic`, or its angle is no number.
-        ValueError: a thickness is not positive, there is not one for each ply, there are no rows,
-            or few plies of a layer differ so much that C~ is not positive at a point of it.
+        TypeError: a ply is not :class:`Orthotropic`, or its angle is not a number.
+        ValueError: a thickness is not positive, their number does not match the plies, there are no
+            rows, or the plies of a layer differ so much that C~ is not positive definite at a
+            point.
     """
 
     free_at_rest = True
@@ -87,7 +88,7 @@ class Laminate(Material):
 
     @property
     def _middles(self) -> NDArray[np.float64]:
-        """z of the middles of the layers [mm]."""
+        """z of the midplanes of the layers [mm]."""
         return (self._faces[1:] + self._faces[:-1]) / 2
 
     def _ends(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -115,8 +116,8 @@ class Laminate(Material):
             if off > 1e-6 * (self._faces[1] - self._faces[0]):
                 faces = ", ".join(f"{z:.6g}" for z in self._faces)
                 raise ValueError(
-                    f"a cell has its middle {off:.3g} mm from the middle of a layer: Laminate "
-                    f"needs layers of cells between z = {faces}, see rows="
+                    f"the midplane of a cell is {off:.3g} mm from that of a layer: Laminate needs "
+                    f"layers of cells between z = {faces}, see rows="
                 )
             return values[layer]
 
@@ -125,9 +126,10 @@ class Laminate(Material):
     def plate_stiffness(self) -> tuple[NDArray, NDArray, NDArray]:
         """A [N/mm], B [N] and D [N mm] of classical lamination theory, (3, 3) each.
 
-        About the middle of the laminate, in the order 11, 22, 12: forces N = A.e + B.k and moments
-        M = B.e + D.k a length from the strains e of the middle and the curvatures k, both with
-        doubled shear; plane stress in every ply (Jones 1999, Mechanics of Composite Materials, 4).
+        About the midplane of the laminate, in the order 11, 22, 12: forces N = A.e + B.k and
+        moments M = B.e + D.k per length, from the midplane strains e and the curvatures k, both
+        with engineering shear; plane stress in every ply (Jones 1999, Mechanics of Composite
+        Materials, 4).
         """
         plane, rest = [0, 1, 5], [2, 3, 4]
         Q = np.array(
@@ -176,10 +178,10 @@ class Laminate(Material):
 
 
 def _heights(thickness: float | Sequence[float], plies: int) -> NDArray[np.float64]:
-    """Of every ply [mm].
+    """Thickness of every ply [mm].
 
     Raises:
-        ValueError: one is not positive, or there is not one for each ply.
+        ValueError: one is not positive, or their number does not match the plies.
     """
     heights = np.asarray(thickness, dtype=float)
     if heights.shape not in ((), (plies,)) or plies == 0:
@@ -193,10 +195,11 @@ def _heights(thickness: float | Sequence[float], plies: int) -> NDArray[np.float
 
 
 def _moduli(ply: Orthotropic) -> NDArray[np.float64]:
-    """C of a ply in x, y, z (6, 6), for strains 11, 22, 33, 23, 13, 12 with doubled shear [MPa].
+    """C of a ply in x, y, z (6, 6), for strains 11, 22, 33, 23, 13, 12 with engineering shear
+    [MPa].
 
     Raises:
-        TypeError: it is no :class:`Orthotropic`, or its angle varies in space.
+        TypeError: it is not :class:`Orthotropic`, or its angle varies in space.
     """
     if not isinstance(ply, Orthotropic):
         raise TypeError(f"Laminate: a ply must be Orthotropic(E=, nu=, G=, angle=), got {ply!r}")
@@ -227,7 +230,7 @@ def _check_positive(layers: NDArray[np.float64]) -> None:
         least = np.linalg.eigvalsh(np.einsum("kz,kab->zab", legendre, layer)).min()
         if least <= 0:
             raise ValueError(
-                f"Laminate: the few plies of layer {number} of cells differ so much that no "
-                f"quadratic stands for them (least modulus {least:.3g} MPa); take a row for each "
-                "ply, or fewer rows"
+                f"Laminate: the plies of layer {number} of cells differ so much that their "
+                f"quadratic projection is not positive definite (least modulus {least:.3g} MPa); "
+                "use one row per ply, or fewer rows"
             )

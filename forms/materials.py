@@ -16,7 +16,7 @@ from .invariants import Invariants
 
 
 class Parameters(Mapping[str, Any]):
-    """Values by name, which cannot be changed: a problem has taken them over.
+    """Immutable values by name: a problem has copied them.
 
     Args:
         values: By name.
@@ -36,8 +36,8 @@ class Parameters(Mapping[str, Any]):
 
     def __setitem__(self, name: str, value: float) -> None:
         raise TypeError(
-            f"the parameter {name!r} of a material cannot be changed, a problem would not notice; "
-            "make a new material and a new Problem"
+            f"the parameter {name!r} of a material cannot be changed, an existing problem would "
+            "not notice; create a new material and a new Problem"
         )
 
     def __repr__(self) -> str:
@@ -45,11 +45,12 @@ class Parameters(Mapping[str, Any]):
 
 
 class FromOthers:
-    """A parameter that follows, cell by cell, from others that vary.
+    """A parameter computed cell by cell from others that vary.
 
     Args:
-        function: Of numbers or arrays (n,), in the order of ``given``; may raise ValueError.
-        given: By name, as the user gave them.
+        function: Function of numbers or arrays (n,), in the order of ``given``; may raise
+            ValueError.
+        given: The user's values by name.
     """
 
     def __init__(self, function: Callable[..., Any], given: Mapping[str, Any]):
@@ -57,10 +58,10 @@ class FromOthers:
 
 
 def varies(value: Any) -> bool:
-    """Whether a parameter is given for every cell.
+    """Whether a parameter varies from cell to cell.
 
     Args:
-        value: f(x), a Function or an array, or what is the same everywhere.
+        value: f(x), a Function, an array, or a constant.
     """
     return not isinstance(value, Real) and (callable(value) or np.ndim(value) == 1)
 
@@ -78,13 +79,13 @@ def one_number(what: str, value: Any) -> float:
     if not isinstance(value, Real):
         raise TypeError(
             f"{what} = {value!r} must be one number; for moduli that vary in space give parts of "
-            "the body tags and materials of their own, by vmdg.split_cells for example"
+            "the body separate tags and materials, for example by vmdg.split_cells"
         )
     return float(value)
 
 
 def least(energy: Callable[[Expr], Expr]) -> tuple[Expr, Expr]:
-    """Least value W(0) - W'^2/(2 W'') of a quadratic energy W(x), and the x = -W'/W'' of it.
+    """Minimum W(0) - W'^2/(2 W'') of a quadratic energy W(x), and its x = -W'/W''.
 
     Args:
         energy: W.
@@ -99,14 +100,14 @@ def least(energy: Callable[[Expr], Expr]) -> tuple[Expr, Expr]:
 class Material:
     """A hyperelastic material: named parameters and a strain energy W(F).
 
-    A new material is one subclass with :meth:`energy`. Parameters become cell-wise constant
+    A new material is a subclass with :meth:`energy`. Parameters become cell-wise constant
     coefficients, so that all materials of one :attr:`kernel_key` share one compiled kernel.
 
     Attributes:
         parameters: Values by name, in the user's consistent units (N, mm, MPa); set once.
-        free_at_rest: Whether it is known that there is no stress at F = I; else a problem looks.
-        mirrored: Whether xy is a plane of symmetry, so that strains in it make no shear stress out
-            of it; plane stress takes that for granted.
+        free_at_rest: Whether the stress at F = I is known to vanish; otherwise a problem checks it.
+        mirrored: Whether xy is a plane of symmetry, so that in-plane strains cause no shear stress
+            out of the plane, as plane stress requires.
     """
 
     parameters: Mapping[str, Any]
@@ -117,8 +118,8 @@ class Material:
         if name == "parameters":
             if name in self.__dict__:
                 raise AttributeError(
-                    f"{type(self).__name__}: parameters are set once, a problem would not notice "
-                    "a change; make a new material and a new Problem"
+                    f"{type(self).__name__}: parameters are set once, an existing problem would "
+                    "not notice a change; create a new material and a new Problem"
                 )
             value = Parameters(value)
         super().__setattr__(name, value)
@@ -144,16 +145,16 @@ class Material:
         parameters: Mapping[str, Expr],
         dilatation: Expr | None = None,
     ) -> Invariants | None:
-        """The same W as a function of few invariants; None where :meth:`energy` serves as it is.
+        """The same W as a function of a few invariants; None to use :meth:`energy`.
 
-        Worth defining for energies whose kernels are large, and slow, otherwise.
+        Worth defining for energies whose kernels would otherwise be large and slow.
 
         Args:
             F: Deformation gradient, 3 x 3, or 2 x 2 in plane strain.
             out_of_plane: F_33 in plane strain, else None.
             parameters: Values by name.
-            dilatation: theta of :mod:`forms.dilatation`, which F_bar has in place of det F; given
-                with mean dilatation only.
+            dilatation: theta of :mod:`forms.dilatation`, which replaces det F in F_bar; given with
+                mean dilatation only.
         """
         return None
 
@@ -161,17 +162,17 @@ class Material:
         """F_33 at which P_33 = dW/dF_33 vanishes, for plane stress at finite strain.
 
         Args:
-            F: In the plane, 2 x 2.
+            F: In-plane deformation gradient, 2 x 2.
             parameters: Values by name, cell-wise constants.
         """
         raise NotImplementedError(
-            f"{type(self).__name__} has no closed form of the stretch of the thickness: for plane "
-            "stress use kinematics='small', NeoHookean or Orthotropic, or define "
-            "free_stretch(F, parameters)"
+            f"{type(self).__name__} has no closed form of the thickness stretch: for plane stress "
+            "use kinematics='small', NeoHookean or Orthotropic, or define free_stretch(F, "
+            "parameters)"
         )
 
     def plane_stress_energy(self, F: Expr, parameters: Mapping[str, Expr]) -> Expr:
-        """W at :meth:`free_stretch`, the least over F_33 [MPa].
+        """W at :meth:`free_stretch`, the minimum over F_33 [MPa].
 
         Args:
             F, parameters: As of :meth:`free_stretch`.
@@ -179,7 +180,7 @@ class Material:
         return self.energy(with_entry(F, self.free_stretch(F, parameters)), parameters)
 
     def linear_energy(self, strain: Expr, parameters: Mapping[str, Expr]) -> Expr:
-        """Quadratic energy [MPa] of small strain.
+        """Quadratic energy at small strain [MPa].
 
         Args:
             strain: Symmetric, 3 x 3.
@@ -251,7 +252,8 @@ class NeoHookean(Material):
         parameters: Mapping[str, Expr],
         dilatation: Expr | None = None,
     ) -> Invariants | None:
-        """Eq. (86) by |F|^2 and J, at F_bar by theta too; None in the plane without it."""
+        """Eq. (86) as a function of |F|^2 and J, at F_bar also of theta; None in the plane without
+        theta."""
         if dilatation is None and out_of_plane is not None:
             return None
         mu, lmbda = parameters["mu"], parameters["lmbda"]
@@ -261,7 +263,7 @@ class NeoHookean(Material):
         if dilatation is not None:
             volume = ufl.variable(dilatation)
             variables = *variables, volume
-            # |F_bar|^2 with the stretch out of the plane, which mean dilatation leaves.
+            # |F_bar|^2 with the stretch out of the plane, unchanged by mean dilatation.
             first = (volume / J) ** (2 / F.ufl_shape[0]) * square
         first, volume = arguments = ufl.variable(first), ufl.variable(volume)
         F33 = 1 if out_of_plane is None else out_of_plane
@@ -284,7 +286,7 @@ class NeoHookean(Material):
 
 
 def _lame_of_moduli(E: Any, nu: Any) -> tuple[Any, Any]:
-    """mu and lambda of numbers or of arrays.
+    """mu and lambda from E and nu, numbers or arrays.
 
     Raises:
         ValueError: out of range.
@@ -300,7 +302,7 @@ def _lame_of_moduli(E: Any, nu: Any) -> tuple[Any, Any]:
 
 
 def _lame_given(mu: Any, lmbda: Any) -> tuple[Any, Any]:
-    """The same of mu and lambda.
+    """mu and lambda, checked.
 
     Raises:
         ValueError: out of range.
@@ -326,18 +328,18 @@ def _check_range(name: str, value: Any, good: Any, rule: str) -> None:
 class Hyperelastic(Material):
     """A material given by its strain energy, a UFL expression.
 
-    Materials with the same function share a kernel, whatever their parameters: pass one function
-    to all of them, not a new lambda to each. Stress and moduli are derived by UFL, so the energy
-    must be smooth (three times differentiable) in the range of use; in plane strain it is given
-    the 3 x 3 F with F_33 = 1.
+    Materials with the same function share a kernel, whatever their parameters: pass one function to
+    all of them, not a new lambda each time. Stress and moduli are derived by UFL, so the energy
+    must be smooth (three times differentiable) in the range of use; in plane strain it is called
+    with the 3 x 3 F, F_33 = 1.
 
     With mean dilatation in 3D the kernels of W(F_bar) take minutes to compile, once: a subclass of
     Material with :meth:`Material.invariant_energy`, as of :class:`NeoHookean`, takes seconds.
 
     Args:
         energy: W(F, parameters) per reference volume [MPa] of the 3 x 3 ``F``.
-        parameters: Values by name, given to ``energy`` as cell-wise constants: numbers, or as those
-            of :class:`NeoHookean` one for each cell.
+        parameters: Values by name, passed to ``energy`` as cell-wise constants: numbers, or one per
+            cell as for :class:`NeoHookean`.
 
     Raises:
         TypeError: ``energy`` cannot be called, or a parameter is none of these.

@@ -1,16 +1,16 @@
-"""The Ogden material (87)-(88), written in invariants that stay smooth where stretches coincide.
+"""The Ogden material (87)-(88), in invariants that are smooth where principal stretches coincide.
 
-Principal stretches are not differentiable where two of them coincide, sums over them are. With
+Principal stretches are not differentiable where two of them coincide, but sums over them are. With
 l_i = ln of the deviatoric principal stretches (sum 0) and x, y the first two invariants of the
 unimodular C_bar = J^(-2/3) C, every sum of powers is analytic in (x, y):
 
 * Near C_bar = I, the only triple point, tr(C_bar^p) = sum_k binom(p, k) tr(D^k), D = C_bar - I,
   and the traces follow from the three invariants of D by the Cayley-Hamilton recursion.
-* Elsewhere one eigenvalue is apart from the other two. It is the trigonometric root of the
+* Elsewhere one eigenvalue is separated from the other two. It is the trigonometric root of the
   characteristic polynomial; the pair (exp(r + t), exp(r - t)) enters by cosh(m t) only, which is
   analytic in sinh(t)^2 (:func:`hyperbolic_pair`).
 
-In plane strain the third stretch is known, so that the pair alone is left.
+In plane strain the third stretch is known, and only the pair remains.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from ufl.core.expr import Expr
 from .invariants import Invariants
 from .materials import Material, one_number
 
-# Truncated series on one side of a switch meet closed forms that cancel on the other: with these,
-# third derivatives have 1e-11 of their size left, first and second ones 1e-13.
+# Thresholds between truncated series and closed forms with cancellation: relative errors are 1e-11
+# in third derivatives, 1e-13 in first and second ones.
 _PAIR_SWITCH, _PAIR_TERMS = 0.06, 15
 _TRIPLE_SWITCH, _TRIPLE_TERMS = 0.01, 22
 _ROOT_DEGREE = 15
@@ -42,16 +42,16 @@ class Ogden(Material):
     shear modulus mu = sum_a c_a / 2 and bulk modulus kappa; from Young's modulus and Poisson's
     ratio kappa = E / (3 (1 - 2 nu)).
 
-    All values may differ between materials that share a kernel, except the number of terms.
+    Materials with the same number of terms share a kernel.
 
     Args:
-        c: Moduli c_a [MPa]; single ones may be negative.
+        c: Moduli c_a [MPa]; individual ones may be negative.
         m: Exponents m_a, as many as ``c``; one c = (2 mu,), m = (2,) is neo-Hookean.
         kappa: Bulk modulus [MPa].
 
     Raises:
-        TypeError: ``kappa`` is no number.
-        ValueError: ``c`` and ``m`` do not fit, or a modulus is outside its range.
+        TypeError: ``kappa`` is not a number.
+        ValueError: ``c`` and ``m`` differ in length, or a modulus is outside its range.
     """
 
     free_at_rest = True
@@ -60,7 +60,8 @@ class Ogden(Material):
         c, m = np.atleast_1d(np.asarray(c, float)), np.atleast_1d(np.asarray(m, float))
         if c.ndim != 1 or c.shape != m.shape or not c.size:
             raise ValueError(
-                f"Ogden: c and m need as many entries, at least one, but have {c.size} and {m.size}"
+                f"Ogden: c and m need the same number of entries, at least one, but have {c.size} "
+                f"and {m.size}"
             )
         if not (np.isfinite(c).all() and np.isfinite(m).all()):
             raise ValueError(f"Ogden: c = {c.tolist()} and m = {m.tolist()} must be finite")
@@ -92,13 +93,14 @@ class Ogden(Material):
         parameters: Mapping[str, Expr],
         dilatation: Expr | None = None,
     ) -> Invariants:
-        """Eqs. (87) and (88) by (x, y, J) in 3D and by (Y, J) of the plane in plane strain.
+        """Eqs. (87) and (88) as functions of (x, y, J) in 3D and of the in-plane (Y, J) in plane
+        strain.
 
-        x, y and Y do not change with the volume, so that a ``dilatation`` takes the place of J
-        where that is an argument of its own.
+        x, y and Y do not change with the volume, so ``dilatation`` replaces J where J is a separate
+        argument.
         """
         moduli = [(parameters[f"c{a + 1}"], parameters[f"m{a + 1}"]) for a in range(self.terms)]
-        # The energy sees J as an argument of its own, apart from the J in the other arguments.
+        # J is a separate argument of the energy, distinct from the J in the other arguments.
         if out_of_plane is None:
             cofactor = _cofactor(F)
             first = ufl.variable(_square(F[i, k] for i in range(3) for k in range(3)))
@@ -153,7 +155,7 @@ def _volumetric(J: Expr, kappa: Expr) -> Expr:
 
 
 def hyperbolic_pair(Y: Expr, m: Expr) -> Expr:
-    """cosh(m t) of Y = sinh(t)^2, analytic for Y > -1, so also where the pair coincides.
+    """cosh(m t) of Y = sinh(t)^2, analytic for Y > -1, hence also where the pair coincides.
 
     It is the hypergeometric function F(-m/2, m/2; 1/2; -Y), whose series is used near Y = 0.
     """
@@ -162,14 +164,14 @@ def hyperbolic_pair(Y: Expr, m: Expr) -> Expr:
         factor = (m**2 / 4 - k**2) / ((k + 0.5) * (k + 1))
         coefficients.append(coefficients[-1] * factor)
     far = ufl.gt(Y, _PAIR_SWITCH)
-    # The branch that is not taken must not meet the root of a rounded zero.
+    # The branch not taken must not evaluate the root of a rounded zero.
     safe = ufl.conditional(far, Y, _PAIR_SWITCH)
     t = ufl.ln(ufl.sqrt(safe) + ufl.sqrt(1 + safe))
     return ufl.conditional(far, ufl.cosh(m * t), _horner(Y, coefficients))
 
 
 def _apart(third: Expr, Y: Expr, moduli: Sequence[tuple[Expr, Expr]]) -> Expr:
-    """Isochoric part of (87) by the log stretch l_3 = ``third`` apart and Y of the other two.
+    """Isochoric part of (87) from the separate log stretch l_3 = ``third`` and Y of the other two.
 
     l_1,2 = -l_3/2 +- t give sum_i lt_i^m = exp(m l_3) + 2 exp(-m l_3/2) cosh(m t).
     """
@@ -181,13 +183,13 @@ def _apart(third: Expr, Y: Expr, moduli: Sequence[tuple[Expr, Expr]]) -> Expr:
 
 
 def _isochoric(x: Expr, y: Expr, moduli: Sequence[tuple[Expr, Expr]]) -> Expr:
-    """Isochoric part of (87) by the invariants x and y of C_bar, det(C_bar) = 1."""
+    """Isochoric part of (87) from the invariants x and y of C_bar, det(C_bar) = 1."""
     # The depressed characteristic polynomial is z^3 - 3 Q z - 2 R.
     R = x**3 / 27 - x * y / 6 + 0.5
     Q = x**2 / 9 - y / 3
     far = ufl.gt(Q, _TRIPLE_SWITCH)
-    # Largest eigenvalue Z of C_bar or of its inverse, whichever is apart from the other two: its
-    # angle is at most pi/6, and no digits are lost in a small eigenvalue.
+    # Largest eigenvalue Z of C_bar or of its inverse, whichever is separated from the other two:
+    # its angle is at most pi/6, and no digits are lost to a small eigenvalue.
     swap = ufl.lt(R, 0)
     X, Y = ufl.conditional(swap, y, x), ufl.conditional(swap, x, y)
     sign = ufl.conditional(swap, -0.5, 0.5)
@@ -218,7 +220,7 @@ def _triple(x: Expr, y: Expr, moduli: Sequence[tuple[Expr, Expr]]) -> Expr:
 
 
 def _horner(x: Expr, coefficients: Sequence[Expr | float]) -> Expr:
-    """Polynomial with ``coefficients`` from degree 0 up."""
+    """Polynomial with ``coefficients`` in ascending order."""
     result = coefficients[-1]
     for coefficient in reversed(coefficients[:-1]):
         result = result * x + coefficient
@@ -229,7 +231,7 @@ def _cosine_of_third(cosine: Expr) -> Expr:
     """cos(phi/3) of cos(phi) in [0, 1]: analytic also at 1, where arccos is not.
 
     With h = cos(phi/2) in [sqrt(1/2), 1] it is cos(2/3 arccos(h)), whose nearest singularity h = -1
-    is so far that its Chebyshev series gains 1.4 digits a term.
+    is so far away that its Chebyshev series gains 1.4 digits per term.
     """
     centre, radius = (1 + math.sqrt(0.5)) / 2, (1 - math.sqrt(0.5)) / 2
     series: Any = np.polynomial.chebyshev.chebinterpolate(

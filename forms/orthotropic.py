@@ -1,4 +1,4 @@
-"""Orthotropic and cubic bodies: plies, wood, aligned fibres, crystals, with axes of their own."""
+"""Orthotropic and cubic materials with their own axes: plies, wood, aligned fibres, crystals."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from .materials import Material, one_number
 #: Pairs of axes, in the order of nu and G.
 _PAIRS = ((0, 1), (0, 2), (1, 2))
 
-#: Cosine of an axis and z, less 1, that is rounding.
+#: Deviation from 1 of the cosine between an axis and z that counts as rounding.
 _ALONG = 1e-12
 
 
 class Orthotropic(Material):
     """Orthotropic St. Venant-Kirchhoff material, linear elastic at small strain.
 
-    W = E:C:E/2 of the Green strain E = (F^T F - I)/2 in the axes of the material, which are turned
-    about z by ``angle`` from x, y, z. C is the inverse of the compliance: 1/E_i and -nu_ij/E_i
-    for axial strains, 1/G_ij for shear (Jones 1999, Mechanics of Composite Materials, 2.4). In
-    plane strain axis 3 is out of the plane; in axisymmetry x, y, z are r, z and hoop. W is meant
-    for moderate strains: compressed to about half, it softens as every St. Venant-Kirchhoff
-    material does.
+    W = E:C:E/2 of the Green strain E = (F^T F - I)/2 in the material axes, which are rotated about
+    z by ``angle`` from x, y, z. C is the inverse of the compliance: 1/E_i and -nu_ij/E_i for axial
+    strains, 1/G_ij for shear (Jones 1999, Mechanics of Composite Materials, 2.4). In plane strain
+    axis 3 is out of the plane; in axisymmetry x, y, z are r, z and hoop. W is intended for moderate
+    strains: compressed to about half its length it softens, like every St. Venant-Kirchhoff
+    material.
 
     Args:
         E: Young's moduli E_1, E_2, E_3 [MPa].
@@ -39,13 +39,13 @@ class Orthotropic(Material):
         angle: From x to axis 1, towards y [degrees]: a number, f(x) at midpoints x (3, n) of
             cells, a Function of degree 0, or an array with a value for each local cell of the mesh,
             ghosts included.
-        rotation: In place of ``angle``, any axes: a matrix (3, 3) whose columns are axes 1, 2, 3 in
-            x, y, z, for example ``scipy.spatial.transform.Rotation.as_matrix``.
+        rotation: Instead of ``angle``, general axes: a matrix (3, 3) whose columns are axes 1, 2, 3
+            in x, y, z, for example ``scipy.spatial.transform.Rotation.as_matrix``.
 
     Raises:
-        TypeError: a constant is no number, or three of them are not given.
-        ValueError: a modulus is not positive, the ratios make no positive energy, or the rotation
-            is none.
+        TypeError: a constant is not a number, or their number is not three.
+        ValueError: a modulus is not positive, the energy is not positive definite, or the rotation
+            is invalid.
     """
 
     free_at_rest = True
@@ -89,11 +89,11 @@ class Orthotropic(Material):
 
     @property
     def kernel_key(self) -> Hashable:
-        """A kernel for axes along x, y, z, one for axes turned about z, one for any others."""
+        """One kernel for axes along x, y, z, one for axes rotated about z, one for all others."""
         return Orthotropic, self._turned, self._rotated
 
     @property
-    def mirrored(self) -> bool:  # type: ignore[override] # by its axes, of others by their class
+    def mirrored(self) -> bool:  # type: ignore[override] # a property here, an attribute elsewhere
         """Whether axis 3 is along z."""
         return not self._rotated or abs(abs(self.parameters["R22"]) - 1) < _ALONG
 
@@ -102,7 +102,7 @@ class Orthotropic(Material):
         return self.linear_energy((F.T * F - ufl.Identity(3)) / 2, parameters)
 
     def free_stretch(self, F: Expr, parameters: Mapping[str, Expr]) -> Expr:
-        """sqrt(1 + 2 E_33) at the E_33 = -(C_13 E_11 + C_23 E_22)/C_33 without stress."""
+        """sqrt(1 + 2 E_33) with E_33 = -(C_13 E_11 + C_23 E_22)/C_33 at zero stress."""
         p, strain = parameters, self._in_own_axes((F.T * F - ufl.Identity(2)) / 2, parameters)
         return ufl.sqrt(1 - 2 * (p["C02"] * strain[0, 0] + p["C12"] * strain[1, 1]) / p["C22"])
 
@@ -119,7 +119,7 @@ class Orthotropic(Material):
         return (axial + p["G01"] * (strain[0, 1] + strain[1, 0]) ** 2) / 2
 
     def _in_own_axes(self, strain: Expr, parameters: Mapping[str, Expr]) -> Expr:
-        """Components in the axes of the material, of a strain (3, 3) or in the plane (2, 2)."""
+        """Components in the material axes of a strain (3, 3), or in the plane (2, 2)."""
         n = range(strain.ufl_shape[0])
         if self._rotated:
             axes = ufl.as_matrix([[parameters[f"R{i}{j}"] for j in n] for i in n])
@@ -128,13 +128,13 @@ class Orthotropic(Material):
             return strain
         angle = parameters["angle"] * (math.pi / 180)
         c, s = ufl.cos(angle), ufl.sin(angle)
-        # Columns are the axes of the material.
+        # Columns are the material axes.
         axes = ufl.as_matrix([[c, -s], [s, c]])
         axes = axes if len(n) == 2 else with_entry(axes, 1)
         return axes.T * strain * axes
 
     def linear_energy(self, strain: Expr, parameters: Mapping[str, Expr]) -> Expr:
-        """E:C:E/2 in the axes of the material."""
+        """E:C:E/2 in the material axes."""
         p, strain = parameters, self._in_own_axes(strain, parameters)
         axial = sum(
             p[f"C{min(i, j)}{max(i, j)}"] * strain[i, i] * strain[j, j]
@@ -149,19 +149,19 @@ class Cubic(Orthotropic):
     """A cubic crystal: St. Venant-Kirchhoff as :class:`Orthotropic`, linear at small strain.
 
     Stress_11 = C11 strain_11 + C12 (strain_22 + strain_33), stress_12 = 2 C44 strain_12 along the
-    edges of the crystal, and so on (Nye 1985, Physical Properties of Crystals, VIII). The ratio
-    2 C44/(C11 - C12) is 1 for an isotropic body, 3.2 for copper, 2.5 for nickel.
+    edges of the crystal, etc. (Nye 1985, Physical Properties of Crystals, VIII). The ratio 2
+    C44/(C11 - C12) is 1 for an isotropic body, 3.2 for copper, 2.5 for nickel.
 
     Args:
         C11: Axial stiffness [MPa].
         C12: Coupling of axial strains [MPa].
         C44: Shear modulus on the faces of the crystal [MPa].
-        angle: Of its edges in the plane, as for :class:`Orthotropic` [degrees].
-        rotation: In place of ``angle``, any axes, as for :class:`Orthotropic`.
+        angle: Angle of its edges in the plane, as for :class:`Orthotropic` [degrees].
+        rotation: Instead of ``angle``, general axes, as for :class:`Orthotropic`.
 
     Raises:
-        TypeError: a constant is no number.
-        ValueError: the energy is not positive, or the rotation is none.
+        TypeError: a constant is not a number.
+        ValueError: the energy is not positive definite, or the rotation is invalid.
     """
 
     def __init__(
@@ -178,8 +178,8 @@ class Cubic(Orthotropic):
         )
         if not (C44 > 0 and C11 > abs(C12) and C11 + 2 * C12 > 0 and math.isfinite(C11 + C44)):
             raise ValueError(
-                f"Cubic: C11 = {C11}, C12 = {C12}, C44 = {C44} give an energy that is not "
-                "positive; C44 > 0, C11 > |C12| and C11 + 2 C12 > 0 make it so"
+                f"Cubic: C11 = {C11}, C12 = {C12}, C44 = {C44} give an energy that is not positive "
+                "definite; it must satisfy C44 > 0, C11 > |C12| and C11 + 2 C12 > 0"
             )
         self._set(C12 + (C11 - C12) * np.eye(3), np.full(3, C44), angle, rotation)
 
@@ -188,7 +188,7 @@ def _checked_rotation(name: str, rotation: ArrayLike) -> NDArray[np.float64]:
     """A proper rotation (3, 3).
 
     Raises:
-        ValueError: it is none.
+        ValueError: it is not a rotation.
     """
     axes = np.asarray(rotation, dtype=float)
     if (
@@ -197,8 +197,8 @@ def _checked_rotation(name: str, rotation: ArrayLike) -> NDArray[np.float64]:
         or np.linalg.det(axes) < 0
     ):
         raise ValueError(
-            f"{name}: rotation = {axes.tolist()} must be a matrix (3, 3) with orthogonal columns "
-            "of length 1, the axes of the material, and determinant 1"
+            f"{name}: rotation = {axes.tolist()} must be a matrix (3, 3) with orthonormal columns, "
+            "the material axes, and determinant 1"
         )
     return axes
 
@@ -207,7 +207,7 @@ def _three(name: str, values: ArrayLike) -> NDArray[np.float64]:
     """Three constants of a material.
 
     Raises:
-        TypeError: they are something else.
+        TypeError: they are not three numbers.
     """
     if np.shape(values) != (3,):
         raise TypeError(
@@ -229,8 +229,8 @@ def _axial_stiffness(E: NDArray[np.float64], nu: NDArray[np.float64]) -> NDArray
     scaled = S * np.sqrt(np.outer(E, E))
     if not np.isfinite(scaled).all() or np.linalg.eigvalsh(scaled).min() <= 0:
         raise ValueError(
-            f"Orthotropic: nu = {nu.tolist()} gives an energy that is not positive; nu_ij must "
-            "stay below sqrt(E_i/E_j), and 1 - nu12 nu21 - nu13 nu31 - nu23 nu32 - 2 nu21 nu32 "
-            "nu13 above 0 with nu_ji = nu_ij E_j/E_i; perhaps nu_ji was given for nu_ij"
+            f"Orthotropic: nu = {nu.tolist()} gives an energy that is not positive definite; nu_ij "
+            "must stay below sqrt(E_i/E_j), and 1 - nu12 nu21 - nu13 nu31 - nu23 nu32 - 2 nu21 "
+            "nu32 nu13 above 0 with nu_ji = nu_ij E_j/E_i; was nu_ji given for nu_ij?"
         )
     return np.asarray(np.linalg.inv(S), dtype=float)

@@ -1,7 +1,7 @@
 """Interface terms of the stabilized form (27), side 1 = '+', side 2 = '-', N outward from side 1.
 
-Signs: opening g = phi_2 - phi_1, slip s = g - zeta, T = {P.N} + tau_s.s. With these (27) is the
-derivative of ``energy`` below with zeta held, and T is lambda of (23).
+Signs: opening g = phi_2 - phi_1, elastic opening s = g - zeta, T = {P.N} + tau_s.s. With these (27)
+is the derivative of ``energy`` below at fixed zeta, and T is lambda of (23).
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ SIDES = ("+", "-")
 
 
 def opening(w: Expr) -> Expr:
-    """g(w) = w_2 - w_1 = -[[w]] of (3), (d,) [mm]; none of a dilatation, a scalar."""
+    """g(w) = w_2 - w_1 = -[[w]] of (3), (d,) [mm]; zero for a dilatation, a scalar."""
     return w("-") - w("+") if w.ufl_shape else ufl.zero(len(ufl.grad(w)))
 
 
 def section_gradients(w: Expr) -> Expr:
-    """GRAD w_1 + GRAD w_2 in the section, (d, d); none of a dilatation."""
+    """GRAD w_1 + GRAD w_2 in the section, (d, d); zero for a dilatation."""
     gradient = ufl.grad(w)
     if not w.ufl_shape:
         return ufl.zero((len(gradient), len(gradient)))
@@ -29,7 +29,7 @@ def section_gradients(w: Expr) -> Expr:
 
 
 def flux_weights(delta: Expr) -> tuple[Expr, Expr]:
-    """delta_1 and delta_2 = I - delta_1 of (23); tau_s.(tau_1 + tau_2) = I makes them sum to I."""
+    """delta_1 and delta_2 = I - delta_1 of (23); since tau_s.(tau_1 + tau_2) = I they sum to I."""
     return delta, ufl.Identity(delta.ufl_shape[0]) - delta
 
 
@@ -90,7 +90,7 @@ def adjoint_term(
 
 
 def adjoint_directions(s: Expr, delta: Expr) -> tuple[Expr, Expr]:
-    """v_a = delta_a^T.s: {(GRAD eta : A).N}.s of (27) tests with them."""
+    """v_a = delta_a^T.s: the test directions of {(GRAD eta : A).N}.s in (27)."""
     weights = flux_weights(delta)
     return ufl.dot(s, weights[0]), ufl.dot(s, weights[1])
 
@@ -102,12 +102,12 @@ def jump_directions(jump: Expr, delta_s: Expr) -> tuple[Expr, Expr]:
 
 
 def frame_couple(eta: Expr, moment: Expr) -> Expr:
-    """-M:(GRAD eta_1 + GRAD eta_2), the work of T on the part of zeta that turns with the frame.
+    """-M:(GRAD eta_1 + GRAD eta_2), the work of T on the part of zeta that rotates with the frame.
 
-    zeta = R.zeta~ follows the mid-surface; (27) varied with zeta~ held instead of zeta has
-    -T.(dR.zeta~) besides, with M_ij = (zeta~ x R^T.T)_k W_kij / 2, W of
-    :mod:`vmdg.interface.frame`. Without it the couple T x zeta would do work on a body that turns.
-    In axisymmetry the frame turns in the section and GRAD is that of the section.
+    zeta = R.zeta~ follows the mid-surface; varied at fixed zeta~ instead of zeta, (27) has the
+    additional term -T.(dR.zeta~), with M_ij = (zeta~ x R^T.T)_k W_kij / 2, W of
+    :mod:`vmdg.interface.frame`. Without it the couple T x zeta would do work on a rotating body. In
+    axisymmetry the frame rotates in the section and GRAD is that of the section.
     """
     return -ufl.inner(moment, section_gradients(eta))
 
@@ -126,7 +126,7 @@ def residual(
 ) -> Expr:
     """Interface integrand of (27), or of (26) where ``delta_s`` is given.
 
-    ``zeta`` is None where the interface is only tied, ``moment`` where its frame does not turn.
+    ``zeta`` is None for a tie, ``moment`` where the frame does not rotate.
     """
     s = opening(u) if zeta is None else opening(u) - zeta
     tractions = one_sided_tractions(bodies, geometry, u, N)
@@ -154,8 +154,8 @@ def energy(
 ) -> Expr:
     """{P.N}.s + s.tau_s.s/2 (- [[P.N]].delta_s.[[P.N]]/2), stored in the interface [N/mm].
 
-    The energy of (30) in the signs of this module; :func:`residual` is its derivative by u with
-    zeta held.
+    The energy of (30) in the signs of this module; :func:`residual` is its derivative by u at fixed
+    zeta.
     """
     s = opening(u) if zeta is None else opening(u) - zeta
     tractions = one_sided_tractions(bodies, geometry, u, N)

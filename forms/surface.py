@@ -1,12 +1,11 @@
-"""Surfaces that bear what depends on the displacement: the pressure of a fluid, springs.
+"""Surface loads that depend on the displacement: fluid pressure and springs.
 
-A pressure p pushes against the deformed surface: its traction per reference area is -p J F^-T.N
+A pressure p acts on the deformed surface: its traction per reference area is -p J F^-T.N
 (:func:`forms.kinematics.area_vector`), at small strain -p N.
 
-Between the lips of an interface the bond bears T = P.N + p J F^-T.N, what is left of the stress
-without the fluid: the traction of the energy W + p J. The interface terms of (27) with this energy,
-and the pressure on both lips as a load, hold for a crack with its fluid; see
-:attr:`forms.kinematics.Body.fluid`.
+Between crack faces the bond carries T = P.N + p J F^-T.N, the effective traction, which is that of
+the energy W + p J. The interface terms of (27) with this energy, and the pressure on both faces as
+a load, describe a fluid-filled crack; see :attr:`forms.kinematics.Body.fluid`.
 """
 
 from __future__ import annotations
@@ -19,13 +18,14 @@ from .kinematics import Body, area_vector
 
 
 def pressure_force(eta: Expr, body: Body, geometry: Geometry, u: Expr, N: Expr, p: Expr) -> Expr:
-    """p J F^-T.N.eta on a boundary, what balances the pressure [N/mm]."""
+    """p J F^-T.N.eta on a boundary, which balances the pressure [N/mm]."""
     F = ufl.variable(geometry.deformation(u))
     return p * ufl.dot(area_vector(body, F, N), eta)
 
 
 def lips_force(eta: Expr, body: Body, geometry: Geometry, u: Expr, N: Expr, p: Expr) -> Expr:
-    """The same on the lips of an interface, p and N those of side 1: on side 2 N is outward."""
+    """The same on both faces of an interface, with p and N of side 1; on side 2 the outward N is
+    used."""
 
     def on_lip(side: str) -> Expr:
         F = ufl.variable(geometry.deformation(u)(side))
@@ -41,5 +41,5 @@ def foundation(normal: Expr, tangential: Expr, N: Expr) -> Expr:
 
 
 def spring_force(eta: Expr, K: Expr, u: Expr) -> Expr:
-    """eta.K.u, springs between a surface and the rigid ground; they keep their directions."""
+    """eta.K.u, springs of fixed direction between a surface and rigid ground."""
     return ufl.dot(eta, ufl.dot(K, u))

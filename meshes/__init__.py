@@ -1,4 +1,4 @@
-"""Meshes of the scenes, made by gmsh, every size a parameter; and meshes from files.
+"""Parametric meshes of the scenes, made with gmsh, and meshes from files.
 
 Groups have tags and names: ``mesh.cell_tags.names`` and ``mesh.facet_tags.names`` list them, and
 ``mesh.facet_tags.find("left")`` finds their facets. A geometry of your own is made with the gmsh

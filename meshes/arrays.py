@@ -1,4 +1,5 @@
-"""A mesh as arrays, between a file and a gmsh model: one group a cell, coincident nodes merged."""
+"""A mesh as arrays, between a file and a gmsh model: one group per cell, coincident nodes
+merged."""
 
 from __future__ import annotations
 
@@ -14,13 +15,13 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-#: Nodes are at one place where they are nearer than this, relative to the longest side of the mesh.
+#: Nodes closer than this, relative to the longest side of the mesh, coincide.
 COINCIDENT = 1e-7
 
-#: Nodes at one place, on average, of more than which no mesh has.
+#: Largest plausible average number of coincident nodes.
 MANY = 20
 
-#: Opposite faces of cells that may be flat, by the number of the type in gmsh, and type of a face.
+#: Opposite faces of cells that may be flat, by gmsh type, and the type of a face.
 _FLAT: dict[int, tuple[list[tuple[int, ...]], int]] = {
     3: ([(0, 1), (1, 2)], 1),
     5: ([(0, 1, 2, 3), (0, 1, 5, 4), (1, 2, 6, 5)], 3),
@@ -33,10 +34,10 @@ class Block(NamedTuple):
 
     Attributes:
         dim: Their dimension.
-        kind: Number of their type in gmsh.
-        nodes: Rows of the points, in the order of gmsh (n, nodes of one).
+        kind: Their gmsh type number.
+        nodes: Indices of their points, in gmsh order (n, nodes per cell).
         group: Tag; 0 where they are in no group.
-        entity: Number of the part of the geometry that they belong to, or of the block.
+        entity: Number of the geometric entity they belong to, or of the block.
     """
 
     dim: int
@@ -54,7 +55,7 @@ class MeshArrays:
         points: (n, 3).
         blocks: Its cells and facets.
         names: By dimension, tag by name of the group.
-        shift: By which tags of cells here are larger than in the file: those of gmsh begin at 1.
+        shift: Offset of cell tags relative to the file: tags of gmsh start at 1.
     """
 
     points: NDArray[np.float64]
@@ -64,7 +65,7 @@ class MeshArrays:
 
     @cached_property
     def dim(self) -> int:
-        """That of the cells."""
+        """Dimension of the cells."""
         return max(block.dim for block in self.blocks)
 
     def of(self, dim: int) -> list[Block]:
@@ -76,7 +77,7 @@ class MeshArrays:
         return group - self.shift * (dim == self.dim)
 
     def called(self, dim: int, group: int) -> str:
-        """A group as messages call it."""
+        """Name of a group for messages."""
         name = self.name.get((dim, group))
         return str(self.tag(dim, group)) if name is None else repr(name)
 
@@ -112,7 +113,7 @@ def from_gmsh(gmsh_model: Any) -> MeshArrays:
 
 
 def only_cells_and_facets(mesh: MeshArrays) -> MeshArrays:
-    """Without edges in space and points.
+    """The mesh without points and, in 3D, edges.
 
     Raises:
         ValueError: there are no cells.
@@ -120,8 +121,8 @@ def only_cells_and_facets(mesh: MeshArrays) -> MeshArrays:
     dim = max((block.dim for block in mesh.blocks), default=0)
     if dim < 2:
         raise ValueError(
-            f"it has {'edges only' if dim else 'no cells'}; cells and the facets that have tags "
-            "belong into one file"
+            f"it has {'edges only' if dim else 'no cells'}; cells and tagged facets must be in one "
+            "file"
         )
     blocks = [block for block in mesh.blocks if block.dim >= dim - 1]
     names = {d: {n: t for n, t in mesh.names.get(d, {}).items() if n} for d in (dim, dim - 1)}
@@ -129,7 +130,7 @@ def only_cells_and_facets(mesh: MeshArrays) -> MeshArrays:
 
 
 def into_gmsh(gmsh_model: Any, mesh: MeshArrays) -> None:
-    """Make a mesh with one group a cell or facet the only one of gmsh; without spare nodes."""
+    """Replace the gmsh model by a mesh with one group per cell or facet, without unused nodes."""
     gmsh.clear()
     gmsh_model.add("mesh")
     used, renumbered = np.unique(
@@ -154,19 +155,19 @@ def into_gmsh(gmsh_model: Any, mesh: MeshArrays) -> None:
 
 
 def size(points: NDArray[np.float64]) -> float:
-    """Longest side of the box around points (n, 3)."""
+    """Longest side of the bounding box of points (n, 3)."""
     return float(np.ptp(points, axis=0).max(initial=0.0))
 
 
 def places(mesh: MeshArrays, distance: float | None = None) -> NDArray[np.int64]:
-    """For every point one of those at its place, itself where it is alone; (n,).
+    """For every point a representative of the points that coincide with it (n,).
 
     Args:
         mesh: The mesh.
-        distance: Points are at one place up to this [mm]; None for that of rounding.
+        distance: Points closer than this coincide [mm]; None for rounding only.
 
     Raises:
-        ValueError: so many are near each other that the distance cannot be meant.
+        ValueError: so many points coincide that the distance must be wrong.
     """
     used = np.unique(np.concatenate([block.nodes.ravel() for block in mesh.blocks]))
     points = mesh.points[used]
@@ -185,21 +186,22 @@ def places(mesh: MeshArrays, distance: float | None = None) -> NDArray[np.int64]
 
 
 def _with_repeated_nodes(nodes: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Cells (n, k) of which two nodes are one; (n,)."""
+    """Whether cells (n, k) have repeated nodes (n,)."""
     in_order = np.sort(nodes, axis=1)
     return (in_order[:, 1:] == in_order[:, :-1]).any(axis=1)
 
 
 def count_flat(mesh: MeshArrays, place: NDArray[np.int64]) -> int:
-    """Number of cells with two nodes at one place, as cohesive elements of no thickness have."""
+    """Number of cells with coincident nodes, such as zero-thickness cohesive elements."""
     return sum(int(_with_repeated_nodes(place[block.nodes]).sum()) for block in mesh.of(mesh.dim))
 
 
 def merged(mesh: MeshArrays, place: NDArray[np.int64]) -> MeshArrays:
-    """One node at a place; flat cells of degree 1 become facets of their group, others go.
+    """Merge coincident nodes; flat cells of degree 1 become facets of their group, others are
+    dropped.
 
     Raises:
-        ValueError: a cell with two nodes at one place is not flat.
+        ValueError: a cell with coincident nodes is not flat.
     """
     dim, blocks, names = mesh.dim, [], {d: dict(names) for d, names in mesh.names.items()}
     new = max((block.group for block in mesh.of(dim - 1)), default=0)
@@ -213,7 +215,7 @@ def merged(mesh: MeshArrays, place: NDArray[np.int64]) -> MeshArrays:
                 if group:
                     name = mesh.name.get((dim, group), str(mesh.tag(dim, group)))
                     group = names[dim - 1].setdefault(name, new := new + 1)
-                # Facets that the file has come before those of flat cells.
+                # Facets of the file precede those of flat cells.
                 blocks.append(Block(dim - 1, kind, facets, group, -block.entity))
         blocks.append(block._replace(nodes=nodes[~flat]))
     left = {(block.dim, block.group) for block in blocks if len(block.nodes)}
@@ -222,15 +224,15 @@ def merged(mesh: MeshArrays, place: NDArray[np.int64]) -> MeshArrays:
 
 
 def _collapsed(kind: int, cells: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
-    """Facets that flat cells are, and their type; none of cells of higher degree."""
+    """Flat cells as facets, and their type; none for cells of higher degree."""
     name, _, _, _, _, corners = gmsh.model.mesh.getElementProperties(kind)
     first = np.sort(cells[:, :corners], axis=1)
     different = 1 + (first[:, 1:] != first[:, :-1]).sum(axis=1)
     can_be_flat = not name.startswith(("Triangle", "Tetrahedron", "Pyramid"))
     if len(cells) and not (can_be_flat and (2 * different == corners).all()):
         raise ValueError(
-            f"cells of type {name} have two nodes at one place and are not flat; collapsed cells "
-            "are not supported: write them as the type they are (a collapsed quadrilateral is a "
+            f"cells of type {name} have two coincident nodes and are not flat; collapsed cells are "
+            "not supported: write them as their actual type (a collapsed quadrilateral is a "
             "triangle), or give a shorter distance for merge"
         )
     faces, facet_kind = _FLAT.get(kind, ([], 0))
@@ -242,11 +244,11 @@ def _collapsed(kind: int, cells: NDArray[np.int64]) -> tuple[NDArray[np.int64], 
 
 
 def one_group_each(mesh: MeshArrays, groups: Collection[str | int] | None) -> MeshArrays:
-    """Every cell and facet once, in the one group that it has.
+    """Every cell and facet once, in a single group.
 
     Args:
         mesh: The mesh.
-        groups: Names or tags of the groups that serve; None for all.
+        groups: Names or tags of the groups to use; None for all.
 
     Raises:
         ValueError: there is no such group, or a cell or facet is in two of them.
@@ -264,14 +266,14 @@ def one_group_each(mesh: MeshArrays, groups: Collection[str | int] | None) -> Me
 
 
 def _only(mesh: MeshArrays, groups: Collection[str | int]) -> MeshArrays:
-    """The cells and facets of other groups in none."""
+    """Remove cells and facets of other groups from their groups."""
     there = sorted({(block.dim, block.group) for block in mesh.blocks if block.group})
     called = {key: {mesh.called(*key), str(mesh.tag(*key))} for key in there}
     wanted = {group: repr(group) for group in groups}
     for group, word in wanted.items():
         if not any(word in words for words in called.values()):
             known = ", ".join(mesh.called(*key) for key in there)
-            raise ValueError(f"groups: there is none {group!r}; it has {known or 'none'}")
+            raise ValueError(f"groups: there is no group {group!r}; it has {known or 'none'}")
     keep = {key for key, words in called.items() if words & set(wanted.values())}
     blocks = [
         block if (block.dim, block.group) in keep else block._replace(group=0)
@@ -282,12 +284,12 @@ def _only(mesh: MeshArrays, groups: Collection[str | int]) -> MeshArrays:
 
 
 def _each_once(mesh: MeshArrays, blocks: list[Block]) -> list[Block]:
-    """Blocks of one type without what is repeated."""
+    """Blocks of one type without duplicates."""
     nodes = np.concatenate([block.nodes for block in blocks])
     sizes = [len(block.nodes) for block in blocks]
     group = np.repeat([block.group for block in blocks], sizes)
     entity = np.repeat([block.entity for block in blocks], sizes)
-    # What is in a group comes first, then what the file has as facets.
+    # Entities in a group come first, then facets of the file.
     order = np.lexsort([entity < 0, group == 0])
     nodes, group, entity = nodes[order], group[order], entity[order]
     in_order = np.sort(nodes, axis=1)
@@ -301,7 +303,7 @@ def _each_once(mesh: MeshArrays, blocks: list[Block]) -> list[Block]:
         alike = int((other & (group == two) & (group[first][which] == one)).sum())
         raise ValueError(
             f"{alike} {what} are both in {mesh.called(dim, int(one))} and in "
-            f"{mesh.called(dim, int(two))}, and each has one tag; name the groups that serve: "
+            f"{mesh.called(dim, int(two))}, and each has one tag; name the groups to use: "
             "groups=[...]"
         )
     keep = np.sort(first)
@@ -321,7 +323,7 @@ def rows_of(values: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.int64]]
 
 
 def entities_as_groups(mesh: MeshArrays) -> MeshArrays:
-    """A group for every part of the geometry that is in none; its tag is its number if free.
+    """Make every geometric entity without a group a group; its tag is its number if unused.
 
     Their names are "volume 1", "surface 3", "curve 2".
     """

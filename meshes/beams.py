@@ -1,4 +1,4 @@
-"""Two arms of a beam one above the other, cracked along their interface: DCB, ENF."""
+"""A beam of two arms with a crack along their interface: DCB, ENF."""
 
 from __future__ import annotations
 
@@ -38,35 +38,35 @@ def beams(
     precrack: float = 30.0,
     contact: float | None = None,
 ) -> TaggedMesh:
-    """Arms [x_0, x_n] x [-height, 0] and [x_0, x_n] x [0, height], meshed to match.
+    """Arms [x_0, x_n] x [-height, 0] and [x_0, x_n] x [0, height], with matching meshes.
 
-    The crack is a slit, whose two lips share no node but the tip. Its first part may instead be an
-    interface with a tag of its own, for a law that knows contact and friction.
+    The crack is a slit, whose faces share only the node at the tip. Its first part may instead be
+    an interface with a separate tag, for a law with contact and friction.
 
     Args:
         comm: Communicator.
         cell: "triangle" or "quadrilateral".
         stations: x_0 < x_1 < ... < x_n, nodes of every mesh [mm].
         divisions: Cells between one station and the next.
-        height: Of one arm [mm].
+        height: Height of one arm [mm].
         rows: Cells over that height.
         precrack: Where the crack that starts on the left ends, one of the stations [mm].
-        contact: Where that first part ends, a station up to ``precrack`` [mm]; None for no such
+        contact: Where the first part ends, a station up to ``precrack`` [mm]; None for no such
             part.
 
     Returns:
         Mesh; cell tags 1 (lower arm) and 2 (upper arm); facet tags 1 and 2 left ends of the lower
         and upper arm, 3 right ends, 4 bottom, 5 top, 6 interface from the crack on,
-        7 both lips of the slit, 8 the part of the crack before it.
+        7 both faces of the slit, 8 the part of the crack before it.
 
     Raises:
-        ValueError: unknown cell, or stations that do not fit the divisions or the crack.
+        ValueError: unknown cell, or stations inconsistent with the divisions or the crack.
     """
     if cell not in CELLS:
         raise ValueError(f"beams: cell = {cell!r} must be one of {CELLS}")
     ascending = all(a < b for a, b in pairwise(stations))
     if len(divisions) != len(stations) - 1 or not ascending:
-        raise ValueError("beams: stations must ascend, with one number of cells between each two")
+        raise ValueError("beams: stations must ascend, with one number of cells for each interval")
     if precrack not in stations[1:-1]:
         raise ValueError(f"beams: precrack = {precrack} must be a station inside {tuple(stations)}")
     if contact is not None and contact not in stations[1 : stations.index(precrack) + 1]:

@@ -29,11 +29,11 @@ def core_and_ring(
 
     Args:
         comm: Communicator.
-        radius: Of the core [mm].
-        outer: Of the ring [mm].
+        radius: Radius of the core [mm].
+        outer: Outer radius of the ring [mm].
         element_size: In the core and at the interface [mm].
         outer_size: At the outer side [mm]; default ``element_size``.
-        order: Of the geometry: 2 follows the circles to higher order, with degree=2.
+        order: Order of the geometry: 2 approximates the circles to higher order, for degree=2.
 
     Returns:
         Mesh; cell tags 1 (core) and 2 (ring); facet tags 1 y = 0, 2 x = 0, 3 interface, 4 outer.

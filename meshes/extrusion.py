@@ -1,4 +1,4 @@
-"""A plane mesh of gmsh drawn out along z, so that all sides that match in the plane still do."""
+"""Extrusion of a plane gmsh mesh along z, which preserves matching sides."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ TRIANGLE, QUADRILATERAL, TETRAHEDRON, HEXAHEDRON = 2, 3, 4, 5
 
 
 def extrude(gmsh_model: Any, size: float, depth: float, layer: float) -> None:
-    """Draw the plane mesh of [0, size]^2 out from z = 0 to ``depth``; it becomes the model.
+    """Extrude the plane mesh of [0, size]^2 from z = 0 to ``depth``; it replaces the model.
 
-    Triangles become prisms of three tetrahedra each, quadrilaterals hexahedra. A diagonal begins
-    below at the corner that comes first in a numbering which opposite sides share, so that those of
-    neighbours, and of opposite sides, are the same.
+    Triangles become prisms of three tetrahedra each, quadrilaterals hexahedra. A diagonal starts at
+    the lower corner that comes first in a numbering shared by opposite sides, so that the diagonals
+    of neighbours and of opposite sides match.
 
     Args:
         gmsh_model: With the plane mesh; its groups of cells and facets keep their tags.
         size: Side of the plane cell [mm].
-        depth: [mm].
-        layer: Thickness of the layers, about [mm].
+        depth: Extrusion depth [mm].
+        layer: Approximate thickness of the layers [mm].
     """
     points, cells, facets = _plane_mesh(gmsh_model)
     layers = max(1, round(depth / layer))
@@ -69,7 +69,7 @@ def _plane_mesh(
 
 
 def _first_images(points: NDArray[np.float64], size: float) -> NDArray[np.int64]:
-    """Number of every point, the same for points on opposite sides."""
+    """Number of every point, equal for matching points on opposite sides."""
     grid = np.round(points / (TOLERANCE * size)).astype(np.int64) % round(1 / TOLERANCE)
     return np.unique(grid, axis=0, return_inverse=True)[1].ravel()
 
@@ -88,7 +88,7 @@ def _layered(nodes: NDArray, split: Any, layers: int, count: int) -> NDArray[np.
 
 
 def _tetrahedra(low: NDArray, high: NDArray) -> NDArray:
-    """Three a prism, whose corners come in ascending order."""
+    """Three per prism, with corners in ascending order."""
     a, b, c = low.T
     d, e, f = high.T
     return np.column_stack([a, b, c, f, a, b, e, f, a, d, e, f]).reshape(-1, 4)

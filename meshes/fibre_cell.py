@@ -1,4 +1,4 @@
-"""Cells of composites: discs, aligned fibres or spheres at random places, periodic or not."""
+"""Composite cells: random discs, aligned fibres or spheres, periodic or not."""
 
 from __future__ import annotations
 
@@ -49,21 +49,22 @@ def fibre_cell(
     cell: str | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> TaggedMesh:
-    """Equal fibres or spheres at random places of matrix in the cell [0, size]^d.
+    """Equal fibres or spheres at random positions in a matrix, in the cell [0, size]^d.
 
-    In a periodic cell those that a side cuts go on at the opposite side, whose mesh is the same.
-    The cell is chosen among all shifted ones so that no side comes close to touching a fibre.
+    In a periodic cell, fibres cut by a side continue at the opposite side, which has the same mesh.
+    The cell is shifted so that no side is nearly tangent to a fibre.
 
     Args:
         count: Number of fibres.
-        fraction: Of the fibres in the cell, without coatings: up to .6 for discs and fibres, .45
-            for spheres, at the default spacing.
-        seed: Of the places: the same seed gives the same cell, on any number of ranks.
-        periodic: Whether fibres are cut by the sides, and go on; otherwise none is.
+        fraction: Volume fraction of the fibres, without coatings: up to 0.6 for discs and fibres,
+            0.45 for spheres, at the default spacing.
+        seed: Random seed: the same seed gives the same cell, on any number of ranks.
+        periodic: Whether sides may cut fibres, which continue at the opposite side; otherwise none
+            is cut.
         shape: "disc" in 2D; in 3D "cylinder" along z, or "sphere".
         size: Side of the cell [mm].
-        depth: Of the cell along z [mm], for cylinders; default one layer of cells.
-        coating: Thickness of a coating of every fibre, in its radii; 0 for none.
+        depth: Depth of the cell along z [mm], for cylinders; default one layer of cells.
+        coating: Thickness of the coating of every fibre, in radii; 0 for none.
         spacing: Least distance between two (coated) fibres, in radii.
         element_size: [mm]; default a quarter of the radius.
         cell: "triangle" or "quadrilateral" for discs, "tetrahedron" or "hexahedron" for cylinders,
@@ -72,11 +73,11 @@ def fibre_cell(
 
     Returns:
         Mesh; cell tags 1 (fibre), 2 (matrix) and, with coatings, 3 (coating); facet tags 1 left,
-        2 right, 4 bottom (y = 0), 5 top, in 3D 6 back (z = 0) and 7 front, and 3 interface, that is
-        all facets between two groups.
+        2 right, 4 bottom (y = 0), 5 top, in 3D 6 back (z = 0) and 7 front, and 3 interface: all
+        facets between two groups.
 
     Raises:
-        ValueError: the fibres find no room, or an argument is out of range.
+        ValueError: the fibres do not fit, or an argument is out of range.
     """
     if shape not in CELLS:
         raise ValueError(f"fibre_cell: shape = {shape!r} must be one of {tuple(CELLS)}")
@@ -90,12 +91,12 @@ def fibre_cell(
         )
     dim = 3 if shape == "sphere" else 2
     filled = fraction * (1 + coating) ** dim
-    # A spacing in radii of the fibres, and pack takes it in radii of what it packs.
+    # The spacing is in radii of the fibres, but pack expects it in radii of the coated fibres.
     centres, radii = pack(count, filled, seed, periodic, 1.0, dim, spacing / (1 + coating))
     outer = radii[0]
     circles = sorted({outer, outer / (1 + coating)}, reverse=True)
     if periodic:
-        # The poles of a sphere lie above its centre, and no side is to pass near them.
+        # The poles of a sphere are above its centre, and no side may pass near them.
         kept_clear = [*circles, 0.0] if dim == 3 else circles
         centres = cut_balls(centres, kept_clear, 1.0)
     fine = element_size / size if element_size else circles[-1] / 4
@@ -123,7 +124,7 @@ def _geometry(
     size: float,
     periodic: bool,
 ) -> None:
-    """Bodies, their groups, and the sides that match; ``circles`` from the largest to the least."""
+    """Bodies, their groups, and matching sides; ``circles`` from the largest to the smallest."""
     occ, dim = gmsh_model.occ, centres.shape[1]
     places = images(centres, circles[0], size)[0] if periodic else centres
 
@@ -160,9 +161,10 @@ def _geometry(
 
 
 def _beyond_sides(x: NDArray[np.float64], radius: float, size: float) -> list[float]:
-    """Direction from the centre to where a circle begins: outside the cell, if it leaves it.
+    """Direction from the centre to the start of a circle: outside the cell, if it extends beyond
+    it.
 
-    A circle begins at a node; near a side it would leave a short edge.
+    A circle starts at a node, which would create a short edge near a side.
     """
     for axis in range(2):
         for sign, leaves in ((-1.0, x[axis] < radius), (1.0, x[axis] > size - radius)):

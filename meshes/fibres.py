@@ -39,14 +39,14 @@ def fibre_matrix(
 ) -> TaggedMesh:
     """Fibres of one radius in the square [0, size] x [0, size]; unstructured, matching meshes.
 
-    The middles of the left and the right side are nodes, to hold the cell there.
+    The midpoints of the left and right sides are nodes, for supports.
 
     Args:
         comm: Communicator.
         cell: "triangle" or "quadrilateral".
         size: Side of the square [mm].
-        radius: Of every fibre [mm].
-        centres: Of the fibres (n, 2) [mm]; default one fibre in the middle.
+        radius: Radius of every fibre [mm].
+        centres: Centres of the fibres (n, 2) [mm]; default one fibre in the middle.
         element_size: Away from the interfaces [mm].
         interface_size: At the interfaces [mm]; default ``element_size``.
         grading: Distance from an interface over which the elements grow from one size to the
@@ -82,19 +82,20 @@ def random_fibres(
     seed: int = 0,
     tries: int = 20000,
 ) -> tuple[NDArray[np.float64], float]:
-    """Centres (count, 2) and radius [mm] of equal fibres at random places, none cut by the sides.
+    """Centres (count, 2) and radius [mm] of equal fibres at random positions, none cut by the
+    sides.
 
-    Fibres are dropped one after the other; one that finds no place starts the cell anew. Where few
-    fibres have room that is more random than :func:`pack`, which leaves them side by side.
+    Fibres are placed one after another; if one does not fit, the cell is restarted. For low
+    fractions this is more random than :func:`pack`, which leaves fibres side by side.
 
     Args:
         count: Number of fibres.
-        fraction: Area of the fibres in that of the square.
+        fraction: Area fraction of the fibres.
         size: Side of the square [mm].
         spacing: Least distance between two fibres, in radii.
         margin: Least distance to the sides, in radii.
-        seed: The same seed gives the same places, on every rank.
-        tries: Drops before giving up.
+        seed: Random seed: the same seed gives the same positions, on every rank.
+        tries: Placements before giving up.
 
     Raises:
         ValueError: the fibres do not fit.
@@ -187,8 +188,8 @@ def generate_cells(gmsh_model: Any, cell: str) -> None:
     if cell == "triangle":
         gmsh_model.mesh.generate(2)
         return
-    # The full-quad recombinations may leave a triangle or a flat cell, and so may, less often, the
-    # subdivision of a mesh of twice the size: take the best of the three.
+    # Full-quad recombination may leave a triangle or a flat cell, and less often so may subdivision
+    # of a mesh of twice the size: use the best of the three.
     halves = {"MeshSizeFactor": 2, "RecombinationAlgorithm": 1, "SubdivisionAlgorithm": 1}
     attempts = [{"RecombinationAlgorithm": 2}, {"RecombinationAlgorithm": 3}, halves]
     quality = []
@@ -198,7 +199,7 @@ def generate_cells(gmsh_model: Any, cell: str) -> None:
         worst = min(min(gmsh_model.mesh.getElementQualities(tags, "minSICN")) for tags in cells)
         quality.append(worst if len(types) == 1 else -1.0)
     if max(quality) <= 0:
-        raise RuntimeError("gmsh makes no good quadrilaterals; use smaller cells")
+        raise RuntimeError("gmsh could not make good quadrilaterals; use smaller cells")
     _recombine(gmsh_model, attempts[int(np.argmax(quality))])
 
 

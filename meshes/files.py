@@ -1,4 +1,4 @@
-"""Meshes from files, distributed with the facet ghosts that interfaces need."""
+"""Meshes from files, distributed with the facet ghosts that interfaces require."""
 
 from __future__ import annotations
 
@@ -39,10 +39,11 @@ from .plane import Plane
 #: Names of the tags in XDMF files.
 CELL_TAGS, FACET_TAGS = "cell_tags", "facet_tags"
 
-#: The word for ``groups`` by which parts of the geometry that are in no group are one each.
+#: Value of ``groups`` that makes every geometric entity without a group a group.
 ENTITIES = "entities"
 
-#: What a .msh of gmsh or Neper has near its begin and behind its elements, in formats 1, 2 and 4.
+#: Keywords at the beginning and after the elements of a .msh of gmsh or Neper, in formats 1, 2 and
+#: 4.
 BEGIN, END = (b"$MeshFormat", b"$NOD"), (b"$EndElements", b"$ENDELM")
 
 T = TypeVar("T")
@@ -61,34 +62,34 @@ def read_mesh(
 ) -> TaggedMesh:
     """Read and distribute a mesh; collective.
 
-    Groups keep their names. They are, by the ending of the file,
+    Groups keep their names. Depending on the suffix of the file, they are
 
-    * .msh: physical groups of gmsh (formats 2.2 and 4.1, partitioned or not); what Neper has:
-      every grain ("poly1", in 2D "face1") and every face between two ("face1", in 2D "edge1");
+    * .msh: physical groups of gmsh (formats 2.2 and 4.1, partitioned or not); from Neper every
+      grain ("poly1", in 2D "face1") and every face between two ("face1", in 2D "edge1");
     * .xdmf: the tags that :func:`write_mesh` and ``dolfinx.io.XDMFFile`` write, read by all ranks,
       or an attribute of the grid, as meshio writes it;
     * .inp of Abaqus and CalculiX: sets of elements (*ELSET) and surfaces of their faces (*SURFACE);
-    * .med, .vtu, .vtk, .bdf and others: what meshio has as sets, or as whole numbers of cells.
+    * .med, .vtu, .vtk, .bdf and others: sets of meshio, or integer cell data.
 
     Args:
         path: A file. All but .msh, .inp and XDMF of DOLFINx need meshio (the extra "mesh").
         comm: Communicator.
         cell_tags: Name of the tags, or data, of the cells; None for "cell_tags" in an XDMF file
-            with several grids, else for the only data that are whole numbers.
+            with several grids, otherwise for the only integer data.
         facet_tags: Name of those of the facets; None for "facet_tags", or the name of the cells'.
-        merge: True joins nodes at one place, as on both sides of cohesive elements, and drops
-            flat cells, whose groups become groups of facets; a number is the distance up to which
-            nodes are joined [mm], 1e-7 of the longest side by default. False leaves them; None
-            warns of them.
+        merge: True merges coincident nodes, as on both sides of cohesive elements, and drops flat
+            cells, whose groups become groups of facets; a number is the distance up to which nodes
+            are merged [mm], 1e-7 of the longest side by default. False keeps them; None warns about
+            them.
         groups: "entities" makes every volume, surface and curve of gmsh, and every block of cells
-            of other files, a group if it is in none: "surface 1" has tag 1. Names or tags say
-            which of several groups that a cell is in serve; the others are left out.
+            of other files, a group if it is in none: "surface 1" has tag 1. Names or tags select
+            the groups to use where a cell is in several; the others are ignored.
         plane: Where a 2D mesh lies, if not in a plane z = const: see :func:`distribute`.
 
     Raises:
-        ValueError: the file is missing, of another kind, not whole, without tags of cells, with
-            cells in two groups, with flat cells, or with cells that vmdg does not have.
-        TypeError: the path is none.
+        ValueError: the file is missing, of an unknown format, truncated, without cell tags, with
+            cells in two groups, with flat cells, or with unsupported cells.
+        TypeError: the path is not a path.
         ImportError: meshio is needed and not installed.
     """
     path = checked_path("read_mesh: path", path)
@@ -97,8 +98,8 @@ def read_mesh(
         if grids:
             if (merge, groups, plane) != (None, None, None):
                 raise ValueError(
-                    "merge, groups and plane are for files of other programs; this one is of "
-                    "DOLFINx, which has read its mesh already"
+                    "merge, groups and plane are for files of other programs; this file was "
+                    "written by DOLFINx, which reads its mesh as it is"
                 )
             return _read_xdmf(path, comm, grids, words, cell_tags, facet_tags)
         with model("file") as gmsh_model:
@@ -114,7 +115,7 @@ def read_mesh(
 
 
 def _on_root(comm: MPI.Comm, call: Callable[[], T]) -> T:
-    """What a function gives on rank 0, or its error, on all ranks."""
+    """Result of a function on rank 0, or its error, on all ranks."""
     result, error = None, None
     if comm.rank == 0:
         try:
@@ -128,13 +129,14 @@ def _on_root(comm: MPI.Comm, call: Callable[[], T]) -> T:
 
 
 def _door(path: Path) -> tuple[list[str], dict[str, str]]:
-    """That a file can be read; the grids of XDMF of DOLFINx and what else it says, by name."""
+    """Check that a file is readable; return the grids of a DOLFINx XDMF file and its other data, by
+    name."""
     name = path.name.lower()
     if not name.endswith((".msh", ".inp", ".xdmf")):
         known = endings()
         if not name.endswith(known):
             raise ValueError(
-                "its name must end in .msh, .inp, .xdmf or what else meshio reads: "
+                "its suffix must be .msh, .inp, .xdmf or another one that meshio reads: "
                 f"{', '.join(known)}"
             )
     if not path.is_file():
@@ -146,11 +148,11 @@ def _door(path: Path) -> tuple[list[str], dict[str, str]]:
     try:
         root = ElementTree.parse(path).getroot()
     except ElementTree.ParseError as error:
-        raise ValueError(f"it is no whole XML file ({error}); was it cut short?") from None
+        raise ValueError(f"it is not a complete XML file ({error}); is it truncated?") from None
     for item in root.iterfind(".//DataItem[@Format='HDF']"):
         other = (item.text or "").strip().partition(":")[0]
         if not (path.parent / other).is_file():
-            raise ValueError(f"its data are in {other}, which is missing beside it")
+            raise ValueError(f"its data are in {other}, which is missing")
     grids = [grid.get("Name", "") for grid in root.iterfind("./Domain/Grid")]
     if len(grids) < 2:
         return [], {}
@@ -177,23 +179,24 @@ def _load(
     else:
         mesh = read_foreign(path, cell_tags, facet_tags)
     if not np.isfinite(mesh.points).all():
-        raise ValueError("it has nodes whose coordinates are no numbers")
+        raise ValueError("it has nodes whose coordinates are not finite")
     join = merge is not None and merge is not False
     if join and not (isinstance(merge, Real) and 0 <= merge < np.inf):
-        raise ValueError(f"merge={merge!r} is no distance: give True, or a length [mm]")
+        raise ValueError(f"merge={merge!r} is not a distance: give True, or a length [mm]")
     place = places(mesh, None if merge is True or not join else float(merge))
     twice = int((place != np.arange(len(place))).sum())
     flat = count_flat(mesh, place)
     if flat and not join:
         raise ValueError(
-            f"{flat} cells have two nodes at one place, as cohesive elements of no thickness; vmdg "
-            "needs none, as its interfaces are facets: merge=True drops them and joins the nodes"
+            f"{flat} cells have coincident nodes, like zero-thickness cohesive elements; vmdg "
+            "needs none, since its interfaces are facets: merge=True drops them and merges the "
+            "nodes"
         )
     warning = None
     if twice and merge is None:
         warning = (
-            f"{twice} nodes are at the place of another one, so that bodies which seem to touch "
-            "there are apart; merge=True joins them, merge=False says that they are meant so"
+            f"{twice} nodes coincide with another one, so bodies that seem to touch there are not "
+            "connected; merge=True merges them, merge=False keeps them without this warning"
         )
     if join and twice:
         mesh, changed = merged(mesh, place), True
@@ -207,7 +210,7 @@ def _load(
 
 
 def _check_groups(mesh: MeshArrays) -> None:
-    """That every cell is in a group."""
+    """Check that every cell is in a group."""
     word = {2: "surface", 3: "volume"}[mesh.dim]
     cells = mesh.of(mesh.dim)
     lost = sum(len(block.nodes) for block in cells if not block.group)
@@ -216,7 +219,7 @@ def _check_groups(mesh: MeshArrays) -> None:
     if all(block.group == 0 for block in cells):
         raise ValueError(
             f"it has no group of cells (no physical group of dimension {mesh.dim}, no set, no "
-            f"tags), which say whose a cell is; groups={ENTITIES!r} makes every {word} of it one "
+            f"tags) to assign materials; groups={ENTITIES!r} makes every {word} of it one "
             f"({len({block.entity for block in cells})} here)"
         )
     raise ValueError(
@@ -227,22 +230,22 @@ def _check_groups(mesh: MeshArrays) -> None:
 
 
 def _load_gmsh(path: Path, gmsh_model: Any) -> tuple[MeshArrays, bool]:
-    """A file of gmsh or Neper, and whether its groups are not those that gmsh has loaded."""
+    """A file of gmsh or Neper, and whether its groups differ from those that gmsh has loaded."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         begin = bytes(content[:4096])
         if not any(word in begin for word in BEGIN):
             raise ValueError(
-                f"it is no file of gmsh: it begins with {begin[:20].decode(errors='replace')!r}; "
-                "have the program that made it write .inp, .med or .vtu"
+                f"it is not a gmsh file: it begins with {begin[:20].decode(errors='replace')!r}; "
+                "let the program that made it write .inp, .med or .vtu"
             )
         last = bytes(content[-4096:]).rstrip().rpartition(b"\n")[2]
         if not last.upper().startswith(b"$END") or all(content.find(word) < 0 for word in END):
-            raise ValueError("it was cut short: its last section or its elements have no $End")
+            raise ValueError("it is truncated: its last section or its elements have no $End")
         bare_names = list(_bare_names(content))
     try:
         gmsh.open(str(path))
-    except Exception as error:  # the only class that gmsh has
-        raise ValueError(f"gmsh cannot read it ({error}); is it whole?") from None
+    except Exception as error:  # gmsh raises no other class
+        raise ValueError(f"gmsh cannot read it ({error}); is it complete?") from None
     parts = gmsh_model.getNumberOfPartitions()
     if parts:
         with_cells = {
@@ -253,7 +256,7 @@ def _load_gmsh(path: Path, gmsh_model: Any) -> tuple[MeshArrays, bool]:
         }
         if len(with_cells) < max(parts, 2):
             raise ValueError(
-                "it is one part of a mesh that was split into several files; write the whole mesh "
+                "it is one part of a mesh split into several files; write the whole mesh "
                 "(Mesh.PartitionSplitMeshFiles 0)"
             )
         gmsh_model.mesh.unpartition()
@@ -265,17 +268,17 @@ def _load_gmsh(path: Path, gmsh_model: Any) -> tuple[MeshArrays, bool]:
     ]
     several = any(len(gmsh_model.getPhysicalGroupsForEntity(*entity)) > 1 for entity in entities)
     if several and begin.partition(BEGIN[0])[2].split()[0].startswith(b"2"):
-        # Groups are those of elements in this format, and gmsh keeps those of entities.
+        # In this format groups belong to elements, but gmsh keeps those of entities.
         by_cell = read_foreign(path, None, None, "gmsh")
         return MeshArrays(by_cell.points, by_cell.blocks, mesh.names), True
     used = np.unique(np.concatenate([block.nodes.ravel() for block in mesh.of(mesh.dim)]))
-    # DOLFINx wants nodes from 1 on, and none to spare.
+    # DOLFINx expects consecutive nodes from 1, all of them used.
     spare = len(used) < len(mesh.points) or gmsh_model.mesh.getMaxNodeTag() > len(used)
     return mesh, several or spare
 
 
 def _bare_names(content: mmap.mmap) -> Iterator[tuple[int, int, str]]:
-    """Dimension, tag and name of physical groups whose names have no quotes; gmsh leaves them out.
+    """Dimension, tag and name of physical groups with unquoted names, which gmsh ignores.
 
     Neper writes them so (its manual, Mesh File).
     """
@@ -289,7 +292,7 @@ def _bare_names(content: mmap.mmap) -> Iterator[tuple[int, int, str]]:
 
 
 def _shifted(tagged: TaggedMesh, shift: int) -> TaggedMesh:
-    """With the tags of cells that the file has."""
+    """The mesh with the cell tags of the file."""
     if not shift:
         return tagged
     mesh, cells, facets = tagged
@@ -307,7 +310,7 @@ def _read_xdmf(
     cell_tags: str | None,
     facet_tags: str | None,
 ) -> TaggedMesh:
-    """A file of DOLFINx: a grid for the mesh, then one each for the tags of cells and of facets."""
+    """A DOLFINx file: one grid for the mesh, one for cell tags and one for facet tags."""
     wanted = [cell_tags or CELL_TAGS, facet_tags or FACET_TAGS]
     needed = wanted if facet_tags else wanted[:1]
     lacking = [name for name in needed if name not in grids[1:]]
@@ -329,7 +332,7 @@ def _read_xdmf(
                     found = file.read_meshtags(mesh, name=name)
                 tags.append(NamedTags(found, json.loads(words.get(_names(name), "{}"))))
     except RuntimeError as error:
-        raise ValueError(f"DOLFINx cannot read it ({error}); is it whole?") from None
+        raise ValueError(f"DOLFINx cannot read it ({error}); is it complete?") from None
     return TaggedMesh(mesh, *tags)
 
 
@@ -343,18 +346,18 @@ def write_mesh(tagged: TaggedMesh, path: str | Path) -> None:
 
     Args:
         tagged: The mesh.
-        path: Ends in .xdmf; its folder is made if missing.
+        path: A file .xdmf; its folder is created if missing.
 
     Raises:
-        ValueError: another ending.
-        TypeError: the mesh comes without tags, or the path is none.
+        ValueError: another suffix.
+        TypeError: the mesh has no tags, or the path is not a path.
     """
     if checked_path("write_mesh: path", path).suffix != ".xdmf":
         raise ValueError(f"write_mesh: {path} must end in .xdmf")
     if not isinstance(tagged, tuple) or len(tagged) != 3:
         raise TypeError(
             f"write_mesh: tagged = {tagged!r} must be mesh, cell_tags, facet_tags, as read_mesh "
-            "and the builders of vmdg.meshes give them"
+            "and the functions of vmdg.meshes return them"
         )
     mesh, cells, facets = tagged
     mesh.topology.create_connectivity(mesh.topology.dim - 1, mesh.topology.dim)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from .arrays import Block, MeshArrays, only_cells_and_facets, rows_of
 
-#: Types of cells by their name in meshio: number in gmsh, cell of DOLFINx.
+#: Cell types by their name in meshio: gmsh type, DOLFINx cell.
 _KINDS = {
     "line": (1, CellType.interval),
     "line3": (8, CellType.interval),
@@ -37,7 +37,7 @@ _KINDS = {
     "pyramid13": (19, None),
 }
 
-#: Data of meshio in which 0 is no tag.
+#: meshio data in which 0 is not a tag.
 _PHYSICAL = "gmsh:physical"
 
 
@@ -50,8 +50,8 @@ def meshio() -> ModuleType:
     lacking = [name for name in ("meshio", "h5py") if find_spec(name) is None]
     if lacking:
         raise ImportError(
-            f"this file is read by meshio, and there is no {' and no '.join(lacking)}: "
-            "pip install 'vmdg[mesh]', or pip install meshio h5py"
+            f"this file is read by meshio, but there is no {' and no '.join(lacking)}: pip install "
+            "'vmdg[mesh]', or pip install meshio h5py"
         )
     import meshio
 
@@ -59,7 +59,7 @@ def meshio() -> ModuleType:
 
 
 def endings() -> tuple[str, ...]:
-    """What names of files that meshio reads end in.
+    """Suffixes of the files that meshio reads.
 
     Raises:
         ImportError: it is not installed.
@@ -74,13 +74,12 @@ def read_foreign(
 
     Args:
         path: The file.
-        cell_tags: Name of the data of cells that are their tags; None for the only integer one.
-        facet_tags: Name of those of facets; None for the same.
-        form: Name of the format in meshio; None for that of the ending.
+        cell_tags: Name of the cell data used as tags; None for the only integer data.
+        facet_tags: Name of the facet data; None for the same.
+        form: Name of the format in meshio; None to use the suffix.
 
     Raises:
-        ValueError: it cannot be read, has cells that nothing here has, or several data that may be
-            tags.
+        ValueError: it cannot be read, has unsupported cells, or several data sets that may be tags.
         ImportError: meshio is not installed.
     """
     mesh = _read(path, form)
@@ -94,7 +93,7 @@ def read_foreign(
         kind, nodes = _in_gmsh_order(cells.type, cells.data)
         blocks.append(Block(cells.dim, kind, nodes, 0, number + 1))
     if any(((b.nodes < 0) | (b.nodes >= len(points))).any() for b in blocks):
-        raise ValueError("its cells have nodes that there are not; is it whole?")
+        raise ValueError("its cells have nodes that do not exist; is it complete?")
     bare = only_cells_and_facets(MeshArrays(points, blocks, {}))
     tagged: list[Block] = []
     names: dict[int, dict[str, int]] = {}
@@ -104,7 +103,7 @@ def read_foreign(
         name = None if sets and not wanted else _data(mesh, there, wanted, cell_tags)
         if name is not None:
             data = [np.ravel(mesh.cell_data[name][block.entity - 1]) for block in there]
-            if dim == bare.dim and name != _PHYSICAL:  # whose 0 is no tag, as that of facets
+            if dim == bare.dim and name != _PHYSICAL:  # in which 0 is not a tag, as for facets
                 shift = max(1 - min(int(values.min(initial=1)) for values in data), 0)
             for block, values in zip(there, data, strict=True):
                 tagged += _by_tag(block, values, shift if dim == bare.dim else 0)
@@ -116,15 +115,15 @@ def read_foreign(
 
 
 def _read(path: Path, form: str | None) -> Any:
-    """By meshio, which prints what is wrong and ends the process."""
+    """Read by meshio, which on errors prints a message and exits the process."""
     library, said = meshio(), io.StringIO()
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
             mesh = library.read(path, form)
-    except (Exception, SystemExit) as error:  # of any reader, on any input
+    except (Exception, SystemExit) as error:  # readers may raise anything
         words = " ".join(said.getvalue().split()) or f"{type(error).__name__}: {error}"
         raise ValueError(
-            f"meshio cannot read it ({words}); is it whole, and what its ending says?"
+            f"meshio cannot read it ({words}); is it complete, and is its suffix right?"
         ) from None
     if not len(mesh.points) or not mesh.cells:
         raise ValueError("it has no cells")
@@ -132,14 +131,14 @@ def _read(path: Path, form: str | None) -> Any:
 
 
 def _in_gmsh_order(name: str, nodes: NDArray[np.int64]) -> tuple[int, NDArray[np.int64]]:
-    """Type in gmsh, and nodes in its order: meshio has that of VTK."""
+    """gmsh type, and nodes in gmsh order: meshio uses that of VTK."""
     if name not in _KINDS:
         raise ValueError(
-            f"it has cells of type {name}; vmdg has triangles, quadrilaterals, tetrahedra and "
+            f"it has cells of type {name}; vmdg supports triangles, quadrilaterals, tetrahedra and "
             "hexahedra of degree 1 and 2"
         )
     kind, cell = _KINDS[name]
-    if cell is None:  # refused where their place is known, or flat
+    if cell is None:  # refused later, where their position is known, or flat
         return kind, np.asarray(nodes, dtype=np.int64)
     result = np.empty(nodes.shape, dtype=np.int64)
     count = nodes.shape[1]
@@ -148,7 +147,7 @@ def _in_gmsh_order(name: str, nodes: NDArray[np.int64]) -> tuple[int, NDArray[np
 
 
 def _sets(mesh: Any) -> dict[str, list[NDArray[np.int64]]]:
-    """By name, the members in every block; families of MED are sets too."""
+    """Members in every block, by name; families of MED are sets too."""
     sets = {
         name: [np.asarray([] if of is None else of, dtype=np.int64) for of in members]
         for name, members in mesh.cell_sets.items()
@@ -164,10 +163,10 @@ def _sets(mesh: Any) -> dict[str, list[NDArray[np.int64]]]:
 
 
 def _data(mesh: Any, blocks: list[Block], wanted: str | None, of_cells: str | None) -> str | None:
-    """Name of the data that are the tags of these blocks; None where there are none.
+    """Name of the data used as tags of these blocks; None where there are none.
 
     Raises:
-        ValueError: there are none of the name, or several.
+        ValueError: there are no data of this name, or several candidates.
     """
     data = {
         name: np.concatenate([np.asarray(values[block.entity - 1]) for block in blocks])
@@ -181,7 +180,7 @@ def _data(mesh: Any, blocks: list[Block], wanted: str | None, of_cells: str | No
     whole = [name for name, of in numbers.items() if np.issubdtype(of.dtype, np.integer)]
     if wanted is not None and blocks:
         raise ValueError(
-            f"it has no tags {wanted!r}; its data of cells that are whole numbers are "
+            f"it has no tags {wanted!r}; its integer cell data are "
             f"{', '.join(map(repr, whole)) or 'none'}"
         )
     for name in (of_cells, _PHYSICAL):
@@ -189,14 +188,14 @@ def _data(mesh: Any, blocks: list[Block], wanted: str | None, of_cells: str | No
             return name
     if len(whole) > 1:
         raise ValueError(
-            f"it has several data that may be tags, {', '.join(map(repr, whole))}: say which are, "
-            f"cell_tags={whole[0]!r}"
+            f"it has several data sets that may be tags, {', '.join(map(repr, whole))}: choose "
+            f"one, cell_tags={whole[0]!r}"
         )
     return whole[0] if whole else None
 
 
 def _by_tag(block: Block, values: NDArray, shift: int) -> Iterator[Block]:
-    """A block for every tag; 0 and less is none."""
+    """A block for every tag; 0 and below mean no group."""
     tags = np.maximum(values.astype(np.int64) + shift, 0)
     if tags.max(initial=0) > np.iinfo(np.int32).max:
         raise ValueError(f"its tags are as large as {tags.max()}; they must be below 2^31")

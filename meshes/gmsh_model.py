@@ -1,4 +1,4 @@
-"""A gmsh model on rank 0 and its distribution with the facet ghosts that interfaces need."""
+"""A gmsh model on rank 0 and its distribution with the facet ghosts that interfaces require."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from vmdg.domain.tags import NamedTags
 from vmdg.meshes.partition import between_bodies, slabs, weighted
 from vmdg.meshes.plane import Plane, turn
 
-#: Cells that vmdg has, in the words of gmsh.
+#: Supported cells, by their names in gmsh.
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 
 
 class TaggedMesh(NamedTuple):
-    """A mesh with the tags of its physical groups, which are found by name too.
+    """A mesh with the tags of its physical groups, which may also be found by name.
 
     Attributes:
         mesh: The mesh, with facet ghosts.
@@ -41,7 +41,7 @@ def model(name: str) -> Iterator[Any]:
     """A fresh, silent gmsh model; gmsh is closed at the end.
 
     Args:
-        name: Of the model.
+        name: Name of the model.
     """
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
@@ -53,19 +53,19 @@ def model(name: str) -> Iterator[Any]:
 
 
 def one_size(size: float) -> None:
-    """Ask for cells of one size in the present model."""
+    """Set a uniform cell size in the current model."""
     for bound in ("Min", "Max"):
         gmsh.option.setNumber(f"Mesh.MeshSize{bound}", size)
 
 
 def generate_tetrahedra(gmsh_model: Any) -> None:
-    """By HXT, whose shapes are better."""
+    """Mesh with HXT, which gives better shapes."""
     gmsh.option.setNumber("Mesh.Algorithm3D", 10)
     gmsh_model.mesh.generate(3)
 
 
 def name_groups(gmsh_model: Any, dim: int, names: Mapping[str, int]) -> None:
-    """Name physical groups of a dimension, those of them that the model has.
+    """Name physical groups of a dimension, as far as the model has them.
 
     Args:
         gmsh_model: The model.
@@ -90,22 +90,22 @@ def distribute(
     """Distribute the model of rank 0 over ``comm``, ghosts by shared facets; collective.
 
     Args:
-        gmsh_model: Meshed, with a physical group for every body. Names of groups are kept.
+        gmsh_model: Meshed, with a physical group for every body. Group names are kept.
         comm: Communicator.
-        gdim: Dimension.
-        interface_weight: Number of cells as which those next to another body count, so that the
-            ranks share the work of the interfaces too.
+        gdim: Geometric dimension.
+        interface_weight: Weight of cells next to another body, so that the ranks share the work of
+            the interfaces too.
         slabs_along: Cut across this axis only (0, 1, 2), see :func:`vmdg.meshes.partition.slabs`.
-        unit: Of the lengths of the model [mm]. gmsh has tolerances and least lengths of its own:
-            in units of its size a model in m is the model in mm.
-        plane: Where a 2D mesh lies, if not in a plane z = const: the axes of space that become its
-            x and y, "xz" or, of a tilted plane, two vectors ((1, 0, 0), (0, 0.6, 0.8)). The nodes
-            of the model are turned into z = 0.
+        unit: Unit of the lengths of the model [mm]. gmsh has absolute tolerances and minimum
+            lengths; the unit makes the mesh of a model in m equal to that in mm.
+        plane: Where a 2D mesh lies, if not in a plane z = const: the spatial axes that become its x
+            and y, "xz" or, for a tilted plane, two vectors ((1, 0, 0), (0, 0.6, 0.8)). The nodes of
+            the model are rotated into z = 0.
 
     Raises:
         ValueError: a weight below 1, cells without a group, cells or facets in two groups, cells of
-            several types or of one that vmdg does not have, facets without a cell, a 2D mesh that
-            does not lie in its plane, or ``plane`` is no plane.
+            several types or of an unsupported one, facets without a cell, a 2D mesh that does not
+            lie in its plane, or ``plane`` is not a plane.
     """
     message, names = None, None
     if comm.rank == 0:
@@ -134,7 +134,7 @@ def _names(gmsh_model: Any, dim: int) -> dict[str, int]:
 
 
 def _wrong_groups(gmsh_model: Any, gdim: int, plane: Plane | None) -> str | None:
-    """What is wrong with the physical groups, or with the cells in them, or None."""
+    """Error in the physical groups, or in their cells, or None."""
     for dim in (gdim, gdim - 1):
         for _, entity in gmsh_model.getEntities(dim):
             groups = gmsh_model.getPhysicalGroupsForEntity(dim, entity)
@@ -142,12 +142,12 @@ def _wrong_groups(gmsh_model: Any, gdim: int, plane: Plane | None) -> str | None
             if len(groups) > 1:
                 return (
                     f"{place} is in the physical groups {list(map(int, groups))}; a cell or facet "
-                    "has one tag: put it in one group"
+                    "has one tag: assign it to one group"
                 )
             if dim == gdim and not len(groups) and len(gmsh_model.mesh.getElements(dim, entity)[0]):
                 return (
-                    f"{place} is meshed and in no physical group, so its cells would be lost; make "
-                    "a group for every body (addPhysicalGroup)"
+                    f"{place} is meshed but in no physical group, so its cells would be lost; "
+                    "create a group for every body (addPhysicalGroup)"
                 )
     try:
         turn(gmsh_model, gdim, plane)
@@ -163,7 +163,7 @@ def _place(gmsh_model: Any, dim: int, entity: int) -> str:
 
 
 def _wrong_cells(gmsh_model: Any, gdim: int) -> str | None:
-    """Cells of other kinds than DOLFINx and vmdg have, or of more than one kind."""
+    """Error for cells of unsupported types, or of more than one type."""
     first = None
     for _, entity in gmsh_model.getEntities(gdim):
         place = _place(gmsh_model, gdim, entity)
@@ -177,7 +177,7 @@ def _wrong_cells(gmsh_model: Any, gdim: int) -> str | None:
             complete = _nodes(name, degree)
             if nodes != complete:
                 return (
-                    f"{place} has cells of type {name} (serendipity), which vmdg does not have: "
+                    f"{place} has cells of type {name} (serendipity), which vmdg does not support: "
                     f"mesh with those of {complete} nodes (Mesh.SecondOrderIncomplete 0 in gmsh), "
                     "with triangles or tetrahedra, or with cells of degree 1"
                 )
@@ -191,7 +191,7 @@ def _wrong_cells(gmsh_model: Any, gdim: int) -> str | None:
 
 
 def _nodes(name: str, degree: int) -> int:
-    """Number of nodes of a cell that has all of its degree."""
+    """Number of nodes of a complete cell of a degree."""
     if name.startswith("Triangle"):
         return (degree + 1) * (degree + 2) // 2
     if name.startswith("Tetrahedron"):
@@ -200,7 +200,7 @@ def _nodes(name: str, degree: int) -> int:
 
 
 def _facets_without_cells(gmsh_model: Any, gdim: int) -> str | None:
-    """A group of facets that lie on no cell: their body was left out of the file."""
+    """Error for a group of facets on no cell: their body is missing in the file."""
     cells = [gmsh_model.mesh.getElements(gdim, e)[2] for _, e in gmsh_model.getEntities(gdim)]
     known = np.concatenate([np.zeros(0, dtype=np.uint64), *(n for nodes in cells for n in nodes)])
     for _, entity in gmsh_model.getEntities(gdim - 1):
@@ -210,8 +210,8 @@ def _facets_without_cells(gmsh_model: Any, gdim: int) -> str | None:
             if not np.isin(nodes, known).all():
                 place = _place(gmsh_model, gdim - 1, entity)
                 return (
-                    f"{place} is in a physical group, but the body beside it has no cells here, as "
-                    "gmsh writes grouped bodies only; make a group for every body "
-                    "(addPhysicalGroup), or leave the facets out"
+                    f"{place} is in a physical group, but the adjacent body has no cells here, "
+                    "since gmsh writes grouped bodies only; create a group for every body "
+                    "(addPhysicalGroup), or omit the facets"
                 )
     return None

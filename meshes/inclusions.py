@@ -1,4 +1,4 @@
-"""A rectangle with round inclusions that its sides may cut."""
+"""A rectangle with circular inclusions that its sides may cut."""
 
 from __future__ import annotations
 
@@ -38,16 +38,16 @@ def inclusions(
         radius: Of the discs [mm].
         centres: [mm].
         element_size: Far from the interface [mm].
-        interface_size: At the interface [mm], from where sizes grow by a third of the distance;
+        interface_size: At the interface [mm]; sizes grow by a third of the distance from it;
             default ``element_size``.
-        order: Of the geometry: 2 follows the circles to higher order.
+        order: Order of the geometry: 2 approximates the circles to higher order.
 
     Returns:
         Mesh; cell tags 1 (matrix) and 2 (inclusions); facet tags 1 left, 2 right, 3 interface,
         4 bottom and top.
 
     Raises:
-        ValueError: discs that touch, or none that reaches into the rectangle.
+        ValueError: discs that touch or lie outside the rectangle.
     """
     for n, (x, y) in enumerate(centres):
         for a, b in centres[:n]:

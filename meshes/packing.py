@@ -1,4 +1,4 @@
-"""Discs and spheres at random places in a cell, none of which touch; where sides best cut them."""
+"""Random packings of discs and spheres in a cell, and the best position of its sides."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from scipy.spatial import cKDTree
 #: Area of a disc and volume of a sphere of radius 1, by dimension.
 UNIT_BALL = {2: math.pi, 3: 4 * math.pi / 3}
 
-#: Share of a cell that balls (with half their spacing) may fill: above, they jam at random places.
+#: Packing fraction of balls, including half their spacing, above which random packings jam.
 JAMMED = {2: 0.82, 3: 0.62}
 
-#: Random starts before balls that jam are said to have no room.
+#: Random restarts before a packing is considered impossible.
 STARTS = 10
 
 
@@ -32,31 +32,31 @@ def pack(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Centres (count, dim) and radii (count,) [mm] of balls in a square or cube [0, size]^dim.
 
-    All are put anywhere, then every two that are too close move apart, until none are. So denser
-    cells are reached than by dropping one after the other, which jams at half the area.
+    All balls start at random positions, then every pair that is too close moves apart, until none
+    is. This reaches denser packings than sequential placement, which jams at half the area.
 
     Args:
         count: Number of balls.
-        fraction: Share of the cell that they fill.
-        seed: The same seed gives the same places, on every rank.
-        periodic: Balls that leave the cell at one side come in at the opposite one; otherwise none
-            is cut by a side, and ``spacing`` holds between balls and sides too.
+        fraction: Fraction of the cell that they fill.
+        seed: Random seed: the same seed gives the same positions, on every rank.
+        periodic: Balls that leave the cell at one side enter at the opposite one; otherwise none is
+            cut by a side, and ``spacing`` applies to sides too.
         size: Side of the cell [mm].
         dim: 2 for discs, 3 for spheres.
         spacing: Least distance of two balls, in mean radii of the two.
-        spread: Of the radii, lognormal: standard deviation of their logarithm.
+        spread: Standard deviation of the logarithm of the radii (lognormal).
 
     Raises:
-        ValueError: there is no room, or an argument is out of range.
+        ValueError: the balls do not fit, or an argument is out of range.
     """
     what = f"pack: {count} balls with fraction = {fraction} and spacing = {spacing}"
     with_spacing = fraction * (1 + spacing / 2) ** dim
     if dim not in UNIT_BALL or count < 1 or not fraction > 0 or spacing < 0 or spread < 0:
-        raise ValueError(f"{what}, spread = {spread}, dim = {dim}: counts and shares are positive")
+        raise ValueError(f"{what}, spread = {spread}, dim = {dim}: must be positive")
     if with_spacing > JAMMED[dim]:
         raise ValueError(
-            f"{what} fill {with_spacing:.3f} of the cell with half their spacing, and balls at "
-            f"random places jam at {JAMMED[dim]}; lower the fraction or the spacing"
+            f"{what} fill {with_spacing:.3f} of the cell including half their spacing, but random "
+            f"packings jam at {JAMMED[dim]}; lower the fraction or the spacing"
         )
     generator = np.random.default_rng(seed)
     radii = generator.lognormal(0.0, spread, count)
@@ -67,8 +67,8 @@ def pack(
         if centres is not None:
             return centres, radii
     raise ValueError(
-        f"{what} find no room in a {'periodic ' if periodic else ''}cell of side {size}; lower the "
-        "fraction or the spacing, or take more balls in a periodic cell"
+        f"{what} do not fit in a {'periodic ' if periodic else ''}cell of side {size}; lower the "
+        "fraction or the spacing, or use more balls in a periodic cell"
     )
 
 
@@ -80,18 +80,17 @@ def _apart(
     sweeps: int = 3000,
     aim: float = 1e-3,
 ) -> NDArray[np.float64] | None:
-    """Centres moved until no two balls overlap; None where they still do after so many sweeps.
+    """Centres moved until no two balls overlap; None if some still do after the last sweep.
 
     Args:
         centres: (n, dim).
-        radii: Of the balls (n,).
+        radii: Radii of the balls (n,).
         size: Side of the cell.
         periodic: Whether balls leave and enter; otherwise they stay inside.
         sweeps: Moves of all balls before giving up.
-        aim: Pairs are moved apart to this share of a radius more than is asked for, so that the
-            sweeps end.
+        aim: Extra distance of separated pairs, in radii, so that the sweeps end.
     """
-    if 2 * radii.max() > size:  # a ball touches the sides, or its own image
+    if 2 * radii.max() > size:  # a ball touches two sides, or its own image
         return None
     count, dim = centres.shape
     shifts = shifts_of(dim, size, periodic)
@@ -116,7 +115,7 @@ def _apart(
 
 
 def shifts_of(dim: int, size: float, periodic: bool = True) -> NDArray[np.float64]:
-    """From a cell to itself and, in a periodic one, to its neighbours (3^dim, dim)."""
+    """Shifts from a cell to itself and, if periodic, to its neighbours (3^dim, dim)."""
     return np.array(list(itertools.product((0, -1, 1) if periodic else (0,), repeat=dim))) * size
 
 
@@ -128,7 +127,8 @@ def at_images(x: NDArray[np.float64], shifts: NDArray[np.float64]) -> NDArray[np
 def images(
     centres: NDArray[np.float64], radii: ArrayLike, size: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Centres of all balls and periodic images that reach into [0, size]^dim, and whose they are.
+    """Centres of all balls and periodic images that intersect [0, size]^dim, and their ball
+    numbers.
 
     Args:
         centres: In the cell (n, dim) [mm].
@@ -153,16 +153,16 @@ def well_cut(
     clear: Callable[[NDArray[np.float64]], float],
     candidates: int = 12,
 ) -> NDArray[np.float64]:
-    """Where a periodic cell is best cut: the low corner (dim,) of a cell with well placed sides.
+    """Best position of the sides of a periodic cell: its low corner (dim,).
 
-    A side that nearly touches a body leaves a sliver, inside or outside: the least distance between
-    sides and places to avoid is as large as can be, as is that of corners.
+    A side nearly tangent to a body creates slivers, so the least distance of sides, and of corners,
+    from places to avoid is maximised.
 
     Args:
-        tangents: Along every axis, places where no side is to be (n,) [mm].
+        tangents: Along every axis, coordinates that sides should avoid (n,) [mm].
         size: Side of the cell [mm].
-        clear: Of a corner of the cell, its distance from what it is to avoid [mm].
-        candidates: Gaps between places to avoid that are looked at along each axis.
+        clear: Distance of a corner of the cell from places to avoid [mm].
+        candidates: Number of intervals between places to avoid that are tried along each axis.
     """
     places, margins = [], []
     for x in tangents:
@@ -185,11 +185,11 @@ def well_cut(
 def cut_balls(
     centres: NDArray[np.float64], radii: Sequence[float], size: float
 ) -> NDArray[np.float64]:
-    """Centres of a periodic cell whose sides pass tangents of balls at a distance.
+    """Centres in a periodic cell whose sides keep a distance from tangents of balls.
 
     Args:
         centres: (n, dim) [mm].
-        radii: Of the circles around each centre, all the same [mm].
+        radii: Radii of the circles around each centre, the same for all [mm].
         size: Side of the cell [mm].
     """
     around = np.array(radii)[:, None]

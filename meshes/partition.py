@@ -1,4 +1,4 @@
-"""Partitions of a mesh that give every rank its share of bodies and interfaces."""
+"""Mesh partitions that balance both bodies and interfaces between ranks."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ Weigh = Callable[[NDArray[np.int64], NDArray[np.int32]], NDArray[np.int32]]
 
 
 def weighted(weigh: Weigh) -> GraphPartitioner:
-    """A graph partitioner for which a cell counts as several.
+    """A graph partitioner with cell weights.
 
-    The partitioners of DOLFINx take no weights. So a cell of weight w is given w - 1 leaves, nodes
-    of the graph with this neighbour only: parts of equal numbers of nodes have equal weights, and
-    who cuts few edges keeps leaves and cell together. For ``create_cell_partitioner`` of DOLFINx.
+    DOLFINx's partitioners take no weights. So a cell of weight w is given w - 1 leaves, graph nodes
+    connected to the cell only: parts with equal numbers of nodes have equal weights, and minimising
+    cut edges keeps leaves and cell together. For ``create_cell_partitioner`` of DOLFINx.
 
     Args:
-        weigh: From the neighbours of the cells this rank has, and where those of each begin, the
-            whole weights of the cells, at least 1.
+        weigh: Integer weights of the cells, at least 1, from the neighbours of this rank's cells
+            and their offsets.
     """
 
     def partition(comm: MPI.Comm, parts: int, graph: Any, ghosting: bool) -> Any:
@@ -41,7 +41,7 @@ def weighted(weigh: Weigh) -> GraphPartitioner:
 
 
 def with_leaves(comm: MPI.Comm, graph: Any, leaves: NDArray[np.int32]) -> AdjacencyList_int64:
-    """The graph with this number of leaves at every node; those of a rank follow its nodes."""
+    """The graph with this number of leaves at every node; the leaves of a rank follow its nodes."""
     nodes, new = len(leaves), int(leaves.sum())
     counts = np.array(comm.allgather((nodes, new)))
     before = np.concatenate([np.zeros((1, 2), dtype=np.int64), np.cumsum(counts, axis=0)])
@@ -58,11 +58,11 @@ def with_leaves(comm: MPI.Comm, graph: Any, leaves: NDArray[np.int32]) -> Adjace
 
 
 def between_bodies(tags: NDArray[np.int32], weight: int) -> Weigh:
-    """Weigh cells next to a cell of another body as so many, all others as one.
+    """Give cells next to another body a weight, all others weight 1.
 
     Args:
-        tags: Bodies of all cells, in the order in which one rank hands them to ``create_mesh``.
-        weight: Of cells at interfaces.
+        tags: Bodies of all cells, in the order in which one rank passes them to ``create_mesh``.
+        weight: Weight of cells at interfaces.
 
     Raises:
         ValueError: a weight below 1.
@@ -81,21 +81,21 @@ def between_bodies(tags: NDArray[np.int32], weight: int) -> Weigh:
 
 
 def slabs(coordinate: NDArray[np.float64]) -> GraphPartitioner:
-    """A graph partitioner that cuts across one direction only, into parts of equal numbers.
+    """A graph partitioner into slabs across one direction with equal numbers of cells.
 
-    Where a body and its interfaces extend along this direction, every part has its share of both;
-    between more parts than the body is long the cuts are larger than those of a graph partitioner.
+    If a body and its interfaces extend along this direction, every part has its share of both; with
+    many parts the cuts are larger than those of a graph partitioner.
 
     Args:
-        coordinate: Of all cells along the direction [mm], in the order in which one rank hands them
-            to ``create_mesh``; empty on the other ranks.
+        coordinate: Coordinate of all cells along the direction [mm], in the order in which one rank
+            passes them to ``create_mesh``; empty on the other ranks.
     """
 
     def partition(comm: MPI.Comm, parts: int, graph: Any, ghosting: bool) -> Any:
         cells = len(coordinate)
         part = np.empty(cells, dtype=np.int32)
         part[np.argsort(coordinate, kind="stable")] = np.arange(cells) * parts // max(cells, 1)
-        # A cell goes to its own part, then as a ghost to those of its neighbours.
+        # A cell belongs to its own part and is a ghost of those of its neighbours.
         own = np.column_stack([np.arange(cells), part])
         cell = np.repeat(np.arange(cells), np.diff(graph.offsets))
         near = np.unique(np.column_stack([cell, part[np.asarray(graph.array)]]), axis=0)

@@ -1,4 +1,4 @@
-"""Sides of a square or cube of gmsh: which entities lie on them, and meshes that match across."""
+"""Sides of a square or cube in gmsh: their entities, and matching meshes on opposite sides."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PAIRS = ((LEFT, RIGHT), (BOTTOM, TOP), (BACK, FRONT))
 
 SIDES = {"left": LEFT, "right": RIGHT, "bottom": BOTTOM, "top": TOP, "back": BACK, "front": FRONT}
 
-#: Of the side of the cell, within which an entity lies on a side: gmsh rounds its boxes to 1e-7.
+#: Tolerance, relative to the size, for an entity on a side: gmsh rounds its boxes to 1e-7.
 TOLERANCE = 1e-6
 
 
@@ -22,8 +22,8 @@ def sides(gmsh_model: Any, dim: int, size: float) -> dict[int, list[int]]:
 
     Args:
         gmsh_model: The model, with [0, size]^dim as its outline.
-        dim: Of the cell.
-        size: [mm].
+        dim: Dimension of the cell.
+        size: Side of the cell [mm].
     """
     found: dict[int, list[int]] = {tag: [] for pair in PAIRS[:dim] for tag in pair}
     for _, entity in gmsh_model.getEntities(dim - 1):
@@ -43,10 +43,10 @@ def match_sides(
 
     Args:
         gmsh_model: The model.
-        found: Of :func:`sides`.
-        dim: Of the cell.
-        size: [mm].
-        fit: Of the size, by which an entity and its image may differ.
+        found: From :func:`sides`.
+        dim: Dimension of the cell.
+        size: Side of the cell [mm].
+        fit: Tolerance between an entity and its image, relative to the size.
 
     Raises:
         ValueError: a side has another geometry than the opposite one.
@@ -59,7 +59,7 @@ def match_sides(
         if len(low) != len(high) or len(set(partner)) < len(low) or (apart.min(axis=1) > fit).any():
             raise ValueError(
                 f"the sides of the cell across axis {axis} have {len(low)} and {len(high)} pieces "
-                "that do not fit; a periodic cell has the same pieces on opposite sides"
+                "that do not match; a periodic cell has the same pieces on opposite sides"
             )
         shift = np.eye(4)
         shift[axis, 3] = size
@@ -68,7 +68,8 @@ def match_sides(
 
 
 def _marks(gmsh_model: Any, entities: list[int], dim: int, size: float) -> NDArray[np.float64]:
-    """Box of every entity, and its root of area or its length, relative to the size; (n, 7)."""
+    """Bounding box of every entity and its length or square root of area, relative to the size (n,
+    7)."""
     rows = [
         [
             *np.divide(gmsh_model.getBoundingBox(dim - 1, entity), size),

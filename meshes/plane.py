@@ -1,4 +1,4 @@
-"""The plane of a 2D mesh: turned into z = 0, never flattened."""
+"""The plane of a 2D mesh, rotated into z = 0 without projection."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-#: Height of a plane mesh relative to its longest side that rounding may leave. Files of single
-#: precision have 1e-7; a plane that is tilted by so little loses 1e-12 of its area.
+#: Height of a plane mesh relative to its longest side that counts as rounding. Single-precision
+#: files have 1e-7; a plane tilted by this loses 1e-12 of its area.
 FLAT = 1e-6
 
-#: A plane: the two axes of space that become x and y, as letters or as vectors.
+#: A plane: the two spatial axes that become x and y, as letters or as vectors.
 Plane = str | Sequence[Sequence[float]]
 
 
 def turn(gmsh_model: Any, gdim: int, plane: Plane | None) -> None:
-    """Turn a 2D mesh of gmsh from its plane into z = 0; nothing where ``plane`` is None.
+    """Rotate a 2D gmsh mesh from its plane into z = 0; no action if ``plane`` is None.
 
     Args:
-        gmsh_model: Its nodes are turned.
+        gmsh_model: Its nodes are rotated.
         gdim: Dimension of the mesh.
         plane: Where it lies; None for a plane z = const.
 
     Raises:
-        ValueError: it does not lie there, it is not 2D, or ``plane`` is no plane.
+        ValueError: it does not lie in the plane, it is not 2D, or ``plane`` is not a plane.
     """
     if gdim != 2:
         if plane is not None:
@@ -58,23 +58,23 @@ def _axes(plane: Plane) -> NDArray[np.float64]:
     lengths = np.linalg.norm([first, second, normal], axis=1)
     if not lengths[2] > FLAT * lengths[0] * lengths[1]:
         raise ValueError(
-            f"plane={plane!r} is no plane: give the axes of space that become x and y, as 'xz', or "
-            "as two vectors, ((1, 0, 0), (0, 0.6, 0.8))"
+            f"plane={plane!r} is not a plane: give the spatial axes that become x and y, as 'xz', "
+            "or as two vectors, ((1, 0, 0), (0, 0.6, 0.8))"
         )
     first, normal = first / lengths[0], normal / lengths[2]
     return np.array([first, np.cross(normal, first), normal])
 
 
 def _not_flat(x: NDArray[np.float64], height: float, plane: Plane | None) -> str:
-    """That nodes (n, 3) do not lie in the plane, and in which one they do."""
+    """Message that nodes (n, 3) do not lie in the plane, with the plane in which they do."""
     where = "in z" if plane is None else f"across plane={plane!r}"
-    said = f"the nodes of the 2D mesh differ by {height:g} {where}, and none of that may be lost; "
+    said = f"the nodes of the 2D mesh differ by {height:g} {where} and are not projected; "
     axes = np.linalg.svd(x - x.mean(axis=0), full_matrices=False)[2]
     off = np.ptp(x @ axes[2])
     if off > FLAT * np.ptp(x @ axes[0]):
         return said + (
-            f"they lie in no plane (the nearest is {off:g} away): this is a surface in space, and "
-            "vmdg has bodies in a plane or in space: mesh the volume"
+            f"they lie in no plane (the nearest is {off:g} away): this is a surface in space, but "
+            "vmdg supports plane and 3D bodies only: mesh the volume"
         )
     normal = np.abs(axes[2])
     if normal.max() > 1 - FLAT**2 / 8:

@@ -1,4 +1,4 @@
-"""Two plates one above the other, bonded from a pre-crack on: section 7.3."""
+"""Two stacked plates, bonded beyond a pre-crack: section 7.3."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ def tearing(
     divisions: Sequence[int] = (24, 20, 10),
     precrack: float = 0.405,
 ) -> TaggedMesh:
-    """Plates [0, width] x [0, h_b] and [0, width] x [h_b, h_b + h_t], meshed to match.
+    """Plates [0, width] x [0, h_b] and [0, width] x [h_b, h_b + h_t], with matching meshes.
 
-    The pre-crack [0, precrack] on y = h_b is a slit: its two lips share no node but the tip, so
-    that it belongs to no interface. The tip is a node of every mesh.
+    The pre-crack [0, precrack] on y = h_b is a slit: its faces share only the node at the tip, so
+    it belongs to no interface. The tip is a node of every mesh.
 
     Args:
         comm: Communicator.
@@ -51,10 +51,10 @@ def tearing(
 
     Returns:
         Mesh; cell tags 1 (bottom plate) and 2 (top plate); facet tags 1 bottom (y = 0), 2 top,
-        3 interface, 4 and 5 lower and upper lip of the pre-crack, 6 left, 7 right.
+        3 interface, 4 and 5 lower and upper face of the pre-crack, 6 left, 7 right.
 
     Raises:
-        ValueError: unknown cell, or the pre-crack leaves nothing to tear or nothing to start from.
+        ValueError: unknown cell, or the pre-crack has zero or full length.
     """
     if cell not in CELLS:
         raise ValueError(f"tearing: cell = {cell!r} must be one of {CELLS}")
@@ -92,7 +92,7 @@ def _build(
 
     across = [lines(points[:2], points[1:], columns) for points in (bottom, lower, top)]
     lips = [across[1][0], *lines(upper[:1], upper[1:2], columns[:1])]
-    # Lower and upper edge of every plate, then its uprights.
+    # Lower and upper edge of every plate, then its vertical edges.
     edges = [(across[0], across[1]), ([lips[1], across[1][1]], across[2])]
     uprights = [lines(bottom, lower, [rows[0]] * 3), lines(upper, top, [rows[1]] * 3)]
     plates = []

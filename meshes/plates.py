@@ -1,4 +1,4 @@
-"""Two plates one above the other, cracked along their interface: arms of a test in 3D."""
+"""Two stacked plates with a crack along their interface: arms of a 3D test specimen."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from .gmsh_model import TaggedMesh, distribute, model, name_groups
 _BODIES = {"lower plate": 1, "upper plate": 2}
 _SIDES = {name: tag for name, tag in SIDES.items() if tag != CONTACT}
 
-#: Corners of a quadrilateral in the order of gmsh as steps along the axes.
+#: Corners of a quadrilateral in gmsh order, as steps along the axes.
 _ROUND = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 
@@ -42,31 +42,31 @@ def plates(
     rows: int = 1,
     precrack: float = 30.0,
 ) -> TaggedMesh:
-    """Plates x [-height, 0] and x [0, height] of hexahedra, whose crack is a slit, straight.
+    """Plates x [-height, 0] and x [0, height] of hexahedra, with a straight slit as the crack.
 
     Args:
-        comm: Communicator. Ranks share the plates by strips along x.
+        comm: Communicator. Ranks own strips of the plates along x.
         x, y: Planes between the cells [mm].
-        height: Of one plate, along z [mm].
+        height: Height of one plate, along z [mm].
         rows: Cells over that height.
         precrack: Where the crack that starts at x[0] ends, one of ``x`` [mm].
 
     Returns:
         Mesh; cell tags 1 (lower plate) and 2 (upper plate); facet tags 1 and 2 ends of the lower
-        and upper plate at x[0], 3 ends at x[-1], 4 bottom, 5 top, 6 interface, 7 lips of the slit.
+        and upper plate at x[0], 3 ends at x[-1], 4 bottom, 5 top, 6 interface, 7 faces of the slit.
 
     Raises:
         ValueError: planes do not ascend, or the crack does not end at one of them.
     """
     for name, planes in (("x", x), ("y", y)):
         if len(planes) < 2 or not all(a < b for a, b in pairwise(planes)):
-            raise ValueError(f"plates: {name} = {rounded(planes)} must ascend, two planes at least")
+            raise ValueError(f"plates: {name} = {rounded(planes)} must ascend, two at least")
     cracked = np.flatnonzero(np.isclose(x, precrack, atol=1e-9 * (x[-1] - x[0])))
     if len(cracked) != 1 or not 0 < cracked[0] < len(x) - 1:
         raise ValueError(
             f"plates: precrack = {precrack} must be one of the planes inside x = "
-            f"{rounded(x)}; where its faces may touch end it before, and let the "
-            "interface there have initial_damage=1"
+            f"{rounded(x)}; where its faces may touch, end it earlier and give the interface there "
+            "initial_damage=1"
         )
     with model("plates") as gmsh_model:
         if comm.rank == 0:
@@ -79,7 +79,7 @@ def _build(gmsh_model: Any, x: NDArray, y: NDArray, height: float, rows: int, cr
     z = np.linspace(0.0, height, rows + 1)
     count = len(x) * len(y) * (rows + 1)
     lower = np.arange(1, count + 1).reshape(len(x), len(y), rows + 1)
-    # The lowest nodes of the upper plate are the highest of the lower one from the tip on.
+    # Beyond the tip the plates share the nodes of the interface.
     upper = lower + count
     upper[cracked:, :, 0] = lower[cracked:, :, -1]
     _, first, nodes = np.unique([lower, upper], return_index=True, return_inverse=True)

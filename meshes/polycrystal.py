@@ -27,11 +27,11 @@ CELLS = {2: ("triangle", "quadrilateral"), 3: ("tetrahedron",)}
 #: Facet tag of the grain boundaries; the sides have those of :mod:`vmdg.meshes.periodic`.
 BOUNDARY = 3
 
-#: Share of the cell that balls fill whose centres are the seeds, by dimension: grains as even as
-#: those of annealed metals, and edges that are seldom short.
+#: Packing fraction of the balls whose centres are the seeds, by dimension: gives grains as uniform
+#: as in annealed metals, and few short edges.
 FILLED = {2: 0.6, 3: 0.45}
 
-#: Edges shorter than this share of the element size become points.
+#: Edges shorter than this fraction of the element size become points.
 SHORTEST = 0.4
 
 
@@ -46,32 +46,33 @@ def polycrystal(
     cell: str | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> TaggedMesh:
-    """Grains in the cell [0, size]^dim: Voronoi cells of random seeds, Laguerre of a spread size.
+    """Grains in the cell [0, size]^dim: Voronoi cells of random seeds, or Laguerre cells with
+    ``spread``.
 
     Seeds are the centres of packed balls. With ``spread`` their radii differ, and the cells of the
-    power diagram with these radii follow them. Edges much shorter than ``element_size`` become
-    points; in 3D faces of grains that are bent by this are made of triangles.
+    power diagram with these radii differ accordingly. Edges much shorter than ``element_size``
+    become points; in 3D, grain faces that this bends are triangulated.
 
     Args:
         count: Number of grains.
-        seed: The same seed gives the same grains, on any number of ranks.
-        periodic: Whether grains that a side cuts go on at the opposite side, which has the same
+        seed: Random seed: the same seed gives the same grains, on any number of ranks.
+        periodic: Whether grains cut by a side continue at the opposite side, which has the same
             mesh; otherwise the grains end there.
         dim: 2 or 3.
         size: Side of the cell [mm].
-        spread: Of the sizes of the grains: standard deviation of the logarithm of the radii of the
-            balls; .35 for grown grains.
+        spread: Spread of grain sizes: standard deviation of the logarithm of the radii of the
+            balls; 0.35 for grown grains.
         element_size: [mm]; default a sixth of the mean size of a grain.
         cell: "triangle" or "quadrilateral" in 2D, "tetrahedron" in 3D; default the first.
         comm: Communicator.
 
     Returns:
         Mesh; cell tags 1 to ``count``, called "grain 1" and so on; facet tags 1 left, 2 right, 4
-        bottom (y = 0), 5 top, in 3D 6 back (z = 0) and 7 front, and 3 boundary, that is all facets
-        between two grains.
+        bottom (y = 0), 5 top, in 3D 6 back (z = 0) and 7 front, and 3 boundary: all facets between
+        two grains.
 
     Raises:
-        ValueError: an argument is out of range, or the grains find no room.
+        ValueError: an argument is out of range, or the grains do not fit.
     """
     if dim not in CELLS:
         raise ValueError(f"polycrystal: dim = {dim} must be 2 or 3")
@@ -95,7 +96,7 @@ def polycrystal(
 
 
 def _geometry(gmsh_model: Any, grains: Tessellation, size: float, periodic: bool) -> None:
-    """Bodies, their groups, and the sides that match."""
+    """Bodies, their groups, and matching sides."""
     geo, dim = gmsh_model.geo, grains.points.shape[1]
     faces = _faces(geo, grains)
     bodies: dict[int, list[int]] = {}
@@ -137,7 +138,7 @@ def _faces(geo: Any, grains: Tessellation) -> dict[frozenset[int], int]:
     lines: dict[tuple[int, int], int] = {}
 
     def line(a: int, b: int) -> int:
-        """From a to b; negative where it was made from b to a."""
+        """Line from a to b; negative if it was created from b to a."""
         if (a, b) not in lines:
             lines[a, b] = geo.addLine(corners[a], corners[b])
             lines[b, a] = -lines[a, b]

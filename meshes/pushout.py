@@ -1,4 +1,4 @@
-"""A fibre in a cylinder of matrix, to be pushed out along its axis: section 7.4 in 3D."""
+"""A fibre in a matrix cylinder, for push-out along its axis: section 7.4 in 3D."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .pushout_section import (
     check_sizes,
 )
 
-#: Facet tags of the planes x = 0 and y = 0, besides those of the section.
+#: Facet tags of the planes x = 0 and y = 0, in addition to those of the section.
 SYMMETRY_X, SYMMETRY_Y = 9, 10
 
 
@@ -43,7 +43,7 @@ def pushout(
     refine: int = 1,
     interface_weight: int | None = None,
 ) -> TaggedMesh:
-    """A quarter of fibre and matrix, hexahedra in layers along z; the fibre is loaded at z = H.
+    """A quarter of fibre and matrix, of hexahedra in layers along z; the fibre is loaded at z = H.
 
     The fibre's section has a square core of (around / 2)^2 cells inside ``fibre_rings`` rings. The
     rings of the matrix beyond the hole grow outwards in proportion to their radius. The default
@@ -60,11 +60,10 @@ def pushout(
         fibre_rings: Cells along the radius in the fibre outside the core.
         hole_rings: Cells along the radius in the matrix over the hole.
         matrix_rings: Cells along the radius in the matrix over the support.
-        grading: Height of the layers in the middle over that at both ends.
+        grading: Height of the middle layers relative to that at both ends.
         refine: Multiplies all counts: 2 gives 8 times the cells.
-        interface_weight: None cuts the mesh across the axis where several ranks share it: each has
-            its share of bodies and interface. A number leaves the cuts to a graph partitioner for
-            which cells at the interface count as so many.
+        interface_weight: None partitions the mesh across the axis, which balances bodies and
+            interface. A number is the weight of cells at the interface for a graph partitioner.
 
     Returns:
         Mesh; cell tags 1 (fibre) and 2 (matrix); facet tags 1 fibre top, 2 fibre bottom, 3 matrix
@@ -72,7 +71,7 @@ def pushout(
         7 outer side, 9 and 10 the symmetry planes x = 0 and y = 0.
 
     Raises:
-        ValueError: radii that do not grow outwards, or counts that make no mesh.
+        ValueError: radii that do not increase, or counts that give no mesh.
     """
     radii = (fibre_radius, hole_radius, matrix_radius)
     check_sizes("pushout", radii, height)
@@ -85,7 +84,7 @@ def pushout(
     with model("pushout") as gmsh_model:
         if comm.rank == 0:
             rings = [refine * count for count in (fibre_rings, hole_rings, matrix_rings)]
-            # Cells of a ring around the axis keep their shape if they grow with the radius.
+            # Cells of a ring around the axis keep their aspect ratio if they grow with the radius.
             growth = (matrix_radius / hole_radius) ** (1 / rings[2])
             places = [radius / height for radius in radii]
             faces = _section(gmsh_model.geo, places, refine * around // 2, rings, growth)
@@ -97,7 +96,7 @@ def pushout(
 
 
 def layer_tops(layers: int, grading: float) -> list[float]:
-    """Heights of the tops of the layers relative to the whole.
+    """Heights of the layer tops relative to the total height.
 
     The middle layer is ``grading`` times as high as the first and the last, in geometric steps.
     """

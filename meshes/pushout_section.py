@@ -40,10 +40,10 @@ def pushout_section(
     matrix_radius: float = 4.3,
     height: float = 5.36,
 ) -> TaggedMesh:
-    """Half section of a fibre in a matrix sleeve that rests on a plate with a hole.
+    """Half section of a fibre in a matrix sleeve supported by a plate with a hole.
 
     x = r and y = z. Fibre [0, r_f], matrix [r_f, r_m], both x [0, H], in structured quadrilaterals.
-    The rim of the hole r_s is a line of nodes, so that the bottom is supported from there on.
+    There are nodes at the rim of the hole r_s, from which outwards the bottom is supported.
 
     Args:
         comm: Communicator.
@@ -51,9 +51,10 @@ def pushout_section(
         fibre_cells: Cells along r in the fibre.
         hole_cells: Cells along r in the matrix above the hole.
         matrix_cells: Cells along r in the rest of the matrix.
-        radial_ratio: Size of the cells at the axis and at the outer surface in that of the cells
-            next to the interface and to the rim; sizes are in geometric progression between.
-        grading: Size of the layers at mid-height in that at both ends, in the limit of many.
+        radial_ratio: Cell size at the axis and at the outer surface relative to that next to the
+            interface and the rim; sizes are in geometric progression in between.
+        grading: Layer height at mid-height relative to that at both ends, in the limit of many
+            layers.
         fibre_radius: r_f [mm].
         hole_radius: r_s [mm].
         matrix_radius: r_m [mm].
@@ -66,7 +67,7 @@ def pushout_section(
 
     Raises:
         ValueError: a count below one, a ratio or a height that is not positive, or radii that do
-            not grow.
+            not increase.
     """
     counts = (fibre_cells, hole_cells, matrix_cells)
     if min(layers, *counts) < 1:
@@ -87,11 +88,11 @@ def pushout_section(
 
 
 def check_sizes(scene: str, radii: tuple[float, float, float], height: float) -> None:
-    """Raise a ValueError if r_f, r_s, r_m do not grow from 0 or H is not positive [mm]."""
+    """Raise a ValueError if r_f, r_s, r_m do not increase from 0 or H is not positive [mm]."""
     fibre, hole, matrix = radii
     if not (0 < fibre < hole < matrix and height > 0):
         raise ValueError(
-            f"{scene}: the radii of fibre, hole and matrix must grow from 0, but are {fibre}, "
+            f"{scene}: the radii of fibre, hole and matrix must increase from 0, but are {fibre}, "
             f"{hole}, {matrix}, and height = {height} must be positive"
         )
 
@@ -111,7 +112,7 @@ def _build(
     upright = [geo.addLine(b, t) for b, t in zip(bottom, top, strict=True)]
     lower, upper = ([geo.addLine(row[i], row[i + 1]) for i in range(3)] for row in (bottom, top))
     for line in upright:
-        # The coefficient of gmsh's Bump is the size at the ends in that at the middle.
+        # The coefficient of gmsh's Bump is the size at the ends relative to that in the middle.
         geo.mesh.setTransfiniteCurve(line, layers + 1, "Bump", 1 / grading)
     factors = (_factor(1 / radial_ratio, counts[0]), 1.0, _factor(radial_ratio, counts[2]))
     for i in range(3):
@@ -144,5 +145,5 @@ def _build(
 
 
 def _factor(ratio: float, cells: int) -> float:
-    """Factor from cell to cell by which the last one is ``ratio`` times the first."""
+    """Growth factor per cell by which the last one is ``ratio`` times the first."""
     return ratio ** (1 / (cells - 1)) if cells > 1 else 1.0

@@ -1,4 +1,4 @@
-"""Power diagrams of a square or cube: Voronoi's where all weights are equal, periodic or not."""
+"""Power diagrams of a square or cube, periodic or not; Voronoi diagrams for equal weights."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from vmdg.base.graph import components
 
 from .packing import at_images, shifts_of, well_cut
 
-#: Neighbours whose planes are tried for a cell, by dimension; the sum of volumes is checked.
+#: Number of neighbours whose planes may bound a cell, by dimension; the sum of volumes is checked.
 NEAREST = {2: 60, 3: 150}
 
-#: Of the size of the cell: planes meet, points are one, a body is thick, if by this much.
+#: Tolerance relative to the cell size, for intersecting planes, coincident points, thick bodies.
 SMALL = 1e-9
 
-#: Of the size of the cell: a face is bent if corners are off its plane by this much.
+#: Distance of corners from the plane of a face, relative to the cell size, that makes it bent.
 BENT = 1e-6
 
 #: Grain, corners, and the numbers of the corners of every face.
@@ -33,14 +33,14 @@ Piece = tuple[int, NDArray[np.float64], list[NDArray[np.int64]]]
 
 @dataclass(frozen=True)
 class Tessellation:
-    """Grains of a cell [0, size]^d; a grain that the sides of a periodic cell cut has pieces.
+    """Grains of a cell [0, size]^d; a grain cut by the sides of a periodic cell has several pieces.
 
     Attributes:
         points: Corners (n, d) [mm].
         pieces: Grain of every piece, from 0, and its faces: numbers of their corners in order (two
             in 2D).
-        image: Number of the point on the low side (n, d), along every axis, of those on the high
-            side; of others their own.
+        image: For points on a high side, the number of their image on the low side, along every
+            axis (n, d); for others their own.
     """
 
     points: NDArray[np.float64]
@@ -55,17 +55,17 @@ def tessellate(
     periodic: bool,
     shortest: float,
 ) -> Tessellation:
-    """Cells {x: |x - s|^2 - w is least} of seeds s with weights w, cut by the sides.
+    """Cells {x: |x - s|^2 - w is minimal} of seeds s with weights w, cut by the sides.
 
-    Edges shorter than ``shortest`` become points; in 3D faces that are bent by that become
-    triangles. A periodic diagram is shifted so that its sides pass corners at a distance.
+    Edges shorter than ``shortest`` become points; in 3D, faces that this bends become triangles. A
+    periodic diagram is shifted so that its sides keep a distance from corners.
 
     Args:
         seeds: (n, d) [mm].
         weights: (n,) [mm2]; equal ones for Voronoi cells.
         size: Side of the cell [mm].
-        periodic: Whether cells go on at the opposite side.
-        shortest: [mm].
+        periodic: Whether cells continue at the opposite side.
+        shortest: Least length of an edge [mm].
 
     Raises:
         ValueError: a weight leaves a seed without a cell, or the cells do not fill the square.
@@ -123,25 +123,25 @@ def _bounded(
     if abs(volume / size**dim - 1) > 1e-6:
         raise ValueError(
             f"tessellate: the cells fill {volume / size**dim:.6f} of the square; weights differ so "
-            f"much that cells have more than {NEAREST[dim]} neighbours near"
+            f"much that cells have more than {NEAREST[dim]} close neighbours"
         )
     return cells
 
 
 def _moved(planes: NDArray[np.float64], shift: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same body at another place."""
+    """The same body, translated."""
     return np.column_stack([planes[:, :-1], planes[:, -1] - planes[:, :-1] @ shift])
 
 
 def _box(dim: int, size: float) -> NDArray[np.float64]:
-    """Planes of [0, size]^dim, the low ones first (2 dim, dim + 1)."""
+    """Planes of [0, size]^dim, low ones first (2 dim, dim + 1)."""
     one = np.eye(dim)
     low, high = np.column_stack([-one, np.zeros(dim)]), np.column_stack([one, np.full(dim, -size)])
     return np.concatenate([low, high])
 
 
 def _corners_of_cell(planes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Corners (k, d) of a body that is known to have some."""
+    """Corners (k, d) of a non-empty body."""
     corners, _ = _corners(planes)
     assert corners is not None
     return corners
@@ -152,7 +152,7 @@ def _corners(
 ) -> tuple[NDArray[np.float64] | None, list[list[int]]]:
     """Corners (k, d) of the body inside unit planes, and the planes that meet in each.
 
-    None where no ball of a radius above ``least`` has room inside.
+    None if no ball of radius above ``least`` fits inside.
     """
     dim = planes.shape[1] - 1
     # The largest ball inside: n.x + radius <= -c.
@@ -171,7 +171,7 @@ def _corners(
 def _pieces(
     planes: list[NDArray[np.float64]], size: float, dim: int, periodic: bool
 ) -> Iterator[Piece]:
-    """Grain, corners and faces (corners in order) of all that lies in the cell."""
+    """Grain, corners and faces (corners in order) of all pieces in the cell."""
     shifts = shifts_of(dim, size, periodic)
     box = _box(dim, size)
     for grain, own in enumerate(planes):
@@ -195,7 +195,7 @@ def _pieces(
 def _in_order(
     corners: NDArray[np.float64], on: NDArray[np.int64], normal: NDArray[np.float64]
 ) -> NDArray[np.int64]:
-    """Corners of a flat face one after the other around it."""
+    """Corners of a flat face in order around it."""
     if len(normal) == 2:
         return on
     arms = corners[on] - corners[on].mean(axis=0)
@@ -206,8 +206,8 @@ def _in_order(
 def _joined(pieces: list[Piece], size: float, periodic: bool, shortest: float) -> Tessellation:
     """Pieces that share their corners; edges below ``shortest`` become points.
 
-    Where a piece would be turned inside out or a boundary of grains be laid along a side, edges
-    stay, the longest first.
+    Where a piece would be inverted or a grain boundary be moved onto a side, edges are kept, the
+    longest first.
     """
     corners = np.concatenate([x for _, x, _ in pieces])
     low, high = (np.abs(corners - side) < 10 * SMALL * size for side in (0, size))
@@ -253,7 +253,7 @@ def _astray(joined: NDArray[np.int64], sides: NDArray[np.bool_]) -> NDArray[np.i
 
 
 def _classes(count: int, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Number of the class of every item (count,), of those that a chain of pairs (n, 2) joins."""
+    """Class of every item (count,): items connected by a chain of pairs (n, 2)."""
     return components(pairs[:, 0], pairs[:, 1], count).astype(np.int64)
 
 
@@ -264,14 +264,14 @@ def _short_edges(
     one: NDArray[np.int64],
     shortest: float,
 ) -> NDArray[np.int64]:
-    """Classes of the ends of edges that are short (n, 2), by growing length.
+    """Classes of the ends of short edges (n, 2), by increasing length.
 
     Args:
         pieces: Of the cell.
         starts: Number of the first corner of every piece.
         corners: Of all pieces (k, d).
         one: Class of every corner.
-        shortest: Length of those that are not [mm].
+        shortest: Length below which an edge is short [mm].
     """
     edges = np.concatenate(
         [
@@ -301,7 +301,7 @@ class _Faces:
         self._parts: dict[frozenset[int], list[tuple[int, ...]]] = {}
 
     def flat(self, face: tuple[int, ...]) -> list[tuple[int, ...]]:
-        """The face, or triangles in its place if it is bent."""
+        """The face, or triangles instead if it is bent."""
         key = frozenset(face)
         if key not in self._parts:
             bent = len(face) > 3 and not self._on_side(face)
@@ -317,18 +317,19 @@ class _Faces:
         return bool(((x == 0).all(axis=0) | (x == self._size).all(axis=0)).any())
 
     def vanish(self, around: list[tuple[int, ...]]) -> bool:
-        """Whether nothing is between faces, which cover each other in pairs inside the cell."""
+        """Whether faces enclose no volume: they cover each other in pairs inside the cell."""
         times = Counter(frozenset(face) for face in around)
         return all(n == 2 and not self._on_side(tuple(face)) for face, n in times.items())
 
     def enclose(self, around: list[tuple[int, ...]], outward: list[int]) -> bool:
-        """Whether faces are seen from the middle between them as before: they are a body."""
+        """Whether faces still have their orientation as seen from their midpoint: they enclose a
+        body."""
         if not around or any(len(set(face)) < len(face) for face in around):
             return False
         simplices = []
         for face, sense in zip(around, outward, strict=True):
             for part in self.flat(face):
-                # Parts may have been made from the other side.
+                # Parts may have the opposite orientation.
                 ordered = sorted(part, key=face.index)
                 simplices += [
                     [ordered[0], a, b][-len(self._points[0]) :][::sense]
@@ -339,7 +340,7 @@ class _Faces:
 
 
 def _sense(corners: NDArray[np.float64], face: NDArray[np.int64]) -> int:
-    """1 where a face is run through so that the middle of its body is on its inner side, or -1."""
+    """Orientation of a face: 1 if the midpoint of its body is on its inner side, otherwise -1."""
     dim, arms = corners.shape[1], corners[face] - corners.mean(axis=0)
     if dim == 2:
         return 1 if np.linalg.det(arms) > 0 else -1
@@ -348,7 +349,7 @@ def _sense(corners: NDArray[np.float64], face: NDArray[np.int64]) -> int:
 
 
 def _triangles(face: tuple[int, ...], points: NDArray[np.float64]) -> list[tuple[int, ...]]:
-    """Triangles between the corners of a polygon, of which the flattest is as good as can be."""
+    """Triangulation of a polygon that maximises the quality of its worst triangle."""
 
     def goodness(i: int, j: int, k: int) -> float:
         x = points[[face[i], face[j], face[k]]]
@@ -376,7 +377,7 @@ def _shared(
     size: float,
     periodic: bool,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
-    """A point for every class and image of it that occurs.
+    """A point for every class and every existing image of it.
 
     Args:
         corners: (n, d), on the sides exactly.
@@ -390,7 +391,7 @@ def _shared(
         of its image on the low side along every axis (m, d).
     """
     dim = corners.shape[1]
-    # A class is where its corners are on average, relative to its first one; on a side if one is.
+    # A class is at the mean of its corners, relative to its first one; on a side if a corner is.
     first = np.unique(one, return_index=True)[1]
     offset = corners - corners[first[one]]
     if periodic:
@@ -414,5 +415,5 @@ def _shared(
 
 
 def _without_repeats(face: NDArray[np.int64]) -> tuple[int, ...]:
-    """Corners of a face, each once, where neighbours became one."""
+    """Corners of a face, without repeats of merged neighbours."""
     return tuple(int(n) for n, before in zip(face, np.roll(face, 1), strict=True) if n != before)

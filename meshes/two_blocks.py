@@ -46,7 +46,7 @@ def blocks(
         height: [mm].
         depth: In 3D [mm].
         interface: Its x at the bottom and at the top [mm].
-        order: Of the geometry: 2 gives cells that can be curved by moving their nodes.
+        order: Order of the geometry: cells of order 2 can be curved by moving their nodes.
 
     Returns:
         Mesh; cell tags 1 (left) and 2 (right); facet tags 1 left, 2 right, 3 interface, 4 bottom
@@ -78,7 +78,7 @@ def build_blocks(
     depth: float,
     interface: Sequence[float],
 ) -> None:
-    """Add the meshed blocks to a model of gmsh; arguments as for :func:`blocks`."""
+    """Add the meshed blocks to a gmsh model; arguments as for :func:`blocks`."""
     geo = gmsh_model.geo
     bottom = [geo.addPoint(x, 0, 0) for x in (0, interface[0], length)]
     top = [geo.addPoint(x, height, 0) for x in (0, interface[1], length)]

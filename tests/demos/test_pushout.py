@@ -69,7 +69,7 @@ def test_layers():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"hole_radius": 0.9}, "must grow from 0"),
+        ({"hole_radius": 0.9}, "must increase from 0"),
         ({"around": 5}, "even"),
         ({"layers": 0}, "positive"),
         ({"grading": 0.0}, "positive"),

@@ -99,8 +99,8 @@ def test_sizes(comm, scene):
         ({"radial_ratio": 0.0}, "must be positive"),
         ({"grading": -1.0}, "must be positive"),
         ({"height": 0.0}, "must be positive"),
-        ({"hole_radius": 0.9}, "must grow from 0"),
-        ({"matrix_radius": 1.0}, "must grow from 0"),
+        ({"hole_radius": 0.9}, "must increase from 0"),
+        ({"matrix_radius": 1.0}, "must increase from 0"),
     ],
 )
 def test_errors(comm, options, message):

@@ -130,7 +130,7 @@ MISTAKES = {
     "plies too different": (
         {"plies": [ply(45), ply(-45)] * 2, "rows": 2},
         ValueError,
-        "layer 0 .* row for",
+        "layer 0 .* row per",
     ),
 }
 

@@ -216,7 +216,7 @@ def test_user_energy_parameters():
         (lambda: vmdg.NeoHookean(E=1.0, nu=0.5), ValueError, "nu = 0.5"),
         (lambda: vmdg.NeoHookean(mu=0.0, lmbda=1.0), ValueError, "mu = 0"),
         (lambda: vmdg.NeoHookean(mu=3.0, lmbda=-2.0), ValueError, "lmbda = -2"),
-        (lambda: vmdg.Ogden(c=(1.0, 2.0), m=(2.0,), kappa=1.0), ValueError, "as many entries"),
+        (lambda: vmdg.Ogden(c=(1.0, 2.0), m=(2.0,), kappa=1.0), ValueError, "number of entries"),
         (lambda: vmdg.Ogden(c=(), m=(), kappa=1.0), ValueError, "at least one"),
         (lambda: vmdg.Ogden(c=(1.0,), m=(0.0,), kappa=1.0), ValueError, "must not be zero"),
         (lambda: vmdg.Ogden(c=(np.nan,), m=(1.0,), kappa=1.0), ValueError, "finite"),

@@ -116,8 +116,11 @@ def test_cubic_crystal(comm, cell):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        (COPPER | {"C12": 170e3}, r"give an energy that is not positive; C44 > 0, C11 > \|C12\|"),
-        (COPPER | {"rotation": -np.eye(3)}, "orthogonal columns of length 1"),
+        (
+            COPPER | {"C12": 170e3},
+            r"is not positive definite; it must satisfy C44 > 0, C11 > \|C12\|",
+        ),
+        (COPPER | {"rotation": -np.eye(3)}, "orthonormal columns"),
         (COPPER | {"rotation": TURN, "angle": 5.0}, "an angle or a rotation, not both"),
         (COPPER | {"rotation": np.eye(2)}, r"must be a matrix \(3, 3\)"),
     ],
@@ -162,7 +165,7 @@ MISTAKES = {
     "two moduli": ({"E": (1.0, 2.0)}, TypeError, r"E = \(1.0, 2.0\) must be three numbers"),
     "a modulus in space": ({"G": np.ones((3, 4))}, TypeError, "three numbers"),
     "no modulus": ({"G": (1.0, 0.0, 1.0)}, ValueError, "G = .* must be positive"),
-    "ratios mixed up": ({"nu": (4.0, 0.3, 0.3)}, ValueError, "perhaps nu_ji was given for nu_ij"),
+    "ratios mixed up": ({"nu": (4.0, 0.3, 0.3)}, ValueError, "was nu_ji given for nu_ij"),
     "no angle": ({"angle": math.nan}, ValueError, "angle = nan must be finite"),
 }
 

@@ -229,8 +229,8 @@ def test_tangent_is_symmetric_where_it_says_so():
 
 def test_wrong_parameters_are_refused():
     for name, value, words in (
-        ("endurance", 1.0, r"must be in \(0, 1\); a share of the strength"),
-        ("ratio", 1.0, "loads that stay do not wear"),
+        ("endurance", 1.0, r"must be in \(0, 1\); a fraction of the strength"),
+        ("ratio", 1.0, "1 means no cycles"),
         ("life", 0.5, "number of cycles at the limit"),
         ("brittleness", 0.0, "must be in"),
         ("shear_factor", 6.0, "endurance in shear, .*must be less than the strength"),

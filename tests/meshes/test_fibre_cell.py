@@ -106,7 +106,7 @@ def test_wrong_cells():
     """Errors say what does not fit, and what would."""
     with pytest.raises(ValueError, match=r"jam at 0\.82; lower the fraction or the spacing"):
         fibre_cell(10, 0.8)
-    with pytest.raises(ValueError, match=r"no room in a cell .* periodic cell"):
+    with pytest.raises(ValueError, match=r"do not fit in a cell .* periodic cell"):
         pack(1, 0.8, periodic=False, spacing=0.0)
     with pytest.raises(ValueError, match="shape = 'ring' must be one of"):
         fibre_cell(10, 0.5, shape="ring")
@@ -114,5 +114,5 @@ def test_wrong_cells():
         fibre_cell(10, 0.5, shape="sphere", cell="triangle")
     with pytest.raises(ValueError, match=r"coating = -0\.1"):
         fibre_cell(10, 0.5, coating=-0.1)
-    with pytest.raises(ValueError, match="counts and shares are positive"):
+    with pytest.raises(ValueError, match="must be positive"):
         fibre_cell(0, 0.5)

@@ -220,7 +220,7 @@ for version in (2.2, 4.1):
         GMSH[f"gmsh {version} in parts{', ghosts' * ghosts}"] = Read(
             lambda path, v=version, g=ghosts: foreign.of_gmsh(path, lambda: in_parts(g), v)
         )
-    GMSH[f"gmsh {version} one part"] = Refused(a_part(version), "one part of a mesh that was split")
+    GMSH[f"gmsh {version} one part"] = Refused(a_part(version), "one part of a mesh split")
     GMSH[f"gmsh {version} no groups"] = Refused(
         lambda path, v=version: foreign.of_gmsh(path, version=v, groups=False),
         r"no group of cells .* groups='entities' makes every surface of it one \(2 here\)",
@@ -271,18 +271,18 @@ GMSH |= {
         given={"merge": 100.0},
     ),
     "gmsh serendipity": Refused(incomplete, r"Quadrilateral 8 \(serendipity\).* of 9 nodes"),
-    "gmsh cut in the elements": Refused(cut(foreign.of_gmsh, 0.8), "cut short"),
-    "gmsh cut in the nodes": Refused(cut(foreign.of_gmsh, 0.3), "cut short"),
-    "Neper cut behind the elements": Refused(cut(of_neper(2), 0.85), "cut short"),
+    "gmsh cut in the elements": Refused(cut(foreign.of_gmsh, 0.8), "truncated"),
+    "gmsh cut in the nodes": Refused(cut(foreign.of_gmsh, 0.3), "truncated"),
+    "Neper cut behind the elements": Refused(cut(of_neper(2), 0.85), "truncated"),
     "gmsh empty": Refused(text(""), "the file is empty"),
     "gmsh nothing in it": Refused(
         text("$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$EndElements\n"), "has no cells|cannot read"
     ),
     "msh of another program": Refused(
-        text('(0 "GAMBIT to Fluent File")\n(2 2)\n'), r"no file of gmsh: it begins with '\(0 \"GAM"
+        text('(0 "GAMBIT to Fluent File")\n(2 2)\n'), r"not a gmsh file: it begins with '\(0 \"GAM"
     ),
     "picture": Refused(
-        lambda path: path.write_bytes(b"\x89PNG\r\n\x1a\n\0\xff"), "no file of gmsh"
+        lambda path: path.write_bytes(b"\x89PNG\r\n\x1a\n\0\xff"), "not a gmsh file"
     ),
 }
 
@@ -374,7 +374,7 @@ XDMF = {
         changed(by_meshio(data_format="XML"), ('Name="Grid"', 'Name="mesh"')), "xdmf", **BY_TAG
     ),
     "XDMF, no such tags": Refused(
-        by_meshio(), "no tags 'bodies'; .* whole numbers are 'tag'", "xdmf", {"cell_tags": "bodies"}
+        by_meshio(), "no tags 'bodies'; .* cell data are 'tag'", "xdmf", {"cell_tags": "bodies"}
     ),
     "XDMF, two data": Refused(
         two_data, "several data .* 'material', 'part': .* cell_tags='material'", "xdmf"
@@ -382,7 +382,7 @@ XDMF = {
     "XDMF, one of two data": Read(
         two_data, "xdmf", {1: 1.0, 2: 2.0}, {}, {"cell_tags": "material"}
     ),
-    "XDMF cut short": Refused(cut(by_meshio(data_format="XML"), 0.7), "no whole XML", "xdmf"),
+    "XDMF cut short": Refused(cut(by_meshio(data_format="XML"), 0.7), "not a complete XML", "xdmf"),
     "XDMF, HDF5 cut short": Refused(cut(by_meshio(), 0.5, ".h5"), "meshio cannot read", "xdmf"),
     "XDMF without its HDF5": Refused(
         lambda path: (by_meshio()(path), path.with_suffix(".h5").unlink()), "is missing", "xdmf"
@@ -419,7 +419,7 @@ for dim in (2, 3):
         f"Neper {dim}D left apart": Read(of_neper(dim, 1, "discontinuous"), given={"merge": False}),
         f"Neper {dim}D cohesive": Read(of_neper(dim, 1, "cohesive"), given={"merge": True}),
         f"Neper {dim}D cohesive, not merged": Refused(
-            of_neper(dim, 1, "cohesive"), "two nodes at one place, as cohesive .* merge=True drops"
+            of_neper(dim, 1, "cohesive"), "coincident nodes, like .* cohesive .* merge=True drops"
         ),
     }
 NEPER["Neper 2D, nodes with gaps"] = Read(
@@ -530,14 +530,14 @@ ABAQUS = {
         "inp",
     ),
     "Abaqus serendipity": Refused(
-        inp("CPE8R", cells={"left": [(0, 1, 4, 3, 0, 1, 4, 3)]}), "two nodes at one place", "inp"
+        inp("CPE8R", cells={"left": [(0, 1, 4, 3, 0, 1, 4, 3)]}), "two coincident nodes", "inp"
     ),
-    "Abaqus cut in a line": Refused(cut(inp(), 0.6), "its last line has no end", "inp"),
+    "Abaqus cut in a line": Refused(cut(inp(), 0.6), "its last line has no line break", "inp"),
     "Abaqus cut short": Refused(
         lambda path: path.write_text(
             foreign.abaqus("CPS3", POINTS, CELLS).partition("2, 1, 5")[0] + "2, 1\n"
         ),
-        "cut short: they have 3 nodes each, and 2 numbers",
+        "truncated: they have 3 nodes each, and 2 numbers",
         "inp",
     ),
     "Abaqus, a lost node": Refused(
@@ -579,11 +579,11 @@ OTHERS = {
         tetrahedra(1, 0), "6 of 12 cells, .* in no group", "vtu", {"groups": [0]}
     ),
     "VTU, no such tag": Refused(
-        tetrahedra(1, 0), "there is none 2; it has 0, 1$", "vtu", {"groups": [0, 2]}
+        tetrahedra(1, 0), "there is no group 2; it has 0, 1$", "vtu", {"groups": [0, 2]}
     ),
     "VTU of edges": Refused(
         lambda path: meshio.write(path, meshio.Mesh(POINTS, [("line", FACETS["join"])])),
-        "edges only; .* belong into one file",
+        "edges only; .* must be in one file",
         "vtu",
     ),
     "VTU, degree 2": Read(tetrahedra(2, 5), "vtu", {5: 1.0, 6: 2.0}, {}),
@@ -600,10 +600,10 @@ OTHERS = {
         lambda path: meshio.write(
             path, meshio.Mesh(POINTS * np.nan, [("triangle", CELLS["left"])])
         ),
-        "no numbers",
+        "are not finite",
         "vtk",
     ),
-    "another ending": Refused(text("mesh"), r"must end in \.msh, \.inp, \.xdmf or .*\.vtu", "docx"),
+    "another ending": Refused(text("mesh"), r"must be \.msh, \.inp, \.xdmf or .*\.vtu", "docx"),
 }
 
 ALL = GMSH | PLANES | XDMF | NEPER | ABAQUS | OTHERS
@@ -693,7 +693,7 @@ def test_bodies_that_seem_to_touch(comm, folder):
     """Nodes at one place are warned of, and the remedy is said."""
     path = written(comm, folder, NEPER["Neper 2D discontinuous"])
     if comm.rank == 0:
-        with pytest.warns(vmdg.ModelWarning, match="2 nodes are at the place .* merge=True joins"):
+        with pytest.warns(vmdg.ModelWarning, match="2 nodes coincide .* merge=True merges"):
             read_mesh(path, comm)
     else:
         read_mesh(path, comm)

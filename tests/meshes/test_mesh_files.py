@@ -139,8 +139,8 @@ WRONG_CELLS = {
     * 2,
     prisms: (r"volume 1 .* type Prism 6; .* one of triangle, .* extrude without recombine",) * 2,
     edges_of_a_lost_body: (
-        r"surface 2 .* is meshed and in no physical group, .*\(addPhysicalGroup",
-        r"curve \d .* the body beside it has no cells here, .*\(addPhysicalGroup",
+        r"surface 2 .* is meshed but in no physical group, .*\(addPhysicalGroup",
+        r"curve \d .* the adjacent body has no cells here, .*\(addPhysicalGroup",
     ),
 }
 

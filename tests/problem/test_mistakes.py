@@ -716,7 +716,7 @@ def test_bodies_meshed_separately(comm):
     [
         (
             {1: [1]},
-            r"surface 2 .*is meshed and in no physical group, .*make a group for every body",
+            r"surface 2 .*is meshed but in no physical group, .*create a group for every body",
         ),
         (
             {1: [1], 2: [1, 2]},

@@ -1,4 +1,4 @@
-"""Interface laws: traction against inelastic gap at a point, vectorised, numpy only.
+"""Interface laws: traction as a function of the inelastic gap at points, vectorised, numpy only.
 
 >>> import numpy as np
 >>> from vmdg.laws import Debonding, Mode

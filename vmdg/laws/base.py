@@ -1,4 +1,4 @@
-"""What every interface law is: its attributes, its result, and the checks at entry.
+"""Base class of interface laws: attributes, result of a return map, and input checks.
 
 Conventions (one for all laws): a point has the unit normal N of side 1, the inelastic gap zeta (mm,
 positive along N when open) and the traction T (MPa), T_N = T.N > 0 in tension. A return map starts
@@ -24,43 +24,44 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: A number, one number for every facet or point, or f(x) of the midpoints x (3, n) of facets. Type
-#: checkers know it as a number or anything, because laws and users read from it what was resolved.
+#: A number, one number for every facet or point, or f(x) of the midpoints x (3, n) of facets.
+#: Annotated as a number or anything for type checkers, because laws and users read resolved values
+#: from it.
 Parameter = float | Any
 
 
 class Mode(IntEnum):
     """Branch of the return map that was active at a point."""
 
-    ELASTIC = 0  #: zeta unchanged: bonded, unloading, or held by friction
+    ELASTIC = 0  #: zeta unchanged: bonded, unloading, or sticking
     TENSION = 1  #: damage with T_N >= 0, some bond left
-    SHEAR = 2  #: damage in contact: the bond is stronger than friction
-    FRICTION = 3  #: slip in contact: friction is stronger, or no bond is left
+    SHEAR = 2  #: damage in contact: the bond resists more than friction
+    FRICTION = 3  #: slip in contact: friction resists more, or no bond is left
     OPEN = 4  #: T_N >= 0 and no bond left
-    CLOSING = 5  #: the normal residual gap shrank in this step (slip, if any, is in the multiplier)
+    CLOSING = 5  #: the normal inelastic gap decreased (slip, if any, is in the multiplier)
 
 
 @dataclass(frozen=True, slots=True)
 class Update:
     """Result of a return map at n points in d dimensions.
 
-    The three works are what the step dissipated at the point, (32), per unit reference area: the
+    The three works are the dissipation of the step at the point, (32), per reference area: the
     resistance integrated along the gap path of the step, zeta_n to zeta_{n+1}, at the direction,
     pressure and overstress of its end. Their sum, plus the change of `Law.stored_energy`, is the
     integral of T . dzeta over that path. A law does not know the overstress at the start of the
-    step; `vmdg.interface.gap_work` does, and charges what changes on the way.
+    step; `vmdg.interface.gap_work` does, and accounts for its change within the step.
 
     Attributes:
         traction: T_{n+1} (n, d), MPa.
         gap: zeta_{n+1} (n, d), mm.
-        softening: Q_{n+1} (n,), MPa; never decreases, the bond is gone at Q = law.strength.
+        softening: Q_{n+1} (n,), MPa; never decreases; the bond is broken at Q = law.strength.
         multiplier: dgamma (n,), mm: length of the gap increment due to yielding.
         tangent: d zeta_{n+1} / d T_tr (n, d, d), mm/MPa.
         mode: `Mode` (n,).
         damage_work: spent on the bond (n,), N/mm.
-        friction_work: spent on friction beyond the bond (n,), N/mm.
+        friction_work: spent on friction in excess of the bond (n,), N/mm.
         viscous_work: spent on the overstress (n,), N/mm.
-        overstress: V (n, d), MPa: the part of T that is due to the rate; None if unknown.
+        overstress: V (n, d), MPa: the rate-dependent part of T; None if unknown.
         work_gradient: d damage_work/d T_tr (n, d), mm, zero where nothing yields; None if unknown,
             see the function `work_gradient`.
     """
@@ -103,20 +104,20 @@ class Update:
 
 
 class Law(ABC):
-    """Interface law: traction against inelastic gap at a point.
+    """Interface law: traction as a function of the inelastic gap at a point.
 
     A new law is one class. With one softening curve for all directions derive from `RadialLaw`;
-    with another yield surface from `ExtrinsicLaw`; with a law of its own kind from this class,
-    whose contract is `return_map` (or `_advance`, for arguments in order) and the attributes below.
-    Its `Update` need not give `work_gradient`: differences tell where a bond is worn without one.
+    with another yield surface from `ExtrinsicLaw`; otherwise from this class, whose interface is
+    `return_map` (or `_advance`, for checked arguments) and the attributes below. Its `Update` need
+    not have `work_gradient`, which is otherwise computed by differences.
 
-    Strengths, energies, gaps and friction may vary along an interface. What calls a law resolves
-    functions (`with_values`) and takes it at its points (`at`), where such a parameter is an array
-    (n,), so that methods must be written for either. Other parameters are one number.
+    Strengths, energies, gaps and friction may vary along an interface. Callers resolve functions
+    (`with_values`) and select points (`at`); such a parameter is then an array (n,), so methods
+    must handle both numbers and arrays. Other parameters are one number.
     """
 
-    inelastic: bool = True  #: False: a tie, no history is kept and `return_map` is never needed
-    fatigues: bool = False  #: whether cycles wear it; `return_map` then has `cycles` after dt
+    inelastic: bool = True  #: False: a tie, without history or return map
+    fatigues: bool = False  #: whether cycles degrade it; `return_map` then has `cycles` after dt
     strength: Parameter  #: traction at which damage starts in pure opening, MPa
     friction: Parameter = 0.0  #: Coulomb coefficient mu
     viscosity: float = 0.0  #: overstress of the intact bond per opening rate, MPa s/mm
@@ -126,11 +127,11 @@ class Law(ABC):
     def softening_modulus(self) -> float:
         """H, the steepest descent of traction against gap, MPa/mm; the penalty must exceed it.
 
-        Viscosity does not help: it ends with the bond, and what is left of a bond softens by H.
+        Viscosity does not relax this: it decreases with the bond, which finally softens by H.
         """
 
     def __str__(self) -> str:
-        """As its repr, with few words for functions and arrays."""
+        """As its repr, with functions and arrays abbreviated."""
         if not is_dataclass(self):
             return repr(self)
         values = ((field.name, getattr(self, field.name)) for field in fields(self) if field.repr)
@@ -144,12 +145,12 @@ class Law(ABC):
 
     @property
     def unloads_to_origin(self) -> bool:
-        """Whether zeta and Q follow from T_tr + r zeta_n and Q_n alone, but for friction."""
+        """Whether zeta and Q depend on T_tr + r zeta_n and Q_n only, apart from friction."""
         return False
 
     @property
     def has_bond(self) -> bool:
-        """Whether there is a bond that can fail: neither in a tie nor in contact alone."""
+        """Whether there is a bond that can fail, unlike in a tie or in pure contact."""
         return self.inelastic and not is_number(self.strength, 0.0)
 
     @property
@@ -164,14 +165,14 @@ class Law(ABC):
 
     @property
     def resolved(self) -> bool:
-        """Whether no parameter is a function, whose values are known on an interface only."""
+        """Whether no parameter is a function, which has values on an interface only."""
         return not any(callable(value) for value in self.varying.values())
 
     def with_values(self, values: Mapping[str, Array]) -> Self:
-        """The law with arrays (n,) in place of parameters that vary.
+        """The law with arrays (n,) for parameters that vary.
 
         Args:
-            values: By name of the parameter.
+            values: Arrays by name of the parameter.
 
         Raises:
             ValueError: a value is out of range.
@@ -179,16 +180,16 @@ class Law(ABC):
         return cast(Any, replace)(self, **values) if values else self
 
     def at(self, rows: NDArray | slice) -> Self:
-        """The law at some of its points; itself where no parameter varies.
+        """The law at some of its points; the law itself if no parameter varies.
 
         Args:
-            rows: Numbers of points, as often as wanted, or marks.
+            rows: Indices of points, repeats allowed, or a mask.
         """
         if not self.varying:
             return self
         return _with(self, {name: array[rows] for name, array in _at_points(self).items()})
 
-    # Tiny strengths and far tails of exponentials underflow to zero, which is what is meant.
+    # Tiny strengths and tails of exponentials underflow to zero, as intended.
     @np.errstate(under="ignore")
     def return_map(
         self,
@@ -224,7 +225,7 @@ class Law(ABC):
         penalty: Array,
         eta: float | Array,
     ) -> Update:
-        """`return_map` with arguments of matching shapes, r admissible, eta of `damping`."""
+        """`return_map` for checked arguments: matching shapes, admissible r, eta from `damping`."""
         raise NotImplementedError
 
     def damping(self, dt: float | Array) -> float | Array:
@@ -239,7 +240,7 @@ class Law(ABC):
         if self.viscosity == 0.0:
             return 0.0
         if not np.greater(dt, 0.0).all():
-            raise ValueError(f"dt = {dt}: a law with viscosity needs a positive time step")
+            raise ValueError(f"dt = {dt}: a law with viscosity requires a positive time step")
         return self.viscosity / dt
 
     def utilization(self, normal: Array, shear: Array) -> Array:
@@ -252,7 +253,7 @@ class Law(ABC):
         return np.sqrt(np.maximum(normal, 0.0) ** 2 + shear**2) / self.strength
 
     def admissible(self, penalty: ArrayLike) -> NDArray[np.bool_]:
-        """Where r > H, so that the step has one solution only.
+        """Where r > H, so that the step has a unique solution.
 
         Args:
             penalty: r, MPa/mm.
@@ -273,7 +274,7 @@ class Law(ABC):
         return np.zeros(len(softening))
 
     def rubbing(self, softening: Array) -> Array:
-        """Share of a slipping point that rubs (n,): T_T has mu |T_N| times this of friction.
+        """Fraction of a point subject to friction (n,): its friction is mu |T_N| times this.
 
         Args:
             softening: Q (n,), MPa.
@@ -291,7 +292,7 @@ class Law(ABC):
             ("softening", softening, trial.shape[:1]),
         ):
             if array.shape != shape:
-                raise ValueError(f"{name} has shape {array.shape}: trial asks for {shape}")
+                raise ValueError(f"{name} has shape {array.shape}: trial requires {shape}")
         if penalty.shape not in ((), softening.shape):
             raise ValueError(
                 f"penalty has shape {penalty.shape}: it must be () or {softening.shape}"
@@ -300,7 +301,7 @@ class Law(ABC):
             if callable(value) or value.shape != softening.shape:
                 raise ValueError(
                     f"{name} varies: at {len(softening)} points it must be one number or "
-                    f"{len(softening)}, law.with_values({{{name!r}: array}}) gives them"
+                    f"{len(softening)}, law.with_values({{{name!r}: array}}) sets them"
                 )
         penalty = np.broadcast_to(penalty, softening.shape)
         admissible = self.admissible(penalty)
@@ -318,22 +319,22 @@ class Law(ABC):
 
 SomeLaw = TypeVar("SomeLaw", bound=Law)
 
-#: Change of the trial traction for differences, relative to the strength.
+#: Step of finite differences in the trial traction, relative to the strength.
 INCREMENT = 1e-6
 
 
 def work_gradient(law: Law, update: Update, trial: Array, *known: Array | float) -> Array:
-    """d damage_work/d T_tr (n, d), mm: what the return map says, or central differences.
+    """d damage_work/d T_tr (n, d), mm: from the return map, or by central differences.
 
-    By differences where a law says nothing, and where it wears a bond that holds on but says zero,
-    as one does that starts from `Update.elastic` and writes the rest only.
+    By differences where a law returns None, and where it damages an unbroken bond but returns zero,
+    as a law may that starts from `Update.elastic`.
 
     Args:
         law: The law.
-        update: Of its return map.
+        update: Result of its return map.
         trial: T_tr (n, d), MPa.
-        known: What the return map had besides, in order: normal, gap, softening, penalty and so on,
-            arrays with a row a point or one number.
+        known: Further arguments of the return map in order: normal, gap, softening, penalty etc.,
+            arrays with one row per point or one number.
     """
     given = update.work_gradient
     gradient, unknown = np.zeros_like(trial), update.damage_work > 0.0
@@ -357,18 +358,18 @@ def work_gradient(law: Law, update: Update, trial: Array, *known: Array | float)
     return gradient
 
 
-#: Gap at which a bond is gone for certain, relative to strength/H.
+#: Gap at which any bond is broken, relative to strength/H.
 _FAR = 1e6
 
 
 def separation(law: Law, d: int, axis: int) -> tuple[Array, Array]:
-    """Strength, MPa, and energy G_c, N/mm, of an opening or a shear of bonds, each (n,) or (1,).
+    """Strength, MPa, and energy G_c, N/mm, of bonds in opening or shear, each (n,) or (1,).
 
-    By one return map to a gap at which every law that softens has lost its bond: the damage work of
-    a step is the integral of the resistance along its gap, whatever the law.
+    By one return map to a gap at which every softening law has lost its bond: for all laws, the
+    damage work of a step is the integral of the resistance along its gap.
 
     Args:
-        law: With a bond; parameters that vary are arrays (n,).
+        law: A law with a bond; parameters that vary are arrays (n,).
         d: 2 or 3.
         axis: 0 for opening, 1 for shear.
     """
@@ -385,7 +386,7 @@ def separation(law: Law, d: int, axis: int) -> tuple[Array, Array]:
     return strength, update.damage_work
 
 
-#: Parameters of laws that must be positive, and what they are or what else to use.
+#: Parameters of laws that must be positive, with their meaning or an alternative.
 _POSITIVE = {
     **dict.fromkeys(
         ("strength", "normal_strength", "shear_strength"),
@@ -395,17 +396,17 @@ _POSITIVE = {
         ("fracture_energy", "normal_energy", "shear_energy"),
         "it is the energy in N/mm to separate a unit area",
     ),
-    "critical_gap": "it is the gap in mm at which the bond is gone",
+    "critical_gap": "it is the gap in mm at which the bond is broken",
     "shear_weight": "use 1 for equal weights",
 }
 
 #: Parameters that may vary along an interface.
 VARYING = (*_POSITIVE, "friction", "plateau_gap")
 
-#: What the gap of a rigid bond does when the traction falls.
+#: Unloading behaviours of a rigid bond.
 UNLOADINGS = ("plastic", "secant")
 
-#: Those that may be zero.
+#: Parameters that may be zero.
 _NOT_NEGATIVE = {
     "friction": "use 0 for no friction",
     "viscosity": "use 0 for no rate dependence",
@@ -414,10 +415,10 @@ _NOT_NEGATIVE = {
 
 
 def check_parameters(law: Law) -> None:
-    """Refuse the first parameter of a data class that is of a wrong kind or out of range.
+    """Check the parameters of a law for type and range.
 
-    Whole numbers become floats; arrays are copied and cannot be written to afterwards; functions
-    pass.
+    Integers become floats, arrays are copied and made read-only, functions are accepted as they
+    are.
 
     Raises:
         TypeError: it is neither a number, nor, where it may vary, an array (n,) or a function.
@@ -435,7 +436,7 @@ def check_parameters(law: Law) -> None:
     if unloading == "secant" and gradual is False:
         raise ValueError(
             'gradual_friction = False: with unloading="secant" the bond is a spring and friction '
-            "acts beside it, on the share that has parted; leave it None"
+            "acts in parallel, on the broken fraction; leave it None"
         )
     if unloading == "secant" and law.viscosity > 0.0:
         raise ValueError(
@@ -449,8 +450,8 @@ def _check_parameter(law: Law, name: str, value: Any) -> None:
     if not isinstance(value, Real):
         if name not in VARYING:
             raise TypeError(
-                f"{name} = {value!r}: must be one number; where it varies along an interface give "
-                "parts of it laws of their own, Interface(facets=...) for each"
+                f"{name} = {value!r}: must be one number; if it varies along an interface give "
+                "each part its own law by Interface(facets=...)"
             )
         if callable(value):
             return
@@ -476,17 +477,17 @@ def _check_parameter(law: Law, name: str, value: Any) -> None:
 
 
 def is_number(value: Any, number: float) -> bool:
-    """Whether a parameter is this number and does not vary."""
+    """Whether a parameter is constant and equal to this number."""
     return isinstance(value, Real) and value == number
 
 
 def parameter_names(law: Law) -> list[str]:
-    """Fields of a law, which is a data class."""
+    """Names of the fields of a law."""
     return [field.name for field in fields(cast(Any, law))]
 
 
 def _in_short(value: Any) -> str:
-    """A parameter in a message."""
+    """A parameter for messages."""
     if isinstance(value, np.ndarray) and value.ndim:
         return f"<{len(value)} values>"
     return "<function>" if callable(value) and not is_dataclass(value) else repr(value)
@@ -512,14 +513,14 @@ def joined_laws(laws: Sequence[Law]) -> Law:
 
 
 def _at_points(law: Law) -> dict[str, Array]:
-    """Parameters that vary, and what has been found from them and kept, by name (n,)."""
+    """Parameters that vary, and values cached from them, by name (n,)."""
     counts = [value.shape for value in law.varying.values()]
     arrays = {k: v for k, v in vars(law).items() if isinstance(v, np.ndarray)}
     return {name: array for name, array in arrays.items() if array.shape in counts}
 
 
 def _with(law: SomeLaw, arrays: Mapping[str, Array]) -> SomeLaw:
-    """A law with other arrays, known to be in range; what else it has kept is found anew."""
+    """A law with other arrays, known to be in range; other cached values are recomputed."""
     result = copy(law)
     parameters = parameter_names(law)
     vars(result).clear()

@@ -10,14 +10,14 @@ from .base import Array, Law, Update
 
 @dataclass(frozen=True)
 class Bonded(Law):
-    """Perfect bond: zeta = 0 for ever, no history, tensor tau_s in the residual (27)."""
+    """Perfect bond: zeta = 0 always, no history, tensor tau_s in the residual (27)."""
 
     inelastic = False
     strength = math.inf
 
     @property
     def softening_modulus(self) -> float:
-        """Zero: a tie does not soften, any positive penalty will do."""
+        """Zero: a tie does not soften, any positive penalty is admissible."""
         return 0.0
 
     def _advance(

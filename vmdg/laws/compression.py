@@ -1,8 +1,8 @@
 """Softening curves, and points under compression, for laws that start from a bonded interface.
 
-Compression has two mechanisms in this order: the normal residual gap closes at zero normal
-traction, then shear meets the stronger of bond and friction (Box 3 of the report, completed: see
-`slide`), or the bond and the friction of the share that has parted (`slide_gradually`).
+Compression has two mechanisms in this order: the normal inelastic gap closes at zero normal
+traction, then shear is resisted by the larger of bond and friction (Box 3 of the report, completed:
+see `slide`), or by the bond and friction on its broken fraction (`slide_gradually`).
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from .base import Array
 from .roots import increasing_root
 
-#: A closure this small against the load over r is what round-off left of a closed gap, no branch.
+#: A closure below this, relative to the load over r, is round-off of a closed gap.
 ROUND_OFF = 1e-12
 
 
 class SofteningCurve(ABC):
-    """Resistance R (MPa) of a bond against the slip x (mm) since the start of a step.
+    """Resistance R (MPa) of a bond as a function of the gap increment x (mm) of a step.
 
-    What is left of the bond is told by strength - Q_n. It is R_n, unless R does not fall all the
-    way; then `resistance` and `remaining` say how they belong together.
+    The remaining strength is strength - Q_n. It equals R_n, unless R has a plateau; then
+    `resistance` and `remaining` relate the two.
     """
 
     strength: float  #: R of the intact bond, MPa
@@ -43,7 +43,7 @@ class SofteningCurve(ABC):
         return left
 
     def remaining(self, left: Array, slip: Array) -> Array:
-        """strength - Q after the slip x (m,), MPa.
+        """strength - Q after the gap increment x (m,), MPa.
 
         Args:
             left: strength - Q_n (m,), MPa.
@@ -53,7 +53,7 @@ class SofteningCurve(ABC):
 
     @abstractmethod
     def slip(self, load: Array, left: Array, stiffness: Array) -> Array:
-        """Root x (m,), mm, of load - stiffness x = R(x), (64) for any curve.
+        """Root x (m,), mm, of load - stiffness x = R(x), (64), for any curve.
 
         Args:
             load: |T_tr| (m,), MPa, not less than R_n.
@@ -72,7 +72,7 @@ class SofteningCurve(ABC):
 
     @abstractmethod
     def slip_to(self, left: Array, target: Array) -> Array:
-        """Slip x, mm, at which R(x) has fallen to a target; 0 where R_n <= target.
+        """Gap increment x, mm, at which R(x) has fallen to a target; 0 where R_n <= target.
 
         Args:
             left: strength - Q_n (m,), MPa.
@@ -81,14 +81,14 @@ class SofteningCurve(ABC):
 
     @abstractmethod
     def bond_energy(self, left: Array) -> Array:
-        """Energy left in the bond, N/mm: the integral of R(x) from here to separation.
+        """Remaining energy of the bond, N/mm: the integral of R(x) up to separation.
 
         Args:
             left: strength - Q_n (m,), MPa.
         """
 
     def damage(self, extent: Array) -> Array:
-        """History Q/strength of an intact bond after the slip g P/H.
+        """History Q/strength of an initially intact bond after the gap g P/H.
 
         Args:
             extent: g (m,).
@@ -97,7 +97,7 @@ class SofteningCurve(ABC):
         return 1.0 - left / self.strength
 
     def extent(self, damage: Array) -> Array:
-        """g (m,) of `damage`.
+        """Inverse of `damage`: g (m,).
 
         Args:
             damage: Q/strength (m,), at most 1.
@@ -112,7 +112,7 @@ class SofteningCurve(ABC):
 
 
 class Yielding(NamedTuple):
-    """What a load does to a bond in one step."""
+    """Response of a bond to a load in one step."""
 
     slip: Array  #: x, mm
     resistance: Array  #: R(x), MPa
@@ -125,10 +125,10 @@ def give(
 ) -> Yielding:
     """Root x of load - r x = R(x) + V, with the overstress V = damping x.
 
-    The damping is that of the bond at the start of the step, `Law.damping` R_n/P_c: a number in the
-    step, so that r + damping takes the place of r, and there is one root for r > H whatever the
-    viscosity. V grows with x, also where the bond is gone, x = load/(r + damping), and ends with it
-    in the next step.
+    The damping is that of the bond at the start of the step, `Law.damping` R_n/P_c. It is constant
+    in the step, so that r + damping replaces r, and there is a unique root for r > H whatever the
+    viscosity. V grows with x, also where the bond breaks, x = load/(r + damping), and vanishes with
+    it in the next step.
 
     Args:
         bond: softening curve.
@@ -152,7 +152,7 @@ class Closure(NamedTuple):
 
 
 def close(trial_n: Array, gap_n: Array, penalty: Array) -> Closure:
-    """Close the normal residual gap at zero normal traction, then press.
+    """Close the normal inelastic gap at zero normal traction, then compress.
 
     zeta_N = max(0, zeta_N,n + T_tr.N / r) and T_N = T_tr.N + r (zeta_N,n - zeta_N); for zeta_N = 0
     this is (76).
@@ -179,7 +179,7 @@ class Slide(NamedTuple):
     slope: Array  #: d dgamma / d |T_tr,T|, mm/MPa
     cap_slope: Array  #: d dgamma / d (mu |T_N|), mm/MPa
     slipping: NDArray[np.bool_]
-    by_friction: NDArray[np.bool_]  #: slipping, and friction is the stronger
+    by_friction: NDArray[np.bool_]  #: slipping, and friction resists more
     damage_work: Array
     friction_work: Array
     viscous_work: Array
@@ -193,17 +193,17 @@ def slide(
     penalty: Array,
     damping: Array,
 ) -> Slide:
-    """Shear return (75)-(83): |T_T| = |T_tr,T| - r dgamma meets max(R + V, mu |T_N|), V of `give`.
+    """Shear return (75)-(83): |T_T| = |T_tr,T| - r dgamma equals max(R + V, mu |T_N|), V as in
+    `give`.
 
     Yields along T_tr,T (73), only if f_d = |T_tr,T| - R_n (72) and f_mu = |T_tr,T| - mu |T_N| (74)
-    are both positive; of the two roots (80) and (79) the smaller is taken, which is the root for
-    the larger resistance. The bond wears along x in friction too. Rate dependence belongs to the
-    bond: friction is rate independent, so that sliding under pressure settles at mu |T_N| whatever
-    the viscosity.
+    are both positive. The smaller of the roots (80) and (79) is that of the larger resistance. The
+    bond softens with x in friction too. Only the bond is rate dependent: sliding under pressure
+    tends to mu |T_N| whatever the viscosity.
 
     The work is the integral of max(R(x) + V, mu |T_N|) over x from 0 to dgamma, with V of the end.
-    The bond takes the integral of R; of the rest, viscosity takes V as long as the bond holds (x <
-    x*, R(x*) + V = mu |T_N|) and friction takes mu |T_N| - R(x) after it.
+    The integral of R is damage work. The rest is viscous, with V, as long as the bond governs (x <
+    x*, R(x*) + V = mu |T_N|), and friction work, with mu |T_N| - R(x), after that.
 
     Args:
         bond: softening curve in shear.
@@ -213,7 +213,7 @@ def slide(
         penalty: r (n,), MPa/mm.
         damping: V/dgamma (n,), MPa/mm, as of `give`.
     """
-    # A debonded point without pressure slips freely even at zero load: its tangent must not be the
+    # A debonded point without pressure slips freely even at zero load: its tangent is not the
     # bonded one.
     R_n = bond.resistance(left)
     slipping = ((shear > R_n) | (R_n == 0.0)) & ((shear > cap) | (cap == 0.0))
@@ -252,13 +252,14 @@ def slide_gradually(
     penalty: Array,
     damping: Array,
 ) -> Slide:
-    """Shear return where the parted share rubs beside the bond: |T_T| <= R + V + d mu |T_N|.
+    """Shear return with friction on the broken fraction, parallel to the bond: |T_T| <= R + V + d
+    mu |T_N|.
 
-    d = 1 - R/P is the share of the strength that is lost (Alfano and Sacco 2006, Int. J. Numer.
-    Meth. Engng 68). The slip is the root of |T_tr,T| - r x = R (1 - mu |T_N|/P) + V + mu |T_N|; its
+    d = 1 - R/P is the lost fraction of the strength (Alfano and Sacco 2006, Int. J. Numer. Meth.
+    Engng 68). The slip is the root of |T_tr,T| - r x = R (1 - mu |T_N|/P) + V + mu |T_N|; its
     left-hand side falls faster than for the bond alone, so that r > H is enough. With a linear
     curve and without viscosity it is f/(r - H + H mu |T_N|/P), f = |T_tr,T| - R_n - d_n mu |T_N|,
-    until the bond is gone.
+    until the bond is broken.
 
     Args:
         bond, shear, cap, left, penalty, damping: As of `slide`.

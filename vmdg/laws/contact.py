@@ -1,4 +1,4 @@
-"""Contact without a bond: an interface that was never glued, or a crack that is there already."""
+"""Contact without a bond: an interface that was never bonded, or a pre-existing crack."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from .extrinsic import RadialLaw
 
 @dataclass(frozen=True)
 class Contact(RadialLaw):
-    """Unilateral contact with Coulomb friction: what is left of any other law without its bond.
+    """Unilateral contact with Coulomb friction: the limit of any other law without its bond.
 
-    T = 0 where the interface is open; in contact T_N <= 0, zeta_N = 0 and |T_T| <= mu |T_N|. No
-    tangent couples the two sides of points at rest: hold or press both bodies.
+    T = 0 where the interface is open; in contact T_N <= 0, zeta_N = 0 and |T_T| <= mu |T_N|. At
+    rest the tangent does not couple the two sides: constrain both bodies or press them together.
 
     Attributes:
         friction: Coulomb coefficient mu.
@@ -36,7 +36,7 @@ class Contact(RadialLaw):
         return 0.0
 
     def utilization(self, normal: Array, shear: Array) -> Array:
-        """Infinite: there is no strength to wait for."""
+        """Infinite: there is no strength."""
         return np.full_like(normal, np.inf)
 
     def slip(self, load: Array, resistance: Array, stiffness: Array) -> Array:
@@ -48,7 +48,7 @@ class Contact(RadialLaw):
         return np.zeros_like(resistance), np.zeros_like(resistance)
 
     def slip_to(self, resistance: Array, target: Array) -> Array:
-        """No slip is needed."""
+        """Zero."""
         return np.zeros_like(resistance)
 
     def bond_energy(self, resistance: Array) -> Array:

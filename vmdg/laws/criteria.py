@@ -14,15 +14,15 @@ from .base import Array
 
 @dataclass(frozen=True)
 class Criterion(ABC):
-    """G_c(phi), phi the share of shear in the energy spent; G_n in opening, G_s in shear.
+    """G_c(phi), phi the shear fraction of the dissipated energy; G_n in opening, G_s in shear.
 
     With (cos th, sin th) the direction of the traction relative to the strengths, of which
     phi = G_s sin^2 th/(G_n cos^2 th + G_s sin^2 th) follows, the flow of the linear criterion is
-    enlarged by m = G_c(phi)/(G_n cos^2 th + G_s sin^2 th).
+    scaled by m = G_c(phi)/(G_n cos^2 th + G_s sin^2 th).
 
     Attributes:
         shear_ratio: G_s/G_n.
-        exponent: of the criterion.
+        exponent: exponent of the criterion.
     """
 
     shear_ratio: float
@@ -51,7 +51,7 @@ class Criterion(ABC):
 
 
 class Linear(Criterion):
-    """G_I/G_n + G_II/G_s = 1: the m of this criterion is 1."""
+    """G_I/G_n + G_II/G_s = 1: the m = 1."""
 
     def energy(self, share: Array) -> tuple[Array, Array]:
         """1/(1 - phi + phi G_n/G_s)."""
@@ -87,7 +87,7 @@ class BenzeggaghKenane(Criterion):
         return 1.0 + more * share**self.exponent, slope
 
 
-#: Criteria by the names that users give.
+#: Criteria by name.
 CRITERIA: dict[str, Callable[[float, float], Criterion]] = {
     "linear": Linear,
     "power": PowerLaw,
@@ -99,12 +99,12 @@ def criterion_of(name: str, exponent: float | None, shear_ratio: float) -> Crite
     """The criterion of this name.
 
     Args:
-        name: Of `CRITERIA`.
-        exponent: None for the linear criterion, which has none.
+        name: A key of `CRITERIA`.
+        exponent: None for the linear criterion.
         shear_ratio: G_s/G_n.
 
     Raises:
-        ValueError: the name is unknown, or the exponent does not fit it.
+        ValueError: the name is unknown, or the exponent is missing or out of range.
     """
     if name not in CRITERIA:
         raise ValueError(f"criterion = {name!r}: must be one of {tuple(CRITERIA)}")
@@ -117,12 +117,12 @@ def criterion_of(name: str, exponent: float | None, shear_ratio: float) -> Crite
         exponent = 1.0
     elif exponent is None:
         raise ValueError(
-            f'exponent is missing: criterion="{name}" needs it; a fit of tests at several ratios '
-            "of the modes gives it, for carbon and epoxy 1 to 3"
+            f'exponent is missing: criterion="{name}" requires it; it is fitted to tests at '
+            "several mode ratios, for carbon/epoxy 1 to 3"
         )
     if not 1.0 <= exponent < math.inf:
         raise ValueError(
-            f"exponent = {exponent}: must be at least 1 and finite, or the energy would change at "
-            "an infinite rate where a pure mode gets its first share of the other"
+            f"exponent = {exponent}: must be at least 1 and finite, or the energy would have an "
+            "infinite slope at a pure mode"
         )
     return CRITERIA[name](shear_ratio, float(exponent))

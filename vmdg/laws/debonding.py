@@ -14,43 +14,41 @@ from .extrinsic import RadialLaw
 class Debonding(RadialLaw):
     """Debonding with linear softening, contact, friction and rate dependence.
 
-    The gap is zeta, the inelastic part of the opening g = phi_2 - phi_1, as in the report; what
-    contact mechanics calls the gap is g.
+    The gap is zeta, the inelastic part of the opening g = phi_2 - phi_1, as in the report; in
+    contact mechanics the gap is g.
 
     R = P_c - Q with Q = min(Q_n + H dgamma, P_c), H = P_c/zeta_c. The overstress is V = c dgamma,
     c = eta R_n/P_c with eta = viscosity/dt and R_n of the start of the step:
 
     * tension, T_tr.N >= 0: |T| <= R + V; dgamma = (|T_tr| - R_n)/(r - H + c), or |T_tr|/(r + c)
-      where the bond fails on the way, Q = P_c; then T = V in this step and nothing from the next
-      one on;
+      where the bond breaks within the step, Q = P_c; then T = V in this step and zero afterwards;
     * contact, T_tr.N < 0: the normal gap closes at T_N = 0, then
-      |T_T| <= max(R + V, mu |T_N|), and Q advances in friction too; with gradual_friction
-      |T_T| <= R + V + (Q/P_c) mu |T_N|, the share that has parted rubs while the rest holds.
+      |T_T| <= max(R + V, mu |T_N|), and Q grows in friction too; with gradual_friction |T_T| <= R +
+      V + (Q/P_c) mu |T_N|: friction on the broken fraction, in parallel to the bond.
 
-    The equation for dgamma is one continuous, strictly decreasing function in all branches
-    (r > H), whatever the viscosity, so T is continuous in all inputs. A step spends (R_n^2 -
-    R_{n+1}^2)/(2H) on the bond: P_c zeta_c/2 to separation in any number of steps. Friction does
-    not depend on the rate.
+    The equation for dgamma has one continuous, strictly decreasing left-hand side in all branches
+    (r > H), whatever the viscosity, so T is continuous in all inputs. A step dissipates (R_n^2 -
+    R_{n+1}^2)/(2H) in the bond: P_c zeta_c/2 up to separation, in any number of steps. Friction
+    does not depend on the rate.
 
-    With unloading="plastic" it is like that of plasticity, as in the report: T falls at once, the
-    gap stays until the lips are pressed together, closes without traction, and to open it anew is
-    damage from the start. So a bond that opens and closes between two openings of constant
-    amplitude loses more in every cycle and is gone after a few. unloading="secant" goes back to the
-    origin, T = R zeta/kappa below the largest gap kappa so far, and cycles below it cost nothing;
-    under pressure the share Q/P_c of a point rubs while the rest holds (module `secant`). It does
-    not depend on the rate.
+    With unloading="plastic" unloading is as in plasticity and in the report: T falls at constant
+    gap, which closes at zero traction once the crack faces are pressed together; reopening is
+    damage from the start. Under cycles of constant amplitude such a bond is damaged in every cycle
+    and breaks after a few. unloading="secant" returns to the origin, T = R zeta/kappa below the
+    largest gap kappa so far, and cycles below it dissipate nothing; under pressure friction acts on
+    the fraction Q/P_c of a point (module `secant`). It is rate independent.
 
-    Strength, critical gap and friction may vary along an interface: arrays, one number for every
+    Strength, critical gap and friction may vary along an interface: arrays with one number per
     facet of `Interface(facets=...)`, or f(x) of the midpoints x (3, n) of facets.
 
     Attributes:
         strength: P_c, MPa.
-        critical_gap: zeta_c, mm, at which the bond is gone.
+        critical_gap: zeta_c, mm, at which the bond is broken.
         friction: Coulomb coefficient mu.
         viscosity: MPa s/mm.
         unloading: "plastic" or "secant".
-        gradual_friction: whether only the share of a point that has parted rubs, beside the bond;
-            None is so with "secant" alone, which cannot do otherwise.
+        gradual_friction: whether friction acts on the broken fraction of a point only, parallel to
+            the bond; None means only with "secant", which requires it.
 
     Raises:
         ValueError: a parameter is out of range.
@@ -72,7 +70,7 @@ class Debonding(RadialLaw):
         return self.strength / self.critical_gap
 
     def slip(self, load: Array, resistance: Array, stiffness: Array) -> Array:
-        """(68), or the free slip load/stiffness where the bond fails on the way."""
+        """(68), or load/stiffness where the bond breaks within the step."""
         free = load / stiffness
         fails = self.softening_modulus * free >= resistance
         return np.where(fails, free, (load - resistance) / (stiffness - self.softening_modulus))

@@ -22,7 +22,7 @@ from .base import (
 from .extrinsic import RadialLaw
 from .roots import increasing_root
 
-#: g with exp(-g) = 0 in floating point, and the smallest number there is a logarithm of.
+#: g with exp(-g) = 0 in floating point, and the smallest argument of a logarithm.
 _GONE, _TINY = 800.0, float(np.finfo(float).tiny)
 
 
@@ -31,9 +31,9 @@ class ExponentialDebonding(RadialLaw):
     """Rigid bond with exponential softening, contact, friction and rate dependence.
 
     R(kappa) = P_c exp(-kappa P_c/G_c), with kappa the accumulated length of the inelastic gap; the
-    area under the curve is G_c. Everything else is as in `Debonding`; dgamma is the root of
-    |T_tr| - r dgamma = R + V, R = R_n exp(-dgamma P_c/G_c), V = eta dgamma R_n/P_c. The bond is
-    gone (Q = P_c) when R/P_c falls to round-off.
+    area under the curve is G_c. Otherwise as `Debonding`; dgamma is the root of |T_tr| - r dgamma =
+    R + V, R = R_n exp(-dgamma P_c/G_c), V = eta dgamma R_n/P_c. The bond is broken (Q = P_c) when
+    R/P_c falls to round-off.
 
     Attributes:
         strength: P_c, MPa.
@@ -67,7 +67,8 @@ class ExponentialDebonding(RadialLaw):
         return self.strength / self.gap_scale
 
     def slip(self, load: Array, resistance: Array, stiffness: Array) -> Array:
-        """Root x of stiffness x + R_n (exp(-x/scale) - 1) = load - R_n (left: convex, growing)."""
+        """Root x of stiffness x + R_n (exp(-x/scale) - 1) = load - R_n (left-hand side convex,
+        increasing)."""
         excess = load - resistance
 
         def imbalance(x: Array) -> tuple[Array, Array]:
@@ -95,18 +96,19 @@ class ExponentialDebonding(RadialLaw):
         return resistance * self.gap_scale
 
     def damage(self, extent: Array) -> Array:
-        """1 - exp(-g), to round-off also where it is small."""
+        """1 - exp(-g), accurate also where it is small."""
         return -np.expm1(-extent)
 
     def extent(self, damage: Array) -> Array:
-        """g = -ln(1 - damage); where nothing is left one at which R underflows."""
+        """g = -ln(1 - damage); for a broken bond one at which R underflows."""
         left = damage < 1.0
         return np.where(left, -np.log1p(-np.where(left, damage, 0.0)), _GONE)
 
 
 @dataclass(frozen=True)
 class IntrinsicExponential(Law):
-    """Exponential law with an elastic branch, as cohesive elements have it: all opening is zeta.
+    """Exponential law with an elastic branch, as in intrinsic cohesive elements: all opening is
+    zeta.
 
     T = K (1 - d) zeta with K = G_c/delta_0^2, delta_0 = G_c/(e strength), and d the largest value
     so far of 1 - exp(-delta/delta_0), delta^2 = zeta_N^2 + beta^2 |zeta_T|^2. In pure opening the
@@ -114,9 +116,9 @@ class IntrinsicExponential(Law):
     G_c/beta^2. Unloading goes to the origin. Contact instead of penetration: zeta_N >= 0, with T_N
     <= 0 free where zeta_N = 0; no friction.
 
-    Viscosity resists the growth of damage: with y = delta/delta_0, y_n the y that belongs to d_n
-    and eta = viscosity/dt, T has the further part V = eta (1 - d_n) (1 - y_n/y) zeta while y > y_n,
-    which ends with the bond.
+    Viscosity resists the growth of damage: with y = delta/delta_0, y_n the y of d_n and eta =
+    viscosity/dt, T has the additional part V = eta (1 - d_n) (1 - y_n/y) zeta while y > y_n, which
+    vanishes with the bond.
 
     With b = T_tr + r zeta_n (without its normal part in contact, b.N < 0) zeta_{n+1} is parallel to
     b, and one equation is left:
@@ -124,12 +126,11 @@ class IntrinsicExponential(Law):
         r y + K exp(-y) y + eta (1 - d_n) (y - y_n) = delta(b)/delta_0.
 
     K exp(-y) y falls by H = K/e^2 = strength^2/G_c at most (the inflection at y = 2), which is
-    `softening_modulus`. So the left-hand side grows for all y if r > H, whatever the viscosity.
+    `softening_modulus`. So the left-hand side increases for all y if r > H, whatever the viscosity.
 
-    The history Q = strength d (MPa) plays the part that P_c - R plays in the other laws.
-    `Update.damage_work` is the dissipation, the integral of K |zeta|^2/2 over d by the mean of
-    |zeta|^2/delta^2 at both ends of the step; the rest of T . dzeta is recoverable:
-    `stored_energy`.
+    The history Q = strength d (MPa) corresponds to P_c - R of the other laws. `Update.damage_work`
+    is the dissipation, the integral of K |zeta|^2/2 over d by the mean of |zeta|^2/delta^2 at both
+    ends of the step; the rest of T . dzeta is recoverable: `stored_energy`.
 
     Attributes:
         strength: peak traction in pure opening, MPa.
@@ -171,7 +172,7 @@ class IntrinsicExponential(Law):
 
     @property
     def symmetric(self) -> bool:
-        """Only with equal weights: T has no potential in zeta otherwise while damage grows."""
+        """Only with equal weights: otherwise T has no potential in zeta while damage grows."""
         return is_number(self.shear_weight, 1.0)
 
     def stored_energy(self, gap: Array, normal: Array, softening: Array) -> Array:
@@ -203,7 +204,7 @@ class IntrinsicExponential(Law):
         integrity_n = self._integrity(softening)
         load = delta_b / scale
         y = load / (r + stiffness * integrity_n)
-        # exp(-y) < 1 - d_n, written so that the first small openings are not lost in round-off
+        # exp(-y) < 1 - d_n, written without round-off at the first small openings
         growing = -np.expm1(-y) > softening / self.strength
         rows = np.flatnonzero(growing)
         part = self.at(rows)
@@ -263,7 +264,7 @@ class IntrinsicExponential(Law):
         return weight[:, None] * gap + ((1.0 - weight) * dot(gap, normal))[:, None] * normal
 
     def _squared_ray(self, gap: Array, normal: Array, otherwise: Array) -> Array:
-        """|zeta|^2/delta^2 (n,), another value where there is no gap."""
+        """|zeta|^2/delta^2 (n,); ``otherwise`` where there is no gap."""
         delta2 = dot(gap, self._weighted(gap, normal))
         return np.divide(dot(gap, gap), delta2, out=otherwise.copy(), where=delta2 > 0.0)
 

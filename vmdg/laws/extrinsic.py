@@ -1,4 +1,4 @@
-"""Laws of an interface that is rigidly bonded until its strength is reached."""
+"""Laws of an interface that is rigid until its strength is reached."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .compression import (
 
 
 class Points(NamedTuple):
-    """Points of one branch, gathered: `rows` says where they sit in the `Update`."""
+    """Points of one branch; `rows` are their positions in the `Update`."""
 
     rows: NDArray[np.intp]
     trial: Array  #: T_tr (m, d)
@@ -32,7 +32,7 @@ class Points(NamedTuple):
     shear: Array  #: |T_tr,T| (m,)
     gap: Array  #: zeta_n (m, d)
     softening: Array  #: Q_n (m,)
-    left: Array  #: max(strength - Q_n, 0) (m,): R_n, or what R_n follows from
+    left: Array  #: max(strength - Q_n, 0) (m,), which determines R_n
     penalty: Array  #: r (m,)
     damping: Array  #: V/dgamma of the bond at the start (m,), MPa/mm
 
@@ -40,17 +40,17 @@ class Points(NamedTuple):
 class ExtrinsicLaw(Law):
     """Elastic domain (33): T_eq(T) <= R = strength - Q, T_eq the equivalent traction of the law.
 
-    T_tr.N >= 0: `_open`, the law's own return. T_tr.N < 0: the residual gap closes, then the shear
-    law `in_shear` slides with friction (module `compression`). Both agree at T_tr.N = 0, so T is
-    continuous across the switch. With unloading="secant" module `secant` takes the place of both.
+    T_tr.N >= 0: `_open`, the law's own return. T_tr.N < 0: the normal gap closes, then the shear
+    curve `in_shear` acts with friction (module `compression`). Both agree at T_tr.N = 0, so T is
+    continuous across the switch. With unloading="secant" module `secant` replaces both.
 
-    The overstress of a rate is V = eta dgamma R_n/P_c, eta = viscosity/dt, beside the bond and
-    along its flow. R_n is that of the start of the step, which makes it a matter of r + eta R_n/P_c
-    in place of r, first order in the step as backward Euler is.
+    The overstress is V = eta dgamma R_n/P_c, eta = viscosity/dt, parallel to the bond and along its
+    flow. R_n is that of the start of the step, so that r + eta R_n/P_c replaces r, with first-order
+    accuracy like backward Euler.
     """
 
-    unloading: str = "plastic"  #: or "secant": what the gap does when the traction falls
-    gradual_friction: bool | None = None  #: whether only the parted share of a point rubs
+    unloading: str = "plastic"  #: or "secant": unloading of the gap
+    gradual_friction: bool | None = None  #: whether friction acts on the broken fraction only
 
     @property
     @abstractmethod
@@ -108,13 +108,13 @@ class ExtrinsicLaw(Law):
         return self.unloading == "secant"
 
     def stored_energy(self, gap: Array, normal: Array, softening: Array) -> Array:
-        """That of `secant`; none with plastic unloading."""
+        """As in `secant`; zero with plastic unloading."""
         if self.unloading == "plastic":
             return super().stored_energy(gap, normal, softening)
         return secant.stored_energy(self, gap, normal, softening)
 
     def rubbing(self, softening: Array) -> Array:
-        """The share of the strength in shear that is lost, if friction is gradual."""
+        """The lost fraction of the shear strength, if friction is gradual."""
         if self.unloading == "secant":
             return secant.rubbing(self, softening)
         if self.gradual_friction:
@@ -149,8 +149,7 @@ class ExtrinsicLaw(Law):
         left = np.maximum(self.strength - softening, 0.0)
         resistance = self.in_opening.resistance(left)
         damping = eta * (resistance / self.strength) if self.viscosity else np.zeros_like(left)
-        # A point without bond yields at zero traction already, or its tangent would be the bonded
-        # one.
+        # A point without bond yields even at zero traction; its tangent is not the bonded one.
         yielding = self.equivalent(np.maximum(trial_n, 0.0), shear) > resistance
         yielding |= resistance == 0.0
         pressed = trial_n < 0.0
@@ -168,7 +167,7 @@ class ExtrinsicLaw(Law):
         return update
 
     def _softened(self, at: Points, left: Array, lost: Array) -> Array:
-        """Q_{n+1} = Q_n + lost, (54), MPa; exactly the strength where nothing is left."""
+        """Q_{n+1} = Q_n + lost, (54), MPa; exactly the strength for a broken bond."""
         return np.where(left > 0.0, np.minimum(at.softening + lost, self.strength), self.strength)
 
     def _pressed(self, update: Update, at: Points) -> None:
@@ -209,7 +208,7 @@ class ExtrinsicLaw(Law):
     def _pressed_tangent(
         self, at: Points, closure: Closure, sliding: Slide, direction: Array
     ) -> Array:
-        """(91) for any slope of dgamma, and with the sign of its second term corrected.
+        """(91) for any slope of dgamma, with the sign of its second term corrected.
 
         q (I - N (x) N - t (x) t) + slope t (x) t + v (x) N, with t the `direction` of slip,
         q = dgamma/|T_tr,T| and v = d zeta/d T_tr.N: mu t/r in friction, N/r while the gap closes.
@@ -217,7 +216,7 @@ class ExtrinsicLaw(Law):
         q = _per_load(sliding.slip, at.shear, sliding.slope)
         tangent = outer(direction, self._slip_gradient(at, closure, sliding, direction))
         tangent -= outer(q[:, None] * direction, direction)
-        # the gap does not feel T_tr.N once it is closed
+        # a closed gap does not depend on T_tr.N
         closing = closure.still_open / at.penalty
         tangent += outer((closing - q)[:, None] * at.normal, at.normal)
         add_to_diagonal(tangent, q)
@@ -227,7 +226,7 @@ class ExtrinsicLaw(Law):
         self, at: Points, closure: Closure, sliding: Slide, direction: Array
     ) -> Array:
         """d dgamma/d T_tr (m, d), mm/MPa."""
-        # T_N does not feel T_tr.N while the gap is still open.
+        # T_N does not depend on T_tr.N while the gap is open.
         cap_by_trial = np.where(closure.still_open, 0.0, -self.friction)
         gradient = sliding.slope[:, None] * direction
         return gradient + (sliding.cap_slope * cap_by_trial)[:, None] * at.normal
@@ -237,7 +236,7 @@ class RadialLaw(ExtrinsicLaw, SofteningCurve):
     """Law with one softening curve R(x) for all directions: |T| <= R, flow along T (53).
 
     A new law of this kind supplies the four methods of `SofteningCurve` and `softening_modulus`;
-    if R does not fall all the way, `resistance` and `remaining` too.
+    if R has a plateau, `resistance` and `remaining` too.
     """
 
     @property

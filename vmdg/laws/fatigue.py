@@ -1,4 +1,4 @@
-"""Bonds that cycles of the load wear down."""
+"""Fatigue of bonds under cyclic loads."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from .secant import Scaled, Sheared, Start
 if TYPE_CHECKING:
     from typing import Self  # of Python 3.11
 
-# Growth of the damage in a step that is left out: round-off of what is there.
+# Negligible growth of damage in a step: round-off.
 _ROUND_OFF = 1e-15
 
-# In place of zero under a logarithm.
+# Replaces zero in a logarithm.
 _LEAST = 1e-100
 
 
@@ -53,50 +53,50 @@ class Worn(NamedTuple):
 
 @dataclass(frozen=True)
 class FatigueDebonding(MixedModeDebonding):
-    """`MixedModeDebonding` with unloading="secant" whose bond cycles of the load wear down.
+    """`MixedModeDebonding` with unloading="secant" whose bond is degraded by load cycles.
 
     The law CF20 (Davila 2020, NASA/TP-2020-220584 and "From S-N to the Paris law with a new
     mixed-mode cohesive fatigue model", NASA/TP-2018-219838), for a bond that is rigid up to its
-    strength. A step is held at the largest load of the cycles it stands for (cycle jump). With
-    lambda the traction relative to what the bond bears with its present damage at this mode,
+    strength. A step is at the largest load of the cycles that it represents (cycle jump). With
+    lambda the traction relative to the strength of the damaged bond at this mode,
 
         dd/dN = (lambda/E)^beta/(gamma (beta + 1))  where lambda >= E, otherwise 0,
         E = 2 e/(e + 1 + R (e - 1)),  e = endurance (1 - (1 - shear_factor) phi),
         beta = -7 brittleness/log10 E.
 
-    d is the damage at the present mode, 1 - traction borne/strength, R the `ratio` of least to
-    largest load, phi the share of shear in the energy, gamma the `life`. CF20 compares the opening
+    d is the damage at the current mode, 1 - residual strength/strength, R the `ratio` of least to
+    largest load, phi the shear fraction of the energy, gamma the `life`. CF20 compares the opening
     delta with that at which its elastic bond of stiffness k softens further, delta* = (1 - d)
-    strength/k + d delta_c: both have the present secant stiffness, so that delta/delta* is the
-    ratio of the tractions, whatever k. It is what remains for k -> infinity: with secant stiffness
-    K and the gap (zeta_N/zeta_n, |zeta_T|/zeta_s) = D (cos th, sin th),
+    strength/k + d delta_c: both have the current secant stiffness, so that delta/delta* is the
+    ratio of the tractions for any k. In the limit k -> infinity, with secant stiffness K and the
+    gap (zeta_N/zeta_n, |zeta_T|/zeta_s) = D (cos th, sin th),
 
         lambda = D/(m d),  d = 1/(1 + m K),
 
-    and the traction relative to the strength where the bond is intact. At a constant traction T a
-    point lasts, with p = T/strength,
+    and the traction relative to the strength where the bond is intact. At a constant traction T the
+    life of a point is, with p = T/strength,
 
         N = gamma (E/p)^beta (1 - p^(beta + 1)),
 
     an S-N line that passes through (E, gamma) and nearly (1, gamma^(1 - brittleness)) at gamma =
-    1e7. While a crack grows lambda is about sqrt(G/G_c) in all of its process zone, of length l, so
-    that da/dN = l (G/(G_c E^2))^(beta/2)/(gamma (beta + 1)): a line of Paris with the slope beta/2.
+    1e7. While a crack grows, lambda is about sqrt(G/G_c) throughout its process zone, of length l,
+    so that da/dN = l (G/(G_c E^2))^(beta/2)/(gamma (beta + 1)): a Paris law with exponent beta/2.
 
-    Backward Euler: d - d_n = n dd/dN at the end of a step of n cycles; the monotonic law, lambda
-    <= 1, is the least that happens, and all of it for n = 0. lambda at a given load falls where d
-    grows, for r > H, so that there is one root at a given mode. Where lambda falls to E within the
-    step damage ends there. A step dissipates the integral of G_c lambda^2 dd.
+    Backward Euler: d - d_n = n dd/dN at the end of a step of n cycles; the monotonic law, lambda <=
+    1, is a lower bound for d, attained for n = 0. At a given load lambda decreases with d for r >
+    H, so that there is a unique root at a given mode. If lambda falls to E within the step, damage
+    stops there. A step dissipates the integral of G_c lambda^2 dd.
 
     Attributes:
         normal_strength, shear_strength: P_n and P_s, MPa.
         normal_energy, shear_energy: G_n and G_s, N/mm.
         friction: Coulomb coefficient mu; gradual.
-        viscosity: 0 MPa s/mm, as unloading="secant" asks for.
+        viscosity: 0 MPa s/mm, as unloading="secant" requires.
         criterion, exponent: as in `MixedModeDebonding`.
-        endurance: share of the strength that is borne for `life` cycles at R = -1 in opening.
+        endurance: fraction of the strength with a life of `life` cycles at R = -1 in opening.
         ratio: R, least load over largest load of a cycle.
         life: gamma, cycles at the limit of endurance.
-        brittleness: eta; the line of 1 gets to the strength at one cycle.
+        brittleness: eta; for 1 the S-N line reaches the strength at one cycle.
         shear_factor: endurance in shear relative to that in opening.
 
     Raises:
@@ -116,11 +116,11 @@ class FatigueDebonding(MixedModeDebonding):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name, low, high, remedy in (
-            ("endurance", 0.0, 1.0, "a share of the strength, .2 for carbon and epoxy"),
-            ("ratio", -math.inf, 1.0, "least load over largest load; loads that stay do not wear"),
+            ("endurance", 0.0, 1.0, "a fraction of the strength, 0.2 for carbon/epoxy"),
+            ("ratio", -math.inf, 1.0, "least load over largest load, 1 means no cycles"),
             ("life", 1.0, math.inf, "the number of cycles at the limit of endurance, 1e7"),
-            ("brittleness", 0.0, math.inf, ".95 for carbon and epoxy"),
-            ("shear_factor", 0.0, math.inf, "endurance in shear over that in opening, .58"),
+            ("brittleness", 0.0, math.inf, "0.95 for carbon/epoxy"),
+            ("shear_factor", 0.0, math.inf, "endurance in shear over that in opening, 0.58"),
         ):
             value = getattr(self, name)
             if not low < value < high:
@@ -128,12 +128,12 @@ class FatigueDebonding(MixedModeDebonding):
         if not self.endurance * self.shear_factor < 1.0:
             raise ValueError(
                 f"shear_factor = {self.shear_factor}: the endurance in shear, endurance * "
-                "shear_factor, must be less than the strength; use a smaller one"
+                "shear_factor, must be less than the strength; use a smaller value"
             )
 
     @property
     def symmetric(self) -> bool:
-        """As without cycles, if moreover the endurance is the same in all modes."""
+        """As without cycles, if the endurance is the same in all modes."""
         return super().symmetric and self.shear_factor == 1.0
 
     def wear(self, cos: ArrayLike, sin: ArrayLike) -> Wear:
@@ -148,7 +148,7 @@ class FatigueDebonding(MixedModeDebonding):
         return self._wear(k * sin * sin / linear, 2.0 * k * sin * cos / linear**2)
 
     def _wear(self, share: Array, share_by_angle: Array) -> Wear:
-        """Of the share phi of shear in the energy, and its change with th."""
+        """From the shear fraction phi of the energy, and its derivative by th."""
         fall = 1.0 - self.shear_factor
         e = self.endurance * (1.0 - fall * share)
         e_by_angle = -self.endurance * fall * share_by_angle
@@ -179,10 +179,10 @@ class FatigueDebonding(MixedModeDebonding):
         return np.where(p < wear.endurance, np.inf, lives)
 
     def cycles_at_strength(self, loss: float) -> float:
-        """Cycles in which a point that bears all it can loses a share of its strength.
+        """Cycles in which a point loaded to its residual strength loses a fraction of its strength.
 
         Args:
-            loss: The share.
+            loss: The fraction.
         """
         pure = self._wear(np.array([0.0, 1.0]), np.zeros(2))
         return float(loss / np.exp(pure.log_rate(np.ones(2), self.life)).max())
@@ -198,7 +198,7 @@ class FatigueDebonding(MixedModeDebonding):
         dt: float | Array = 1.0,
         cycles: ArrayLike = 0.0,
     ) -> Update:
-        """Advance n points by one backward-Euler step of some cycles.
+        """Advance n points by one backward-Euler step of a number of cycles.
 
         Args:
             trial, normal, gap, softening, penalty, dt: As of `Law.return_map`.
@@ -234,11 +234,11 @@ def _wear_down(
     at: Start,
     cycles: Array,
 ) -> None:
-    """Overwrite the rows of `update` in which cycles do more than the monotonic law."""
+    """Overwrite the rows of `update` in which cycles cause more damage than the monotonic law."""
     static = update.softening[at.rows] / law.strength
     points = branch(law, at, cycles)
     first = points.start()
-    # what the rate at the start would do is the most
+    # the rate at the start gives an upper bound
     most = np.where(first.ratio >= first.endurance, cycles * np.exp(first.log_rate), 0.0)
     some = most > _ROUND_OFF
     if not some.any():
@@ -251,7 +251,7 @@ def _wear_down(
 
 
 class Spent(NamedTuple):
-    """Dissipation of a step, N/mm, and its derivatives by g, th and lambda of the end."""
+    """Dissipation of a step, N/mm, and its derivatives by g, th and lambda at its end."""
 
     work: Array  #: (m,)
     by_g: Array
@@ -260,7 +260,7 @@ class Spent(NamedTuple):
 
 
 class Beginning(NamedTuple):
-    """Points at the damage at which the step starts."""
+    """Points with the damage at the start of the step."""
 
     ratio: Array  #: lambda (m,)
     endurance: Array  #: E (m,)
@@ -268,7 +268,7 @@ class Beginning(NamedTuple):
 
 
 class _Points:
-    """Points of a branch that wear down.
+    """Points of a branch with fatigue.
 
     Args:
         law: The law.
@@ -284,7 +284,7 @@ class _Points:
         return type(self)(self.law.at(mask), secant.some_of(self.at, mask), self.cycles[mask])
 
     def root(self, start: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """g of the end, at most 1, and where damage has ended at the limit of endurance.
+        """g at the end, at most 1, and where damage has stopped at the endurance limit.
 
         Args:
             start: First guess, more than g_n (m,).
@@ -306,11 +306,11 @@ class _Points:
         return g, held
 
     def worn(self, g: Array, held: NDArray[np.bool_]) -> Worn:
-        """The equation of the end: that of endurance where damage is held by it."""
+        """The equation at the end of the step: that of endurance where it stops damage."""
         raise NotImplementedError
 
     def _spent(self, g: Array, worn: Worn) -> Spent:
-        """Integral of G_c lambda^2 dd: the mean of those at both ends of the step."""
+        """Integral of G_c lambda^2 dd: the mean of its values at both ends of the step."""
         law, at = self.law, self.at
         y_n, y_t = secant.reduced_gap(law, at)
         y_n = np.maximum(y_n, 0.0)
@@ -515,7 +515,7 @@ class _Pressed(_Points):
         worn = self.worn(g, held)
         rubbing = secant.rub(curve, self._sheared, g)
         step = rubbing.gap - self._sheared.held
-        # the change of g with the load, as where it follows the softening curve
+        # derivative of g by the load, as on the softening curve
         s, _ = curve.at(g)
         M = curve.strength * s + at.penalty * curve.scale * g
         steep = np.where(held, 1.0, self._wear.exponent) / np.maximum(worn.ratio, _LEAST)

@@ -1,4 +1,4 @@
-"""Different strengths and energies in opening and shear, with a criterion for their mixture."""
+"""Different strengths and energies in opening and shear, with a mixed-mode criterion."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from .debonding import Debonding
 from .extrinsic import ExtrinsicLaw, Points
 from .roots import increasing_root
 
-#: Angles at which the descent of a criterion is looked up.
+#: Angles at which the slope of a criterion is sampled.
 _ANGLES = 20001
 
-#: To which ratios of slopes and energies are told apart.
+#: Relative difference at which ratios of slopes and energies are distinct.
 _DIGITS = 12
 
 
@@ -57,8 +57,9 @@ class MixedModeDebonding(ExtrinsicLaw):
         dzeta = dd m(th) (zeta_n cos th N + zeta_s sin th t),  t = T_T/|T_T|,
         m(th) = G_c(phi)/(G_n cos^2 th + G_s sin^2 th),
 
-    with phi = G_s sin^2 th/(G_n cos^2 th + G_s sin^2 th) the share of shear in the energy. Pure
-    opening spends G_n, pure shear G_s, and a fixed ratio of tractions G_c(phi) of the `criterion`:
+    with phi = G_s sin^2 th/(G_n cos^2 th + G_s sin^2 th) the shear fraction of the energy. Pure
+    opening dissipates G_n, pure shear G_s, and a fixed ratio of tractions G_c(phi) of the
+    `criterion`:
 
     * "linear": G_I/G_n + G_II/G_s = 1, m = 1;
     * "power": (G_I/G_n)^exponent + (G_II/G_s)^exponent = 1;
@@ -71,22 +72,23 @@ class MixedModeDebonding(ExtrinsicLaw):
     to the yield surface, and the tangent symmetric, exactly when m = 1 and G_n = G_s; equal
     strengths and energies give `Debonding`.
 
-    Viscosity acts beside the bond, T = T_bond + V, V = c dzeta with c = eta rho_n, eta =
-    viscosity/dt and rho_n of the start of the step, so that q = r + c takes the place of r. With
-    g = d_{n+1} - d_n, a = T_tr.N/P_n, b = |T_tr,T|/P_s, H_n = P_n/zeta_n, H_s = P_s/zeta_s,
+    Viscosity acts parallel to the bond, T = T_bond + V, V = c dzeta with c = eta rho_n, eta =
+    viscosity/dt and rho_n of the start of the step, so that q = r + c replaces r. With g = d_{n+1}
+    - d_n, a = T_tr.N/P_n, b = |T_tr,T|/P_s, H_n = P_n/zeta_n, H_s = P_s/zeta_s,
 
         A = rho + q g m/H_n,  B = rho + q g m/H_s,
         A cos th = a,  B sin th = b
 
-    are two equations for g and th. With m = 1 one is left, (a/A)^2 + (b/B)^2 = 1. The map from
+    are two equations for g and th. With m = 1 they reduce to (a/A)^2 + (b/B)^2 = 1. The map from
     (g, th) to (a, b) has the determinant A_g B cos^2 + A B_g sin^2 + q g m' (1/H_n - 1/H_s) sin
-    cos, A_g = q m/H_n - 1, B_g = q m/H_s - 1. It is positive for all g, and the root unique, if for
-    all th both
+    cos, A_g = q m/H_n - 1, B_g = q m/H_s - 1. It is positive for all g, and the root is unique, if
+    for all th both
 
         r m > max(H_n, H_s)  and  r m > H_n cos^2 + H_s sin^2 + (m'/m) (H_n - H_s) sin cos;
 
-    the least such r is H, `softening_modulus`. Where the bond fails on the way dzeta = T_tr/q and
-    T = V. The history is Q = P_n d (MPa). In contact the law is `Debonding` with P_s, zeta_s.
+    the least such r is H, `softening_modulus`. Where the bond breaks within the step, dzeta =
+    T_tr/q and T = V. The history is Q = P_n d (MPa). In contact the law is `Debonding` with P_s,
+    zeta_s.
 
     Attributes:
         normal_strength, shear_strength: P_n and P_s, MPa.
@@ -94,7 +96,7 @@ class MixedModeDebonding(ExtrinsicLaw):
         friction: Coulomb coefficient mu.
         viscosity: MPa s/mm.
         criterion: "linear", "power" or "BK".
-        exponent: of the last two, at least 1.
+        exponent: exponent of the last two, at least 1.
         unloading, gradual_friction: as in `Debonding`.
 
     Raises:
@@ -114,7 +116,7 @@ class MixedModeDebonding(ExtrinsicLaw):
 
     def __post_init__(self) -> None:
         check_parameters(self)
-        # a wrong criterion is refused here
+        # raises for an invalid criterion
         criterion_of(self.criterion, self.exponent, 1.0)
 
     @cached_property
@@ -123,7 +125,7 @@ class MixedModeDebonding(ExtrinsicLaw):
         return criterion_of(self.criterion, self.exponent, self.shear_energy / self.normal_energy)
 
     @property
-    def strength(self) -> Parameter:  # type: ignore[override] # other laws are given one
+    def strength(self) -> Parameter:  # type: ignore[override] # a field of other laws
         """P_n, MPa."""
         return self.normal_strength
 
@@ -146,7 +148,7 @@ class MixedModeDebonding(ExtrinsicLaw):
         ratio = self.shear_energy / self.normal_energy
         if not self.varying:
             return h_n * _steepest(h_s / h_n, self.interaction)
-        # strengths that vary together have one ratio of the slopes and of the energies
+        # strengths that vary together have one ratio of slopes and of energies
         pairs = np.stack(np.broadcast_arrays(h_s / h_n, ratio), axis=1).round(_DIGITS)
         kinds, kind = np.unique(pairs, axis=0, return_inverse=True)
         steepest = [_steepest(h, criterion_of(self.criterion, self.exponent, k)) for h, k in kinds]
@@ -189,7 +191,7 @@ class MixedModeDebonding(ExtrinsicLaw):
         return g / (g + (1.0 - g) * m)
 
     def first_step(self, normal: Array, shear: Array, penalty: Array) -> Array:
-        """g of `_flow` for d_n = 0, at the K of m = 1; 1 where the bond fails."""
+        """g of `_flow` for d_n = 0, at the K of m = 1; 1 where the bond breaks."""
         cos, sin, length = self._ray(normal, shear, penalty)
         m, _ = self.flow_factor(cos, sin)
         result, holds = np.ones_like(normal), np.flatnonzero(length < m)
@@ -202,12 +204,12 @@ class MixedModeDebonding(ExtrinsicLaw):
     def _open(self, update: Update, at: Points) -> None:
         """The return of the class docstring, for T_tr.N >= 0."""
         rho_n = at.left / self.strength
-        # dzeta = T_tr/q if the bond fails within the step; d advances by its length in units of the
-        # critical gaps, less m.
+        # dzeta = T_tr/q if the bond breaks within the step; d grows by its length in units of the
+        # critical gaps, over m.
         cos, sin, length = self._ray(at.trial_n, at.shear, at.penalty + at.damping)
         m, _ = self.flow_factor(cos, sin)
-        # What holds has rho_n > 0, so that A and B are not zero, also where the material of a trial
-        # state has no traction (NaN, in a cell turned inside out).
+        # Unbroken points have rho_n > 0, so A and B are not zero, even where a trial state has no
+        # traction (NaN in an inverted cell).
         holds = length < rho_n * m
         gone, left = (Points._make(array[mask] for array in at) for mask in (~holds, holds))
         if gone.rows.size:
@@ -228,7 +230,7 @@ class MixedModeDebonding(ExtrinsicLaw):
         stiffness = at.penalty + at.damping
         compliance = 1.0 / stiffness
         step = compliance[:, None] * at.trial
-        # The mixity is that of the moment of failure on the ray of T_tr.
+        # The mixity is that at failure on the ray of T_tr.
         cos, sin, length = self._ray(at.trial_n, at.shear, stiffness)
         energy, by_angle = self._energy(cos, sin)
 
@@ -344,7 +346,7 @@ class MixedModeDebonding(ExtrinsicLaw):
             """Root g of (a/A)^2 + (b/B)^2 = 1 at a given m."""
 
             def yield_function(g: Array) -> tuple[Array, Array]:
-                # 1/|(a/A, b/B)| - 1 is nearly linear in g, where the equation as printed is not
+                # 1/|(a/A, b/B)| - 1 is nearly linear in g, unlike the equation above
                 A, B, slope_a, slope_b = sizes(g, m)
                 cos, sin = a / A, b / B
                 inverse = 1.0 / np.sqrt(cos * cos + sin * sin)
@@ -356,8 +358,8 @@ class MixedModeDebonding(ExtrinsicLaw):
         def angle() -> Array:
             """Root th of th = atan((b/B)/(a/A)), with g of `growth` at the m of th.
 
-            At an angle that is not the root the bond may be gone, g >= rho_n; then A and B are
-            q g m/H_n and q g m/H_s, and the right-hand side does not depend on th.
+            At an angle that is not the root the bond may be broken, g >= rho_n; then A and B are q
+            g m/H_n and q g m/H_s, and the right-hand side is independent of th.
             """
             parted, parting = np.arctan2(b * h_s, a * h_n), np.hypot(b * h_s, a * h_n) / stiffness
             g = np.zeros_like(rho_n)
@@ -412,7 +414,7 @@ def _steepest(slopes: float, criterion: Criterion) -> float:
 
     Args:
         slopes: H_s/H_n.
-        criterion: With its exponent.
+        criterion: The criterion.
     """
     angle = np.linspace(0.0, 0.5 * np.pi, _ANGLES)
     cos, sin = np.cos(angle), np.sin(angle)

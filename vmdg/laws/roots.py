@@ -8,7 +8,8 @@ import numpy as np
 
 from .base import Array
 
-# Newton squares the error: a last correction below this leaves round-off. Bisection does not.
+# Newton's method converges quadratically: after a correction below this only round-off is left. Not
+# so for bisection.
 _LAST_NEWTON = 1e-10
 _LAST_BISECTION = 1e-15
 _MAX_ITERATIONS = 100
@@ -19,8 +20,8 @@ def increasing_root(
 ) -> Array:
     """Root (n,) of n increasing functions, each bracketed by lower <= root <= upper.
 
-    A Newton step that leaves the bracket, or takes back more than half of the one before, is
-    replaced by bisection, so the iteration neither diverges nor goes to and fro at a kink.
+    A Newton step that leaves the bracket, or reverses more than half of the one before, is replaced
+    by bisection, so the iteration neither diverges nor oscillates at a kink.
 
     Args:
         function: x (n,) to values (n,) and slopes (n,).
@@ -36,10 +37,10 @@ def increasing_root(
         value, slope = function(x)
         lower = np.where(value < 0.0, x, lower)
         upper = np.where(value > 0.0, x, upper)
-        # A slope of zero, possible only at round-off, asks for bisection.
+        # A zero slope, possible only by round-off, leads to bisection.
         newton = x - value / np.where(slope > 0.0, slope, 1.0)
         inside = (slope > 0.0) & (newton >= lower) & (newton <= upper)
-        # what has converged may still move to and fro by its last digits
+        # converged values may still oscillate in their last digits
         back = -np.sign(last) * (newton - x)
         inside &= back <= np.maximum(0.5 * np.abs(last), _LAST_NEWTON * np.abs(x) + round_off)
         previous, x = x, np.where(inside, newton, 0.5 * (lower + upper))

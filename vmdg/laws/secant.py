@@ -1,30 +1,29 @@
-"""Unloading to the origin, for laws that start from a rigid bond.
+"""Unloading to the origin, for laws with an initially rigid bond.
 
-Below the largest gap so far the bond is a spring that has its stress-free state at zeta = 0,
+Below the largest gap so far the bond is a spring that is stress-free at zeta = 0,
 
     psi = K (H_n zeta_N^2 + H_s |zeta_T|^2)/2,   T = d psi/d zeta = K (H_n zeta_N N + H_s zeta_T),
 
 with H_n = P_n/zeta_n, H_s = P_s/zeta_s, and zeta_n, zeta_s the scales of the softening curve
 R = P s(x/scale) in opening and shear. K is infinite while the bond is intact (rigid, zeta = 0) and
-falls only: with (cos th, sin th) = (zeta_N/zeta_n, |zeta_T|/zeta_s)/delta, delta their length,
+never increases: with (cos th, sin th) = (zeta_N/zeta_n, |zeta_T|/zeta_s)/delta, delta their length,
 
     K = min(K_n, s(delta/m(th))/delta),
 
-m(th) the flow factor of a mixed-mode criterion, 1 elsewhere. A proportional opening is that of the
-law with plastic unloading. A step dissipates the integral of -dK (H_n zeta_N^2 + H_s |zeta_T|^2)/2,
-which is never negative, and nothing while K stays.
+m(th) the flow factor of a mixed-mode criterion, 1 for other laws. Under proportional opening the
+response is that with plastic unloading. A step dissipates the integral of -dK (H_n zeta_N^2 + H_s
+|zeta_T|^2)/2, which is never negative, and zero at constant K.
 
 With T* = T_tr + r zeta_n the step solves (K H_n + r) zeta_N = T*_N and (K H_s + r) zeta_T = T*_T.
 While K falls these are the equations of the first step of an intact bond under the trial traction
-T*, so that it has one solution for r > H, as there. T*_N < 0 closes the gap, zeta_N = 0 and T_N =
-T*_N, and the bond goes on in shear with friction beside it: the share d of the point that has
-parted rubs, the rest holds (Alfano and Sacco 2006, Int. J. Numer. Meth. Engng 68; d is the share of
-the strength that is lost),
+T*, so the solution is unique for r > H, as there. T*_N < 0 closes the gap, zeta_N = 0 and T_N =
+T*_N, and the bond acts in shear with friction in parallel, on the broken fraction d of the point
+(Alfano and Sacco 2006, Int. J. Numer. Meth. Engng 68; d is the lost fraction of the strength),
 
     T_T = K H_s zeta_T + d mu |T_N| n,  n = dzeta_T/|dzeta_T| the direction of slip,
 
-and zeta_T stays while what the spring leaves is less than d mu |T_N|. With g = |zeta_T|/zeta_s
-and d = 1 - s(g) a step in which K falls solves
+and zeta_T is constant while the traction beyond that of the spring is below d mu |T_N|. With g =
+|zeta_T|/zeta_s and d = 1 - s(g) a step in which K falls solves
 
     r zeta_s g + P_s s(g) = |T*_T - d mu |T_N| n|,  n along T_tr,T - K H_s zeta_T,n.
 
@@ -43,13 +42,13 @@ from .base import Array, Mode, Parameter, Update, add_to_diagonal, dot, outer, u
 from .compression import ROUND_OFF, SofteningCurve
 from .roots import increasing_root
 
-# Pieces of a slip, on each of which the share that rubs is a mean over the gaps, exact where they
-# grow along the slip.
+# Pieces of a slip, each with the mean over the gap of the fraction with friction, exact where the
+# gap grows along the slip.
 _PIECES = 8
 
 
 class RigidLaw(Protocol):
-    """What a law that is rigid up to its strength says of itself, see `ExtrinsicLaw`."""
+    """Attributes of a law that is rigid up to its strength, see `ExtrinsicLaw`."""
 
     @property
     def strength(self) -> Parameter:
@@ -114,11 +113,11 @@ class Scaled:
         return spent / (self.strength * self.scale)
 
     def dissipated(self, g: Array) -> Array:
-        """Area less the triangle s g/2 of what unloading returns."""
+        """Area minus the triangle s g/2 recovered by unloading."""
         return self.area(g) - 0.5 * self.at(g)[0] * g
 
     def parted(self, g: Array) -> Array:
-        """Area less the rectangle s g."""
+        """Area minus the rectangle s g."""
         return self.area(g) - self.at(g)[0] * g
 
     def stiffness(self, g: Array) -> Array:
@@ -134,7 +133,7 @@ class Start(NamedTuple):
     normal: Array  #: N (m, d)
     gap: Array  #: zeta_n (m, d)
     penalty: Array  #: r (m,)
-    g: Array  #: largest gap so far that has the K of the point, m = 1 (m,)
+    g: Array  #: largest gap so far, from the K of the point at m = 1 (m,)
     damage: Array  #: Q_n/strength (m,)
 
 
@@ -273,7 +272,7 @@ def reduced_gap(law: RigidLaw, at: Start) -> tuple[Array, Array]:
 
 
 class Spent(NamedTuple):
-    """Dissipation of a step in which K falls, N/mm, and its derivatives by K and th of the end."""
+    """Dissipation of a step in which K falls, N/mm, and its derivatives by K and th at its end."""
 
     work: Array  #: (m,)
     by_stiffness: Array
@@ -281,18 +280,18 @@ class Spent(NamedTuple):
 
 
 def _spent(law: RigidLaw, at: Start, g: Array, cos: Array, sin: Array) -> Spent:
-    """The integral of -dK over K at a fixed direction.
+    """The integral over -dK at a fixed direction.
 
-    It is the mean of those at the directions of both ends of the step, which is of second order
-    where the gap turns. With G = P_n zeta_n cos^2 + P_s zeta_s sin^2 it is m G (D(x) - D(x_n)),
-    where K = s(x)/(x m) and D' = (s - s' x)/2, so that its derivative by K is -G (m x)^2/2 and by m
-    G (D(x) - s x/2 - D(x_n) + s_n x_n/2).
+    It is the mean over the directions at both ends of the step, of second order where the gap
+    rotates. With G = P_n zeta_n cos^2 + P_s zeta_s sin^2 it is m G (D(x) - D(x_n)), where K =
+    s(x)/(x m) and D' = (s - s' x)/2, so that its derivative by K is -G (m x)^2/2 and by m G (D(x) -
+    s x/2 - D(x_n) + s_n x_n/2).
 
     Args:
         law: Its curves and scales.
         at: The start.
-        g: Of the end (m,).
-        cos, sin: Of th at the end (m,).
+        g: g at the end (m,).
+        cos, sin: cosine and sine of th at the end (m,).
     """
     opening, shear = Scaled(law.in_opening), Scaled(law.in_shear)
     y_n, y_t = reduced_gap(law, at)
@@ -322,7 +321,7 @@ def _spent(law: RigidLaw, at: Start, g: Array, cos: Array, sin: Array) -> Spent:
 
 
 class Sheared(NamedTuple):
-    """Shear of pressed points at the start of a step."""
+    """Shear of compressed points at the start of a step."""
 
     load: Array  #: T*_T (m, d)
     held: Array  #: zeta_T,n (m, d)
@@ -331,11 +330,11 @@ class Sheared(NamedTuple):
 
 
 class Rubbing(NamedTuple):
-    """Shear of pressed points at a given K: spring, friction and slip."""
+    """Shear of compressed points at a given K: spring, friction and slip."""
 
     c: Array  #: 1/(K H_s + r) (m,), mm/MPa
-    damage: Array  #: d, the share that rubs (m,)
-    size: Array  #: |f|, f = T_tr,T - K H_s zeta_T,n what the spring leaves (m,), MPa
+    damage: Array  #: d, the fraction with friction (m,)
+    size: Array  #: |f|, f = T_tr,T - K H_s zeta_T,n beyond the spring (m,), MPa
     n: Array  #: f/|f| (m, d)
     slip: Array  #: |dzeta_T| (m,), mm
     slips: NDArray[np.bool_]
@@ -347,12 +346,12 @@ Points = TypeVar("Points", Start, Sheared, Rubbing)
 
 
 def rub(shear: Scaled, at: Sheared, g: Array) -> Rubbing:
-    """Friction beside the spring of a known g.
+    """Friction parallel to the spring for a known g.
 
     Args:
         shear: The curve.
         at: The start.
-        g: Largest gap (m,), zero where the bond is intact and does not move.
+        g: Largest gap (m,), zero where the bond is intact and rigid.
     """
     load, held, cap, r = at
     s, _ = shear.at(g)
@@ -453,18 +452,18 @@ def pressed_tangent(
     rubbing: Rubbing,
     worn: tuple[Array, Array] | None = None,
 ) -> tuple[Array, Array]:
-    """d zeta/d T_tr (m, d, d) of `_pressed`: at a given K, and what K changes where it falls; dg/d
-    T_tr (m, d).
+    """d zeta/d T_tr (m, d, d) of `_pressed`: at given K, plus the contribution of dK where K falls;
+    dg/d T_tr (m, d).
 
     Args:
         law, at: As of `_pressed`.
         start: Shear at the start.
-        g: Largest gap of the end (m,).
+        g: Largest gap at the end (m,).
         growing: Where it grows.
         rubbing: Of the end.
-        worn: Of points that do not follow their curve but are worn down at r zeta_s g + P_s s =
-            |w|/lambda: lambda and, in MPa, lambda times the left-hand side over d ln(rate)/d
-            ln(lambda) and the growth of g (m,).
+        worn: For points with fatigue, at r zeta_s g + P_s s = |w|/lambda instead of on their curve:
+            lambda and, in MPa, lambda times the left-hand side over d ln(rate)/d ln(lambda) and the
+            growth of g (m,).
     """
     normal, r, n = at.normal, at.penalty, rubbing.n
     c, rubs = np.where(rubbing.slips, rubbing.c, 0.0), start.cap * rubbing.damage
@@ -516,7 +515,7 @@ def _rubbed(
     growing: NDArray[np.bool_],
     rubbing: Rubbing,
 ) -> Array:
-    """Integral of d along the slip (m,), mm: d_n to the largest gap so far, then that of the gap.
+    """Integral of d along the slip (m,), mm: d_n up to the largest gap so far, then d of the gap.
 
     Args:
         shear: The curve.

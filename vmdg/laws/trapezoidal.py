@@ -1,4 +1,4 @@
-"""Softening behind a plateau, as of ductile adhesives."""
+"""Softening after a plateau, for ductile adhesives."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ class TrapezoidalDebonding(RadialLaw):
     the curve of Tvergaard and Hutchinson (1992, J. Mech. Phys. Solids 40) with a rigid start; kappa
     is the accumulated length of the inelastic gap, or the largest gap with unloading="secant". The
     area under it is P_c (zeta_p + zeta_c)/2. The history is Q = P_c kappa/zeta_c: on the plateau it
-    grows while R does not fall. Everything else is as in `Debonding`, which this is for zeta_p = 0;
-    where friction is gradual a point rubs only as R falls.
+    grows at constant R. Otherwise as `Debonding`, the special case zeta_p = 0; gradual friction
+    starts only when R falls.
 
     Attributes:
         strength: P_c, MPa.
         plateau_gap: zeta_p, mm, up to which R is P_c.
-        critical_gap: zeta_c, mm, at which the bond is gone.
+        critical_gap: zeta_c, mm, at which the bond is broken.
         friction: Coulomb coefficient mu.
         viscosity: MPa s/mm.
         unloading, gradual_friction: as in `Debonding`.
@@ -46,7 +46,7 @@ class TrapezoidalDebonding(RadialLaw):
         if self.resolved and not np.all(np.less(self.plateau_gap, self.critical_gap)):
             raise ValueError(
                 f"plateau_gap = {self.plateau_gap}: must be less than critical_gap = "
-                f"{self.critical_gap}, at which the bond is gone"
+                f"{self.critical_gap}, at which the bond is broken"
             )
 
     @property
@@ -63,14 +63,15 @@ class TrapezoidalDebonding(RadialLaw):
         return np.maximum(left - self.strength / self.critical_gap * slip, 0.0)
 
     def soften(self, left: Array, slip: Array) -> tuple[Array, Array]:
-        """R of the kappa that has grown by x."""
+        """R at kappa increased by x."""
         rest = self.remaining(left, slip)
         R = self.resistance(rest)
         falls = (rest > 0.0) & (R < self.strength)
         return R, np.where(falls, -self.softening_modulus, 0.0)
 
     def slip(self, load: Array, left: Array, stiffness: Array) -> Array:
-        """On the plateau, on the descent, or the free slip where the bond fails on the way."""
+        """On the plateau, on the descent, or load/stiffness where the bond breaks within the
+        step."""
         H, room = self.softening_modulus, self._room(left)
         plateau = np.maximum(room - self.strength / H, 0.0)
         level, free = (load - self.strength) / stiffness, load / stiffness
@@ -79,12 +80,12 @@ class TrapezoidalDebonding(RadialLaw):
         return np.where(free >= room, free, np.where(holds, level, descent))
 
     def slip_to(self, left: Array, target: Array) -> Array:
-        """To the kappa of R on the descent."""
+        """Gap increment to the kappa of R on the descent."""
         reached = self._room(left) - np.maximum(target, 0.0) / self.softening_modulus
         return np.where(self.resistance(left) > target, np.maximum(reached, 0.0), 0.0)
 
     def bond_energy(self, left: Array) -> Array:
-        """R^2/(2H), and P_c for what is left of the plateau."""
+        """R^2/(2H), plus P_c times the rest of the plateau."""
         R, H = self.resistance(left), self.softening_modulus
         plateau = np.maximum(self._room(left) - self.strength / H, 0.0)
         return 0.5 * R * (R / H) + self.strength * plateau
