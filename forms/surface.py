@@ -23,15 +23,15 @@ def pressure_force(eta: Expr, body: Body, geometry: Geometry, u: Expr, N: Expr, 
     return p * ufl.dot(area_vector(body, F, N), eta)
 
 
-def lips_force(eta: Expr, body: Body, geometry: Geometry, u: Expr, N: Expr, p: Expr) -> Expr:
+def crack_face_force(eta: Expr, body: Body, geometry: Geometry, u: Expr, N: Expr, p: Expr) -> Expr:
     """The same on both faces of an interface, with p and N of side 1; on side 2 the outward N is
     used."""
 
-    def on_lip(side: str) -> Expr:
+    def on_face(side: str) -> Expr:
         F = ufl.variable(geometry.deformation(u)(side))
         return p * ufl.dot(area_vector(body, F, N), eta(side))
 
-    return on_lip("+") - on_lip("-")
+    return on_face("+") - on_face("-")
 
 
 def foundation(normal: Expr, tangential: Expr, N: Expr) -> Expr:

@@ -117,9 +117,9 @@ def test_wrong_classes(comm):
     """A rule that gives no truth values, or chooses nothing; words other than "all"."""
     mesh, tags = three_bodies(comm, "triangle")
     wrong = {
-        "must give True or False for each pair": lambda a, b: a + b,
+        "must return True or False for each pair": lambda a, b: a + b,
         "it fails: division": lambda a, b: 1 / 0,
-        "the function is true for no two groups that touch": lambda a, b: a > b,
+        "the function is true for no two adjacent groups": lambda a, b: a > b,
     }
     for message, rule in wrong.items():
         with pytest.raises(ValueError, match=message):

@@ -447,18 +447,18 @@ def test_drag_slows_the_bonded_points_of_a_step(comm):
     r = active.stabilization.norm[active.quadrature.facet][:, None]
     trial = np.abs(rng.normal(scale=100.0, size=(count, 2))) + 60.0
 
-    drag = np.where(parted, 0.0, k)
+    overstress = np.where(parted, 0.0, k)
 
-    def mapped(load, drag):
-        return map_back(LAW, load, replace(active.trial(), drag=drag), 1.0)
+    def mapped(load, overstress):
+        return map_back(LAW, load, replace(active.trial(), overstress_modulus=overstress), 1.0)
 
-    update = mapped(trial, drag)
+    update = mapped(trial, overstress)
     assert not update.traction[parted].any()
     dragged = (update.traction - k * update.gap)[~parted]
     left = LAW.strength - update.softening[~parted]
     assert np.linalg.norm(dragged, axis=1) == pytest.approx(left, rel=1e-9)
     assert update.traction == pytest.approx(trial - r * update.gap, rel=1e-10, abs=1e-9)
     change = 1e-5 * rng.normal(size=trial.shape)
-    moved = (mapped(trial + change, drag).gap - mapped(trial - change, drag).gap) / 2
+    moved = (mapped(trial + change, overstress).gap - mapped(trial - change, overstress).gap) / 2
     assert moved == pytest.approx(np.einsum("pij,pj->pi", update.tangent, change), abs=1e-12)
     assert np.linalg.norm(mapped(trial, None).traction[~parted], axis=1).max() <= 60.0

@@ -37,7 +37,7 @@ def test_number():
 @pytest.mark.parametrize("name", ["", "a/b", "bodies", ".bond", 3])
 def test_names_that_cannot_be(name):
     """A name is that of a file beside bodies.bp."""
-    with pytest.raises(ValueError, match=r"Interface: name = .* must be words that can name a"):
+    with pytest.raises(ValueError, match=r"Interface: name = .* must be usable as a file name"):
         named(name)
 
 

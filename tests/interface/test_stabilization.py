@@ -312,7 +312,7 @@ def test_compliance_follows_the_penalty(comm):
     active = problem.discretization.active[0]
     start, end, r = active.history, active.values.update, active.stabilization.norm
     assert gather(comm, active.values.compliance).any()
-    active.apply(active.stabilization.scaled(3 * r))
+    active.apply(active.stabilization.with_norm(3 * r))
     more = 3 * r[active.quadrature.facet]
     trial = end.traction + more[:, None] * (end.gap - start.gap)
     again = law.return_map(trial, active.quadrature.normal, start.gap, start.softening, more)

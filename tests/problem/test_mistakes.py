@@ -109,7 +109,7 @@ def test_softening_too_steep_by_far(comm, E, critical_gap):
     """
     law = vmdg.Debonding(strength=100.0, critical_gap=critical_gap)
     material, tagged = vmdg.NeoHookean(E=E, nu=0.25), scene(comm)
-    message = r"Refine .* do the units of .* go together \(MPa with mm"
+    message = r"Refine .* are the units of .* consistent \(MPa with mm"
     with pytest.raises(ValueError, match=message):
         bonded(tagged, law, material, safety=1.0)
     with warned(comm, message):
@@ -355,7 +355,7 @@ WRONG_VALUES = {
     ),
     "tags that do not touch": (
         apart,
-        "has no facet: the tags do not touch, .*make the mesh conforming",
+        "has no facet: the tags are not adjacent, .*make the mesh conforming",
     ),
     "level set of one sign": (
         lambda s: bond(s, level_set=lambda x: x[0] + 1),
@@ -367,7 +367,7 @@ WRONG_VALUES = {
     ),
     "predicate without facets": (
         lambda s: bond(s, facets=lambda x: x[0] == 0.9999),
-        "true at all vertices of no facet inside the mesh; compare coordinates by np.isclose",
+        "true at all vertices of no interior facet; compare coordinates by np.isclose",
     ),
     "unknown component": (
         lambda s: prescribe(s, 0.0, "w"),
@@ -430,12 +430,12 @@ WRONG_VALUES = {
     ),
     "several tags within": (
         lambda s: tie(within=[1, 2]),
-        r"within = \[1, 2\] must be one tag; make an interface for each",
+        r"within = \[1, 2\] must be one tag; create an interface for each",
     ),
     "safety of None": (lambda s: tie(within=1, safety=None), "safety = None must be positive"),
     "initial damage in words": (
         lambda s: bond(s, between=(1, 2), initial_damage="half"),
-        r"initial_damage = 'half' must lie in \[0, 1\]: the share of the strength",
+        r"initial_damage = 'half' must lie in \[0, 1\]: the lost fraction of the strength",
     ),
     "level set of truth values": (
         lambda s: bond(s, level_set=lambda x: x[0] < 1),

@@ -237,7 +237,7 @@ class Discretization:
         return float(self.geometry.thickness) * energy
 
     def _scaled_stabilization(self) -> list[Stabilization]:
-        return self._stabilizers.scaled([active.floor for active in self.active.values()])
+        return self._stabilizers.for_step([active.floor for active in self.active.values()])
 
     def needed_penalties(self) -> list[NDArray[np.float64]]:
         """r of every interface for a step from the current displacement (nf,); collective.

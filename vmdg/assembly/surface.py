@@ -189,7 +189,7 @@ class Surface:
             metadata={"quadrature_degree": quadrature.degree},
         )
         body = self._bodies.regions[0].body
-        density = surface.lips_force(eta, body, self._geometry, self._u, N, p("+"))
+        density = surface.crack_face_force(eta, body, self._geometry, self._u, N, p("+"))
         term = self._term(density, dS, [quadrature.submesh])
         dofs = np.arange(len(quadrature.weights), dtype=np.int32)
         self._add(term, p, value, quadrature.points.T, dofs, active.fluid)

@@ -1,4 +1,4 @@
-"""Potential interfaces: facets stay continuous until their traction nears the strength."""
+"""Potential interfaces: facets stay continuous until their traction approaches the strength."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from .interface import Interface, InterfaceList
 from .quadrature import FacetQuadrature, SideEvaluators, side_evaluators
 from .stabilization import Stabilizer
 
-#: Utilization above which a facet is opened before the next step; above which others are opened
-#: with it, so that facets open in batches; and above which the step is repeated with it open.
+#: Utilization above which a facet is opened before the next step; above which others open with it,
+#: so that facets open in batches; and above which the step is repeated with the facet open.
 OPENS, OPENS_WITH_OTHERS, REPEATS_STEP = 1.0, 0.75, 1.5
 
 
 @dataclass(frozen=True)
 class Utilization:
-    """Traction on closed facets relative to the one at which they are to be opened.
+    """Traction on closed facets relative to the traction at which they open.
 
     Attributes:
-        facets: Of the owned facets of every interface that opens on demand, by its number (nf,);
-            zero on open facets.
-        largest: On all ranks; zero where no interface opens on demand.
+        facets: Utilization of the owned facets of every interface that opens on demand, by its
+            number (nf,); zero on open facets.
+        largest: Maximum over all ranks; zero if no interface opens on demand.
     """
 
     facets: dict[int, NDArray[np.float64]]
@@ -40,7 +40,7 @@ class Utilization:
 
 
 class PotentialFacets:
-    """The facets of one interface that opens on demand, with their traction while closed.
+    """The facets of an interface that opens on demand, with their traction while closed.
 
     The traction is {P.N} with the weights delta of (23) at F = I: the softer side counts more.
     """
@@ -51,13 +51,13 @@ class PotentialFacets:
         self._quadrature = quadrature
         self._law = quadrature.facets.law.at(quadrature.facet)
         self._bodies = bodies
-        #: Of all facets on this rank [mm2; mm in plane strain].
+        #: Area of all facets on this rank [mm2; mm in plane strain].
         self.area = float(quadrature.area.sum())
         self._delta: NDArray[np.float64] | None = None
         self._tractions: SideEvaluators | None = None
 
     def follow(self, u: fem.Function) -> None:
-        """Evaluate with this displacement from now on."""
+        """Use this displacement from now on."""
         if self._delta is None:
             stabilizer = Stabilizer(self.interface, self._quadrature, u, self._bodies)
             self._delta = stabilizer.derive().delta
@@ -72,11 +72,11 @@ class PotentialFacets:
         )
 
     def utilization(self) -> NDArray[np.float64]:
-        """Largest traction of every facet relative to where it is to be opened (nf,)."""
+        """Largest traction of every facet relative to that at which it opens (nf,)."""
         q = self._quadrature
         delta = self._delta[q.facet]
         first, second = (evaluate() for evaluate in self._tractions)
-        # The kernels take the outward normal of their own side, -N on side 2.
+        # The kernels use the outward normal of their side, -N on side 2.
         T = np.einsum("pij,pj->pi", delta[:, 0], first)
         T -= np.einsum("pij,pj->pi", delta[:, 1], second)
         normal = np.einsum("pi,pi->p", T, q.normal)
@@ -89,9 +89,9 @@ class Activation:
     """Which facets of every interface are open.
 
     Attributes:
-        interfaces: What the user described.
+        interfaces: The user's descriptions.
         facets: All facets of every interface on this rank, open or not.
-        open: For every interface, a mark on all local facets of the mesh.
+        open: For every interface, a mask over all local facets of the mesh.
     """
 
     def __init__(
@@ -128,8 +128,8 @@ class Activation:
 
         Args:
             facets: Local facets.
-            what: Who refuses them.
-            reason: What is wrong and the cure, said after the place of the facet.
+            what: Caller, for the message.
+            reason: The error and the remedy, which follow the place of the facet in the message.
 
         Raises:
             ValueError: one lies on an interface.
@@ -141,23 +141,23 @@ class Activation:
         refuse_facets(self._mesh, facets, inside, what, reason)
 
     def follow(self, u: fem.Function) -> None:
-        """Evaluate closed facets with this displacement from now on."""
+        """Use this displacement for closed facets from now on."""
         for potential in self._potential.values():
             potential.follow(u)
 
     def area(self, i: int) -> float | None:
-        """Of all facets of interface ``i`` on this rank [mm2; mm in plane strain].
+        """Area of all facets of interface ``i`` on this rank [mm2; mm in plane strain].
 
-        None where they do not open on demand but are open from the start.
+        None if they are open from the start.
         """
         return self._potential[i].area if i in self._potential else None
 
     def facets_among(self, marks: Sequence[NDArray[np.bool_]]) -> list[InterfaceFacets]:
-        """Those facets of every interface that are marked, marks as in :attr:`open`."""
+        """The marked facets of every interface, with masks as in :attr:`open`."""
         return [facets.among(mark) for facets, mark in zip(self.facets, marks, strict=True)]
 
     def utilization(self) -> Utilization:
-        """Of all closed facets at the current displacement; collective."""
+        """Utilization of all closed facets at the current displacement; collective."""
         facets = {
             i: np.where(self.open[i][potential.facets.facets], 0.0, potential.utilization())
             for i, potential in self._potential.items()

@@ -1,4 +1,4 @@
-"""One interface with open facets: its terms of the forms, its return map and its history."""
+"""One interface with open facets: its terms in the forms, its return map and its history."""
 
 from __future__ import annotations
 
@@ -39,15 +39,15 @@ class ActiveInterface:
         interface: As given.
         facets: As given.
         law: Its law at the points.
-        quadrature: Its points.
-        turns: Whether the law works in a frame that turns with the interface.
+        quadrature: Its quadrature points.
+        turns: Whether the law works in a frame that rotates with the interface.
         stabilizer: Derives and scales tau_s.
         terms: Its integrands.
-        stabilization: What the forms have; None before the first :meth:`apply`.
-        floor: Largest r so far (nf,) [MPa/mm], below which that of the next step does not fall.
+        stabilization: Stabilization in the forms; None before the first :meth:`apply`.
+        floor: Largest r so far (nf,) [MPa/mm], a lower bound for the next step.
         history: Converged history of the points.
         values: Values at the points at the last residual.
-        fluid: Between its lips; None for none.
+        fluid: Fluid between the crack faces; None for none.
     """
 
     def __init__(
@@ -70,14 +70,14 @@ class ActiveInterface:
         damage = facets.damage[self.quadrature.facet] if self.law.inelastic else np.zeros(0)
         self.history = PointHistory.start(self.law.strength * damage, self.quadrature.d)
         self.values = self._return_map.start()
-        # The gradient of the work in the step with which a run that is resumed has ended.
+        # For a resumed run, the work gradient of the last step before.
         self._resumed: NDArray[np.float64] | None = None
-        self._drag: NDArray[np.float64] | None = None
+        self._overstress_modulus: NDArray[np.float64] | None = None
         self._cycles: NDArray[np.float64] | None = None
         self.fluid: Fluid | None = None
 
     def take_fluid(self) -> None:
-        """Let a fluid, as yet without pressure, between the lips; forms are to be made anew."""
+        """Add a fluid between the crack faces, at zero pressure; the forms must be rebuilt."""
         given = self.quadrature, self._u, self._bodies
         self.fluid = Fluid(*given)
         pressure = self.fluid.pressure
@@ -91,10 +91,10 @@ class ActiveInterface:
     # At the current displacement
 
     def apply(self, stabilization: Stabilization) -> float:
-        """Give tau_s and the flux weights to the forms, for a step; collective.
+        """Set tau_s and the flux weights of the forms for a step; collective.
 
         Returns:
-            What that adds to the energy (30) of this rank's points [N mm; N in plane strain].
+            The resulting change of the energy (30) at this rank's points [N mm; N in plane strain].
 
         Raises:
             ValueError: r <= H on a facet: the softening is too steep for the mesh.
@@ -108,32 +108,32 @@ class ActiveInterface:
         return 0.0 if before is None else self._energy_between(before, stabilization)
 
     def _energy_between(self, before: Stabilization, after: Stabilization) -> float:
-        """Difference of (30) at the present state [N mm; N in plane strain].
+        """Difference of (30) at the current state [N mm; N in plane strain].
 
         (30) is linear in tau_s and in delta_1 = I - delta_2, and so in delta_s.
         """
         q, values = self.quadrature, self.values
-        slip, jump = values.slip, values.jump
+        s, jump = values.elastic_opening, values.jump
         weights = (after.weights - before.weights)[q.facet, 0]
         if self.law.inelastic:
-            penalty = (after.norm - before.norm)[q.facet, None] * slip
+            penalty = (after.norm - before.norm)[q.facet, None] * s
         else:
-            penalty = apply((after.tau - before.tau)[q.facet], slip)
-        energy = np.einsum("pi,pi->p", slip, apply(weights, jump) + penalty / 2)
+            penalty = apply((after.tau - before.tau)[q.facet], s)
+        energy = np.einsum("pi,pi->p", s, apply(weights, jump) + penalty / 2)
         if self.interface.traction_jump:
             delta_s = (after.delta_s - before.delta_s)[q.facet]
             energy -= np.einsum("pi,pi->p", jump, apply(delta_s, jump)) / 2
         return float(energy @ q.weights)
 
     def _follow_penalty(self, change: NDArray[np.float64]) -> None:
-        """C of the last return map with a larger r.
+        """Update C of the last return map for a larger r.
 
-        dT_tr = dT + r d zeta, and d zeta by dT is a matter of the law alone, so that
-        C^-1 - r stays: with C of the old r a point that softens would soften by the change besides.
-        Where r falls that leaves out some of H, which makes the first correction a careful one.
+        dT_tr = dT + r d zeta, and d zeta/dT depends on the law alone, so C^-1 - r is unchanged:
+        with C of the old r a softening point would soften additionally by the change. Where r
+        decreases, part of H is neglected, which makes the first correction a conservative one.
 
         Args:
-            change: By which r has grown (nf,) [MPa/mm].
+            change: Increase of r (nf,) [MPa/mm].
         """
         if not change.any():
             return
@@ -146,16 +146,19 @@ class ActiveInterface:
         self.terms.set_stabilization(stabilization)
 
     def trial(self) -> Trial:
-        """What the return map of the step starts from at the current displacement."""
-        return self._return_map.trial(self.stabilization, self.history, self._drag, self._cycles)
+        """Input of the return map of the step at the current displacement."""
+        return self._return_map.trial(
+            self.stabilization, self.history, self._overstress_modulus, self._cycles
+        )
 
     def go_between(self, start: PointHistory, end: PointValues, share: float) -> None:
-        """Take values at the present displacement, zeta at a share of its change in the step.
+        """Set values at the current displacement, with zeta at a fraction of its change in the
+        step.
 
         Args:
             start: History at the start of the step.
             end: Values at its end.
-            share: Of the step.
+            share: Fraction of the step.
         """
         trial = self.trial()
         if end.update is not None:
@@ -164,13 +167,13 @@ class ActiveInterface:
         self.take(evaluate(self.law, trial, 1.0, end))
 
     def take(self, values: PointValues) -> None:
-        """Take what a return map gives at the points; sets zeta of the residual."""
+        """Store the result of a return map at the points; sets zeta of the residual."""
         self.values = values
         self.terms.set_gap(values)
 
     @cached_property
     def point_tangent(self) -> PointTangent:
-        """What the tangent is made of; compiles its kernels, collective."""
+        """The tangent at the points; compiles its kernels, collective."""
         return PointTangent(
             self.quadrature,
             self._u,
@@ -184,13 +187,13 @@ class ActiveInterface:
         """D dA and Tt dA at the points, see :class:`.PointTangent`; collective.
 
         Args:
-            damage: Include C = d zeta/dT; without it zeta is kept.
+            damage: Include C = d zeta/dT; without it zeta is fixed.
         """
         changes = self._return_map.tangent(self.values) if damage else (None, None)
         return self.point_tangent(self.stabilization, self.values, *changes)
 
     def state(self) -> InterfaceState:
-        """Values at the points for users."""
+        """Public values at the points."""
         q, history, values = self.quadrature, self.history, self.values
         count, d, inelastic = len(q.weights), q.d, self.law.inelastic
         rotation = values.rotation
@@ -209,26 +212,27 @@ class ActiveInterface:
     # Steps
 
     def slow_down(self, overstress: float, cycles: float = 0.0) -> None:
-        """Choose what slows the gap of the step down, or wears its bonds.
+        """Set the overstress and the number of cycles of the step.
 
         Args:
-            overstress: Drag on the points that are bonded at the start, in multiples of H, to carry
-                an unstable stage over; 0 for the law as it is.
-            cycles: Of the load that the step stands for; only laws of fatigue feel them.
+            overstress: Overstress modulus at points that are bonded at the start, in multiples of
+                H, to bridge an unstable stage; 0 for the plain law.
+            cycles: Load cycles that the step represents; they affect fatigue laws only.
         """
-        self._drag = None
+        self._overstress_modulus = None
         wears = self.law.fatigues and cycles > 0
         self._cycles = np.full(len(self.quadrature.weights), cycles) if wears else None
         if self.law.inelastic and overstress != 0:
             bonded = self.history.softening < self.law.strength
-            self._drag = overstress * self.law.softening_modulus * bonded
+            self._overstress_modulus = overstress * self.law.softening_modulus * bonded
 
     def commit(self) -> None:
-        """Take the last return map as the converged history."""
+        """Accept the last return map as the converged history."""
         self.history = self.history.after(self.values.update)
 
     def take_traction(self) -> None:
-        """Take the traction of the last residual into the history: new facets have borne it too."""
+        """Copy the traction of the last residual into the history: new facets have carried it
+        too."""
         if self.law.inelastic:
             self.history = replace(self.history, traction=self.traction_in_frame())
 
@@ -238,12 +242,12 @@ class ActiveInterface:
         return T if R is None else np.einsum("pji,pj->pi", R, T)
 
     def snapshot(self) -> InterfaceSnapshot:
-        """The state now; none of its arrays is ever changed."""
+        """The current state; its arrays are never modified."""
         share = None if self.fluid is None else self.fluid.share
         return InterfaceSnapshot(self.history, self.values, self.stabilization, share)
 
     def return_to(self, snapshot: InterfaceSnapshot) -> None:
-        """Go back to a state."""
+        """Return to a state."""
         self.history, self.values = snapshot.history, snapshot.values
         if snapshot.gradient is not None:
             self._resumed = snapshot.gradient
@@ -253,14 +257,14 @@ class ActiveInterface:
             self.fluid.share = snapshot.share
 
     def continue_from(self, other: ActiveInterface) -> None:
-        """Take history, floor and fluid of the facets that ``other`` has; new ones have none."""
+        """Copy history, floor and fluid of the facets of ``other``; new facets have none."""
         theirs = other.quadrature.points_of_facet
         position = np.searchsorted(self.facets.facets, other.facets.facets)
         mine = self.quadrature.points_of_facet[position]
         points, others = self.quadrature.points[mine], other.quadrature.points[theirs]
         apart = np.linalg.norm(points[:, :, None] - others[:, None], axis=3)
         if (apart.argmin(axis=2) != np.arange(points.shape[1])).any():
-            raise RuntimeError("the points of a facet changed their order")
+            raise RuntimeError("the order of the points of a facet changed")
         self.floor = np.zeros(len(self.facets.facets))
         self.floor[position] = other.floor
         self.values = with_rows(self.values, mine, other.values, theirs)
@@ -273,7 +277,7 @@ class ActiveInterface:
             self.fluid.share = share
 
     def works(self) -> NDArray[np.float64]:
-        """What this rank's points dissipate in the step, (39), by damage, friction and viscosity.
+        """Dissipation of this rank's points in the step, (39), by damage, friction and viscosity.
 
         [N mm; N in plane strain], (3,).
         """
@@ -286,7 +290,7 @@ class ActiveInterface:
     def work_gradient(self, dt: float) -> NDArray[np.float64]:
         """d damage work/d T_tr of the last return map, in the frame of the law (nq, d) [mm].
 
-        That of a run that is resumed is in its checkpoint.
+        For a resumed run it is read from the checkpoint.
 
         Args:
             dt: Time step of that return map [s].
@@ -296,7 +300,7 @@ class ActiveInterface:
             return self._resumed if self._resumed is not None else np.zeros((len(q.weights), q.d))
         r = self.stabilization.norm[q.facet]
         load = update.traction + r[:, None] * (update.gap - history.gap)
-        r = r if self._drag is None else r + self._drag
+        r = r if self._overstress_modulus is None else r + self._overstress_modulus
         cycles = () if self._cycles is None else (self._cycles,)
         known = q.normal, history.gap, history.softening, r, dt, *cycles
         return work_gradient(self.law, update, load, *known)
@@ -308,14 +312,14 @@ class ActiveInterface:
 
 
 def update_points(interfaces: Sequence[ActiveInterface], dt: float, hold: bool = False) -> None:
-    """Return maps of a step, one for all interfaces with equal laws and frames.
+    """Return maps of a step, jointly for all interfaces with equal laws and frames.
 
     A return map of few points takes as long as that of thousands.
 
     Args:
-        interfaces: All of a discretization.
+        interfaces: All interfaces of a discretization.
         dt: Time step [s].
-        hold: Keep zeta at its converged value.
+        hold: Fix zeta at its converged value.
     """
     for group in _with_equal_laws(interfaces):
         trials = [active.trial() for active in group]
@@ -335,12 +339,12 @@ def fine_scales(active: ActiveInterface) -> NDArray[np.float64]:
     """
     facet, values, stabilization = active.quadrature.facet, active.values, active.stabilization
     flux = apply(stabilization.delta_s[facet], values.jump)
-    share = np.einsum("paji,pj->pai", stabilization.weights[facet], values.slip)
+    share = np.einsum("paji,pj->pai", stabilization.weights[facet], values.elastic_opening)
     return np.array([1.0, -1.0])[:, None] * share - flux[:, None]
 
 
 def recoverable_energy(active: ActiveInterface) -> float:
-    """Work in the gap that the law of this rank's points stores and can return [N mm]."""
+    """Recoverable work in the gap at this rank's points [N mm]."""
     if not active.law.inelastic:
         return 0.0
     history, q = active.history, active.quadrature

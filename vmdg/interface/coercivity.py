@@ -1,4 +1,4 @@
-"""The least tau_s, facet by facet, with which the bonded form stays coercive.
+"""The smallest tau_s on every facet with which the bonded form is coercive.
 
 With opening g, flux h_a = (A : GRAD u_a).N and bulk energy E_K = int_K GRAD u : A : GRAD u, the
 bonded form is the sum over the cells of E_K and over the interface facets of
@@ -15,33 +15,34 @@ So if on every cell the lambda of its interface facets fulfil
 
     sum_f 1/lambda_f int_f h.T_f.h <= E_K(u) for all u,                                       (*)
 
-then tau multiplied by s = (w_1 lambda_1 + w_2 lambda_2) / (1 - alpha) leaves a form not less than
-alpha sum_K E_K: rigid motions apart, the form is coercive and keeps the share alpha of the bulk
-energy, for any degree, shape and contrast. (*) is a generalised eigenvalue problem of one cell, in
-the basis and at the points that the forms use, so under-integration is no way round it. A cell
-shares its energy among its facets in proportion to what each would take alone: with lambda_f the
-largest eigenvalue of facet f alone and m that of sum_f 1/lambda_f int_f h.T_f.h, (*) holds for
+then with tau multiplied by s = (w_1 lambda_1 + w_2 lambda_2) / (1 - alpha) the form is bounded
+below by alpha sum_K E_K: up to rigid motions it is coercive and keeps the fraction alpha of the
+bulk energy, for any degree, shape and contrast. (*) is a generalised eigenvalue problem of one
+cell, in the basis and at the points that the forms use, so it holds for under-integration too. A
+cell divides its energy among its facets in proportion to what each would need alone: with lambda_f
+the largest eigenvalue of facet f alone and m that of sum_f 1/lambda_f int_f h.T_f.h, (*) holds for
 m lambda_f.
 
-E_K cannot bound anything where A is not positive, as in compression, which lets cells rotate to
-lower energies. There GRAD u : |A| : GRAD u takes its place, |A| with the sizes of the eigenvalues
-of A. The interface takes the share theta of that, and leaves (1 - theta) M of a deformation with
-eigenvalue M and -(1 + theta) G of a rotation with -G. A body that is stable may owe it to M - G > 0
-only. That the share alpha of this is left, and no body buckles long before its time, asks for
+E_K gives no bound where A is not positive, as in compression, where cells lower their energy by
+rotation. There GRAD u : |A| : GRAD u replaces it, |A| having the absolute eigenvalues of A. The
+interface uses the fraction theta of that, which leaves (1 - theta) M of a deformation with
+eigenvalue M and -(1 + theta) G of a rotation with -G. A body may be stable only because M - G > 0.
+To keep the fraction alpha of this, and avoid premature buckling, requires
 
     theta = (1 - alpha) (1 - gamma) / (1 + gamma),    gamma = G / M,
 
-M the softest deformation of A, the first eigenvalue above those that are 0 at rest.
+M the softest deformation of A, the lowest eigenvalue above those that vanish at rest.
 
 With mean dilatation the forms are those of :mod:`forms.dilatation`: GRAD u has the mean dilatation
-of the cell as one more entry, A and the fluxes have the derivatives by theta, and A that of p J.
+of the cell as an additional entry, A and the fluxes have the derivatives by theta, and A that of p
+J.
 
-In generalized plane strain F_33 is a dof of every cell besides, for which the whole has one: (*) is
-asked for all the more.
+In generalized plane strain F_33 is an additional dof of every cell, although the body has only one:
+(*) is then conservative.
 
-The form is (27) while everything is bonded, at a state without slip. The further term of (26)
-takes energy of the cells that no tau returns. A facet whose safety is a number takes its share
-of a cell's energy like any other.
+The form is (27) while everything is bonded, at a state with s = 0. The additional term of (26) uses
+energy of the cells that no tau restores. A facet whose safety is a number uses its share of a
+cell's energy like any other.
 """
 
 from __future__ import annotations
@@ -66,19 +67,19 @@ from ..forms.geometry import GeneralizedPlane
 from ..forms.kinematics import Body
 from .facets import InterfaceFacets
 
-#: alpha: share of the bulk energy that the bonded form keeps at least.
+#: alpha: fraction of the bulk energy that the bonded form keeps at least.
 MARGIN = 0.25
 
-# Relative sizes of what makes factors of semidefinite matrices exist: of A, whose rotations have
-# no energy, and of the square root of the cell's energy, where rigid motions have none. Both are
-# far above rounding and far below the softest deformation, bending of a cell 1000 times as long as
-# thick and nearly incompressible.
+# Relative shifts that make semidefinite matrices factorizable: of A, whose rotations have no
+# energy, and of the square root of the cell energy, where rigid motions have none. Both are far
+# above rounding and far below the softest deformation, bending of a nearly incompressible cell with
+# an aspect ratio of 1000.
 _REGULAR_MODULI, _REGULAR_CELL = 1e-13, 1e-10
 
-#: Largest gamma: with more a body buckles cell by cell, whatever the interface does.
+#: Largest gamma: above it a body buckles cell by cell, whatever the interface.
 _MOST_PRESSED = 0.75
 
-# Entries of the largest array of a batch of cells.
+# Size of the largest array of a batch of cells.
 _BATCH = 2**22
 
 
@@ -92,7 +93,7 @@ def _contract(
     Args:
         tensor: (cells, points, entries of GRAD, m).
         gradients: (cells, points, nodes, d), with the hoop column in axisymmetry.
-        dilatations: Change of theta (cells, nodes, d), where GRAD has that entry, the last one.
+        dilatations: Change of theta (cells, nodes, d), if GRAD has it as its last entry.
 
     Returns:
         (cells, points, m, nodes, d).
@@ -104,7 +105,7 @@ def _contract(
     d = gradients.shape[3] - hoop
     cells, points, _, m = tensor.shape
     section = tensor[:, :, : d * d].reshape(cells, points, d, d, m).transpose(0, 1, 4, 2, 3)
-    # (m, i) j by j a: einsum has no BLAS for products within a point.
+    # (m, i) j by j a: einsum uses no BLAS for products at each point.
     result = section.reshape(cells, points, m * d, d) @ gradients[..., :d].transpose(0, 1, 3, 2)
     result = result.reshape(cells, points, m, d, -1).transpose(0, 1, 2, 4, 3)
     if hoop:
@@ -120,7 +121,7 @@ class CellProblems:
     Args:
         u: Displacement at which A is taken.
         bodies: Materials.
-        cells: Local cells, ascending; one that has several interface facets occurs several times.
+        cells: Local cells, ascending; a cell with several interface facets is repeated.
         local: Number of the interface facet within its cell.
     """
 
@@ -141,7 +142,7 @@ class CellProblems:
             cells, return_index=True, return_inverse=True
         )
         self._bulk = shapes.in_cells(self._cells)
-        # F_33 - 1 times this is a displacement as the other unknowns are.
+        # F_33 - 1 times this length has the unit of the other unknowns.
         self._length = power_of_two(np.sqrt(self._bulk[1].sum(axis=1)))
         self._free = d * (d - 1) // 2 + bodies.mean_dilatation
         self._pairs = np.column_stack([cells, local]).astype(np.int32)
@@ -154,14 +155,14 @@ class CellProblems:
         self._facets = shapes.on_facets(cells, local).at(X)[:2]
         self._region = bodies.region[self._cells]
         here = np.unique(self._region)
-        # Compiling is collective.
+        # Compilation is collective.
         regions = np.unique(np.concatenate(mesh.comm.allgather(here)))
 
         N = ufl.FacetNormal(mesh)
         self._moduli = cell_moduli(u, bodies, regions, shapes.bulk_points)
         self._mean_dilatation = bodies.mean_dilatation
         self._volume_gradient: RegionExpressions | None = None
-        # At small strain dJ/dF is the identity, which is no expression on a mesh.
+        # At small strain dJ/dF is the identity, which is not an expression on a mesh.
         if self._mean_dilatation and not bodies.small:
             self._volume_gradient = RegionExpressions(
                 u,
@@ -226,7 +227,7 @@ class CellProblems:
     def _dilatations(self, cells: slice) -> NDArray[np.float64] | None:
         """Change of theta with every shape function in every direction (cells, nodes, d).
 
-        None where GRAD has no entry of theta.
+        None if GRAD has no entry for theta.
         """
         if not self._mean_dilatation:
             return None
@@ -243,8 +244,8 @@ class CellProblems:
     def _energy_factor(
         self, cells: slice, dilatations: NDArray[np.float64] | None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """R with E_K(u) = e |R.u|^2 (cells, n, n), regular, e (cells,), and what compression adds
-        (cells,)."""
+        """R with E_K(u) = e |R.u|^2 (cells, n, n), regular, e (cells,), and the factor due to
+        compression (cells,)."""
         gradients, volumes = (values[cells] for values in self._bulk)
         size = len(self._entries)
         A = self._moduli(self._region[cells], self._cells[cells])
@@ -273,7 +274,7 @@ class CellProblems:
         region = self._region[cells]
         H = self._traction_moduli(region, self._pairs[pairs])
         H = H.reshape(*H.shape[:2], d, -1)
-        # A tau from indefinite A may itself be: only its positive part can be matched.
+        # tau from an indefinite A may be indefinite: only its positive part can be matched.
         values, vectors = np.linalg.eigh(weights)
         compliance, area = power_of_two(values[:, -1]), power_of_two(areas.max(axis=1))
         root = vectors * np.sqrt(np.maximum(values / compliance[:, None], 0))[:, None]
@@ -290,8 +291,8 @@ class CellProblems:
     ) -> NDArray[np.float64]:
         """tensor : GRAD by the dofs of a cell (cells, rows, n), see :func:`_contract`.
 
-        In generalized plane strain F_33 - 1 times the ``length`` (cells,) is one more, in the last
-        column.
+        In generalized plane strain F_33 - 1 times the ``length`` (cells,) is an additional dof, in
+        the last column.
         """
         count, size = len(tensor), gradients.shape[2] * self._d
         if not self._axial:
@@ -308,7 +309,7 @@ def _square_root(
 
     Args:
         A: Moduli (cells, points, n, n).
-        free: Number of eigenvalues that are 0 at rest.
+        free: Number of eigenvalues that vanish at rest.
     """
     size = np.trace(A, axis1=2, axis2=3).max(axis=1)
     regular = (_REGULAR_MODULI * size)[:, None, None]
@@ -325,8 +326,8 @@ def _square_root(
 class Coercivity:
     """Factors on the penalties of all interfaces of a problem that keep the bonded form coercive.
 
-    Cells know the facets of all interfaces, wherever these are owned: the rank of a cell solves
-    its problem, the rank of a facet raises the penalty. Collective.
+    Cells see the facets of all interfaces, on whichever rank: the rank of a cell solves its
+    problem, the rank of a facet raises the penalty. Collective.
 
     Args:
         u: Displacement.
@@ -359,7 +360,7 @@ class Coercivity:
     def __call__(
         self, penalties: Sequence[NDArray[np.float64]], deltas: Sequence[NDArray[np.float64]]
     ) -> list[NDArray[np.float64]]:
-        """The smallest factors on the penalties that (*) asks for, per facet of every interface.
+        """The smallest factors on the penalties that satisfy (*), per facet of every interface.
 
         Args:
             penalties: tau (nf, d, d) of every interface [MPa/mm].

@@ -1,4 +1,4 @@
-"""The facets of an interface on a mesh, and which side is which."""
+"""The facets of an interface on a mesh, and their sides."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ class InterfaceFacets:
         cells: Cell of side 1 and of side 2, (nf, 2).
         local: Number of the facet within these cells, (nf, 2).
         tags: Cell tags of the two sides, (nf, 2).
-        everywhere: The same interface with the facets of other ranks known here (ghosts).
-        damage: Of the bond at the start (nf,), 1 where it is gone.
-        law: On these facets: parameters that vary are arrays (nf,).
-        label: What messages call the interface.
+        everywhere: The same interface including the facets of other ranks known here (ghosts).
+        damage: Initial damage of the bond (nf,), 1 where it is broken.
+        law: The law on these facets: parameters that vary are arrays (nf,).
+        label: Name of the interface in messages.
     """
 
     facets: NDArray[np.int32]
@@ -55,7 +55,7 @@ class InterfaceFacets:
     label: str
 
     def among(self, mark: NDArray[np.bool_]) -> InterfaceFacets:
-        """The facets that are marked, ``mark`` given for all local facets of the mesh."""
+        """The marked facets, with ``mark`` over all local facets of the mesh."""
         keep = mark[self.facets]
         return InterfaceFacets(
             self.facets[keep],
@@ -79,7 +79,7 @@ class InterfaceFacets:
 
 
 def check_ghosts(mesh: Mesh) -> None:
-    """Refuse a distributed mesh whose ranks do not see both cells of every facet.
+    """Refuse a distributed mesh without facet ghosts.
 
     Raises:
         RuntimeError: the mesh was made without facet ghosts on more than one rank.
@@ -105,22 +105,22 @@ def find_facets(
     names: Mapping[str, int] | None = None,
     label: str | None = None,
 ) -> InterfaceFacets:
-    """Select the facets of an interface and decide their sides.
+    """Select the facets of an interface and determine their sides.
 
     Side 1 has the lower tag; for equal tags it is the cell inside the level set, or else the cell
     whose midpoint comes first along the first coordinate in which the two midpoints differ, which
-    no partition of the mesh can change.
+    is independent of the partition.
 
     Args:
         mesh: Mesh with facet ghosts.
         cell_tags: Tag of every local cell, ghosts included.
         interface: The user's description.
         names: Tag by name of the groups of cells.
-        label: What messages call the interface; None for its name or place.
+        label: Name of the interface in messages; None for its name or place.
 
     Raises:
         ValueError: a facet is not interior, a tag is unknown, nothing is selected, or the initial
-            damage or a parameter of the law has no value, or one out of range, on a facet.
+            damage or a parameter of the law is missing or out of range on a facet.
     """
     comm, label = mesh.comm, label or str(interface)
     fdim = mesh.topology.dim - 1
@@ -170,16 +170,16 @@ def find_facets(
 def _between_groups(
     mesh: Mesh, between: str | PairRule, tags: NDArray[np.int32], label: str
 ) -> NDArray[np.bool_]:
-    """Marks of the facets between any two groups, or between those that a user's function chooses.
+    """Mask of the facets between any two groups, or between those selected by a user's function.
 
     Args:
         mesh: The mesh.
-        between: What the user gave.
+        between: The user's argument.
         tags: Of the two cells of every local facet (nf, 2), UNTAGGED on the boundary of the mesh.
-        label: What messages call the interface.
+        label: Name of the interface in messages.
 
     Raises:
-        ValueError: the function does not give one truth value a pair; on all ranks.
+        ValueError: the function does not return one truth value per pair; on all ranks.
     """
     chosen = (tags[:, 0] != tags[:, 1]) & (tags != UNTAGGED).all(axis=1)
     if between == ALL:
@@ -188,14 +188,14 @@ def _between_groups(
     message = None
     try:
         wanted = np.asarray(between(*pairs.T))
-    except Exception as error:  # of a user's function, which may do anything
+    except Exception as error:  # a user's function may raise anything
         wanted, message = np.zeros(0), f"it fails: {error}"
     if message is None and (wanted.shape != pairs.shape[:1] or wanted.dtype != bool):
-        message = f"it gives values of shape {wanted.shape} and type {wanted.dtype}"
+        message = f"it returns values of shape {wanted.shape} and type {wanted.dtype}"
     if message is not None:
         message = (
-            f"{label}: the function of two tags, arrays ({len(pairs)},), must give True or "
-            f"False for each pair, for example lambda a, b: angle[a] == angle[b]; {message}"
+            f"{label}: the function of two tags, arrays ({len(pairs)},), must return True or False "
+            f"for each pair, for example lambda a, b: angle[a] == angle[b]; {message}"
         )
     raise_together(mesh.comm, message)
     chosen[chosen] = wanted
@@ -210,15 +210,15 @@ def _why_empty(interface: Interface) -> str:
         )
     if callable(interface.facets):
         return (
-            "the predicate is true at all vertices of no facet inside the mesh; compare "
-            "coordinates by np.isclose, with an atol= far below the size of a cell, and the mesh "
-            "must have facets there"
+            "the predicate is true at all vertices of no interior facet; compare coordinates by "
+            "np.isclose, with an atol= far below the cell size, and check that the mesh has facets "
+            "there"
         )
     if callable(interface.between):
-        return "the function is true for no two groups that touch"
+        return "the function is true for no two adjacent groups"
     return (
-        "the tags do not touch, or their bodies are meshed separately (make the mesh conforming, "
-        "for example by gmsh.model.occ.fragment)"
+        "the tags are not adjacent, or their bodies are meshed separately (make the mesh "
+        "conforming, for example by gmsh.model.occ.fragment)"
     )
 
 
@@ -241,10 +241,10 @@ def _initial_damage(
     cells: NDArray[np.int32],
     label: str,
 ) -> NDArray[np.float64]:
-    """Damage of the bond on owned facets at the start (nf,); collective.
+    """Initial damage of the bond on owned facets (nf,); collective.
 
     Raises:
-        ValueError: there is not one number from 0 to 1 a facet.
+        ValueError: there is not one number from 0 to 1 per facet.
     """
     if interface.initial_damage is None:
         return np.zeros(len(facets))
@@ -254,7 +254,7 @@ def _initial_damage(
     if not ((values >= 0) & (values <= 1)).all():
         message = (
             f"{what} gives values from {values.min():g} to {values.max():g} on "
-            "its facets; it must give a number from 0 to 1 for each, for example lambda x: "
+            "its facets; it must be a number from 0 to 1 for each, for example lambda x: "
             "np.where(x[0] < 30, 1.0, 0.0)"
         )
     raise_together(mesh.comm, message)
@@ -271,7 +271,7 @@ def _law_on(
     """The law on owned facets; collective.
 
     Raises:
-        ValueError: a parameter has no value on a facet, or one out of range.
+        ValueError: a parameter is missing or out of range on a facet.
     """
     law = interface.law
     values = {
@@ -281,7 +281,7 @@ def _law_on(
     message = None
     try:
         law = law.with_values(values)
-        # Found once here: laws at points and parts of them take it along.
+        # Computed once here: laws at points and their subsets copy it.
         _ = law.softening_modulus
     except ValueError:
         message = f"{label}: {_why_refused(mesh, interface.law, values, facets)}"
@@ -295,7 +295,7 @@ def _why_refused(
     values: Mapping[str, NDArray[np.float64]],
     facets: NDArray[np.int32],
 ) -> str:
-    """What is wrong on the first facet on which the law is refused."""
+    """The error on the first facet on which the law is refused."""
 
     def refused(among: range) -> ValueError | None:
         chosen = slice(among.start, among.stop)
@@ -320,7 +320,7 @@ def facet_values(
     cells: NDArray[np.int32],
     what: str,
 ) -> NDArray[np.float64]:
-    """What a user gives on the facets of an interface (nf,); collective.
+    """A user's values on the facets of an interface (nf,); collective.
 
     Args:
         mesh: The mesh.
@@ -332,7 +332,7 @@ def facet_values(
         what: Its name and that of the interface, for messages.
 
     Raises:
-        ValueError: there is not one finite number a facet.
+        ValueError: there is not one finite number per facet.
     """
     fdim = mesh.topology.dim - 1
     if isinstance(given, Weibull):
@@ -340,7 +340,7 @@ def facet_values(
     if not callable(given):
         if np.ndim(given) == 0:
             return np.full(len(facets), given, dtype=float)
-        # A facet may be given on other ranks than its owner, and on several.
+        # A facet may be given on ranks other than its owner, and on several.
         sums, counts = (la.vector(mesh.topology.index_map(fdim)) for _ in range(2))
         for vector, values in ((sums, given), (counts, 1.0)):
             vector.array[interface.facets] = values
@@ -350,12 +350,12 @@ def facet_values(
     try:
         found = _at_midpoints(mesh, given, x, cells)
         if found.shape not in ((), values.shape) or not np.isfinite(found).all():
-            raise ValueError(f"it gives values of shape {found.shape}, or not finite")
+            raise ValueError(f"its values have shape {found.shape}, or are not finite")
         values[:] = found
-    except Exception as error:  # of a user's function, which may do anything
+    except Exception as error:  # a user's function may raise anything
         message = (
-            f"{what} must give one finite number for each of the midpoints x (3, "
-            f"{len(facets)}) of its facets [mm], or be a scalar Function on the mesh: {error}"
+            f"{what} must be one finite number for each of the midpoints x (3, {len(facets)}) of "
+            f"its facets [mm], or a scalar Function on the mesh: {error}"
         )
     raise_together(mesh.comm, message)
     return values

@@ -1,4 +1,4 @@
-"""The pressure of a fluid between the lips of an interface, at its points."""
+"""The pressure of a fluid between the crack faces of an interface, at its points."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .stabilization import Stabilization
 
 
 class Fluid:
-    """A fluid between the lips of an interface.
+    """A fluid between the crack faces of an interface.
 
     Args:
         quadrature: Points of the interface.
@@ -23,8 +23,8 @@ class Fluid:
         bodies: Materials.
 
     Attributes:
-        pressure: At the points, set by the loads [MPa].
-        share: Of the pressure that acts at the points (nq,); never changed in place.
+        pressure: Pressure at the points, set by the loads [MPa].
+        share: Fraction of the pressure that acts at the points (nq,); never modified in place.
     """
 
     def __init__(self, quadrature: FacetQuadrature, u: fem.Function, bodies: Bodies):
@@ -43,14 +43,14 @@ class Fluid:
             )
 
     def intrusion(self, values: PointValues, stabilization: Stabilization) -> NDArray[np.float64]:
-        """{J F^-T.N}.s, by how much the lips sweep more volume than there is gap (nq,) [mm].
+        """{J F^-T.N}.s, by which the volume between the faces exceeds that of the gap (nq,) [mm].
 
-        The fluid fills the gap zeta = g - s: its work is p d(volume between the lips) less
-        p d({J F^-T.N}.s), so that energies balance with a slip s that is not zero.
+        The fluid fills the gap zeta = g - s: its work is p d(volume between the faces) minus p d({J
+        F^-T.N}.s), so that energies balance for nonzero elastic opening s.
         """
         mean = self._quadrature.normal
         if self._area is not None:
-            # The kernels take the outward normal of their own side, -N on side 2.
+            # The kernels use the outward normal of their side, -N on side 2.
             delta = stabilization.weights[self._quadrature.facet]
             mean = apply(delta[:, 0], self._area[0]()) - apply(delta[:, 1], self._area[1]())
-        return np.einsum("pi,pi->p", mean, values.slip)
+        return np.einsum("pi,pi->p", mean, values.elastic_opening)

@@ -1,9 +1,9 @@
-"""The frame that turns with the interface: rotation of its mid-surface and its variation.
+"""The corotational frame of an interface: rotation of its mid-surface and its variation.
 
 The mid-surface has the mean deformation gradient F of the two sides. Its tangents F.t and its
 current normal n give M = F.(I - N (x) N) + n (x) N, and the polar decomposition M = R.U the
-rotation R: R.N = n, and R turns in the surface like the material does on average. R is the
-identity for pure stretches along the surface or across it, and Q.R for a rotated body Q.F.
+rotation R: R.N = n, and within the surface R is the mean material rotation. R is the identity for
+pure stretches along the surface or across it, and Q.R for a rotated body Q.F.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from .interface import Interface
 
 Array = NDArray[np.float64]
 
-#: Z, the change of zeta with the gradient of either side (nq, d, d, d), and the changes of the
-#: couple M with the traction (nq, d, d, d) and with that gradient (nq, d, d, d, d).
+#: Z, the derivative of zeta by the gradient of either side (nq, d, d, d), and the derivatives of
+#: the couple M by the traction (nq, d, d, d) and by that gradient (nq, d, d, d, d).
 TurningTangent = tuple[Array, Array, Array]
 
-#: Number of points, and arrays as frame.c has them.
+#: Number of points, and the arrays of frame.c.
 _DECLARATIONS = f"""
 void frames(long{", void *" * 4});
 void turning_tangents(long{", void *" * 10});
@@ -37,22 +37,22 @@ _EPSILON[[0, 2, 1], [2, 1, 0], [1, 0, 2]] = -1
 
 
 def turns(interface: Interface, bodies: Bodies) -> bool:
-    """Whether the law of an interface works in a frame that turns: not for ties, nor at small
+    """Whether the law of an interface works in a rotating frame: not for ties, nor at small
     strain."""
     return interface.law.inelastic and interface.frame == "corotating" and not bodies.small
 
 
 class Frame:
-    """R, its spin and its part of the tangent at many points, by frame.c.
+    """R, its spin and its contribution to the tangent at many points, by frame.c.
 
     From M = R.U: (tr(U) I - U).omega = -eps:(R^T.dM), with dM = dF.(I - N (x) N) + dn (x) N and
     R^T.dn = -V.(R^T.dF)^T.N, V = U^-1 in the surface. In the plane omega = -n.dF.t0 / |F.t0|.
 
-    The gradient of a couple's spin, c_k dW_kab/dF_cd. In the plane with s = |F.t0|, t = R.t0 and
-    n = R.N: W = -(n (x) t0)/s, ds = t.dF.t0 and dn = -omega t, so it is
-    c (t_a n_c + n_a t_c) t0_b t0_d / s^2 up to the sign of omega = W:dF. In space for two changes
-    A = R^T.dF, A', with w = (tr(U) I - U)^-1.c, b = V.A^T.N and
-    dU' = A'.(I - N (x) N) - b' (x) N - Omega'.U, where U is symmetric and V.N = 0:
+    The gradient of a couple's spin is c_k dW_kab/dF_cd. In the plane with s = |F.t0|, t = R.t0 and
+    n = R.N: W = -(n (x) t0)/s, ds = t.dF.t0 and dn = -omega t, so it is c (t_a n_c + n_a t_c) t0_b
+    t0_d / s^2 up to the sign of omega = W:dF. In space for two changes A = R^T.dF, A', with w =
+    (tr(U) I - U)^-1.c, b = V.A^T.N and dU' = A'.(I - N (x) N) - b' (x) N - Omega'.U, where U is
+    symmetric and V.N = 0:
 
         -(V.(N x w)).dU'.b + w.dU'.omega - (w.omega) tr(dU') + (c.W~):(Omega'.A)^T,
 
@@ -60,7 +60,7 @@ class Frame:
 
     Args:
         d: Dimension, 2 or 3.
-        comm: Of the ranks that ask for it.
+        comm: Communicator of the ranks that request it.
     """
 
     def __init__(self, d: int, comm: MPI.Comm):
@@ -83,14 +83,14 @@ class Frame:
     def tangent(
         self, F: Array, N: Array, compliance: Array, total: Array, gap: Array, traction: Array
     ) -> tuple[Array, TurningTangent]:
-        """C = d zeta/dT (n, d, d) [mm3/N], and what follows from the turning of the frame.
+        """C = d zeta/dT (n, d, d) [mm3/N], and the contributions of the frame rotation.
 
         With q = R^T.({P.N} + r g), dR = R.Omega and omega = W:dF its axial vector,
         d zeta = C.Tt(du) + R.(Omega.zeta~ - C~.Omega.q), C = R.C~.R^T. The couple changes by
         dc = D.dT~_tr with D = [zeta~]^T - [q]^T.C~, where [x].omega = omega x x.
 
         Args:
-            F: Mean deformation gradient (n, d, d), half of it of either side.
+            F: Mean deformation gradient of both sides (n, d, d).
             N: Reference unit normal (n, d).
             compliance: C~ (n, d, d).
             total: q (n, d).

@@ -1,19 +1,19 @@
 """Work of the tractions on the gaps of one interface in a step.
 
-Where in a step points begin to yield, part or close is not seen at its ends. The trial traction
-goes straight from its start to its end, and return maps on the way tell.
+The ends of a step do not show where within it points begin to yield, separate or close. The trial
+traction is interpolated linearly between them, and return maps at intermediate states show it.
 
-With rates a return map at the share s of a step is that of backward Euler in the time s dt, from
-the start of the step: |T_tr(s)| - r dgamma = R(dgamma) + c dgamma/s, c = eta R_n/P_c. That path is
-continuous from one end to the other: as s falls to 0 so does dgamma, and V to |T_n| - R_n, the
-overstress at the end of the step before. (At a fixed dt it would begin with a jump, the overstress
-relaxed in no time.) The viscous work of a step is the integral of V.dzeta along it, with the points
-and the rule that T.dzeta has, so that bond and friction alone decide how far they balance, as
-without rates. It is V dgamma at a constant rate, which is what a law charges, and differs from that
-in the first order where the rate changes.
+For rate-dependent laws the return map at the fraction s of a step is that of backward Euler over
+the time s dt, from the start of the step: |T_tr(s)| - r dgamma = R(dgamma) + c dgamma/s, c = eta
+R_n/P_c. That path is continuous from one end to the other: as s falls to 0 so does dgamma, and V to
+|T_n| - R_n, the overstress at the end of the step before. (With a fixed dt it would start with a
+jump, as if the overstress relaxed instantly.) The viscous work of a step is the integral of V.dzeta
+along this path, with the same points and rule as for T.dzeta, so that the balance depends on bond
+and friction alone, as without viscosity. At a constant rate it is V dgamma, as a law returns it;
+where the rate changes the difference is of first order.
 
-Where the load rests, T goes straight from start to end on zeta, and all that bond and friction do
-not take of T.dzeta is viscous.
+At constant load T is interpolated linearly over zeta, and all of T.dzeta that is not work on bond
+or friction is viscous.
 """
 
 from __future__ import annotations
@@ -31,26 +31,26 @@ from .return_map import Trial, map_back
 
 Array = NDArray[np.float64]
 
-#: Parts of a step for each of which the mean traction works on the gap, and parts of those in which
-#: a point begins to yield, parts or closes.
+#: Number of parts of a step integrated by the mean traction, and of subdivisions of a part in which
+#: a point begins to yield, separates or closes.
 PARTS = 16
 
-#: Share of a step that is not divided further.
+#: Fraction of a step that is not subdivided further.
 SHORTEST = 1e-3
 
-#: Change of the trial traction along that of zeta, relative to strength^2/H, up to which a part is
-#: not divided.
+#: Change of the trial traction times that of zeta, relative to strength^2/H, up to which a part is
+#: not subdivided.
 LARGE = 1e-5
 
-#: Parts of the step for each of which a law charges damage.
+#: Number of parts of the step for which a law computes damage work.
 CHARGED = 4
 
-#: Share of the step at which the overstress is that of its start.
+#: Fraction of the step at which the overstress is taken as that at its start.
 FIRST = 1e-7
 
 
 def gap_force(active: ActiveInterface, traction: Array) -> Array:
-    """-T dA, what the energy of bodies and (30) has for a force on zeta, flat [N; N/mm in the
+    """-T dA, the force conjugate to zeta in the energy of bodies and (30), flat [N; N/mm in the
     plane].
 
     Args:
@@ -70,7 +70,7 @@ def gap_forces(active: ActiveInterface) -> tuple[Array, Array, Array]:
 
 
 class States(NamedTuple):
-    """Of points, or of points one after the other on their way through a step (s, m)."""
+    """States of points (m,), or of points at successive instants of a step (s, m)."""
 
     traction: Array  #: T (m, d) [MPa]
     gap: Array  #: zeta (m, d) [mm]
@@ -80,7 +80,7 @@ class States(NamedTuple):
 
     @classmethod
     def of(cls, update: Update) -> States:
-        """At the end of a return map."""
+        """States at the end of a return map."""
         V = update.overstress
         known = update.traction, update.gap, update.softening, update.mode
         return cls(*known, np.zeros_like(update.traction) if V is None else V)
@@ -91,17 +91,17 @@ class States(NamedTuple):
 
 
 def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float, Array]:
-    """int T.d zeta over the step, and what its parts charge more than the whole.
+    """int T.d zeta over the step, and the excess of the works of its parts over those of the whole.
 
-    The latter (3,) to damage, friction and viscosity, beside :meth:`.ActiveInterface.works`. Of
-    this rank's points [N mm; N in plane strain]. A law that unloads to the origin charges the mean
-    of the directions of both ends where the gap turns while the bond parts, an error of third
-    order.
+    The latter (3,) for damage, friction and viscosity, in addition to
+    :meth:`.ActiveInterface.works`. For this rank's points [N mm; N in plane strain]. A law that
+    unloads to the origin uses the mean over the directions at both ends where the gap rotates while
+    the bond softens, an error of third order.
 
     Args:
         active: The interface, at the end of a step that is not yet committed.
         dt: Time step [s].
-        straight: Take the mean of the tractions at both ends.
+        straight: Use the mean of the tractions at both ends.
     """
     update, history, q, law = active.values.update, active.history, active.quadrature, active.law
     charged = np.zeros(3)
@@ -131,7 +131,7 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
         return map_back(law.at(rows), load, Trial(*known), time)
 
     def at(rows: NDArray, share: Array) -> States:
-        """States of some points at shares of the step."""
+        """States of some points at fractions of the step."""
         load = first.traction[rows] + share[:, None] * whole[rows]
         return States.of(mapped(rows, load, first.at(rows), share * dt if rated else dt))
 
@@ -147,7 +147,7 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
     def work(states: States, rows: NDArray, low: Array, part: float) -> Array:
         """int T.d zeta and int V.d zeta of points between these states (2, m).
 
-        A part in which a mode ends is divided.
+        A part in which the mode changes is subdivided.
         """
         a, b = states.at(slice(None, -1)), states.at(slice(1, None))
         works = np.array(
@@ -168,7 +168,7 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
 
     rows, low = np.arange(len(moved)), np.zeros(len(moved))
     if rated:
-        # what a bond that has gone in the step before bore then is overstress that ends at once
+        # the traction of a bond broken in the previous step is overstress, which ends at once
         begun = at(rows, np.full(len(moved), FIRST))
         first = first._replace(overstress=begun.overstress + first.traction - begun.traction)
     states = way(rows, (first, last), low, 1.0)
@@ -183,7 +183,7 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
             for part in (slice(None, -1), slice(1, None))
         )
         rows = np.tile(parting, CHARGED)
-        # without its overstress the end follows from the start where there is time enough
+        # without its overstress the end follows from the start, given enough time
         load = end.traction - end.overstress + r[rows, None] * (end.gap - start.gap)
         spent = mapped(rows, load, start, np.inf if rated else dt).damage_work.reshape(CHARGED, -1)
         charged[0] = weights[parting] @ (spent.sum(axis=0) - update.damage_work[moved[parting]])
@@ -191,7 +191,7 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
 
 
 def _at_rest(active: ActiveInterface, total: Array) -> Array:
-    """What T.dzeta leaves to viscosity beyond the charge of the law (nq,) [N/mm].
+    """Viscous part of T.dzeta in excess of that of the law (nq,) [N/mm].
 
     Args:
         active: The interface.

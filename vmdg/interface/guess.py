@@ -1,7 +1,7 @@
-"""What the tangent of a first guess takes points without bond for: open, or closed and held.
+"""Assumptions of the predictor's tangent on points without bond: open, or closed and sticking.
 
-Every function changes C = d zeta/dT of the values of an interface that can fail, or says at which
-points it may be changed.
+The functions change C = d zeta/dT in the values of an interface that can fail, or select the points
+where it may be changed.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def free_points(active: ActiveInterface) -> Points:
 
 
 def touching_points(active: ActiveInterface) -> Points:
-    """Whether free points have no gap either: they are neither open nor closed (nq,)."""
+    """Whether free points have no gap either, neither open nor closed (nq,)."""
     return free_points(active) & ~active.history.gap.any(axis=1)
 
 
@@ -36,40 +36,40 @@ def pressed_points(active: ActiveInterface) -> Points:
 
 
 def open_free_points(active: ActiveInterface) -> None:
-    """C = I/r at points without bond and traction: the next tangent takes them for open.
+    """C = I/r at points without bond and traction: the next tangent treats them as open.
 
-    Taken for closed, a crack would open like a zip: behind the points that have opened the lips
-    press on each other, so that a correction opens one or two facets more.
+    Treated as closed, a crack would open like a zip: behind the open points the faces press on each
+    other, so each correction would open only one or two more facets.
     """
     r = active.stabilization.norm[active.quadrature.facet][:, None, None]
     _assume(active, free_points(active), np.eye(active.quadrature.d) / r)
 
 
 def hold_sliding_points(active: ActiveInterface) -> None:
-    """C = 0 at points that have slid: the next tangent takes them for held.
+    """C = 0 at points that have slid: the next tangent treats them as sticking.
 
-    The first guess of a step that does not go on as the last one. Where points slide nothing
-    couples the lips along the slip, so that all would follow the load. Take a point with r on a
-    body of stiffness k that is pushed by f, |f| < c = mu |T_N|: from sliding one way, k s + c = f,
-    it slides back, s < 0, from sliding back on again, and so forth. Held, (k + r) s = f, it stays
-    where it is; if |f| > c its slip s has the sign of the end.
+    For the predictor of a step that does not continue the last one. Where points slide nothing
+    couples the faces along the slip, so all would follow the load. Consider a point with penalty r
+    on a body of stiffness k under a force f, |f| < c = mu |T_N|. From sliding forward, k x + c = f,
+    it slides back, x < 0, then forward again, and so on. Treated as sticking, (k + r) x = f, it
+    stays in place; if |f| > c, its displacement x has the sign of the solution.
     """
     _assume(active, active.history.mode == Mode.FRICTION, 0.0)
 
 
 def hold_points(active: ActiveInterface, begun: PointValues, points: Points) -> None:
-    """The values in which the step began, and C = 0 at some points.
+    """Restore the values at the start of the step, with C = 0 at some points.
 
     Args:
         active: The interface.
-        begun: The values, with C of the guess before.
-        points: Which (nq,).
+        begun: The values, with C of the previous predictor.
+        points: Mask of the points (nq,).
     """
     active.values = begun
     _assume(active, points, 0.0)
 
 
 def _assume(active: ActiveInterface, points: Points, C: NDArray[np.float64] | float) -> None:
-    """C of the next tangent at some points (nq,)."""
+    """Set C of the next tangent at some points (nq,)."""
     compliance = np.where(points[:, None, None], C, active.values.compliance)
     active.values = replace(active.values, compliance=compliance)

@@ -1,4 +1,4 @@
-"""What the points of an interface remember from step to step, and the works of a step."""
+"""History of the points of an interface from step to step, and the works of a step."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Record = TypeVar("Record", "PointHistory", PointValues)
 class PointHistory:
     """Converged history of an interface on this rank, zeta and Q of (37), in the law's frame.
 
-    No array is changed in place: an earlier history can be returned to. A tie has no points here.
+    No array is modified in place, so an earlier history can be restored. A tie has no points here.
 
     Attributes:
         gap: zeta (nq, d) [mm].
@@ -37,7 +37,7 @@ class PointHistory:
 
     @classmethod
     def start(cls, softening: Array, d: int) -> PointHistory:
-        """Of points at which nothing has happened but an initial damage, Q (nq,) [MPa]."""
+        """Initial history of points with an initial damage, Q (nq,) [MPa]."""
         gap, traction = np.zeros((2, len(softening), d))
         return cls(gap, softening, np.zeros(len(softening), dtype=np.int8), traction)
 
@@ -54,14 +54,14 @@ HISTORY_ARRAYS = tuple(field.name for field in fields(PointHistory))
 
 @dataclass(frozen=True)
 class InterfaceSnapshot:
-    """Everything that an interface goes on from.
+    """The complete state of an interface.
 
     Attributes:
         history: Converged history of its points.
         values: Values at its points at the last residual.
-        stabilization: tau_s and the flux weights that the forms have.
-        share: Of a fluid's pressure that acted in the step that led here; None for none.
-        gradient: Of the work in that step, for a run that is resumed; None where it is known.
+        stabilization: tau_s and the flux weights of the forms.
+        share: Fraction of a fluid's pressure that acted in the last step; None for none.
+        gradient: Work gradient of that step, for a resumed run; None where it can be computed.
     """
 
     history: PointHistory
@@ -72,7 +72,7 @@ class InterfaceSnapshot:
 
 
 def with_rows(record: Record, rows: NDArray, other: Record, theirs: NDArray) -> Record:
-    """A record of arrays with these rows from those of another one."""
+    """A record of arrays with some rows replaced by those of another record."""
     arrays = {}
     for field in fields(record):
         mine, source = getattr(record, field.name), getattr(other, field.name)
@@ -83,9 +83,9 @@ def with_rows(record: Record, rows: NDArray, other: Record, theirs: NDArray) -> 
 
 
 def works(before: PointHistory, update: Update, law: Law, N: Array, r: Array) -> Array:
-    """What a step dissipates at the points, (39), by damage, friction and viscosity (3, nq) [N/mm].
+    """Dissipation of a step at the points, (39), by damage, friction and viscosity (3, nq) [N/mm].
 
-    Of a rate the overstress of the end; :func:`.gap_work` says what changes on the way.
+    Viscous work uses the overstress at the end; :func:`.gap_work` adds its change within the step.
 
     Args:
         before: History at the start of the step.
@@ -102,18 +102,19 @@ def works(before: PointHistory, update: Update, law: Law, N: Array, r: Array) ->
 
 
 def _friction_between(before: PointHistory, update: Update, law: Law, N: Array, r: Array) -> Array:
-    """Friction work that the law does not see, since it knows the end of the step only (nq,).
+    """Friction work missed by the law, which knows the end of the step only (nq,).
 
-    It charges friction at the pressure of the end. Where a point slides, the mean of both ends
-    is accurate to second order: mu (|T_N,n| - |T_N,n+1|) dgamma / 2 more. Where a sliding point
-    lifts off, the pressure falls to zero within the share s = |T_N,n| / (|T_N,n| + r dzeta_N)
-    of the step: mu |T_N,n| s |dzeta_T| / 2 [N/mm]. Both times the share of the point that rubs.
+    The law uses the pressure at the end. Where a point slides, the mean of both ends is accurate to
+    second order, which adds mu (|T_N,n| - |T_N,n+1|) dgamma / 2. Where a sliding point lifts off,
+    the pressure falls to zero within the fraction s = |T_N,n| / (|T_N,n| + r dzeta_N) of the step:
+    mu |T_N,n| s |dzeta_T| / 2 [N/mm]. Both are multiplied by the fraction of the point subject to
+    friction.
     """
     first, last = (
         np.maximum(-np.einsum("pi,pi->p", T, N), 0.0) for T in (before.traction, update.traction)
     )
     rubs = law.rubbing(update.softening)
-    # A point that its bond held at first slides in a part of the step only.
+    # An initially sticking point slides in a part of the step only.
     slid = (before.mode == Mode.FRICTION) | (before.softening >= law.strength)
     slips = (update.mode == Mode.FRICTION) & slid | (update.mode == Mode.SHEAR) & (rubs < 1.0)
     work = slips * (first - last) * update.multiplier / 2

@@ -1,4 +1,4 @@
-"""Interfaces as users describe them: where the displacement may jump, by which law."""
+"""User's description of interfaces: where the displacement may jump, and by which law."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ _NAME = re.compile(r"\w[\w .+-]*")
 
 T = TypeVar("T")
 
-#: Whether the groups of tags a < b (n,), (n,) have this interface between them (n,).
+#: Predicate on pairs of tags a < b, (n,) and (n,): whether the interface lies between them (n,).
 PairRule = Callable[[NDArray[np.int32], NDArray[np.int32]], NDArray[np.bool_]]
 
-#: A user's rule in place of (21)-(25).
+#: A user's replacement of (21)-(25).
 StabilizationRule = Callable[[NDArray, NDArray, "StabilizationContext"], tuple[NDArray, NDArray]]
 
 
 @dataclass(frozen=True)
 class StabilizationContext:
-    """What a user's ``stabilization(tau1, tau2, context)`` may need; side 1 first.
+    """Context of a user's ``stabilization(tau1, tau2, context)``; side 1 first.
 
     Attributes:
         u: Displacement at which tau is evaluated.
@@ -42,7 +42,7 @@ class StabilizationContext:
         local_facets: Number of the facet within these cells, (nf, 2).
         facets: Local facets of the mesh, (nf,).
         N: Mean reference normal, outward from side 1, (nf, d).
-        area: meas(gamma_s) [mm2; mm in plane strain], (nf,); all around in axisymmetry.
+        area: meas(gamma_s) [mm2; mm in plane strain], (nf,); of the full circle in axisymmetry.
     """
 
     u: Any
@@ -58,47 +58,47 @@ class Interface:
     """A set of interior facets across which the displacement may jump, with its law.
 
     Give exactly one of ``facets``, ``between``, ``within`` and ``level_set``. A group of cells is
-    given by its tag, or by its name where the problem has :class:`vmdg.NamedTags`. What an
-    interface is cannot be changed afterwards.
+    given by its tag, or by its name where the problem has :class:`vmdg.NamedTags`. An interface is
+    immutable.
 
     Args:
-        facets: Local facet indices, for example ``facet_tags.find("crack")``, where on several
-            ranks each rank gives those it knows; or a predicate on coordinates (3, n), true at
-            all vertices of a facet inside the mesh.
-        between: The facets that separate cells of these two groups; of any two groups with "all",
-            the boundaries of all grains; or of those two for which a function of their tags a < b,
-            (n,) and (n,), is true: classes of grain boundaries, see :func:`vmdg.misorientation`.
-        within: All facets that separate two cells of this group (cracks through a region).
-        level_set: The facets between cells where phi(x), x (3, n) [mm], is negative at the
-            midpoint and all others. Of two cells of one tag side 1 is the negative one.
+        facets: Local facet indices, for example ``facet_tags.find("crack")``, where each of several
+            ranks gives those it knows; or a predicate on coordinates (3, n), true at all vertices
+            of an interior facet.
+        between: The facets that separate cells of these two groups; with "all" those between any
+            two groups, such as all grain boundaries; or those for which a function of the tags a <
+            b, (n,) and (n,), is true, such as classes of grain boundaries, see
+            :func:`vmdg.misorientation`.
+        within: All interior facets of this group (cracks through a region).
+        level_set: The facets between cells where phi(x), x (3, n) [mm], is negative at the midpoint
+            and all others. Of two cells with equal tags the negative one is side 1.
         law: ``vmdg.Bonded()`` (tie), ``vmdg.Debonding(...)`` or another :class:`vmdg.laws.Law`.
-        safety: Factor on tau_s. "auto" takes facet by facet the one that keeps the bonded form
-            coercive (:mod:`vmdg.interface.coercivity`) and r clear of H, below or above 1, and
-            never lowers r within a run; 1 is the report's tau_s, 4 that of its Tables 1 and 2.
+        safety: Factor on tau_s. "auto" determines it on every facet, below or above 1, such that
+            the bonded form is coercive (:mod:`vmdg.interface.coercivity`) and r well above H; r
+            never decreases within a run. 1 is the report's tau_s, 4 that of its Tables 1 and 2.
         norm: |tau_s| of (57): "frobenius" or "spectral".
-        frame: "corotating" keeps zeta and N in a frame that turns with the interface;
-            "reference" is the report's boxes to the letter, for small rotations, and saves the
-            frame's work. At small strain rotations are small by assumption and no frame turns.
+        frame: "corotating" keeps zeta and N in a frame that rotates with the interface; "reference"
+            is exactly as in the report's boxes, for small rotations, and is cheaper. At small
+            strain rotations are small by assumption and the frame is fixed.
         traction_jump: Add the term -[[(GRAD eta : A).N]].delta_s.[[P.N]] of (26); (27) drops it.
         activate: "all" opens every facet from the start; "on-demand" keeps a facet continuous, at
-            no cost, until its traction nears the strength (cracks through a region).
+            no cost, until its traction approaches the strength (cracks through a region).
         activate_at: Traction relative to the strength at which a facet opens on demand. Averaged
-            over continuous cells, the traction near a crack tip or a corner is about half of what
-            the interface feels, hence the default.
+            over continuous cells, the traction near a crack tip or a corner is about half of that
+            on an open facet, hence the default.
         stabilization: ``f(tau1, tau2, context) -> (tau_s (nf, d, d), delta1 (nf, d, d))``
             replaces (21)-(25), for research and tests; ``safety`` does not apply to its result.
-        initial_damage: Q/strength at the start, from 0 to 1: a crack that is there already, which
-            touches and rubs, is 1. A number, one for every facet of ``facets``, f(x) of the
-            midpoints x (3, n) of the facets [mm], or a Function, whose mean of both sides at the
-            midpoint counts. Parameters of the law that vary are given so too. It is not counted as
-            work. Facets that open on demand are open from the start where they are damaged. None
-            for an intact bond.
-        name: By which a problem, its files and its pictures call the interface; None for
-            "interface_0" by its number in the problem.
+        initial_damage: Initial Q/strength, from 0 to 1; 1 is a pre-existing crack with contact and
+            friction. A number, one for every facet of ``facets``, f(x) of the midpoints x (3, n) of
+            the facets [mm], or a Function, averaged over both sides at the midpoint. Parameters of
+            the law that vary are given in the same way. It does not count as work. Damaged facets
+            that open on demand are open from the start. None for an intact bond.
+        name: Name of the interface in messages, files and pictures; None for its number in the
+            problem, "interface_0".
 
     Raises:
         ValueError: the description is incomplete or contradictory.
-        TypeError: ``law`` is not an interface law, or facets are no array of whole numbers.
+        TypeError: ``law`` is not an interface law, or facets are not an array of integers.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class Interface:
                 f"parameters, {law.__name__}(...)"
             )
         if not isinstance(law, Law):
-            raise TypeError(f"Interface: law = {law!r} is no interface law; try vmdg.Bonded()")
+            raise TypeError(f"Interface: law = {law!r} is not an interface law; try vmdg.Bonded()")
         if level_set is not None and not callable(level_set):
             raise TypeError(
                 f"Interface: level_set = {level_set!r} must be a function of points x (3, n), for "
@@ -161,8 +161,8 @@ class Interface:
             )
         if np.ndim(within) != 0:
             raise ValueError(
-                f"Interface: within = {within!r} must be one tag; make an interface for each, with "
-                "the same law"
+                f"Interface: within = {within!r} must be one tag; create an interface for each, "
+                "with the same law"
             )
         if stabilization is not None and not callable(stabilization):
             raise TypeError(
@@ -172,8 +172,8 @@ class Interface:
         usable = name is None or (isinstance(name, str) and _NAME.fullmatch(name))
         if not usable or name == "bodies":
             raise ValueError(
-                f"Interface: name = {name!r} must be words that can name a file, and not 'bodies', "
-                "whose file has that name"
+                f"Interface: name = {name!r} must be usable as a file name, and not 'bodies', "
+                "which names the file of the bodies"
             )
         damage = _checked_damage(initial_damage, facets, law)
         for parameter, value in law.varying.items():
@@ -199,14 +199,14 @@ class Interface:
     def __setattr__(self, name: str, value: Any) -> None:
         if hasattr(self, "_complete"):
             raise AttributeError(
-                f"Interface: {name} cannot be changed, a problem would not notice; make a new "
-                "Interface and a new Problem"
+                f"Interface: {name} cannot be changed, an existing problem would not notice; "
+                "create a new Interface and a new Problem"
             )
         super().__setattr__(name, value)
 
     @property
     def place(self) -> str:
-        """Where it is, in words."""
+        """Description of its location."""
         if callable(self.between):
             return "between=<function>"
         if self.between is not None:
@@ -219,7 +219,7 @@ class Interface:
 
     @property
     def _first_side(self) -> str:
-        """Which of two groups is side 1, in words; nothing where that goes from facet to facet."""
+        """Which of two groups is side 1, as text; empty where it depends on the facet."""
         if not isinstance(self.between, Sequence) or self.between == ALL:
             return ""
         if all(isinstance(group, int | np.integer) for group in self.between):
@@ -227,7 +227,7 @@ class Interface:
         return " <side 1: the lower tag>"
 
     def __str__(self) -> str:
-        """For messages: its name, or where it is."""
+        """For messages: its name or location."""
         return f"Interface({self.place})" if self.name is None else f"interface {self.name!r}"
 
     def __repr__(self) -> str:
@@ -236,10 +236,10 @@ class Interface:
 
 
 def _local_indices(given: ArrayLike) -> NDArray[np.int32]:
-    """Facets as a user gives them.
+    """Facets given by a user.
 
     Raises:
-        TypeError: a mask, names or tags in place of them.
+        TypeError: a mask, names or tags instead.
     """
     facets = np.asarray(given)
     if facets.ndim != 1 or (facets.size and facets.dtype.kind not in "iu"):
@@ -262,15 +262,15 @@ def _checked_damage(given: Any, facets: Any, law: Law) -> float | NDArray | Leve
     if not law.has_bond:
         raise ValueError(
             f"Interface: initial_damage has no meaning for {law}, which has no bond to damage; "
-            "leave it out, or give a law with a strength"
+            "omit it, or give a law with a strength"
         )
     if callable(given):
         return given
     values = np.asarray(given)
     if values.dtype.kind not in "biuf" or not ((values >= 0) & (values <= 1)).all():
         raise ValueError(
-            f"Interface: initial_damage = {given!r} must lie in [0, 1]: the share of the strength "
-            "that is lost, a number, f(x) of midpoints x (3, n), or one number a facet"
+            f"Interface: initial_damage = {given!r} must lie in [0, 1]: the lost fraction of the "
+            "strength, a number, f(x) of midpoints x (3, n), or one number per facet"
         )
     values = values.astype(float)
     if values.ndim == 0:
@@ -280,19 +280,19 @@ def _checked_damage(given: Any, facets: Any, law: Law) -> float | NDArray | Leve
 
 
 def _check_one_a_facet(values: NDArray, facets: Any, what: str) -> None:
-    """Refuse an array that does not belong to given facets.
+    """Check an array against the given facets.
 
     Raises:
-        ValueError: it has another shape, or there is no such list of facets.
+        ValueError: its shape differs, or no list of facets is given.
     """
     if facets is None or callable(facets) or values.shape != np.shape(facets):
         raise ValueError(
-            f"Interface: {what} has shape {values.shape}; an array has one value for every "
-            "facet of facets=, elsewhere give a number or a function of points x (3, n)"
+            f"Interface: {what} has shape {values.shape}; an array must have one value for every "
+            "facet of facets=; without facets= give a number or a function of points x (3, n)"
         )
 
 
-#: How users name one of a problem's interfaces: by its number, by its name, or itself.
+#: One of a problem's interfaces: its number, its name, or the interface itself.
 Which = int | str | Interface
 
 
@@ -302,7 +302,7 @@ def interface_names(interfaces: Iterable[Interface]) -> list[str]:
 
 
 def label_of(interfaces: Sequence[Interface], number: int) -> str:
-    """How messages call one of a problem's interfaces: its name, or number and place."""
+    """Label of an interface in messages: its name, or number and place."""
     one = interfaces[number]
     return f"interface {number} ({one.place})" if one.name is None else str(one)
 
@@ -316,8 +316,8 @@ def number_of(interfaces: Sequence[Interface], which: Which) -> int:
 
     Raises:
         IndexError: there is no interface of this number.
-        ValueError: there is none of this name, or the problem does not have this interface.
-        TypeError: it is neither a whole number nor a name nor an interface.
+        ValueError: there is no interface of this name, or the problem does not have this interface.
+        TypeError: it is neither an integer nor a name nor an interface.
     """
     names = interface_names(interfaces)
     asked = which if isinstance(which, Interface) else repr(which)
@@ -336,11 +336,11 @@ def number_of(interfaces: Sequence[Interface], which: Which) -> int:
 
 
 class InterfaceList(list[T]):
-    """A value of every interface, by number, by name or by the interface itself.
+    """One value per interface, indexed by number, name or the interface itself.
 
     Args:
-        interfaces: Those of the problem.
-        values: One of each.
+        interfaces: Interfaces of the problem.
+        values: Their values.
     """
 
     def __init__(self, interfaces: Sequence[Interface], values: Iterable[T]):

@@ -1,11 +1,11 @@
-"""What the interface terms take of a displacement, at the facet points, as matrices of its dofs.
+"""Jets of displacements at the facet points, as used by the interface terms, in matrix form.
 
-The terms see a field w through its jet
+The terms depend on a field w through its jet
 
     j(w) = (g(w), GRAD w_1, GRAD w_2),   g(w) = w_2 - w_1,
 
-the opening and the entries of the gradients that are not zero for every w. With j = B.w of the dofs
-of the two cells at a facet, a bilinear form of jets j(eta).D.j(du) has the matrix B^T.D.B.
+the opening and those entries of the gradients that do not vanish identically. With j = B.w for the
+dofs w of the two cells at a facet, a bilinear form of jets j(eta).D.j(du) has the matrix B^T.D.B.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Block(NamedTuple):
 
     Attributes:
         blocks: Local nodes of the two cells, or the cells themselves (f, n).
-        matrix: B (f, points of a facet, jet, n times the components of a block).
+        matrix: B (f, points per facet, jet, n times the components of a block).
     """
 
     blocks: NDArray[np.int32]
@@ -40,15 +40,15 @@ class FacetJets:
 
     Args:
         quadrature: The points.
-        space: Of the displacement.
+        space: Space of the displacement.
 
     Attributes:
         entries: (i, j) of the entries of GRAD w in a jet.
-        size: Of a jet.
-        nodes: Of a cell.
-        index_map: Of the nodes.
-        values: Of the shape functions (nf, points, 2 sides, nodes).
-        gradients: Theirs (nf, points, 2 sides, nodes, d or d + 1), N/r last.
+        size: Size of a jet.
+        nodes: Number of nodes per cell.
+        index_map: Index map of the nodes.
+        values: Shape functions (nf, points, 2 sides, nodes).
+        gradients: Their gradients (nf, points, 2 sides, nodes, d or d + 1), N/r last.
     """
 
     def __init__(self, quadrature: FacetQuadrature, space: fem.FunctionSpace):
@@ -68,7 +68,7 @@ class FacetJets:
         self.gradients = np.stack([side.gradients for side in sides], axis=2)
 
     def of_gradient(self, gradient: Array) -> Array:
-        """Jet of E.X, which is the same everywhere: no opening, and E (n, n) on both sides."""
+        """The uniform jet of E.X: no opening, and E (n, n) on both sides."""
         entries = [gradient[entry] for entry in self.entries]
         return np.concatenate([np.zeros(self._d), entries, entries])
 
@@ -94,7 +94,7 @@ class FacetJets:
         return Block(self.nodes_at(rows), B.reshape(count, points, self.size, -1))
 
     def dilatation(self, rows: slice) -> Block:
-        """B of the dilatation, one number a cell, whose entry of GRAD is the last."""
+        """B of the dilatation, one number per cell, the last entry of GRAD."""
         cells = self._facets.cells[rows]
         B = np.zeros((len(cells), self.values.shape[1], self.size, 2))
         for side in range(2):

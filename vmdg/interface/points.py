@@ -1,4 +1,4 @@
-"""Values at the facet points of one interface: what users read, and what a residual leaves."""
+"""Values at the facet points of one interface, for users and from the last residual."""
 
 from __future__ import annotations
 
@@ -14,24 +14,23 @@ from ..laws import Update
 
 @dataclass(frozen=True)
 class InterfaceState:
-    """Converged values at the facet points this rank owns, perhaps none, side 1 first.
+    """Converged values at the facet points this rank owns, possibly none; side 1 first.
 
-    The gap is zeta, the inelastic part of the opening g; what contact mechanics calls the gap is g.
+    The gap is zeta, the inelastic part of the opening g; in contact mechanics the gap is g.
 
     Attributes:
         points: Reference positions (nq, 3) [mm].
-        weights: Reference area of the points (nq,) [mm2; mm in plane strain], that of the
-            whole circle in axisymmetry.
+        weights: Reference area of the points (nq,) [mm2; mm in plane strain], of the full circle in
+            axisymmetry.
         normal: Reference normal N outward from side 1 (nq, d).
         opening: g = phi_2 - phi_1, positive along N (nq, d) [mm].
         gap: Inelastic gap zeta (nq, d) [mm].
         softening: Q (nq,) [MPa].
-        traction: T = {P.N} + tau_s.(g - zeta) (nq, d) [MPa]; with a fluid what it leaves to bond
-            and contact.
+        traction: T = {P.N} + tau_s.(g - zeta) (nq, d) [MPa]; with a fluid the effective traction on
+            bond and contact.
         mode: Active branch of the return map, :class:`vmdg.Mode` (nq,).
-        rotation: R of the frame that turns with the interface (nq, d, d), R.N the current normal;
-            R^T.gap and R^T.traction are the components the law sees. The identity where the frame
-            does not turn.
+        rotation: R of the corotational frame (nq, d, d), R.N the current normal; R^T.gap and
+            R^T.traction are the components used by the law. The identity where the frame is fixed.
     """
 
     points: NDArray[np.float64]
@@ -46,7 +45,7 @@ class InterfaceState:
 
     @classmethod
     def empty(cls, d: int) -> InterfaceState:
-        """Of an interface with no open facet, in ``d`` dimensions."""
+        """State of an interface with no open facet, in ``d`` dimensions."""
         vectors, scalars = np.zeros((0, d)), np.zeros(0)
         return cls(
             points=np.zeros((0, 3)),
@@ -63,7 +62,7 @@ class InterfaceState:
 
 @dataclass(frozen=True)
 class PointValues:
-    """Values at the points of the last evaluation, in the current configuration.
+    """Values at the points at the last evaluation, in the current configuration.
 
     Attributes:
         opening: g (nq, d).
@@ -72,14 +71,14 @@ class PointValues:
         traction: T (nq, d).
         compliance: C~ = d zeta~/dT~ of the last return map, in the frame of the law (nq, d, d);
             None for a tie.
-        rotation: R of the frame (nq, d, d); None where the frame does not turn.
-        moment: M of the frame's couple (nq, d, d); None where the frame does not turn.
+        rotation: R of the frame (nq, d, d); None where the frame is fixed.
+        moment: M of the frame's couple (nq, d, d); None where the frame is fixed.
         frame_gradient: Mean deformation gradient of the last return map (nq, d, d); with the next
-            two all that the tangent of the turning frame needs; None where it does not turn.
-        frame_total: R^T.({P.N} + r g) of it (nq, d).
-        frame_gap: zeta~ of it (nq, d).
-        frame_traction: T~ of it (nq, d).
-        update: Result of the return map; None where zeta kept its converged value, and for a tie.
+            three the data for the tangent of the rotating frame; None where it is fixed.
+        frame_total: R^T.({P.N} + r g) of the last return map (nq, d).
+        frame_gap: zeta~ of the last return map (nq, d).
+        frame_traction: T~ of the last return map (nq, d).
+        update: Result of the return map; None where zeta is at its converged value, and for a tie.
     """
 
     opening: NDArray[np.float64]
@@ -96,7 +95,7 @@ class PointValues:
     update: Update | None = None
 
     @property
-    def slip(self) -> NDArray[np.float64]:
+    def elastic_opening(self) -> NDArray[np.float64]:
         """s = g - zeta (nq, d) [mm]."""
         return self.opening if self.gap is None else self.opening - self.gap
 
@@ -107,7 +106,7 @@ class PointValues:
         return np.einsum("pi,pi->p", self.opening, normal)
 
 
-#: Arrays that PointValues may have.
+#: Array attributes of PointValues.
 VALUE_ARRAYS = tuple(field.name for field in fields(PointValues) if field.name != "update")
 
 
@@ -115,7 +114,7 @@ Rows = TypeVar("Rows")
 
 
 def joined(parts: Sequence[Rows]) -> Rows:
-    """Records of arrays, one row a point, as one record; what is None in all of them stays None."""
+    """Concatenate records of arrays, one row per point; attributes that are None stay None."""
     if len(parts) == 1:
         return parts[0]
     values = {f.name: [getattr(part, f.name) for part in parts] for f in fields(parts[0])}
@@ -124,7 +123,7 @@ def joined(parts: Sequence[Rows]) -> Rows:
 
 
 def rows_of(record: Rows, rows: slice) -> Rows:
-    """Some rows of a record of arrays, of the records in it too."""
+    """Some rows of a record of arrays, nested records included."""
 
     def chosen(value: Any) -> Any:
         if is_dataclass(value):

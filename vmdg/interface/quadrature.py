@@ -24,24 +24,24 @@ from ..forms.geometry import CARTESIAN, Geometry
 from ..forms.kinematics import Body
 from .facets import InterfaceFacets
 
-#: Gives values at the facet points of one side (number of points, number of components).
+#: Returns values at the facet points of one side (number of points, number of components).
 Evaluator = Callable[[], NDArray[np.float64]]
 
 
 class FacetQuadrature:
     """The facet submesh of an interface and its quadrature points.
 
-    Points are numbered as the dofs of the quadrature space; all arrays have one row a point and
-    cover the facets this rank owns, so history needs no communication.
+    Points are numbered like the dofs of the quadrature space; all arrays have one row per point on
+    the facets this rank owns, so history needs no communication.
 
     Attributes:
         points: Reference positions (nq, 3) [mm].
-        weights: Reference area of the points (nq,) [mm2; mm in plane strain]; that of the whole
-            circle, 2 pi r ds, in axisymmetry.
+        weights: Reference area of the points (nq,) [mm2; mm in plane strain]; of the full circle, 2
+            pi r ds, in axisymmetry.
         normal: Reference normal outward from side 1 (nq, d).
-        facet: Position of the point's facet in ``facets.facets`` (nq,).
+        facet: Index of the point's facet in ``facets.facets`` (nq,).
         area: Sum of the weights of every facet (nf,).
-        extent: Length of the facets, in 3D the root of their area (nf,) [mm].
+        extent: Length of the facets, in 3D the square root of their area (nf,) [mm].
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class FacetQuadrature:
         sub = self.submesh.mesh
         self.d = mesh.geometry.dim
         self._cell = sub.basix_cell()
-        # Facet f of the interface is this cell of the submesh.
+        # Cell of the submesh for facet f of the interface.
         count = sub.topology.index_map(sub.topology.dim).size_local
         position = np.searchsorted(facets.facets, self.submesh.facets[:count])
         self.cell_of_facet = np.argsort(position).astype(np.int32)
@@ -71,7 +71,7 @@ class FacetQuadrature:
 
         N, X = ufl.FacetNormal(mesh), ufl.SpatialCoordinate(mesh)
         parts = [(0, np.ones(len(facets.facets), dtype=bool), ufl.as_vector([1, *N, *X]))]
-        # Weights of the points in the mesh, by which evaluators divide; so far they integrate.
+        # Weights of the points on the mesh, by which evaluators divide; 1 until they are known.
         self._weights = np.ones(dofs.size)
         integrals = self.evaluator((1 + 2 * self.d,), parts)()
         self._weights = integrals[:, 0].copy()
@@ -85,19 +85,19 @@ class FacetQuadrature:
         self.extent = measure ** (1 / (self.d - 1))
 
     def space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
-        """Values of the given shape at every point, (44)-(45)."""
+        """Space of values of the given shape at every point, (44)-(45)."""
         element = basix.ufl.quadrature_element(self._cell, value_shape=shape, degree=self.degree)
         return fem.functionspace(self.submesh.mesh, element)
 
     def facet_space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
-        """One constant value of the given shape on every facet."""
+        """Space of facet-wise constant values of the given shape."""
         return fem.functionspace(self.submesh.mesh, ("DG", 0, shape))
 
     def set_facet_values(self, function: fem.Function, values: NDArray) -> None:
-        """Write one value a facet (nf, ...) into a function of :meth:`facet_space`."""
+        """Write one value per facet (nf, ...) into a function of :meth:`facet_space`."""
         dofmap = function.function_space.dofmap
         dofs = dofmap.list[self.cell_of_facet, 0]
-        size = dofmap.index_map_bs  # not -1: a rank may hold no facet
+        size = dofmap.index_map_bs  # not -1: a rank may have no facet
         function.x.array.reshape(-1, size)[dofs] = values.reshape(-1, size)
 
     def facet_means(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -112,15 +112,16 @@ class FacetQuadrature:
         parts: Sequence[tuple[int, NDArray[np.bool_], Expr]],
         name: str = "facet points",
     ) -> Evaluator:
-        """Evaluate one-sided expressions of the given shape, again at every call of the result.
+        """Make an evaluator of one-sided expressions of the given shape.
 
-        They are tested with every point's own test function and divided by its weight, so any
-        expression that FFCx compiles can be evaluated, by one kernel for both sides.
+        Expressions are integrated against the test function of each point and divided by its
+        weight, so any expression that FFCx compiles can be evaluated, with one kernel for both
+        sides.
 
         Args:
             shape: Shape of the expressions.
             parts: (side 0 or 1, facets of the interface, expression on them).
-            name: What for.
+            name: Its purpose.
         """
         space = self.space(shape)
         test = ufl.TestFunction(space)
@@ -152,7 +153,7 @@ SideEvaluators = tuple[Evaluator, Evaluator]
 
 
 def region_pairs(facets: InterfaceFacets, bodies: Bodies, comm: MPI.Comm) -> NDArray[np.int32]:
-    """Pairs of material regions that face each other on any rank, (number of pairs, 2)."""
+    """Pairs of material regions on the two sides of a facet on any rank, (number of pairs, 2)."""
     pairs = comm.allgather(np.unique(bodies.region[facets.cells], axis=0))
     return np.unique(np.concatenate(pairs), axis=0)
 
@@ -168,7 +169,7 @@ def side_evaluators(
 ) -> SideEvaluators:
     """Evaluators of ``expression(body, F, N, side)`` on both sides, N outward from each.
 
-    ``fluid`` is the pressure at the points that the bodies bear there; None for none.
+    ``fluid`` is the fluid pressure at the points; None for none.
     """
     mesh, facets = quadrature.mesh, quadrature.facets
     N = ufl.FacetNormal(mesh)
@@ -189,8 +190,8 @@ def side_evaluators(
 def bubble_integrals(quadrature: FacetQuadrature) -> NDArray[np.float64]:
     """int_gamma b_s dA of (21) for every facet, (nf,) [mm2; mm in plane strain].
 
-    On the facet itself b_s is 4 x (1 - x) per direction, or 27 l_1 l_2 l_3 on a triangle; the
-    geometry may be curved or warped. In axisymmetry dA = 2 pi r ds.
+    On the facet b_s is 4 x (1 - x) per direction, or 27 l_1 l_2 l_3 on a triangle; the geometry may
+    be curved or warped. In axisymmetry dA = 2 pi r ds.
     """
     sub = quadrature.submesh.mesh
     cell = sub.basix_cell()

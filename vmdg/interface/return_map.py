@@ -1,4 +1,4 @@
-"""Values at the points of an interface: fluxes, the return map, and the frame that turns."""
+"""Values at the points of an interface: fluxes, return map and corotational frame."""
 
 from __future__ import annotations
 
@@ -27,19 +27,20 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Trial:
-    """What return maps start from at the points of one interface, or of several of one law.
+    """Input of return maps at the points of one interface, or of several with one law.
 
     Attributes:
-        total: {P.N} + r g, of a tie with its tensor: T (nq, d) [MPa].
+        total: {P.N} + r g, for a tie with the tensor tau_s: T (nq, d) [MPa].
         opening: g (nq, d) [mm].
         jump: [[P.N]] (nq, d) [MPa].
         N: Reference normal (nq, d).
-        r: |tau_s| (nq,) [MPa/mm]; this and the next None for a tie.
+        r: |tau_s| (nq,) [MPa/mm]; this and the following are None for a tie.
         gap: zeta_n (nq, d) [mm].
         softening: Q_n (nq,) [MPa].
-        drag: k of :func:`map_back` (nq,) [MPa/mm]; None for the law as it is.
-        cycles: Of the load that the step stands for (nq,); None for none.
-        F: Mean deformation gradient (nq, d, d); this and the next None where no frame turns.
+        overstress_modulus: k of :func:`map_back` (nq,) [MPa/mm]; None for the plain law.
+        cycles: Load cycles that the step represents (nq,); None for none.
+        F: Mean deformation gradient (nq, d, d); this and the following are None where the frame is
+            fixed.
         R, W: Rotation and spin of the frame, see :meth:`.Frame.at`.
     """
 
@@ -50,7 +51,7 @@ class Trial:
     r: Array | None = None
     gap: Array | None = None
     softening: Array | None = None
-    drag: Array | None = None
+    overstress_modulus: Array | None = None
     cycles: Array | None = None
     F: Array | None = None
     R: Array | None = None
@@ -62,13 +63,13 @@ class ReturnMap:
 
     Args:
         interface: The user's description.
-        quadrature: Its points.
+        quadrature: Its quadrature points.
         u: Displacement, changed by the solver.
         bodies: Materials.
         fluid: Pressure at the points; None for none.
 
     Attributes:
-        turns: Whether the law works in a frame that turns with the interface.
+        turns: Whether the law works in a frame that rotates with the interface.
     """
 
     def __init__(
@@ -91,7 +92,7 @@ class ReturnMap:
         )
 
     def _flux_of(self, body: Body, F: Expr, N: Expr, a: int) -> Expr:
-        """P.N, u and, where the frame turns, GRAD u of one side."""
+        """P.N, u and, for a rotating frame, GRAD u of one side."""
         values = [*kinematics.traction(body, F, N), *self._u]
         if self.turns:
             gradient = self._quadrature.geometry.section_gradient(self._u)
@@ -99,7 +100,7 @@ class ReturnMap:
         return ufl.as_vector(values)
 
     def start(self) -> PointValues:
-        """The values of undeformed bodies."""
+        """The values for undeformed bodies."""
         d, count = self._d, len(self._quadrature.weights)
         zero, tensor = np.zeros((count, d)), np.zeros((count, d, d))
         values = PointValues(zero, zero, None, zero)
@@ -122,21 +123,21 @@ class ReturnMap:
         self,
         stabilization: Stabilization,
         history: PointHistory,
-        drag: Array | None,
+        overstress_modulus: Array | None,
         cycles: Array | None,
     ) -> Trial:
-        """{P.N} + r g at the current displacement, and what the law starts from.
+        """{P.N} + r g at the current displacement, and the other input of the law.
 
         Args:
             stabilization: tau_s and the flux weights.
             history: zeta_n and Q_n.
-            drag: k of :func:`map_back` (nq,) [MPa/mm]; None for the law as it is.
-            cycles: Of the load that the step stands for (nq,); None for none.
+            overstress_modulus: k of :func:`map_back` (nq,) [MPa/mm]; None for the plain law.
+            cycles: Load cycles that the step represents (nq,); None for none.
         """
         d, facet = self._d, self._quadrature.facet
         flux1, flux2 = self._flux[0](), self._flux[1]()
         delta = stabilization.weights[facet]
-        # The kernels take the outward normal of their own side, -N on side 2.
+        # The kernels use the outward normal of their side, -N on side 2.
         mean = apply(delta[:, 0], flux1[:, :d]) - apply(delta[:, 1], flux2[:, :d])
         jump = flux1[:, :d] + flux2[:, :d]
         opening = flux2[:, d : 2 * d] - flux1[:, d : 2 * d]
@@ -145,20 +146,30 @@ class ReturnMap:
             return Trial(mean + apply(stabilization.tau[facet], opening), opening, jump, N)
         r = stabilization.norm[facet]
         total = mean + r[:, None] * opening
-        known = total, opening, jump, N, r, history.gap, history.softening, drag, cycles
+        known = (
+            total,
+            opening,
+            jump,
+            N,
+            r,
+            history.gap,
+            history.softening,
+            overstress_modulus,
+            cycles,
+        )
         if self._frame is None:
             return Trial(*known)
         F = np.eye(d) + (flux1[:, 2 * d :] + flux2[:, 2 * d :]).reshape(-1, d, d) / 2
         return Trial(*known, F, *self._frame.at(F, N))
 
     def tangent(self, values: PointValues) -> tuple[Array | None, TurningTangent | None]:
-        """C = d zeta/dT (nq, d, d) [mm3/N], and what follows from the turning frame.
+        """C = d zeta/dT (nq, d, d) [mm3/N], and the contributions of the rotating frame.
 
         Args:
             values: From :meth:`evaluate`.
 
         Returns:
-            None in place of what the interface does not have.
+            None for what the interface does not have.
         """
         if self._frame is None:
             return values.compliance, None
@@ -174,14 +185,14 @@ def evaluate(law: Law, trial: Trial, dt: float, last: PointValues | None = None)
         law: The law.
         trial: From :meth:`ReturnMap.trial`, of one interface or of several with this law.
         dt: Time step [s].
-        last: Values of the last residual, with the tangent of its return map; given, zeta is
-            zeta_n. None maps back.
+        last: Values of the last residual, with the tangent of its return map; if given, zeta is
+            zeta_n. None for a return map.
     """
     if not law.inelastic:
         return PointValues(trial.opening, trial.jump, None, trial.total)
 
     def mapped(total: Array) -> PointValues:
-        """Of {P.N} + r g in the frame of the law."""
+        """Values for {P.N} + r g in the frame of the law."""
         load = total - trial.r[:, None] * trial.gap
         new = {"opening": trial.opening, "jump": trial.jump}
         if last is not None:
@@ -199,10 +210,10 @@ def evaluate(law: Law, trial: Trial, dt: float, last: PointValues | None = None)
 
 
 def map_back(law: Law, load: Array, trial: Trial, dt: float) -> Update:
-    """The return map of the law, with or without a drag on the gap.
+    """The return map of the law, with or without an overstress.
 
-    T_tr - r dzeta = T(dzeta) + k dzeta is the law's equation with r + k in place of r. With k
-    beyond H the step has one solution also where the bodies follow a bond that softens.
+    T_tr - r dzeta = T(dzeta) + k dzeta is the law's equation with r + k instead of r. With k > H
+    the step has a unique solution even where the bodies follow a softening bond.
 
     Args:
         law: The law.
@@ -213,15 +224,15 @@ def map_back(law: Law, load: Array, trial: Trial, dt: float) -> Update:
     known = trial.N, trial.gap, trial.softening
     if trial.cycles is not None:
         return law.return_map(load, *known, trial.r, dt, trial.cycles)
-    if trial.drag is None:
+    if trial.overstress_modulus is None:
         return law.return_map(load, *known, trial.r, dt)
-    update = law.return_map(load, *known, trial.r + trial.drag, dt)
-    borne = trial.drag[:, None] * (update.gap - trial.gap)
+    update = law.return_map(load, *known, trial.r + trial.overstress_modulus, dt)
+    borne = trial.overstress_modulus[:, None] * (update.gap - trial.gap)
     return replace(update, traction=update.traction + borne)
 
 
 def _in_frame(trial: Trial, mapped: Callable[[Array], PointValues]) -> PointValues:
-    """The return map in the turning frame R: zeta = R.zeta~, T~ = R^T.T, N stays.
+    """The return map in the rotating frame R: zeta = R.zeta~, T~ = R^T.T, N fixed.
 
     The couple c = zeta~ x T~ gives M = c_k W_k / 2 of ``forms.residual.frame_couple``, with
     omega = W:dF the axial vector of R^T.dR.

@@ -1,4 +1,4 @@
-"""How far the points of an interface have slid, relative to the facets that they belong to."""
+"""Sliding distance of the points of an interface relative to the size of their facets."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from .active import ActiveInterface
 
 
 class Sliding(NamedTuple):
-    """How far a point has slid while the interface is pressed.
+    """Sliding distance of a point in contact.
 
     Attributes:
-        ratio: The slip relative to the size of the facet; the others are not known where it is 0.
+        ratio: The slip relative to the size of the facet; if 0 the other values are undefined.
         facet: Its number on this rank.
-        point: Where (3,) [mm].
+        point: Its position (3,) [mm].
         slip: |zeta_T| [mm].
-        size: Length of the facet, in 3D the root of its area [mm].
+        size: Length of the facet, in 3D the square root of its area [mm].
     """
 
     ratio: float
@@ -29,7 +29,7 @@ class Sliding(NamedTuple):
 
 
 def sliding(active: ActiveInterface) -> Sliding:
-    """Of this rank's points that are pressed, the one that has slid furthest for its facet.
+    """The point in contact on this rank with the largest slip relative to its facet.
 
     Args:
         active: An interface in a converged state.

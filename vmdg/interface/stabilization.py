@@ -21,12 +21,12 @@ from .frame import turns
 from .interface import AUTO, Interface, StabilizationContext
 from .quadrature import FacetQuadrature, bubble_integrals
 
-#: Least r / H of "auto": a return map, dgamma = f / (r - H), magnifies its trial by 2 at most.
+#: Least r / H of "auto": a return map, dgamma = f / (r - H), magnifies its trial by at most 2.
 GOOD_RATIO = 2.0
 
-#: H / r from which on a wrong unit is as likely as a coarse mesh.
+#: H / r above which a wrong unit is as likely as a coarse mesh.
 SUSPICIOUS_RATIO = 3.0
-SAME_UNITS = "; do the units of strength, moduli, critical gap and mesh go together (MPa with mm)?"
+SAME_UNITS = "; are the units of strength, moduli, critical gap and mesh consistent (MPa with mm)?"
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ class Stabilization:
     Attributes:
         tau: tau_s, safety included (nf, d, d) [MPa/mm].
         delta: Flux weights delta_1, delta_2 of (23) (nf, 2, d, d).
-        weights: Flux weights of the forms: delta, or its isotropic part where the frame of the
-            interface turns (nf, 2, d, d).
+        weights: Flux weights of the forms: delta, or its isotropic part for a rotating frame (nf,
+            2, d, d).
         delta_s: (tau_1^-1 + tau_2^-1)^-1 of (25)-(26), without safety (nf, d, d) [mm3/N].
         norm: |tau_s|, the scalar r of (57) (nf,) [MPa/mm].
         safety: Factor in ``tau`` and ``norm`` on the derived tau_s (nf,).
@@ -52,12 +52,12 @@ class Stabilization:
 
     @classmethod
     def empty(cls, d: int) -> Stabilization:
-        """Of an interface with no open facet."""
+        """Stabilization of an interface with no open facet."""
         tensors, pairs, numbers = np.zeros((0, d, d)), np.zeros((0, 2, d, d)), np.zeros(0)
         return cls(tensors, pairs, pairs, tensors, numbers, numbers)
 
-    def scaled(self, norm: NDArray[np.float64]) -> Stabilization:
-        """The same with tau_s multiplied so that its norm is ``norm`` (nf,) [MPa/mm]."""
+    def with_norm(self, norm: NDArray[np.float64]) -> Stabilization:
+        """The same with tau_s scaled to the norm ``norm`` (nf,) [MPa/mm]."""
         factor = norm / self.norm
         return replace(
             self, tau=factor[:, None, None] * self.tau, norm=norm, safety=factor * self.safety
@@ -67,9 +67,8 @@ class Stabilization:
 class BubbleIntegrals:
     """Assembles int_K GRAD b : A : GRAD b dV of (22) for chosen (cell, facet in it) pairs.
 
-    A bubble Function selects one facet per cell and pass; a cell with several interface facets
-    takes part in several passes, so their number is the largest count of interface facets a cell
-    has.
+    A bubble Function selects one facet per cell and pass, so there are as many passes as the
+    largest number of interface facets of a cell.
     """
 
     def __init__(
@@ -123,7 +122,7 @@ class BubbleIntegrals:
 
 
 def _occurrence(values: NDArray[np.int32]) -> NDArray[np.int64]:
-    """How many times each entry occurs before itself."""
+    """Number of earlier occurrences of each entry."""
     order = np.argsort(values, kind="stable")
     result = np.empty(len(values), dtype=np.int64)
     result[order] = np.arange(len(values)) - np.searchsorted(values[order], values[order])
@@ -138,21 +137,21 @@ class Stabilizer:
     delta_s = tau_1.inv(tau_1 + tau_2).tau_2                                  (25)
 
     In axisymmetry the fine scale is a ring, u' = b_s (beta_r e_r + beta_z e_z), and (21)-(22)
-    follow in the same way from the weak form on its cell, all integrals with dA = 2 pi r ds and
-    dV = 2 pi r dr dz and GRAD(b e_r) with its hoop part b/r:
-    tau_a = (int b 2 pi r ds)^2 / (int 2 pi r ds) inv(int GRAD b : A : GRAD b 2 pi r dr dz).
-    Both sides of every fraction carry one length more, so tau is per reference area as before, and
-    tends to that of plane strain where r is large against the cell.
+    follow in the same way from the weak form on its cell, all integrals with dA = 2 pi r ds and dV
+    = 2 pi r dr dz and GRAD(b e_r) with its hoop part b/r: tau_a = (int b 2 pi r ds)^2 / (int 2 pi r
+    ds) inv(int GRAD b : A : GRAD b 2 pi r dr dz). Numerators and denominators have one more length,
+    so tau is per reference area as before, and tends to that of plane strain for r much larger than
+    the cell.
 
     Args:
         interface: The user's description.
-        quadrature: Of its facets on this rank.
+        quadrature: Quadrature of its facets on this rank.
         u: Displacement.
         bodies: Materials.
 
     Attributes:
         interface: As given.
-        facets: Those of the quadrature.
+        facets: Facets of the quadrature.
         automatic: Whether tau_s is scaled facet by facet, ``safety="auto"``.
     """
 
@@ -173,10 +172,10 @@ class Stabilizer:
         self._context = StabilizationContext(u, facets.cells, facets.local, facets.facets, N, area)
 
     def derive(self) -> Stabilization:
-        """tau_s and delta at the current displacement; with ``safety="auto"`` not scaled yet.
+        """tau_s and delta at the current displacement, with ``safety="auto"`` before scaling.
 
         Raises:
-            ValueError: the user's callable returns arrays of wrong shape.
+            ValueError: the user's function returns arrays of the wrong shape.
         """
         number = len(self._factor)
         stiffness = self._stiffness()
@@ -198,7 +197,8 @@ class Stabilizer:
             tau, delta1 = safety * bonded, bonded @ tau1
         delta = weights = np.stack([delta1, np.eye(d) - delta1], axis=1)
         if self._turns:
-            # A tensor of the start of a step would lag behind a body that turns; numbers do not.
+            # A tensor from the start of a step would not rotate with the body; scalars are
+            # unaffected.
             share = np.trace(delta, axis1=2, axis2=3) / d
             weights = share[:, :, None, None] * np.eye(d)
         order = "fro" if self.interface.norm == "frobenius" else 2
@@ -218,37 +218,37 @@ class Stabilizer:
         factor: NDArray[np.float64],
         floor: NDArray[np.float64],
     ) -> Stabilization:
-        """The stabilization of a step: with ``safety="auto"`` tau_s as coercivity asks for.
+        """The stabilization of a step: with ``safety="auto"`` tau_s as required by coercivity.
 
         r = max(factor |tau_s|, floor, 2 H)
 
-        The bubble of a cell that is long across or along the interface has a tau_s far above what
-        coercivity asks for, which costs iterations and gains nothing. Close to H a return map with
-        its dgamma = f / (r - H) would magnify every change of the trial traction; a larger r never
-        harms coercivity. tau_s is evaluated once a step, so u and tau_s depend on each other from
-        step to step: were r to fall again, states under a load that is held could drift.
+        For a cell with a large aspect ratio the bubble gives a tau_s far above that required by
+        coercivity, which costs iterations without benefit. Near H a return map, dgamma = f / (r -
+        H), would magnify every change of the trial traction; a larger r never harms coercivity.
+        tau_s is evaluated once per step, so u and tau_s depend on each other from step to step: if
+        r could decrease, states under constant load could drift.
 
         Args:
             derived: From :meth:`derive`.
-            factor: What coercivity asks for (nf,).
+            factor: Factor required by coercivity (nf,).
             floor: Largest r so far (nf,) [MPa/mm].
         """
         if not self.automatic:
             return derived
         least = np.maximum(floor, GOOD_RATIO * self.facets.law.softening_modulus)
-        return derived.scaled(np.maximum(factor * derived.norm, least))
+        return derived.with_norm(np.maximum(factor * derived.norm, least))
 
     def suffices(
         self, applied: Stabilization, derived: Stabilization, factor: NDArray[np.float64]
     ) -> bool:
-        """Whether a tau_s is what coercivity asks for at another displacement, on this rank.
+        """Whether a tau_s satisfies coercivity at another displacement, on this rank.
 
-        The share of the bulk energy that :mod:`vmdg.interface.coercivity` reserves may be used up.
+        The fraction of the bulk energy reserved by :mod:`vmdg.interface.coercivity` may be used up.
 
         Args:
             applied: The stabilization of the step.
             derived: From :meth:`derive` at the other displacement.
-            factor: What coercivity asks for there (nf,).
+            factor: Factor required by coercivity there (nf,).
         """
         if not self.automatic:
             return True
@@ -256,7 +256,8 @@ class Stabilizer:
         return not (applied.norm < needed).any()
 
     def check_softening(self, stabilization: Stabilization) -> None:
-        """Refuse a penalty at which the bond breaks faster than the bodies unload; collective.
+        """Refuse a penalty at which the bond would soften faster than the bodies unload;
+        collective.
 
         Raises:
             ValueError: r <= H on a facet: the softening is too steep for the mesh.
@@ -273,7 +274,7 @@ class Stabilizer:
             message = (
                 f"{self.facets.label}: facet {self.facets.facets[f]} has r = |tau_s| = {r[f]:.6g} "
                 f"MPa/mm, not above the softening modulus H = {H[f]:.6g} MPa/mm: the bond would "
-                f"break faster than the element can unload. Refine the facet from {size:.3g} to "
+                f"soften faster than the element can unload. Refine the facet from {size:.3g} to "
                 f"below {size * r[f] / H[f]:.3g} mm, or raise the critical gap"
             )
             if H[f] > SUSPICIOUS_RATIO * r[f]:
@@ -281,7 +282,7 @@ class Stabilizer:
         raise_together(comm, message)
 
 
-#: What :meth:`Stabilizers.derive` and :meth:`Stabilizers.coercivity` give.
+#: Results of :meth:`Stabilizers.derive` and :meth:`Stabilizers.coercivity`.
 _Needed = tuple[list[Stabilization], list[NDArray[np.float64]]]
 
 
@@ -289,14 +290,14 @@ class Stabilizers:
     """The stabilization of all active interfaces, which share the energy of their cells.
 
     Args:
-        interfaces: The stabilizer of each.
+        interfaces: The stabilizer of each interface.
         u: Displacement.
         bodies: Materials.
 
     Attributes:
         constant: Whether tau_s and delta are the same at every displacement. At small strain the
-            moduli in the bubble integrals (22) are constant; a callable of the user's may depend
-            on the displacement all the same.
+            moduli in the bubble integrals (22) are constant; a user's function may depend on the
+            displacement nevertheless.
     """
 
     def __init__(self, interfaces: Sequence[Stabilizer], u: fem.Function, bodies: Bodies):
@@ -308,8 +309,8 @@ class Stabilizers:
         self._coercivity: Coercivity | None = None
         self._constants: list[Stabilization] | None = None
 
-    def scaled(self, floors: Sequence[NDArray[np.float64]]) -> list[Stabilization]:
-        """Of every interface for a step from the current displacement; collective.
+    def for_step(self, floors: Sequence[NDArray[np.float64]]) -> list[Stabilization]:
+        """Stabilization of every interface for a step from the current displacement; collective.
 
         Args:
             floors: Largest r of the run so far (nf,) [MPa/mm].
@@ -323,10 +324,10 @@ class Stabilizers:
         return scaled
 
     def suffice(self, applied: Sequence[Stabilization]) -> bool:
-        """Whether these serve at the current displacement too, on this rank; collective.
+        """Whether these suffice at the current displacement too, on this rank; collective.
 
-        At finite strain a step that goes far from where tau_s was evaluated may end in an
-        equilibrium that only the lack of it makes possible.
+        At finite strain a long step may end in a spurious equilibrium that exists only because
+        tau_s is too small there.
         """
         if self._bodies.small:
             return True
@@ -336,8 +337,8 @@ class Stabilizers:
     def _needed(self) -> _Needed:
         """:meth:`derive` and :meth:`coercivity` at the current displacement; collective.
 
-        A step begins where the last one was checked at its end: they are found once for both. A
-        callable of the user's may depend on more, and is always asked.
+        A step starts where the last one was checked at its end, so they are computed once for both.
+        A user's function may depend on more and is always called.
         """
         state = [f.x.array.copy() for f in (self._u, *self._bodies.fields)]
         moved = self._last is None or not all(map(np.array_equal, state, self._last[0]))
@@ -347,13 +348,14 @@ class Stabilizers:
         return self._last[1]
 
     def derive(self) -> list[Stabilization]:
-        """Of every interface at the current displacement, not scaled yet; collective."""
+        """Stabilization of every interface at the current displacement, before scaling;
+        collective."""
         return [one.derive() for one in self._interfaces]
 
     def coercivity(self, derived: Sequence[Stabilization]) -> list[NDArray[np.float64]]:
-        """What coercivity asks to multiply tau_s by on every facet (nf,); collective.
+        """Factor on tau_s required by coercivity on every facet (nf,); collective.
 
-        Interfaces with a stabilization of the user's own neither ask nor take a share.
+        Interfaces with a user-defined stabilization are left out.
 
         Args:
             derived: From :meth:`derive`.

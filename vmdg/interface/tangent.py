@@ -1,9 +1,9 @@
-"""The tangent (84)-(85) of an interface at its points: D of the jets of `interface.jets`.
+"""The tangent (84)-(85) of an interface at its points: D for the jets of `interface.jets`.
 
-Everything that depends on the material, H_a = (A.N)_a and K_a = Xi_a:(delta_a^T s (x) N) of every
-side, is derived in UFL (:mod:`forms.kinematics`) and evaluated at the points; what is left are
-products of small matrices, those of tangent.c. Written by ``ufl.derivative`` of (27) instead, the
-same form gives kernels of 40,000 lines in 3D.
+All material-dependent parts, H_a = (A.N)_a and K_a = Xi_a:(delta_a^T s (x) N) of each side, are
+derived in UFL (:mod:`forms.kinematics`) and evaluated at the points; the remaining products of
+small matrices are in tangent.c. With ``ufl.derivative`` of (27) instead, the same form gives
+kernels of 40,000 lines in 3D.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .stabilization import Stabilization
 
 Array = NDArray[np.float64]
 
-#: Number of points or facets, and arrays as tangent.c has them.
+#: Number of points or facets, and the arrays of tangent.c.
 _DECLARATIONS = f"""
 void point_tangents(long{", void *" * 14});
 void facet_tangents(long{", void *" * 5});
@@ -36,18 +36,18 @@ void facet_tangents(long{", void *" * 5});
 
 
 class PointTangent:
-    """D of one interface: its part of the tangent is int j(eta).D.j(du) dA.
+    """D of one interface: its tangent is int j(eta).D.j(du) dA.
 
     Args:
         quadrature: Facet points.
         u: Displacement.
         bodies: Materials.
-        inelastic: The law has a gap, and with it the scalar r for tau_s.
+        inelastic: The law has a gap, and hence the scalar r for tau_s.
         jump: The form is (26), with the traction jump.
         fluid: Pressure at the points; None for none.
 
     Attributes:
-        jets: B of the points.
+        jets: B at the points.
         areas: dA (nq,) [mm2; times the thickness in plane strain].
     """
 
@@ -67,7 +67,7 @@ class PointTangent:
         self.jets = FacetJets(quadrature, u.function_space)
         self.areas = quadrature.weights * float(geometry.thickness)
         self._entries = self.jets.entries
-        # Where these are all of GRAD, in their order, they need no copy.
+        # All entries of GRAD in order need no copy.
         columns = [i * n + j for i, j in self._entries]
         self._columns = slice(None) if columns == list(range(n * n)) else columns
         self._quadrature, self._inelastic, self._jump = quadrature, inelastic, jump
@@ -106,7 +106,7 @@ class PointTangent:
         compliance: Array | None,
         turning: TurningTangent | None,
     ) -> tuple[Array, Array]:
-        """D at the current displacement, and the numerical flux it is made with.
+        """D at the current displacement, and the numerical flux from which it is built.
 
         With h(w) = {(A : GRAD w).N} and Tt(w) = h(w) + tau_s.g(w), the flux of (84),
 
@@ -114,15 +114,16 @@ class PointTangent:
                              - Tt(eta).d zeta - S(eta):(dM/dT.Tt(du) + dM/dS : S(du))
                              - [[(GRAD eta : A).N]].delta_s.[[(A : GRAD du).N]],
 
-        the second to fifth terms of (85), then (84) with d zeta = C.Tt(du) + Z:S(du), where the
-        frame turns with S(w) = GRAD w_1 + GRAD w_2 also that of ``residual.frame_couple``, and with
-        the traction jump that of (26). The frame of an axisymmetric body turns in its section.
+        the second to fifth terms of (85), then (84) with d zeta = C.Tt(du) + Z:S(du), for a
+        rotating frame, with S(w) = GRAD w_1 + GRAD w_2, also that of ``residual.frame_couple``, and
+        with the traction jump that of (26). The frame of an axisymmetric body rotates in its
+        section.
 
         Args:
-            stabilization: As the forms have it.
+            stabilization: Stabilization of the forms.
             values: At the points.
-            compliance: C = d zeta/dT (nq, d, d) [mm3/N]; None keeps zeta.
-            turning: Z, dM/dT and dM/dS where the frame turns; None keeps the frame.
+            compliance: C = d zeta/dT (nq, d, d) [mm3/N]; None fixes zeta.
+            turning: Z, dM/dT and dM/dS of a rotating frame; None fixes the frame.
 
         Returns:
             D dA (nq, jet, jet), and Tt dA (nq, d, jet).
@@ -133,7 +134,7 @@ class PointTangent:
             tau = stabilization.norm[facet, None, None] * np.eye(d)
         else:
             tau = stabilization.tau[facet]
-        # The kernels take the outward normal of their own side, -N on side 2.
+        # The kernels use the outward normal of their side, -N on side 2.
         shape = -1, d, quadrature.geometry.size(d) ** 2
         H = [side().reshape(shape)[..., self._columns] for side in self._evaluate_moduli]
         K = self._geometric_term(stabilization, values) if self._finite else (None, None)
@@ -152,7 +153,7 @@ class PointTangent:
         """Sums of B^T.D.B over the points of some facets, for displacements (f, n, n).
 
         Args:
-            D: Of all points.
+            D: D at all points.
             rows: The facets.
         """
         points, values = self._quadrature.points_of_facet[rows], self.jets.values[rows]
@@ -164,9 +165,9 @@ class PointTangent:
     def _geometric_term(self, stabilization: Stabilization, values: PointValues) -> list[Array]:
         """Independent components of K_a of (85) of both sides (nq, components) [MPa]."""
         facet = self._quadrature.facet
-        # v_1, v_2 with which the adjoint term of (27) or (26) tests (nq, 2, d) [mm].
+        # v_1, v_2 of the adjoint term of (27) or (26) (nq, 2, d) [mm].
         weights = stabilization.weights[facet].swapaxes(2, 3)
-        directions = (weights @ values.slip[:, None, :, None])[..., 0]
+        directions = (weights @ values.elastic_opening[:, None, :, None])[..., 0]
         if self._jump:
             more = np.einsum("pij,pj->pi", stabilization.delta_s[facet], values.jump)
             directions += np.stack([-more, more], axis=1)

@@ -1,4 +1,4 @@
-"""One interface in the forms: the coefficients on its facets, and its integrands with them."""
+"""One interface in the forms: the coefficients on its facets, and its integrands."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class RegionPair:
     """Facets of an interface whose two sides belong to the same pair of material regions.
 
     Attributes:
-        rows: Of these facets (cell 1, facet in it, cell 2, facet in it), flattened.
-        bodies: Of side 1 and of side 2.
+        rows: Integration entities (cell 1, facet in it, cell 2, facet in it), flattened.
+        bodies: Bodies of side 1 and side 2.
     """
 
     rows: NDArray[np.int32]
@@ -35,20 +35,20 @@ class RegionPair:
 class InterfaceTerms:
     """The integrands of one interface in the residual and the energy.
 
-    A tie (law without history) has the tensor tau_s and no zeta; any other law has the scalar
-    r = |tau_s|, and where its frame turns also a couple.
+    A tie (law without history) has the tensor tau_s and no zeta; any other law has the scalar r =
+    |tau_s|, and for a rotating frame also a couple.
 
     Args:
         interface: The user's description.
-        quadrature: Its points.
+        quadrature: Its quadrature points.
         u: Displacement.
         bodies: Materials.
-        turns: Whether the frame of the law turns.
-        fluid: Pressure at the points, which the tractions then bear; None for none.
+        turns: Whether the frame of the law rotates.
+        fluid: Fluid pressure at the points; None for none.
 
     Attributes:
         pairs: The facets, by the materials of their sides.
-        submesh: On which the coefficients live.
+        submesh: Mesh of the coefficients.
     """
 
     def __init__(
@@ -94,13 +94,13 @@ class InterfaceTerms:
     def energy(self, bodies: tuple[Body, Body]) -> Expr:
         """Stored energy of the interface, the interface integrand of (30) [N/mm].
 
-        That of the bodies: what a fluid does is the work of a load.
+        Without the fluid, whose work is that of a load.
         """
         bodies = tuple(replace(body, fluid=None) for body in bodies)
         return residual.energy(bodies, self._geometry, self._u, self._N, *self._coefficients())
 
     def _coefficients(self) -> tuple[Expr, Expr, Expr | None, Expr | None]:
-        """delta_1, tau_s, zeta and delta_s on the facets, None where the form has none."""
+        """delta_1, tau_s, zeta and delta_s on the facets, None where absent from the form."""
         zeta = None if self._zeta is None else self._zeta("+")
         delta_s = None if self._delta_s is None else self._delta_s("+")
         return self._delta("+"), self._tau("+"), zeta, delta_s
@@ -116,7 +116,7 @@ class InterfaceTerms:
         write(self._tau, stabilization.norm if self._inelastic else stabilization.tau)
 
     def set_gap(self, values: PointValues) -> None:
-        """Set zeta, and the couple where the frame turns."""
+        """Set zeta, and the couple of a rotating frame."""
         if self._zeta is not None:
             self._zeta.x.array[:] = values.gap.ravel()
         if self._moment is not None:
