@@ -229,9 +229,9 @@ def test_weibull_by_section(comm, refined):
     ("law", "words"),
     [
         (bond(lambda x: x[1] - 0.3), r"facet \d+ with its midpoint at \(1, 0.125, 0\): strength ="),
-        (bond(lambda x: np.ones(99)), r"strength of the law must give one finite number for each"),
-        (bond(lambda x: x[7]), r"strength of the law must give .*: index 7"),
-        (bond(lambda x: np.nan * x[0]), r"or not finite"),
+        (bond(lambda x: np.ones(99)), r"strength of the law must be one finite number for each"),
+        (bond(lambda x: x[7]), r"strength of the law must be .*: index 7"),
+        (bond(lambda x: np.nan * x[0]), r"or are not finite"),
         (bond(vmdg.Weibull(1.0, 5.0, resolution=9.0)), "closer together than resolution = 9 "),
         (bond(vmdg.Weibull(1.0, 5.0, resolution=1e-14)), "close to the rounding of coordinates"),
         (bond(vmdg.Weibull(1.0, 5.0, section=lambda x: 4 * x[1])), "must return one integer"),

@@ -48,9 +48,11 @@ MATERIALS = (
 def test_parameters_do_not_change(material):
     """A value or all of them cannot be set anew; copies keep them."""
     name, before = next(iter(material.parameters)), dict(material.parameters)
-    with pytest.raises(TypeError, match=f"'{name}' .* make a new material and a new Problem"):
+    with pytest.raises(TypeError, match=f"'{name}' .* create a new material and a new Problem"):
         material.parameters[name] = 2.0
-    with pytest.raises(AttributeError, match=r"set once, .* make a new material and a new Problem"):
+    with pytest.raises(
+        AttributeError, match=r"set once, .* create a new material and a new Problem"
+    ):
         material.parameters = {name: 2.0}
     assert material.parameters == before
     assert copy.deepcopy(material).parameters == before

@@ -383,7 +383,7 @@ WRONG_VALUES = {
         r"a value of shape \(3,\) does not fit 2 components",
     ),
     "value that returns nothing": (lambda s: prescribe(s, lambda t: None), "must return the value"),
-    "value that is no number": (lambda s: prescribe(s, "0.1 mm"), "'0.1 mm' is no number"),
+    "value that is not a number": (lambda s: prescribe(s, "0.1 mm"), "'0.1 mm' is not a number"),
     "facets of another mesh": (
         lambda s: bonded(s).dirichlet(np.array([10**6]), 0.0),
         "does not exist on this",
@@ -479,7 +479,7 @@ WRONG_VALUES = {
 WRONG_TYPES = {
     "no law": (
         lambda s: tie(within=1, law="glue"),
-        "law = 'glue' is no interface law; try vmdg.Bonded",
+        "law = 'glue' is not an interface law; try vmdg.Bonded",
     ),
     "a law as a class": (
         lambda s: tie(within=1, law=vmdg.Bonded),
@@ -531,7 +531,7 @@ WRONG_TYPES = {
     ),
     "a spring that changes": (
         lambda s: bonded(s).spring(s.facet_tags.find("left"), lambda t: 100 * t),
-        "spring: the stiffness .* must be numbers in MPa/mm; springs change neither with the load",
+        "spring: the stiffness .* must be numbers in MPa/mm; springs are constant in the load",
     ),
     "a spring in quotes": (
         lambda s: bonded(s).spring(s.facet_tags.find("left"), "100"),
@@ -665,7 +665,7 @@ def test_files_of_one_rank(comm, out):
 
 def test_a_change_after_the_fact(comm):
     """A problem has compiled its interfaces."""
-    with pytest.raises(AttributeError, match="make a new Interface and a new P"):
+    with pytest.raises(AttributeError, match="create a new Interface and a new P"):
         bonded(scene(comm)).interfaces[0].law = vmdg.Bonded()
 
 
@@ -720,7 +720,7 @@ def test_bodies_meshed_separately(comm):
         ),
         (
             {1: [1], 2: [1, 2]},
-            r"surface 1 .*in the physical groups \[1, 2\]; .*put it in one group",
+            r"surface 1 .*in the physical groups \[1, 2\]; .*assign it to one group",
         ),
     ],
 )

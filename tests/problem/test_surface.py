@@ -253,7 +253,7 @@ def test_pressure_as_a_function_of_the_opening(comm):
     problem = joined(scene, law, (MATERIAL,) * 2, {"name": "bond"}, kinematics="small")
     for tag, axis in ((1, "x"), (2, "x"), (5, "y")):
         problem.dirichlet(scene.facet_tags.find(tag), 0.0, axis)
-    with pytest.raises(ValueError, match="share must give one finite number"):
+    with pytest.raises(ValueError, match="share must return one finite number"):
         problem.pressure("bond", 1.0, share=lambda opening: np.full(len(opening) + 1, 0.5))
     problem.pressure("bond", lambda t: 150 * t, share=lambda opening: np.exp(-opening / 0.02))
     history = vmdg.solve(problem, np.linspace(0.1, 2, 20), EXACT, monitor=bar.means).history

@@ -1,4 +1,5 @@
-"""The bodies' part of the tangent in space: sums of B^T.A.B over the points of the cells."""
+"""The bodies' part of the tangent in 3D: sums of B^T.A.B over the quadrature points of the
+cells."""
 
 from __future__ import annotations
 
@@ -16,21 +17,21 @@ from ..domain.materials import Bodies
 from ..domain.moduli import cell_moduli
 from ..domain.shapes import GeometryMap
 
-#: Number of cells, A, nodes, derivatives of both shape functions, weights of the points, matrices.
+#: Number of cells, A, nodes, derivatives of both sets of shape functions, weights, matrices.
 _DECLARATION = "void cell_tangents(long, void *, void *, void *, void *, void *, void *);"
 
-#: Numbers in the matrices of the cells that are done at a time: they and A stay in a core's cache.
+#: Number of matrix entries per batch of cells: they and A fit in a core's cache.
 _BATCH = 60_000
 
 
 class CellTangents:
-    """First term of (85) in space, int GRAD eta : A : GRAD du dV of the bodies.
+    """First term of (85) in 3D, int GRAD eta : A : GRAD du dV of the bodies.
 
     A is derived in UFL and evaluated at the points, the products are those of cell_tangents.c.
 
     Args:
         u: Displacement.
-        bodies: Materials; with mean dilatation the part of displacements at fixed theta and p.
+        bodies: Materials; with mean dilatation the displacement block at fixed theta and p.
     """
 
     def __init__(self, u: fem.Function, bodies: Bodies):
@@ -61,7 +62,8 @@ class CellTangents:
         self._kernel, self._pointer = module.lib.cell_tangents, module.ffi.from_buffer
 
     def add_to(self, matrix: PETSc.Mat) -> None:
-        """Add it to a matrix that joins the dofs of every cell, at the current displacement."""
+        """Add the tangent at the current displacement to a matrix that couples the dofs of every
+        cell."""
         batch = max(_BATCH // self._size**2, 1)
         matrices = np.empty((batch, self._size, self._size))
         for number, region in enumerate(self._regions):

@@ -1,18 +1,18 @@
-"""The dilatation of the cells and its elimination from the equations, for mean dilatation.
+"""The cell dilatation and its elimination from the equations, for mean dilatation.
 
-The forms know the displacement and, as an independent field constant in every cell, the dilatation
-theta (:mod:`forms.dilatation`). With Pi(u, theta) the energy of bodies and interfaces,
+The forms depend on the displacement and, as an independent cell-wise constant field, on the
+dilatation theta (:mod:`forms.dilatation`). With Pi(u, theta) the energy of bodies and interfaces,
 theta(u) = 1/V int_K J dV and D = dtheta/du, q -> 1/V int_K dJ/dF : GRAD du dV,
 
     R = dPi/du + D^T.dPi/dtheta,
     K = d2Pi/du2 + p d2J/du2 + d2Pi/dudtheta.D + D^T.(d2Pi/dthetadu + d2Pi/dtheta2.D)
 
 with p = (dPi/dtheta)/V in every cell: D^T.dPi/dtheta is int p dJ/dF : GRAD eta dV, which the
-residual form assembles as it is. The same holds with the damage term of (84) for the second
-derivatives. Cells next to an interface add to p what the flux terms there have of theta.
+residual form assembles directly. The same holds with the damage term of (84) for the second
+derivatives. In cells next to an interface the flux terms contribute to p.
 
-Neither K nor the vectors are larger than without theta, and K has the same pattern: an interface
-joins all nodes of its two cells, which is as far as the products reach.
+K and the vectors have the same size as without theta, and K has the same sparsity pattern: an
+interface couples all nodes of its two cells, which covers the products.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Dilatation:
         self._products: list[PETSc.Mat | None] = [None, None, None]
 
     def compile(self) -> None:
-        """Compile all of it now, or load it from the cache; collective."""
+        """Compile all kernels now, or load them from the cache; collective."""
         _ = self._ratio, self._pressures, self._volume, self._blocks
 
     @cached_property
@@ -68,7 +68,7 @@ class Dilatation:
 
     @cached_property
     def _volume(self) -> fem.Function:
-        """V of every cell."""
+        """Volume V of every cell."""
         weak, result = self._weak_form, fem.Function(self._theta.function_space)
         form = weak.compile(weak.over_bodies(lambda body, F: self._test), "dilatation")
         fem.assemble_vector(result.x.array, form)
@@ -77,7 +77,7 @@ class Dilatation:
 
     @cached_property
     def _blocks(self) -> list[tuple[fem.Form, PETSc.Mat]]:
-        """V D and the blocks of the two-field tangent that have theta."""
+        """V D and the blocks of the two-field tangent that involve theta."""
         weak, q = self._weak_form, self._test
         p = ufl.TrialFunction(self._theta.function_space)
         eta, du = ufl.TestFunction(weak.space), ufl.TrialFunction(weak.space)
@@ -113,7 +113,7 @@ class Dilatation:
         """Add A_ut.D + D^T.(A_tu + A_tt.D) to d2Pi/du2 + p d2J/du2; collective.
 
         Args:
-            matrix: To which it is added.
+            matrix: The matrix.
             parts: The interfaces, with D of :func:`.point_matrices.add_fields`.
         """
         u, theta = FacetJets.displacement, FacetJets.dilatation

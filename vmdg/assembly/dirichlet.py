@@ -21,15 +21,15 @@ Where = ArrayLike | Locator
 
 AXES = ("x", "y", "z")
 
-#: Prescribed values agree to rounding.
+#: Relative tolerance for equal prescribed values.
 ROUNDING = 1e-12
 
 
 def find_boundary_facets(mesh: Mesh, where: Where, what: str) -> NDArray[np.int32]:
-    """Facets given by index or by a predicate on the coordinates (3, n) of the boundary.
+    """Boundary facets given by index or by a predicate on coordinates (3, n).
 
     Raises:
-        TypeError: a tag or a mask in place of facets.
+        TypeError: a tag or a mask instead of facets.
         ValueError: nothing is selected on any rank, or a facet does not exist.
     """
     if callable(where):
@@ -44,8 +44,8 @@ def find_boundary_facets(mesh: Mesh, where: Where, what: str) -> NDArray[np.int3
 
 
 def nodes_where(space: fem.FunctionSpace, where: Locator, what: str) -> NDArray[np.int32]:
-    """Local nodes of cells by a predicate on the coordinates (3, n), block numbers; those of means
-    lie nowhere; collective."""
+    """Local nodes (block numbers) by a predicate on coordinates (3, n), without those of means;
+    collective."""
 
     def find(marker: Locator) -> NDArray[np.int32]:
         return fem.locate_dofs_geometrical(space, marker)
@@ -55,7 +55,7 @@ def nodes_where(space: fem.FunctionSpace, where: Locator, what: str) -> NDArray[
 
 
 def find_nodes(space: fem.FunctionSpace, where: Locator, what: str) -> NDArray[np.int32]:
-    """Local nodes by a predicate on the coordinates (3, n), block numbers; collective.
+    """Local nodes (block numbers) by a predicate on coordinates (3, n); collective.
 
     Raises:
         ValueError: no node is selected on any rank.
@@ -116,7 +116,7 @@ class DirichletConditions:
 
     Args:
         space: Space of the displacement.
-        zeros: Local dofs (component-wise numbers) that are zero, whatever else is prescribed.
+        zeros: Local dofs (component-wise numbers) fixed at zero, which overrides other conditions.
 
     Attributes:
         dofs: Prescribed local dofs (component-wise numbers), ghosts included, ascending.
@@ -141,8 +141,8 @@ class DirichletConditions:
 
         Args:
             dofs: The dofs (n,).
-            value: What the user gave.
-            component: One of them, or None for all.
+            value: The user's value.
+            component: A component, or None for all.
             what: Name of the condition for messages.
             base: Displacement to which the value is added (n, d) [mm]; default zero.
 
@@ -173,17 +173,17 @@ class DirichletConditions:
     def _known(
         self, value: Value | Expr, dofs: NDArray[np.int32], index: int | None, what: str
     ) -> Value:
-        """A value that is known at the dofs; that of a Function by interpolation, as it is then.
+        """A value as a function at the dofs; a Function is interpolated in its state at each call.
 
         Raises:
-            ValueError: a Function of another shape or mesh, or another expression of UFL.
+            ValueError: a Function of the wrong shape or mesh, or a UFL expression.
         """
         if isinstance(value, fem.Constant) or not isinstance(value, Expr):
             return value
         if not isinstance(value, fem.Function):
             raise ValueError(
-                f"{what}: an expression of UFL has no values at nodes; write lambda x, t: ... at "
-                "points x (3, n), or interpolate it into a Function"
+                f"{what}: a UFL expression has no nodal values; write lambda x, t: ... at points x "
+                "(3, n), or interpolate it into a Function"
             )
         d, space = self._d, self._space
         same = value.ufl_domain() == space.mesh.ufl_domain()
@@ -207,7 +207,7 @@ class DirichletConditions:
     def values(self, t: float) -> NDArray[np.float64]:
         """Prescribed values at load factor ``t``, one for each of :attr:`dofs`.
 
-        Where conditions overlap, the one that was added last holds.
+        Where conditions overlap, the last one added applies.
         """
         result = np.zeros(len(self.dofs))
         for condition in self._conditions:
@@ -217,14 +217,14 @@ class DirichletConditions:
         return result
 
     def parts(self, t: float) -> Iterator[Part]:
-        """What every condition gives at load factor ``t``."""
+        """Values of every condition at load factor ``t``."""
         for condition in self._conditions:
             yield Part(condition.what, condition.at(t, self._d)[1], condition.points)
 
     def conflict(self, t: float) -> str | None:
-        """Two conditions that give a dof different values at load factor ``t``, in words.
+        """Message on two conditions with different values for a dof at load factor ``t``, or None.
 
-        A condition relative to the present displacement takes the place of those before it.
+        A condition relative to the current displacement replaces those before it.
         """
         given = np.full(len(self.dofs), np.nan)
         given[np.searchsorted(self.dofs, self._zeros)] = 0
@@ -241,8 +241,8 @@ class DirichletConditions:
                 return (
                     f"{condition.what}: the displacement along {axis} of the node at "
                     f"{rounded(condition.points[:, i])} is prescribed as "
-                    f"{given[place[i, k]]:.6g} and as {values[i, k]:.6g} at load factor {t:g}, "
-                    "of which the last one holds; leave the node out of one of them"
+                    f"{given[place[i, k]]:.6g} and as {values[i, k]:.6g} at load factor {t:g}; the "
+                    "last one applies. Remove the node from one of them"
                 )
             given[place] = values
         return None

@@ -39,8 +39,8 @@ from .weak_form import WeakForm
 class _Compiled(NamedTuple):
     """Compiled parts of a residual.
 
-    A cell integral is given the coefficients of its whole form: with those of the interfaces, all
-    of their points, it would read 600 to 1200 numbers a hexahedron of which it needs 26.
+    A cell integral receives all coefficients of its form: with those at the interface points it
+    would read 600 to 1200 numbers per hexahedron, of which it needs 26.
 
     Attributes:
         bulk: The bodies.
@@ -57,24 +57,24 @@ class Discretization:
     Args:
         mesh: The mesh.
         bodies: Materials.
-        interfaces: What the user described.
+        interfaces: The user's interfaces.
         facets: Open facets of every interface, on this rank.
         degree: Degree of the displacement.
-        lattice: Of a periodic cell; None for none.
+        lattice: Lattice of a periodic cell; None for other bodies.
 
     Attributes:
         mesh: As given.
         bodies: As given.
         degree: As given.
         geometry: Gradient and measure.
-        means: What is unknown of means, of a periodic cell or F_33; None for nothing.
-        space: Broken space, of a periodic cell that of the fluctuation.
-        u: Displacement, of a periodic cell its fluctuation [mm].
+        means: Unknown means of a periodic cell, or F_33; None for none.
+        space: Broken space, for a periodic cell that of the fluctuation.
+        u: Displacement, for a periodic cell its fluctuation [mm].
         forces: Internal minus external forces of the last assembly, owned and ghost dofs [N].
-        active: Interfaces of which a rank has an open facet, by their number.
+        active: Interfaces with an open facet on any rank, by number.
         owned: Number of component-wise dofs this rank owns.
         weak_form: (27) and (85) in UFL.
-        surface: Pressures and springs; :meth:`new_surface` makes another one.
+        surface: Pressures and springs; reset by :meth:`new_surface`.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Discretization:
         unknown = lattice is not None or self._axial
         self.means = MeanSpace(broken, lattice, self._axial) if unknown else None
         self.space = broken if self.means is None else self.means.space
-        # Forces come on the nodes of the mesh, from which those on means follow.
+        # Forces are assembled on the nodes of the mesh, from which those on means follow.
         self._test_space = broken
         self.u = fem.Function(self.space, name="displacement")
         self.forces = fem.Function(self.space, name="forces")
@@ -115,16 +115,16 @@ class Discretization:
         self.surface = Surface(self.u, bodies)
 
     def new_surface(self) -> Surface:
-        """Take pressures and springs away, and return what takes new ones."""
+        """Remove all pressures and springs, and return an empty :class:`Surface`."""
         self.surface = Surface(self.u, self.bodies)
         return self.surface
 
     def take_fluid(self, number: int) -> ActiveInterface:
-        """The active interface of this number, with a fluid between its lips."""
+        """The active interface of this number, with a fluid between its faces."""
         active = self.active[number]
         if active.fluid is None:
             active.take_fluid()
-            # What was compiled for the interface without it.
+            # Remove kernels compiled without the fluid.
             for forms in ("_residual_forms", "_axial_residual"):
                 self.__dict__.pop(forms, None)
             self._dilatation = Dilatation(self.weak_form) if self._dilatation else None
@@ -142,7 +142,7 @@ class Discretization:
 
     @property
     def symmetric(self) -> bool:
-        """Whether the tangent is symmetric: all laws say so, and no pressure turns."""
+        """Whether the tangent is symmetric: symmetric laws and no follower pressures."""
         laws = all(active.law.symmetric for active in self.active.values())
         return laws and self.surface.symmetric
 
@@ -169,7 +169,7 @@ class Discretization:
 
     @cached_property
     def _axial_test(self) -> Expr:
-        """Of F_33, one for every cell: the forces on them have a sum."""
+        """Test function of F_33, one dof per cell: the forces on them are summed."""
         return ufl.TestFunction(fem.functionspace(self.mesh, ("DG", 0)))
 
     @cached_property
@@ -178,12 +178,12 @@ class Discretization:
         return self.weak_form.compile(form, "force along z")
 
     def _axial_force(self, form: fem.Form) -> float:
-        """Sum of a vector of :attr:`_axial_test`, this rank's."""
+        """This rank's sum of a vector of :attr:`_axial_test`."""
         return float(fem.assemble_vector(form).array.sum())
 
     @cached_property
     def _add_bodies(self) -> Callable[[PETSc.Mat], None]:
-        """Adds the bodies' tangent; in the plane a form has few products."""
+        """A function that adds the bodies' tangent; in the plane by a compiled form."""
         if self.mesh.topology.dim == 3:
             return CellTangents(self.u, self.bodies).add_to
         weak = self.weak_form
@@ -225,7 +225,7 @@ class Discretization:
         """Evaluate tau_s and delta of every interface at the current displacement; collective.
 
         Returns:
-            What the change adds to the energy (30), this rank's [N mm].
+            The resulting change of the energy (30) on this rank [N mm].
 
         Raises:
             ValueError: the softening of a law is too steep for the mesh (r <= H).
@@ -242,24 +242,25 @@ class Discretization:
     def needed_penalties(self) -> list[NDArray[np.float64]]:
         """r of every interface for a step from the current displacement (nf,); collective.
 
-        [MPa/mm]; the forms keep what they have.
+        [MPa/mm]; the forms are unchanged.
         """
         with timer("stabilization"):
             return [stabilization.norm for stabilization in self._scaled_stabilization()]
 
     def stabilization_suffices(self) -> bool:
-        """Whether tau_s of the step is what coercivity asks for now too, on this rank; collective.
+        """Whether tau_s of the step satisfies coercivity at the current displacement, on this rank;
+        collective.
 
-        At finite strain a step that goes far from where tau_s was evaluated may end in an
-        equilibrium that only the lack of it makes possible.
+        At finite strain a long step may end in a spurious equilibrium that exists only because
+        tau_s is too small there.
         """
         with timer("stabilization"):
             applied = [active.stabilization for active in self.active.values()]
             return self._stabilizers.suffice(applied)
 
     def update_means(self, pressure: bool = False) -> None:
-        """What the forms have of the current displacement as means: H of a periodic cell, F_33,
-        theta of mean dilatation, with its pressure if asked for; collective."""
+        """Update the means in the forms: H of a periodic cell, F_33, theta of mean dilatation, and
+        its pressure if requested; collective."""
         if self.means is not None:
             H, d = self.means.gradient(self.u.x.array), self.mesh.geometry.dim
             if self.means.lattice is not None:
@@ -288,12 +289,12 @@ class Discretization:
         """Return maps, then internal minus external forces at the current displacement: (46).
 
         Args:
-            dt: Time step of the return maps [s]; None leaves the points as they are.
-            hold: Keep zeta at its converged value instead of mapping back.
-            loads: Load vector over local dofs, ghosts still to be added to their owners.
+            dt: Time step of the return maps [s]; None leaves the points unchanged.
+            hold: Fix zeta at its converged value instead of a return map.
+            loads: Load vector over local dofs, before ghosts are added to owners.
 
         Returns:
-            Owned dofs, nothing removed at prescribed ones [N].
+            Owned dofs, including prescribed ones [N].
         """
         if dt is not None:
             self.update_points(dt, hold)
@@ -314,7 +315,7 @@ class Discretization:
         return forces.array[: self.owned]
 
     def _nodal_forces(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A vector for nodal forces: ``vector`` itself, with means another one that is zero."""
+        """A vector for nodal forces: ``vector`` itself, or with means a separate zero vector."""
         return vector if self.means is None else self.means.clear_forces()
 
     def _add_nodal_forces(
@@ -325,23 +326,23 @@ class Discretization:
             self.means.add_forces(forces, axial, vector)
 
     def create_matrix(self, kind: PETSc.Mat.Type = PETSc.Mat.Type.AIJ) -> PETSc.Mat:
-        """An empty matrix with the pattern of the tangent, of displacements without means.
+        """An empty matrix with the pattern of the tangent, without means.
 
         Args:
-            kind: By rows, or in blocks of nodes (BAIJ): PETSc looks nine entries up at a time.
+            kind: AIJ, or BAIJ in nodal blocks, for which PETSc inserts nine entries per look-up.
         """
         return create_matrix(self.space, self.space, list(self.active.values()), kind)
 
     def uniform_forces(
         self, gradient: NDArray[np.float64], adjoint: bool = False
     ) -> NDArray[np.float64]:
-        """Tangent times a uniform gradient E, forces on w and on the means; collective.
+        """Tangent times a uniform gradient E: forces on w and on the means; collective.
 
-        At the state of the last :meth:`assemble_tangent`, whose matrix knows w only.
+        At the state of the last :meth:`assemble_tangent`, whose matrix contains w only.
 
         Args:
-            gradient: E of all means (n, n).
-            adjoint: Of the transposed tangent.
+            gradient: E (n, n).
+            adjoint: Use the transposed tangent.
 
         Returns:
             Owned dofs [N].
@@ -371,24 +372,24 @@ class Discretization:
 
         Args:
             matrix: From :meth:`create_matrix`.
-            damage: False keeps zeta: the damage part of (84) is left out.
-            failing: False leaves interfaces out that can fail: only ties join the bodies.
+            damage: False fixes zeta: the damage part of (84) is omitted.
+            failing: False omits interfaces that can fail: only ties connect the bodies.
         """
         with timer("tangent at points"):
             parts = [(active, active.tangent(damage)[0]) for active in self.active.values()]
         if not failing:
-            # Their part of the pattern stays, with zeros.
+            # Their entries stay in the pattern, as zeros.
             parts = [(active, D * (not active.law.inelastic)) for active, D in parts]
         with timer("assemble tangent"):
             matrix.zeroEntries()
-            # All of the pattern is filled before the matrix is first assembled, or it is lost.
+            # PETSc drops preallocated entries that are not set before the first assembly.
             self._add_bodies(matrix)
             for form in self.surface.tangents():
                 fem_petsc.assemble_matrix(matrix, form)
             for active, D in parts:
                 add_tangent(matrix, active, D)
             if self.means is not None:
-                # Rows of no cell, for the identity of what is prescribed.
+                # Rows that belong to no cell, for the identity of prescribed dofs.
                 for dof in self.means.owned_rows:
                     matrix.setValueLocal(dof, dof, 0.0, PETSc.InsertMode.ADD_VALUES)
             matrix.assemble()
@@ -397,7 +398,7 @@ class Discretization:
                 self._dilatation.add_to(matrix, parts)
 
     def stored_energy(self) -> NDArray[np.float64]:
-        """Energy of the bodies, of the interfaces (30) and of springs (3,), this rank's [N mm]."""
+        """This rank's energy of the bodies, of the interfaces (30) and of springs (3,) [N mm]."""
         self.update_means()
         stored = np.zeros(3)
         for i, form in enumerate(self._energy_forms):
@@ -411,8 +412,8 @@ class Discretization:
     def inverted(self) -> bool:
         """Whether det F <= 0 at a quadrature point of this rank; never at small strain.
 
-        Not every stress grows without bound as det F falls to zero: Newton's method can end in an
-        equilibrium of cells that are turned inside out.
+        Not every stress is unbounded as det F approaches zero: Newton's method can converge to an
+        equilibrium with inverted cells.
         """
         if self.bodies.small:
             return False
@@ -421,8 +422,8 @@ class Discretization:
     def continue_from(self, other: Discretization) -> None:
         """Continue from the state of a discretization with fewer open facets, exactly.
 
-        A field that is continuous across a facet is one of those that may jump there, so every
-        cell keeps its values; history goes on point by point and starts at zero on new facets.
+        A continuous field is a special case of one that may jump, so every cell keeps its values;
+        history is copied point by point and starts at zero on new facets.
         """
         _take(self, self.u, other, other.u)
         for i, active in self.active.items():
@@ -433,11 +434,11 @@ class Discretization:
 def _take(
     parts: Discretization, mine: fem.Function, other: Discretization, theirs: fem.Function
 ) -> None:
-    """Give every cell the values that a field of another discretization has there.
+    """Copy a field of another discretization cell by cell.
 
     Args:
         parts: The discretization.
-        mine: Its field, which is changed.
+        mine: Its field, which is overwritten.
         other: The other discretization.
         theirs: Its field.
     """
@@ -451,15 +452,16 @@ def _take(
 def carried(
     values: NDArray[np.float64], to: Discretization, of: Discretization
 ) -> NDArray[np.float64]:
-    """A field where more facets are open: every cell keeps it; collective.
+    """A field in a discretization with more open facets, with the same values in every cell;
+    collective.
 
     Args:
-        values: Of owned dofs.
+        values: Values at owned dofs.
         to: The discretization with more open facets.
-        of: The one that the values belong to.
+        of: The discretization of the values.
 
     Returns:
-        Of owned dofs of ``to``.
+        Values at owned dofs of ``to``.
     """
     mine, theirs = fem.Function(to.space), fem.Function(of.space)
     theirs.x.array[: of.owned] = values

@@ -1,4 +1,4 @@
-"""Dead loads: tractions, body forces, forces at points, as functions of place and load factor."""
+"""Dead loads: tractions, body forces, point forces, as functions of position and load factor."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class _Load:
 
     Attributes:
         entities: Owned cells, or flat rows (cell, facet in it) of owned boundary facets.
-        density: What is integrated against the test function, UFL (d,).
-        value: What the user gave.
-        points: Where ``value`` is f(x, t): the nodes (3, n) at which it is evaluated, else None.
+        density: Integrand against the test function, UFL (d,).
+        value: The user's value.
+        points: If ``value`` is f(x, t), the nodes (3, n) at which it is evaluated, otherwise None.
         dofs: Nodes of ``density`` that belong to ``points``.
-        what: By which call it was given.
+        what: The call by which it was given.
     """
 
     entities: NDArray[np.int32]
@@ -45,7 +45,7 @@ class _Load:
     what: str = ""
 
     def update(self, t: float) -> None:
-        """Set the density to load factor ``t``; a UFL expression knows it already."""
+        """Set the density to load factor ``t``; UFL expressions contain it."""
         if isinstance(self.value, Expr):
             return
         if isinstance(self.density, fem.Constant):
@@ -64,8 +64,8 @@ class _Force:
     Attributes:
         dofs: Component-wise numbers of owned nodes (n, components).
         spread: Forces on them by the components of the value (n, components, components).
-        value: What the user gave.
-        what: By which call.
+        value: The user's value.
+        what: The call by which it was given.
     """
 
     dofs: NDArray[np.int32]
@@ -79,7 +79,7 @@ class DeadLoads:
 
     Args:
         u: Displacement.
-        geometry: Its weight is a factor of all loads.
+        geometry: Geometry, whose weight is a factor of all loads.
     """
 
     def __init__(self, u: fem.Function, geometry: Geometry):
@@ -122,7 +122,7 @@ class DeadLoads:
         """Force [N] at each of some nodes, block numbers (n,).
 
         Raises:
-            ValueError: unknown component, or a value of the wrong shape or that varies in space.
+            ValueError: unknown component, or a value of the wrong shape or varying in space.
         """
         what = "point_load"
         index = component_index(component, self._d, what)
@@ -137,7 +137,7 @@ class DeadLoads:
         """Force [N] at the point of a rigid face.
 
         Raises:
-            ValueError: a value of the wrong shape or that varies in space.
+            ValueError: a value of the wrong shape or varying in space.
         """
         shapes = [(self._d,)] if face.component is None else [(), (1,)]
         check_resultant(self._mesh.comm, value, shapes, "rigid_face")
@@ -187,13 +187,13 @@ class DeadLoads:
             raise ValueError(f"{what}: the expression belongs to another mesh")
         if self._u in extract_coefficients(value):
             raise ValueError(
-                f"{what}: the expression contains problem.u, and a dead load does not follow the "
-                "displacement; problem.pressure(facets, value) is a load that does, "
-                "problem.spring(facets, stiffness) one in proportion to it"
+                f"{what}: the expression contains problem.u, but a dead load does not depend on "
+                "the displacement; use problem.pressure(facets, value) for a follower load, "
+                "problem.spring(facets, stiffness) for one proportional to the displacement"
             )
 
     def parts(self, t: float) -> Iterator[Part]:
-        """What every load gives at load factor ``t``, expressions of UFL aside."""
+        """Values of every load at load factor ``t``, except UFL expressions."""
         dim, x = self._mesh.topology.dim, self._space.tabulate_dof_coordinates()
         loads = [
             *((load, 2) for load in self._tractions),
@@ -211,7 +211,7 @@ class DeadLoads:
             yield Part(force.what, value, x[force.dofs[:1, 0] // self._d].T)
 
     def vector(self, t: float) -> NDArray[np.float64]:
-        """Load vector at load factor ``t`` over local dofs; ghosts still to be added to owners."""
+        """Load vector at load factor ``t`` over local dofs, before ghosts are added to owners."""
         result = np.zeros_like(self._u.x.array)
         loads = [*self._tractions, *self._body_forces]
         for load in loads:

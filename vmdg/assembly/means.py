@@ -1,20 +1,20 @@
-"""The space of a body of which means are unknowns: of a periodic cell, in generalized plane strain.
+"""The space of a body with unknown means: a periodic cell, or generalized plane strain.
 
 The displacement of a cell with sides a_i is
 
     u = H.X + w,    w(X + a_i) = w(X),    H = F_bar - I,
 
-X from the centre of the cell. What lies opposite is the same dof of w; dofs are merged after the
-space has been broken, so interfaces may cross the boundary: at a node of an interface the copy of
-one side is merged with that of the same side.
+X from the centre of the cell. Opposite points share a dof of w; dofs are merged after the space has
+been broken, so interfaces may cross the boundary: at a node of an interface, copies of the same
+side are merged.
 
-Column j of H is the displacement of one more node j of no cell, q_j = l H.e_j [mm], with l the size
-of the cell. All that is done to displacements of nodes can be done to these: they are prescribed,
-unknown, followed along a path, and the force that works on q_j is V P_bar.e_j / l, with P_bar the
-mean stress.
+Column j of H is the displacement of an additional node j outside all cells, q_j = l H.e_j [mm],
+with l the size of the cell. These displacements are treated like those of other nodes: they may be
+prescribed, unknown, or followed along a path. The force conjugate to q_j is V P_bar.e_j / l, with
+P_bar the mean stress.
 
-In generalized plane strain F_33 - 1 is known in the same way: of one more node, with or without a
-cell around, the first displacement is q = l (F_33 - 1), and the second one is held.
+In generalized plane strain F_33 - 1 is treated in the same way: an additional node, in periodic
+cells and other bodies, has q = l (F_33 - 1) as its first displacement; the second one is fixed.
 """
 
 from __future__ import annotations
@@ -37,26 +37,27 @@ Array = NDArray[np.float64]
 
 
 class MeanSpace:
-    """The space of a displacement and of nodes of no cell, whose displacements are means.
+    """The space of a displacement and of nodes outside all cells, whose displacements are means.
 
     Args:
-        broken: Space of the whole displacement, in which opposite faces do not know each other.
-        lattice: Of a periodic cell; None for a body with a surface, which has no mean gradient.
+        broken: Space of the whole displacement, in which opposite faces are independent.
+        lattice: Lattice of a periodic cell; None for a body with a surface, which has no mean
+            gradient.
         axial: Whether F_33 is an unknown.
 
     Attributes:
         lattice: As given.
         broken: As given.
-        space: Of w.
+        space: Space of w.
         nodes: Node of ``space`` for every local node of ``broken``.
         length: l [mm].
         entries: (i, j) of the means H_ij; (2, 2) is F_33 - 1.
-        dofs: Local dofs (component-wise numbers) of the means, on every rank; the first one owns
-            them.
-        rows: The same of all dofs of nodes of no cell.
-        held: Local dofs that are zero: those of one node of a periodic cell, whose w is known but
-            for a translation, and of the node of F_33 the other one.
-        x: Places of the nodes of ``broken`` from the centre of the cell (n, d) [mm].
+        dofs: Local dofs (component-wise numbers) of the means, on every rank; owned by the first
+            rank.
+        rows: The same for all dofs of these nodes.
+        fixed: Local dofs that are zero: those of one node of a periodic cell, whose w is determined
+            up to a translation, and the second dof of the node of F_33.
+        x: Positions of the nodes of ``broken`` from the centre of the cell (n, d) [mm].
     """
 
     def __init__(self, broken: fem.FunctionSpace, lattice: Lattice | None, axial: bool):
@@ -78,25 +79,26 @@ class MeanSpace:
         self.rows = (nodes[:, None] * d + np.arange(d, dtype=np.int32)).ravel()
         self.nodes = np.zeros(imap.size_local + imap.num_ghosts, dtype=np.int32)
         self.nodes[broken.dofmap.list] = self.space.dofmap.list
-        self.held = np.setdiff1d(self.rows, self.dofs)
+        self.fixed = np.setdiff1d(self.rows, self.dofs)
         self.x, self.length = x, float(np.sqrt(np.prod(box_sides(mesh)[:d])))
         if lattice is not None:
             self.x, self.length = x - lattice.centre, lattice.length
             first = np.unique(self.nodes[numbers == self._first_node(numbers)])
             first = (first[:, None] * d + np.arange(d, dtype=np.int32)).ravel()
-            self.held = np.concatenate([self.held, first])
+            self.fixed = np.concatenate([self.fixed, first])
         self._whole = fem.Function(broken, name="displacement")
         self._forces = np.zeros_like(self._whole.x.array)
 
     def _number(
         self, merged: NDArray[np.int64], names: NDArray[np.int64], more: int
     ) -> tuple[NDArray[np.int64], int, NDArray[np.int64]]:
-        """New number of every local node, how many this rank owns, and those of nodes of no cell.
+        """New number of every local node, number of owned nodes, and numbers of the additional
+        nodes.
 
         Args:
             merged: Global nodes that have images, ascending.
             names: The smallest of them and of their images.
-            more: How many nodes of no cell there are.
+            more: Number of additional nodes.
         """
         comm, imap = self._comm, self.broken.dofmap.index_map
         count = imap.size_local + imap.num_ghosts
@@ -109,7 +111,7 @@ class MeanSpace:
         numbers = la.vector(imap, dtype=np.int64)
         numbers.array[: imap.size_local][kept] = first + np.arange(kept.sum())
         numbers.scatter_forward()
-        # Owners tell all what they call the nodes that have images.
+        # Owners broadcast the new numbers of nodes with images.
         mine = np.flatnonzero(kept & has_image[: imap.size_local])
         told = comm.allgather((known[mine], numbers.array[mine]))
         owners_names, owners_numbers = (np.concatenate(parts) for parts in zip(*told, strict=True))
@@ -120,9 +122,10 @@ class MeanSpace:
         return numbers.array, size_local, np.arange(end - more, end)
 
     def _first_node(self, numbers: NDArray[np.int64]) -> int:
-        """Number of the node that is first along the first side, then the second, ...; collective.
+        """Number of the node that comes first along the first side, then the second, ...;
+        collective.
 
-        It does not depend on the partition, save for copies at a crossing of interfaces.
+        It is independent of the partition, except for copies at a crossing of interfaces.
         """
         at = np.round(self.lattice.fractions(self.x + self.lattice.centre), 9) + 0.0
         first: tuple = (np.inf,)
@@ -144,7 +147,8 @@ class MeanSpace:
         return self.rows if self._comm.rank == 0 else self.rows[:0]
 
     def unit_vectors(self, dofs: NDArray[np.int32]) -> Array:
-        """1 at one of some :attr:`dofs` (n,) of the first rank each, over owned dofs (n, owned)."""
+        """Unit vectors of some :attr:`dofs` (n,), numbered as on the first rank, over owned dofs
+        (n, owned)."""
         imap = self.space.dofmap.index_map
         vectors = np.zeros((len(dofs), imap.size_local * self._d))
         if self._comm.rank == 0:
@@ -152,15 +156,16 @@ class MeanSpace:
         return vectors
 
     def gradient(self, vector: Array) -> Array:
-        """H (n, n), n = 3 with F_33, of a vector over local dofs, ghosts up to date."""
+        """H (n, n), n = 3 with F_33, from a vector over local dofs with updated ghosts."""
         return self.tensor(vector[self.dofs] / self.length)
 
     def gradient_of_owned(self, vector: Array) -> Array:
-        """H (n, n) of a vector over owned dofs; collective."""
+        """H (n, n) from a vector over owned dofs; collective."""
         return self.tensor(self._at_owner(vector) / self.length)
 
     def forces_on_means(self, vector: Array) -> Array:
-        """Forces on H (n, n) of a vector of forces over owned or local dofs; collective [N mm]."""
+        """Forces on H (n, n) from a vector of forces over owned or local dofs; collective [N
+        mm]."""
         return self.tensor(self._at_owner(vector) * self.length)
 
     def _at_owner(self, vector: Array) -> Array:
@@ -170,21 +175,21 @@ class MeanSpace:
         return global_sum(self._comm, mine)
 
     def tensor(self, values: Array) -> Array:
-        """The tensor (n, n) that has values of :attr:`entries`, and is zero elsewhere."""
+        """The tensor (n, n) with these values at :attr:`entries`, zero elsewhere."""
         n = max(self._d, 1 + max(i for i, _ in self.entries))
         result = np.zeros((n, n))
         result[tuple(np.transpose(self.entries))] = values
         return result
 
     def displacement(self, vector: Array) -> fem.Function:
-        """u = H.X + w of a vector over local dofs; every call returns the same function [mm]."""
+        """u = H.X + w from a vector over local dofs; every call returns the same function [mm]."""
         u, d = self._whole.x.array.reshape(-1, self._d), self._d
         u[:] = vector.reshape(-1, d)[self.nodes] + self.x @ self.gradient(vector)[:d, :d].T
         return self._whole
 
     def shifts(self) -> tuple[NDArray[np.int32], Array]:
-        """Nodes of ``broken`` on this rank that lie elsewhere than the owner of their node of w has
-        it, and from where (n, d) to where (n, d), from the centre of the cell [mm]; collective."""
+        """Nodes of ``broken`` on this rank whose position differs from that on the owner of their
+        node of w, with both positions (n, d) from the centre of the cell [mm]; collective."""
         places = fem.Function(self.space).x
         at = places.array.reshape(-1, self._d)
         at[self.nodes] = self.x
@@ -196,7 +201,7 @@ class MeanSpace:
     # Forces
 
     def clear_forces(self) -> Array:
-        """A vector of zeros over local dofs of ``broken``, to assemble nodal forces in."""
+        """A zero vector over local dofs of ``broken`` for the assembly of nodal forces."""
         self._forces[:] = 0
         return self._forces
 
@@ -206,7 +211,7 @@ class MeanSpace:
         Args:
             forces: This rank's, over its local dofs [N].
             axial: This rank's force on F_33 [N mm].
-            vector: Over local dofs of ``space``; ghosts still to be added to their owners.
+            vector: Over local dofs of ``space``, before ghosts are added to owners.
         """
         f, total = forces.reshape(-1, self._d), vector.reshape(-1, self._d)
         np.add.at(total, self.nodes, f)
@@ -216,7 +221,7 @@ class MeanSpace:
 
 
 def lattice_of(means: MeanSpace | None) -> Lattice | None:
-    """That of a periodic cell; None for a body with a surface."""
+    """Lattice of a periodic cell; None for a body with a surface."""
     return None if means is None else means.lattice
 
 
@@ -238,7 +243,7 @@ def _merged(
     names = broken.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
     names, x = (np.concatenate(parts) for parts in zip(*comm.allgather((names, x)), strict=True))
     low, high = lattice.images(x).T
-    # Of a facet's nodes the image is the one at the same place from its middle.
+    # A node and its image have the same position relative to the midpoint of the facet.
     from_middle = x - x.mean(axis=1, keepdims=True)
     apart = np.linalg.norm(from_middle[low][:, :, None] - from_middle[high][:, None], axis=-1)
     _check_nodes(x[low], apart, lattice.tolerance)
@@ -246,7 +251,7 @@ def _merged(
     pairs = np.column_stack([names[low].ravel(), image.ravel()])
     merged, index = np.unique(pairs, return_inverse=True)
     component = components(*index.reshape(pairs.shape).T, len(merged))
-    # The first of each component in ascending order is its smallest one.
+    # The first node of each component in ascending order is the smallest.
     return merged, merged[np.unique(component, return_index=True)[1]][component]
 
 
@@ -257,6 +262,6 @@ def _check_nodes(x: Array, apart: Array, tolerance: float) -> None:
         place = rounded(x[tuple(bad[0])])
         raise ValueError(
             f"Periodic: the node at {place} has no image on the opposite face, whose facets have "
-            "other corners there; mesh opposite faces alike, in gmsh by "
+            "other corners there; opposite faces must have the same mesh, in gmsh by "
             "gmsh.model.mesh.setPeriodic before the mesh is generated"
         )

@@ -1,4 +1,4 @@
-"""Matrices of an interface, made of products of small matrices at its points."""
+"""Matrices of an interface from products of small matrices at its points."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from ..interface.jets import Block, FacetJets
 Array = NDArray[np.float64]
 Field = Callable[[FacetJets, slice], Block]
 
-#: Numbers in the matrices of the facets that are done at a time: they stay in a core's cache.
+#: Number of matrix entries per batch of facets: they fit in a core's cache.
 _BATCH = 60_000
 
 
 def _batches(active: ActiveInterface) -> Iterator[slice]:
-    """Facets that are done at a time, by the size of their matrices of displacements."""
+    """Batches of facets, by the size of their displacement matrices."""
     facets, nodes = len(active.facets.facets), active.point_tangent.jets.nodes
     count = max(_BATCH // (2 * nodes * active.quadrature.d) ** 2, 1)
     return (slice(start, start + count) for start in range(0, facets, count))
@@ -35,13 +35,13 @@ def create_matrix(
     active: Sequence[ActiveInterface],
     kind: PETSc.Mat.Type = PETSc.Mat.Type.AIJ,
 ) -> PETSc.Mat:
-    """An empty matrix that joins the dofs of every cell, and those of both sides of every facet.
+    """An empty matrix that couples the dofs of every cell, and those of both sides of every facet.
 
     Args:
         test: Space of the rows.
         trial: Space of the columns.
         active: The interfaces.
-        kind: Of the matrix.
+        kind: Matrix type.
     """
     tdim = test.mesh.topology.dim
     cells = np.arange(test.mesh.topology.index_map(tdim).size_local, dtype=np.int32)
@@ -54,7 +54,7 @@ def add_tangent(matrix: PETSc.Mat, active: ActiveInterface, D: Array) -> None:
     """Add int j(eta).D.j(du) dA of (84)-(85) over an interface, for displacements.
 
     Args:
-        matrix: To which it is added.
+        matrix: The matrix.
         active: The interface.
         D: With dA, of its points (nq, jet, jet).
     """
@@ -68,10 +68,10 @@ def add_tangent(matrix: PETSc.Mat, active: ActiveInterface, D: Array) -> None:
 def add_fields(
     matrix: PETSc.Mat, active: ActiveInterface, D: Array, test: Field, trial: Field
 ) -> None:
-    """The same for any fields, sum of B^T.D.B over the points.
+    """The same for general fields, the sum of B^T.D.B over the points.
 
     Args:
-        matrix: To which it is added; rows of test functions, columns of trial functions.
+        matrix: The matrix, with rows of test functions and columns of trial functions.
         active: The interface.
         D: With dA, of its points (nq, jet, jet).
         test, trial: The fields of rows and columns.
@@ -88,7 +88,7 @@ def add_fields(
 
 
 def uniform_flux(active: ActiveInterface, D: Array, gradient: Array) -> Array:
-    """D.j(E.X) dA at the points of an interface (nq, jet), of a displacement without jump.
+    """D.j(E.X) dA at the points of an interface (nq, jet), for a displacement without jump.
 
     Args:
         active: The interface.
@@ -101,10 +101,10 @@ def uniform_flux(active: ActiveInterface, D: Array, gradient: Array) -> Array:
 def add_uniform(
     vector: Array, dofs: NDArray[np.int32], active: ActiveInterface, flux: Array
 ) -> None:
-    """Add int j(eta).flux over an interface, the forces of :func:`uniform_flux`.
+    """Add int j(eta).flux over an interface, the forces from :func:`uniform_flux`.
 
     Args:
-        vector: To which it is added, over local dofs.
+        vector: Over local dofs.
         dofs: Nodes of the cells in it (cells, nodes of a cell).
         active: The interface.
         flux: With dA, at its points (nq, jet).
@@ -122,19 +122,19 @@ def traction_matrix(active: ActiveInterface) -> csr_array:
     """int q.Tt(du) dA over an interface, q the test functions of its points.
 
     Tt(du) = {(A : GRAD du).N} + r (du_2 - du_1) of (84), whose moduli are constant at small strain.
-    A row for every component at the points of this rank, a column for every dof of the mesh.
+    One row per component at the points of this rank, one column per dof of the mesh.
     """
     return _point_matrix(active, active.tangent(damage=False)[1])
 
 
 def jump_matrix(active: ActiveInterface) -> csr_array:
-    """int q.du_2 dA over an interface: the part of side 2 in its opening, as above."""
+    """int q.du_2 dA over an interface: the contribution of side 2 to the opening, as above."""
     opening = np.eye(active.quadrature.d, active.point_tangent.jets.size)
     return _point_matrix(active, active.point_tangent.areas[:, None, None] * opening, side=1)
 
 
 def _point_matrix(active: ActiveInterface, values: Array, side: int | None = None) -> csr_array:
-    """Rows of values.j(du), (nq, d, jet); of one side only where it is given."""
+    """Rows of values.j(du), (nq, d, jet); for one side only if given."""
     quadrature, jets = active.quadrature, active.point_tangent.jets
     d, N = quadrature.d, jets.index_map.size_global * quadrature.d
     total = csr_array((len(quadrature.weights) * d, N))

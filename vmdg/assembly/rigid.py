@@ -1,12 +1,12 @@
-"""Faces that move as rigid plates: the displacement of all their nodes is a few numbers.
+"""Faces that move as rigid plates: a few numbers determine the displacement of all their nodes.
 
 On the nodes of a face the chosen components of the displacement are
 
     u = T.q,    T = m.C,
 
-with translations and rotations of small angle m, of which C makes orthonormal columns T. What the
-face may do is q = q_p + Z.p: all of it, or what leaves the displacement of one point as prescribed.
-Nodal forces f then balance in the sum, (T.Z)^T.f = 0, no longer node by node.
+with translations and small rotations m, combined by C into orthonormal columns T. The admissible
+motions are q = q_p + Z.p: all, or those that keep the prescribed displacement of one point. Nodal
+forces f then balance in the sum, (T.Z)^T.f = 0, instead of node by node.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ from .values import Part, Value, check_resultant, value_at
 Array = NDArray[np.float64]
 
 #: Eigenvalue of the motions of a face, relative to the largest one, below which its nodes do not
-#: tell one of them from the others.
+#: determine a motion.
 UNTOLD = 1e-10
 
 
 @dataclass(frozen=True)
 class RigidFace:
-    """A rigid face, as its space has it.
+    """A rigid face in a given space.
 
     Attributes:
-        component: That is kept rigid; None for all.
+        component: The rigid component; None for all.
         motions: Numbers of its motions among :func:`rigid_motions`.
         dofs: Component-wise numbers of owned nodes (n, c).
         T: Columns of unit length (n, c, k).
-        C: Motions by columns (motions, k) [mm or rad].
-        place: Displacement of the given point by columns (c, k).
-        value: Prescribed displacement of that point; None where it is free.
+        C: Motions in terms of columns (motions, k) [mm or rad].
+        place: Displacement of the given point in terms of columns (c, k).
+        value: Prescribed displacement of this point; None if it is free.
     """
 
     component: int | None
@@ -59,18 +59,18 @@ class RigidFace:
         """T.Z (n, c, k)."""
         if self.value is None:
             return self.T
-        # The motions that turn the face about the point.
+        # The motions that rotate the face about the point.
         turns = np.linalg.svd(self.place)[2][len(self.place) :]
         return self.T @ turns.T
 
     @property
     def lift(self) -> Array:
-        """T.q_p of unit displacements of the point (n, c, c), where they are prescribed."""
+        """T.q_p for unit prescribed displacements of the point (n, c, c)."""
         return self.T @ np.linalg.pinv(self.place)
 
     @property
     def spread(self) -> Array:
-        """Nodal forces of unit forces at the point (n, c, c)."""
+        """Nodal forces for unit forces at the point (n, c, c)."""
         return self.T @ self.place.T
 
 
@@ -79,7 +79,7 @@ class RigidFaces:
 
     Args:
         u: Displacement.
-        geometry: Of the problem.
+        geometry: Geometry of the problem.
 
     Attributes:
         faces: In the order in which they were given.
@@ -105,18 +105,18 @@ class RigidFaces:
         at: Array | None,
         value: Value | None,
     ) -> RigidFace:
-        """Keep a face rigid from now on; collective.
+        """Add a rigid face; collective.
 
         Args:
             nodes: Local nodes, block numbers.
-            component: Displacement that is kept rigid; None for all.
-            tilts: Whether the face turns.
-            at: Point (d,) whose displacement is asked for or prescribed; None is any.
-            value: Prescribed displacement of the point; None leaves it free.
+            component: The rigid component of the displacement; None for all.
+            tilts: Whether the face may rotate.
+            at: Point (d,) whose displacement is prescribed or returned; None for any.
+            value: Prescribed displacement of the point; None if it is free.
 
         Raises:
-            ValueError: unknown component; in axisymmetry another than the axial one, or a face that
-                tilts; nodes that do not tell how it turns; a value of the wrong shape.
+            ValueError: unknown component; in axisymmetry one other than the axial, or a face that
+                tilts; nodes that do not determine the rotation; a value of the wrong shape.
         """
         d, index = self._d, component_index(component, self._d, "rigid_face")
         if value is not None:
@@ -132,7 +132,7 @@ class RigidFaces:
         components = np.arange(d) if index is None else np.array([index])
         chosen = [0] if axial else _motions(components, d, tilts)
         x = self._x[nodes]
-        # About a point amid the nodes, which any other one would do as well but for rounding.
+        # About a point among the nodes, to reduce rounding.
         centre = global_sum(self._comm, x.sum(axis=0)) / global_sum(self._comm, len(x))
 
         def moved(points: Array) -> Array:
@@ -154,28 +154,28 @@ class RigidFaces:
         """C of motions m (n, motions); collective.
 
         Raises:
-            ValueError: the nodes do not tell the motions from each other.
+            ValueError: the nodes do not determine the motions.
         """
         gram = global_sum(self._comm, m.T @ m)
-        # Rotations by the size of the face, so that all have one unit.
+        # Rotations times the size of the face, so that all have the same unit.
         sizes = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
         values, vectors = np.linalg.eigh(gram / np.outer(sizes, sizes))
         if values[0] <= UNTOLD * values[-1]:
             raise ValueError(
-                "rigid_face: the nodes of the face do not tell how it turns, as those on a line do "
-                "not in 3D; give more facets, or tilts=False"
+                "rigid_face: the nodes of the face do not determine its rotation, for example "
+                "collinear nodes in 3D; give more facets, or tilts=False"
             )
         return vectors / np.sqrt(values) / sizes[:, None]
 
     @property
     def dofs(self) -> NDArray[np.int32]:
-        """Owned dofs (component-wise numbers) of all faces, one after the other."""
+        """Owned dofs (component-wise numbers) of all faces, concatenated."""
         return _dofs(self.faces)
 
     # Motion
 
     def rotation(self, face: RigidFace) -> Array:
-        """Rotations of a face now, from x to y, x to z and y to z, 0 where it does not turn;
+        """Current rotations of a face, from x to y, x to z and y to z, 0 where it does not rotate;
         collective [rad]."""
         q, rotations = face.C @ self._amplitudes(face), np.zeros(self._d * (self._d - 1) // 2)
         for number, angle in zip(face.motions, q, strict=True):
@@ -184,7 +184,7 @@ class RigidFaces:
         return rotations
 
     def displacement(self, face: RigidFace) -> Array:
-        """Displacement of the point of a face now (c,); collective [mm]."""
+        """Current displacement of the point of a face (c,); collective [mm]."""
         return face.place @ self._amplitudes(face)
 
     def _amplitudes(self, face: RigidFace) -> Array:
@@ -194,21 +194,21 @@ class RigidFaces:
     # Prescribed displacements
 
     @property
-    def _led(self) -> list[RigidFace]:
+    def _driven(self) -> list[RigidFace]:
         return [face for face in self.faces if face.value is not None]
 
     @property
-    def led_dofs(self) -> NDArray[np.int32]:
-        """Those of :attr:`dofs` of faces of which the displacement of a point is prescribed."""
-        return _dofs(self._led)
+    def driven_dofs(self) -> NDArray[np.int32]:
+        """Those of :attr:`dofs` of faces with a prescribed displacement."""
+        return _dofs(self._driven)
 
     def values(self, t: float) -> Array:
-        """Prescribed displacements at load factor ``t``, of one point after the other [mm]."""
-        given = (np.broadcast_to(value_at(f.value, t), len(f.place)) for f in self._led)
+        """Prescribed displacements at load factor ``t`` of all points, concatenated [mm]."""
+        given = (np.broadcast_to(value_at(f.value, t), len(f.place)) for f in self._driven)
         return np.concatenate([np.zeros(0), *given])
 
     def parts(self, t: float) -> Iterator[Part]:
-        """What is prescribed of every face at load factor ``t``."""
+        """Prescribed displacement of every face at load factor ``t``."""
         for face in self.faces:
             node = face.dofs[:1].ravel()[:1] // self._d
             value = np.zeros(1) if face.value is None else np.atleast_1d(value_at(face.value, t))
@@ -216,13 +216,13 @@ class RigidFaces:
             yield Part("rigid_face", value[None], x.T)
 
     def displacements(self) -> Array:
-        """Displacements now of the points of :meth:`values`; collective [mm]."""
-        return np.concatenate([np.zeros(0), *(self.displacement(face) for face in self._led)])
+        """Current displacements of the points of :meth:`values`; collective [mm]."""
+        return np.concatenate([np.zeros(0), *(self.displacement(face) for face in self._driven)])
 
     def lifted(self, values: Array) -> Array:
-        """Displacement of owned dofs by which these points move so, without a turn about them."""
+        """Displacement of owned dofs for these displacements of the points, without rotation."""
         result, start = np.zeros(self.columns.shape[1]), 0
-        for face in self._led:
+        for face in self._driven:
             end = start + len(face.place)
             result[face.dofs] = face.lift @ values[start:end]
             start = end
@@ -231,7 +231,8 @@ class RigidFaces:
     # Forces
 
     def balance(self, forces: Array) -> None:
-        """Leave of forces on nodes of faces what moves the faces; owned dofs, collective [N]."""
+        """Replace nodal forces on faces by their resultants on the motions; owned dofs, collective
+        [N]."""
         if self.faces:
             moving = global_sum(self._comm, self.columns @ forces)
             forces[self.dofs] = 0
@@ -239,7 +240,7 @@ class RigidFaces:
 
 
 def _dofs(faces: list[RigidFace]) -> NDArray[np.int32]:
-    """Of faces, one after the other."""
+    """Dofs of faces, concatenated."""
     none = np.zeros(0, dtype=np.int32)
     return np.concatenate([none, *(face.dofs.ravel() for face in faces)])
 

@@ -19,13 +19,13 @@ from ..domain.topology import facet_cells, local_facets
 def broken_space(mesh: Mesh, degree: int, cut: NDArray[np.int32]) -> fem.FunctionSpace:
     """Vector Lagrange space that may jump across the facets ``cut``: (8)-(9), and (43).
 
-    Every pair (cell, dof) at a dof of a cut facet is a node of a graph. The interior facets that
-    are kept join the nodes which their two cells share, and each connected component becomes one
-    dof. A crack that ends inside a body comes out right by itself: around its tip the cells stay
-    connected, so the tip has a single dof.
+    Every pair (cell, dof) at a dof of a cut facet is a node of a graph. The uncut interior facets
+    connect the graph nodes shared by their two cells, and each connected component becomes one dof.
+    This handles cracks that end inside a body: around the tip the cells stay connected, so the tip
+    has a single dof.
 
-    In parallel a component is named by its smallest (global cell, dof) and belongs to the rank
-    that owns this cell; names travel between owners and ghosts of cells until nothing changes.
+    In parallel a component is named by its smallest (global cell, dof) and belongs to the rank that
+    owns this cell; names are exchanged between owners and ghosts of cells until nothing changes.
 
     Args:
         mesh: Mesh with ghosts by shared facets.
@@ -58,10 +58,10 @@ def renumbered(
     """A space with another numbering of its dofs; collective.
 
     Args:
-        space: Its elements stay.
+        space: The space, whose elements are kept.
         numbers: New global number of every dof of every local cell (cells, dofs of a cell).
-        size_local: How many dofs this rank owns, numbered one after the other, rank by rank.
-        more: New global numbers of dofs of no cell, which every rank knows.
+        size_local: Number of dofs this rank owns, numbered consecutively, rank by rank.
+        more: New global numbers of dofs outside all cells, present on every rank.
 
     Returns:
         The space, and the local numbers in it of ``more``.
@@ -132,11 +132,11 @@ def _number(
     split: NDArray[np.bool_],
     component: NDArray[np.int32],
 ) -> tuple[NDArray[np.int64], int]:
-    """Global dof of every (cell, dof), and how many of them this rank owns.
+    """Global dof of every (cell, dof), and the number owned by this rank.
 
     A rank owns its unsplit dofs and the components whose name is in its cells. It numbers them in
-    the order of the continuous space, duplicates next to each other: that order keeps neighbours
-    together, which assembly, factorizations and smoothers all profit from.
+    the order of the continuous space, with duplicates next to each other: this keeps neighbours
+    together, which benefits assembly, factorizations and smoothers.
     """
     mesh, dofs = space.mesh, space.dofmap.list
     cells = mesh.topology.index_map(mesh.topology.dim)
@@ -167,13 +167,13 @@ def _number(
 def node_pieces(
     space: fem.FunctionSpace, joined: Iterable[NDArray[np.int32]] = ()
 ) -> NDArray[np.int64]:
-    """A name of its piece for every local node: the last node of it, over all ranks; collective.
+    """Name of the connected piece of every local node: its last node over all ranks; collective.
 
-    A piece is what shares nodes of the space.
+    A piece is a set of cells connected by nodes of the space.
 
     Args:
         space: The space.
-        joined: Pairs of local cells (n, 2) that are one piece besides.
+        joined: Additional pairs of local cells (n, 2) that belong to one piece.
     """
     nodes, dofs = space.dofmap.index_map, space.dofmap.list
     size, first = nodes.size_local + nodes.num_ghosts, dofs[:, 0]
@@ -187,14 +187,14 @@ def node_pieces(
 
 
 def count_pieces(space: fem.FunctionSpace) -> int:
-    """Pieces of the mesh that share no node of a space, over all ranks; collective."""
+    """Number of pieces of the mesh that share no node of a space, over all ranks; collective."""
     owned = np.arange(space.dofmap.index_map.size_local, dtype=np.int32)
     names = space.dofmap.index_map.local_to_global(owned)
     return int(global_sum(space.mesh.comm, (node_pieces(space)[owned] == names).sum()))
 
 
 def at_owners(space: fem.FunctionSpace, vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """An assembled vector on owned dofs, what ghosts have added to their owners; collective.
+    """An assembled vector on owned dofs, with ghost contributions added; collective.
 
     Args:
         space: Its space.

@@ -16,16 +16,16 @@ from .discretization import Discretization
 class CauchyStress:
     """Cauchy stress sigma = P.F^T / J of the bodies, (3, 3) [MPa], discontinuous of degree k.
 
-    At small strain no configuration is told from another, and sigma = P.
+    At small strain sigma = P.
 
-    In axisymmetry the order is r, z, hoop; in plane strain sigma_zz = (dW/dF_33) / J stands at the
-    end, in plane stress 0, and J has the stretch of the thickness.
+    In axisymmetry the order is r, z, hoop; in plane strain sigma_zz = (dW/dF_33) / J is the last
+    entry; in plane stress it is 0, and J includes the thickness stretch.
 
     Args:
-        discretization: Of the problem; its mesh and degree stay.
+        discretization: Of the problem; its mesh and degree may not change.
 
     Attributes:
-        function: The stress, as of the last :meth:`update`.
+        function: The stress at the last :meth:`update`.
     """
 
     def __init__(self, discretization: Discretization):
@@ -45,7 +45,7 @@ class CauchyStress:
             self._expressions.append((expression, region.cells))
 
     def update(self, discretization: Discretization) -> fem.Function:
-        """Evaluate at the displacement of a discretization, the first one or a later one."""
+        """Evaluate at the displacement of the first or a later discretization."""
         if self._u is not discretization.u:
             self._compile(discretization)
         discretization.update_means()
@@ -58,7 +58,7 @@ class CauchyStress:
 def _cauchy(body: kinematics.Body, F: Expr) -> Expr:
     P = kinematics.first_piola(body, F)
     own = without_entry(F) if body.mean_dilatation else F
-    # At small strain a gradient of 1 takes the place of F.
+    # At small strain F is replaced by 1.
     forward, J = (ufl.Identity(own.ufl_shape[0]), 1) if body.small else (own.T, ufl.det(own))
     if body.plane_stress:
         J = J if body.small else J * body.thickness_stretch(own)

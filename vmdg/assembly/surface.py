@@ -1,4 +1,4 @@
-"""Pressures and springs: what surfaces bear that depends on the displacement."""
+"""Pressures and springs: surface loads that depend on the displacement."""
 
 from __future__ import annotations
 
@@ -29,10 +29,11 @@ from .values import Part, Value, first_value, takes_points, value_at
 
 Array = NDArray[np.float64]
 
-#: Of a pressure, as a function of openings (n,) [mm].
+#: Fraction of a pressure as a function of openings (n,) [mm].
 Share = Callable[[Array], ArrayLike]
 
-#: Share of the strength that a broken bond has lost: an exponential law never quite loses all.
+#: Lost fraction of the strength at which a bond counts as broken: an exponential law never loses
+#: all of it.
 BROKEN = 0.99
 
 
@@ -41,10 +42,10 @@ class _Term:
     """Forces that depend on the displacement.
 
     Attributes:
-        forces: Against eta, as a form; positive where they pull the surface back.
+        forces: Form in eta; restoring forces are positive.
         u: Displacement.
-        submeshes: Where coefficients live, if not on the mesh.
-        name: Of the kernels.
+        submeshes: Meshes of coefficients other than the mesh itself.
+        name: Name of the kernels.
     """
 
     forces: ufl.Form
@@ -77,12 +78,12 @@ class _Pressure:
 
     Attributes:
         term: Its forces.
-        function: p as the forms have it.
-        value: What the user gave.
-        points: Where it is evaluated if it is f(x, t), (3, n), else None.
-        dofs: Of ``function`` at the points.
-        places: Where these are (3, n).
-        fluid: Between lips; None on the boundary.
+        function: p in the forms.
+        value: The user's value.
+        points: Evaluation points (3, n) if it is f(x, t), otherwise None.
+        dofs: Dofs of ``function`` at the points.
+        places: Positions of the dofs (3, n).
+        fluid: Fluid between crack faces; None on the boundary.
     """
 
     term: _Term
@@ -94,25 +95,25 @@ class _Pressure:
     fluid: Fluid | None = None
 
     def at(self, t: float) -> Array:
-        """p at the points at load factor ``t``, wherever the fluid is."""
+        """p at all points at load factor ``t``, wherever the fluid is."""
         value = value_at(self.value, t, self.points)
         return np.broadcast_to(value, len(self.dofs)).astype(float)
 
     def set(self, p: Array) -> None:
-        """Take this pressure at the points, in a fluid its share."""
+        """Set this pressure at the points, for a fluid its share."""
         share = 1.0 if self.fluid is None else self.fluid.share
         self.function.x.array[self.dofs] = p * share
 
 
 class Surface:
-    """Pressures and springs on the boundary, pressures on the lips of interfaces.
+    """Pressures and springs on the boundary, pressures on the crack faces of interfaces.
 
     Args:
         u: Displacement, changed by the solver.
         bodies: Materials.
 
     Attributes:
-        fluids: Interfaces with a fluid between their lips.
+        fluids: Interfaces with a fluid between their faces.
     """
 
     def __init__(self, u: fem.Function, bodies: Bodies):
@@ -137,10 +138,10 @@ class Surface:
 
     @property
     def symmetric(self) -> bool:
-        """Whether the tangent is symmetric: a pressure that turns with its surface makes it not."""
+        """Whether the tangent is symmetric: not with a follower pressure."""
         return self._bodies.small or not self._pressures
 
-    # What a user asks for
+    # User input
 
     def add_pressure(self, facets: NDArray[np.int32], value: Value) -> None:
         """Pressure [MPa] on boundary facets.
@@ -157,26 +158,28 @@ class Surface:
         dofs = fem.locate_dofs_topological(self._nodes, dim - 1, facets)
         points = self._nodes.tabulate_dof_coordinates()[dofs].T
         eta, N = ufl.TestFunction(self._space), ufl.FacetNormal(self._mesh)
-        body = self._bodies.regions[0].body  # of which the kinematics count
+        body = self._bodies.regions[0].body  # used for its kinematics only
         density = surface.pressure_force(eta, body, self._geometry, self._u, N, p)
         self._add(self._term(density, self._ds(facets)), p, value, points, dofs)
 
     def add_fluid(
         self, active: ActiveInterface, value: Value, debonded: bool, share: Share | None
     ) -> None:
-        """Pressure [MPa] on both lips of an interface that takes a fluid.
+        """Pressure [MPa] on both faces of an interface with a fluid.
 
         Args:
             active: The interface.
-            value: What the user gave.
+            value: The user's value.
             debonded: Only where the bond is gone.
-            share: Of the value, as a function of the opening at the points; None for all of it.
+            share: Fraction of the value as a function of the opening at the points; None for 1.
 
         Raises:
             ValueError: value or share have the wrong shape, or the interface has a pressure.
         """
         if active in self.fluids:
-            raise ValueError(f"pressure: {active.facets.label} has a pressure already; add them up")
+            raise ValueError(
+                f"pressure: {active.facets.label} has a pressure already; give their sum"
+            )
         active.fluid.share = self._share(active, debonded, share)
         quadrature, p = active.quadrature, active.fluid.pressure
         eta, N = ufl.TestFunction(self._space), ufl.FacetNormal(self._mesh)("+")
@@ -217,7 +220,7 @@ class Surface:
         if shape != () and (local is None or shape != (len(dofs),)):
             message = (
                 f"pressure: the value has shape {shape}; it must be a number, f(t), or f(x, t) "
-                "with one number for each of the points x (3, n), positive where it pushes"
+                "with one number for each of the points x (3, n), positive if compressive"
             )
         raise_together(comm, message)
         self._pressures.append(_Pressure(term, p, value, local, dofs, points, fluid))
@@ -237,7 +240,7 @@ class Surface:
         if stiffness.dtype.kind not in "iuf":
             raise TypeError(
                 f"spring: the stiffness {stiffness.tolist()!r} must be numbers in MPa/mm; springs "
-                "change neither with the load factor nor from place to place"
+                "are constant in the load factor and in space"
             )
         stiffness = stiffness.astype(float)
         rounding = ROUNDING * np.abs(stiffness).max(initial=0.0)
@@ -255,13 +258,13 @@ class Surface:
             )
         if not (np.isfinite(stiffness).all() and least >= 0 and np.abs(stiffness).max() > 0):
             raise ValueError(
-                f"spring: the stiffness {stiffness.tolist()} must be finite and positive; a spring "
-                "pulls back"
+                f"spring: the stiffness {stiffness.tolist()} must be finite and positive "
+                "semidefinite"
             )
         return K
 
     def _ds(self, facets: NDArray[np.int32]) -> ufl.Measure:
-        """Over the owned ones of these boundary facets."""
+        """Measure over the owned boundary facets among these."""
         rows = boundary_rows(self._mesh, facets)
         return ufl.Measure(
             "ds",
@@ -274,12 +277,12 @@ class Surface:
     # Pressures
 
     def spread(self) -> None:
-        """Let fluids go where bonds are broken and lips are open now; collective."""
+        """Let fluids spread where bonds are broken and crack faces are open; collective."""
         for active, debonded, share in self._spreading:
             active.fluid.share = self._share(active, debonded, share)
 
     def _share(self, active: ActiveInterface, debonded: bool, share: Share | None) -> Array:
-        """Of the pressure that acts at the points of an interface now (nq,); collective."""
+        """Current fraction of the pressure at the points of an interface (nq,); collective."""
         result, message = np.ones(len(active.quadrature.weights)), None
         if debonded:
             result *= active.history.softening >= BROKEN * active.law.strength
@@ -287,23 +290,23 @@ class Surface:
             width = active.values.width(active.quadrature.normal)
             given = together(self._mesh.comm, lambda: np.asarray(share(width), dtype=float))
             if given.shape not in ((), result.shape) or not np.isfinite(given).all():
-                message = "pressure: share must give one finite number for each opening (n,)"
+                message = "pressure: share must return one finite number for each opening (n,)"
                 given = np.zeros(())
             result = result * given
         raise_together(self._mesh.comm, message)
         return result
 
     def pressures(self, t: float) -> Array:
-        """All pressures at load factor ``t``, wherever fluids are, one after the other [MPa]."""
+        """All pressures at load factor ``t``, wherever fluids are, concatenated [MPa]."""
         return np.concatenate([np.zeros(0), *(pressure.at(t) for pressure in self._pressures)])
 
     def parts(self, t: float) -> Iterator[Part]:
-        """What every pressure is at load factor ``t``, wherever its fluid is."""
+        """Values of every pressure at load factor ``t``, wherever its fluid is."""
         for pressure in self._pressures:
             yield Part("pressure", pressure.at(t), pressure.places)
 
     def set_pressures(self, values: Array) -> None:
-        """Take these pressures, ordered as :meth:`pressures` gives them."""
+        """Set these pressures, ordered as in :meth:`pressures`."""
         ends = np.cumsum([len(pressure.dofs) for pressure in self._pressures])
         for pressure, p in zip(self._pressures, np.split(values, ends[:-1]), strict=True):
             pressure.set(p)
@@ -311,16 +314,16 @@ class Surface:
     # Forces
 
     def load_vector(self) -> Array:
-        """Forces of the pressures at the current displacement over local dofs, ghosts still to be
+        """Forces of the pressures at the current displacement over local dofs, before ghosts are
         added to owners [N]."""
         return -self._sum([pressure.term for pressure in self._pressures])
 
     def spring_vector(self) -> Array:
-        """Forces that stretch the springs by the displacement, in the same way [N]."""
+        """Spring forces at the current displacement, in the same way [N]."""
         return self._sum(self._springs)
 
     def spring_forces(self) -> Array:
-        """The same on owned dofs, what ghosts have added to their owners; collective [N]."""
+        """The same on owned dofs, with ghost contributions added; collective [N]."""
         if not self._springs:
             dofs = self._space.dofmap
             return np.zeros(dofs.index_map.size_local * dofs.index_map_bs)
@@ -329,7 +332,7 @@ class Surface:
     def spring_work(self, motions: Array) -> Array:
         """Work m_i.K.m_j of the springs at every local dof, for displacements m (k, local dofs).
 
-        Relative to the largest force of any of them (local dofs, k, k).
+        Relative to the largest of their forces (local dofs, k, k).
         """
         forces, u = np.zeros_like(motions), self._u.x.array
         displacement = u.copy()
@@ -351,6 +354,6 @@ class Surface:
         return float(self.spring_vector() @ self._u.x.array) / 2
 
     def tangents(self) -> list[fem.Form]:
-        """Derivatives of the forces of springs and, where they turn, of pressures."""
+        """Derivatives of the forces of springs and of follower pressures."""
         turning = [] if self._bodies.small else [pressure.term for pressure in self._pressures]
         return [term.tangent for term in (*self._springs, *turning)]

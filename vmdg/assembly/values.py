@@ -1,4 +1,4 @@
-"""Values that users give: numbers, arrays, Constants, functions of the load factor and of place."""
+"""User-defined values: numbers, arrays, Constants, functions of load factor and position."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from ..base.words import at_points
 
 
 class Part(NamedTuple):
-    """What one load or support of the user's gives at a load factor, on this rank.
+    """Values of one user-defined load or support at a load factor, on this rank.
 
     Attributes:
-        what: By which call it was given.
-        values: Rows as many as places, or any others.
-        places: Where (3, n), of which one is enough for all; n may be 0.
+        what: The call by which it was given.
+        values: One row per place, or other values.
+        places: Positions (3, n), or a single one for all; n may be 0.
     """
 
     what: str
@@ -35,26 +35,26 @@ Value: TypeAlias = float | ArrayLike | fem.Constant | Callable[..., Any]
 
 _WAYS = (
     "write lambda t: ... of the load factor or lambda x, t: ... at points x (3, n); arguments with "
-    "a default, as in lambda t, v=v: ..., are bound variables and do not count"
+    "a default, as in lambda t, v=v: ..., are ignored"
 )
 
 
 def takes_points(value: Value, what: str) -> bool:
-    """Whether a value is f(x, t), not a number, an array, a Constant or f(t).
+    """Whether a value is f(x, t), rather than a number, an array, a Constant or f(t).
 
-    Arguments with a default do not count: they bind the variable of a loop.
+    Arguments with a default are ignored, since they bind loop variables.
 
     Args:
-        value: What the user gave.
+        value: The user's value.
         what: Name of the load for messages.
 
     Raises:
-        ValueError: a function of other arguments: it would be called with t or x for another one.
+        ValueError: a function with other arguments.
     """
     if not callable(value) or isinstance(value, fem.Constant):
         return False
     names = _arguments(value)
-    # Objects that can be called name their argument as they like: CubicSpline(...)(x).
+    # Callable objects may name their argument differently: CubicSpline(...)(x).
     of_place = inspect.isfunction(value) and names in (["x"], ["X"])
     if len(names) not in (1, 2) or (len(names) == 2 and names[0] == "t") or of_place:
         raise ValueError(f"{what}: the function takes ({', '.join(names)}); {_WAYS}")
@@ -62,10 +62,10 @@ def takes_points(value: Value, what: str) -> bool:
 
 
 def _arguments(function: Callable[..., Any]) -> list[str]:
-    """Names of the arguments by position that have no default."""
+    """Names of the positional arguments without default."""
     try:
         parameters = inspect.signature(function).parameters.values()
-    except ValueError:  # of C, like those of numpy
+    except ValueError:  # functions in C, like those of numpy
         return ["t"]
     positional = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
     if not positional and any(p.kind == p.VAR_POSITIONAL for p in parameters):
@@ -74,10 +74,10 @@ def _arguments(function: Callable[..., Any]) -> list[str]:
 
 
 def value_at(value: Value, t: float, points: NDArray[np.float64] | None = None) -> NDArray:
-    """Value at load factor t: a number, an array, a Constant as it is now, f(t), or f(x, t) where
-    points x (3, n) are given.
+    """Value at load factor t: a number, an array, the current value of a Constant, f(t), or f(x, t)
+    if points x (3, n) are given.
 
-    Those who ask at every step ask once whether it :func:`takes_points`.
+    Callers check once whether it :func:`takes_points`.
     """
     if isinstance(value, fem.Constant):
         return np.array(value.value)
@@ -87,7 +87,7 @@ def value_at(value: Value, t: float, points: NDArray[np.float64] | None = None) 
 
 
 def not_finite(parts: Iterable[Part]) -> str:
-    """The first part that is not finite, in words by which its call is found; empty for none."""
+    """Description of the first part that is not finite, to identify its call; empty for none."""
     parts = list(parts)
     calls = [part.what for part in parts]
     for i, (what, values, places) in enumerate(parts):
@@ -103,14 +103,14 @@ def not_finite(parts: Iterable[Part]) -> str:
 def check_resultant(
     comm: MPI.Comm, value: Value, shapes: Sequence[tuple[int, ...]], what: str
 ) -> None:
-    """Refuse what is no number or array of one of these shapes, or f(t) that gives one; collective.
+    """Check for a number or array of one of these shapes, or f(t) that returns one; collective.
 
     Raises:
-        ValueError: a function of place, or a value of another shape.
+        ValueError: a function of position, or a value of another shape.
     """
     if takes_points(value, what):
         raise ValueError(
-            f"{what}: the value is a number, array or f(t); call it once for each place"
+            f"{what}: the value must be a number, array or f(t); call it once for each point"
         )
     shape, message = first_value(comm, value, what).shape, None
     if shape not in shapes:
@@ -122,23 +122,24 @@ def check_resultant(
 def first_value(
     comm: MPI.Comm, value: Value, what: str, points: NDArray[np.float64] | None = None
 ) -> NDArray:
-    """Value at load factor 0, when a user gives it; collective.
+    """Value at load factor 0, to check user input; collective.
 
     Args:
-        comm: Communicator; at the points of one rank a function may fail, or give no number.
-        value: What the user gave.
+        comm: Communicator; at the points of one rank a function may fail, or return invalid values.
+        value: The user's value.
         what: Name of the load for messages.
         points: As for :func:`value_at`.
 
     Raises:
-        ValueError: it gives no finite numbers.
+        ValueError: it does not return finite numbers.
     """
     message, result = None, np.zeros(0)
     try:
         result = value_at(value, 0.0, points)
-    except Exception as error:  # of a user's function, which may do anything
+    except Exception as error:  # a user's function may raise anything
         message = (
-            f"{what}: the value {value!r} is no number, array or function that gives one: {error}"
+            f"{what}: the value {value!r} is not a number, an array or a function that returns "
+            f"one: {error}"
         )
         if callable(value):
             message += f"; {_WAYS}"

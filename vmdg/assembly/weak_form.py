@@ -1,4 +1,4 @@
-"""The weak form (27) in UFL, sums over the bodies and the interfaces, and the bodies' tangent."""
+"""The weak form (27) in UFL, summed over bodies and interfaces, and the bodies' tangent."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..interface.terms import InterfaceTerms, RegionPair
 
 
 class WeakForm:
-    """The forms of a displacement with given open facets.
+    """The forms for a displacement with given open facets.
 
     Args:
         u: Displacement.
@@ -27,7 +27,7 @@ class WeakForm:
 
     Attributes:
         u: As given.
-        space: Of the displacement.
+        space: Space of the displacement.
         active: As given.
         geometry: Gradient and measure.
     """
@@ -54,7 +54,7 @@ class WeakForm:
         """The stabilized residual (27) without dead loads.
 
         Args:
-            eta: Test function; that of the displacement, or with mean dilatation of the dilatation.
+            eta: Test function of the displacement, or with mean dilatation of the dilatation.
         """
         eta = ufl.TestFunction(self.space) if eta is None else eta
         return self.bulk_residual(eta) + self.interface_residual(eta)
@@ -76,7 +76,7 @@ class WeakForm:
     def interface_residual(
         self, eta: Expr, interfaces: Sequence[ActiveInterface] | None = None
     ) -> ufl.Form:
-        """The other terms of (27), of all interfaces or of these."""
+        """The other terms of (27), for all interfaces or for these."""
         return self.over_interfaces(
             lambda terms, pair: terms.residual(eta, pair.bodies), interfaces
         )
@@ -114,7 +114,7 @@ class WeakForm:
         return sum(terms, start=ufl.Form([]))
 
     def compile(self, form: ufl.Form, name: str = "form") -> fem.Form:
-        """Compile a form that may have coefficients of the interfaces; collective."""
+        """Compile a form with possible interface coefficients; collective."""
         submeshes = [active.terms.submesh for active in self.active]
         options = VECTORIZED if self._mesh.topology.dim == 3 else JIT_OPTIONS
         return compile_form(form, submeshes, self._mesh.comm, options, name)

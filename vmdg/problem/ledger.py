@@ -196,7 +196,7 @@ class Ledger:
         now, begun, start = self.discretization, self._start, self._start.state
         owned, prescribed = slice(now.owned), self._loading.owned_prescribed
         if self._loading.rigid:
-            prescribed = np.concatenate([prescribed, self._loading.rigid.led_dofs])
+            prescribed = np.concatenate([prescribed, self._loading.rigid.driven_dofs])
         ends = []
         for vector, forces in (
             (begun.loads, start.forces),

@@ -156,7 +156,7 @@ class Loading:
         self._discretization, space = discretization, discretization.space
         self._vector: NDArray[np.float64] | None = None
         means, geometry = discretization.means, discretization.geometry
-        zeros = axis_dofs(space, geometry) if means is None else means.held
+        zeros = axis_dofs(space, geometry) if means is None else means.fixed
         self.dirichlet = DirichletConditions(space, zeros)
         self.rigid = RigidFaces(discretization.u, geometry)
         self._loads = DeadLoads(discretization.u, geometry)
