@@ -13,7 +13,7 @@ from support.scenes import everywhere, tag_cells, two_blocks, unit_box
 import vmdg
 from vmdg.base.parallel import global_norm, global_sum
 from vmdg.base.timers import timings, timings_since
-from vmdg.linear.capacitance import MAX_DIRECT, Capacitance, GapSystem
+from vmdg.linear.capacitance import MAX_DIRECT_GAPS, Capacitance, GapSystem
 from vmdg.linear.ksp import LU
 from vmdg.linear.system import AssembledSystem
 
@@ -101,7 +101,7 @@ def test_random_damage(comm, cell, share):
 def test_several_interfaces(comm):
     """In axisymmetry, with a tie between: every interface has its place among the points."""
     problem = rings(comm)
-    for max_direct in (MAX_DIRECT, -1):
+    for max_direct in (MAX_DIRECT_GAPS, -1):
         solver = Capacitance(problem, max_direct)
         damage(problem, 0.5)
         assert_solves(problem, solver)
@@ -147,7 +147,7 @@ def gap_system(n: int, max_direct: int) -> tuple[np.ndarray, GapSystem]:
     return S, GapSystem(S, eye_array(n, format="csr"), np.ones(n), max_direct)
 
 
-@pytest.mark.parametrize("max_direct", [MAX_DIRECT, -1])
+@pytest.mark.parametrize("max_direct", [MAX_DIRECT_GAPS, -1])
 def test_almost_singular(max_direct):
     """Next to a limit point the solution has the digits that are left."""
     S, system = gap_system(20, max_direct)
@@ -159,7 +159,7 @@ def test_almost_singular(max_direct):
     assert np.linalg.norm(found - expected) < 1e-4 * np.linalg.norm(expected)
 
 
-@pytest.mark.parametrize("max_direct", [MAX_DIRECT, -1])
+@pytest.mark.parametrize("max_direct", [MAX_DIRECT_GAPS, -1])
 def test_singular(max_direct):
     """A singular system gives NaN, and the next one is solved."""
     n = 6

@@ -22,7 +22,7 @@ Where = ArrayLike | Locator
 AXES = ("x", "y", "z")
 
 #: Relative tolerance for equal prescribed values.
-ROUNDING = 1e-12
+SAME_VALUE = 1e-12
 
 
 def find_boundary_facets(mesh: Mesh, where: Where, what: str) -> NDArray[np.int32]:
@@ -232,7 +232,7 @@ class DirichletConditions:
             dofs, values = condition.at(t, self._d)
             place = np.searchsorted(self.dofs, dofs)
             scale = np.abs(values).max(initial=0.0)
-            differ = np.abs(given[place] - values) > ROUNDING * np.maximum(
+            differ = np.abs(given[place] - values) > SAME_VALUE * np.maximum(
                 np.abs(given[place]), scale
             )
             if differ.any() and not condition.replaces:

@@ -23,7 +23,7 @@ from ..domain.topology import boundary_rows
 from ..forms import surface
 from ..interface.active import ActiveInterface
 from ..interface.fluid import Fluid
-from .dirichlet import ROUNDING
+from .dirichlet import SAME_VALUE
 from .space import at_owners
 from .values import Part, Value, first_value, takes_points, value_at
 
@@ -243,7 +243,7 @@ class Surface:
                 "are constant in the load factor and in space"
             )
         stiffness = stiffness.astype(float)
-        rounding = ROUNDING * np.abs(stiffness).max(initial=0.0)
+        rounding = SAME_VALUE * np.abs(stiffness).max(initial=0.0)
         if stiffness.shape in ((), (2,)):
             least = stiffness.min()
             both = (fem.Constant(self._mesh, float(k)) for k in np.broadcast_to(stiffness, 2))

@@ -320,7 +320,7 @@ class Law(ABC):
 SomeLaw = TypeVar("SomeLaw", bound=Law)
 
 #: Step of finite differences in the trial traction, relative to the strength.
-INCREMENT = 1e-6
+TRACTION_STEP = 1e-6
 
 
 def work_gradient(law: Law, update: Update, trial: Array, *known: Array | float) -> Array:
@@ -344,7 +344,7 @@ def work_gradient(law: Law, update: Update, trial: Array, *known: Array | float)
     rows = np.flatnonzero(unknown)
     if not rows.size:
         return gradient
-    part, step = law.at(rows), np.broadcast_to(INCREMENT * law.strength, len(trial))[rows]
+    part, step = law.at(rows), np.broadcast_to(TRACTION_STEP * law.strength, len(trial))[rows]
     known = tuple(
         array[rows] if isinstance(array, np.ndarray) and array.ndim else array for array in known
     )

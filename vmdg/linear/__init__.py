@@ -1,6 +1,6 @@
-"""The linear systems of one tangent, whatever asks for them.
+"""The linear systems of the tangent.
 
-:mod:`system` has the two ways to solve them: the tangent assembled, by :mod:`ksp`, or condensed to
-the interface, by :mod:`capacitance`, where :mod:`condensation` finds it cheaper. :mod:`features`
-lists what a run uses.
+:mod:`system` has the two ways to solve them: with the assembled tangent by :mod:`ksp`, or condensed
+to the interface by :mod:`capacitance`, where :mod:`condensation` finds that cheaper.
+:mod:`features` lists what a run uses.
 """

@@ -1,4 +1,4 @@
-"""Newton's systems at small strain: bodies factorized once, damage by a capacitance matrix."""
+"""Newton systems at small strain: bodies factorized once, damage by a capacitance matrix."""
 
 from __future__ import annotations
 
@@ -27,57 +27,58 @@ Array = NDArray[np.float64]
 Product = Callable[[Array], Array]
 Integrate = Callable[[ActiveInterface], csr_array]
 
-#: Columns of S that are solved for together: one then costs a twentieth of a single solve.
+#: Number of columns of S per solve: a column then costs a twentieth of a single solve.
 BLOCK = 128
 
 #: Gap components with damage up to which their system is solved directly.
-MAX_DIRECT = 1200
+MAX_DIRECT_GAPS = 1200
 
-#: Relative residual of an iterative solution, and the iterations it may take.
+#: Relative tolerance of the iterative solution, and its maximum number of iterations.
 RTOL, MAX_ITERATIONS = 1e-9, 50
 
-#: Corrections of the gaps under return maps, the share of the forces on nodes that they leave, and
-#: how often one is halved: points have found their state long before.
-MAX_CORRECTIONS, LEFT, MAX_HALVINGS = 40, 1e-4, 8
+#: Maximum number of corrections of the gaps under return maps, relative residual of the nodal
+#: forces, and maximum number of halvings: point states settle long before.
+MAX_CORRECTIONS, GAP_TOLERANCE, MAX_HALVINGS = 40, 1e-4, 8
 
 #: Smallest eigenvalues of Gamma relative to its largest, for its inverse.
 MIN_EIGENVALUE = 1e-4
 
 
 class Capacitance:
-    """Systems of bodies whose own stiffness never changes, see :class:`vmdg.linear.system.System`.
+    """Systems of bodies of constant stiffness, see :class:`vmdg.linear.system.System`.
 
     At small strain damage changes the tangent at the points of the interfaces only,
 
         K = K_0 - B^T.D.B,    B_pi = int q_p.Tt(eta_i) dA,    D = C.W^-1,
 
-    with K_0 the bonded tangent, zeta held, Tt of (84), C = d zeta/dT of the return maps and W the
-    areas of the points. By the formula of Woodbury, with y = K_0^-1.b,
+    with K_0 the bonded tangent at fixed zeta, Tt of (84), C = d zeta/dT of the return maps and W
+    the areas of the points. By the formula of Woodbury, with y = K_0^-1.b,
 
         K^-1.b = y + K_0^-1.B^T.z,    (I - D.S).z = D.B.y,    S = B.K_0^-1.B^T.
 
     The gap increments z are zero at points without damage. K_0 is factorized once; S, symmetric and
-    dense, is made when a point has damage for the first time. The first rank has it and solves the
-    systems of the gaps for all ranks. A second right-hand side costs a third of the first.
+    dense, is computed when a point is damaged for the first time. The first rank stores it and
+    solves the systems of the gaps for all ranks. A second right-hand side costs a third of the
+    first.
 
-    Rigid faces move by u = T.q, :mod:`vmdg.assembly.rigid`. With the factors of faces at rest, and
-    with X, what all nodes do where T moves the faces and no other force acts, their inverse is
+    Rigid faces move by u = T.q, :mod:`vmdg.assembly.rigid`. With the factors for fixed faces, and X
+    the response of all nodes to the motions T of the faces without other forces, the inverse is
 
         K_0^-1 = (K_0)_rest^-1 + X.(X^T.K_0.X)^-1.X^T.
 
     Args:
-        problem: Of small strain; its prescribed dofs are those of now. Collective.
+        problem: Of small strain; its prescribed dofs are those at construction. Collective.
         max_direct: Gap components with damage up to which their system is solved directly.
 
     Attributes:
         norm: Infinity norm of K_0, prescribed rows included [N/mm].
-        iterations: Krylov iterations so far, on systems of many gaps.
+        iterations: Krylov iterations so far, in systems of many gaps.
     """
 
-    #: Bodies of small strain do not buckle, and their factors serve always.
+    #: Bodies at small strain do not buckle, and their factors never change.
     unstable, drag, lags = False, 0.0, False
 
-    def __init__(self, problem: Problem, max_direct: int = MAX_DIRECT):
+    def __init__(self, problem: Problem, max_direct: int = MAX_DIRECT_GAPS):
         self._problem, self._comm, self._max_direct = problem, problem.comm, max_direct
         active = problem.discretization.active.values()
         self._interfaces = [one for one in active if one.law.inelastic]
@@ -91,7 +92,7 @@ class Capacitance:
             self.norm = matrix.norm(PETSc.NormType.NORM_INFINITY)
             prescribed = matrix.getOwnershipRange()[0] + self._prescribed
             self._lift = _columns(matrix, prescribed)
-            # The roots of MUMPS round alike in all units.
+            # Makes the rounding of MUMPS's square roots independent of units.
             self._unit = float(power_of_two(self.norm))
             matrix.scale(1 / self._unit)
             matrix.zeroRowsColumns(prescribed, 1.0)
@@ -107,11 +108,11 @@ class Capacitance:
         self.iterations = 0
 
     def _free_faces(self) -> None:
-        """What rigid faces need to move: X, X^T.K_0.X = T^T.K_0.X and B.X; collective."""
+        """Compute X, X^T.K_0.X = T^T.K_0.X and B.X for rigid faces; collective."""
         self._moving, self._works = self._motions.T, self._motions
         self._opening = np.zeros((self._tractions.getLocalSize()[0], 0))
         self._resistance = np.zeros((0, 0))
-        if not len(self._motions):  # products of PETSc want a column
+        if not len(self._motions):  # products in PETSc need at least one column
             return
         motions = self._motions.T[self._prescribed]
         self._moving = self._solve_at_rest(np.zeros(self._motions.T.shape), motions)
@@ -120,7 +121,8 @@ class Capacitance:
         self._opening = _times(self._tractions, self._moving, self._comm)
 
     def _over_points(self, integrate: Integrate) -> PETSc.Mat:
-        """A matrix of all interfaces with a row for every gap component, of the points here."""
+        """A matrix of all interfaces with one row per gap component, for the points on this
+        rank."""
         rows = csr_array(vstack([integrate(active) for active in self._interfaces]))
         return _distributed(rows, self._stiffness.getSizes()[1][0], self._comm)
 
@@ -138,20 +140,20 @@ class Capacitance:
     def solve_with_points(self, forces: Array, moved: Array, dt: float) -> Array:
         """du of linear bodies with the return maps of their points; collective.
 
-        Newton's method on the gap increments z, which the return maps make of the trial tractions,
+        Newton's method on the gap increments z, which the return maps give for the trial tractions,
 
             z = d zeta(T_tr),    T_tr = T_0 + W^-1.(B.y + S.z),
 
-        with backtracking on the forces that it leaves on the nodes, B^T.(d zeta - z). Which points
-        are open, held or sliding is found with S alone: the bodies are not factorized again.
+        with backtracking on the residual nodal forces, B^T.(d zeta - z). The open, sticking and
+        sliding points are found with S alone, without another factorization of the bodies.
 
         Args:
-            forces: Of owned dofs [N].
-            moved: du of owned dofs, of which the prescribed ones count [mm].
+            forces: Forces on owned dofs [N].
+            moved: du of owned dofs, used at prescribed ones only [mm].
             dt: Time step of the return maps [s].
 
         Returns:
-            du of owned dofs [mm]; a good guess, no more, where the iteration does not end.
+            du of owned dofs [mm]; only an approximation if the iteration does not converge.
         """
         trials = [active.trial() for active in self._interfaces]
         found = self._bonded([forces], [moved])
@@ -160,7 +162,7 @@ class Capacitance:
         mapped, D = self._map_back(trials, tractions, dt)
         left = first = self._left(mapped - gaps)
         for _ in range(MAX_CORRECTIONS):
-            if left <= LEFT * first:
+            if left <= GAP_TOLERANCE * first:
                 break
             change = self._solve_gaps(D, mapped - _times_blocks(D, tractions - bonded)) - gaps
             if global_any(self._comm, np.isnan(change).any()):
@@ -179,7 +181,7 @@ class Capacitance:
         return found[:, 0]
 
     def product(self, du: Array) -> Array:
-        """K.du with the last K on free dofs, of owned dofs [N]; collective."""
+        """K.du with the last K, correct on free dofs, for owned dofs [N]; collective."""
         column = du[:, None]
         forces = _times(self._lift, column[self._prescribed], self._comm)
         column = column.copy()
@@ -190,7 +192,8 @@ class Capacitance:
         return forces[:, 0]
 
     def _map_back(self, trials: Sequence[Trial], more: Array, dt: float) -> tuple[Array, Array]:
-        """Gap increments (gap components here, 1) and D of the return maps with more traction."""
+        """Gap increments (local gap components, 1) and D of the return maps with additional
+        traction."""
         ends = np.cumsum([len(trial.gap) for trial in trials])[:-1]
         forces = more.reshape(len(self._areas), trials[0].gap.shape[1])
         stresses = np.split(forces / self._areas[:, None], ends)
@@ -205,7 +208,7 @@ class Capacitance:
         return np.concatenate(gaps).reshape(-1, 1), D
 
     def _left(self, gaps: Array) -> float:
-        """Norm of the forces of gaps on nodes [N]."""
+        """Norm of the nodal forces of gaps [N]."""
         return global_norm(self._comm, _times(self._forces, gaps, self._comm).ravel())
 
     def _bonded(self, forces: Sequence[Array], moved: Sequence[Array]) -> Array:
@@ -215,20 +218,20 @@ class Capacitance:
         return found + self._faces_under(self._motions @ right - self._works @ found)
 
     def _under_gaps(self, gaps: Array) -> Array:
-        """What displacements of bonded bodies (owned dofs, k) gaps add."""
+        """Displacements of bonded bodies (owned dofs, k) due to gaps."""
         found = self._relax(_times(self._forces, gaps, self._comm))
         return found + self._faces_under(self._opening.T @ gaps)
 
     def _solve_at_rest(self, forces: Array, known: Array) -> Array:
-        """Displacements (owned dofs, k) of bonded bodies, rigid faces held, from forces and what
-        prescribed dofs do (prescribed, k)."""
+        """Displacements (owned dofs, k) of bonded bodies with fixed rigid faces, from forces and
+        prescribed displacements (prescribed, k)."""
         right = forces - _times(self._lift, known, self._comm)
         right[self._prescribed] = self._unit * known
         return self._relax(right)
 
     def _faces_under(self, forces: Array) -> Array:
-        """X.q (owned dofs, k) by which rigid faces yield to forces on their motions, of which every
-        rank has its part (motions, k)."""
+        """X.q (owned dofs, k), the response of rigid faces to forces on their motions, summed over
+        ranks (motions, k)."""
         if not len(self._motions):
             return np.zeros((len(self._moving), forces.shape[1]))
         forces = global_sum(self._comm, forces)
@@ -250,11 +253,11 @@ class Capacitance:
         return found
 
     def _solve_gaps(self, D: Array, right: Array) -> Array:
-        """z from D.B.y (gap components here, k), NaN where their system is singular."""
+        """z from D.B.y (local gap components, k), NaN where the system is singular."""
         if self._system is None:
             self._system = self._make_system()
         with timer("condensed solve"):
-            if self._comm.size == 1:  # nothing to pickle
+            if self._comm.size == 1:  # no communication needed
                 gaps = self._system.solve(D, right)
                 self.iterations = self._system.iterations
                 return gaps
@@ -268,7 +271,7 @@ class Capacitance:
         return gaps
 
     def _make_system(self) -> GapSystem:
-        """The system of the gaps, on the first rank; an empty one on the others."""
+        """The system of the gaps on the first rank; an empty one on the others."""
         with timer("flexibility at points"):
             S = self._make_flexibility()
         jumps = self._gathered(self._over_points(jump_matrix))
@@ -294,7 +297,7 @@ class Capacitance:
             product = self._tractions.matMult(solution)
             parts = self._comm.gather(product.getDenseArray())
             if parts is not None:
-                # S is symmetric: its rows are its columns.
+                # S is symmetric: rows equal columns.
                 S[start : start + count] = np.concatenate(parts).T / self._unit
             for item in (columns, right, solution, product):
                 item.destroy()
@@ -305,7 +308,7 @@ class Capacitance:
         return S
 
     def _gathered(self, matrix: PETSc.Mat) -> csr_array:
-        """Rows of all ranks on the first, none on the others; the matrix is destroyed."""
+        """Rows of all ranks on the first rank, none on the others; destroys the matrix."""
         rows = _rows_here(matrix)
         matrix.destroy()
         parts = self._comm.gather(rows)
@@ -321,11 +324,11 @@ class Capacitance:
 def solve_contact(
     problem: Problem, system: object, forces: Array, moved: Array, dt: float
 ) -> Array:
-    """:meth:`Capacitance.solve_with_points` of the bodies as they are now; collective.
+    """:meth:`Capacitance.solve_with_points` at the current state of the bodies; collective.
 
     Args:
         problem: The problem.
-        system: Its linear systems, taken where they are a capacitance.
+        system: Its linear systems, used if they are a capacitance.
         forces, moved, dt: As there.
     """
     if isinstance(system, Capacitance):
@@ -339,10 +342,10 @@ def solve_contact(
 class GapSystem:
     """Solves (I - D.S).z = b, for any number of b at once.
 
-    Where few points have damage, directly in their rows. Where many have, iteratively: S is stiff
-    for gaps that the displacement of the nodes can follow, and small for all others (3,600 gap
-    components of the push-out in 3D belong to 1,014 jumps of nodes). The preconditioner takes it as
-    S ~ J.Gamma.J^T, with J_pi = int q_p.eta_i dA over side 2 and Gamma its projection,
+    If few points are damaged, directly in their rows; otherwise iteratively. S is stiff for gaps
+    that nodal displacements can follow, and small for all others (3,600 gap components of the
+    push-out in 3D correspond to 1,014 nodal jumps). The preconditioner approximates S ~
+    J.Gamma.J^T, with J_pi = int q_p.eta_i dA over side 2 and Gamma its projection,
 
         Gamma = M^-1.P^T.S.P.M^-1,    P = W^-1.J,    M = J^T.P,
 
@@ -350,8 +353,8 @@ class GapSystem:
 
         (I - D.J.Gamma.J^T)^-1 = I + D.J.(Gamma^-1 - J^T.D.J)^-1.J^T.
 
-    It takes 6 to 8 iterations in all states of the push-out. Made for an earlier D it would take
-    many more: it is made anew for every D.
+    GMRES takes 6 to 8 iterations in all states of the push-out, but many more with the
+    preconditioner of an earlier D, so it is rebuilt for every D.
 
     Args:
         S: (n, n) [N/mm].
@@ -385,7 +388,7 @@ class GapSystem:
             return np.full_like(right, np.nan)
 
     def _solve_rows(self, blocks: Array, right: Array, damaged: NDArray[np.intp]) -> Array:
-        """z, which is zero but at damaged points."""
+        """z, which is zero except at damaged points."""
         d = blocks.shape[1]
         rows = (damaged[:, None] * d + np.arange(d)).ravel()
         matrix = _times_blocks(-blocks[damaged], self._S[np.ix_(rows, rows)])
@@ -406,7 +409,7 @@ class GapSystem:
 
         def product(x: Array) -> Array:
             x = precondition(x)
-            # S is symmetric: half of it is read, which is what takes the time.
+            # S is symmetric: the time is that of reading one half.
             return x - D @ dsymv(1.0, self._S.T, x)
 
         def count(_: float) -> None:
@@ -414,7 +417,7 @@ class GapSystem:
 
         gaps = np.empty_like(right)
         system = LinearOperator(size, product, dtype=float)
-        # A second start is for a residual that rounding has left just above the tolerance.
+        # A restart handles a residual just above the tolerance due to rounding.
         limits = {"rtol": RTOL, "atol": 0.0, "restart": MAX_ITERATIONS, "maxiter": 2}
         for k, column in enumerate(right.T):
             x, failed = gmres(system, column, callback=count, callback_type="pr_norm", **limits)
@@ -427,15 +430,14 @@ class GapSystem:
     def _nodal(self) -> csr_array:
         """J of the dofs of nodes on the interface (n, m)."""
         largest = abs(self._jumps).max(axis=0).toarray().ravel()
-        # The shape functions of others are zero there but for rounding.
+        # Other shape functions vanish there up to rounding.
         return csr_array(self._jumps[:, np.flatnonzero(largest > 1e-12 * largest.max())])
 
     @cached_property
     def _coarse(self) -> Array:
         """Gamma^-1 (m, m).
 
-        Where the displacement of a node is prescribed Gamma may have hardly any stiffness, which is
-        raised a little.
+        For prescribed nodes Gamma may be nearly singular, so its smallest eigenvalues are raised.
         """
         P = csr_array(self._nodal.multiply(1 / self._areas[:, None]))
         inverse = np.linalg.inv((self._nodal.T @ P).toarray())
@@ -451,7 +453,7 @@ def _times_blocks(blocks: Array, rows: Array) -> Array:
 
 
 def _columns(matrix: PETSc.Mat, chosen: NDArray[np.int32]) -> PETSc.Mat:
-    """Columns of a symmetric matrix, by their numbers of this rank: its rows."""
+    """Columns of a symmetric matrix by their local numbers, read as rows."""
     numbers = PETSc.IS().createGeneral(chosen, comm=matrix.comm)
     rows = matrix.createSubMatrix(numbers)
     numbers.destroy()
@@ -459,7 +461,7 @@ def _columns(matrix: PETSc.Mat, chosen: NDArray[np.int32]) -> PETSc.Mat:
 
 
 def _rows_here(matrix: PETSc.Mat) -> csr_array:
-    """Rows of a distributed matrix that this rank has, with all columns."""
+    """Local rows of a distributed matrix, with all columns."""
     starts, columns, values = matrix.getValuesCSR()
     return csr_array((values, columns, starts), shape=(len(starts) - 1, matrix.getSize()[1]))
 
@@ -480,7 +482,7 @@ def _dense(rows: Array, comm: MPI.Comm) -> PETSc.Mat:
 
 
 def _times(matrix: PETSc.Mat, columns: Array, comm: MPI.Comm) -> Array:
-    """Product with columns of which this rank has its rows (rows here, k)."""
+    """Product with columns distributed by rows (local rows, k)."""
     right = _dense(columns, comm)
     product = matrix.matMult(right)
     found = product.getDenseArray().copy()

@@ -1,4 +1,4 @@
-"""Whether systems are condensed to the interface, found out from the problem itself."""
+"""Decides from the problem whether systems are condensed to the interface."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from ..base.parallel import global_sum
 from ..problem.problem import Problem
 from .ksp import Petsc, linear_options
 
-#: Squared number of gap components over that of the dofs beyond which the capacitance matrix, which
-#: is dense, is no longer cheaper than factors of every tangent, by dimension. In 2D lever tests are
-#: at 114 and 228 for facets of .5 and .25 mm, and 2 and 1.3 times as fast with it; a DCB with 560
-#: facets has 455, and takes twice as long; the push-out in 3D has 306. With 600 compact bodies are
-#: 2.5 times as fast by multigrid; thin plies, which it finds hard, are 2.8 times as fast without.
+#: Squared number of gap components over number of dofs above which the dense capacitance matrix is
+#: no longer cheaper than factorizing every tangent, by dimension. In 2D lever tests are at 114 and
+#: 228 for facets of 0.5 and 0.25 mm, and 2 and 1.3 times as fast with it; a DCB with 560 facets is
+#: at 455 and takes twice as long; the push-out in 3D is at 306. At 600 compact bodies are 2.5 times
+#: as fast with multigrid, but thin plies, hard for multigrid, 2.8 times as fast without.
 MAX_GAPS_SQUARED = {2: 200, 3: 500}
 
-#: The same for a single first guess, which has a handful of corrections to pay for. Square blocks
-#: of degree 3 are at 3.4 and take three quarters of the time of as many corrections; strips of 100
-#: times 12 cells are at 18 and take the same.
+#: The same for a single predictor, whose cost only a few corrections compensate. Square blocks of
+#: degree 3 are at 3.4 and take three quarters of the time of the saved corrections; strips of 100
+#: times 12 cells are at 18 and break even.
 MAX_CLOSED_SQUARED = 20
 
 #: Dofs in 3D up to which the bodies are factorized.
@@ -30,7 +30,7 @@ def condensation(
 
     Args:
         problem: The problem.
-        wanted: False never, True wherever it is possible, None where it is cheaper.
+        wanted: False never, True wherever possible, None where cheaper.
         petsc: Options of the user's, without prefix.
 
     Raises:
@@ -46,18 +46,18 @@ def condensation(
     if wanted:
         return True, "options.condensed = True"
     if problem.mesh.topology.dim == 3 and N > MAX_CONDENSED:
-        return False, f"{N} dofs are more than are factorized in 3D"
+        return False, f"{N} dofs exceed the limit for factorization in 3D"
     if n * n > MAX_GAPS_SQUARED[problem.mesh.topology.dim] * N:
         return False, f"{n} gap components are too many for {N} dofs"
     return True, f"small strain: {n} gap components for {N} dofs"
 
 
 def closes_points(problem: Problem, wanted: bool | None = None, petsc: Petsc | None = None) -> bool:
-    """Whether a first guess asks linear bodies which points close, condensed to them; collective.
+    """Whether the predictor determines closing points with condensed linear bodies; collective.
 
     Args:
         problem: The problem.
-        wanted: As of :func:`condensation`.
+        wanted: As for :func:`condensation`.
         petsc: Options of the user's, without prefix.
     """
     if wanted is False or not problem.discretization.can_fail or _not_by_itself(problem, petsc):
@@ -69,27 +69,28 @@ def closes_points(problem: Problem, wanted: bool | None = None, petsc: Petsc | N
 
 
 def gap_components(problem: Problem) -> int:
-    """Points of interfaces that can fail times the dimension, of this rank."""
+    """Number of gap components on this rank: points of interfaces that can fail times the
+    dimension."""
     interfaces = problem.discretization.active.values()
     points = sum(len(c.quadrature.weights) for c in interfaces if c.law.inelastic)
     return points * problem.mesh.geometry.dim
 
 
 def _refusal(problem: Problem, petsc: Petsc | None) -> str:
-    """Why condensed systems do not serve this problem, or nothing."""
+    """Why systems of this problem cannot be condensed; empty if they can."""
     if not problem.discretization.bodies.small:
         return "finite strain: the tangent of the bodies changes"
     if not problem.discretization.can_fail:
         return "tied only: the tangent does not change"
     if not problem.discretization.constant_stabilization:
-        return "a stabilization of the user's own may change"
+        return "a user-defined stabilization may change"
     if problem.step.activation:
         return "facets open on demand"
     return _not_by_itself(problem, petsc)
 
 
 def _not_by_itself(problem: Problem, petsc: Petsc | None) -> str:
-    """Why bonded bodies are not factorized by themselves, or nothing."""
+    """Why bonded bodies cannot be factorized separately; empty if they can."""
     if problem.discretization.bodies.mean_dilatation:
         return "mean dilatation"
     if lattice_of(problem.discretization.means) is not None:
@@ -97,5 +98,5 @@ def _not_by_itself(problem: Problem, petsc: Petsc | None) -> str:
     if problem.discretization.means is not None:
         return "generalized plane strain"
     if not linear_options(problem, petsc).automatic:
-        return "options.petsc are for the assembled tangent"
+        return "options.petsc apply to the assembled tangent"
     return ""

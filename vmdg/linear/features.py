@@ -1,4 +1,4 @@
-"""What a problem uses and what it can do without, found out from the problem itself."""
+"""Features that a run of a problem uses or omits, determined from the problem."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ class Switch(NamedTuple):
     """One feature of a run.
 
     Attributes:
-        name: What it is.
+        name: Name of the feature.
         on: Whether the run uses it.
-        reason: Why, or what takes its place.
+        reason: Why, or its replacement.
     """
 
     name: str
@@ -25,10 +25,10 @@ class Switch(NamedTuple):
 
 
 def switchboard(problem: Problem, options: Choice | None = None) -> list[Switch]:
-    """The features a run of ``problem`` uses and those it spares, with reasons; collective.
+    """The features a run of ``problem`` uses and omits, with reasons; collective.
 
     Args:
-        problem: With its interfaces, and the facets that are open now.
+        problem: The problem, with its interfaces and open facets.
         options: As :class:`vmdg.SolveOptions`; None for the default.
 
     Raises:

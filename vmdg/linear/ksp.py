@@ -1,4 +1,4 @@
-"""Linear solves of Newton's method: direct, or Krylov with lagged factors or multigrid."""
+"""Linear solves in Newton's method: direct, or Krylov with lagged factors or multigrid."""
 
 from __future__ import annotations
 
@@ -25,47 +25,47 @@ Petsc = Mapping[str, str | int | float | bool | None]
 
 
 class Choice(Protocol):
-    """What a user chooses of linear systems, see :class:`vmdg.SolveOptions`."""
+    """The user's options for linear systems, see :class:`vmdg.SolveOptions`."""
 
     petsc: Petsc | None
     condensed: bool | None
 
 
-#: Of the objects that options have configured.
+#: Prefixes of the objects configured by options.
 _numbers = count()
 
-#: Unsymmetric and symmetric direct solvers: the former finds the determinant, the latter counts all
-#: negative pivots, for which the last front must not be left to ScaLAPACK. On several ranks a fifth
-#: more memory than MUMPS foresees, PETSc's default, is too little now and then (INFOG(1) = -9).
-#: Scaled by the diagonal, which for stiffness is as good as the iterated scaling by rows and
-#: columns that MUMPS takes by itself: a tenth less for the factors of bodies in the plane.
+#: Unsymmetric and symmetric direct solvers: the former computes the determinant, the latter counts
+#: negative pivots, for which the last front must not be factorized by ScaLAPACK. On several ranks
+#: PETSc's default, a fifth more memory than MUMPS estimates, is sometimes too little (INFOG(1) =
+#: -9). Diagonal scaling is as good for stiffness matrices as MUMPS's default, iterated row and
+#: column scaling, and makes factorizations of plane bodies a tenth cheaper.
 MUMPS = {
     "ksp_type": "preonly",
     "pc_factor_mat_solver_type": "mumps",
     "mat_mumps_icntl_8": 1,
     "mat_mumps_icntl_14": 100,
 }
-#: INFOG(1) of MUMPS where memory, or its work space, was too little.
+#: INFOG(1) of MUMPS if memory, or its work space, was insufficient.
 NO_MEMORY = (-5, -7, -8, -9, -11, -13, -14, -15, -17, -18, -19, -20)
 LU = {**MUMPS, "pc_type": "lu", "mat_mumps_icntl_33": 1}
 LDLT = {**MUMPS, "pc_type": "cholesky", "mat_mumps_icntl_13": 1}
 
-#: GMRES with the true residual, which does not mind an indefinite softening tangent.
+#: GMRES with the true residual, which is robust for an indefinite softening tangent.
 GMRES = {
     "ksp_type": "gmres",
     "ksp_pc_side": "right",
     "ksp_gmres_restart": 100,
     "ksp_max_it": 100,
 }
-#: With the factors of an earlier tangent. The flexible kind keeps what these made of every vector,
-#: and spares the solve with which the other ends: one in five.
+#: With the factors of an earlier tangent. Flexible GMRES stores the preconditioned vectors and
+#: saves the final solve of the other: one in five.
 GMRES_LU = {**LU, **GMRES, "ksp_type": "fgmres"}
 GMRES_LDLT = {**LDLT, **GMRES, "ksp_type": "fgmres"}
 
-#: Smoothed aggregation from the rigid-body modes. Smoothers that only multiply, by the tangent in
-#: blocks of nodes, take half the time of sweeps, and do not depend on the number of ranks. The
-#: interpolation is kept, see :meth:`LinearSolver.coarsen`. The coarsest matrix is as large as it is
-#: cheap to factorize: smoothers of coarse levels diverge where it has negative eigenvalues.
+#: Smoothed aggregation from the rigid-body modes. Polynomial smoothers, which only multiply by the
+#: tangent in nodal blocks, take half the time of sweeps and do not depend on the number of ranks.
+#: The interpolation is reused, see :meth:`LinearSolver.coarsen`. The coarsest matrix is as large as
+#: can be factorized cheaply, since smoothers on coarse levels diverge for negative eigenvalues.
 GAMG = {
     "pc_type": "gamg",
     "pc_gamg_threshold": 0.01,
@@ -77,13 +77,14 @@ GAMG = {
     "mg_levels_pc_type": "pbjacobi",
 }
 GMRES_GAMG = {**GMRES, **GAMG}
-#: The option of its size, which is to hold the rigid motions of all bodies, and a few more.
+#: The option for its size, which must exceed the number of rigid motions of all bodies.
 COARSEST, MOTIONS = "pc_gamg_coarse_eq_limit", 7
-#: Pieces up to which each is coarsened for itself: the coarsest matrix, factorized, moves them all.
+#: Number of pieces up to which each is coarsened separately: the factorized coarsest matrix
+#: contains the motions of all.
 MAX_PIECES = 200
-#: How PETSc makes coarse matrices.
+#: Algorithm of PETSc for coarse matrices.
 PRODUCTS = "matptap_via"
-#: For tangents that are symmetric and, away from a loss of stability, positive.
+#: For tangents that are symmetric and, unless stability is lost, positive definite.
 CG_GAMG = {
     **GAMG,
     "ksp_type": "cg",
@@ -92,33 +93,33 @@ CG_GAMG = {
     "ksp_max_it": 100,
 }
 
-#: Dofs in 3D beyond which factors are lagged, and beyond which they cost more than multigrid.
+#: Number of dofs in 3D above which factors are lagged, and above which multigrid is cheaper.
 MAX_DIRECT, MAX_FACTORED = 3_000, 10_000
 
-#: What a factorization and the set-up of multigrid cost in Krylov iterations; measured at 42,000
-#: dofs in 3D: 1.8 s against 52 ms, .25 s against 13 ms.
+#: Cost of a factorization and of the set-up of multigrid in Krylov iterations; measured at 42,000
+#: dofs in 3D: 1.8 s to 52 ms, 0.25 s to 13 ms.
 FACTORIZATION, COARSENING = 35, 20
 
-#: Loosest and tightest relative tolerance of iterative linear solves. Where points change branch a
-#: correction that is not exact leads to another branch.
+#: Loosest and tightest relative tolerance of iterative linear solves. At points that change branch
+#: an inexact correction leads to another branch.
 MAX_RTOL, MIN_RTOL = 1e-4, 1e-6
 
-#: Share of its goal that the solve of a correction may leave where that ends the step, and how many
-#: times the goal it leaves at least where it does not: in between a step would end or not by how
-#: far a Krylov method overshoots, which depends on the number of ranks.
+#: Fraction of the residual goal to which the last linear solve of a step converges, and the least
+#: multiple of the goal for earlier ones: in between, the end of a step would depend on how far a
+#: Krylov method overshoots, and hence on the number of ranks.
 ENOUGH, SHORT = 0.03, 30.0
 
 
 def automatic_options(
     problem: Problem, max_direct: int = MAX_DIRECT, max_factored: int = MAX_FACTORED
 ) -> tuple[Petsc, Petsc]:
-    """Options of the solver that fits a problem, and of the one to fall back on.
+    """Options of a suitable solver for a problem, and of the fallback.
 
     Problems in 2D and small ones in 3D are solved directly: LDL^T where the tangent is symmetric
     (no friction), else LU. Larger ones by multigrid, with CG where every interface is a tie, else
-    GMRES: at 42,000 dofs it is made in .25 s and takes 13 ms an iteration, where a factorization
-    takes 1.8 s and a solve with its factors 52 ms. In between, and where bodies are hardly
-    compressible, by GMRES with the factors of an earlier tangent: few of its rows change in a step.
+    GMRES: at 42,000 dofs the set-up takes 0.25 s and an iteration 13 ms, compared with 1.8 s for a
+    factorization and 52 ms for a solve. In between, and for nearly incompressible bodies, by GMRES
+    with the factors of an earlier tangent: few of its rows change in a step.
 
     Args:
         problem: The problem.
@@ -138,7 +139,7 @@ def automatic_options(
 
 
 def pieces_apart(problem: Problem) -> int:
-    """Pieces of the bodies that multigrid coarsens each for itself, 0 for none; collective."""
+    """Number of pieces of the bodies that multigrid coarsens separately, 0 for none; collective."""
     if not problem.discretization.can_fail:
         return 0
     pieces = count_pieces(problem.space)
@@ -146,16 +147,16 @@ def pieces_apart(problem: Problem) -> int:
 
 
 def linear_tolerance(norms: list[float], goal: float) -> float:
-    """Relative tolerance of the next linear solve, as exact as its correction can be.
+    """Relative tolerance of the next linear solve, matched to the accuracy of its correction.
 
-    Choice 2 of Eisenstat and Walker (1996), .9 (|R_k| / |R_k-1|)^2 within bounds, and no more than
-    the step still needs to end well below its goal (Kelley 1995).
+    Choice 2 of Eisenstat and Walker (1996), 0.9 (|R_k| / |R_k-1|)^2 within bounds, and not tighter
+    than needed to end well below the goal (Kelley 1995).
 
     Args:
         norms: Residual norms of the step so far.
         goal: Residual norm at which the step has converged.
     """
-    # Below the goal a residual may be zero, where the control asks for more than equilibrium.
+    # The residual may be zero while the constraint of the step is not met.
     sizes = [max(norm, goal) for norm in norms[-2:]]
     eta = min(max(0.9 * (sizes[-1] / sizes[0]) ** 2, MIN_RTOL), MAX_RTOL)
     left = goal / sizes[-1]
@@ -184,36 +185,36 @@ def linear_options(problem: Problem, petsc: Petsc | None) -> LinearOptions:
 
 
 def matrix_kind(options: Petsc) -> PETSc.Mat.Type:
-    """In what a solver with these options likes a tangent to be assembled.
+    """Preferred matrix type of a solver with these options.
 
-    Multigrid multiplies by blocks of nodes, and values are inserted into them in a third of the
-    time; only coarse matrices are made of rows.
+    Multigrid multiplies by nodal blocks, into which insertion takes a third of the time; only
+    coarse matrices are made from AIJ.
     """
     return PETSc.Mat.Type.BAIJ if options.get("pc_type") == "gamg" else PETSc.Mat.Type.AIJ
 
 
 def is_iterative(options: Petsc) -> bool:
-    """Whether these options are of a Krylov solver; PETSc's default is one."""
+    """Whether these options select a Krylov solver, PETSc's default."""
     return options.get("ksp_type") != "preonly"
 
 
 class LinearSolver:
     """Solves with the tangent, directly or by a Krylov method.
 
-    A Krylov method keeps its preconditioner over Newton iterations and steps. It is made anew where
-    the iterations that a fresh one would have spared add up to what it costs, and where the method
-    does not converge with an old one. Where it does not converge with a fresh one either, which
-    happens near a limit point, the system is solved directly. Systems are solved to the tolerance
-    asked for, unless the options set one.
+    A Krylov method reuses its preconditioner over Newton iterations and steps. It is rebuilt when
+    the iterations that a new one would have saved add up to its cost, and when the method does not
+    converge with the old one. If it does not converge with a new one either, as may happen near a
+    limit point, the system is solved directly. Systems are solved to the given tolerance, unless
+    the options set one.
 
     Args:
-        matrix: The tangent, of :func:`matrix_kind` or the other.
-        options: Of KSP and PC; a ``ksp_type`` other than "preonly" is iterative.
+        matrix: The tangent, of type :func:`matrix_kind` or the other type.
+        options: Options of KSP and PC; a ``ksp_type`` other than "preonly" is iterative.
         fallback: Options of the direct solver.
 
     Attributes:
-        multigrid: Whether it asks for the rigid modes.
-        coarsened: Whether multigrid has an interpolation that served so far, or needs none.
+        multigrid: Whether it uses the rigid-body modes.
+        coarsened: Whether multigrid has a valid interpolation, or needs none.
         iterations: Krylov iterations so far.
     """
 
@@ -238,10 +239,10 @@ class LinearSolver:
         self._fresh_effort, self._excess = 0.0, math.inf
 
     def coarsen(self) -> None:
-        """Make the interpolation of multigrid from the present values of the matrix; collective.
+        """Build the interpolation of multigrid from the current values of the matrix; collective.
 
-        It is kept for the values that follow, whose coarse matrices P^T.K.P are made anew. Nodes
-        without coupling in the present values never share an aggregate.
+        It is reused for later values, for which only the coarse matrices P^T.K.P are recomputed.
+        Nodes that are uncoupled in the current values never share an aggregate.
         """
         self._krylov.getPC().reset()
         self._set_operators(reuse=False)
@@ -251,16 +252,16 @@ class LinearSolver:
         self.renew()
 
     def renew(self) -> None:
-        """Make the preconditioner anew in the next solve."""
+        """Rebuild the preconditioner in the next solve."""
         self._excess = math.inf
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec, rtol: float) -> None:
         """Solve A x = b with the current values of the tangent, to a relative tolerance.
 
-        A Krylov method begins with x.
+        A Krylov method starts from x.
         """
         with timer("linear solve"):
-            # What was solved directly has its factors.
+            # Reuse the factors of a direct solve.
             if self._krylov is not None and self._factorized != self._matrix.stateGet():
                 if self._follows_tolerance:
                     self._krylov.setTolerances(rtol=rtol)
@@ -277,7 +278,8 @@ class LinearSolver:
         patience = self._max_it
         if reuse:
             ksp.getPC().setReusePreconditioner(True)
-            # An old one that takes as many more as a fresh one costs is given up; x remains.
+            # An old one is discarded once its extra iterations cost as much as a new one; x is
+            # kept.
             foreseen = -self._fresh_effort * math.log10(ksp.getTolerances()[0])
             patience = min(patience, math.ceil(foreseen) + self._setup)
         else:
@@ -288,8 +290,8 @@ class LinearSolver:
         iterations = ksp.getIterationNumber()
         self.iterations += iterations
         norms = ksp.getConvergenceHistory()
-        # Iterations to the tolerance vary with it; their number per digit does not, which less than
-        # a digit does not tell.
+        # The count depends on the tolerance; iterations per digit do not, but need at least one
+        # digit.
         digits = math.log10(norms[0] / norms[-1]) if len(norms) and norms[-1] > 0 else 0.0
         self._excess += iterations - self._fresh_effort * max(digits, 1.0)
         if not reuse:
@@ -302,7 +304,7 @@ class LinearSolver:
         return converged
 
     def _set_operators(self, reuse: bool) -> None:
-        """What is multiplied by, and what the preconditioner is made of where it is not kept."""
+        """Set the operator, and the matrix of the preconditioner unless that is reused."""
         kind = PETSc.Mat.Type.BAIJ if self.multigrid else PETSc.Mat.Type.AIJ
         _, rows = self._krylov.getOperators()
         if not reuse:
@@ -310,14 +312,14 @@ class LinearSolver:
         self._krylov.setOperators(self._in(kind), rows)
 
     def _set_up(self) -> None:
-        """Make the preconditioner for the present values; what is kept of it stays."""
+        """Build the preconditioner for the current values; reused parts are kept."""
         self._krylov.getPC().setReusePreconditioner(False)
         with _coarse_products(self._matrix.comm):
             self._krylov.setUp()
         refuse_memory(self._krylov.getPC())
 
     def _in(self, kind: PETSc.Mat.Type) -> PETSc.Mat:
-        """The tangent by rows or in blocks of nodes."""
+        """The tangent as AIJ or BAIJ."""
         if self._matrix.type in ("seq" + kind, "mpi" + kind):
             return self._matrix
         if self._copy is None:
@@ -356,7 +358,7 @@ class LinearSolver:
 
     @property
     def chosen(self) -> PETSc.KSP | None:
-        """What the options have configured; None before the first solve of a direct one."""
+        """The configured KSP; None before the first solve of a direct one."""
         return self._direct if self._krylov is None else self._krylov
 
     def free(self) -> None:
@@ -371,9 +373,10 @@ class LinearSolver:
 
 @contextmanager
 def _coarse_products(comm: PETSc.Comm) -> Iterator[None]:
-    """P^T.K.P of multigrid as two products, which takes .23 s instead of .38 s at 42,849 unknowns.
+    """P^T.K.P of multigrid as two products, which takes 0.23 s instead of 0.38 s at 42,849
+    unknowns.
 
-    PETSc offers it on one rank, by an option without prefix, which the user's own goes before.
+    PETSc offers it on one rank by an option without prefix; a user's value takes precedence.
     """
     database = PETSc.Options()
     if comm.size > 1 or PRODUCTS in database:
@@ -387,16 +390,16 @@ def _coarse_products(comm: PETSc.Comm) -> Iterator[None]:
 
 
 def reset_failed(pc: PETSc.PC) -> None:
-    """Let go of factors that failed, of NaN for example: MUMPS does no more after that."""
+    """Release factors after a failure, for example with NaN: MUMPS cannot reuse them."""
     if pc.getFailedReason() != PETSc.PC.FailedReason.NOERROR:
         pc.reset()
 
 
 def refuse_memory(pc: PETSc.PC) -> None:
-    """After a factorization; collective.
+    """Check for a lack of memory after a factorization; collective.
 
     Raises:
-        MemoryError: it had not enough memory.
+        MemoryError: the memory was insufficient.
     """
     reasons, failed, told = PETSc.PC.FailedReason, pc.getFailedReason(), ""
     if failed == reasons.NOERROR:
@@ -408,15 +411,15 @@ def refuse_memory(pc: PETSc.PC) -> None:
     if failed == reasons.FACTOR_OUTMEMORY:
         size = pc.getOperators()[0].getSize()[0]
         raise MemoryError(
-            f"a factorization of {size} unknowns ran out of memory{told}: take more memory (more "
+            f"a factorization of {size} unknowns ran out of memory{told}: use more memory (more "
             "nodes), a coarser mesh away from the interface, or a solver without factors, "
-            "SolveOptions(condensed=False, petsc={'ksp_type': 'gmres', 'pc_type': 'gamg'}); where "
-            "it is MUMPS that foresees too little, a larger 'mat_mumps_icntl_14'"
+            "SolveOptions(condensed=False, petsc={'ksp_type': 'gmres', 'pc_type': 'gamg'}); if "
+            "the estimate of MUMPS is too low, a larger 'mat_mumps_icntl_14'"
         )
 
 
 def make_ksp(matrix: PETSc.Mat, options: Petsc) -> PETSc.KSP:
-    """A solver with its own options."""
+    """Create a KSP with its own options."""
     ksp = PETSc.KSP().create(matrix.comm)
     ksp.setOperators(matrix)
     set_options(ksp, options)
@@ -424,10 +427,10 @@ def make_ksp(matrix: PETSc.Mat, options: Petsc) -> PETSc.KSP:
 
 
 def set_options(item: PETSc.KSP | PETSc.SNES, options: Petsc) -> None:
-    """Configure a PETSc object by options named without prefix.
+    """Configure a PETSc object by options without prefix.
 
-    They stay in PETSc's database under a prefix of the object: what is made when it is first used,
-    factors or the smoothers of multigrid, reads them then. :func:`destroy` takes them away.
+    They stay in PETSc's database under a prefix of the object, since parts created later, such as
+    factors or smoothers, read them on first use. :func:`destroy` removes them.
     """
     prefix = f"vmdg_{next(_numbers)}_"
     database = PETSc.Options(prefix)
@@ -438,10 +441,10 @@ def set_options(item: PETSc.KSP | PETSc.SNES, options: Petsc) -> None:
 
 
 def warn_of_unused(item: PETSc.KSP | PETSc.SNES) -> None:
-    """Warn of options that PETSc has not asked for, after the first solve; collective.
+    """Warn about unused PETSc options after the first solve; collective.
 
-    Not before: parts of a preconditioner that are made in a solve read theirs there, some on one
-    rank only. Silent where petsc4py does not show PetscOptionsUsed of the C library.
+    Not before, since some parts of a preconditioner read their options during a solve, some on one
+    rank only. Silent if PetscOptionsUsed of the C library is not accessible.
     """
     used = getattr(ctypes.CDLL(PETSc.__file__), "PetscOptionsUsed", None)
     if used is None or item.getAttr("options asked for"):
@@ -458,13 +461,13 @@ def warn_of_unused(item: PETSc.KSP | PETSc.SNES) -> None:
     if names:
         warn_together(
             comm,
-            f"SolveOptions: PETSc has no use for {', '.join(names)} among the options petsc=: "
-            "misspelt, or of a part that this solver does not have; mend or remove them",
+            f"SolveOptions: PETSc does not use {', '.join(names)} among the options petsc=: "
+            "misspelt, or for a part that this solver does not have; correct or remove them",
         )
 
 
 def destroy(item: PETSc.KSP | PETSc.SNES) -> None:
-    """Destroy an object that :func:`set_options` has configured, and its options; collective."""
+    """Destroy an object configured by :func:`set_options`, and its options; collective."""
     database = PETSc.Options(item.getOptionsPrefix())
     for name in database.getAll():
         database.delValue(name)
@@ -477,11 +480,11 @@ def set_rigid_modes(
     matrix: PETSc.Mat,
     means: MeanSpace | None = None,
 ) -> None:
-    """Tell multigrid the motions without strain: translations, rotations, along z in axisymmetry.
+    """Set the near-null space for multigrid: translations and rotations, along z in axisymmetry.
 
-    One set of modes serves all bodies: an aggregate lies in one body, or in several that ties join,
-    and sees its rigid motions, see :meth:`.AssembledSystem.solve`. In a periodic cell a rotation
-    strains what crosses its boundary: translations.
+    One set of modes is enough for all bodies, since an aggregate lies in one body, or in several
+    connected by ties, see :meth:`.AssembledSystem.solve`. In a periodic cell only translations,
+    since rotations cause strain at its boundary.
     """
     d, owned = space.dofmap.index_map_bs, space.dofmap.index_map.size_local
     x = space.tabulate_dof_coordinates()[:owned]
@@ -492,7 +495,7 @@ def set_rigid_modes(
         vector.array[:] = mode.ravel()
         if means is not None:
             vector.array[means.owned_rows] = 0.0
-        for other in (*basis, *basis):  # twice: rounding of far-off origins
+        for other in (*basis, *basis):  # twice, against rounding for distant origins
             vector.axpy(-vector.dot(other), other)
         vector.normalize()
         basis.append(vector)
@@ -500,10 +503,10 @@ def set_rigid_modes(
 
 
 def return_memory() -> None:
-    """Return freed memory to the system, where the C library knows how (glibc).
+    """Return freed memory to the system, if the C library supports it (glibc).
 
-    Without it the pages of freed factors stay with the process, in pieces that the next ones may
-    not fit into: the largest resident size of the push-out in 3D was 1136 MiB instead of 764.
+    Otherwise the pages of freed factors stay with the process, in fragments that may be too small
+    for the next ones: the largest resident size of the push-out in 3D was 1136 MiB instead of 764.
     """
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:

@@ -14,19 +14,19 @@ from .system import AssembledSystem
 def macroscopic_tangent(problem: Problem, options: Choice | None = None) -> NDArray[np.float64]:
     """dP_ij/dF_kl of the mean stress by the mean deformation gradient; collective [MPa].
 
-    At small strain d sigma_ij/dE_kl. It is the tangent of the last step, consistent with its return
-    maps as Newton's is, with all of F_bar at hand, whatever leads the cell: the fluctuation is
-    eliminated by one factorization and a solve for every component.
+    At small strain d sigma_ij/dE_kl. The tangent of the last step, consistent with its return maps,
+    for all components of F_bar, whichever are prescribed: the fluctuation is eliminated by one
+    factorization and one solve per component.
 
     Args:
-        problem: A periodic cell at the end of a step, in a monitor for example.
+        problem: A periodic cell at the end of a step, for example in a monitor.
         options: As :class:`vmdg.SolveOptions`, for their ``petsc``; None for the default.
 
     Returns:
         (n, n, n, n), n = 3 in generalized plane strain, else d.
 
     Raises:
-        ValueError: the problem is no periodic cell.
+        ValueError: the problem is not a periodic cell.
     """
     cell, parts = PeriodicCell(problem), problem.discretization
     parts.update_means()

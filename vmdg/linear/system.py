@@ -1,4 +1,4 @@
-"""The linear systems of Newton's method, with displacements prescribed."""
+"""The linear systems of Newton's method, with prescribed displacements."""
 
 from __future__ import annotations
 
@@ -28,10 +28,11 @@ from .ksp import (
 
 Array = NDArray[np.float64]
 
-#: Relative tolerance of an iterative solve whose result is no correction.
+#: Relative tolerance of iterative solves other than for corrections.
 PRECISE = 1e-10
 
-#: Stiffness of a component of the mean gradient, relative to the norm of K, that is rounding.
+#: Stiffness of a component of the mean gradient, relative to the norm of K, that counts as
+#: rounding.
 UNHELD = 1e-11
 
 
@@ -40,8 +41,8 @@ class System(Protocol):
 
     Attributes:
         norm: Infinity norm of the first tangent, prescribed rows included [N/mm].
-        drag: What is added to the diagonal of K, relative to the norm; for finite strain only.
-        lags: Whether the last K serves once more, with all right-hand sides but the first.
+        drag: Added to the diagonal of K, relative to the norm; at finite strain only.
+        lags: Whether the last K is reused once, with all right-hand sides but the first.
         iterations: Krylov iterations so far.
     """
 
@@ -62,28 +63,28 @@ class System(Protocol):
         """Solve for one or several right-hand sides; collective.
 
         Args:
-            forces: Of owned dofs; what is on prescribed ones does not matter [N].
-            moved: For each of them du of owned dofs, of which the prescribed ones count [mm].
-            rtol: Relative tolerance of what is solved iteratively.
+            forces: Forces on owned dofs; ignored at prescribed ones [N].
+            moved: du of owned dofs for each of them, used at prescribed ones only [mm].
+            rtol: Relative tolerance of iterative solves.
 
         Returns:
             du of owned dofs, not finite where K is singular [mm].
         """
 
     def product(self, du: Array) -> Array:
-        """K.du with the last K, of owned dofs; what is on prescribed ones does not matter [N]."""
+        """K.du with the last K, for owned dofs; undefined at prescribed ones [N]."""
 
     def free(self) -> None:
         """Free the PETSc objects; collective."""
 
 
 def make_system(problem: Problem, condensed: bool | None, petsc: Petsc | None) -> System:
-    """The linear systems that fit a problem and what the user wants; collective.
+    """The linear systems suitable for a problem and the user's options; collective.
 
     Args:
         problem: The problem.
         condensed: As ``wanted`` of :func:`.condensation`.
-        petsc: Options of the user's, without prefix.
+        petsc: The user's PETSc options, without prefix.
     """
     if condensation(problem, condensed, petsc)[0]:
         return Capacitance(problem)
@@ -91,16 +92,16 @@ def make_system(problem: Problem, condensed: bool | None, petsc: Petsc | None) -
 
 
 class AssembledSystem:
-    """Systems of which the tangent is assembled; see :class:`System`.
+    """Systems with an assembled tangent; see :class:`System`.
 
     Args:
         problem: The problem.
-        petsc: Options of the user's, without prefix.
+        petsc: The user's PETSc options, without prefix.
 
     Attributes:
         norm: Infinity norm of the first tangent, prescribed rows included [N/mm].
-        drag: What is added to the diagonal of K, relative to the norm; for finite strain only.
-        lags: Whether the last K serves once more, with all right-hand sides but the first.
+        drag: Added to the diagonal of K, relative to the norm; at finite strain only.
+        lags: Whether the last K is reused once, with all right-hand sides but the first.
     """
 
     drag, lags = 0.0, False
@@ -112,7 +113,7 @@ class AssembledSystem:
         kind = matrix_kind(linear.solver)
         self._matrix = matrix = problem.discretization.create_matrix(kind)
         matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        # K as it was assembled; the matrix loses rows and columns of prescribed dofs.
+        # K as assembled; in the matrix, rows and columns of prescribed dofs are replaced.
         self._tangent: PETSc.Mat | None = None
         self.norm, self._apart = 0.0, False
         self._unit = 1.0
@@ -124,8 +125,7 @@ class AssembledSystem:
         self._x, self._b = matrix.createVecs()
         loading = problem.loading
         self._means = problem.discretization.means
-        # Faces have one unknown motion or a few, which are found in the end, and so are means that
-        # are not prescribed.
+        # Rigid faces have few unknown motions, solved for last, like means that are not prescribed.
         self._faces, self._motions = loading.rigid.dofs, loading.rigid.columns
         self._rigid = len(self._motions)
         if self._means is not None:
@@ -133,12 +133,12 @@ class AssembledSystem:
         self._prescribed = np.concatenate([loading.owned_prescribed, self._faces])
         self._released = False
         self._last: list[Array] = []
-        # What the last K makes of motions, what it answers them by, and what it was solved for.
+        # K times the motions, their responses, and the last solutions.
         self._works = self._moving = self._motions
         self._found: list[Array] = []
 
     def _release_means(self, prescribed: NDArray[np.int32]) -> None:
-        """Take the means that are not prescribed as motions besides those of rigid faces."""
+        """Add the means that are not prescribed to the motions of rigid faces."""
         free = np.setdiff1d(self._means.owned_dofs, prescribed)
         motions = self._means.unit_vectors(self._comm.bcast(free))
         self._faces = np.concatenate([self._faces, free])
@@ -171,7 +171,7 @@ class AssembledSystem:
         return self._found
 
     def _assemble(self) -> None:
-        """K of the present state, twice."""
+        """Assemble K at the current state, with a copy."""
         self._discretization.assemble_tangent(self._matrix)
         self.norm = self.norm or self._matrix.norm(PETSc.NormType.NORM_INFINITY)
         if self.drag:
@@ -182,23 +182,23 @@ class AssembledSystem:
             self._matrix.copy(self._tangent, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
 
     def _coarsen(self) -> None:
-        """Coarsen every body for itself, as if the interfaces that can fail had failed; collective.
+        """Coarsen every body separately, as if the interfaces that can fail had failed; collective.
 
-        However an interface fails then, the bodies at it move against each other on all levels:
-        half the iterations. Aggregates across it would have to follow a bond that goes, and the
-        rigid motions of every body as modes of the whole would double the unknowns of all coarse
-        matrices. Around a crack tip a body stays one by itself.
+        Then, however an interface fails, the bodies can move relative to each other on all levels,
+        which halves the iterations. Aggregates across an interface would have to follow a failing
+        bond, and adding the rigid motions of every body as modes of the whole would double the
+        unknowns of all coarse matrices. Around a crack tip a body stays connected.
         """
         self._discretization.assemble_tangent(self._matrix, failing=False)
         self._hold()
         self._linear.coarsen()
 
     def _hold(self) -> None:
-        """Replace the rows of prescribed dofs by those of the identity, of a matrix near to it.
+        """Scale the matrix and replace the rows of prescribed dofs by those of the identity.
 
-        It is divided by a power of two near its norm: what PETSc takes for small, and how the roots
-        of MUMPS round, must not depend on the unit, and multigrid suffers from rows that are far
-        smaller or larger than others.
+        It is divided by a power of two near its norm, so that PETSc's absolute tolerances and the
+        rounding of MUMPS's square roots do not depend on the unit; multigrid suffers from rows of
+        very different size.
         """
         norm = self.norm or self._matrix.norm(PETSc.NormType.NORM_INFINITY)
         self._unit = float(power_of_two(norm))
@@ -208,7 +208,7 @@ class AssembledSystem:
     def _solve_held(
         self, forces: Sequence[Array], moved: Sequence[Array], rtol: float
     ) -> list[Array]:
-        """As :meth:`solve`, rigid faces prescribed."""
+        """As :meth:`solve`, with rigid faces prescribed."""
         right = [f - self._lift(du) for f, du in zip(forces, moved, strict=True)]
         if not self.lags:
             self._hold()
@@ -220,7 +220,7 @@ class AssembledSystem:
             self._x.array[:] = 0.0 if guess is None else guess
             self._linear.solve(self._b, self._x, rtol)
             found.append(self._x.array.copy())
-            # No force brings a face back into its shape after a Krylov method.
+            # A Krylov method does not keep a face exactly rigid.
             found[-1][self._faces] = du[self._faces]
         if not self.lags:
             self._last = found
@@ -229,8 +229,7 @@ class AssembledSystem:
         return found
 
     def condensed(self, motions: Array) -> Array:
-        """K condensed to motions of prescribed dofs, T^T.K.T less what all others give way (k, k);
-        collective [N/mm].
+        """Schur complement of K for motions T of prescribed dofs (k, k); collective [N/mm].
 
         Args:
             motions: T^T over owned dofs (k, owned).
@@ -252,22 +251,22 @@ class AssembledSystem:
         return rows
 
     def _add_works_on_axial(self, rows: Array, motions: Array) -> None:
-        """Add T^T.K.q of motions of nodes, those of rigid faces, with F_33: the matrix lacks it."""
+        """Add T^T.K.q for motions of rigid faces and F_33, which are not in the matrix."""
         unit = self._means.unit_vectors(self._comm.bcast(self._means.owned_dofs))[0]
         works = global_sum(self._comm, motions[: self._rigid] @ self._of_gradient(unit))
         rows[: self._rigid] += np.outer(works, unit)
 
     def _release(self, forces: Array, at_rest: list[Array]) -> list[Array]:
-        """Let rigid faces move until the forces on them are those given; collective.
+        """Solve for the motions of rigid faces, given the forces on them; collective.
 
-        With du_0 of faces at rest and du_k of unit motions k of them, in which no force is given,
+        With du_0 for fixed faces and du_k for unit motions k of them without forces,
 
             T^T.K.(du_0 + sum_k q_k du_k) = T^T.forces.
 
-        K has a negative eigenvalue if it has one with the faces at rest (Cauchy), or if the small
-        matrix of q has one, what is left of K when all else is eliminated (Haynsworth). A periodic
-        cell that has come apart resists some components of its mean gradient no more, but for
-        rounding; they stay.
+        K has a negative eigenvalue if it has one for fixed faces (Cauchy), or if its Schur
+        complement, the small matrix of q, has one (Haynsworth). A periodic cell that has separated
+        has no stiffness, up to rounding, for some components of its mean gradient; these are kept
+        fixed.
         """
         if not len(self._motions):
             return at_rest
@@ -306,8 +305,7 @@ class AssembledSystem:
         return self._b.array + self._of_gradient(du)
 
     def _of_gradient(self, du: Array, adjoint: bool = False) -> Array | float:
-        """What K, or its transpose, makes of the means in ``du``; the matrix knows displacements
-        without them only."""
+        """Product of K, or its transpose, with the means in ``du``, which are not in the matrix."""
         if self._means is None:
             return 0.0
         gradient = self._means.gradient_of_owned(du)

@@ -40,7 +40,7 @@ THICKNESS, GAP = 0.14, 0.08
 
 #: Stress, relative to the largest one and to what the displacement would strain the softest body
 #: by, up to which it is what the tolerance of equilibrium leaves: a pair of free blocks has 3e-10.
-ROUNDING = 1e-9
+NEGLIGIBLE = 1e-9
 
 
 def curve(
@@ -200,7 +200,7 @@ def seen_stress(problem: Problem, component: str) -> tuple[fem.Function, Compone
     sigma = problem.stress()
     tensors = sigma.x.array.reshape(-1, 3, 3)
     largest = global_max(problem.comm, np.abs(tensors).max(initial=0.0))
-    floor = ROUNDING * max(largest, _free_scale(problem))
+    floor = NEGLIGIBLE * max(largest, _free_scale(problem))
     if 0 < global_max(problem.comm, np.abs(take(tensors)).max(initial=0.0)) <= floor:
         return sigma, lambda tensors: np.zeros(len(tensors)), f"{label} (0: below {floor:.0e})"
     return sigma, take, label

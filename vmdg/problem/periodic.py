@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Components = Mapping[str, Value] | ArrayLike | Callable[[float], ArrayLike]
 
 #: Asymmetry of a strain, relative to its size, that is rounding.
-ROUNDING = 1e-12
+ASYMMETRY = 1e-12
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def _upper(given: _Given, what: str) -> _Given:
         twin = given.get((j, i), value)
         for t in (0.0, 1.0):
             one, two = float(value(t)), float(twin(t))
-            if abs(one - two) > ROUNDING * max(abs(one), abs(two)):
+            if abs(one - two) > ASYMMETRY * max(abs(one), abs(two)):
                 raise ValueError(
                     f"Periodic: {what} is not symmetric, {_name(i, j)} = {one:g} and "
                     f"{_name(j, i)} = {two:g} at load factor {t:g}; give one of them"

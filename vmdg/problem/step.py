@@ -26,7 +26,7 @@ from .loading import Loading
 from .states import RunScales, Snapshot
 
 #: Change of the load factor for the derivative of the residual, relative to its ray.
-INCREMENT = 1e-7
+RATE_STEP = 1e-7
 
 #: How often a step is done again with the tau_s of its end before it is cut.
 MOST_REPEATS = 3
@@ -195,7 +195,7 @@ class Step:
         """
         ray = self._loading.ray
         if self._loading.pressurised or self._loading.strained(ray.start, ray.end):
-            t, change = self._loading.t, INCREMENT * (ray.end - ray.start)
+            t, change = self._loading.t, RATE_STEP * (ray.end - ray.start)
             return self._residual_rate(self._loading.move, t, change)[0]
         return self._loading.balance(at_owners(self.discretization.space, ray.rate(ray.vectors)))
 
@@ -208,7 +208,7 @@ class Step:
         Returns:
             Owned dofs [N]; of the work on bonds [N mm].
         """
-        return self._residual_rate(self.slow_down, overstress, INCREMENT * (1 + overstress))
+        return self._residual_rate(self.slow_down, overstress, RATE_STEP * (1 + overstress))
 
     def _residual_rate(
         self, move: Callable[[float], None], value: float, change: float
