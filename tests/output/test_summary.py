@@ -79,7 +79,7 @@ def test_nothing_open(comm):
 def test_mistakes(comm):
     """What is no scalar, and a function that gives something else or fails on one rank."""
     problem = torn(comm)
-    with pytest.raises(ValueError, match="'force' is no scalar of an interface"):
+    with pytest.raises(ValueError, match="'force' is not a scalar of an interface"):
         vmdg.extremes(problem, "bond", "force")
     with pytest.raises(ValueError, match="there is no interface 'glue'"):
         vmdg.average(problem, "glue", "damage")

@@ -106,7 +106,7 @@ def test_what_has_no_profile(comm):
         plot.profile(problem, 0, "traction")
     with pytest.raises(ValueError, match="along = 'r' must be one of"):
         plot.profile(problem, 0, "traction", along="r")
-    with pytest.raises(ValueError, match="'force' is no scalar of an interface; use one of"):
+    with pytest.raises(ValueError, match="'force' is not a scalar of an interface; use one of"):
         plot.profile(problem, 0, "force", along="x")
     scene, inside = two_blocks(comm, "triangle", 2), {"between": None, "within": 1}
     problem = couple(scene, LAW, **inside)
@@ -151,7 +151,7 @@ def test_mode_map_in_3d(comm):
     ax = plot.mode_map(problem, 0, axis="z")
     boxes = [path.get_extents() for path in ax.collections[0].get_paths()]
     assert sum(box.width * box.height for box in boxes) == pytest.approx(90 * height, rel=1e-6)
-    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["bonded or stuck"]
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["bonded or sticking"]
     flat = bonded(comm, "hexahedron")
     ax = plot.mode_map(flat, 0, "damage")
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("y [mm]", "z [mm]")
@@ -196,7 +196,7 @@ def test_points_of_interfaces(comm, cell):
             assert np.asarray(drawn.get_offsets()) == pytest.approx(np.array(places), abs=1e-15)
     bar = plot.interface_points(problem).collections[0].colorbar.ax
     assert "damage" in bar.get_xlabel() + bar.get_ylabel()
-    with pytest.raises(ValueError, match="no scalar of an interface"):
+    with pytest.raises(ValueError, match="not a scalar of an interface"):
         plot.interface_points(problem, "colour")
 
 
@@ -373,7 +373,7 @@ def test_animation(comm, out):
         assert np.abs(pictures[2] - pictures[0]).max() > 50
     with pytest.raises(ValueError, match=r"must end in .gif or .mp4"):
         plot.animate(out / "film.avi", problem, snapshots, history, "load", "force")
-    with pytest.raises(ValueError, match="0 snapshots do not fit a history of 3 rows"):
+    with pytest.raises(ValueError, match="0 snapshots do not match a history of 3 rows"):
         plot.animate(out / "film.gif", problem, [], history, "load", "force")
 
 

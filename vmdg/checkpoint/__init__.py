@@ -1,1 +1,1 @@
-"""The state of a run on disk, to go on from after a crash, on any number of ranks."""
+"""The state of a run on disk, to continue after a crash on any number of ranks."""

@@ -1,19 +1,18 @@
-"""The state of a run on disk, to go on from after a crash, on any number of ranks.
+"""The state of a run on disk, to continue after a crash on any number of ranks.
 
-A checkpoint is a folder with ``checkpoint.json``, which says what it is, which problem it belongs
-to, and holds the table of the run; ``cells.npy``, a record a cell with displacement and forces;
-and ``interface_0.npy``, ..., a record a facet with all that an interface remembers
-(:mod:`vmdg.checkpoint.records`). Whenever a run is killed, there is a checkpoint that is whole
+A checkpoint is a folder with ``checkpoint.json``, which describes the problem and contains the
+history of the run; ``cells.npy``, one record per cell with displacement and forces; and
+``interface_0.npy``, ..., one record per facet with the state of an interface
+(:mod:`vmdg.checkpoint.records`). Whenever a run is killed, there is a complete checkpoint
 (:mod:`vmdg.checkpoint.files`).
 
-The mesh must come from the same input. What would break this (a mesh refined in parallel, other
-software) is detected: the place of every node and of every interface point is stored too, and
-compared.
+The mesh must come from the same input. Violations (a mesh refined in parallel, other software) are
+detected: the positions of all nodes and interface points are stored and compared.
 
-Not stored is what a run has found out to be faster: factors of matrices, the bodies' part of the
-tangent, the path that predicts the next state. :func:`vmdg.solve` forgets it after every
-checkpoint it writes, so that on the same number of ranks a resumed run repeats the uninterrupted
-one exactly, and on another number but for rounding.
+Data that only speed up a run are not stored: factors of matrices, the bodies' part of the tangent,
+the path used by the predictor. :func:`vmdg.solve` discards them after every checkpoint, so that a
+resumed run repeats the uninterrupted one exactly on the same number of ranks, and up to rounding on
+another number.
 """
 
 from __future__ import annotations
@@ -56,22 +55,23 @@ _CELLS = "cells"
 
 
 def write_checkpoint(problem: Problem, folder: str | Path, history: History | None = None) -> None:
-    """Write the converged state and the table of the run; collective.
+    """Write the converged state and the history of the run; collective.
 
-    A checkpoint is complete or not visible: the former one stays the valid one until all of the
-    new one is on the disk.
+    A checkpoint is replaced atomically: the previous one remains valid until the new one is
+    completely on disk.
 
     Args:
         problem: The problem.
-        folder: Made if missing; holds this checkpoint and the former one. All ranks must see it
-            when it is read.
-        history: The table so far.
+        folder: Created if missing; contains this checkpoint and the previous one. It must be
+            visible to all ranks for reading.
+        history: The history so far.
 
     Raises:
-        OSError: the folder cannot be written to, another run writes there, or the disk is full; on
-            all ranks, and the former checkpoint is still valid.
-        ValueError: the state is not finite, or the table has what a file cannot hold; likewise.
-        TypeError: the problem is none, or the folder is no path.
+        OSError: the folder is not writable, another run writes there, or the disk is full; on all
+            ranks, and the previous checkpoint remains valid.
+        ValueError: the state is not finite, or the history has values that cannot be stored;
+            likewise.
+        TypeError: the problem or the folder is of the wrong type.
     """
     _check_problem(problem)
     with claim_checkpoint(problem.comm, folder):
@@ -79,14 +79,14 @@ def write_checkpoint(problem: Problem, folder: str | Path, history: History | No
 
 
 def claim_checkpoint(comm: MPI.Comm, folder: str | Path) -> Claim:
-    """The right to write checkpoints to a folder, until it is released; collective.
+    """The exclusive right to write checkpoints to a folder, until released; collective.
 
     Args:
         comm: The ranks.
-        folder: Made if missing.
+        folder: Created if missing.
 
     Raises:
-        OSError: another run writes there, or nobody can; on all ranks.
+        OSError: another run writes there, or the folder is not writable; on all ranks.
     """
     what = f"the checkpoint in {folder}"
     return Claim(
@@ -107,8 +107,8 @@ def _write(problem: Problem, folder: Path, history: History | None) -> None:
     finite = np.isfinite(snapshot.u).all() and np.isfinite(snapshot.forces).all()
     message = (
         f"the checkpoint in {folder} cannot be written: displacement or forces of the problem are "
-        "not finite; the former one, if any, is still valid. Return to an earlier state, "
-        "problem.step.return_to(snapshot), or read the former checkpoint"
+        "not finite; the previous one, if any, is still valid. Return to an earlier state, "
+        "problem.step.return_to(snapshot), or read the previous checkpoint"
     )
     raise_together(comm, None if finite else message)
     interfaces = {
@@ -143,19 +143,19 @@ def _write(problem: Problem, folder: Path, history: History | None) -> None:
 def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
     """Continue from a checkpoint; collective.
 
-    The problem must be set up as the one that wrote it, on any number of ranks.
+    The problem must be set up like the one that wrote it, on any number of ranks.
 
     Args:
         problem: The problem; its state is replaced.
         folder: Where :func:`write_checkpoint` put it.
 
     Returns:
-        The table of the run up to there; None where there is no checkpoint.
+        The history of the run up to there; None if there is no checkpoint.
 
     Raises:
-        ValueError: the checkpoint is of another format, belongs to another problem or is damaged;
-            the problem keeps its state.
-        TypeError: the problem is none, or the folder is no path.
+        ValueError: the checkpoint has another format, belongs to another problem or is damaged; the
+            problem is unchanged.
+        TypeError: the problem or the folder is of the wrong type.
     """
     _check_problem(problem)
     found = read_description(problem.comm, checked_path("checkpoint: folder", folder), FORMAT)
@@ -165,18 +165,18 @@ def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
     if about["format"] != FORMAT:
         raise ValueError(
             f"the checkpoint in {folder} has format {about['format']}, written by vmdg "
-            f"{about['vmdg']}; vmdg {__version__} reads format {FORMAT}: go on with the "
-            "version that wrote it, or remove the folder and start anew"
+            f"{about['vmdg']}; vmdg {__version__} reads format {FORMAT}: continue with the version "
+            "that wrote it, or remove the folder and start again"
         )
     if lines := differences(about["problem"], identity(problem)):
         raise ValueError(
             f"the checkpoint in {folder} belongs to another problem ({'; '.join(lines)}); set up "
-            "the problem as the run that wrote it, or give another folder"
+            "the problem like the run that wrote it, or give another folder"
         )
     snapshot, starts = _read_state(problem, slot, about)
     for mine, start in zip(problem.loading.given.starts, starts, strict=True):
         mine[:] = start
-    if starts:  # supports are to be imposed anew
+    if starts:  # supports must be imposed again
         problem.loading.follow(problem.discretization)
     problem.step.return_to(snapshot)
     problem.step.scales = RunScales(**about["scales"])
@@ -186,11 +186,11 @@ def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
 
 
 def discard_checkpoint(comm: MPI.Comm, folder: str | Path) -> None:
-    """Remove a checkpoint, if there is one, before a run that starts anew; collective.
+    """Remove a checkpoint, if there is one, before a new run; collective.
 
     Args:
         comm: Communicator; its rank 0 removes the files.
-        folder: That of the checkpoint.
+        folder: The folder of the checkpoint.
 
     Raises:
         OSError: it cannot be removed, or another run writes there; on all ranks.
@@ -216,14 +216,14 @@ def _start(i: int) -> str:
 
 
 def _places(parts: Discretization) -> fem.FunctionSpace:
-    """A space in which every node has one place."""
+    """A space in which every node has a unique position."""
     return parts.space if parts.means is None else parts.means.broken
 
 
 def _read_state(
     problem: Problem, slot: Path, about: dict[str, Any]
 ) -> tuple[Snapshot, list[NDArray[np.float64]]]:
-    """The state of a checkpoint, and where its supports with ``relative=True`` start.
+    """The state of a checkpoint, and the start values of its supports with ``relative=True``.
 
     The problem itself is not changed.
     """
@@ -252,7 +252,7 @@ def _read_state(
     if discretization.means is not None:
         for name, values in about["macroscopic"].items():
             fields[name][discretization.means.dofs] = values
-    # Sums over ranks: one rank goes on with all of it.
+    # Sums over ranks are restored on one rank.
     share, state = float(comm.rank == 0), about["state"]
     snapshot = Snapshot(
         state["t"],
@@ -269,6 +269,6 @@ def _read_state(
 def _numbered_otherwise(slot: Path) -> str:
     return (
         f"the mesh of the checkpoint in {slot.parent} has the same numbers of cells and facets, "
-        "but in another order or at other places: make the mesh from the same input in the same "
+        "but in another order or at other positions: make the mesh from the same input in the same "
         "way as the run that wrote it (a mesh refined in parallel depends on the number of ranks)"
     )

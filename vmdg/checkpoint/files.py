@@ -1,9 +1,9 @@
-"""Arrays and a description on disk, complete or not visible: only rank 0 writes, all ranks read.
+"""Arrays and a description on disk, replaced atomically: only rank 0 writes, all ranks read.
 
-Arrays are numpy's files. Two folders are written in turn; a file of one line names the one that is
-complete, and is replaced in one move after all of the other has reached the disk. The description
-has the checksums of the arrays, and that line has the description's: what was changed or cut since
-is refused.
+Arrays are .npy files. Two folders are written alternately; a one-line file names the complete one,
+and is replaced atomically after all of the other has reached the disk. The description contains the
+checksums of the arrays, and that line the checksum of the description: modified or truncated files
+are refused.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from ..base.parallel import raise_together
 
 _SLOTS, _LATEST, _ABOUT = ("a", "b"), "latest", "checkpoint.json"
 
-#: Word for "none of them" in the file that names the complete one.
+#: Entry for "none" in the file that names the complete folder.
 _NONE = "none"
 
-#: Bytes that are read at once for a checksum.
+#: Bytes per read for a checksum.
 _CHUNK = 1 << 20
 
 
 def latest(folder: Path) -> Path | None:
-    """The complete one of the two folders, None where there is none; on one rank.
+    """The complete one of the two folders, None if there is none; on one rank.
 
     Raises:
-        ValueError: it is not said which one it is.
+        ValueError: the file that names it is missing or invalid.
     """
     named = folder / _LATEST
     if folder.is_file():
@@ -49,33 +49,33 @@ def latest(folder: Path) -> Path | None:
         return None
     slot = next(iter(named.read_text().split()), "")
     if slot not in (*_SLOTS, _NONE):
-        raise ValueError(f"its file '{_LATEST}' names nothing")
+        raise ValueError(f"its file '{_LATEST}' names no folder")
     return None if slot == _NONE else folder / slot
 
 
 def write_files(
     comm: MPI.Comm, folder: Path, about: Mapping[str, Any], arrays: Mapping[str, NDArray]
 ) -> None:
-    """Replace what the folder holds; collective.
+    """Replace the content of the folder; collective.
 
     Args:
         comm: The ranks.
         folder: Made if missing.
-        about: The description, that of rank 0 counts.
-        arrays: By name, this rank's rows; the rows of all ranks follow each other in the file.
+        about: The description, used from rank 0.
+        arrays: This rank's rows by name; the file contains the rows of all ranks in order.
 
     Raises:
-        ValueError: the description has what JSON cannot hold; on all ranks, and the former content
-            is still valid.
-        OSError: the folder cannot be written to or the disk is full; likewise.
+        ValueError: the description cannot be stored in JSON; on all ranks, and the previous content
+            remains valid.
+        OSError: the folder is not writable or the disk is full; likewise.
     """
     message = None
     try:
         json.dumps(about, default=_plain)
     except (TypeError, ValueError) as error:
         message = (
-            f"the checkpoint in {folder} cannot hold what the table of the run has ({error}): give "
-            "it numbers, words and arrays"
+            f"the checkpoint in {folder} cannot store the history of the run ({error}): give it "
+            "numbers, words and arrays"
         )
     raise_together(comm, message)
     counts = {name: comm.allreduce(len(rows)) for name, rows in arrays.items()}
@@ -96,10 +96,10 @@ def write_files(
             _name_latest(folder, f"{slot.name} {checksum}")
         except (OSError, ValueError) as error:
             message = (
-                f"the checkpoint in {folder} could not be written: {error}; the former one, if "
-                "any, is still valid. Make room or name a folder that can be written to"
+                f"the checkpoint in {folder} could not be written: {error}; the previous one, if "
+                "any, is still valid. Free some space or choose a writable folder"
             )
-        finally:  # A rank that sends waits until it is heard.
+        finally:  # A sending rank waits until it is received.
             for _ in chain.from_iterable(parts.values()):
                 pass
     raise_together(comm, message, OSError)
@@ -108,15 +108,15 @@ def write_files(
 def read_description(
     comm: MPI.Comm, folder: Path, version: int
 ) -> tuple[Path, dict[str, Any]] | None:
-    """The complete folder and its description, None where there is none; collective.
+    """The complete folder and its description, None if there is none; collective.
 
     Args:
         comm: The ranks.
-        folder: Of :func:`write_files`.
-        version: "format" of a description with checksums; others are returned as they are.
+        folder: As for :func:`write_files`.
+        version: "format" of a description with checksums; others are returned unchecked.
 
     Raises:
-        ValueError: a file is missing, or was changed or cut after it was written.
+        ValueError: a file is missing, or was modified or truncated after it was written.
     """
     found, message = None, None
     if comm.rank == 0:
@@ -125,30 +125,30 @@ def read_description(
                 found = slot, _checked_description(folder, slot, version)
         except (OSError, ValueError) as error:
             message = (
-                f"the checkpoint in {folder} is damaged ({error}): put back a copy of the folder, "
-                "or remove it and start anew"
+                f"the checkpoint in {folder} is damaged ({error}): restore a copy of the folder, "
+                "or remove it and start again"
             )
     raise_together(comm, message)
     return comm.bcast(found)
 
 
 def _checked_description(folder: Path, slot: Path, version: int) -> dict[str, Any]:
-    """The description of a folder in which no file has changed; on one rank.
+    """The description of a folder, with all files verified; on one rank.
 
     Raises:
         OSError: a file is missing.
-        ValueError: one has changed.
+        ValueError: a file was modified.
     """
     about = json.loads((slot / _ABOUT).read_bytes())
     if not isinstance(about, dict) or "format" not in about:
-        raise ValueError(f"{_ABOUT} describes no checkpoint")
+        raise ValueError(f"{_ABOUT} is not the description of a checkpoint")
     if about["format"] != version:
         return about
     named = (folder / _LATEST).read_text().split()
     sums = {_ABOUT: named[-1]} | {_file(slot, name).name: s for name, s in about["sums"].items()}
     for name, checksum in sums.items():
         if _checksum(slot / name) != checksum:
-            raise ValueError(f"{name} was changed or cut after it was written")
+            raise ValueError(f"{name} was modified or truncated after it was written")
     return about
 
 
@@ -161,10 +161,10 @@ def _checksum(path: Path) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Arrays and numbers of numpy in types of JSON.
+    """Convert numpy arrays and numbers to JSON types.
 
     Raises:
-        TypeError: it is something else.
+        TypeError: it has another type.
     """
     if hasattr(value, "tolist"):
         return value.tolist()
@@ -172,7 +172,7 @@ def _plain(value: Any) -> Any:
 
 
 def open_arrays(comm: MPI.Comm, slot: Path, names: Iterable[str]) -> dict[str, NDArray]:
-    """Arrays by name, whole on every rank, of which only what is used is read; collective.
+    """Memory-mapped arrays by name on every rank; collective.
 
     Raises:
         ValueError: a file is missing or damaged.
@@ -183,19 +183,19 @@ def open_arrays(comm: MPI.Comm, slot: Path, names: Iterable[str]) -> dict[str, N
     except (OSError, ValueError) as error:
         message = (
             f"rank {comm.rank} cannot read the checkpoint in {slot.parent} ({error}); put it on a "
-            "disk that all ranks see, or, if it is damaged, remove the folder"
+            "disk visible to all ranks, or, if it is damaged, remove the folder"
         )
     raise_together(comm, message)
     return arrays
 
 
 def remove_files(folder: Path) -> None:
-    """Remove both folders and what names them; on one rank.
+    """Remove both folders and the file that names them; on one rank.
 
     Raises:
         OSError: they cannot be removed.
     """
-    # First what names them: half of a checkpoint is never visible.
+    # First the file that names them: a partial checkpoint is never visible.
     _name_latest(folder, _NONE)
     for name in _SLOTS:
         shutil.rmtree(folder / name, ignore_errors=True)
@@ -207,10 +207,10 @@ def _file(slot: Path, name: str) -> Path:
 
 
 def _empty_slot(folder: Path) -> Path:
-    """An empty folder beside the valid one.
+    """An empty folder next to the valid one.
 
     Raises:
-        ValueError: it is not said which one is valid.
+        ValueError: the file that names the valid one is missing or invalid.
     """
     folder.mkdir(parents=True, exist_ok=True)
     valid = latest(folder)
@@ -224,14 +224,14 @@ def _empty_slot(folder: Path) -> Path:
 
 
 def _of_all_ranks(comm: MPI.Comm, rows: NDArray) -> Iterator[NDArray]:
-    """The rows of one rank after the other, on rank 0."""
+    """The rows of all ranks in order, on rank 0."""
     yield rows
     for rank in range(1, comm.size):
         yield comm.recv(source=rank)
 
 
 def _header(rows: NDArray, count: int) -> bytes:
-    """What numpy's file of ``count`` such rows starts with."""
+    """Header of a .npy file of ``count`` such rows."""
     header = io.BytesIO()
     described = np.lib.format.header_data_from_array_1_0(rows)
     np.lib.format.write_array_header_2_0(header, described | {"shape": (count, *rows.shape[1:])})
@@ -239,7 +239,7 @@ def _header(rows: NDArray, count: int) -> bytes:
 
 
 def _name_latest(folder: Path, line: str) -> None:
-    """Say in one move which folder is complete."""
+    """Name the complete folder atomically."""
     partial = folder / f"{_LATEST}.partial"
     _write(partial, [line.encode()])
     partial.replace(folder / _LATEST)
@@ -247,7 +247,7 @@ def _name_latest(folder: Path, line: str) -> None:
 
 
 def _write(path: Path, parts: Iterable[bytes | NDArray]) -> str:
-    """A file of these parts, on the disk when this returns; its checksum."""
+    """Write a file of these parts and sync it to disk; return its checksum."""
     checksum = hashlib.sha256()
     with path.open("wb") as file:
         for part in parts:
@@ -259,7 +259,7 @@ def _write(path: Path, parts: Iterable[bytes | NDArray]) -> str:
 
 
 def _sync(folder: Path) -> None:
-    """The names of the files of a folder on the disk."""
+    """Sync the directory entries of a folder to disk."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -1,4 +1,4 @@
-"""Which problem a state belongs to: what must agree before a run goes on from it."""
+"""Identity of the problem of a checkpoint, which must agree before a run continues from it."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from ..base.parallel import global_sum
 from ..interface.interface import Interface
 from ..problem.problem import Problem
 
-#: Sums over the mesh agree to rounding between partitions, relative to the sum of the sizes.
+#: Relative tolerance for sums over the mesh between partitions.
 PARTITION_ROUNDING = 1e-9
 
 
 def identity(problem: Problem) -> dict[str, Any]:
-    """Mesh, bodies, interfaces and their numbers, in types of JSON; collective.
+    """Mesh, bodies, interfaces and their parameters, in JSON types; collective.
 
     It is the same on every number of ranks and in every state of the problem. Loads, supports and
-    energies given as functions cannot be compared and are left out, but for what a state remembers
-    of them: where supports with ``relative=True`` start, and how far fluids have come.
+    energies given as functions cannot be compared and are omitted, except for their part of a
+    state: start values of supports with ``relative=True``, and the extent of fluids.
     """
     mesh = problem.mesh
     nodes = mesh.geometry.index_map().size_local
@@ -80,13 +80,13 @@ def _parameters(law: Any) -> dict[str, Any]:
 
 
 def _described(item: object, parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Class and parameters, without those that are no numbers or words."""
+    """Class and parameters, without those that are not numbers or words."""
     known = {k: v for k, v in parameters.items() if isinstance(v, (bool, int, float, str))}
     return {"class": type(item).__name__} | known
 
 
 def differences(stored: Mapping[str, Any], present: Mapping[str, Any]) -> list[str]:
-    """What differs, one line an item: its name, what is stored and what there is."""
+    """Differences, one line per item: name, stored and current value."""
     names = dict.fromkeys([*stored, *present])
     return [
         f"{name}: {stored.get(name, 'nothing')} there, {present.get(name, 'nothing')} here"

@@ -1,14 +1,14 @@
-"""The state as arrays of records, one a cell and one a facet, for any partition of the mesh.
+"""The state as arrays of records per cell and per facet, independent of the partition of the mesh.
 
-Cells go by their number in the input of the mesh, ``original_cell_index``: DOLFINx numbers them as
-they are handed over, so that meshes from gmsh, from a file and from DOLFINx's own generators have
-the same numbers on any number of ranks. Cells keep the order of their nodes, too, and so that of
-their Lagrange dofs, of any degree, and of their facets: a facet is named by the cell of its side 1
-(which no partition changes, :func:`vmdg.interface.facets.find_facets`) and its number in it.
+Cells are identified by their number in the input of the mesh, ``original_cell_index``: DOLFINx
+numbers them in input order, so meshes from gmsh, from a file and from DOLFINx's generators have the
+same numbers on any number of ranks. Cells also keep the order of their nodes, hence of their
+Lagrange dofs, of any degree, and of their facets: a facet is identified by the cell of its side 1
+(independent of the partition, :func:`vmdg.interface.facets.find_facets`) and its number in it.
 
-The order of the points of a facet does depend on the partition: nodes of the facet submesh go by
-global numbers. So every point carries its place, and values go to the point at the same place. All
-components are global ones or, in a turning frame, tied to N.
+The order of the points of a facet depends on the partition, since nodes of the facet submesh are
+ordered by global numbers. So every point is stored with its position, by which values are assigned.
+All components are global or, in a rotating frame, relative to N.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from ..interface.points import VALUE_ARRAYS, PointValues
 from ..interface.quadrature import FacetQuadrature
 from ..interface.stabilization import Stabilization
 
-#: Distance of a node from where the checkpoint has it, relative to the size of the mesh.
+#: Tolerance for node positions, relative to the size of the mesh.
 SAME_PLACE = 1e-9
 
-#: Points of a facet lie apart by a share of its size; the same point is met to rounding.
+#: Tolerance for point positions, far below the distance of the points of a facet.
 SAME_POINT = 1e-6
 
 _SHARE, _GRADIENT = "fluid.share", "gradient"
@@ -43,16 +43,16 @@ _SHARE, _GRADIENT = "fluid.share", "gradient"
 def cell_records(
     space: fem.FunctionSpace, arrays: Mapping[str, NDArray], places: fem.FunctionSpace
 ) -> NDArray:
-    """Fields and the place of the nodes of every cell, in input order; collective.
+    """Fields and node positions of every cell, in input order; collective.
 
     Args:
         space: Of the fields.
-        arrays: Their values at local dofs, by name.
-        places: That space, of a periodic cell the one in which its opposite faces are apart.
+        arrays: Their values at local dofs by name.
+        places: The same space, for a periodic cell the one without merged opposite faces.
 
     Returns:
-        This rank's share of the records, which follows that of the rank before; the fields of a
-        record, by their names and "place", are (dofs of a cell, d).
+        This rank's part of the records, in rank order; the fields of a record, by their names and
+        "place", are (dofs of a cell, d).
     """
     mesh, d = space.mesh, space.dofmap.index_map_bs
     cells = mesh.topology.index_map(mesh.topology.dim)
@@ -78,12 +78,12 @@ def restore_fields(
     """Fields by name, ghosts included, from the records of all cells.
 
     Args:
-        space: Of the fields; what belongs to no cell is zero.
-        records: Of all cells.
+        space: Space of the fields; dofs outside all cells are zero.
+        records: Records of all cells.
         places: As for :func:`cell_records`.
 
     Raises:
-        ValueError: a node lies elsewhere; on this rank only.
+        ValueError: a node has another position; on this rank only.
     """
     mine, present = records[_input_numbers(space.mesh)], _places(places)
     arrays = {}
@@ -94,12 +94,12 @@ def restore_fields(
         arrays[name].reshape(-1, bs)[own.dofmap.list] = mine[name]
     away, x = np.abs(present - arrays.pop("place")), space.mesh.geometry.x
     if len(x) and away.max() > SAME_PLACE * np.ptp(x, axis=0).max():
-        raise ValueError(f"a node lies {away.max():.3g} mm from its place")
+        raise ValueError(f"a node is {away.max():.3g} mm from its position")
     return arrays
 
 
 def facet_records(active: ActiveInterface) -> NDArray:
-    """All that an interface remembers: key, stabilization, and values at the points of a facet."""
+    """The state of an interface: key, stabilization, and values at the points of each facet."""
     points = active.quadrature.points_of_facet
     columns = {"key": facet_keys(active.quadrature.mesh, active.facets)}
     columns |= vars(active.stabilization)
@@ -112,7 +112,7 @@ def facet_records(active: ActiveInterface) -> NDArray:
 
 
 def find_records(records: NDArray, keys: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray]:
-    """Positions of the keys that there are records for, in increasing order, and these records."""
+    """Indices of the keys that have records, in increasing order, and these records."""
     _, positions, found = np.intersect1d(keys, records["key"], return_indices=True)
     order = np.argsort(positions)
     return positions[order], records[found[order]]
@@ -122,24 +122,24 @@ def restore_interface(active: ActiveInterface, records: NDArray) -> InterfaceSna
     """The state of an interface from the records of the facets of this rank.
 
     Raises:
-        ValueError: a point lies where the records have none; on this rank only.
+        ValueError: a point has no record at its position; on this rank only.
     """
     quadrature, present = active.quadrature, active.history
     source = _same_points(quadrature, records["place"])
     arrays, at_points = {}, _at_points(active)
     if _SHARE in (records.dtype.names or ()):
-        # Fluids come into a discretization when it is loaded.
+        # Fluids are added to a discretization when it is loaded.
         at_points[_SHARE] = np.empty(len(quadrature.weights))
     for name, array in at_points.items():
         arrays[name] = np.empty_like(array)
         stored = records[name][np.arange(len(records))[:, None], source]
         arrays[name][quadrature.points_of_facet] = stored
-    # A tie has no history but its values.
+    # A tie has values but no history.
     history = {
         name: arrays.get(f"history.{name}", getattr(present, name)) for name in HISTORY_ARRAYS
     }
     values: dict[str, Any] = {name: arrays.get(f"values.{name}") for name in VALUE_ARRAYS}
-    # A field of records is a view with gaps, which sums in another order than an array.
+    # A field of records is a strided view, whose sums round differently from an array's.
     of_facets = {field.name: records[field.name].copy() for field in fields(Stabilization)}
     return InterfaceSnapshot(
         PointHistory(**history),
@@ -151,7 +151,7 @@ def restore_interface(active: ActiveInterface, records: NDArray) -> InterfaceSna
 
 
 def facet_keys(mesh: Mesh, facets: InterfaceFacets) -> NDArray[np.int64]:
-    """Names of the facets (nf,), the same in any partition of the mesh."""
+    """Keys of the facets (nf,), independent of the partition of the mesh."""
     mesh.topology.create_connectivity(mesh.topology.dim, mesh.topology.dim - 1)
     connectivity = mesh.topology.connectivity(mesh.topology.dim, mesh.topology.dim - 1)
     facets_of_cell = len(connectivity.links(0)) if connectivity.num_nodes else 1
@@ -164,16 +164,17 @@ def _input_numbers(mesh: Mesh) -> NDArray[np.int64]:
 
 
 def _places(space: fem.FunctionSpace) -> NDArray[np.float64]:
-    """Reference position of every node, flat as a displacement [mm]."""
+    """Reference position of every node, flattened like a displacement [mm]."""
     return space.tabulate_dof_coordinates()[:, : space.dofmap.index_map_bs].ravel()
 
 
 def _at_points(active: ActiveInterface) -> dict[str, NDArray]:
-    """Arrays of one value a point; which ones depends on law and frame, the same on every rank."""
+    """Arrays with one value per point; their selection depends on law and frame and is the same on
+    every rank."""
     arrays = {"place": active.quadrature.points}
     if active.law.inelastic:
         arrays |= {f"history.{name}": getattr(active.history, name) for name in HISTORY_ARRAYS}
-        # What was breaking breaks further; laws of a rate, whose time step this is not, do not ask.
+        # For continued damage; rate-dependent laws, with another time step, do not use it.
         arrays[_GRADIENT] = active.work_gradient(1.0)
     values = {f"values.{name}": getattr(active.values, name) for name in VALUE_ARRAYS}
     if active.fluid is not None:
@@ -182,12 +183,12 @@ def _at_points(active: ActiveInterface) -> dict[str, NDArray]:
 
 
 def _same_points(quadrature: FacetQuadrature, places: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Stored point (nf, points of a facet) at the place of every point of the facets."""
+    """Stored point (nf, points per facet) at the position of every point of the facets."""
     mine = quadrature.points[quadrature.points_of_facet]
     distance = np.linalg.norm(mine[:, :, None] - places[:, None], axis=3)
     nearest = distance.min(axis=2, initial=np.inf)
     far = (nearest > SAME_POINT * quadrature.extent[:, None]).any(axis=1)
     if far.any():
         where = ", ".join(f"{x:.6g}" for x in mine[far][0, 0])
-        raise ValueError(f"the facet at ({where}) lies at another place than in the checkpoint")
+        raise ValueError(f"the facet at ({where}) has another position than in the checkpoint")
     return distance.argmin(axis=2)

@@ -1,1 +1,1 @@
-"""Results: fields for ParaView, values and profiles of interfaces, the table of a run."""
+"""Results: fields for ParaView, values and profiles of interfaces, the history of a run."""

@@ -8,13 +8,13 @@ from .cell import forces_on_means
 
 
 class AxialMotion:
-    """How a body in generalized plane strain is stretched along z now, and by what force.
+    """Current strain and force along z of a body in generalized plane strain.
 
     Args:
         problem: See :class:`vmdg.GeneralizedStrain`.
 
     Raises:
-        ValueError: it is another one.
+        ValueError: the problem is not in generalized plane strain.
     """
 
     def __init__(self, problem: Problem):
@@ -34,10 +34,10 @@ class AxialMotion:
 
     @property
     def force(self) -> float:
-        """On the section, int P_33 dA, of a periodic cell on the cell; collective [N]."""
+        """Force on the section, int P_33 dA, or on the cell if periodic; collective [N]."""
         thickness = float(self._problem.discretization.geometry.thickness)
         return float(forces_on_means(self._problem)[2, 2]) / thickness
 
     def row(self) -> dict[str, float]:
-        """For a row of the history; collective."""
+        """Values for a row of the history; collective."""
         return {"axial_strain [-]": self.strain, "axial_force [N]": self.force}

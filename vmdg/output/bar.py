@@ -1,4 +1,4 @@
-"""A bar that says how far a run or a study is, and the last row of its table."""
+"""A progress bar of a run or a study, with the last row of its history."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ import numpy as np
 
 from .history import History, split_unit
 
-#: Seconds between two states of the bar on a terminal, and in a file, where each is a new line.
+#: Update interval of the bar in seconds on a terminal, and in a file, where each update is a new
+#: line.
 TERMINAL, FILE = 0.1, 30.0
 
-#: Columns that are forces by their names, and how many of them the bar shows.
+#: Name patterns of force columns, and the number of columns in the bar.
 FORCES, MOST = ("force", "reaction"), 3
 
 BAR = "{desc}{percentage:3.0f}%|{bar:8}| {n:.4g}/{total:.0f} [{elapsed}<{remaining}]{postfix}"
 
 
 def interval() -> float:
-    """Seconds between two states of a bar: a line now and then where the output is a file."""
+    """Update interval of a bar in seconds; longer if the output is a file."""
     return TERMINAL if sys.stderr.isatty() else FILE
 
 
@@ -29,11 +30,11 @@ def shown(history: History, wanted: Sequence[str] | str | None) -> list[str]:
 
     Args:
         history: The table.
-        wanted: Their names, or one name; None for the first ones called force or reaction, alone or
-            with more words, as in "force_x".
+        wanted: Their names, or one name; None for the first ones called force or reaction, possibly
+            with suffixes as in "force_x".
 
     Raises:
-        ValueError: a wanted column is none of the row.
+        ValueError: a wanted column does not exist.
     """
     row = history.rows[-1]
     if wanted is None:

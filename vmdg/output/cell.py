@@ -18,13 +18,13 @@ Array = NDArray[np.float64]
 
 
 def whole_displacement(problem: Problem) -> fem.Function:
-    """Displacement u, of a periodic cell H.X + w as of now, on the broken space [mm]."""
+    """Current displacement u, for a periodic cell H.X + w, on the broken space [mm]."""
     now = problem.discretization
     return now.u if now.means is None else now.means.displacement(now.u.x.array)
 
 
 def forces_on_means(problem: Problem) -> Array:
-    """Forces on H by all stresses and tractions (n, n), n = 3 with F_33; collective [N mm]."""
+    """Forces on H from all stresses and tractions (n, n), n = 3 with F_33; collective [N mm]."""
     now = problem.discretization
     assert now.means is not None
     return now.means.forces_on_means(now.forces.x.array + problem.loading.vector)
@@ -34,7 +34,7 @@ class PeriodicCell:
     """Means of a periodic cell at the current state; see :class:`vmdg.Periodic`.
 
     Args:
-        problem: Of a periodic cell.
+        problem: The problem of a periodic cell.
 
     Raises:
         ValueError: it is not one.
@@ -43,7 +43,7 @@ class PeriodicCell:
     def __init__(self, problem: Problem):
         if lattice_of(problem.discretization.means) is None:
             raise ValueError(
-                "PeriodicCell: the problem is a body with a surface; make it a cell by "
+                "PeriodicCell: the problem is a body with a surface; make it a periodic cell by "
                 "Problem(..., periodic=vmdg.Periodic(...))"
             )
         self._problem = problem
@@ -62,12 +62,12 @@ class PeriodicCell:
 
     @property
     def vectors(self) -> Array:
-        """Sides of the cell, one a row (d, d) [mm]."""
+        """Sides of the cell, one per row (d, d) [mm]."""
         return self._lattice.vectors.copy()
 
     @property
     def volume(self) -> float:
-        """Of the cell, voids included, of a plane cell times its thickness [mm3]."""
+        """Volume of the cell, voids included; for a plane cell area times thickness [mm3]."""
         thickness = float(self._problem.discretization.geometry.thickness)
         return self._lattice.volume * thickness
 
@@ -85,7 +85,7 @@ class PeriodicCell:
 
     @property
     def stress(self) -> Array:
-        """Mean stress P_bar (n, n), the force on H by the volume; collective [MPa].
+        """Mean stress P_bar (n, n), the force on H per volume; collective [MPa].
 
         Conjugate to F_bar in the weak form: V P_bar:dF_bar is the work of all stresses and
         tractions of the cell on GRAD u = dF_bar.
@@ -93,12 +93,11 @@ class PeriodicCell:
         return forces_on_means(self._problem) / self.volume
 
     def hill_mandel(self) -> float:
-        """How far the last step is from the condition of Hill and Mandel; collective.
+        """Relative error of the Hill-Mandel condition in the last step; collective.
 
         The work of all stresses and tractions of the cell on the change of the displacement, less
         that of the mean stress on the change of F_bar, V P_bar:dF_bar, relative to V |P| |dF_bar|
-        with the largest mean stress of the run. It is what the fluctuation works against the
-        residual that is left.
+        with the largest mean stress of the run. It is the work of the residual on the fluctuation.
         """
         now, step = self._problem.discretization, self._problem.step
         if step.start.discretization is not now:
@@ -115,15 +114,15 @@ class PeriodicCell:
     def displacement(self) -> fem.Function:
         """Whole displacement u = (F_bar - I).X + w, X from the centre of the cell [mm].
 
-        Every call returns the same function with new values: copy what is to stay.
+        Every call returns the same function with new values: copy it to keep them.
         """
         return whole_displacement(self._problem)
 
     def row(self) -> dict[str, float]:
         """Means for a row of the history; collective.
 
-        Components of the mean strain or deformation gradient and of the mean stress, of every
-        interface the means of T_N and |T_T|, and :meth:`hill_mandel`.
+        Components of the mean strain or deformation gradient and of the mean stress, means of T_N
+        and |T_T| on every interface, and :meth:`hill_mandel`.
         """
         small = self._problem.discretization.bodies.small
         measure = self.strain if small else self.gradient

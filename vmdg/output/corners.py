@@ -1,4 +1,4 @@
-"""Corners of cells and facets: where they are and how far they have moved."""
+"""Corners of cells and facets: positions and displacements."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from .cell import whole_displacement
 
 
 def cell_corners(mesh: Mesh) -> NDArray[np.int32]:
-    """Numbers of the corners of every owned cell of a plane mesh, in order around it (n, c)."""
+    """Local corner numbers of every owned cell of a plane mesh, in order around it (n, c)."""
     owned = mesh.topology.index_map(mesh.topology.dim).size_local
     return np.tile(_around(basix.topology(mesh.basix_cell())[2]), (owned, 1))
 
 
 def corners_of_local(mesh: Mesh, local: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Numbers of the corners of facets that have the number ``local`` in their cell (n, c).
+    """Local corner numbers of facets with the number ``local`` in their cell (n, c).
 
     Corners of faces are in order around them.
     """
@@ -29,7 +29,7 @@ def corners_of_local(mesh: Mesh, local: NDArray[np.int32]) -> NDArray[np.int32]:
 
 
 def _around(entities: list[list[int]]) -> NDArray[np.int32]:
-    """Corners of reference entities, those of quadrilaterals in order around them."""
+    """Corners of reference entities, for quadrilaterals in order around them."""
     corners = np.array(entities, dtype=np.int32)
     return corners[:, [0, 1, 3, 2]] if corners.shape[1] == 4 else corners
 
@@ -42,7 +42,7 @@ def positions_and_displacements(
     Args:
         problem: The problem.
         cells: Local cells (n,).
-        corners: Numbers of corners in them (n, c).
+        corners: Corner numbers in them (n, c).
     """
     mesh = problem.mesh
     nodes = compat.geometry_dofmap(mesh)[cells[:, None], corners]
@@ -52,7 +52,7 @@ def positions_and_displacements(
 
 
 def corner_dofs(problem: Problem) -> NDArray[np.int32]:
-    """Dof of every corner of a cell among its own, for all fields of the displacement's degree."""
+    """Local dof of every corner of a cell, for all fields of the displacement's degree."""
     layout = problem.space.dofmap.dof_layout
     count = len(basix.topology(problem.mesh.basix_cell())[0])
     return np.array([layout.entity_dofs(0, v)[0] for v in range(count)], dtype=np.int32)
@@ -65,14 +65,14 @@ def nodal_means(problem: Problem, values: NDArray[np.float64]) -> NDArray[np.flo
 
     Args:
         problem: The problem.
-        values: One at every corner of every owned cell (n, corners), in the order of the cell.
+        values: Values at the corners of owned cells (n, corners), in cell order.
 
     Returns:
-        The means at the same places.
+        The means, in the same order.
     """
     dofs = problem.space.dofmap.list[: len(values)][:, corner_dofs(problem)]
     total = fem.Function(problem.space)
-    # Two of the components serve as sum and count.
+    # Two components hold sum and count.
     both = total.x.array.reshape(-1, problem.mesh.geometry.dim)
     np.add.at(both[:, 0], dofs, values)
     np.add.at(both[:, 1], dofs, 1.0)

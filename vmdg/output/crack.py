@@ -18,34 +18,34 @@ from .values import damage
 
 
 class CrackGrowth:
-    """Length, process zone, resistance and modes of a crack that grows along an interface.
+    """Length, process zone, resistance and modes of a crack growing along an interface.
 
-    Called once a row: as the monitor, ``monitor=crack``, or in one, ``crack()``. With Q the
-    softening of a point, Q_0 that of its ``initial_damage``, d = (Q - Q_0)/(P_c - Q_0) the share of
-    its bond that the run has broken, 1 where there was none, and D what the whole problem has spent
-    on bonds,
+    Call it once per row: as the monitor, ``monitor=crack``, or within one, ``crack()``. With Q the
+    softening of a point, Q_0 that of its ``initial_damage``, d = (Q - Q_0)/(P_c - Q_0) the fraction
+    of its bond broken in the run, 1 where there was none, and D the damage work of the whole
+    problem,
 
-    * crack: a = a_0 + (integral of d dA)/b, the length at which all damage counts as crack; one
-      that is there from the start by ``initial_damage`` counts by itself;
-    * zone: area of 0 < d < 1 over b where Q < .99 P_c, the length of the process zone;
+    * crack: a = a_0 + (integral of d dA)/b, the length at which all damage counts as crack; a
+      pre-existing crack by ``initial_damage`` is included;
+    * zone: area of 0 < d < 1 over b where Q < 0.99 P_c, the length of the process zone;
     * resistance: G_R = dD/(b da) between two rows, the R-curve over a;
     * mode_1, mode_2: J_I = |integral of T_N dg_N| and J_II = |integral of T_T dg_T| along a plane
       interface (Rice 1968, J on a path around the process zone), the energy release rates of
       opening and of shear; in 2D only.
 
-    J_I and J_II are taken by the trapezoidal rule between points, and miss what changes within a
-    facet: a zone of ten facets gives them to about 1%.
+    J_I and J_II are integrated by the trapezoidal rule between points, without variations within a
+    facet: with ten facets in the zone they are accurate to about 1 %.
 
     Args:
         problem: The problem.
         interface: The interface along which the crack grows: its number, its name or itself.
         width: b, across the direction of growth; default the thickness in plane strain. In
-            axisymmetry it is the circumference of a crack along a cylinder [mm].
-        start: a_0, of a crack ahead of the facets of the interface [mm].
+            axisymmetry, the circumference of a crack along a cylinder [mm].
+        start: a_0, length of a crack outside the facets of the interface [mm].
 
     Raises:
         ValueError: the interface is a tie or opens on demand, a width is missing in 3D or
-            axisymmetry, or width or start are no lengths.
+            axisymmetry, or width or start is not a length.
     """
 
     def __init__(
@@ -57,13 +57,13 @@ class CrackGrowth:
             raise ValueError(f"CrackGrowth: {label} has no bond that can fail")
         if chosen.activate == "on-demand":
             raise ValueError(
-                f"CrackGrowth: {label} opens on demand, and what is not open yet has no points; "
+                f"CrackGrowth: {label} opens on demand, and closed facets have no points; "
                 'give the interface activate="all"'
             )
         if width is not None and not (isinstance(width, float | Real) and 0 < width < np.inf):
             raise ValueError(f"CrackGrowth: width = {width!r} must be positive and finite [mm]")
         if not (isinstance(start, float | Real) and 0 <= start < np.inf):
-            raise ValueError(f"CrackGrowth: start = {start!r} must be a length, zero or more [mm]")
+            raise ValueError(f"CrackGrowth: start = {start!r} must be a length >= 0 [mm]")
         self._plane = problem.mesh.topology.dim == 2
         geometry = problem.discretization.geometry
         if width is None and (not self._plane or isinstance(geometry, Axisymmetric)):
@@ -86,7 +86,7 @@ class CrackGrowth:
         return damage(state.softening, self._problem.discretization.active[self._number].law)
 
     def _area(self, state: InterfaceState, share: NDArray[np.float64]) -> float:
-        """Of a share of every point, over the width; collective [mm]."""
+        """Area of a fraction of every point over the width; collective [mm]."""
         thickness = float(self._problem.discretization.geometry.thickness) if self._plane else 1.0
         area = thickness * global_sum(self._problem.comm, state.weights @ share)
         return float(area / self._width)
@@ -104,13 +104,13 @@ class CrackGrowth:
         return self._before[0]
 
     def __call__(self, problem: Problem | None = None) -> dict[str, float]:
-        """The present row; collective.
+        """The current row; collective.
 
         Args:
-            problem: As a monitor is called, that of the crack.
+            problem: The problem of the crack, as passed to a monitor.
 
         Returns:
-            "crack [mm]", "zone [mm]", "resistance [N/mm]", nan in a row without growth, and in 2D
+            "crack [mm]", "zone [mm]", "resistance [N/mm]", NaN in a row without growth, and in 2D
             "mode_1 [N/mm]" and "mode_2 [N/mm]".
         """
         state, spent = self._state(), self._problem.energy().damage

@@ -28,14 +28,15 @@ from .values import VECTORS, facet_scalar
 #: Fields of the bodies, and of the interfaces.
 DISPLACEMENT, STRESS = "displacement", "stress"
 INTERFACE_FIELDS = (DISPLACEMENT, *VECTORS, "slip", "damage", "mode", "fine_scale")
-#: Room on the disk that is left before fields are written, relative to their size.
+#: Free disk space required before fields are written, relative to their size.
 ROOM = 2.0
 
 FIELDS = tuple(dict.fromkeys((DISPLACEMENT, STRESS, *INTERFACE_FIELDS)))
 
 
 def discontinuous(problem: Problem) -> fem.Function:
-    """A displacement cell by cell, in a space that stays when facets open on demand."""
+    """A cell-wise discontinuous displacement, in a space that does not change when facets open on
+    demand."""
     degree, shape = problem.space.ufl_element().degree, (problem.mesh.geometry.dim,)
     return fem.Function(fem.functionspace(problem.mesh, ("DG", degree, shape)), name=DISPLACEMENT)
 
@@ -48,20 +49,20 @@ def copy_displacement(problem: Problem, function: fem.Function) -> None:
 
 
 class InterfaceFields:
-    """An interface's state as fields on a mesh of all its facets, one value a facet.
+    """An interface's state as fields on a mesh of all its facets, one value per facet.
 
-    Scalars are those of :func:`vmdg.output.values.facet_scalar`, vectors facet means. Facets
-    that have not been opened show zeros. The displacement is that of side 1, at the corners, so
-    that the interface can be warped with the bodies.
+    Scalars are those of :func:`vmdg.output.values.facet_scalar`, vectors facet means. Closed facets
+    have zeros. The displacement is that of side 1, at the corners, so the interface can be warped
+    with the bodies.
 
     Args:
         problem: The problem.
         interface: Its number, its name or itself.
-        names: Of :data:`INTERFACE_FIELDS`.
+        names: Names from :data:`INTERFACE_FIELDS`.
 
     Attributes:
-        functions: The fields, by name.
-        cell_of_facet: Cell of their mesh for every facet of the interface (nf,).
+        functions: The fields by name.
+        cell_of_facet: Cell of the facet mesh for every facet of the interface (nf,).
     """
 
     def __init__(self, problem: Problem, interface: Which, names: Sequence[str]):
@@ -78,7 +79,7 @@ class InterfaceFields:
         }
 
     def update(self) -> None:
-        """Take the values of the current state."""
+        """Set the fields to the current state."""
         active = self._problem.discretization.active.get(self._i)
         for name, function in self.functions.items():
             if name == DISPLACEMENT:
@@ -89,14 +90,15 @@ class InterfaceFields:
                 self._set(function, self.cell_of_facet[position], values[:, None])
 
     def _facet_values(self, name: str) -> NDArray[np.float64]:
-        """Of the open facets, (nf,) or (nf, d)."""
+        """Values on the open facets, (nf,) or (nf, d)."""
         if name not in VECTORS:
             return facet_scalar(self._problem, self._i, name)
         quadrature = self._problem.discretization.active[self._i].quadrature
         return quadrature.facet_means(getattr(self._problem.state[self._i], name))
 
     def _displacement(self) -> NDArray[np.float64]:
-        """Of side 1 at the corners of all facets, in the order of their cells (nf, corners, d)."""
+        """Displacement of side 1 at the corners of all facets, in the order of their cells (nf,
+        corners, d)."""
         mesh = self._problem.mesh
         cells, local = self._facets.cells[:, 0], self._facets.local[:, 0]
         corners = corners_of_local(mesh, local)
@@ -115,8 +117,8 @@ class InterfaceFields:
 
 
 def _writer(file: Path, functions: list[fem.Function]) -> VTXWriter:
-    """Of the engine BP4: where a disk gets full it raises an error on the rank that writes, with
-    which the job ends; with BP5, the default, all ranks wait for ever."""
+    """A writer with the engine BP4: on a full disk it raises an error on the writing rank, which
+    aborts the job; with BP5, the default, all ranks wait indefinitely."""
     return VTXWriter(functions[0].function_space.mesh.comm, file, functions, "BP4")
 
 
@@ -124,26 +126,26 @@ class FieldWriter:
     """Writes fields of the bodies and of the interfaces as VTX (.bp) time series for ParaView.
 
     Open bodies.bp and the files of the interfaces together and warp all by the displacement. Use as
-    a context manager. Nothing is evaluated for fields that are not asked for. Files of an earlier
-    run, of one that goes on for example, stay: bodies.bp becomes bodies.1.bp, and so on. One run at
-    a time writes to a folder.
+    a context manager. Only requested fields are evaluated. Files of an earlier run, for example of
+    one that is continued, are kept: bodies.bp becomes bodies.1.bp, etc. Only one run at a time may
+    write to a folder.
 
     Args:
         problem: The problem.
-        folder: Made if missing; holds bodies.bp and a file named as each interface, such as
-            bond.bp, or interface_0.bp where it has no name.
-        fields: Names of what to write, or one name; None for all. Of the bodies: "displacement"
-            [mm] and "stress" [MPa]; of the interfaces: "traction" [MPa], "opening" and "gap" [mm],
-            which are vectors, "slip" [mm], "damage" [-], "mode" and "fine_scale" [mm], see
-            :func:`vmdg.output.values.scalar`. The interfaces have the displacement too, where it
-            is chosen.
+        folder: Created if missing; receives bodies.bp and one file per interface with its name,
+            such as bond.bp, or interface_0.bp without a name.
+        fields: Names of the fields, or one name; None for all. Bodies: "displacement" [mm] and
+            "stress" [MPa]; interfaces: "traction" [MPa], "opening" and "gap" [mm], which are
+            vectors, "slip" [mm], "damage" [-], "mode" and "fine_scale" [mm], see
+            :func:`vmdg.output.values.scalar`. The displacement, if chosen, is also written for
+            interfaces.
 
     Raises:
-        ValueError: an unknown name, or none.
-        TypeError: the problem is none.
-        OSError: the folder cannot be written to, or another run does so; on all ranks.
+        ValueError: an unknown name, or no name.
+        TypeError: the problem is not a problem.
+        OSError: the folder is not writable, or another run writes to it; on all ranks.
 
-    Where a disk gets full in the middle of writing on several ranks, the job ends.
+    If the disk becomes full while several ranks write, the job is aborted.
     """
 
     def __init__(
@@ -187,7 +189,7 @@ class FieldWriter:
         self._do(lambda: self._writers.extend(map(_writer, self._files, written)))
 
     def _keep_earlier_files(self) -> None:
-        """Give those of an earlier run the first number that is free."""
+        """Rename files of an earlier run with the first unused number."""
         if self._comm.rank > 0:
             return
         for file in filter(Path.exists, self._files):
@@ -198,8 +200,9 @@ class FieldWriter:
         """Write the current state as time ``t``; collective.
 
         Raises:
-            ValueError: the files are closed, or the time is no finite number.
-            OSError: the disk is full, or files are gone; on all ranks. The files are closed then.
+            ValueError: the files are closed, or the time is not a finite number.
+            OSError: the disk is full, or files were removed; on all ranks. The files are then
+                closed.
         """
         if not (isinstance(t, Real) and np.isfinite(t)):
             raise ValueError(
@@ -208,7 +211,7 @@ class FieldWriter:
         if not self._writers:
             raise ValueError(
                 f"FieldWriter: the files in {self._folder} are closed; write before close() and "
-                "the end of `with`, or make another FieldWriter, which keeps them"
+                "the end of `with`, or create another FieldWriter, which keeps them"
             )
         for update in self._updates:
             update()
@@ -229,17 +232,17 @@ class FieldWriter:
             raise OSError(f"{gone[0]} was removed")
 
     def _full(self) -> bool:
-        """Asked before ranks wait for each other in what writes."""
+        """Whether the disk is full, checked before collective writes."""
         return shutil.disk_usage(self._folder).free < ROOM * self._bytes
 
     def _complaint(self, why: object) -> str:
         return (
-            f"fields in {self._folder} cannot be written: {why}. Make room or name a folder that "
-            "can be written to"
+            f"fields in {self._folder} cannot be written: {why}. Free some space or choose a "
+            "writable folder"
         )
 
     def _do(self, action: Callable[[], object]) -> None:
-        """What may fail on any rank; the files are given up where it does; collective."""
+        """Run an action that may fail on any rank; if it does, abandon the files; collective."""
         try:
             together(self._comm, action)
         except (OSError, RuntimeError) as error:
@@ -247,14 +250,14 @@ class FieldWriter:
             raise OSError(self._complaint(error)) from error
 
     def _give_up(self) -> None:
-        """Leave the files as they are: closing them would end the process if it failed."""
+        """Leave the files as they are: a failure while closing them would kill the process."""
         for writer in self._writers:
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(writer))
         self._writers = []
         self._claim.release()
 
     def close(self) -> None:
-        """Complete the files; collective, and a second time without effect.
+        """Complete the files; collective. A second call has no effect.
 
         Raises:
             OSError: they cannot be completed; on all ranks.

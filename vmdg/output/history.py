@@ -1,4 +1,4 @@
-"""The table of a run, one row a converged load step, and its file."""
+"""The history of a run, one row per converged load step, and its file."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _WITH_UNIT = re.compile(r"(.*\S)\s+\[([^\[\]]*)\]")
 
 
 def split_unit(column: str) -> tuple[str, str | None]:
-    """Name and unit of a column called "force [N]", for example; None where it says no unit."""
+    """Name and unit of a column such as "force [N]"; None without a unit."""
     found = _WITH_UNIT.fullmatch(column)
     return (found[1], found[2]) if found else (column, None)
 
@@ -36,12 +36,12 @@ def split_unit(column: str) -> tuple[str, str | None]:
 class History:
     """Rows of named values; ``history["load"]`` is a column.
 
-    A name may say its unit once, in square brackets: a row with "force [N]" adds to the column
-    "force", whose unit is N from then on.
+    A name may include its unit in square brackets: a row with "force [N]" adds to the column
+    "force" with unit N.
 
     Attributes:
         rows: Values by name, without units.
-        units: Unit of the columns that say one, "-" for pure numbers.
+        units: Units of columns that have one, "-" for pure numbers.
     """
 
     def __init__(self) -> None:
@@ -55,20 +55,20 @@ class History:
             row: Values by name, with or without a unit.
 
         Raises:
-            ValueError: a name occurs twice, or with another unit than before.
+            ValueError: a name occurs twice, or with a different unit than before.
         """
         plain: dict[str, Any] = {}
         for column, value in row.items():
             name, unit = split_unit(column)
             if name in plain:
                 raise ValueError(
-                    f"history: the row has two values called {name!r}; rename one of them (what a "
-                    "monitor returns must not be called as a column that the run has by itself)"
+                    f"history: the row has two values called {name!r}; rename one of them (a "
+                    "monitor must not use names of the standard columns)"
                 )
             if unit is not None and self.units.setdefault(name, unit) != unit:
                 raise ValueError(
-                    f"history: column {name!r} is in {self.units[name]} so far, now in {unit}; "
-                    "give it one unit"
+                    f"history: column {name!r} is in {self.units[name]} so far, now in {unit}; use "
+                    "one unit"
                 )
             plain[name] = value
         self.rows.append(plain)
@@ -97,7 +97,7 @@ class History:
         return iter(self.columns)
 
     def keys(self) -> KeysView[str]:
-        """Names of all columns, as a dictionary has them: ``dict(history)`` is one of columns."""
+        """Names of all columns, so that ``dict(history)`` is a dictionary of columns."""
         return dict.fromkeys(self.columns).keys()
 
     def __getitem__(self, column: str) -> NDArray:
@@ -109,8 +109,8 @@ class History:
     def envelope(self, column: str = "load") -> History:
         """The rows at which a column is larger than in all rows before.
 
-        Of an equilibrium path, whose load factors may fall, it is what a machine with growing load
-        or displacement passes: where the path turns back the envelope waits until it comes again.
+        For an equilibrium path with decreasing load factors, these are the states that a machine
+        with monotonic load or displacement passes.
 
         Raises:
             KeyError: there is no such column.
@@ -128,14 +128,14 @@ class History:
         return f"<History: {size}{'; last row: ' if last else ''}{', '.join(last)}>"
 
     def _repr_html_(self) -> str:
-        """Table for notebooks: of a long run the first and the last ten rows."""
+        """Table for notebooks: for a long run the first and last ten rows."""
         rows = [[row.get(name, "") for name in self.columns] for row in self.rows]
         if len(rows) > 21:
             rows[10:-10] = [["..."] * len(self.columns)]
         return html_table(self.header, rows)
 
     def to_pandas(self) -> DataFrame:
-        """The table as a data frame of pandas, its units in ``attrs["units"]``.
+        """The history as a pandas data frame, with units in ``attrs["units"]``.
 
         Raises:
             ImportError: pandas is not installed.
@@ -153,9 +153,9 @@ class History:
         return frame
 
     def to_csv(self, path: str | Path) -> None:
-        """Write the table with a header line, "force [N]" where a unit is known.
+        """Write the history with a header line, "force [N]" for a column with a unit.
 
-        Arrays are written as lists; what a row does not have is left empty.
+        Arrays are written as lists; missing values are empty.
 
         Args:
             path: The file.
@@ -167,9 +167,9 @@ class History:
 
     @classmethod
     def from_csv(cls, path: str | Path) -> History:
-        """Read a table that :meth:`to_csv` or a run has written.
+        """Read a history written by :meth:`to_csv` or a run.
 
-        Numbers, lists and words keep their kind; a word that reads like a number becomes one.
+        Numbers, lists and words keep their type; a word that reads like a number becomes one.
 
         Args:
             path: The file.
@@ -182,7 +182,7 @@ class History:
 
 
 def _lines(rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> Iterator[list[str]]:
-    """Rows as a CSV file with these columns has them."""
+    """Rows as lines of a CSV file with these columns."""
     for row in rows:
         yield [_text(row[name]) if name in row else "" for name in columns]
 
@@ -201,21 +201,21 @@ def _value(text: str) -> Any:
 
 
 class HistoryFile:
-    """A CSV file that follows a table: whenever a run is killed, all its rows are there.
+    """A CSV file of the history that is complete whenever a run is killed.
 
-    A row is one line, written and flushed at once, all of it or nothing where the disk is full. A
-    column that appears later changes the header: then the file is written anew beside the old one
-    and takes its place in one move. So it does at the start, where a run that goes on from a
-    checkpoint finds rows that it will do again. One run at a time writes it.
+    A row is one line, written and flushed at once, completely or not at all if the disk is full. A
+    new column changes the header: then a new file is written and replaces the old one atomically.
+    The same happens at the start, when a run that continues from a checkpoint finds rows that it
+    will repeat. Only one run at a time may write the file.
 
     Args:
         comm: Communicator; its rank 0 writes.
-        path: Of the file; None for none.
-        history: The table.
+        path: The file; None for no file.
+        history: The history.
 
     Raises:
-        OSError: the file cannot be written, or another run does so; on all ranks.
-        TypeError: the path is none.
+        OSError: the file is not writable, or another run writes it; on all ranks.
+        TypeError: the path is not a path.
     """
 
     def __init__(self, comm: MPI.Comm, path: str | Path | None, history: History):
@@ -237,7 +237,7 @@ class HistoryFile:
             raise
 
     def update(self) -> None:
-        """Add the rows that have come since the last time; collective.
+        """Append the rows added since the last call; collective.
 
         Raises:
             OSError: they cannot be written; on all ranks.
@@ -253,8 +253,8 @@ class HistoryFile:
                 action()
             except OSError as error:
                 message = (
-                    f"the table {self._path} cannot be written: {error}; make room or name a file "
-                    "in a folder that can be written to"
+                    f"the table {self._path} cannot be written: {error}; free some space or choose "
+                    "a file in a writable folder"
                 )
         raise_together(self._comm, message, OSError)
 
@@ -292,7 +292,7 @@ class HistoryFile:
         self._units = dict(self._history.units)
 
     def close(self) -> None:
-        """Close the file, and let other runs write it."""
+        """Close the file and release it for other runs."""
         self._close_file()
         if self._claim is not None:
             self._claim.release()

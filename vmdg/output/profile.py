@@ -1,4 +1,4 @@
-"""Values along an interface in 2D, or against a coordinate."""
+"""Values along an interface in 2D, or over a coordinate."""
 
 from __future__ import annotations
 
@@ -30,17 +30,18 @@ def profile(
         interface: Its number, its name or itself.
         quantity: As for :func:`vmdg.extremes`: a scalar of :func:`vmdg.output.values.scalar`, or a
             function of an :class:`vmdg.InterfaceState`.
-        along: What s is, in the undeformed body: "arc" length [mm] from the left end of a piece, or
-            counterclockwise from the rightmost corner of a closed one; "angle" about an axis along
-            z [degrees]; "x", "y" or "z" [mm].
-        centre: For the angle, x and y of the axis [mm]; None for the middle of each piece.
+        along: Meaning of s in the undeformed body: "arc" length [mm] from the left end of a piece,
+            or counterclockwise from the rightmost corner of a closed one; "angle" about an axis
+            along z [degrees]; "x", "y" or "z" [mm].
+        centre: For the angle, x and y of the axis [mm]; None for the centre of each piece.
 
     Returns:
-        One array (n, 2) a piece, ascending in s, that with most points first; all points together
-        in 3D. The same on every rank; empty where nothing is open.
+        One array (n, 2) per piece, ascending in s, the one with most points first; all points in
+        one array in 3D. The same on every rank; empty if no facet is open.
 
     Raises:
-        ValueError: unknown ``quantity`` or ``along``; an arc length in 3D, or where lines branch.
+        ValueError: unknown ``quantity`` or ``along``; an arc length in 3D, or along branching
+            lines.
     """
     if along not in ALONG:
         raise ValueError(f"profile: along = {along!r} must be one of {ALONG}")
@@ -72,12 +73,12 @@ def profile(
 
 
 def _gathered(problem: Problem, i: int, values: NDArray) -> tuple[NDArray, ...]:
-    """Points of all ranks (n, 3), values (n,), and two corners of the facet of each (n, 3)."""
+    """Points of all ranks (n, 3), values (n,), and the two corners of each point's facet (n, 3)."""
     active = problem.discretization.active[i]
     q, facets = active.quadrature, active.facets
     corners = corners_of_local(problem.mesh, facets.local[:, 0])[:, :2]
     X, _ = positions_and_displacements(problem, facets.cells[:, 0], corners)
-    ends = X[q.facet] + 0.0  # no negative zeros, which would make two corners of one
+    ends = X[q.facet] + 0.0  # no negative zeros, which would duplicate corners
     own = np.column_stack([q.points, values, ends.reshape(-1, 6)])
     rows = np.concatenate(problem.comm.allgather(own))
     return rows[:, :3], rows[:, 3], rows[:, 4:7], rows[:, 7:]
@@ -94,7 +95,7 @@ def _around(points: NDArray, corners: NDArray, centre: ArrayLike | None) -> NDAr
 def _arc_length(
     nodes: NDArray[np.float64], vertices: NDArray[np.intp], points: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Distance along a chain of facets of points on it (n,).
+    """Arc length of points on a chain of facets (n,).
 
     Args:
         nodes: All corners (m, 3).
@@ -116,7 +117,7 @@ def _arc_length(
     chain = np.arange(len(lengths)) != closing
     graph = coo_matrix((lengths[chain], facets[:, chain]), shape=(len(nodes), len(nodes)))
     distance = dijkstra(graph, directed=False, indices=first)[facets]
-    if closing >= 0:  # a loop ends with this facet, which goes on from its far end
+    if closing >= 0:  # this facet closes a loop and starts at its far end
         distance[facets[:, closing] == first, closing] = np.inf
     near = np.argmin(distance, axis=0)
     each = np.arange(len(near))
@@ -125,7 +126,7 @@ def _arc_length(
 
 
 def _closing_facet(nodes: NDArray, facets: NDArray, first: int) -> int:
-    """Of the two facets at the rightmost corner the one that goes down: the last one around."""
+    """The lower of the two facets at the rightmost corner, the last one of the loop."""
     both = np.flatnonzero((facets == first).any(axis=0))
     others = facets[:, both].sum(axis=0) - first
     away = nodes[others] - nodes[first]

@@ -1,6 +1,6 @@
-"""What an interface has in one number, over all ranks: extremes, averages and integrals.
+"""Extremes, averages and integrals over an interface, over all ranks.
 
-``problem.state`` has the points of this rank only, in an order of its own.
+``problem.state`` has the points of this rank only.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ def extremes(problem: Problem, interface: Which, quantity: Quantity) -> tuple[fl
             :class:`vmdg.InterfaceState`, for example ``lambda state: state.traction[:, 0]``.
 
     Returns:
-        Two numbers, nan where nothing is open.
+        Two numbers, NaN if no facet is open.
 
     Raises:
-        ValueError: no such scalar or interface, or a function that gives something else.
+        ValueError: no such scalar or interface, or a function that returns something else.
     """
     values = values_at_points(problem, interface, quantity)
     ends = [-values.min(initial=np.inf), values.max(initial=-np.inf)]
@@ -36,10 +36,10 @@ def extremes(problem: Problem, interface: Which, quantity: Quantity) -> tuple[fl
 
 
 def integral(problem: Problem, interface: Which, quantity: Quantity) -> float:
-    """Integral over an interface, of tractions a force [N]; collective.
+    """Integral over an interface, for tractions a force [N]; collective.
 
-    Over the reference area, of a plane body of the whole thickness, of one of revolution of the
-    whole circle.
+    Over the reference area, including the thickness of a plane body or the full circle of a body of
+    revolution.
 
     Args:
         problem: The problem.
@@ -53,7 +53,7 @@ def integral(problem: Problem, interface: Which, quantity: Quantity) -> float:
 
 
 def average(problem: Problem, interface: Which, quantity: Quantity) -> float:
-    """Average over the open area of an interface, nan where nothing is open; collective.
+    """Average over the open area of an interface, NaN if no facet is open; collective.
 
     Args:
         problem: The problem.

@@ -1,4 +1,4 @@
-"""Scalars and vectors of an interface by name, as files and pictures show them."""
+"""Scalars and vectors of an interface by name, for files and pictures."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ..interface.points import InterfaceState
 from ..laws import Law
 from ..problem.problem import Problem
 
-#: A scalar of :func:`scalar` by name, or a function of a state with a value a point.
+#: A scalar of :func:`scalar` by name, or a function of a state with one value per point.
 Quantity = str | Callable[[InterfaceState], ArrayLike]
 
 #: Vectors at the points, which are attributes of the state, with their units.
 VECTORS = {"traction": "MPa", "opening": "mm", "gap": "mm"}
 
-#: Scalars at the points and how pictures call them.
+#: Scalars at the points and their labels in pictures.
 LABELS: Mapping[str, str] = {
     "opening": r"normal opening $g_N$ [mm]",
     "gap": r"normal gap $\zeta_N$ [mm]",
@@ -39,7 +39,7 @@ def scalar(problem: Problem, interface: Which, name: str) -> NDArray[np.float64]
         problem: The problem.
         interface: Its number, its name or itself.
         name: "opening", "gap" and "traction": g, zeta and T along the current normal, positive in
-            opening and tension [mm, mm, MPa]; "slip" and "shear": length of the tangential part of
+            opening and tension [mm, mm, MPa]; "slip" and "shear": norm of the tangential part of
             zeta and of T [mm, MPa]; "damage": Q relative to the strength, 1 where there is no bond
             [-]; "mode": of the return map, :class:`vmdg.Mode`; "fine_scale": size of the fine
             scales (24) of both sides, (|du_1|^2 + |du_2|^2)^1/2 [mm].
@@ -48,7 +48,7 @@ def scalar(problem: Problem, interface: Which, name: str) -> NDArray[np.float64]
         ValueError: no such scalar.
     """
     if name not in LABELS:
-        raise ValueError(f"{name!r} is no scalar of an interface; use one of {tuple(LABELS)}")
+        raise ValueError(f"{name!r} is not a scalar of an interface; use one of {tuple(LABELS)}")
     if name == "fine_scale":
         return np.sqrt((problem.fine_scale(interface) ** 2).sum(axis=(1, 2)))
     state = problem.state[interface]
@@ -63,15 +63,15 @@ def scalar(problem: Problem, interface: Which, name: str) -> NDArray[np.float64]
 
 
 def values_at_points(problem: Problem, interface: Which, quantity: Quantity) -> NDArray[np.float64]:
-    """What is asked for at the points of an interface this rank owns (nq,); collective.
+    """Values of a quantity at the points of an interface this rank owns (nq,); collective.
 
     Args:
         problem: The problem.
         interface: Its number, its name or itself.
-        quantity: A name as for :func:`scalar`, or a function of a state with a value a point.
+        quantity: A name as for :func:`scalar`, or a function of a state with one value per point.
 
     Raises:
-        ValueError: no such scalar or interface, or a function that gives something else.
+        ValueError: no such scalar or interface, or a function that returns something else.
     """
 
     def evaluated() -> NDArray[np.float64]:
@@ -81,8 +81,8 @@ def values_at_points(problem: Problem, interface: Which, quantity: Quantity) -> 
         values = np.asarray(quantity(state), dtype=float)
         if values.shape != (len(state.weights),):
             raise ValueError(
-                f"the function of an interface's state gives an array of shape {values.shape}; it "
-                f"must be one number for each of the {len(state.weights)} points, for example "
+                f"the function of an interface's state returns an array of shape {values.shape}; "
+                f"it must be one number for each of the {len(state.weights)} points, for example "
                 "lambda state: state.traction[:, 0]"
             )
         return values
@@ -97,12 +97,12 @@ def traction_integrals(state: InterfaceState) -> NDArray[np.float64]:
 
 
 def damage(softening: NDArray[np.float64], law: Law) -> NDArray[np.float64]:
-    """Q relative to the strength of the law at the points (nq,); 1 where it has no bond to lose."""
+    """Q relative to the strength of the law at the points (nq,); 1 for a law without a bond."""
     return softening / law.strength if law.has_bond else np.ones(len(softening))
 
 
 def _normal(state: InterfaceState) -> NDArray[np.float64]:
-    """R.N (nq, d), side 1 outward in the deformed body."""
+    """R.N (nq, d), outward from side 1 in the deformed body."""
     return np.einsum("pij,pj->pi", state.rotation, state.normal)
 
 
@@ -115,7 +115,7 @@ def _across(vector: NDArray[np.float64], state: InterfaceState) -> NDArray[np.fl
 
 
 def facet_modes(mode: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The mode that holds on most of each facet (nf,), of several the one that comes later.
+    """The predominant mode of each facet (nf,), the later one of equals.
 
     Args:
         mode: At the points of every facet (nf, n).
@@ -125,7 +125,7 @@ def facet_modes(mode: NDArray[np.float64], weights: NDArray[np.float64]) -> NDAr
     if not len(kinds):
         return np.zeros(len(mode))
     shares = np.einsum("fpk,fp->fk", mode[..., None] == kinds, weights)
-    # Halves of a facet are equal but for rounding.
+    # Halves of a facet are equal up to rounding.
     most = shares >= (1 - 1e-6) * shares.max(axis=1, keepdims=True)
     return kinds[len(kinds) - 1 - np.argmax(most[:, ::-1], axis=1)]
 
@@ -133,8 +133,8 @@ def facet_modes(mode: NDArray[np.float64], weights: NDArray[np.float64]) -> NDAr
 def facet_scalar(problem: Problem, interface: Which, name: str) -> NDArray[np.float64]:
     """A scalar of :func:`scalar` for every open facet of an interface this rank owns (nf,).
 
-    Means; of the mode the one that holds on most of the facet, of the fine scales (24) the root
-    mean square: a local measure of the error (Figures 18 and 22 of the report), of order h^(k+1).
+    Means; the predominant mode, and the root mean square of the fine scales (24): a local measure
+    of the error (Figures 18 and 22 of the report), of order h^(k+1).
 
     Args:
         problem: The problem.

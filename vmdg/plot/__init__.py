@@ -1,7 +1,7 @@
-"""Pictures with matplotlib: curves, interfaces, stress, animations.
+"""Plots with matplotlib: curves, interfaces, stress, animations.
 
 Functions of a problem are collective: every rank calls them, rank 0 draws and saves.
-:mod:`vmdg.plot.solids` shades solids by PyVista, where it is installed.
+:mod:`vmdg.plot.solids` renders solids with PyVista, if it is installed.
 """
 
 from ..output.profile import profile

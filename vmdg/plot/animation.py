@@ -40,25 +40,25 @@ def animate(
     """Write an animation of stress on the deformed shape and of a curve; collective.
 
     Take a snapshot in the monitor of every step (``problem.snapshot()``, a copy of the state);
-    the problem is in its last one afterwards.
+    afterwards the problem is in the last one.
 
     Args:
-        path: Its folder is made if missing. Ends in .gif, or in .mp4 where ffmpeg is installed.
+        path: A file .gif, or .mp4 if ffmpeg is installed; its folder is created if missing.
         problem: The problem.
-        snapshots: The states to show, one a row of the history, of its last rows.
-        history: The table of the run.
+        snapshots: The states to show, one for each of the last rows of the history.
+        history: The history of the run.
         x: Column along the axis of the curve.
         y: Column that is drawn.
         component: Of the stress, as for :func:`vmdg.plot.stress`.
-        magnify: Factor on the displacement, one for all or one a snapshot.
-        limits: Stresses at both ends of the colours [MPa]; None for those of all
-            snapshots but the most extreme.
-        fps: Pictures a second.
+        magnify: Factor on the displacement, one for all or one per snapshot.
+        limits: Stresses at both ends of the colours [MPa]; None for those of all snapshots except
+            the most extreme.
+        fps: Frames per second.
         figsize: Of the picture [inch].
-        dpi: Points an inch.
+        dpi: Dots per inch.
 
     Raises:
-        ValueError: another ending, no ffmpeg, no snapshots or more than rows.
+        ValueError: another suffix, no ffmpeg, no snapshots, or more than rows.
         KeyError: the history has no such column.
     """
     path, rank = Path(path), problem.comm.rank
@@ -82,7 +82,7 @@ def animate(
         for row, snapshot, factor in zip(rows, snapshots, factors, strict=True):
             problem.step.return_to(snapshot)
             shape.clear()
-            # In the plane the scale belongs to the axes and goes with what they had.
+            # In 2D the colour bar belongs to the axes and is removed with their content.
             bar = not solid or row == rows[0]
             stress(problem, ax=shape, magnify=factor, colorbar=bar, **options)
             shape.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
@@ -95,7 +95,7 @@ def animate(
             if row == rows[0]:
                 figure.set_layout_engine("constrained")
                 figure.canvas.draw()
-                figure.set_layout_engine("none")  # or the axes would move with every number
+                figure.set_layout_engine("none")  # otherwise the axes would move with every number
             for _ in range(1 if row < rows[-1] or rank else round(fps)):
                 if rank == 0:
                     writer.grab_frame()
@@ -103,10 +103,10 @@ def animate(
 
 
 class GifWriter(AbstractMovieWriter):
-    """Pictures of one palette: colours do not flicker, and what stands still takes no space."""
+    """Frames with one palette: colours do not flicker, and unchanged regions take no space."""
 
     def setup(self, fig: Figure, outfile: str | Path, dpi: float | None = None) -> None:
-        """Start a film of a figure."""
+        """Start an animation of a figure."""
         super().setup(fig, outfile, dpi)
         self._pictures: list[Image.Image] = []
         stresses = colormaps["viridis"](np.linspace(0, 1, 212))[:, :3]
@@ -117,7 +117,7 @@ class GifWriter(AbstractMovieWriter):
         self._palette.putpalette(colours.round().astype(np.uint8).tobytes())
 
     def grab_frame(self, **savefig_kwargs: object) -> None:
-        """Add the figure as it is."""
+        """Add the current figure as a frame."""
         buffer = BytesIO()
         self.fig.savefig(buffer, format="rgba", dpi=self.dpi, **savefig_kwargs)
         picture = Image.frombytes("RGBA", self.frame_size, buffer.getvalue()).convert("RGB")
@@ -138,7 +138,7 @@ def _check(problem: Problem, path: Path, snapshots: Sequence[Snapshot], history:
         message = f"animate: {path} needs ffmpeg, which is not installed; write a .gif"
     elif not 0 < len(snapshots) <= len(history):
         message = (
-            f"animate: {len(snapshots)} snapshots do not fit a history of {len(history)} rows; "
+            f"animate: {len(snapshots)} snapshots do not match a history of {len(history)} rows; "
             "take one in the monitor of every step"
         )
     raise_together(problem.comm, message)
@@ -152,7 +152,7 @@ def _ranges(
 ) -> tuple[Limits, NDArray[np.float64], NDArray[np.float64]]:
     """Range of the stress, and least and largest coordinates (3,), over all snapshots and ranks.
 
-    Of the cells of each snapshot .5% at both ends are left out: tips of cracks are singular.
+    In each snapshot 0.5 % of the cells at both ends are ignored: crack tips are singular.
     """
     stresses, low, high = [], np.full(3, np.inf), np.full(3, -np.inf)
     for snapshot, factor in zip(snapshots, factors, strict=True):

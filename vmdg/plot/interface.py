@@ -1,4 +1,4 @@
-"""Pictures of an interface: values along it, and its unrolled surface."""
+"""Plots of an interface: values along it, and its unrolled surface."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ..problem.problem import Problem
 from .stress import Limits, add_colorbar, axis_names, on_first_rank
 
 MODES = {
-    Mode.ELASTIC: ("bonded or stuck", "#dddddd"),
+    Mode.ELASTIC: ("bonded or sticking", "#dddddd"),
     Mode.TENSION: ("damage in tension", "#d62728"),
     Mode.SHEAR: ("damage in compression", "#ff9f1c"),
     Mode.FRICTION: ("friction", "#1f77b4"),
@@ -50,16 +50,17 @@ def interface_profile(
         quantity: A scalar of :func:`vmdg.output.values.scalar`: "traction", "opening", "gap",
             "slip", "shear", "damage", "mode" or "fine_scale"; or a function of an
             :class:`vmdg.InterfaceState`.
-        along: "arc", "angle", "x", "y" or "z", as :func:`vmdg.output.profile.profile` has it.
-        centre: For the angle, x and y of the axis [mm]; None for the middle of each piece.
-        ax: Where to draw; None for a new figure.
+        along: "arc", "angle", "x", "y" or "z", as for :func:`vmdg.output.profile.profile`.
+        centre: For the angle, x and y of the axis [mm]; None for the centre of each piece.
+        ax: Axes; None for a new figure.
         **style: For ``Axes.plot``.
 
     Returns:
         The axes, on every rank.
 
     Raises:
-        ValueError: unknown ``quantity`` or ``along``; an arc length in 3D, or where lines branch.
+        ValueError: unknown ``quantity`` or ``along``; an arc length in 3D, or along branching
+            lines.
     """
     ax = plt.subplots(layout="constrained")[1] if ax is None else ax
     if problem.mesh.geometry.dim == 3:
@@ -146,14 +147,14 @@ def mode_map(
         quantity: "mode", or another scalar of :func:`vmdg.output.values.scalar`.
         axis: "x", "y" or "z": in 3D a cylinder along it, or a part of one, is unrolled to angle and
             position along the axis; in 2D the interface is drawn as a strip over this coordinate.
-            None: a surface in 3D is seen along its mean normal's largest component, a strip has the
-            coordinate in which it is longest. A plane has nothing to unroll, and a line no length
-            across itself: they are drawn as with None.
-        ax: Where to draw; None for a new figure.
+            None: a surface in 3D is viewed along the largest component of its mean normal, a strip
+                uses the coordinate in which it is longest. A plane, and a line without extent along
+                the axis, are drawn as with None.
+        ax: Axes; None for a new figure.
         legend: Whether to add the legend of the modes, or the scale of colours.
 
     Returns:
-        The axes; the picture itself is on rank 0's only.
+        The axes; only those of rank 0 contain the plot.
 
     Raises:
         ValueError: an unknown ``quantity`` or ``axis``.
@@ -211,7 +212,7 @@ def _open_facets(
 
 
 def _extended(corners: NDArray, axis: str | None) -> str:
-    """The coordinate of a strip: the one asked for, if the lines have an extent along it."""
+    """The coordinate of a strip: the requested one, if the lines extend along it."""
     extent = np.ptp(corners.reshape(-1, 3), axis=0) if len(corners) else np.zeros(3)
     if axis is None or extent["xyz".index(axis)] <= STRAIGHT * extent.max():
         return "xyz"[int(np.argmax(extent))]
@@ -219,7 +220,7 @@ def _extended(corners: NDArray, axis: str | None) -> str:
 
 
 def _plane(normals: NDArray) -> bool:
-    """Whether all normals are parallel, so that they meet in no axis."""
+    """Whether all normals are parallel, so that there is no axis."""
     return len(normals) > 0 and bool((np.abs(normals @ normals[0]) > 1 - STRAIGHT).all())
 
 
@@ -231,14 +232,14 @@ def _strip(corners: NDArray, axis: str) -> NDArray:
 
 
 def _projected(corners: NDArray, normals: NDArray) -> tuple[NDArray, tuple[str, str]]:
-    """A surface seen along the largest component of its mean normal."""
+    """A surface viewed along the largest component of its mean normal."""
     seen = int(np.argmax(np.abs(normals).mean(axis=0))) if len(normals) else 2
     first, second = (k for k in range(3) if k != seen)
     return corners[:, :, [first, second]], (f"{'xyz'[first]} [mm]", f"{'xyz'[second]} [mm]")
 
 
 def unrolled(corners: NDArray, normals: NDArray, axis: str) -> tuple[NDArray, tuple[str, str]]:
-    """A cylinder, its axis where the normals of all facets meet, as angle and axial position."""
+    """A cylinder as angle and axial position; its axis is the intersection of all facet normals."""
     k = "xyz".index(axis)
     a, b = (k + 1) % 3, (k + 2) % 3
     middle = corners.mean(axis=1)
@@ -246,7 +247,7 @@ def unrolled(corners: NDArray, normals: NDArray, axis: str) -> tuple[NDArray, tu
     right = middle[:, a] * normals[:, b] - middle[:, b] * normals[:, a]
     centre = np.linalg.lstsq(system, right, rcond=None)[0]
     angle = np.degrees(np.arctan2(corners[..., b] - centre[1], corners[..., a] - centre[0]))
-    # No facet is cut where the angle jumps, and all lie between 0 and 360.
+    # No facet is cut at the jump of the angle, and all lie between 0 and 360.
     angle = angle[:, :1] + (angle - angle[:, :1] + 180) % 360 - 180
     angle -= 360 * np.floor(angle.mean(axis=1, keepdims=True) / 360)
     return np.stack([angle, corners[..., k]], axis=2), ("angle [°]", f"{axis} [mm]")

@@ -1,4 +1,4 @@
-"""Pictures of solids with PyVista, where it is installed; :mod:`vmdg.plot` does without."""
+"""Pictures of solids with PyVista, if installed; :mod:`vmdg.plot` does not need it."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ def picture(
     view: tuple[float, float, float] = (-1.0, -1.0, 0.7),
     size: tuple[int, int] = (1200, 900),
 ) -> None:
-    """Write a shaded picture of the Cauchy stress on the deformed surface of a solid; collective.
+    """Write a rendered picture of the Cauchy stress on the deformed surface of a solid; collective.
 
     Args:
-        path: Ends in .png; its folder is made if missing.
+        path: A file .png; its folder is created if missing.
         problem: The problem, in 3D.
         component: As for :func:`vmdg.plot.stress`.
         magnify: Factor on the displacement.
-        limits: Stresses at both ends of the colours [MPa]; None for the range that occurs.
+        limits: Stresses at both ends of the colours [MPa]; None for the full range.
         facets: Boundary facets to draw; None for all.
-        view: Direction from the middle of the body to the eye.
-        size: Of the picture [pixels].
+        view: Direction from the centre of the body to the viewer.
+        size: Size of the picture [pixels].
 
     Raises:
         ImportError: PyVista is not installed.

@@ -1,4 +1,4 @@
-"""Curves of a run, and cells coloured by their stress."""
+"""Curves of a run, and cells coloured by stress."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ from ..problem.problem import Problem
 Limits = tuple[float, float]
 Component = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
-#: Height of a plane body relative to its width below which its colour bar lies above it [-].
+#: Height of a plane body relative to its width below which its colour bar is above it [-].
 FLAT = 0.4
-#: Of a colour bar, and between it and the body [inch].
+#: Width of a colour bar, and its distance from the body [inch].
 THICKNESS, GAP = 0.14, 0.08
 
-#: Stress, relative to the largest one and to what the displacement would strain the softest body
-#: by, up to which it is what the tolerance of equilibrium leaves: a pair of free blocks has 3e-10.
+#: Stress, relative to the largest one and to that of the softest body strained by the displacement,
+#: below which it is within the tolerance of equilibrium: a pair of free blocks has 3e-10.
 NEGLIGIBLE = 1e-9
 
 
@@ -54,19 +54,19 @@ def curve(
     """Draw one column of a history over another.
 
     Args:
-        history: The table of a run.
+        history: The history of a run.
         x: Column along the axis, for example "load".
         y: Column that is drawn.
-        ax: Where to draw; None for a new figure.
-        origin: Start the curve in (0, 0), which is no row of a history.
+        ax: Axes; None for a new figure.
+        origin: Start the curve at (0, 0), which is not a row of the history.
         **style: For ``Axes.plot``, for example ``label="fine mesh"``.
 
     Returns:
-        The axes, named by the columns with their units where they have no labels yet.
+        The axes, labelled by column names and units unless they have labels.
 
     Raises:
         KeyError: the history has no such column.
-        TypeError: it is no history.
+        TypeError: it is not a history.
     """
     if not isinstance(history, History):
         raise TypeError(f"curve: history = {history!r:.80} must be a vmdg.History: result.history")
@@ -93,24 +93,24 @@ def stress(
 ) -> Axes:
     """Draw a component of the Cauchy stress on the deformed shape; collective.
 
-    In 2D the cell values are averaged over the cells around each node of the displacement: smooth
-    in the bodies, with jumps at interfaces. In 3D boundary facets have the mean of their cell.
-    Where all there is of the component is what the tolerance of equilibrium leaves, as in bodies
-    that have come free, it is drawn as zero, and the scale of colours says up to which size.
+    In 2D cell values are averaged over the cells around each node of the displacement: smooth in
+    the bodies, with jumps at interfaces. In 3D boundary facets have the mean of their cell. A
+    component within the tolerance of equilibrium everywhere, as in detached bodies, is drawn as
+    zero, with the threshold in the label of the colour bar.
 
     Args:
         problem: The problem.
         component: "mises", "principal" (the largest), or two of x, y, z (of r, z, t in
             axisymmetry), for example "xy" [MPa].
         magnify: Factor on the displacement.
-        ax: Where to draw, with projection "3d" for solids; None for a new figure.
-        limits: Stresses at both ends of the colours [MPa]; None for the range that occurs.
+        ax: Axes, with projection "3d" for solids; None for a new figure.
+        limits: Stresses at both ends of the colours [MPa]; None for the full range.
         facets: In 3D, the boundary facets to draw; None for all.
         edges: Width of the lines between cells [points].
-        colorbar: Whether to add one.
+        colorbar: Whether to add a colour bar.
 
     Returns:
-        The axes; the picture itself is on rank 0's only.
+        The axes; only those of rank 0 contain the plot.
 
     Raises:
         ValueError: no such component.
@@ -144,16 +144,16 @@ def stress(
 
 
 def add_colorbar(ax: Axes, drawn: Collection, label: str = "") -> None:
-    """Add a scale of colours as long as the side of the axes at which it stands.
+    """Add a colour bar as long as the adjacent side of the axes.
 
-    In the plane it belongs to the axes, since the layout of a figure does not know how high a body
-    of equal scales along x and y will be, and lies above those of a flat body; in space it stands
-    on the left, where the z axis has no numbers.
+    In 2D it belongs to the axes, since the layout of a figure does not account for equal scales
+    along x and y, and is placed above a flat body; in 3D it is on the left, where the z axis has no
+    tick labels.
 
     Args:
         ax: The axes.
-        drawn: What has the colours.
-        label: Of the scale.
+        drawn: The coloured collection.
+        label: Label of the colour bar.
     """
     if ax.name == "3d":
         size = 0.3 if _sides(ax)[2] < FLAT else 0.6
@@ -174,7 +174,7 @@ def add_colorbar(ax: Axes, drawn: Collection, label: str = "") -> None:
 
 
 def _sides(ax: Axes) -> NDArray[np.float64]:
-    """Lengths of the axes of a picture in space, relative to the longest."""
+    """Lengths of the axes of a 3D plot, relative to the longest."""
     sides = np.ptp([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()], axis=1)
     return sides / sides.max()
 
@@ -192,9 +192,9 @@ def stress_means(problem: Problem, component: str) -> NDArray[np.float64]:
 
 
 def seen_stress(problem: Problem, component: str) -> tuple[fem.Function, Component, str]:
-    """The Cauchy stress, what takes a component to be seen from tensors, its label; collective.
+    """The Cauchy stress, a function that extracts the component, and its label; collective.
 
-    A component that is rounding everywhere is taken as zero.
+    A component that is negligible everywhere is zero.
     """
     take, label = component_of(problem, component)
     sigma = problem.stress()
@@ -207,10 +207,11 @@ def seen_stress(problem: Problem, component: str) -> tuple[fem.Function, Compone
 
 
 def _free_scale(problem: Problem) -> float:
-    """Stress of the softest cell beside an interface, strained as if no body could move [MPa].
+    """Stress of the softest cell next to an interface, strained as if no body could move rigidly
+    [MPa].
 
     The strain is the largest displacement relative to the size of the mesh, 1 at most; the
-    stiffness is r h of the derived tau_s. Zero where no facet is open; collective.
+    stiffness is r h of the derived tau_s. Zero if no facet is open; collective.
     """
     softest = np.inf
     for active in problem.discretization.active.values():
@@ -226,7 +227,7 @@ def _free_scale(problem: Problem) -> float:
 
 
 def component_of(problem: Problem, name: str) -> tuple[Component, str]:
-    """What takes the component from tensors (n, 3, 3), and its label."""
+    """A function that extracts the component from tensors (n, 3, 3), and its label."""
     letters = axis_names(problem)
     if name == "mises":
         return _mises, r"$\sigma_{\mathrm{Mises}}$ [MPa]"
@@ -316,7 +317,7 @@ def deformed_ends(problem: Problem, magnify: float = 1.0) -> NDArray[np.float64]
 def deformed_polygons(
     problem: Problem, facets: NDArray[np.int32] | None = None, magnify: float = 1.0
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """:func:`deformed_corners` seen along z.
+    """:func:`deformed_corners` viewed along z.
 
     Args:
         problem: The problem.
@@ -331,11 +332,11 @@ def deformed_polygons(
 
 
 def cell_means(function: fem.Function, component: tuple[int, ...] = ()) -> NDArray[np.float64]:
-    """Mean over the dofs of every local cell of one component of a discontinuous function.
+    """Cell means, over the dofs, of one component of a discontinuous function.
 
     Args:
         function: The function.
-        component: Indices of the component, none for a scalar.
+        component: Indices of the component, empty for a scalar.
     """
     space = function.function_space
     shape = space.ufl_element().reference_value_shape
@@ -349,11 +350,11 @@ def draw_cells(
     """Draw coloured polygons of all ranks on rank 0's axes; collective.
 
     Args:
-        ax: Plane axes for corners (n, corners, 2), axes in space for (n, corners, 3).
+        ax: 2D axes for corners (n, corners, 2), 3D axes for (n, corners, 3).
         problem: The problem.
         polygons: The corners [mm].
         values: Value of every polygon (n,).
-        limits: Values at both ends of the colours; None for the range that occurs.
+        limits: Values at both ends of the colours; None for the full range.
     """
     polygons, values = on_first_rank(problem, polygons, values)
     style = {"array": values, "edgecolors": "black", "linewidths": 0.6}
@@ -368,7 +369,7 @@ def draw_cells(
 
 
 def on_first_rank(problem: Problem, *arrays: NDArray) -> list[NDArray]:
-    """Rows of all ranks on rank 0; one row of zeros on the others, so that they can draw too."""
+    """Rows of all ranks on rank 0; one row of zeros on the others, so they can draw too."""
     gathered = problem.comm.gather(arrays)
     if gathered is None:
         return [np.zeros((1, *array.shape[1:])) for array in arrays]
