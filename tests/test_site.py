@@ -162,4 +162,4 @@ def test_site_is_built_without_warnings(tmp_path):
         pytest.skip("the site is built without mpirun")
     subprocess.run([sys.executable, str(SITE / "build.py"), str(tmp_path)], check=True, timeout=500)
     page = (tmp_path / "html" / "names" / "vmdg.Problem.html").read_text()
-    assert "Bodies tied by interfaces that may fail." in page
+    assert "Bodies connected by interfaces that may fail." in page

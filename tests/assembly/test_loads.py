@@ -138,7 +138,7 @@ POINT_LOADS = {
     "interface": (
         lambda s: (at(1, 0), 1.0, "x"),
         ValueError,
-        r"lies on interface 0 \(between=.* beside it",
+        r"lies on interface 0 \(between=.* neighbouring node",
     ),
     "one number": (lambda s: (at(2, 0), 1.0, None), ValueError, r"shape \(\), expected \(2,\)"),
     "f(x, t)": (lambda s: (at(2, 0), lambda x, t: x[0], "x"), ValueError, "number, array or f"),

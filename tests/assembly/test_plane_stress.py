@@ -219,5 +219,5 @@ def test_refused(comm, options, words):
     with pytest.raises(ValueError, match=words):
         vmdg.Problem(scene.mesh, scene.cell_tags, {1: material, 2: material}, [], **chosen)
     problem = sheet(scene)
-    with pytest.raises(ValueError, match="becomes thinner or thicker"):
+    with pytest.raises(ValueError, match="changes its thickness"):
         problem.pressure(scene.facet_tags.find(RIGHT), 1.0)

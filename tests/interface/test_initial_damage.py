@@ -178,7 +178,7 @@ def test_body_that_only_a_crack_holds_is_warned_of(comm):
     problem.dirichlet(lambda x: np.isclose(x[1], -1), 0.0)
     problem.dirichlet(lambda x: np.isclose(x[1], 1), -0.01, "y")
     # warnings come from rank 0
-    words = "only contact holds the body"
+    words = "only contact constrains the body"
     with pytest.warns(vmdg.ModelWarning, match=words) if comm.rank == 0 else nullcontext():
         vmdg.solve(problem, [1.0])
 

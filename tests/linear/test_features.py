@@ -136,7 +136,7 @@ def test_where_it_is_cheaper(comm):
     assert "too many" in why
 
 
-@pytest.mark.filterwarnings("ignore:nothing is loaded")
+@pytest.mark.filterwarnings("ignore:there is no load")
 def test_summary(comm, capsys):
     """Quiet by default; with a progress bar rank 0 prints a line for every switch."""
     scene = two_blocks(comm, "quadrilateral")

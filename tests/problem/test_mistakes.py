@@ -66,7 +66,7 @@ WRONG_UNITS = {
         2.0,
         vmdg.NeoHookean(E=70e9, nu=0.25),
         BOND,
-        "strength 100 is less than 1e-08 of the elastic moduli .* in the same unit",
+        "strength 100 is less than 1e-08 of the adjacent elastic moduli .* in the same unit",
     ),
     "mesh in m, critical gap in mm": (
         0.002,
@@ -130,7 +130,7 @@ def test_nothing_prescribed(comm):
     """A problem without supports is refused, with what moves."""
     tagged = scene(comm)
     with pytest.raises(
-        ValueError, match=r"nothing holds the body of tags 1, 2 against translation"
+        ValueError, match=r"no constraint on the body of tags 1, 2 against translation"
     ):
         vmdg.solve(bonded(tagged), [1.0])
 
@@ -167,7 +167,7 @@ def test_only_contact_holds_a_body(comm):
     tagged = scene(comm)
     problem = held(tagged, bonded(tagged, vmdg.Contact(friction=0.3)), "left")
     problem.pressure(tagged.facet_tags.find("right"), lambda t: t)
-    with warned(comm, "only contact holds the body of tag 2 .* prescribe displacements") as caught:
+    with warned(comm, "only contact constrains the body of tag 2 .* prescribe") as caught:
         look(problem)
     assert comm.rank > 0 or len(caught) == 1
 
@@ -178,7 +178,11 @@ def test_only_a_bond_bears_a_load(comm):
     for law, warning in ((BOND, True), (vmdg.Bonded(), False)):
         problem = held(tagged, bonded(tagged, law), "left")
         problem.traction(tagged.facet_tags.find("right"), lambda t: [t, 0.0])
-        with warned(comm, "tag 2 bears a load, .*only bonds hold it") if warning else nullcontext():
+        with (
+            warned(comm, "tag 2 carries a load, .*only bonds constrain")
+            if warning
+            else nullcontext()
+        ):
             look(problem)
 
 
@@ -205,7 +209,7 @@ def test_warnings_reach_the_user(comm):
     tagged = scene(comm)
     problem = held(tagged, bonded(tagged), "left")
     problem.traction(tagged.facet_tags.find("right"), lambda t: [t, 0.0])
-    with warned(comm, "only bonds hold it") as caught:
+    with warned(comm, "only bonds constrain it") as caught:
         result = vmdg.solve(problem, [1.0])
     assert len(result.history) == 1
     # At the line that has called vmdg.
@@ -336,8 +340,8 @@ WRONG_VALUES = {
         lambda s: make(s, cell_tags=scene(s.mesh.comm).cell_tags),
         "belong to another mesh; give",
     ),
-    "degree 0": (lambda s: make(s, degree=0), "degree = 0 must be a whole number, at least 1"),
-    "degree 1.5": (lambda s: make(s, degree=1.5), "degree = 1.5 must be a whole number"),
+    "degree 0": (lambda s: make(s, degree=0), "degree = 0 must be an integer, at least 1"),
+    "degree 1.5": (lambda s: make(s, degree=1.5), "degree = 1.5 must be an integer"),
     "kinematics": (lambda s: make(s, kinematics="large"), "kinematics = 'large' must be one of"),
     "thickness": (lambda s: make(s, thickness=0.0), "thickness = 0.0 must be positive"),
     "unknown tag between": (
@@ -402,28 +406,28 @@ WRONG_VALUES = {
     ),
     "a displacement that ends in NaN": (
         lambda s: look(ended(s, lambda t: t if t < 1.0 else np.nan)),
-        r"a prescribed displacement \(call 2 of dirichlet.*\) is not finite at load factor 1: look",
+        r"a prescribed displacement \(call 2 of dirichlet.*\) is not finite at load factor 1",
     ),
     "an eigenstrain that ends in NaN": (
         lambda s: look(
             held(s, make(s, eigenstrain={1: lambda t: t if t < 1.0 else np.nan}), "left")
         ),
-        r"an eigenstrain \(eigenstrain of tag 1\) is not finite at load factor 1: look at its",
+        r"an eigenstrain \(eigenstrain of tag 1\) is not finite at load factor 1: check its",
     ),
     "an eigenstrain in percent": (
         lambda s: look(held(s, make(s, eigenstrain={1: lambda t: -3.0 * t}), "left")),
-        r"an eigenstrain of -1.5 at load factor 0.5 leaves nothing .*must be positive.* 1% is 0.01",
+        r"an eigenstrain of -1.5 at load factor 0.5 would shrink .*must be positive.* 1 % is 0.01",
     ),
     "an eigenstrain that vanishes along an axis": (
         lambda s: make(s, eigenstrain={1: np.diag([0.0, -1.0, 0.2])}),
-        r"an eigenstrain of -1 at load factor 0 leaves nothing",
+        r"an eigenstrain of -1 at load factor 0 would shrink",
     ),
     "endless thickness": (lambda s: make(s, thickness=np.inf), "thickness = inf must be positive"),
     "thickness with a unit": (
         lambda s: make(s, thickness="2 mm"),
         "thickness = '2 mm' must be positive and finite",
     ),
-    "degree in quotes": (lambda s: make(s, degree="2"), "degree = '2' must be a whole number"),
+    "degree in quotes": (lambda s: make(s, degree="2"), "degree = '2' must be an integer"),
     "a set of tags between": (
         lambda s: tie(between={1, 2}),
         r"between = \{1, 2\} must be two different tags",
@@ -456,7 +460,7 @@ WRONG_VALUES = {
     ),
     "a mesh scaled too late": (
         lambda s: look(scaled(held(s, bonded(s), "left", "right"))),
-        "nodes of the mesh were moved after the problem was made, .*scale the mesh first",
+        "nodes of the mesh were moved after the problem was created, .*scale the mesh first",
     ),
     "no fields": (
         lambda s: vmdg.FieldWriter(bonded(s), "run", []),
@@ -497,7 +501,7 @@ WRONG_TYPES = {
     "one interface without a list": (lambda s: make(s, interfaces=TIE), r"a list, \[Interface"),
     "facets in place of interfaces": (
         lambda s: make(s, interfaces=[1, 2]),
-        "1, which is no vmdg.Interface",
+        "1, which is not a vmdg.Interface",
     ),
     "the tuple in place of the mesh": (lambda s: make(s, mesh=s), "unpack what vmdg.meshes"),
     "no tags": (
@@ -683,7 +687,7 @@ def test_a_run_that_goes_on_from_its_beginning(comm):
     problem = held(tagged, bonded(tagged), "left", "right")
     history = vmdg.solve(problem, loads[:1]).history
     vmdg.solve(problem, loads[loads > problem.t], history=history)
-    with warned(comm, r"at load factor 1, and loads begin .* at 0.5: .*loads\[loads > problem.t\]"):
+    with warned(comm, r"at load factor 1, but loads start .*at 0.5: .*loads\[loads > problem.t\]"):
         vmdg.solve(problem, loads, history=history)
 
 

@@ -180,7 +180,7 @@ def test_fails_on_one_rank(problem, scene):
 #: What is no eigenstrain of a plane body, and what is said of it.
 NO_STRAIN = {
     "array": (np.ones(99), r"shape \(99,\), and there are \d+ cells and \d+ ghosts"),
-    "expression": (None, "an expression of UFL has no values in cells"),
+    "expression": (None, "a UFL expression has no cell values"),
     "Function of degree 1": (None, "a Function must be of degree 0 on the mesh of the problem"),
     "vector": (lambda t: np.ones(3), r"load factor 0 has shape \(3,\)"),
     "one number of points": (lambda x, t: 0.1, "axis -1 is out of bounds"),
@@ -235,5 +235,5 @@ def test_condition_of_dolfinx(problem, scene, place):
 
 def test_no_value(problem, scene):
     """So is a value that was forgotten."""
-    with pytest.raises(TypeError, match=r"the value is missing; 0\.0 holds the nodes"):
+    with pytest.raises(TypeError, match=r"the value is missing; 0\.0 fixes the nodes"):
         problem.dirichlet(scene.facet_tags.find(1))

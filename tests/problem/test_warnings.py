@@ -97,7 +97,7 @@ FALLS = {
     "lifted": (lambda p, f: p.traction(top, lambda t: f(0, t)), "4 bodies of tags 30, 31, 32, 33"),
     "lifted at a corner": (
         lambda p, f: p.traction(lambda x: top(x) & (x[0] < 1.01), lambda t: f(0, t)),
-        "the body of tag 30 bears a load",
+        "the body of tag 30 carries a load",
     ),
     "pushed": (lambda p, f: p.traction(top, lambda t: f(0.7 * t, -t)), "bodies of tags 3"),
 }
@@ -113,13 +113,13 @@ def test_wall_that_stands(comm, dim, load):
 def test_wall_that_falls(comm, dim, load):
     """One warning for all bricks that come free, and for no others."""
     lift, words = FALLS[load]
-    expect(wall(comm, dim, MORTAR, lift), words, "only bonds hold", "no step will converge")
+    expect(wall(comm, dim, MORTAR, lift), words, "only bonds constrain", "no step will converge")
 
 
 def test_wall_without_mortar(comm):
     """So do bricks that nothing but contact holds."""
     dry = wall(comm, 2, vmdg.Contact(friction=0.5), STANDS["under its weight"])
-    expect(dry, "only contact holds 11 bodies of tags 10, 11, 12, 13, 20, 21, 22, 30, ...")
+    expect(dry, "only contact constrains 11 bodies of tags 10, 11, 12, 13, 20, 21, 22, 30, ...")
 
 
 # Process zones
@@ -156,7 +156,7 @@ def film(comm: MPI.Comm, cells: int, thickness: float = 0.01, degree: int = 2) -
 def test_process_zone_of_a_film(comm):
     """Its thickness makes it short: (E' t G_c)^1/2/P_c, and facets of the size that is named do."""
     length = np.sqrt(200e3 / (1 - 0.25**2) * 0.01 * 0.03) / 60
-    words = f"{length:.3g} mm or less, sqrt(E' t G_c)/P_c with a part of t = 0.01 mm beside it"
+    words = f"{length:.3g} mm or less, sqrt(E' t G_c)/P_c with an adjacent part of t = 0.01 mm"
     message = expect(film(comm, 5), "interface 'bond': facets of 1 mm are too long for", words)
     size = comm.bcast(float(message.split("facets of about ")[1].split()[0]) if message else None)
     assert size == pytest.approx(2 * length / 3, rel=0.1)
@@ -224,8 +224,8 @@ def moved(comm: MPI.Comm, value, law=MORTAR, **options) -> vmdg.Problem:
 
 def test_nothing_loaded(comm):
     """Zero is what is asked for, and what comes out; unless it is where a state comes back to."""
-    expect(moved(comm, 0.0), "nothing is loaded", "lambda t: 0.1 * t")
-    expect(moved(comm, lambda t: 0.0 * t), "nothing is loaded", loads=[1.0])
+    expect(moved(comm, 0.0), "there is no load", "lambda t: 0.1 * t")
+    expect(moved(comm, lambda t: 0.0 * t), "there is no load", loads=[1.0])
     problem = moved(comm, lambda t: 1e-3 * t)
     vmdg.solve(problem, [1.0])
     assert not told(problem, loads=[0.0])

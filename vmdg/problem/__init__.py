@@ -1,1 +1,1 @@
-"""What a user sees: the problem, its states and energies, and errors at the door."""
+"""The public problem, its states and energies, and input checks."""

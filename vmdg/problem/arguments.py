@@ -1,4 +1,4 @@
-"""What a problem is given: errors at the door that name the thing and the remedy."""
+"""Checks of the arguments of a problem: errors name the cause and the remedy."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from ..interface.interface import Interface, interface_names
 KINEMATICS = ("finite", "small")
 GENERALIZED = "generalized strain"
 PLANES = ("strain", GENERALIZED, "stress")
-#: Stress at F = I relative to the moduli that rounding may leave.
+#: Stress at F = I relative to the moduli that counts as rounding.
 RESTS = 1e-9
 
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
@@ -50,12 +50,12 @@ def checked_interfaces(interfaces: Sequence[Interface]) -> tuple[Interface, ...]
     """
     if isinstance(interfaces, Interface):
         raise TypeError(
-            "Problem: interfaces must be a list, [Interface(...)], also for one of them"
+            "Problem: interfaces must be a list, [Interface(...)], even for a single one"
         )
     for interface in interfaces:
         if not isinstance(interface, Interface):
             raise TypeError(
-                f"Problem: interfaces has {interface!r}, which is no vmdg.Interface; write "
+                f"Problem: interfaces has {interface!r}, which is not a vmdg.Interface; write "
                 "Interface(between=(1, 2), law=...)"
             )
     names = interface_names(interfaces)
@@ -64,13 +64,13 @@ def checked_interfaces(interfaces: Sequence[Interface]) -> tuple[Interface, ...]
         if first < i:
             raise ValueError(
                 f"Problem: interface {first} ({interfaces[first].place}) and interface {i} "
-                f"({interfaces[i].place}) are both called {name!r}; give each a name of its own"
+                f"({interfaces[i].place}) are both called {name!r}; give them different names"
             )
     return tuple(interfaces)
 
 
 def checked_materials(materials: Mapping[Group, Material]) -> Mapping[Group, Material]:
-    """Materials by tag, as they are.
+    """Materials by tag, unchanged.
 
     Raises:
         TypeError: they are not a mapping of tags to instances of :class:`vmdg.Material`.
@@ -95,7 +95,7 @@ def checked_materials(materials: Mapping[Group, Material]) -> Mapping[Group, Mat
 
 
 def in_numbers(materials: Mapping[int, Material], interfaces: Sequence[Interface]) -> list[str]:
-    """What is to be the same of materials and laws on all ranks, kinds and numbers, in words."""
+    """Types and parameters of materials and laws as text, to compare between ranks."""
     bodies = [(f"material {t}", body, body.parameters) for t, body in materials.items()]
     laws = [(f"interface {i}", one.law, vars(one.law)) for i, one in enumerate(interfaces)]
     return [
@@ -106,12 +106,12 @@ def in_numbers(materials: Mapping[int, Material], interfaces: Sequence[Interface
 
 
 def check_mesh(mesh: Mesh, cell_tags: MeshTags) -> None:
-    """A mesh of real numbers in double precision, and tags of its cells.
+    """Check a mesh in double precision and its cell tags.
 
     Raises:
-        TypeError: one of them is something else.
-        ValueError: the tags are of facets or of another mesh, coordinates are in single precision
-            or too many, or the cells are of another type.
+        TypeError: one of them has the wrong type.
+        ValueError: the tags are those of facets or of another mesh, coordinates are in single
+            precision or of another dimension, or the cell type is not supported.
         RuntimeError: PETSc computes with complex numbers.
     """
     if not isinstance(mesh, Mesh):
@@ -131,7 +131,8 @@ def check_mesh(mesh: Mesh, cell_tags: MeshTags) -> None:
         )
     if cell_tags.topology is not mesh.topology._cpp_object:
         raise ValueError(
-            "Problem: cell_tags belong to another mesh; give mesh and tags that were made together"
+            "Problem: cell_tags belong to another mesh; give mesh and tags that were created "
+            "together"
         )
     if np.issubdtype(PETSc.ScalarType, np.complexfloating):
         raise RuntimeError(
@@ -164,9 +165,9 @@ def check_plane(
     """Whether a problem is one of plane stress.
 
     Raises:
-        ValueError: an unknown word, what has no meaning in plane stress or generalized plane
-            strain; in plane stress a material that is tilted out of the plane, or one without the
-            stretch of its thickness.
+        ValueError: an unknown option, an option without meaning in plane stress or generalized
+            plane strain; in plane stress a material tilted out of the plane, or one without a
+            closed-form thickness stretch.
     """
     if plane not in PLANES:
         raise ValueError(f"Problem: plane = {plane!r} must be one of {PLANES}")
@@ -177,57 +178,57 @@ def check_plane(
     if plane == GENERALIZED:
         if volumetric != "pointwise":
             raise ValueError(
-                f"Problem: plane={plane!r} does not go with volumetric={volumetric!r}; take "
+                f"Problem: plane={plane!r} cannot be combined with volumetric={volumetric!r}; use "
                 "degree=2 near incompressibility"
             )
         return False
     if volumetric != "pointwise":
         raise ValueError(
-            "Problem: bodies in plane stress do not lock near incompressibility, their thickness "
-            "follows; leave out volumetric="
+            "Problem: bodies in plane stress do not lock near incompressibility, since their "
+            "thickness adapts; omit volumetric="
         )
     for tag, material in materials.items():
         if not material.mirrored:
             raise ValueError(
                 f"Problem: the axes of the {type(material).__name__} of tag {tag} are tilted out "
-                "of the plane, so that strains in it make shear stresses out of it; plane='stress' "
-                "needs an axis along z: turn the material by angle=, or mesh the sheet in 3D"
+                "of the plane, so that in-plane strains cause shear stresses out of the plane; "
+                "plane='stress' requires an axis along z: rotate the material by angle=, or mesh "
+                "the sheet in 3D"
             )
         if kinematics == "finite" and type(material).free_stretch is Material.free_stretch:
             raise ValueError(
                 f"Problem: the {type(material).__name__} of tag {tag} has no closed form of the "
-                "stretch of the thickness, which plane='stress' needs at finite strain; use "
-                "NeoHookean or Orthotropic, kinematics='small', a sheet of one cell in 3D, or a "
-                "subclass of Material with free_stretch(F, parameters)"
+                "thickness stretch, which plane='stress' requires at finite strain; use NeoHookean "
+                "or Orthotropic, kinematics='small', a sheet of one cell in 3D, or a subclass of "
+                "Material with free_stretch(F, parameters)"
             )
     return True
 
 
 def check_rest(mesh: Mesh, materials: Mapping[int, Material]) -> None:
-    """Energies without stress at F = I, where a body starts; collective.
+    """Check that energies have no stress at F = I, the initial state; collective.
 
     Raises:
-        ValueError: one has a stress there, or gives no number.
+        ValueError: one has a stress there, or is not finite.
     """
     for tag, material in materials.items():
         if material.free_at_rest or type(material).energy is Material.energy:
             continue
         P, A = _at_rest(mesh, material)
-        # Exponents of energies and their derivatives round to 1e-14 or so.
+        # Energies with exponents and their derivatives round to about 1e-14.
         if not np.isfinite(P).all() or np.abs(P).max() > RESTS * np.abs(A).max():
             raise ValueError(
                 f"Problem: the energy of the material of tag {tag} has the stress P = "
-                f"{rounded(P)} at F = I, where it must vanish; add what is missing, such "
-                "as -mu ln J to mu/2 tr(F^T.F), and give a stress that is there from the start by "
-                "eigenstrain="
+                f"{rounded(P)} at F = I, where it must vanish; add the missing term, such as -mu "
+                "ln J to mu/2 tr(F^T.F), and give an initial stress by eigenstrain="
             )
 
 
 def _at_rest(mesh: Mesh, material: Material) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """P at F = I (3, 3) and some of the moduli there [MPa]; the same on every rank, collective."""
-    # A Constant, and not the Identity, which UFL would put in while the user's function is called.
+    # A Constant, since UFL would simplify the Identity while the user's function is called.
     F = ufl.variable(fem.Constant(mesh, np.eye(3)))
-    # Of moduli that vary those of one cell.
+    # Moduli that vary are taken in one cell.
     some = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)[:1]
     parameters = {
         name: fem.Constant(mesh, float(np.sum(cell_values(mesh, value, some, name))))
@@ -236,7 +237,7 @@ def _at_rest(mesh: Mesh, material: Material) -> tuple[NDArray[np.float64], NDArr
     P = ufl.diff(material.energy(F, parameters), F)
     A = ufl.diff(P, F)
     moduli = [A[i, j, i, j] for i in range(3) for j in range(3)]
-    # An energy without parameters must know the mesh too.
+    # An energy without parameters must contain the mesh too.
     values = fem.Constant(mesh, 1.0) * ufl.as_vector(
         [P[i, j] for i, j in np.ndindex(3, 3)] + moduli
     )
@@ -249,75 +250,75 @@ def _at_rest(mesh: Mesh, material: Material) -> tuple[NDArray[np.float64], NDArr
 
 
 def check_approximation(mesh: Mesh, degree: int, kinematics: str) -> None:
-    """A degree that exists and that fits the cells, and kinematics that exist.
+    """Check the degree, also against that of the cells, and the kinematics.
 
-    Of a cell with X(xi) of degree p the displacement u(xi) of degree k < p has no affine function
-    of X in it, save where the cell is straight: grad u would be wrong by the curvature of the cell
-    even for a constant strain, on any mesh, and with it the tractions of an interface.
+    In a curved cell with X(xi) of degree p, displacements u(xi) of degree k < p do not contain
+    affine functions of X: for a constant strain grad u, and the tractions of an interface, would
+    have an error of the order of the curvature on any mesh.
 
     Raises:
-        ValueError: one of them does not, or the cells are of a higher degree than the displacement.
+        ValueError: one of them is invalid, or the cells have a higher degree than the displacement.
     """
     if not isinstance(degree, Real) or degree < 1 or degree % 1:
-        raise ValueError(f"Problem: degree = {degree!r} must be a whole number, at least 1")
+        raise ValueError(f"Problem: degree = {degree!r} must be an integer, at least 1")
     if kinematics not in KINEMATICS:
         raise ValueError(f"Problem: kinematics = {kinematics!r} must be one of {KINEMATICS}")
     geometry = compat.coordinate_element(mesh).degree
     if geometry > degree:
         raise ValueError(
             f"Problem: the cells of the mesh are curved, of degree {geometry}, the displacement "
-            f"has degree {degree}, which contains no constant strain on such cells; take "
+            f"has degree {degree}, which cannot represent constant strain on such cells; use "
             f"degree={geometry}, or mesh with straight cells (gmsh: mesh.setOrder({degree}))"
         )
 
 
 def check_condition(what: str, where: Any, value: Any) -> None:
-    """A place and a value, not a condition of DOLFINx.
+    """Check for a location and a value rather than a DOLFINx condition.
 
     Args:
         what: Name of the condition for messages.
-        where: What the user gave as the place.
-        value: What the user gave as the value.
+        where: The user's location.
+        value: The user's value.
 
     Raises:
         TypeError: one of them is a DirichletBC, or there is no value.
     """
     if isinstance(where, fem.DirichletBC) or isinstance(value, fem.DirichletBC):
         raise TypeError(
-            f"{what}: a DirichletBC of DOLFINx belongs to the dofs of a space of its own, and the "
-            "displacement of the problem has others, two at a node of an interface; write "
+            f"{what}: a DirichletBC of DOLFINx belongs to the dofs of another space than the "
+            "displacement of the problem, which has two at a node of an interface; write "
             "problem.dirichlet(facets, value, component), the value as a number, array, Constant, "
             "Function, lambda t: ... or lambda x, t: ..."
         )
     if value is None:
-        raise TypeError(f"{what}: the value is missing; 0.0 holds the nodes where they are")
+        raise TypeError(f"{what}: the value is missing; 0.0 fixes the nodes")
 
 
 def check_rigid_face(
     d: int, small: bool, component: int | str | None, tilts: bool, at: ArrayLike | None
 ) -> None:
-    """How a rigid face moves, at small strain or not, and its point.
+    """Check the motion of a rigid face and its point.
 
     Raises:
         ValueError: large rotations, or no point (d,) where the face tilts.
     """
     if tilts and component is None and not small:
         raise ValueError(
-            "rigid_face: all components of a face that tilts are those of a rigid rotation, which "
-            "is linear at small strain only: take kinematics='small', one component, tilts=False, "
-            "or a stiff body as the plate"
+            "rigid_face: all components of a tilting face form a rigid rotation, which is linear "
+            "at small strain only: use kinematics='small', one component, tilts=False, or a stiff "
+            "body as the plate"
         )
     if tilts and at is None:
         raise ValueError(
-            "rigid_face: a face that tilts needs at=, the point at which the force acts and whose "
-            "displacement is meant, for example its centre"
+            "rigid_face: a tilting face requires at=, the point of the force and the displacement, "
+            "for example its centre"
         )
     if at is not None and (np.shape(at) != (d,) or not np.isfinite(at).all()):
         raise ValueError(f"rigid_face: at = {at!r} must be a point of {d} finite coordinates")
 
 
 def check_overlap(mesh: Mesh, facets: Sequence[InterfaceFacets]) -> None:
-    """Every facet belongs to one interface; collective.
+    """Check that every facet belongs to one interface; collective.
 
     Raises:
         ValueError: a facet belongs to two.
@@ -342,18 +343,19 @@ def check_faces(
     interfaces: Sequence[Interface],
     facets: Sequence[InterfaceFacets],
 ) -> None:
-    """No interface that can fail lies on the boundary of a periodic cell, which ties; collective.
+    """Check that no interface that can fail lies on the tied boundary of a periodic cell;
+    collective.
 
     Args:
         mesh: The mesh.
         tags: Tag of every local cell.
-        lattice: Of the cell.
-        interfaces: What the user gave.
-        facets: Theirs.
+        lattice: Lattice of the cell.
+        interfaces: The user's interfaces.
+        facets: Facets of the interfaces.
 
     Raises:
-        ValueError: opposite faces do not match, two groups that such an interface is between meet
-            across the boundary, or its predicate or the change of sign of its level set is there.
+        ValueError: opposite faces do not match, the two groups of such an interface meet across the
+            boundary, or its predicate or level set selects facets there.
     """
 
     def everywhere(values: NDArray) -> NDArray:
@@ -369,22 +371,22 @@ def check_faces(
     for interface, selected in zip(interfaces, facets, strict=True):
         if not interface.law.inelastic:
             continue
-        remedy = "shift the cell so that its boundary runs through the bodies"
+        remedy = "shift the cell so that its boundary cuts the bodies"
         if interface.between is not None:
             between = np.unique(everywhere(np.sort(tags[selected.cells], axis=1)), axis=0)
             lies = (across[:, None] == between).all(axis=2).any(axis=1)
         elif interface.level_set is not None:
             lies = np.diff(everywhere(cells_inside(mesh, interface.level_set)[cells])[faces])[:, 0]
-            remedy += ", or select what is meant inside of it by facets="
+            remedy += ", or select facets inside of it by facets="
         elif callable(interface.facets):
             chosen = locate_entities(mesh, dim - 1, interface.facets)
             lies = everywhere(np.isin(outer, chosen))[faces].any(axis=1)
-            remedy += ", or leave its boundary out of facets="
+            remedy += ", or exclude its boundary from facets="
         else:
             continue
         if lies.any():
             place = min(rounded(middle[faces[lies, 0]]))
             raise ValueError(
                 f"Periodic: {selected.label} would lie on the boundary of the cell at {place}, "
-                f"where opposite faces are tied and nothing fails; {remedy}"
+                f"where opposite faces are tied and cannot fail; {remedy}"
             )

@@ -1,4 +1,4 @@
-"""What leads F_33 in generalized plane strain, as a user describes it."""
+"""User's description of the load on F_33 in generalized plane strain."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from .loading import Drive
 class GeneralizedStrain:
     """Generalized plane strain, for ``Problem(..., plane=)``: a section of a long body.
 
-    The ends of the body stay plane and parallel, so that F_33 is one number for all bodies and
-    interfaces: there is no bending about x and y. It is given, or follows from the force along z.
-    The word "generalized strain" is one without force.
+    The ends of the body stay plane and parallel, so F_33 is one number for all bodies and
+    interfaces, without bending about x and y. It is prescribed, or follows from the force along z.
+    The option "generalized strain" means zero force.
 
     Args:
-        strain: F_33 - 1, a number or f(t) of the load factor; None leaves it free.
+        strain: F_33 - 1, a number or f(t) of the load factor; None if it is free.
         force: Dead force on the section, int P_33 dA, in the same way [N]; None for none.
     """
 
@@ -28,13 +28,13 @@ class GeneralizedStrain:
     force: Value | None = None
 
     def drives(self, comm: MPI.Comm) -> list[Drive]:
-        """What leads F_33 - 1; collective.
+        """The load on F_33 - 1; collective.
 
         Args:
             comm: Communicator of the mesh.
 
         Raises:
-            ValueError: both are given, or one that is no number.
+            ValueError: both are given, or one is not a number.
         """
         if self.strain is not None and self.force is not None:
             raise ValueError(
@@ -48,7 +48,7 @@ class GeneralizedStrain:
 
 
 def generalized(plane: str | GeneralizedStrain) -> GeneralizedStrain | None:
-    """What a user gave for ``plane``, the word as its class; None where it is another one."""
+    """The user's ``plane``, the option converted to its class; None for other options."""
     if isinstance(plane, GeneralizedStrain):
         return plane
     return GeneralizedStrain() if plane == GENERALIZED else None

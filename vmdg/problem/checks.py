@@ -1,4 +1,5 @@
-"""Checks of a problem before it is solved: mistakes whose effects would be hard to explain."""
+"""Checks of a problem before it is solved, for mistakes whose effects would be hard to
+interpret."""
 
 from __future__ import annotations
 
@@ -21,44 +22,44 @@ from .standing import falling
 from .supports import LoosePart, in_words, loose_among, loose_parts, parts_of
 from .zone import process_zones
 
-#: Strength relative to r h, the stiffness of the cells at an interface: the least that is believed
-#: (a modulus in Pa beside a strength in MPa is below), and the largest that is usual.
+#: Strength relative to r h, the stiffness of the cells at an interface: smallest plausible value (a
+#: modulus in Pa with a strength in MPa is below), and largest usual value.
 WEAKEST, USUAL = 1e-8, 0.1
 
 #: Critical gap relative to the size of the mesh.
 WIDEST = 10.0
 
-#: |tau_s| relative to H from which on what H costs in digits is told.
+#: |tau_s| relative to H below which the loss of digits is reported.
 LOSSY = 1e-3
 
-#: Load factors at which it is asked whether loads change, and the place of one between two.
+#: Number of load factors at which loads are compared, and relative position of an intermediate one.
 MOST_SAMPLES, BETWEEN = 5, 0.382
 
-#: Length of a periodic cell in the first state to reach, relative to that at rest: the least that
-#: is believed.
+#: Smallest plausible length of a periodic cell in the first loaded state, relative to the initial
+#: one.
 SHORTEST = 0.5
 
-#: Coefficient of friction, usually below 1; degrees and percent are above.
+#: Largest plausible coefficient of friction, below values in degrees or percent.
 ROUGHEST = 5.0
 
 
 def check_model(problem: Problem, loads: NDArray[np.float64], traced: bool = False) -> bool:
-    """Look for supports that are missing or in conflict, and numbers out of proportion.
+    """Look for missing or conflicting supports and implausible numbers.
 
     Args:
         problem: The problem, about to be solved.
         loads: Load factors to reach.
-        traced: Whether load factors fall along the path where bonds break.
+        traced: Whether load factors may decrease along the path where bonds break.
 
     Returns:
-        Whether contact alone holds a body.
+        Whether a body is constrained by contact alone.
 
     Raises:
-        ValueError: nothing holds a part of the problem, whatever its interfaces do, loads are not
-            finite at the first or the last load factor, or nodes of the mesh were moved.
+        ValueError: a part of the problem is unconstrained even if all interfaces hold, loads are
+            not finite at the first or the last load factor, or nodes of the mesh were moved.
     """
     message = (
-        "the nodes of the mesh were moved after the problem was made, which does not follow them: "
+        "the nodes of the mesh were moved after the problem was created, which does not notice it: "
         "move or scale the mesh first"
     )
     raise_together(problem.comm, message if problem.discretization.bodies.moved else None)
@@ -81,17 +82,17 @@ def check_model(problem: Problem, loads: NDArray[np.float64], traced: bool = Fal
 def checked_loads(
     loads: ArrayLike, problem: Problem, rows: Sequence[Mapping[str, Any]] | None = None
 ) -> NDArray[np.float64]:
-    """Load factors as an array (n,); warns of those that an earlier run has behind it; collective.
+    """Load factors as an array (n,); warns about those that a continued run has passed; collective.
 
     Args:
-        loads: What the user gave; an int is so many equal steps to 1.
-        problem: Where they set out from.
-        rows: Of an earlier run that goes on, of which nothing may be left to do.
+        loads: The user's loads; an int is a number of equal steps to 1.
+        problem: The problem, at the initial load factor.
+        rows: Rows of an earlier run to continue, in which case there may be no loads.
 
     Raises:
-        ValueError: there is none, one is not a finite number, or an int leads nowhere.
-        TypeError: it is a single number that is no int, which could mean a load factor or steps, or
-            the problem is none.
+        ValueError: there are none, one is not a finite number, or an int gives no steps.
+        TypeError: it is a single number other than an int, which is ambiguous, or the problem is
+            not a problem.
     """
     if not isinstance(problem, Problem):
         raise TypeError(
@@ -116,8 +117,8 @@ def checked_loads(
     same_call(problem.comm, "solve", [f"loads = {result.tolist()}"])
     if rows and result.size and rows[0]["load"] == result[0] != problem.t in result:
         message = (
-            f"solve: the run that goes on is at load factor {problem.t:.8g}, and loads begin where "
-            f"it began, at {result[0]:.8g}: it goes back there. To go on give those that are left, "
+            f"solve: the continued run is at load factor {problem.t:.8g}, but loads start again at "
+            f"{result[0]:.8g}: the run returns there. To continue give the remaining ones, "
             "loads[loads > problem.t]"
         )
     warn_together(problem.comm, message)
@@ -141,13 +142,13 @@ def _equal_steps(number: int, start: float) -> NDArray[np.float64]:
 
 
 def _check_supports(problem: Problem) -> bool:
-    """Whether contact alone holds a body; refuses one that nothing holds."""
+    """Whether a body is constrained by contact alone; raises for an unconstrained body."""
     interfaces, message = problem.discretization.active.values(), None
     for words, motions in _alike(loose_parts(problem, interfaces)):
         message = (
-            f"nothing holds {words} against {motions}: the equations have "
-            "no single solution. Prescribe displacements by problem.dirichlet(facets, 0.0), or of "
-            "a symmetric body those of its planes of symmetry, dirichlet(facets, 0.0, 'x')"
+            f"there is no constraint on {words} against {motions}: the solution is not unique. "
+            "Prescribe displacements by problem.dirichlet(facets, 0.0), or for a symmetric body "
+            "those of its planes of symmetry, dirichlet(facets, 0.0, 'x')"
         )
     raise_together(problem.comm, message)
     bonded = _bonded(problem)
@@ -155,20 +156,20 @@ def _check_supports(problem: Problem) -> bool:
     for words, motions in _alike(resting):
         warn_together(
             problem.comm,
-            f"only contact holds {words} against {motions}, and contact "
-            "that is not pressed holds nothing: prescribe displacements, or press the body by them",
+            f"only contact constrains {words} against {motions}, and contact without pressure "
+            "constrains nothing: prescribe displacements, or press the body by them",
         )
     return bool(resting)
 
 
 def _alike(parts: Sequence[LoosePart]) -> list[tuple[str, str]]:
-    """Bodies and motions in words, one for all parts with equal motions."""
+    """Description of bodies and motions, one for all parts with equal motions."""
     motions = dict.fromkeys(part.motions for part in parts)
     return [(in_words([p for p in parts if p.motions == one]), one) for one in motions]
 
 
 def _bonded(problem: Problem) -> list[ActiveInterface]:
-    """Interfaces that are not cracks from end to end; collective."""
+    """Interfaces that are not completely broken; collective."""
     interfaces = problem.discretization.active.values()
     holds = [global_any(problem.comm, bool((c.facets.damage < 1).any())) for c in interfaces]
     return [
@@ -179,9 +180,9 @@ def _bonded(problem: Problem) -> list[ActiveInterface]:
 
 
 def _check_bonds(problem: Problem, loads: NDArray[np.float64]) -> None:
-    """Warn of loads that only bonds bear: what is pressed stands without them."""
+    """Warn about loads carried by bonds alone; contact is checked by limit analysis."""
     interfaces = problem.discretization.active.values()
-    # Cracks within a body leave it in one piece, as far as is known before.
+    # Cracks within a body are assumed to leave it in one piece.
     lasting = [c for c in interfaces if not c.law.inelastic or c.interface.within is not None]
     loaded = problem.loading.given.loaded
     breakable = [c for c in _bonded(problem) if c not in lasting]
@@ -193,7 +194,7 @@ def _check_bonds(problem: Problem, loads: NDArray[np.float64]) -> None:
         for part in loose_among(problem, held)
         if global_any(comm, bool(loaded[part.cells].any()))
     ]
-    # A fluid is where cracks will be, and its forces are not known before.
+    # The extent and forces of a fluid are not known in advance.
     if loose and not problem.loading.given.filled:
         between = [one for one in interfaces if one not in lasting]
         falls = set().union(*(falling(problem, held, between, t) for t in (loads[0], loads[-1])))
@@ -202,22 +203,22 @@ def _check_bonds(problem: Problem, loads: NDArray[np.float64]) -> None:
         several = words[0].isdigit()
         warn_together(
             comm,
-            f"{words} {'bear loads' if several else 'bears a load'}, and against {motions} only "
-            f"bonds hold {'them' if several else 'it'}: once they break there is no equilibrium, "
-            "and no step will converge. Prescribe a displacement instead of the load to go on, or "
-            "follow the falling load by SolveOptions(unstable='trace') until= the crack is long "
-            "enough",
+            f"{words} {'carry loads' if several else 'carries a load'}, and against {motions} only "
+            f"bonds constrain {'them' if several else 'it'}: once they break there is no "
+            "equilibrium, and no step will converge. Prescribe a displacement instead of the load, "
+            "or follow the decreasing load by SolveOptions(unstable='trace') until= the crack is "
+            "long enough",
         )
 
 
 def _check_programme(problem: Problem, loads: NDArray[np.float64]) -> None:
-    """Warn of a run in which nothing is loaded, or nothing changes from row to row."""
+    """Warn about a run without loads, or without changes from row to row."""
     rows = [problem.loading.check_finite(float(t)) for t in (loads[0], loads[-1])]
     try:
         rows += [problem.loading.check_finite(float(t)) for t in _samples(problem.t, loads)]
     except Exception:
-        # A user's function, on all ranks, at a load factor that the run may not come to: where it
-        # does, it ends there by this error, with the rows until then. Nothing is known of loads.
+        # A user's function failed on all ranks at a load factor that the run may not reach; if it
+        # does, it ends there with this error and the rows until then.
         return
     pairs = [(part, first) for row in rows for part, first in zip(row, rows[0], strict=True)]
     loaded = global_any(problem.comm, any(part.any() for part, _ in pairs))
@@ -225,28 +226,28 @@ def _check_programme(problem: Problem, loads: NDArray[np.float64]) -> None:
     message = None
     if not loaded and not global_any(problem.comm, bool(problem.u.x.array.any())):
         message = (
-            "nothing is loaded: all prescribed displacements, loads and eigenstrains are zero at "
+            "there is no load: all prescribed displacements, loads and eigenstrains are zero at "
             f"load factors {loads[0]:.6g} to {loads[-1]:.6g}. Give a load that depends on the load "
             "factor, problem.dirichlet(facets, lambda t: 0.1 * t, 'x') for example"
         )
     elif not changes and len(set(loads)) > 1 and not _moves_by_itself(problem):
         message = (
             f"no load depends on the load factor: all {len(loads)} steps end in the same state. "
-            "Give the one that grows as a function, lambda t: 0.1 * t in place of 0.1, or a single "
+            "Give the increasing load as a function, lambda t: 0.1 * t instead of 0.1, or a single "
             "load factor, [1.0]"
         )
     warn_together(problem.comm, message)
 
 
 def _samples(start: float, loads: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The present load factor, some of those to reach, and one between the first two."""
+    """The current load factor, some of those to reach, and one between the first two."""
     some = loads[np.unique(np.linspace(0, len(loads) - 1, MOST_SAMPLES).astype(int))]
     between = loads[0] + BETWEEN * np.diff(loads[:2])
     return np.concatenate([[start], some, between])
 
 
 def _check_gradient(problem: Problem, t: float) -> None:
-    """Warn of a mean gradient that is meant as a strain."""
+    """Warn about a mean gradient that was probably meant as a strain."""
     means, u = problem.discretization.means, problem.u.x.array
     if lattice_of(means) is None or problem.discretization.bodies.small:
         return
@@ -256,15 +257,16 @@ def _check_gradient(problem: Problem, t: float) -> None:
     least, message = np.linalg.svd(np.eye(len(H)) + H, compute_uv=False)[-1], None
     if least < SHORTEST:
         message = (
-            f"Periodic: gradient presses the cell to {least:.3g} of its length at the first load "
-            f"factor, {t:.6g}. It is F_bar, 1 where nothing is strained: 1 + 0.01 * t in place of "
+            f"Periodic: gradient compresses the cell to {least:.3g} of its length at the first "
+            f"load factor, {t:.6g}. It is F_bar, 1 without strain: use 1 + 0.01 * t instead of "
             "0.01 * t"
         )
     warn_together(problem.comm, message)
 
 
 def _moves_by_itself(problem: Problem) -> bool:
-    """Whether a state may change under loads that stay: by time, cycles, or fluids that spread."""
+    """Whether a state may change under constant loads: by viscosity, cycles, or spreading
+    fluids."""
     laws = [interface.law for interface in problem.interfaces]
     return bool(problem.loading.given.filled) or any(law.fatigues or law.viscosity for law in laws)
 
@@ -273,12 +275,12 @@ def _moves_by_itself(problem: Problem) -> bool:
 
 
 def _check_proportions(problem: Problem, active: ActiveInterface) -> bool:
-    """Warn of numbers out of proportion; whether the law is far too steep for the facets."""
+    """Warn about implausible numbers; return whether the law is far too steep for the facets."""
     law, comm, message = active.facets.law, problem.comm, None
     if (roughest := np.max(law.friction, initial=0.0)) > ROUGHEST:
         message = (
             f"{active.facets.label}: friction = {roughest:g} is Coulomb's coefficient mu, the "
-            "tangent of the angle of friction, usually below 1; it is neither in degrees nor in "
+            "tangent of the friction angle, usually below 1; it is neither in degrees nor in "
             "percent"
         )
     warn_together(comm, message)
@@ -294,11 +296,11 @@ def _check_proportions(problem: Problem, active: ActiveInterface) -> bool:
     message = None
     if strength < WEAKEST * softest:
         message = (
-            f"{active.facets.label}: the strength {strength:.3g} is less than {WEAKEST:g} of "
-            f"the elastic moduli beside it, of the order of {softest:.3g}: the bond breaks at "
-            "once. Give both in the same unit (MPa with mm and N)"
+            f"{active.facets.label}: the strength {strength:.3g} is less than {WEAKEST:g} of the "
+            f"adjacent elastic moduli, of the order of {softest:.3g}: the bond breaks at once. "
+            "Give both in the same unit (MPa with mm and N)"
         )
-    # With a strength near the moduli it makes a bond that is meant never to break.
+    # With a strength near the moduli the bond is intended not to break.
     elif gap > WIDEST * size and strength < USUAL * softest:
         message = (
             f"{active.facets.label}: the critical gap is about {gap:.3g}, the mesh {size:.3g} "
@@ -309,11 +311,11 @@ def _check_proportions(problem: Problem, active: ActiveInterface) -> bool:
 
 
 def _check_zones(problem: Problem, steep: set[int]) -> None:
-    """Warn once of facets whose points are farther apart than a process zone is long.
+    """Warn once about facets whose point distance exceeds the length of the process zone.
 
     Args:
         problem: In its reference configuration.
-        steep: Interfaces that are warned of already, for the same reason.
+        steep: Interfaces with an earlier warning for the same reason.
     """
     k, comm, worst = problem.space.ufl_element().degree, problem.comm, 1.0
     found = None
@@ -331,22 +333,23 @@ def _check_zones(problem: Problem, steep: set[int]) -> None:
             reason = (
                 "E' G_c/P_c^2"
                 if t == np.inf
-                else f"sqrt(E' t G_c)/P_c with a part of t = {t:.3g} mm beside it"
+                else f"sqrt(E' t G_c)/P_c with an adjacent part of t = {t:.3g} mm"
             )
             message = (
                 f"{problem.step.activation.facets[number].label}: facets of {edge:.3g} mm are too "
                 f"long for the process zone of a crack, {length:.3g} mm or less, {reason}: a crack "
-                "that should grow may stay, the bond holds far above its fracture energy. Take "
-                f"facets of about {k * length / 3:.2g} mm where it grows, or a lower strength with "
-                "the same fracture energy, which cracks hardly feel (nothing to do where no crack "
-                "grows but all breaks at once)"
+                "may not grow although it should, since the bond resists far beyond its fracture "
+                f"energy. Use facets of about {k * length / 3:.2g} mm where it grows, or a lower "
+                "strength with the same fracture energy, which hardly affects cracks (ignore this "
+                "if the interface fails at once, without crack growth)"
             )
         found = message
     warn_together(comm, found)
 
 
 def _check_softening(comm: MPI.Comm, active: ActiveInterface) -> bool:
-    """Warn of facets far too coarse for H, which the r of ``safety="auto"`` exceeds on any mesh."""
+    """Warn about facets far too coarse for H, which the r of ``safety="auto"`` exceeds on any
+    mesh."""
     if not active.stabilizer.automatic:
         return False
     extent = active.quadrature.extent
@@ -358,14 +361,15 @@ def _check_softening(comm: MPI.Comm, active: ActiveInterface) -> bool:
         message = (
             f"{active.facets.label}: at facet {active.facets.facets[f]} the softening modulus H = "
             f"{H[f]:.6g} MPa/mm is far above the derived |tau_s| = {share[f] * H[f]:.6g}: the bond "
-            f"would break faster than the element can unload. Refine the facet from {extent[f]:.3g}"
-            f" to below {extent[f] * share[f]:.3g} mm, or raise the critical gap{SAME_UNITS}"
+            "would soften faster than the element can unload. Refine the facet from "
+            f"{extent[f]:.3g} to below {extent[f] * share[f]:.3g} mm, or raise the critical "
+            f"gap{SAME_UNITS}"
         )
         if share[f] < LOSSY:
-            # T = {P.N} + r (g - zeta), r = 2 H: openings are rounded as displacements are.
+            # T = {P.N} + r (g - zeta), r = 2 H: openings have the rounding error of displacements.
             message += (
-                f" Tractions lose {-np.log10(share[f]):.0f} of their 16 digits, which no tolerance "
-                "knows: residuals cannot be as small as elsewhere"
+                f" Tractions lose {-np.log10(share[f]):.0f} of their 16 digits, so residuals "
+                "cannot be as small as usual"
             )
     warn_together(comm, message)
     return worst < 1 / SUSPICIOUS_RATIO

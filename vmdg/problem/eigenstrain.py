@@ -1,5 +1,4 @@
-"""Eigenstrains as users give them: numbers and tensors, over the load factor and from place to
-place."""
+"""User-defined eigenstrains: numbers and tensors, as functions of load factor and position."""
 
 from __future__ import annotations
 
@@ -26,7 +25,7 @@ _WAYS = (
     "an array with one for each local cell"
 )
 
-#: Difference of e_ij and e_ji relative to the largest entry that rounding may leave.
+#: Difference of e_ij and e_ji relative to the largest entry that counts as rounding.
 _SYMMETRIC = 1e-12
 
 
@@ -35,16 +34,16 @@ class Eigenstrain:
 
     Args:
         mesh: The mesh.
-        value: What the user gave.
+        value: The user's value.
         cells: Local cells of the tag, ghosts included.
         what: Its name, for messages.
 
     Attributes:
-        tensor: A tensor, not the factor of the identity.
-        uniform: The same in all of the cells.
+        tensor: Whether it is a tensor rather than a multiple of the identity.
+        uniform: Whether it is the same in all cells.
 
     Raises:
-        ValueError: it is no strain.
+        ValueError: it is not a valid strain.
     """
 
     def __init__(self, mesh: Mesh, value: Any, cells: NDArray[np.int32], what: str):
@@ -54,13 +53,13 @@ class Eigenstrain:
             self._at, self.uniform = _reader(mesh, value, cells, points)
             first = self._at(0.0)
             _check(first, () if self.uniform else (len(cells),), mesh.geometry.dim)
-        except Exception as error:  # of a user's function, which may do anything
+        except Exception as error:  # a user's function may raise anything
             message = f"{what} is {value!r}: {error}; {_WAYS}"
         raise_together(mesh.comm, message)
         self.tensor = first.ndim >= 2
 
     def __call__(self, t: float) -> Array:
-        """At load factor t: () or (3, 3) of all cells, or (n, ...) of each."""
+        """Strain at load factor t: () or (3, 3) for all cells, or one per cell (n, ...)."""
         return self._at(t)
 
 
@@ -75,12 +74,12 @@ def checked_eigenstrains(
     Args:
         mesh: The mesh.
         tags: Tag of every local cell, ghosts included.
-        eigenstrain: What the user gave.
+        eigenstrain: The user's eigenstrains.
         names: Tag by name of the groups of cells.
 
     Raises:
         TypeError: they are not a mapping of tags.
-        ValueError: one is no strain.
+        ValueError: one is not a valid strain.
     """
     if not isinstance(eigenstrain or {}, Mapping):
         raise TypeError(
@@ -99,19 +98,19 @@ def checked_eigenstrains(
 
 
 def refusal(bodies: Bodies, strains: Array, t: float) -> str | None:
-    """Why no body can have these eigenstrains at finite strain, in words; None where it can.
+    """Why these eigenstrains are impossible at finite strain; None if they are valid.
 
     Args:
         bodies: The bodies.
-        strains: Of all local cells, as they have them.
+        strains: Eigenstrains of all local cells.
         t: Load factor.
     """
     least = np.inf if bodies.small else bodies.least_stretch(strains)
     if least > 0:
         return None
     return (
-        f"an eigenstrain of {least - 1:.6g} at load factor {t:.8g} leaves nothing of a body: at "
-        "finite strain F_s = I + e must be positive. A strain is a number without a unit, 1% is "
+        f"an eigenstrain of {least - 1:.6g} at load factor {t:.8g} would shrink a body to nothing: "
+        "at finite strain F_s = I + e must be positive definite. A strain is dimensionless, 1 % is "
         "0.01"
     )
 
@@ -119,14 +118,14 @@ def refusal(bodies: Bodies, strains: Array, t: float) -> str | None:
 def _reader(
     mesh: Mesh, value: Any, cells: NDArray[np.int32], points: bool
 ) -> tuple[Callable[[float], Array], bool]:
-    """The value as a function of t, and whether it is the same in all cells."""
+    """The value as a function of t, and whether it is uniform."""
     if isinstance(value, fem.Function):
         return lambda t: rows_of_cells(mesh, value, cells), False
     if points:
         x = compute_midpoints(mesh, mesh.topology.dim, cells).T
         return lambda t: np.moveaxis(value_at(value, t, x), -1, 0), False
     if isinstance(value, Expr) and not isinstance(value, fem.Constant):
-        raise ValueError("an expression of UFL has no values in cells")
+        raise ValueError("a UFL expression has no cell values")
     if not callable(value):
         array = np.asarray(value, dtype=float)
         if array.ndim in (1, 3):
@@ -136,7 +135,7 @@ def _reader(
 
 
 def _check(strain: Array, rows: tuple[int, ...], d: int) -> None:
-    """Refuse what is no finite number or tensor for each row.
+    """Check for one finite number or tensor per row.
 
     Raises:
         ValueError: the reason.

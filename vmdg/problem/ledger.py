@@ -1,7 +1,7 @@
-"""The ledger of a run: what loads have done and what was spent, written beside its steps.
+"""Energy balance of a run: work of loads and dissipation, accumulated over its steps.
 
-What is stored is a matter of a state; what loads have done is one of the way to it, so that every
-step is entered. The integrals are those of :mod:`.work`.
+Stored energy depends on the state alone, but the work of loads on the path to it, so every step is
+recorded. The integrals are those of :mod:`.work`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .loading import Loading
 from .states import Energy, Pending, Snapshot, Works
 from .work import chord_integral, next_arc
 
-#: Share of a step over which the change of the energy with the eigenstrains is taken.
+#: Fraction of a step for differences of the energy by the eigenstrains.
 SMALL = 1e-2
 
 
@@ -29,9 +29,9 @@ class _Forces(NamedTuple):
     """Internal forces, the derivative of the energy of bodies and interfaces.
 
     Attributes:
-        residual: On displacements, less the loads, owned dofs [N].
+        residual: Forces on displacements minus loads, owned dofs [N].
         loads: Over local dofs [N].
-        at_gaps: -T dA, on zeta (n,) [N; N/mm in plane strain].
+        at_gaps: Forces -T dA on zeta (n,) [N; N/mm in plane strain].
     """
 
     residual: NDArray[np.float64]
@@ -41,18 +41,18 @@ class _Forces(NamedTuple):
 
 @dataclass
 class _Start:
-    """Where a step has begun, and how it goes.
+    """Start and type of a step.
 
     Attributes:
         state: The converged state.
         loads: Over local dofs [N].
         fluids: Pressures and gaps, see :meth:`Ledger._fluids`.
         dt: Time step [s].
-        slowed: Whether by an overstress.
-        cycles: Of the load.
-        added: Energy by its tau_s [N mm].
-        rate: Of the energy with the eigenstrains [N mm].
-        forces: With its tau_s and its loads, where they are known.
+        slowed: Whether with an overstress.
+        cycles: Number of load cycles.
+        added: Energy added by its tau_s [N mm].
+        rate: Derivative of the energy by the eigenstrains [N mm].
+        forces: Forces with its tau_s and loads, if known.
     """
 
     state: Snapshot
@@ -67,15 +67,15 @@ class _Start:
 
 
 class Ledger:
-    """Works of the steps of a problem.
+    """Works in the steps of a problem.
 
     Args:
-        discretization: Of the facets that are open.
+        discretization: For the open facets.
         loading: Loads and prescribed displacements.
 
     Attributes:
         discretization: As above.
-        works: So far.
+        works: Works so far.
     """
 
     def __init__(self, discretization: Discretization, loading: Loading):
@@ -87,36 +87,36 @@ class Ledger:
     # The course of a step
 
     def settle(self) -> None:
-        """What is pending stays as it is entered."""
+        """Accept the estimate of the pending work."""
         self.works = replace(self.works, pending=None)
 
     def begin(self, state: Snapshot, dt: float, slowed: bool, cycles: float) -> None:
-        """A step sets out from a converged state."""
+        """Start a step from a converged state."""
         loads, fluids = self._loading.vector, self._fluids()
         self._start = _Start(state, loads, fluids, dt, slowed, cycles)
 
     def set_out(self, added: float, t: float) -> None:
-        """It has taken its tau_s, which has added an energy [N mm], and is to go to a load factor;
+        """Record the energy added by the tau_s of the step [N mm] and its target load factor;
         collective."""
         self._start.added = added
         self._start.rate = self._eigenstrain_rate(self._loading.t, t)
 
     def hold(self) -> None:
-        """The last residual is that at its start, with its tau_s and its loads."""
+        """Record the last residual as that at the start of the step, with its tau_s and loads."""
         now = self.discretization
         if not now.bodies.small:
             residual = now.forces.x.array[: now.owned].copy()
             self._start.forces = _Forces(residual, self._loading.vector, self._gap_forces())
 
     def commit(self) -> None:
-        """Enter the step as it is now; collective."""
+        """Record the step at its current state; collective."""
         work, charged, within = self._external_work()
         done = work, self._start.added + self._relaxed()
         self._enter(done, self.dissipation() + charged)
         self.works = replace(self.works, within=within)
 
     def complete(self) -> None:
-        """Find what is pending of the last step, at whose end the problem is; collective."""
+        """Compute the pending work of the last step, at its end; collective."""
         pending = self.works.pending
         if pending is None:
             return
@@ -126,14 +126,14 @@ class Ledger:
         self.settle()
 
     def energy(self) -> Energy:
-        """Energies at the current state, with works as they are entered; collective."""
+        """Energies at the current state, with works as recorded; collective."""
         bulk, interface, springs = self.discretization.stored_energy()
         done = *self.works.dissipated, *self.works.external
         values = [bulk, interface, *done, springs]
         return Energy(*(float(value) for value in global_sum(self._comm, values)))
 
     def _enter(self, external: Sequence[float], dissipated: NDArray[np.float64]) -> None:
-        """Enter works, this rank's."""
+        """Record this rank's works."""
         works = self.works
         self.works = replace(
             works,
@@ -142,9 +142,9 @@ class Ledger:
         )
 
     def _enter_curvature(self, more: float, at_rest: bool) -> None:
-        """Enter what the curvature of a step adds, on the first rank."""
+        """Record the curvature term of a step, on the first rank."""
         more *= self._comm.rank == 0
-        # Loads at rest do no work: what a rate lets go is less by it.
+        # Constant loads do no work: the viscous work is reduced by it.
         spent = np.array([0.0, 0.0, -more * at_rest])
         self._enter((more * (not at_rest), 0.0), spent)
 
@@ -153,25 +153,25 @@ class Ledger:
         works = [active.works() for active in self.discretization.active.values()]
         return float(self.discretization.geometry.thickness) * sum(works, start=np.zeros(3))
 
-    # Entries besides those of steps
+    # Entries other than steps
 
     def begin_arc(self) -> None:
-        """The next step does not go on from the last one."""
+        """The next step does not continue the last one."""
         self.works = replace(self.works, arc=None, pending=None)
 
     def follow(self, discretization: Discretization) -> None:
-        """Go on with another discretization."""
+        """Continue with another discretization."""
         self.discretization = discretization
         self.begin_arc()
 
     def enter_opening(self, added: float) -> None:
-        """Facets that have opened have added an energy, this rank's [N mm]."""
+        """Record this rank's energy added by opened facets [N mm]."""
         self._enter((0.0, added), np.zeros(3))
 
     def hold_loads(self, since: Snapshot) -> None:
-        """Count the work of loads since a state of this load factor as that of loads that are held.
+        """Replace the work of loads since a state at this load factor by that at constant load.
 
-        The way there led over other load factors, which a machine does not record.
+        The path there passed other load factors, which a machine would not record.
         """
         now, works = self.discretization, self.works
         if since.t != self._loading.t or since.discretization is not now:
@@ -181,17 +181,17 @@ class Ledger:
         self.works = replace(works, external=np.array([work, works.external[1]]))
 
     def release(self, energy: float) -> None:
-        """Count what a jump has released with the viscous work; `energy` of all ranks [N mm]."""
+        """Add the energy released by a jump to the viscous work; `energy` of all ranks [N mm]."""
         self._enter((0.0, 0.0), np.array([0.0, 0.0, energy * (self._comm.rank == 0)]))
 
     # Works of a step
 
     def _external_work(self) -> tuple[float, NDArray[np.float64], float]:
-        """Work of prescribed displacements, dead loads and eigenstrains in the step, and what its
-        parts charge to damage, friction and viscosity more than the whole (3,), this rank's [N mm];
+        """Work of prescribed displacements, dead loads and eigenstrains in the step, the excess of
+        damage, friction and viscous work of its parts over the whole (3,), this rank's [N mm]; and
         ``within`` of :class:`.Works`.
 
-        What the curvature of the step adds is entered here, as far as two steps foretell it.
+        The curvature term of the step is recorded here, as predicted by two steps.
         """
         now, begun, start = self.discretization, self._start, self._start.state
         owned, prescribed = slice(now.owned), self._loading.owned_prescribed
@@ -209,9 +209,9 @@ class Ledger:
             fluids = begun.fluids, self._fluids()
             ends = [np.append(end, p) for end, (p, _) in zip(ends, fluids, strict=True)]
             change = np.append(change, fluids[1][1] - fluids[0][1])
-        # With the points' forces -T on zeta these are the derivative of an energy, whose work does
-        # not depend on the path. That of T does, on where in the step points begin to yield. Cycles
-        # wear a bond while the load stays.
+        # With the forces -T on zeta these are the derivative of an energy, whose work is path
+        # independent. That of T depends on where in the step points begin to yield. Cycles degrade
+        # a bond at constant load.
         thickness = float(now.geometry.thickness)
         work, straight, more = 0.0, 0.0, np.zeros(3)
         held = begun.slowed or begun.cycles > 0 or self._loading.t == start.t
@@ -223,7 +223,7 @@ class Ledger:
             work += thickness * done
             more += thickness * charged
             straight -= thickness * float(sum(forces) @ gap) / 2
-        # Eigenstrains are as a force, the change of the energy with t, on the load factor.
+        # Eigenstrains act as a force on the load factor, the derivative of the energy by t.
         rates = begun.rate, self._eigenstrain_rate(self._loading.t, start.t)
         ends = [np.append(end, rate) for end, rate in zip(ends, rates, strict=True)]
         led = any(rates) and self._comm.rank == 0
@@ -245,30 +245,30 @@ class Ledger:
     def _pending(
         self, slopes: Sequence[float], gap: NDArray[np.float64], entered: float, at_rest: bool
     ) -> Pending:
-        """What it takes to find the curvature of the step.
+        """Data to compute the curvature of the step.
 
         Args:
-            slopes: phi at start and end by the loads, this rank's [N mm].
+            slopes: phi at start and end from the loads, this rank's [N mm].
             gap: d zeta, flat [mm].
-            entered, at_rest: As of :class:`.Pending`.
+            entered, at_rest: As for :class:`.Pending`.
         """
         start, forces, t = self._start.state, self._start.forces, self._loading.t
         change = self.discretization.u.x.array - start.u, gap
         before = first = slopes[0] + 2 * self._relaxed()
-        # The first guess of the step knows the forces at its start with its tau_s, but not with the
+        # The predictor has the forces at the start with tau_s of the step, but not for the
         # eigenstrains there.
         if forces is not None and not self._loading.strained(start.t, t):
             first = self._slope(forces, change)
         return Pending(start, change, (before, first, slopes[1]), entered, at_rest)
 
     def _slope(self, forces: _Forces, change: tuple[NDArray, NDArray]) -> float:
-        """phi of forces but eigenstrains, this rank's [N mm]."""
+        """phi without eigenstrains, this rank's [N mm]."""
         u, gap = change
         at_gaps = float(self.discretization.geometry.thickness) * forces.at_gaps @ gap
         return float(forces.residual @ u[: self.discretization.owned] + forces.loads @ u + at_gaps)
 
     def _curvature(self, pending: Pending) -> float:
-        """What the trapezoidal rule misses of the first integral of :mod:`.work`; collective.
+        """Error of the trapezoidal rule in the first integral of :mod:`.work`; collective.
 
         [N mm], the same on every rank.
         """
@@ -311,14 +311,14 @@ class Ledger:
         return _joined(gap_force(active, active.traction_in_frame()) for active in failing)
 
     def _relaxed(self) -> float:
-        """Work of the forces that facets which have opened left out of balance, this rank's
-        [N mm]."""
+        """Work of the unbalanced forces after facets have opened, this rank's [N mm]."""
         start, owned = self._start.state, slice(self.discretization.owned)
         forces = self._loading.balance(start.forces[owned].copy())
         return float(forces @ (self.discretization.u.x.array - start.u)[owned]) / 2
 
     def _fluids(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Pressures in fluids times areas [N], and what they lose of their gaps [mm], at points."""
+        """Fluid pressures times areas [N], and the volume difference :meth:`.Fluid.intrusion` [mm],
+        at points."""
         forces, lost = [], []
         thickness = float(self.discretization.geometry.thickness)
         for active in self.discretization.surface.fluids:
@@ -329,9 +329,9 @@ class Ledger:
         return _joined(forces), _joined(lost)
 
     def _eigenstrain_rate(self, now: float, t: float) -> float:
-        """Change of the stored energy with the eigenstrains at the present displacement, as they
-        change from load factor ``now``, at which they are left, towards ``t``, or along the ray;
-        collective [N mm].
+        """Derivative of the stored energy by the eigenstrains at the current displacement, from
+        load factor ``now``, to which they are reset, towards ``t``, or along the ray; collective [N
+        mm].
         """
         loading, ray = self._loading, self._loading.ray
         t = t if ray is None else now + ray.end - ray.start
@@ -346,5 +346,5 @@ class Ledger:
 
 
 def _joined(arrays: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """One array after the other; there may be none."""
+    """Concatenated arrays, possibly none."""
     return np.concatenate([np.zeros(0), *arrays])

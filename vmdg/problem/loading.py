@@ -1,4 +1,4 @@
-"""What acts on a problem at its load factor: prescribed displacements, dead loads, eigenstrains."""
+"""Loads on a problem at its load factor: prescribed displacements, dead loads, eigenstrains."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from .eigenstrain import refusal
 
 Array = NDArray[np.float64]
 
-#: What loads are called, in the order of :attr:`Ray.parts`.
+#: Names of loads, in the order of :attr:`Ray.parts`.
 KINDS = (
     "a prescribed displacement",
     "a dead load",
@@ -47,17 +47,17 @@ KINDS = (
     "an eigenstrain",
 )
 
-#: Where a programme between two load factors is compared with a straight one, and how exactly.
+#: Positions between two load factors at which loads are checked for linearity, and its tolerance.
 PROBES, STRAIGHT = (0.382, 0.5), 1e-9
 
 
 class Drive(NamedTuple):
-    """What leads one component of H = F_bar - I, the mean gradient of a periodic cell, or F_33 - 1.
+    """Load on one component of H = F_bar - I, the mean gradient of a periodic cell, or on F_33 - 1.
 
     Attributes:
         row, column: i and j of H_ij.
-        prescribed: Whether H_ij is given; else the mean stress P_ij is [MPa], or the force along z
-            [N].
+        prescribed: Whether H_ij is given; otherwise the mean stress P_ij is [MPa], or the force
+            along z [N].
         value: A number or f(t).
     """
 
@@ -68,13 +68,13 @@ class Drive(NamedTuple):
 
 
 class Given(NamedTuple):
-    """What others want to know of loads and supports, as it was given so far.
+    """Information on the loads and supports given so far.
 
     Attributes:
         loaded: Whether dead loads act on a cell, for every local cell.
-        starts: Displacement of all local dofs from which a support with ``relative=True`` starts,
-            for every such support in the order in which they were given [mm].
-        filled: Numbers of the interfaces with a fluid between their lips.
+        starts: Initial displacement of all local dofs for every support with ``relative=True``, in
+            the order given [mm].
+        filled: Numbers of the interfaces with a fluid between their faces.
     """
 
     loaded: NDArray[np.bool_]
@@ -87,7 +87,7 @@ class Ray(NamedTuple):
 
     Attributes:
         start: Load factor.
-        end: Another one.
+        end: Another load factor.
         prescribed: Prescribed displacements at both [mm].
         vectors: Dead loads over local dofs at both [N].
         pressures: Pressures at both [MPa].
@@ -114,25 +114,25 @@ class Ray(NamedTuple):
 
     @property
     def parts(self) -> tuple[tuple[Array, Array], ...]:
-        """All that is linear, at both ends."""
+        """All linear quantities, at both ends."""
         return self.prescribed, self.vectors, self.pressures, self.faces, self.strains
 
 
 class Loading:
     """Prescribed displacements, dead loads and eigenstrains, as functions of the load factor.
 
-    All is remembered as it was given, because facets that open on demand change the space.
+    The input is stored, since facets that open on demand change the space.
 
     Args:
-        discretization: Its space is loaded.
+        discretization: The loaded discretization.
         activation: Facets of the interfaces.
         names: Tag by name of the groups of cells.
 
     Attributes:
         load_factor: t as a UFL constant.
-        dirichlet: What is prescribed in the space that is loaded now.
+        dirichlet: Prescribed displacements in the current space.
         rigid: Its rigid faces.
-        given: What others want to know of loads and supports.
+        given: Information on loads and supports.
     """
 
     def __init__(
@@ -143,8 +143,8 @@ class Loading:
         self._activation = activation
         self._interfaces = activation.interfaces
         self._names = names
-        # Functions of this object, not its bound methods: a circle would keep meshes alive after
-        # the last name for a problem is gone, and their communicators, of which MPICH has 2048.
+        # Functions of this object, not bound methods: a reference cycle would keep meshes alive
+        # after a problem is deleted, and their communicators, of which MPICH has 2048.
         self._given: list[Callable[[Loading], None]] = []
         self._ray: Ray | None = None
         self.load_factor = fem.Constant(mesh, 0.0)
@@ -152,7 +152,7 @@ class Loading:
         self.follow(discretization)
 
     def follow(self, discretization: Discretization) -> None:
-        """Load the space of another discretization from now on."""
+        """Apply all loads to another discretization."""
         self._discretization, space = discretization, discretization.space
         self._vector: NDArray[np.float64] | None = None
         means, geometry = discretization.means, discretization.geometry
@@ -168,19 +168,19 @@ class Loading:
         self.move(self.t)
 
     def _add(self, impose: Callable[[Loading], None], of_means: bool = False) -> None:
-        """Impose a load or prescribed displacement now, and on every space that follows.
+        """Apply a load or prescribed displacement now, and in all later spaces.
 
         Args:
-            impose: Does so in the present space.
-            of_means: It leads a mean, as it may in a periodic cell.
+            impose: Applies it in the current space.
+            of_means: Whether it acts on a mean, as allowed in a periodic cell.
 
         Raises:
-            ValueError: it does not go with a rigid face or a periodic cell, and is not imposed.
+            ValueError: it conflicts with a rigid face or a periodic cell, and is not applied.
         """
         if lattice_of(self._discretization.means) is not None and not of_means:
             raise ValueError(
-                "a periodic cell takes no supports and loads: the mean strain or stress of "
-                "Periodic(...) is its load, and its boundary is the middle of the material"
+                "a periodic cell has no supports and loads: its load is the mean strain or stress "
+                "of Periodic(...), and its boundary lies inside the material"
             )
         impose(self)
         try:
@@ -200,14 +200,14 @@ class Loading:
         check_condition("dirichlet", facets, value)
         facets = find_boundary_facets(self._mesh, facets, "dirichlet")
         reason = (
-            "lies on an interface, whose two sides would be held together; prescribe boundary "
-            "facets, or leave these out of the interface"
+            "lies on an interface, whose two sides would be tied; prescribe boundary facets, or "
+            "exclude these from the interface"
         )
         self._activation.refuse(facets, "dirichlet", reason)
         if relative and self._activation:
             raise ValueError(
-                "dirichlet: relative=True does not go with activate='on-demand'; prescribe the "
-                "displacement from the start"
+                "dirichlet: relative=True cannot be combined with activate='on-demand'; prescribe "
+                "the displacement from the start"
             )
         self._prescribe("dirichlet", facets, value, component, relative)
 
@@ -262,8 +262,8 @@ class Loading:
     # Means
 
     def drive_means(self, drives: Sequence[Drive]) -> None:
-        """Lead the mean gradient of a periodic cell, see :class:`vmdg.Periodic`, and F_33, see
-        :class:`vmdg.GeneralizedStrain`, by these components."""
+        """Apply loads to components of the mean gradient of a periodic cell, see
+        :class:`vmdg.Periodic`, and to F_33, see :class:`vmdg.GeneralizedStrain`."""
         if drives:
             self._add(lambda loading: loading._drive_means(drives), of_means=True)
 
@@ -297,10 +297,10 @@ class Loading:
         force: Value | None,
         displacement: Value | None,
     ) -> int:
-        """See :meth:`vmdg.Problem.rigid_face`; its number."""
+        """See :meth:`vmdg.Problem.rigid_face`; returns its number."""
         check_rigid_face(self._mesh.geometry.dim, self._bodies.small, component, tilts, at)
         if force is not None and displacement is not None:
-            raise ValueError("rigid_face: give force or displacement; the other one follows")
+            raise ValueError("rigid_face: give force or displacement, not both")
         facets, number = self._boundary(where, "rigid_face"), len(self.rigid.faces)
         point = None if at is None else np.asarray(at, dtype=float)
 
@@ -317,7 +317,7 @@ class Loading:
         return number
 
     def _refuse_held_faces(self) -> None:
-        """Nodes of rigid faces move with them alone.
+        """Check that nodes of rigid faces have no other constraint.
 
         Raises:
             ValueError: one belongs to two faces, or its displacement is prescribed.
@@ -334,14 +334,14 @@ class Loading:
             other = "is prescribed too" if held.any() else "belongs to two rigid faces"
             message = (
                 f"rigid_face: the displacement along {AXES[axis]} of the node at "
-                f"{rounded(x)} {other}; give the rigid face another component, or leave "
-                "the facets at this node out of one of them"
+                f"{rounded(x)} {other}; give the rigid face another component, or exclude the "
+                "facets at this node from one of them"
             )
         raise_together(self._mesh.comm, message)
 
     def away(self, t: float) -> Array:
-        """How far prescribed displacements are from those of load factor ``t``, on owned dofs, zero
-        where nothing is prescribed; collective [mm]."""
+        """Difference between prescribed displacements at load factor ``t`` and current ones, on
+        owned dofs, zero at free dofs; collective [mm]."""
         u, result = self._discretization.u.x.array, np.zeros(self._discretization.owned)
         owned = self.owned_prescribed
         result[owned] = self.prescribed_values(t)[: len(owned)] - u[owned]
@@ -352,15 +352,16 @@ class Loading:
         return result
 
     def rate(self) -> Array:
-        """Change of prescribed displacements with the load factor of the ray, as :meth:`away`."""
+        """Derivative of prescribed displacements by the load factor along the ray, as
+        :meth:`away`."""
         ray, result = self._ray, np.zeros(self._discretization.owned)
         owned = self.owned_prescribed
         result[owned] = ray.rate(ray.prescribed)[: len(owned)]
         return result + self.rigid.lifted(ray.rate(ray.faces))
 
     def balance(self, forces: Array) -> Array:
-        """What is left of forces on owned dofs where supports and rigid faces take their part, in
-        place; collective [N]."""
+        """Remove the reactions of supports and rigid faces from forces on owned dofs, in place;
+        collective [N]."""
         forces[self.owned_prescribed] = 0
         self.rigid.balance(forces)
         return forces
@@ -382,9 +383,9 @@ class Loading:
         facets = find_boundary_facets(self._mesh, where, what)
         remedy = {
             "traction": "or let an interface transmit the traction",
-            "pressure": "or the interface itself for a fluid between its lips",
+            "pressure": "or the interface itself for a fluid between its faces",
         }
-        reason = "lies inside the mesh and would load one side of it; give boundary facets"
+        reason = "lies inside the mesh and would load one of its sides; give boundary facets"
         if what in remedy:
             reason += f", {remedy[what]}"
         inside = (facet_cells(self._mesh) >= 0).all(axis=1)
@@ -417,7 +418,8 @@ class Loading:
         self.given.loaded[np.isin(cells, loaded).any(axis=1)[: len(self.given.loaded)]] = True
 
     def _refuse_split_nodes(self, loaded: NDArray[np.int32]) -> None:
-        """Nodes of an interface are two, or will be when its facets open on demand.
+        """Check for nodes of an interface, which are duplicated, or will be when facets open on
+        demand.
 
         Raises:
             ValueError: one is selected.
@@ -431,21 +433,21 @@ class Loading:
             if len(selected) and message is None:
                 message = (
                     f"point_load: the node at {rounded(x[selected[0]])} lies on "
-                    f"{facets.label}, where it is one on either side; load a node beside it"
+                    f"{facets.label}, where it is duplicated; load a neighbouring node"
                 )
         raise_together(self._mesh.comm, message)
 
     @property
     def vector(self) -> NDArray[np.float64]:
-        """Loads at the load factor and, of pressures, at the displacement, over local dofs, ghosts
-        still to be added to their owners [N]; collective."""
+        """Loads at the current load factor, and pressures at the current displacement, over local
+        dofs, before ghosts are added to owners [N]; collective."""
         if self._vector is None:
             ray, t = self._ray, self.t
             self._vector = self._vector_at(t) if ray is None else ray.at(ray.vectors, t)
         return self._vector + self._surface.load_vector() if self.pressurised else self._vector
 
     def _vector_at(self, t: float) -> Array:
-        """Dead loads that were given for load factor ``t``."""
+        """The given dead loads at load factor ``t``."""
         if not self._loads:
             return np.zeros_like(self._discretization.u.x.array)
         now, self.load_factor.value = self.t, t
@@ -462,21 +464,21 @@ class Loading:
         constant = isinstance(value, fem.Constant) and value is not self.load_factor
         if isinstance(value, Expr) and not constant:
             raise ValueError(
-                "pressure: a UFL expression cannot be followed along the load; give a number, f(t) "
-                "or f(x, t) at points x (3, n)"
+                "pressure: a UFL expression cannot be evaluated along the load path; give a "
+                "number, f(t) or f(x, t) at points x (3, n)"
             )
         thickens = self._bodies.plane_stress or isinstance(self._bodies.geometry, GeneralizedPlane)
         if thickens and not self._bodies.small:
             raise ValueError(
-                "pressure: a surface of a body in plane stress or generalized plane strain becomes "
-                "thinner or thicker as it strains, which follower loads do not know; use "
-                "traction(), plane='strain', 3D, or kinematics='small'"
+                "pressure: a surface of a body in plane stress or generalized plane strain changes "
+                "its thickness with the strain, which follower loads neglect; use traction(), "
+                "plane='strain', 3D, or kinematics='small'"
             )
         if isinstance(where, Interface | str):
             self._add_fluid(where, value, debonded, share)
             return
         if debonded or share is not None:
-            raise ValueError("pressure: debonded and share are for interfaces, not for a boundary")
+            raise ValueError("pressure: debonded and share apply to interfaces, not to a boundary")
         facets = self._boundary(where, "pressure")
         self._add(lambda loading: loading._surface.add_pressure(facets, value))
         self.move(self.t)
@@ -489,13 +491,13 @@ class Loading:
         interface, label = self._interfaces[number], self._activation.facets[number].label
         if not interface.law.inelastic:
             raise ValueError(
-                f"pressure: {label} is a tie, which leaves no room for a fluid; give it a law "
-                "that can fail, or vmdg.Contact() for a crack that is there already"
+                f"pressure: {label} is a tie, which has no gap for a fluid; give it a law that can "
+                "fail, or vmdg.Contact() for a pre-existing crack"
             )
         if interface.activate == "on-demand" and not debonded:
             raise ValueError(
-                f"pressure: {label} opens on demand, and facets that are closed let no fluid "
-                "in; give debonded=True"
+                f"pressure: {label} opens on demand, and closed facets admit no fluid; give "
+                "debonded=True"
             )
 
         def impose(loading: Loading) -> None:
@@ -519,7 +521,7 @@ class Loading:
         return self._surface.pressurised
 
     def spread(self) -> None:
-        """Let fluids go where bonds have broken until now."""
+        """Let fluids spread to broken bonds."""
         self._surface.spread()
         self.move(self.t)
 
@@ -527,14 +529,14 @@ class Loading:
 
     @property
     def ray(self) -> Ray | None:
-        """Along which the load factor moves now; None where loads are as they were given."""
+        """The ray along which the load factor moves; None if loads are used as given."""
         return self._ray
 
     def set_ray(self, start: float, end: float) -> bool:
-        """Take loads as linear between two load factors from now on, if they are; collective.
+        """Treat loads as linear between two load factors from now on, if they are; collective.
 
         Returns:
-            False, and loads are as they were given, where they are not linear or do not change.
+            False, with loads used as given, if they are not linear or do not change.
         """
         self.clear_ray()
         if start == end:
@@ -552,7 +554,7 @@ class Loading:
         return True
 
     def check_finite(self, t: float) -> list[Array]:
-        """What is given for load factor ``t``: displacements, loads, pressures, rigid faces and
+        """The given loads at load factor ``t``: displacements, loads, pressures, rigid faces and
         eigenstrains; collective.
 
         Raises:
@@ -568,14 +570,14 @@ class Loading:
             if not np.isfinite(value).all():
                 found = not_finite(self._parts_of(kind, t))
                 message = (
-                    f"{kind}{found and f' ({found})'} is not finite at load factor {t:.8g}: look "
-                    "at its function of the load factor there, for example at a root or a quotient"
+                    f"{kind}{found and f' ({found})'} is not finite at load factor {t:.8g}: check "
+                    "its function of the load factor there, for example a root or a quotient"
                 )
         message = message or refusal(self._bodies, values[-1], t)
         raise_together(self._mesh.comm, message)
 
     def _parts_of(self, kind: str, t: float) -> Iterable[Part]:
-        """Loads or supports of one of the kinds, one after the other."""
+        """All loads or supports of one kind."""
         if kind == "an eigenstrain":
             strains = self._bodies.strains(t)
             places = np.zeros((3, 0))
@@ -586,12 +588,12 @@ class Loading:
         return containers[KINDS.index(kind)].parts(t)
 
     def as_given(self, t: float) -> bool:
-        """Whether the present ray has the loads at ``t`` that were given for it; collective."""
+        """Whether the current ray reproduces the given loads at ``t``; collective."""
         comm = self._mesh.comm
         return not global_any(comm, not together(comm, lambda: self._leads(self._ray, t)))
 
     def _leads(self, ray: Ray, t: float) -> bool:
-        """Whether a ray has the loads that were given for a load factor, on this rank."""
+        """Whether a ray reproduces the given loads at a load factor, on this rank."""
         leads = True
         for pair, at in zip(ray.parts, self._given_parts, strict=True):
             off = np.abs(at(t) - ray.at(pair, t)).max(initial=0.0)
@@ -599,7 +601,7 @@ class Loading:
         return leads
 
     def clear_ray(self) -> None:
-        """Take loads as they were given from now on."""
+        """Use loads as given from now on."""
         self._ray, self._vector = None, None
 
     def _ray_between(self, start: float, end: float) -> Ray:
@@ -607,7 +609,7 @@ class Loading:
 
     @property
     def _given_parts(self) -> tuple[Callable[[float], Array], ...]:
-        """What :attr:`Ray.parts` are, as they were given over the load factor."""
+        """The quantities of :attr:`Ray.parts` as given functions of the load factor."""
         displacements, faces = self.dirichlet.values, self.rigid.values
         strains = self._bodies.eigenstrains
         return displacements, self._vector_at, self._surface.pressures, faces, strains
@@ -626,14 +628,15 @@ class Loading:
         return global_any(self._mesh.comm, bool(np.any(one != another)))
 
     def strain(self, t: float) -> None:
-        """Set eigenstrains to load factor ``t`` of the present ray."""
+        """Set eigenstrains to load factor ``t`` of the current ray."""
         given = self._bodies.eigenstrains
         self._bodies.set_eigenstrains(
             given(t) if self._ray is None else self._ray.at(self._ray.strains, t)
         )
 
     def move(self, t: float) -> None:
-        """Go to load factor ``t`` of the present ray; prescribed displacements are not imposed."""
+        """Move to load factor ``t`` of the current ray, without imposing prescribed
+        displacements."""
         self.load_factor.value = t
         self._vector = None
         self.strain(t)

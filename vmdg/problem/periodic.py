@@ -1,4 +1,4 @@
-"""A periodic cell as a user describes it, and its means."""
+"""User's description of a periodic cell and its means."""
 
 from __future__ import annotations
 
@@ -20,34 +20,33 @@ Array = NDArray[np.float64]
 #: Components of a mean by name, "xx" or "xy", or all of them: an array or f(t).
 Components = Mapping[str, Value] | ArrayLike | Callable[[float], ArrayLike]
 
-#: Asymmetry of a strain, relative to its size, that is rounding.
+#: Asymmetry of a strain, relative to its size, that counts as rounding.
 ASYMMETRY = 1e-12
 
 
 @dataclass(frozen=True)
 class Periodic:
-    """A mesh as a cell that repeats, for ``Problem(..., periodic=)``: a representative volume.
+    """A mesh as a periodic cell, for ``Problem(..., periodic=)``: a representative volume.
 
     The displacement is u = (F_bar - I).X + w with a fluctuation w that is the same on opposite
-    faces. F_bar, at small strain E_bar with u = E_bar.X + w, is given, or follows from a given mean
-    stress, or some components of one and some of the other. Components that are given in neither
-    are free of stress: ``strain={"xx": lambda t: 0.01 * t}`` alone is uniaxial stress along x. A
-    rotation of the cell does no work: at finite strain, where neither F_xy nor F_yx is given, one
-    of them is zero, F_yx unless its stress is given.
+    faces. F_bar, at small strain E_bar with u = E_bar.X + w, is prescribed, or follows from a given
+    mean stress, or some components of each are given. Components given in neither are stress free:
+    ``strain={"xx": lambda t: 0.01 * t}`` alone is uniaxial stress along x. A rotation of the cell
+    does no work: at finite strain, if neither F_xy nor F_yx is given, one of them is set to zero,
+    F_yx unless its stress is given.
 
-    Opposite faces must be meshed alike. Interfaces may cross them. The boundary itself is no
-    interface: where two bodies meet across it they are tied, and an interface that would lie there
-    is refused.
+    Opposite faces must have the same mesh. Interfaces may cross them. The boundary itself is not an
+    interface: bodies that meet across it are tied, and an interface there raises an error.
 
     Args:
         strain: Mean strain E_bar at small strain, components by name ("xy" is the component of the
-            tensor, half the angle), an array (d, d), or f(t) of the load factor that gives one; a
+            tensor, half the angle), an array (d, d), or f(t) of the load factor that returns one; a
             component is a number or f(t).
         gradient: Mean deformation gradient F_bar at finite strain, in the same way.
         stress: Mean stress, at finite strain the first Piola-Kirchhoff stress P_bar, in the same
             way [MPa].
-        vectors: Sides of the cell, one a row (d, d); None for those of the box around the mesh
-            [mm].
+        vectors: Sides of the cell, one per row (d, d); None for those of the bounding box of the
+            mesh [mm].
     """
 
     strain: Components | None = None
@@ -56,7 +55,7 @@ class Periodic:
     vectors: ArrayLike | None = None
 
     def drives(self, comm: MPI.Comm, d: int, small: bool) -> list[Drive]:
-        """What leads every component; collective.
+        """The load on every component; collective.
 
         Args:
             comm: Communicator of the mesh.
@@ -64,14 +63,15 @@ class Periodic:
             small: Whether strains are small.
 
         Raises:
-            ValueError: the kinematics ask for the other measure, an unknown component, one that is
-                given twice, a value of the wrong shape, or nothing at all.
+            ValueError: the kinematics require the other measure, a component is unknown or given
+                twice, a value has the wrong shape, or nothing is given.
         """
         measure, other = ("strain", "gradient") if small else ("gradient", "strain")
         if getattr(self, other) is not None:
             kinematics = "small" if small else "finite"
             raise ValueError(
-                f"Periodic: {other} does not go with kinematics={kinematics!r}; give {measure}="
+                f"Periodic: {other} cannot be combined with kinematics={kinematics!r}; give "
+                f"{measure}="
             )
         given = _components(comm, getattr(self, measure), d, measure)
         stress = _components(comm, self.stress, d, "stress")
@@ -81,18 +81,18 @@ class Periodic:
             given, stress = (_upper(c, w) for c, w in ((given, measure), (stress, "stress")))
         if both := sorted(set(given) & set(stress)):
             raise ValueError(
-                f"Periodic: component {_name(*both[0])} is given in {measure} and in stress; leave "
-                "it out of one of them"
+                f"Periodic: component {_name(*both[0])} is given in {measure} and in stress; "
+                "remove it from one of them"
             )
         drives = _of_strain if small else _of_gradient
         return drives(given, stress, d)
 
 
 def checked_periodic(periodic: Periodic | None) -> Periodic | None:
-    """What a user gave.
+    """Check the user's argument.
 
     Raises:
-        TypeError: it is something else.
+        TypeError: it has the wrong type.
     """
     if periodic is None or isinstance(periodic, Periodic):
         return periodic
@@ -172,8 +172,9 @@ def _of_gradient(given: _Given, stress: _Given, d: int) -> list[Drive]:
             continue
         if low and (i, j) in stress and twin in stress:
             raise ValueError(
-                f"Periodic: stress has {_name(*twin)} and {_name(i, j)}, which leave the cell free "
-                "to rotate; give one of them, the other one follows from the balance of moments"
+                f"Periodic: stress has {_name(*twin)} and {_name(i, j)}, which leave the rotation "
+                "of the cell undetermined; give one of them, the other follows from the balance of "
+                "moments"
             )
         if i != j and twin not in given:
             held = (i, j) not in stress if low else twin in stress

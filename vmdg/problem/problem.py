@@ -1,4 +1,4 @@
-"""The problem: bodies tied by interfaces that may fail, as a user sees it."""
+"""The public problem: bodies connected by interfaces that may fail."""
 
 from __future__ import annotations
 
@@ -67,14 +67,14 @@ T = TypeVar("T")
 
 
 class Problem:
-    """Bodies tied by interfaces that may fail.
+    """Bodies connected by interfaces that may fail.
 
     Args:
         mesh: Triangles, quadrilaterals, tetrahedra or hexahedra; in 2D plane strain unless
-            ``plane`` or ``symmetry`` says otherwise. On more than one rank it needs facet ghosts
+            ``plane`` or ``symmetry`` says otherwise. On several ranks it needs facet ghosts
             (``GhostMode.shared_facet``).
         cell_tags: A tag for every cell. With :class:`vmdg.NamedTags` (meshes from gmsh have them)
-            a group may be given by its name wherever a tag is asked for.
+            a group may be given by its name wherever a tag is expected.
         materials: Material of every tag.
         interfaces: Where and how the displacement may jump.
         degree: Degree of the displacement, at least that of the cells of the mesh.
@@ -82,21 +82,21 @@ class Problem:
         thickness: Of a plane body [mm].
         eigenstrain: Stress-free strain by tag: a number e, F_s = (1 + e) I, or a symmetric tensor
             (3, 3), F_s = I + e, with F = F_e F_s at finite strain; in axisymmetry its axes are r, z
-            and hoop. As a value, a Constant, f(t), f(x, t) at midpoints x (3, n) of cells with e
-            (n,) or (3, 3, n), a Function of degree 0, or an array over local cells.
+            and hoop. Given as a value, a Constant, f(t), f(x, t) at midpoints x (3, n) of cells
+            with e (n,) or (3, 3, n), a Function of degree 0, or an array over local cells.
         symmetry: "axisymmetric" makes a 2D mesh the half section of a body of revolution without
             torsion: x = r >= 0, y = z, displacement (u_r, u_z). Forces, energies, load vectors and
-            the areas of interface points are those of the whole body; u_r = 0 is imposed on nodes
-            on the axis, whatever else is prescribed there. None for plane strain and 3D.
-        volumetric: "pointwise", or "mean" for mean dilatation (F-bar; B-bar at small strain): J of
-            a cell is one number, so that quadrilaterals and hexahedra of degree 1 do not lock near
+            the areas of interface points are those of the whole body; u_r = 0 is imposed on the
+            axis and overrides other conditions there. None for plane strain and 3D.
+        volumetric: "pointwise", or "mean" for mean dilatation (F-bar; B-bar at small strain): J is
+            constant in a cell, so that quadrilaterals and hexahedra of degree 1 do not lock near
             incompressibility.
-        periodic: How the mesh repeats and what leads its means, see :class:`Periodic`; None for a
+        periodic: Periodicity of the mesh and loads on its means, see :class:`Periodic`; None for a
             body with a surface.
-        plane: "strain"; "generalized strain", in which F_33 is one number for the whole body, such
-            that no force acts along z, or as :class:`GeneralizedStrain` says; or "stress" for thin
-            sheets, in the bodies and in the tractions of their interfaces: F_33 is such that P_33
-            vanishes. At finite strain materials need a ``free_stretch`` for that
+        plane: "strain"; "generalized strain", in which F_33 is one number for the whole body,
+            without force along z, or with a load given by :class:`GeneralizedStrain`; or "stress"
+            for thin sheets, in the bodies and in the tractions of their interfaces: F_33 is such
+            that P_33 vanishes. At finite strain materials need a ``free_stretch`` for that
             (:class:`NeoHookean` and :class:`Orthotropic` have one).
 
     Attributes:
@@ -106,12 +106,12 @@ class Problem:
         materials: Material of every tag.
         load_factor: Load factor as a UFL constant, for loads given as UFL expressions; its value
             is :attr:`t`.
-        loading: Prescribed displacements and dead loads, as the solver asks for them.
+        loading: Prescribed displacements and dead loads, for the solver.
         step: The protocol of a load step, for solvers and checkpoints.
 
     Raises:
-        ValueError: input that cannot work; the message names it and the remedy.
-        TypeError: an argument of another kind, such as a class in place of its instance.
+        ValueError: invalid input; the message names it and the remedy.
+        TypeError: an argument of the wrong type, such as a class instead of its instance.
         RuntimeError: a distributed mesh without facet ghosts, or PETSc with complex numbers.
     """
 
@@ -174,14 +174,14 @@ class Problem:
 
     @property
     def discretization(self) -> Discretization:
-        """Space, forms and assembly; another one after facets have been opened on demand."""
+        """Space, forms and assembly; replaced when facets open on demand."""
         return self.step.discretization
 
     @property
     def u(self) -> fem.Function:
-        """Displacement [mm]; another Function after facets have been opened on demand.
+        """Displacement [mm]; a new Function when facets open on demand.
 
-        Of a periodic cell it is the fluctuation w; :class:`vmdg.PeriodicCell` has all of it.
+        For a periodic cell the fluctuation w; the total is in :class:`vmdg.PeriodicCell`.
         """
         return self.discretization.u
 
@@ -195,7 +195,7 @@ class Problem:
         """Load factor of the current state, a number: the column ``load`` of a history.
 
         :attr:`load_factor` is the same as a symbol, a Constant of UFL for expressions of loads,
-        which :func:`vmdg.solve` sets; it is not to be read, nor set by hand.
+        which is set by :func:`vmdg.solve` and should neither be read nor set.
         """
         return self.loading.t
 
@@ -211,7 +211,7 @@ class Problem:
         )
 
     def _repr_html_(self) -> str:
-        """For notebooks: the line, and a table of the interfaces."""
+        """For notebooks: the repr and a table of the interfaces."""
         names = interface_names(self.interfaces)
         rows = [(i, names[i], repr(interface)) for i, interface in enumerate(self.interfaces)]
         table = html_table(("number", "name", "interface"), rows)
@@ -232,18 +232,17 @@ class Problem:
         Args:
             facets: Local facets, or a predicate on coordinates (3, n).
             value: Number, array (d,), Constant, f(t) of the load factor, f(x, t) at points
-                x (3, n), or a displacement, Function of DOLFINx, that is interpolated as it is at
-                the start of a step [mm]. Arguments with a default do not count: lambda t, v=v: v *
-                t is f(t).
+                x (3, n), or a displacement, a DOLFINx Function that is interpolated at the start of
+                each step [mm]. Arguments with a default are ignored: lambda t, v=v: v * t is f(t).
             component: 0.. d-1 or "x", "y", "z"; None for all.
-            relative: Add the value to the displacement that the nodes have now, for a tool that
-                grips a body as it is.
+            relative: Add the value to the current displacement of the nodes, for a tool that grips
+                a deformed body.
 
         Raises:
-            TypeError: a tag in place of its facets, or a DirichletBC of DOLFINx.
-            ValueError: nothing selected, facets of an interface, unknown component or a value of
-                the wrong shape or of other arguments; relative where facets open on demand, whose
-                new nodes would not know their start.
+            TypeError: a tag instead of its facets, or a DirichletBC of DOLFINx.
+            ValueError: nothing selected, facets of an interface, unknown component, or a value of
+                the wrong shape or with other arguments; relative=True where facets open on demand,
+                whose new nodes have no initial displacement.
         """
         self.loading.add_dirichlet(facets, value, component, relative)
 
@@ -270,12 +269,12 @@ class Problem:
         Args:
             facets: Local facets, or a predicate on coordinates (3, n).
             value: Array (d,), f(t) of the load factor, f(x, t) at points x (3, n), which is
-                interpolated in degree k, or a UFL expression, integrated as it is: a Constant, a
+                interpolated in degree k, or a UFL expression, integrated directly: a Constant, a
                 Function, or of ``ufl.SpatialCoordinate(problem.mesh)``,
                 ``ufl.FacetNormal(problem.mesh)`` and :attr:`load_factor`, for example [MPa].
 
         Raises:
-            TypeError: a tag in place of its facets.
+            TypeError: a tag instead of its facets.
             ValueError: nothing selected, facets inside the mesh, or a value of the wrong shape or
                 of another mesh.
         """
@@ -285,18 +284,18 @@ class Problem:
     def point_load(self, where: Locator, value: Value, component: int | str | None = None) -> None:
         """Dead force at single nodes.
 
-        The stress under a force at a point is singular, and the displacement there grows with the
-        logarithm of the mesh (in 3D with 1/h): read displacements elsewhere, or spread the force by
-        :meth:`traction` where that matters. Of a plane body it is the force on the whole thickness,
-        of one of revolution that on the whole circle.
+        The stress under a point force is singular, and the displacement there diverges with
+        log(1/h) (in 3D with 1/h): evaluate displacements elsewhere, or distribute the force by
+        :meth:`traction`. For a plane body it is the force on the whole thickness, for a body of
+        revolution that on the full circle.
 
         Args:
-            where: Predicate on the coordinates (3, n) of the nodes; each of them bears the force.
+            where: Predicate on the coordinates (3, n) of the nodes; the force acts on each of them.
             value: Number, array (d,), Constant, or f(t) of the load factor [N].
             component: As for :meth:`dirichlet`; with one, the value is a number.
 
         Raises:
-            TypeError: ``where`` is no predicate.
+            TypeError: ``where`` is not a predicate.
             ValueError: no node is selected, or one on an interface, unknown component or a value of
                 the wrong shape.
         """
@@ -310,26 +309,26 @@ class Problem:
         debonded: bool = False,
         share: Share | None = None,
     ) -> None:
-        """Pressure of a fluid on boundary facets, or on both lips of an interface.
+        """Fluid pressure on boundary facets, or on both faces of an interface.
 
-        It pushes against the surface wherever this turns, by -p J F^-T.N per reference area: a
-        follower load, with its tangent; at small strain -p N. Between lips the bond and contact
-        bear what is left of the stress without the fluid, T = P.N + p J F^-T.N, which is then the
-        traction of :attr:`state`: a crack opens where the fluid outweighs what presses on it, a
-        bond softens where fluid and stress together exceed its strength.
+        It acts normal to the deformed surface, -p J F^-T.N per reference area: a follower load,
+        with its tangent; at small strain -p N. Between crack faces bond and contact carry the
+        effective traction T = P.N + p J F^-T.N, which is then the traction of :attr:`state`: a
+        crack opens where the pressure exceeds the compression, a bond softens where both together
+        exceed its strength.
 
         Args:
             facets: Local boundary facets, a predicate on coordinates (3, n), an
                 :class:`vmdg.Interface` of the problem or its name.
             value: Number, f(t) of the load factor, or f(x, t) with a number for each of the points
-                x (3, n); positive where it pushes [MPa].
-            debonded: The fluid is only where the bond of the interface is gone, Q >= .99 P_c at the
-                start of a step.
-            share: Of the value that acts at points of an interface, a function of the openings
-                there along the current normal, (n,) [mm], at the start of a step.
+                x (3, n); positive in compression [MPa].
+            debonded: The fluid is only where the bond of the interface is broken, Q >= 0.99 P_c at
+                the start of a step.
+            share: Fraction of the value that acts at points of an interface, a function of the
+                openings along the current normal, (n,) [mm], at the start of a step.
 
         Raises:
-            TypeError: a tag in place of its facets.
+            TypeError: a tag instead of its facets.
             ValueError: nothing selected, facets inside the mesh, an interface that is a tie, a UFL
                 expression or a value of the wrong shape.
         """
@@ -337,10 +336,10 @@ class Problem:
 
     @of_all_ranks
     def spring(self, facets: Where, stiffness: ArrayLike) -> None:
-        """Springs between boundary facets and the rigid ground, an elastic foundation.
+        """Springs between boundary facets and rigid ground, an elastic foundation.
 
-        Their force per reference area is -K.u; they keep their directions. Their energy counts as
-        stored, and :meth:`reaction` of their facets is what they bear.
+        Their force per reference area is -K.u, with fixed directions. Their energy counts as
+        stored, and :meth:`reaction` of their facets is their force.
 
         Args:
             facets: Local facets, or a predicate on coordinates (3, n).
@@ -348,9 +347,9 @@ class Problem:
                 surface, or K symmetric (d, d) [MPa/mm].
 
         Raises:
-            TypeError: a tag in place of its facets.
-            ValueError: nothing selected, facets inside the mesh, or a stiffness of another shape or
-                that is not positive.
+            TypeError: a tag instead of its facets.
+            ValueError: nothing selected, facets inside the mesh, or a stiffness of the wrong shape
+                or not positive semidefinite.
         """
         self.loading.add_spring(facets, stiffness)
 
@@ -364,32 +363,32 @@ class Problem:
         force: Value | None = None,
         displacement: Value | None = None,
     ) -> RigidMotion:
-        """Let boundary facets move as a rigid plate: free, under a force, or displaced.
+        """Let boundary facets move as a rigid plate: free, under a force, or with a displacement.
 
         All nodes of the face have the same displacement, or one that is linear in the reference
         coordinates, a translation and a rotation of small angle. With one component the others are
-        free, as under a plate without friction. What else acts on the face, tractions and springs
-        for example, acts on the plate. Reactions of its facets are what a given displacement takes.
+        free, as under a frictionless plate. Other loads on the face, such as tractions and springs,
+        act on the plate. The reaction of its facets is the force of a given displacement.
 
         Args:
             facets: Local facets, or a predicate on coordinates (3, n).
-            component: The one that is kept rigid, as for :meth:`dirichlet`; None for all.
-            tilts: Whether the plate turns. Rotations are small: at finite strain of one component
-                only, which then is linear in the reference coordinates (the face stays plane).
+            component: The rigid component, as for :meth:`dirichlet`; None for all.
+            tilts: Whether the plate may rotate. Rotations are small; at finite strain only for one
+                component, which is then linear in the reference coordinates (the face stays plane).
             at: Point of the plate (d,) at which the force acts and whose displacement is given or
-                asked for; needed where it tilts, and without effect where it does not [mm].
+                returned; required if it tilts, ignored otherwise [mm].
             force: Dead force on the plate, a number with one component, else an array (d,), or f(t)
-                of the load factor [N]. None leaves it to other loads.
-            displacement: Of the point, in the same way [mm]; the plate turns about it. None leaves
-                it free.
+                of the load factor [N]. None for other loads only.
+            displacement: Displacement of the point, in the same way [mm]; the plate rotates about
+                it. None if it is free.
 
         Returns:
             The motion of the face, for monitors.
 
         Raises:
-            TypeError: a tag in place of its facets.
-            ValueError: nothing selected, facets inside the mesh, a node that is prescribed or that
-                belongs to two faces, arguments that do not go together or of the wrong shape.
+            TypeError: a tag instead of its facets.
+            ValueError: nothing selected, facets inside the mesh, a node that is prescribed or
+                belongs to two faces, or inconsistent arguments or ones of the wrong shape.
         """
         number = self.loading.add_rigid_face(facets, component, tilts, at, force, displacement)
         return RigidMotion(self.loading, number)
@@ -411,9 +410,10 @@ class Problem:
 
     @property
     def stabilization(self) -> InterfaceList[Stabilization]:
-        """tau_s and delta of every interface as last evaluated; at F = I before any step.
+        """tau_s and delta of every interface at the last evaluation; at F = I before the first
+        step.
 
-        By number, name or interface, as :attr:`state` is.
+        Indexed by number, name or interface, like :attr:`state`.
         """
         empty = Stabilization.empty(self.mesh.geometry.dim)
         return self._of_interfaces(lambda active: active.stabilization, empty)
@@ -422,10 +422,10 @@ class Problem:
     def state(self) -> InterfaceList[InterfaceState]:
         """Values at the facet points of every interface at the last assembled residual.
 
-        ``state[0]``, ``state["bond"]`` by the name, or ``state[interface]``. Local: a rank has the
-        points of its own facets, perhaps none, and a maximum or a sum of them is another number on
-        every rank. :meth:`mean`, :meth:`debonded`, :func:`vmdg.extremes`, :func:`vmdg.average`,
-        :func:`vmdg.integral` and :func:`vmdg.profile` (sorted along the interface) are of all
+        ``state[0]``, ``state["bond"]`` by name, or ``state[interface]``. Local: a rank has the
+        points of its own facets, possibly none, so a maximum or a sum differs between ranks.
+        :meth:`mean`, :meth:`debonded`, :func:`vmdg.extremes`, :func:`vmdg.average`,
+        :func:`vmdg.integral` and :func:`vmdg.profile` (sorted along the interface) are over all
         ranks.
         """
         empty = InterfaceState.empty(self.mesh.geometry.dim)
@@ -442,7 +442,7 @@ class Problem:
         """Averages over an interface, weighted by area, the same on every rank.
 
         Args:
-            interface: Its number, its name or itself.
+            interface: Its number, its name or the interface itself.
         """
         state = self.state[interface]
         area = max(float(global_sum(self.comm, state.weights.sum())), np.finfo(float).tiny)
@@ -454,13 +454,13 @@ class Problem:
 
     @of_all_ranks
     def debonded(self, interface: Which | None = None) -> float:
-        """Share of the area of the interfaces whose bond is broken, the same on every rank.
+        """Fraction of the interface area with a broken bond, the same on every rank.
 
-        Of all interfaces with a bond that can fail, facets that may open on demand included. The
-        bond counts as broken at Q >= .99 P_c: an exponential law never quite reaches P_c.
+        Over all interfaces with a bond that can fail, including facets that may open on demand. The
+        bond counts as broken at Q >= 0.99 P_c, since an exponential law never reaches P_c.
 
         Args:
-            interface: One of them, by its number, its name or itself; None for all together.
+            interface: One interface, by number, name or itself; None for all together.
 
         Raises:
             ValueError, IndexError: there is no such interface.
@@ -481,12 +481,12 @@ class Problem:
 
     @of_all_ranks
     def reaction(self, facets: Where) -> NDArray[np.float64]:
-        """Total force that holds the nodes of boundary facets (d,) [N], the same on every rank.
+        """Total reaction at the nodes of boundary facets (d,) [N], the same on every rank.
 
-        By prescribed displacements and springs: on a face that is free, or that bears a load, it is
-        zero, for loads are no reactions. In axisymmetry the axial component is the force on the
-        whole body. The radial one is the sum of the radial forces all around (2 pi r t_r ds), which
-        works with u_r: as a resultant it is zero.
+        From prescribed displacements and springs; zero on a free or loaded face, since loads are
+        not reactions. In axisymmetry the axial component is the force on the whole body. The radial
+        one is the sum of the radial forces around the circle (2 pi r t_r ds), conjugate to u_r; its
+        resultant is zero.
 
         Raises:
             ValueError: nothing is selected, facets of an interface, or the problem is a periodic
@@ -494,7 +494,7 @@ class Problem:
         """
         facets = find_boundary_facets(self.mesh, facets, "reaction")
         reason = (
-            "lies on an interface, whose nodes nothing holds; the force across an interface is "
+            "lies on an interface, whose nodes are unconstrained; the force across an interface is "
             "vmdg.integral(problem, interface, lambda state: state.traction[:, 0]) along x"
         )
         self.step.activation.refuse(facets, "reaction", reason)
@@ -503,7 +503,7 @@ class Problem:
 
     @of_all_ranks
     def reaction_points(self, where: Locator) -> NDArray[np.float64]:
-        """Total force that holds single nodes (d,) [N], as :meth:`reaction`.
+        """Total reaction at single nodes (d,) [N], as :meth:`reaction`.
 
         Args:
             where: Predicate on the coordinates (3, n) of the nodes.
@@ -518,11 +518,12 @@ class Problem:
         parts = self.discretization
         if lattice_of(parts.means) is not None:
             raise ValueError(
-                "reaction: nothing holds a periodic cell, which goes on beyond its boundary; its "
-                "mean gradient takes vmdg.PeriodicCell(problem).stress times the volume"
+                "reaction: a periodic cell has no supports, since it continues beyond its "
+                "boundary; the force on its mean gradient is vmdg.PeriodicCell(problem).stress "
+                "times the volume"
             )
         nodes = nodes[nodes < self.space.dofmap.index_map.size_local]
-        # Springs are among the internal forces.
+        # Springs are part of the internal forces.
         forces = parts.forces.x.array[: parts.owned] - parts.surface.spring_forces()
         d = self.space.dofmap.index_map_bs
         return global_sum(self.comm, forces.reshape(-1, d)[nodes].sum(axis=0))
@@ -531,7 +532,7 @@ class Problem:
         """Fine scales (24) at the facet points of an interface, both sides (nq, 2, d) [mm].
 
         Args:
-            interface: Its number, its name or itself.
+            interface: Its number, its name or the interface itself.
         """
         i = number_of(self.interfaces, interface)
         if i not in self.discretization.active:
@@ -540,13 +541,14 @@ class Problem:
 
     @of_all_ranks
     def fine_scale_error(self, interface: Which) -> float:
-        """Size of the fine scales of an interface in one number [mm]; collective.
+        """Root mean square of the fine scales over an interface [mm]; collective.
 
-        The root mean square over the whole interface of |du_1|^2 + |du_2|^2 with (24), the same on
-        every rank: for the history, beside the opening a measure of the accuracy of the interface.
+        Root mean square over the whole interface of |du_1|^2 + |du_2|^2 with (24), the same on
+        every rank: relative to the opening, a measure of the accuracy of the interface for the
+        history.
 
         Args:
-            interface: Its number, its name or itself.
+            interface: Its number, its name or the interface itself.
         """
         square = (self.fine_scale(interface) ** 2).sum(axis=(1, 2))
         weights = self.state[interface].weights
@@ -564,8 +566,8 @@ class Problem:
         At small strain sigma = P.
 
         Discontinuous of degree k. In axisymmetry the order is r, z, hoop; in plane strain sigma_zz
-        stands at the end. Every call returns the same function with new values: copy what is to
-        stay.
+        is the last entry. Every call returns the same function with new values: copy it to keep
+        them.
         """
         return self._stress.update(self.discretization)
 
@@ -579,12 +581,12 @@ class Problem:
 
     @of_all_ranks
     def energy(self) -> Energy:
-        """Energies at the current state, with what is dissipated as in (34); collective.
+        """Energies at the current state, with the dissipation (34); collective.
 
         At finite strain the external work of a step is integrated accurately only if its energies
-        are asked for before the next step begins; otherwise by the trapezoidal rule, corrected
-        where the step before allows an estimate. ``SolveOptions(energy=True)`` asks after every
-        step.
+        are evaluated before the next step starts; otherwise by the trapezoidal rule, corrected if
+        the previous step allows an estimate. ``SolveOptions(energy=True)`` evaluates them after
+        every step.
         """
         self.step.ledger.complete()
         return self.step.ledger.energy()

@@ -1,4 +1,4 @@
-"""How a rigid face has moved, as a user asks for it."""
+"""The motion of a rigid face."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ class RigidMotion:
     """Motion of a rigid face, see :meth:`vmdg.Problem.rigid_face`.
 
     Args:
-        loading: Has the face in the space that is loaded now.
-        number: Of the face.
+        loading: The loading with the face.
+        number: Number of the face.
     """
 
     def __init__(self, loading: Loading, number: int):

@@ -1,14 +1,14 @@
-"""Which loads stand without bonds: rigid parts, contact and friction (limit analysis).
+"""Loads that can be carried without bonds: limit analysis with rigid parts, contact and friction.
 
-Where no bond is left the parts of a problem bear by contact what supports do not take. Rigid parts
-are in equilibrium if forces at the points of the interfaces, each within the cone of its friction,
-balance the loads f in all rigid motions m that supports leave free,
+Without bonds the parts of a problem carry by contact the loads not taken by supports. Rigid parts
+are in equilibrium if forces at the points of the interfaces, each within its friction cone, balance
+the loads f in all unconstrained rigid motions m,
 
     sum_points m.g + sum_nodes m.f = 0 for all m,   g = sum_k lambda_k (-N + mu T_k),  lambda >= 0
 
 on side 1, and -g on side 2: a linear programme (Livesley 1978, International Journal for Numerical
-Methods in Engineering 12, 1853). In space the cone has eight edges T_k. What is left over in the
-least sum of absolute values belongs to parts that nothing bears.
+Methods in Engineering 12, 1853). In 3D the cone has eight edges T_k. The residual of least absolute
+sum identifies the parts that are not supported.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from .supports import Parts, free_motions, motions_at, size_of
 
 Array = NDArray[np.float64]
 
-#: Share of the largest work of loads in a motion that may be left over.
+#: Admissible residual relative to the largest work of loads in a motion.
 _LEFT = 1e-6
 
 #: Directions of friction in space.
@@ -39,12 +39,12 @@ _EDGES = 8
 def falling(
     problem: Problem, parts: Parts, interfaces: Sequence[ActiveInterface], t: float
 ) -> set[int]:
-    """Names of the parts that supports, contact and friction do not hold; collective.
+    """Names of the parts not supported by constraints, contact and friction; collective.
 
     Args:
         problem: In its reference configuration.
-        parts: What holds together.
-        interfaces: What is between them.
+        parts: The connected parts.
+        interfaces: The interfaces between them.
         t: Load factor.
     """
     comm = problem.comm
@@ -64,7 +64,7 @@ def falling(
 
 
 def _forces(problem: Problem, t: float) -> Array:
-    """All loads at a load factor and the present displacement, on owned dofs; collective [N]."""
+    """All loads at a load factor and the current displacement, on owned dofs; collective [N]."""
     loading, now = problem.loading, problem.t
     loading.move(t)
     forces = at_owners(problem.space, loading.vector.copy())
@@ -82,7 +82,7 @@ def _between(
     friction = np.broadcast_to(active.law.friction, len(q.weights))[:, None]
     tangents = [np.stack([-q.normal[:, 1], q.normal[:, 0]], axis=1)]
     if d == 3:
-        # Across the axis that the normal is farthest from.
+        # Across the axis most perpendicular to the normal.
         axis = np.eye(3)[np.abs(q.normal).argmin(axis=1)]
         tangents = [np.cross(q.normal, axis)]
         tangents[0] /= np.linalg.norm(tangents[0], axis=1, keepdims=True)
@@ -99,13 +99,13 @@ def _between(
 
 
 def _left_over(gram: Array, load: Array, pairs: NDArray[np.intp], works: Array) -> NDArray[np.intp]:
-    """Parts whose loads no forces between them balance.
+    """Parts whose loads cannot be balanced by contact forces.
 
     Args:
-        gram: What supports hold of every part (parts, modes, modes).
+        gram: Constraint matrix of every part (parts, modes, modes).
         load: Work of loads in their motions (parts, modes).
         pairs: Parts on both sides of forces (n, 2).
-        works: Of forces in motions of side 1 (n, modes).
+        works: Works of forces in motions of side 1 (n, modes).
     """
     free = [free_motions(matrix) for matrix in gram]
     starts = np.cumsum([0, *(motions.shape[1] for motions in free)])

@@ -19,18 +19,18 @@ class Energy:
 
     Attributes:
         bulk: Strain energy of the bodies.
-        interface: Stored by the interfaces: (30), and what an elastic bond can return. (30) is
-            {P.N}.s + s.tau.s/2 with s = g - zeta, the small opening that the mesh leaves where the
-            interface holds. It is no energy of a spring and may be negative: it takes back what
-            the bodies store too much. Only the sum with ``bulk`` is an energy.
-        damage: Spent on bonds since the start.
-        friction: Spent on sliding since the start.
-        viscosity: Spent on the overstress since the start, or released in jumps [N mm].
+        interface: Stored by the interfaces: (30), and the recoverable energy of an elastic bond.
+            (30) is {P.N}.s + s.tau.s/2 with s = g - zeta, the small discretization opening of an
+            intact interface. It is not the energy of a spring and may be negative: it corrects an
+            excess in the bodies. Only the sum with ``bulk`` is an energy.
+        damage: Dissipated in bonds since the start.
+        friction: Dissipated by friction since the start.
+        viscosity: Dissipated by the overstress, or released in jumps, since the start [N mm].
         external: Work of prescribed displacements, loads and eigenstrains since the start; see
             :meth:`.Problem.energy` for its accuracy at finite strain.
         discretization: Added since the start by a tau_s that changes between steps, the change of
-            (30) at fixed u and zeta, and by facets that open, less what relaxes as they do.
-        springs: Stored by springs.
+            (30) at fixed u and zeta, and by opening facets, minus the relaxation when they open.
+        springs: Stored in springs.
     """
 
     bulk: float
@@ -79,15 +79,15 @@ class InterfaceMean:
 
 @dataclass(frozen=True)
 class Pending:
-    """What the curvature of a step adds to its work, as it is entered and as it may be found.
+    """Curvature term of the work of a step, as estimated, and the data to compute it.
 
     Attributes:
-        start: The state in which the step has begun.
-        change: Of the displacement, local dofs [mm], and of zeta, flat [mm].
-        slopes: phi of :mod:`.work` at the start, before and with its tau_s, and at the end, this
-            rank's [N mm].
-        entered: What it was taken for [N mm].
-        at_rest: Whether loads were at rest, so that a rate has let it go.
+        start: The state at the start of the step.
+        change: Change of the displacement, local dofs [mm], and of zeta, flat [mm].
+        slopes: phi of :mod:`.work` at the start, before and with tau_s of the step, and at the end,
+            this rank's [N mm].
+        entered: Recorded estimate [N mm].
+        at_rest: Whether loads were constant, so that it was dissipated by viscosity.
     """
 
     start: Snapshot
@@ -99,17 +99,17 @@ class Pending:
 
 @dataclass(frozen=True)
 class Works:
-    """Of a run so far, this rank's.
+    """Works of a run so far, this rank's.
 
     Attributes:
         dissipated: By damage, friction and viscosity (3,) [N mm].
-        external: Of loads, prescribed displacements and eigenstrains, and what the discretization
-            has added (2,) [N mm].
-        within: Of loads in the last step, beyond that of the mean of its ends by points that begin
-            to yield, part or close in it [N mm]. It is that of equilibria between both ends, which
-            a snap does not go through.
-        arc: The last step along the path; None where the next one does not go on from there.
-        pending: Of the last step what costs residuals to enter; None where there is nothing.
+        external: Work of loads, prescribed displacements and eigenstrains, and energy added by the
+            discretization (2,) [N mm].
+        within: Work of loads in the last step in excess of the mean of its ends, due to points that
+            begin to yield, separate or close in it [N mm]. It assumes equilibria between both ends,
+            which a snap does not pass.
+        arc: The last step along the path; None if the next one does not continue it.
+        pending: Work of the last step that requires residuals to compute; None for none.
     """
 
     dissipated: NDArray[np.float64]
@@ -121,16 +121,16 @@ class Works:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A converged state: everything a run continues from.
+    """A converged state, from which a run can continue.
 
     Attributes:
         t: Load factor.
-        discretization: Forms of the facets that were open then.
+        discretization: Discretization for the facets open at that time.
         u: Displacement [mm], ghosts included.
         forces: Nodal forces of bodies and interfaces [N].
         interfaces: State of every active interface.
-        open: By interface, which of its facets were open.
-        works: Of the run up to there.
+        open: For every interface, a mask of its open facets.
+        works: Works of the run up to there.
     """
 
     t: float
@@ -148,7 +148,7 @@ class Snapshot:
             other: The other state.
 
         Returns:
-            None where facets have opened in between.
+            None if facets have opened in between.
         """
         if other.discretization is not self.discretization:
             return None
@@ -157,15 +157,15 @@ class Snapshot:
 
 @dataclass(frozen=True)
 class RunScales:
-    """What a run has found out about the sizes of its problem.
+    """Characteristic sizes found during a run.
 
     Attributes:
-        force: Reaction, load, or imbalance at the start of a step [N].
-        reaction: Reaction or load, without those of jumps [N].
-        work: Work on bonds that the next step may do [N mm].
+        force: Largest reaction, load, or imbalance at the start of a step [N].
+        reaction: Largest reaction or load, except in jumps [N].
+        work: Limit of the damage work in the next step [N mm].
         breaking: Whether load control has failed while bonds were breaking.
         sense: Sign of the change of the load factor in the last stage; 0 before the first one.
-        held: Whether the tangent holds what nothing else does, since a piece has come free.
+        held: Whether the tangent has an artificial stiffness, since a piece is detached.
     """
 
     force: float = 0.0
@@ -176,6 +176,6 @@ class RunScales:
     held: bool = False
 
     def with_forces(self, imbalance: float = 0.0, reaction: float = 0.0) -> RunScales:
-        """With an imbalance, and reactions or loads, that the run has seen [N]."""
+        """Update with an imbalance and reactions or loads of the run [N]."""
         reaction = max(self.reaction, reaction)
         return replace(self, force=max(self.force, imbalance, reaction), reaction=reaction)

@@ -1,4 +1,4 @@
-"""The protocol of a load step: what solvers and checkpoints do with a problem."""
+"""The protocol of a load step, for solvers and checkpoints."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from .ledger import Ledger
 from .loading import Loading
 from .states import RunScales, Snapshot
 
-#: Change of the load factor for the derivative of the residual, relative to its ray.
+#: Relative step for finite differences of the residual by the load factor.
 RATE_STEP = 1e-7
 
-#: How often a step is done again with the tau_s of its end before it is cut.
+#: Maximum number of repetitions of a step with the tau_s of its end.
 MOST_REPEATS = 3
 
-#: Slip relative to the facet above which a point faces another facet than its partner's.
+#: Slip relative to the facet size above which a point faces a different facet.
 SLID = 0.5
 
 
@@ -39,19 +39,19 @@ class Step:
     """Load steps of a problem: a step begins, is iterated on, and is committed or cancelled.
 
     Args:
-        discretization: Of the facets that are open.
+        discretization: For the open facets.
         activation: Which facets are open.
         loading: Loads and prescribed displacements.
 
     Attributes:
-        discretization: Of the facets that are open now; another one after some have opened.
+        discretization: For the currently open facets; replaced when facets open.
         activation: Facets of the interfaces, and which of them are open.
         scales: Sizes of the run so far, which the solver updates.
-        start: State in which the last step began.
-        ledger: Works of the steps so far.
+        start: State at the start of the last step.
+        ledger: Works of all steps so far.
         sliding: Largest slip of points in contact so far, relative to the size of their facets.
-        rests_on_contact: Whether contact alone holds a body. Else points without bond and pressure
-            start every step open; the body would be loose.
+        rests_on_contact: Whether a body is constrained by contact alone; otherwise points without
+            bond and pressure start every step open.
     """
 
     def __init__(self, discretization: Discretization, activation: Activation, loading: Loading):
@@ -62,7 +62,7 @@ class Step:
         self.scales = RunScales()
         self.sliding = 0.0
         self.ledger = Ledger(discretization, loading)
-        # How often the present step has been done again with a larger tau_s.
+        # Number of repetitions of the current step with a larger tau_s.
         self._repeats = 0
         self.rests_on_contact = False
         activation.follow(discretization.u)
@@ -73,13 +73,13 @@ class Step:
     # The course of a step
 
     def begin(self, t: float, dt: float, overstress: float = 0.0, cycles: float = 0.0) -> None:
-        """Remember the converged state, then set loads and stabilization for a step to ``t``.
+        """Store the converged state, then set loads and stabilization for a step to ``t``.
 
         Args:
             t: Load factor.
             dt: Time step [s].
             overstress: At the start of a step in a jump, see :meth:`slow_down`.
-            cycles: Of the load that the step stands for, for laws of fatigue.
+            cycles: Load cycles that the step represents, for fatigue laws.
 
         Raises:
             ValueError: r <= H on a facet; the converged state is kept.
@@ -101,10 +101,10 @@ class Step:
         self._loading.move(t)
 
     def slow_down(self, overstress: float, cycles: float = 0.0) -> None:
-        """Choose the overstress of the step and the cycles it stands for.
+        """Set the overstress of the step and the number of cycles that it represents.
 
         Args:
-            overstress: Drag on the gap of bonded points in multiples of the softening modulus H.
+            overstress: Overstress of bonded points per gap increment, in multiples of H.
             cycles: As in :meth:`begin`.
         """
         for active in self.discretization.active.values():
@@ -115,19 +115,19 @@ class Step:
 
         Args:
             dt: Time step of the return maps [s].
-            hold: Keep zeta at its converged value instead of mapping back.
+            hold: Fix zeta at its converged value instead of a return map.
 
         Returns:
-            Owned dofs, nothing removed at prescribed ones [N].
+            Owned dofs, including prescribed ones [N].
         """
         return self.discretization.assemble_residual(dt, hold, self._loading.vector)
 
     def hold(self, dt: float, sliding: bool) -> None:
-        """The residual that a first guess takes away: with zeta at its converged value.
+        """Assemble the residual of the predictor, with zeta at its converged value.
 
         Args:
             dt: Time step of the return maps [s].
-            sliding: Whether points that have slid are held in the tangent.
+            sliding: Whether sliding points are treated as sticking in the tangent.
         """
         if sliding:
             for active in self._failing():
@@ -136,10 +136,10 @@ class Step:
         self.ledger.hold()
 
     def close(self, dt: float) -> bool:
-        """Whether a first guess makes lips that touch overlap: it is to be made again; collective.
+        """Whether crack faces in contact overlap in the prediction, which must be repeated;
+        collective.
 
-        Whether they are open or closed is said by the step alone. The guess has taken them for
-        open. Those that overlap are then taken for held.
+        The predictor assumes that they open; overlapping points are then treated as sticking.
 
         Args:
             dt: Time step of the return maps [s].
@@ -165,18 +165,18 @@ class Step:
         return [active for active in parts if active.law.inelastic]
 
     def bond_work(self, dt: float | None = None) -> float:
-        """Work on bonds of the step so far; collective [N mm].
+        """Damage work in the step so far; collective [N mm].
 
         Args:
-            dt: Time step of the return maps, which are asked again at the current displacement;
-                None where the last residual has done that [s].
+            dt: Time step of the return maps, repeated at the current displacement; None to use
+                those of the last residual [s].
         """
         if dt is not None:
             self.discretization.update_points(dt)
         return float(global_sum(self._comm, self.ledger.dissipation()[0]))
 
     def lost(self) -> float:
-        """Largest share of its strength that a point loses in the step so far; collective."""
+        """Largest fraction of the strength lost at a point in the step so far; collective."""
         lost = [0.0]
         for active in self._failing():
             change = active.values.update.softening - active.history.softening
@@ -184,11 +184,10 @@ class Step:
         return float(global_max(self._comm, max(lost)))
 
     def load_rate(self) -> NDArray[np.float64]:
-        """Minus the change of the residual with the load factor along the present ray, u held.
+        """Negative derivative of the residual by the load factor along the current ray, at fixed u.
 
-        Of dead loads that is their rate. A fluid between crack faces changes the return maps
-        besides, and eigenstrains change stresses: there an increment of the load factor tells. The
-        residual is left as it was.
+        For dead loads it is their rate. With a fluid between crack faces, which also changes the
+        return maps, and with eigenstrains it is computed by differences. The residual is restored.
 
         Returns:
             Owned dofs [N].
@@ -200,20 +199,20 @@ class Step:
         return self._loading.balance(at_owners(self.discretization.space, ray.rate(ray.vectors)))
 
     def overstress_rate(self, overstress: float) -> tuple[NDArray[np.float64], float]:
-        """Minus the change of the residual with the overstress, u held, and that of the work.
+        """Negative derivative of the residual by the overstress at fixed u, and that of the work.
 
         Args:
-            overstress: What it is, in multiples of H.
+            overstress: Current value, in multiples of H.
 
         Returns:
-            Owned dofs [N]; of the work on bonds [N mm].
+            Owned dofs [N]; derivative of the damage work [N mm].
         """
         return self._residual_rate(self.slow_down, overstress, RATE_STEP * (1 + overstress))
 
     def _residual_rate(
         self, move: Callable[[float], None], value: float, change: float
     ) -> tuple[NDArray[np.float64], float]:
-        """Minus the derivative of the residual by a number, by a change of it, and of the work."""
+        """Negative derivative of the residual by a parameter, by differences, and of the work."""
         now = self.discretization
         points = [active.snapshot() for active in now.active.values()]
         forces = now.forces.x.array.copy()
@@ -231,21 +230,21 @@ class Step:
         return self._loading.balance(rate / change), -work / change
 
     def inverted(self) -> bool:
-        """Whether cells are turned inside out, det F <= 0; collective."""
+        """Whether cells are inverted, det F <= 0; collective."""
         return global_any(self._comm, self.discretization.inverted())
 
     def stabilization_suffices(self) -> bool:
-        """Whether the step has ended where its tau_s is enough for coercivity; collective."""
+        """Whether tau_s of the step satisfies coercivity at its end; collective."""
         return not global_any(self._comm, not self.discretization.stabilization_suffices())
 
     def raise_stabilization(self) -> bool:
-        """Cancel the step, to begin again with the r that its end asks for; collective.
+        """Cancel the step, to restart it with the r required at its end; collective.
 
-        Cutting a step need not help: it may be the strain of its end, however it is reached, that
-        asks for more than its start.
+        Cutting the step need not help: the strain at its end, however reached, may require a larger
+        r than its start.
 
         Returns:
-            False where that has been done often enough, and nothing is changed.
+            False, without changes, after too many repetitions.
         """
         if self._repeats == MOST_REPEATS:
             return False
@@ -258,7 +257,7 @@ class Step:
         return True
 
     def commit(self) -> None:
-        """Take the current state as converged: history, dissipation and external work."""
+        """Accept the current state as converged: history, dissipation and external work."""
         self.ledger.commit()
         for active in self.discretization.active.values():
             active.commit()
@@ -267,10 +266,10 @@ class Step:
     def watch_sliding(self) -> float:
         """Largest slip of points in contact now, relative to the size of their facets; collective.
 
-        Warns once where contact slides so far that most points face another facet by then.
+        Warns once if contact slides so far that most points face a different facet.
 
         Returns:
-            A ratio; 0 where nothing is pressed or has slipped.
+            The ratio; 0 without contact or slip.
         """
         here = [(sliding(active), active) for active in self.discretization.active.values()]
         if not here:
@@ -284,23 +283,23 @@ class Step:
             message = (
                 f"{active.interface}: at facet {largest.facet} at "
                 f"{largest.point.round(6).tolist()} the slip {largest.slip:.3g} mm is "
-                f"{largest.ratio:.0%} of the size of the facet, {largest.size:.3g} mm. Points keep "
-                "the partner that they had in the reference configuration, so contact stays where "
-                "it was: end the run before, or take facets that are larger along the slip than "
-                "all of it (problem.step.sliding has the largest ratio so far)"
+                f"{100 * largest.ratio:.0f} % of the size of the facet, {largest.size:.3g} mm. Points keep "
+                "their partner in the reference configuration, so contact is evaluated at the "
+                "original location: end the run earlier, or use facets that are longer than the "
+                "total slip (problem.step.sliding has the largest ratio so far)"
             )
         warn_together(self._comm, message)
         return now
 
     def cancel(self) -> None:
-        """Return to the state before :meth:`begin`: a failed step leaves no trace."""
+        """Return to the state before :meth:`begin`."""
         self.return_to(self.start)
         self._repeats = 0
 
     # States
 
     def snapshot(self) -> Snapshot:
-        """The converged state as it can be returned to later."""
+        """The converged state, to return to later."""
         now = self.discretization
         return Snapshot(
             self._loading.t,
@@ -313,7 +312,7 @@ class Step:
         )
 
     def return_to(self, snapshot: Snapshot) -> None:
-        """Go back to a converged state, to its set of open facets too.
+        """Return to a converged state, including its set of open facets.
 
         Args:
             snapshot: From :meth:`snapshot`.
@@ -332,10 +331,10 @@ class Step:
     # Facets that open on demand
 
     def discretization_of(self, marks: Sequence[NDArray[np.bool_]]) -> Discretization:
-        """The discretization with these open facets: the present one where it has them.
+        """The discretization with these open facets: the current one if they are the same.
 
         Args:
-            marks: For every interface, a mark on all local facets of the mesh.
+            marks: For every interface, a mask over all local facets of the mesh.
         """
         now = self.discretization
         same = all(map(np.array_equal, marks, self.activation.open))
@@ -349,13 +348,13 @@ class Step:
     def open_facets(self, utilization: Utilization) -> bool:
         """Open the closed facets whose utilization is high enough; collective.
 
-        The state is carried over exactly: the new facets start bonded, with no opening.
+        The state is transferred exactly: new facets start bonded, with zero opening.
 
         Args:
-            utilization: Of the activation.
+            utilization: From the activation.
 
         Returns:
-            Whether there were any.
+            Whether any facet opened.
         """
         marks = self.activation.marks_to_open(utilization)
         before, after = self.discretization, self.discretization_of(marks)
@@ -367,16 +366,16 @@ class Step:
         after.continue_from(before)
         self._loading.move(self._loading.t)
         after.update_stabilization()
-        # The force on a node is now shared by its duplicates.
+        # The force on a node is now divided between its duplicates.
         self.assemble_residual(hold=True)
         for active in after.active.values():
             active.take_traction()
-        # Facets of one cell share its energy, so that tau_s changes next to those that open.
+        # Facets of one cell share its energy, so tau_s changes next to opened facets.
         self.ledger.enter_opening(after.stored_energy().sum() - stored)
         return True
 
     def _follow(self, discretization: Discretization) -> None:
-        """Work with another discretization from now on."""
+        """Use another discretization from now on."""
         self.discretization = discretization
         self.ledger.follow(discretization)
         self.activation.follow(discretization.u)

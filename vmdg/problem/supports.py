@@ -1,4 +1,4 @@
-"""What holds the parts of a problem: bonds, and supports with the rigid motions they leave free."""
+"""Constraints on the parts of a problem: bonds and supports, and the remaining rigid motions."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from ..interface.active import ActiveInterface
 from ..laws.base import dot
 from .problem import Problem
 
-#: Eigenvalue, relative to the largest one, below which a rigid motion counts as free: what a node
-#: at 1e-5 of the size of a part still resists.
+#: Eigenvalue, relative to the largest one, below which a rigid motion is unconstrained: that of a
+#: node at 1e-5 of the size of a part.
 _FREE = 1e-11
 
-#: Share of the strength that a point has lost where it holds no more.
+#: Lost fraction of the strength at which a point counts as broken.
 _LOST = 0.99
 
 _AXES = "xyz"
 
-#: Tags that a message lists.
+#: Largest number of tags listed in a message.
 MOST_TAGS = 8
 
-#: Lower half of a number of 64 bits.
+#: Lower half of a 64-bit number.
 _LOW = 0xFFFFFFFF
 
 
@@ -42,8 +42,8 @@ class LoosePart(NamedTuple):
 
     Attributes:
         name: Its number.
-        tags: Of its cells.
-        motions: What is free, in words.
+        tags: Tags of its cells.
+        motions: Description of its free motions.
         cells: Its cells on this rank, ghosts included.
     """
 
@@ -54,13 +54,13 @@ class LoosePart(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """What moves as rigid bodies, and what supports hold of that; the same on every rank.
+    """The parts that can move as rigid bodies, and their constraints; the same on every rank.
 
     Attributes:
         label: Name of its part for every local cell.
-        names: Of all parts, ascending.
-        tags: Of the cells of every part.
-        gram: Sum of m m^T over what holds, m the rigid motions (parts, modes, modes).
+        names: Names of all parts, ascending.
+        tags: Tags of the cells of every part.
+        gram: Sum of m m^T over constrained dofs, m the rigid motions (parts, modes, modes).
     """
 
     label: NDArray[np.int64]
@@ -70,7 +70,7 @@ class Parts(NamedTuple):
 
 
 def in_words(parts: Sequence[LoosePart]) -> str:
-    """The bodies that parts are of, for messages."""
+    """Description of the bodies of parts, for messages."""
     tags = [str(tag) for tag in sorted({tag for part in parts for tag in part.tags})]
     listed = ", ".join(tags[:MOST_TAGS]) + (", ..." if len(tags) > MOST_TAGS else "")
     noun = f"tag{'s' if len(tags) > 1 else ''} {listed}"
@@ -78,24 +78,24 @@ def in_words(parts: Sequence[LoosePart]) -> str:
 
 
 def loose_parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> list[LoosePart]:
-    """Parts that keep a rigid motion if only some interfaces hold; collective.
+    """Parts with a free rigid motion if only some interfaces are intact; collective.
 
-    Cells hold together where they share a node, and across the facets of these interfaces.
+    Cells are connected by shared nodes, and across the facets of these interfaces.
 
     Args:
         problem: With all its prescribed displacements.
-        interfaces: The interfaces that hold.
+        interfaces: The intact interfaces.
     """
     return loose_among(problem, parts_of(problem, interfaces))
 
 
 def parts_of(problem: Problem, interfaces: Iterable[ActiveInterface]) -> Parts:
-    """What moves as rigid bodies if only some interfaces hold; collective."""
+    """The rigid parts if only some interfaces are intact; collective."""
     return _parts(problem, [active.facets.cells for active in interfaces], [])
 
 
 def bonds(problem: Problem) -> tuple[float, float]:
-    """What there is to break on open facets; collective.
+    """Bonds on open facets; collective.
 
     Returns:
         Energy of intact bonds, P_c^2/(2 H) times their area [N mm], and their number of facets.
@@ -111,12 +111,12 @@ def bonds(problem: Problem) -> tuple[float, float]:
 
 
 def hold_pieces(problem: Problem) -> bool:
-    """Let pieces that nothing holds rest from now on, with a warning; collective.
+    """Stabilize detached pieces by an artificial stiffness from now on, with a warning; collective.
 
-    At small strain a piece turns without strain however far it goes, and needs none.
+    At small strain a piece rotates without strain for any angle, and needs none.
 
     Returns:
-        Whether there is such a piece, and was none before.
+        Whether there is a new such piece.
     """
     step = problem.step
     if step.scales.held or problem.discretization.bodies.small:
@@ -125,23 +125,23 @@ def hold_pieces(problem: Problem) -> bool:
         step.scales = replace(step.scales, held=True)
         warn_together(
             problem.comm,
-            f"{piece} Such a motion takes no force. From load factor {problem.t:.6g} on a little "
-            "stiffness in the tangent alone, which bears no force, lets it rest where it is. Where "
-            "no force is left until= of vmdg.solve may end the run; problem.spring would hold the "
-            "piece itself",
+            f"{piece} This motion requires no force. From load factor {problem.t:.6g} on, a small "
+            "artificial stiffness in the tangent, which carries no force, keeps the piece in "
+            "place. If no force remains, until= of vmdg.solve can end the run; problem.spring "
+            "would constrain the piece itself",
         )
     return bool(piece)
 
 
 def hanging_piece(problem: Problem) -> str:
-    """A piece that nothing holds any more but a single point, or nothing at all; collective.
+    """A piece constrained by a single point only, or not at all; collective.
 
-    Where only one point of the facets around a piece still holds, or in 3D points on a line, it
-    turns about it without resistance. A point holds if it has kept a part of its strength or is
-    pressed. A chain of pieces of which each hangs on the next one is not looked for.
+    If only one point of the facets around a piece is intact, or in 3D collinear points, the piece
+    rotates about it without resistance. A point is intact if part of its strength remains or it is
+    in contact. Chains of such pieces are not detected.
 
     Returns:
-        A sentence about the smallest such piece; nothing where there is none.
+        A sentence about the smallest such piece; empty if there is none.
     """
     joined, links = [], []
     for active in problem.discretization.active.values():
@@ -157,14 +157,13 @@ def hanging_piece(problem: Problem) -> str:
     box, part = min(found, key=lambda one: np.linalg.norm(one[0][1] - one[0][0]))
     low, high = rounded(box)
     return (
-        f"Against {part.motions} nothing holds a piece of {in_words([part])} any more, that "
-        f"between {low} and {high} before the deformation: its bonds are gone, but perhaps for one "
-        "point."
+        f"A piece of {in_words([part])}, between {low} and {high} before the deformation, is "
+        f"unconstrained against {part.motions}: its bonds are broken, except perhaps at one point."
     )
 
 
 def _holding(active: ActiveInterface) -> NDArray[np.bool_]:
-    """Whether the points of an interface held at the last converged state (nq,)."""
+    """Whether the points of an interface were intact at the last converged state (nq,)."""
     history, law = active.history, active.law
     if not law.inelastic:
         return np.ones(len(active.quadrature.weights), dtype=bool)
@@ -180,7 +179,7 @@ def _box(problem: Problem, cells: NDArray[np.intp]) -> NDArray[np.float64]:
 
 
 def loose_among(problem: Problem, parts: Parts) -> list[LoosePart]:
-    """Those that keep a rigid motion."""
+    """Parts with a free rigid motion."""
     result = []
     for name, tags, matrix in zip(parts.names, parts.tags, parts.gram, strict=True):
         if motions := _motions_in_words(matrix, problem):
@@ -194,17 +193,17 @@ def _parts(
     joined: list[NDArray[np.int32]],
     links: list[tuple[NDArray[np.int32], NDArray[np.float64]]],
 ) -> Parts:
-    """What moves as rigid bodies, and what holds it; collective.
+    """The rigid parts and their constraints; collective.
 
     Args:
         problem: With all its prescribed displacements.
-        joined: Pairs of cells (n, 2) that hold together besides those that share a node.
-        links: Pairs of cells (n, 2), each held by the other at a point (n, 3).
+        joined: Pairs of cells (n, 2) connected in addition to those that share a node.
+        links: Pairs of cells (n, 2) connected at a point (n, 3).
     """
     mesh, comm = problem.mesh, problem.comm
     label = node_pieces(problem.space, joined)[problem.space.dofmap.list[:, 0]]
     owned = mesh.topology.index_map(mesh.topology.dim).size_local
-    # Part and tag in one number, which is faster to sort.
+    # Part and tag are packed into one number, which is faster to sort.
     code = np.unique(
         (label[:owned] << 32) | (problem.discretization.bodies.tags[:owned].astype(np.int64) & _LOW)
     )
@@ -229,8 +228,8 @@ def _gram(
 ) -> NDArray[np.float64]:
     """Sum of m m^T over this rank's prescribed dofs of every part, m the rigid motions there.
 
-    With springs their work m.K.m besides, in a periodic cell what motions of opposite nodes differ
-    by: a body that goes on beyond the boundary does not rotate.
+    Includes the work m.K.m of springs, and in a periodic cell the difference of motions of opposite
+    nodes: a body that continues beyond the boundary cannot rotate.
     """
     held, means = problem.loading.owned_prescribed, problem.discretization.means
     if means is not None:
@@ -258,10 +257,11 @@ def _with_faces(
     parts: NDArray[np.int64],
     gram: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """The sum of :func:`_gram` with what rigid faces take of motions m of their nodes; collective.
+    """The sum of :func:`_gram` plus the constraints of rigid faces on motions m of their nodes;
+    collective.
 
-    They take |m|^2 - |T^T.m|^2, m those of all parts at once, which a face may join. Of a part
-    counts what is left of the whole where all other parts go along with it (Schur complement).
+    They constrain |m|^2 - |T^T.m|^2, with m those of all parts jointly, since a face may connect
+    parts. For a part the Schur complement is used, in which all other parts follow.
     """
     rigid = problem.loading.rigid
     if not rigid:
@@ -284,12 +284,12 @@ def _with_faces(
 
 
 def _nothing(gram: NDArray[np.float64]) -> float:
-    """Eigenvalue of a part's matrix up to which nothing holds the motion."""
+    """Eigenvalue of a part's matrix up to which a motion is unconstrained."""
     return _FREE * max(np.linalg.eigvalsh(gram)[-1], np.finfo(float).tiny)
 
 
 def free_motions(gram: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Motions of a part that nothing holds, by columns (modes, n)."""
+    """Unconstrained motions of a part, by columns (modes, n)."""
     values, vectors = np.linalg.eigh(gram)
     return vectors[:, values <= _nothing(gram)]
 
@@ -300,7 +300,7 @@ def motions_at(
     parts: NDArray[np.int64],
     dofs: NDArray[np.int32],
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Part of every dof, by its place in ``parts``, and rigid motions there (n, modes)."""
+    """Part of every dof, as index into ``parts``, and rigid motions there (n, modes)."""
     space = problem.space
     d = space.dofmap.index_map_bs
     coordinates = space.tabulate_dof_coordinates()[:, :d]
@@ -313,7 +313,7 @@ def motions_at(
 def _part_of_nodes(
     problem: Problem, label: NDArray[np.int64], parts: NDArray[np.int64]
 ) -> NDArray[np.intp]:
-    """Part of every local node, by its place in ``parts``."""
+    """Part of every local node, as index into ``parts``."""
     dofmap = problem.space.dofmap
     result = np.zeros(dofmap.index_map.size_local + dofmap.index_map.num_ghosts, dtype=np.intp)
     result[dofmap.list] = np.searchsorted(parts, label)[:, None]
@@ -327,7 +327,7 @@ def size_of(problem: Problem) -> float:
 
 
 def _motions_in_words(gram: NDArray[np.float64], problem: Problem) -> str:
-    """Free rigid motions in words; empty where all are held."""
+    """Description of free rigid motions; empty if all are constrained."""
     free = free_motions(gram).shape[1]
     if not free:
         return ""

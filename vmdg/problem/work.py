@@ -5,30 +5,30 @@ T = -dPi/dzeta. The loads do the work
 
     int F.du = int (F.du - T.dzeta) + int T.dzeta.
 
-The second integral is a matter of the points: it is added up where return maps on the way say when
-they yield, part or close, :mod:`vmdg.interface.gap_work`. The first one is that of the derivative
-of an energy. It does not depend on the way from one end of a step to the other, so that it may go
-straight from z_0 to z_1, z = (u, zeta), and the load factor where eigenstrains change:
+The second integral is evaluated at the points, with return maps at intermediate states that show
+when they yield, separate or close, :mod:`vmdg.interface.gap_work`. The first one is that of the
+derivative of an energy and path independent, so it can be taken along the straight line from z_0 to
+z_1, z = (u, zeta), and the load factor if eigenstrains change:
 
     int_0^1 phi ds,  phi(s) = dPi/dz(z_0 + s dz).dz.
 
-At the ends phi is a matter of the loads, which are in equilibrium with F there: the trapezoidal
-rule is the work of the mean of the loads on du. It is exact for linear bodies, however zeta goes
-from one end to the other. At finite strain the integral is less by phi''/12 = D3Pi[dz, dz, dz]/12,
-third order in the step. Two steps a and b, one after the other, with changes f of dPi/dz and
-lengths l = |dz|, in which the load factor has no part, foretell that:
+At the ends phi follows from the loads, which are in equilibrium with F there: the trapezoidal rule
+is the work of the mean loads on du. It is exact for linear bodies, for any path of zeta. At finite
+strain the integral is less by phi''/12 = D3Pi[dz, dz, dz]/12, third order in the step. Two steps a
+and b, one after the other, with changes f of dPi/dz and lengths l = |dz|, in which the load factor
+is not included, predict it:
 
     X = f_a.dz_b - f_b.dz_a = -D3Pi[dz_a, dz_b, dz_a + dz_b]/2,
-    D3Pi[dz_b, dz_b, dz_b] = -2 l_b^2/(l_a (l_a + l_b)) X  if the path goes straight on.
+    D3Pi[dz_b, dz_b, dz_b] = -2 l_b^2/(l_a (l_a + l_b)) X if the path is straight.
 
-Where that is much, and in a first step, Simpson's rule takes phi in the middle besides, where
-forces are not in equilibrium, and misses phi''''/2880; where it differs much from the trapezoidal
-rule, Boole's rule takes quarters besides and misses phi^(6)/1935360. That costs residuals, and is
-done where someone asks for the energies at the end of the step.
+If this is large, and in a first step, Simpson's rule also uses phi at the midpoint, where forces
+are not in equilibrium, with error phi''''/2880; if it differs much from the trapezoidal rule,
+Boole's rule also uses the quarter points, with error phi^(6)/1935360. This costs residuals and is
+done if the energies are evaluated at the end of the step.
 
-What is stored at the ends is in none of this, nor is what the laws say that they have spent, so
-that the balance of the energies holds them to it. A snap goes through no equilibrium: a jump, whose
-load is held, has the work of its ends only.
+None of this uses the energy stored at the ends or the dissipation returned by the laws, so the
+energy balance is an independent check. A snap does not pass equilibria: the work of a jump, at
+constant load, is that of its ends only.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ from ..base.parallel import global_sum
 
 Array = NDArray[np.float64]
 
-#: Cosine between two steps from which on the path goes straight on.
+#: Cosine between two steps above which the path counts as straight.
 STRAIGHT = 0.95
 
-#: What the trapezoidal rule may miss in a step for two steps to foretell it, and difference of
-#: Simpson's rule from it above which quarters are taken besides, relative to the work of the run.
+#: Largest error of the trapezoidal rule predicted by two steps, and difference from Simpson's rule
+#: above which quarter points are used, relative to the work of the run.
 CURVED, FINE = 1e-6, 1e-4
 
 
@@ -77,18 +77,18 @@ def next_arc(
     work: float,
     lengths: int | None = None,
 ) -> tuple[Arc, float, bool]:
-    """The arc of a step, what the integral is more than the trapezoidal rule has [N mm], as two
-    steps foretell it, and whether that will do; collective.
+    """The record of a step, the correction of the trapezoidal rule [N mm] predicted by two steps,
+    and whether it is accurate enough; collective.
 
-    It will not where the path is not STRAIGHT, so that 0 is foretold, or where it is above CURVED.
+    It is not if the path is not STRAIGHT, where 0 is predicted, or if it exceeds CURVED.
 
     Args:
         comm: Of the problem.
-        last: The step before it; None where the path does not go on from there.
+        last: The previous step; None if the path does not continue it.
         forces: Change of dPi/dz, owned dofs and points [N].
         z: Change of displacement and gap, owned dofs and points [mm], and of the load factor.
         work: Of the run so far, this rank's [N mm].
-        lengths: How many of z are lengths, the first ones; None for all.
+        lengths: Number of leading entries of z that are lengths; None for all.
     """
     before = 0.0 if last is None else last.forces @ z - forces @ last.z
     # A load factor may have any unit and is not added to lengths.
@@ -112,8 +112,8 @@ def chord_integral(first: float, last: float, phi: Callable[[float], float], siz
 
     Args:
         first, last: phi(0) and phi(1).
-        phi: Of s.
-        size: What FINE is relative to.
+        phi: Function of s.
+        size: Reference size for FINE.
     """
     middle = phi(0.5)
     simpson = (first + 4 * middle + last) / 6

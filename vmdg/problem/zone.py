@@ -1,29 +1,30 @@
-"""Process zones: how long they are at the tip of a crack, beside the points that resolve them.
+"""Length of process zones at crack tips, compared with the distance of the points that resolve
+them.
 
-A bond that softens spreads over a zone ahead of a crack. In bodies that are large beside it, that
-of a crack that grows is about as long as the characteristic length of Hillerborg, Modeer and
-Petersson (1976, Cement and Concrete Research 6, 773),
+Softening takes place in a zone ahead of a crack. In large bodies the zone of a growing crack is
+about as long as the characteristic length of Hillerborg, Modeer and Petersson (1976, Cement and
+Concrete Research 6, 773),
 
     l = E' G_c / P_c^2,
 
-shorter by a factor of .2 to .9 by the shape of the curve (Turon, Davila, Camanho and Costa 2007,
-Engineering Fracture Mechanics 74, 1665, Table 1); between two materials 2/E' = 1/E'_1 + 1/E'_2. A
-part of thickness t < l beside the interface is a beam on the bond (Suo, Bao and Fan 1992, Journal
-of the Mechanics and Physics of Solids 40, 1; Bao and Suo 1992, Applied Mechanics Reviews 45, 355).
-Where it slides, its force N follows from the shear stress of the bond, dN/dx = tau, and the slip
-from its strain, d(slip)/dx = N/(E' t). With tau of the order of P_c, up to slips of the order of
-G_c/P_c,
+shorter by a factor of 0.2 to 0.9 depending on the shape of the curve (Turon, Davila, Camanho and
+Costa 2007, Engineering Fracture Mechanics 74, 1665, Table 1); between two materials 2/E' = 1/E'_1 +
+1/E'_2. An adjacent part of thickness t < l acts as a beam on the bond (Suo, Bao and Fan 1992,
+Journal of the Mechanics and Physics of Solids 40, 1; Bao and Suo 1992, Applied Mechanics Reviews
+45, 355). Where it slides, its force N follows from the shear stress of the bond, dN/dx = tau, and
+the slip from its strain, d(slip)/dx = N/(E' t). With tau of the order of P_c, up to slips of the
+order of G_c/P_c,
 
     l_s = (E' t G_c)^1/2 / P_c = (l t)^1/2.
 
 Where it opens it bends, E' t^3/12 d4w/dx4 = -sigma, which gives l^1/4 t^3/4 in the same way, less
-than l_s for t < l. So min(l, l_s) is a bound from above, with the larger l of opening and shear:
-where it is too short for a mesh, the zone is shorter still.
+than l_s for t < l. So min(l, l_s) is an upper bound, with the larger l of opening and shear: if it
+is too short for a mesh, the zone is even shorter.
 
-A facet of degree k has k + 1 points along a crack. Where the zone is shorter than their distance a
-crack has to bring a point to its strength with no help of those behind it: the bond holds far above
-its fracture energy. Three facets of degree 1 in the zone give the fracture energy (Turon et al.,
-who lower P_c at the same G_c where the mesh cannot follow).
+A facet of degree k has k + 1 points along a crack. If the zone is shorter than their distance, a
+point reaches its strength without load sharing by those behind it: the bond resists far beyond its
+fracture energy. Three facets of degree 1 in the zone give the fracture energy (Turon et al., who
+reduce P_c at the same G_c for coarse meshes).
 """
 
 from __future__ import annotations
@@ -49,10 +50,10 @@ from .problem import Problem
 
 Array = NDArray[np.float64]
 
-#: Facets along an interface below which no crack is meant to grow along it.
+#: Number of facets along an interface below which no crack growth is assumed.
 FACETS = 4
 
-#: Strength relative to E' of bonds that are meant never to break.
+#: Strength relative to E' above which bonds are assumed unbreakable.
 STRONG = 0.1
 
 
@@ -60,8 +61,8 @@ class Zones(NamedTuple):
     """Process zones at the owned facets of an interface.
 
     Attributes:
-        length: Bound from above (nf,) [mm].
-        thickness: Of a part beside that is thin for it, inf where none is (nf,) [mm].
+        length: Upper bound (nf,) [mm].
+        thickness: Thickness of a thin adjacent part, inf if there is none (nf,) [mm].
         edge: Shortest one of the facets (nf,) [mm].
     """
 
@@ -87,7 +88,7 @@ def process_zones(problem: Problem) -> dict[int, Zones]:
 
 
 def _zones(problem: Problem, number: int, facets: InterfaceFacets, E: Array) -> Zones:
-    """Of one interface; ``E`` are the moduli E' of local cells."""
+    """Zones of one interface; ``E`` are the moduli E' of local cells."""
     d = problem.mesh.geometry.dim
     ends = [separation(facets.law, d, axis) for axis in (0, 1)]
     length = np.maximum(*(energy / strength**2 for strength, energy in ends))[:, None]
@@ -98,8 +99,8 @@ def _zones(problem: Problem, number: int, facets: InterfaceFacets, E: Array) -> 
     thinner = slender.argmin(axis=1)[:, None]
     narrow = np.take_along_axis(slender, thinner, axis=1)[:, 0]
     t = np.take_along_axis(t, thinner, axis=1)[:, 0]
-    # No crack grows where there is no bond, in one that is as strong as bodies are stiff, nor along
-    # a few facets, which break at once: the cross section of a bar.
+    # No crack growth without a bond, with a strength of the order of the moduli, or along a few
+    # facets that fail at once, such as the cross section of a bar.
     never = (facets.damage >= 1) | (ends[0][0] > STRONG * both.min(axis=1, initial=np.inf))
     corners = _corners(problem.mesh, facets.facets)
     edges = _shortest_edges(corners)
@@ -133,16 +134,17 @@ def _moduli(problem: Problem, cells: NDArray[np.int32]) -> Array:
     found = RegionExpressions(u, bodies, regions, means, middle, "stiffness")
     M, G = found(bodies.region[cells], cells)[:, 0].T
     result = np.zeros(cell_map.size_local + cell_map.num_ghosts)
-    # A of mean dilatation is that of the change of shape alone.
+    # With mean dilatation A contains the deviatoric part only.
     result[cells] = 4 * G if bodies.mean_dilatation else 4 * G * (M - G) / M
     return result
 
 
 def _thickness(problem: Problem, number: int) -> Array:
-    """Thickness of the part to which a cell belongs if this interface alone parts; collective [mm].
+    """Thickness of the part to which a cell belongs if only this interface separates; collective
+    [mm].
 
-    That of a plate with the same smallest moment of inertia: exact for plates and straight films,
-    the radius of others of the order of their size. By local cell.
+    Thickness of a plate with the same smallest moment of inertia: exact for plates and straight
+    films, of the order of the size for other parts. By local cell.
     """
     joined = [
         active.facets.cells
@@ -176,7 +178,7 @@ def _cell_moments(mesh: Mesh, owned: int) -> Array:
 
 
 def _corners(mesh: Mesh, facets: NDArray[np.int32]) -> Array:
-    """Of facets (nf, corners, 3) [mm]."""
+    """Corners of facets (nf, corners, 3) [mm]."""
     dim = mesh.topology.dim - 1
     count = len(basix.geometry(basix.cell.subentity_types(mesh.basix_cell())[dim][0]))
     if not len(facets):  # entities_to_geometry divides by their number
@@ -185,7 +187,7 @@ def _corners(mesh: Mesh, facets: NDArray[np.int32]) -> Array:
 
 
 def _shortest_edges(corners: Array) -> Array:
-    """Of facets (nf,) [mm]."""
+    """Shortest edges of facets (nf,) [mm]."""
     apart = np.linalg.norm(corners[:, :, None] - corners[:, None], axis=3)
     itself = np.arange(corners.shape[1])
     apart[:, itself, itself] = np.inf
