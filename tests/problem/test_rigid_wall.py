@@ -59,5 +59,5 @@ def test_too_stiff(comm):
         warnings.simplefilter("always")
         vmdg.solve(problem, [1.0])
     told = [str(one.message) for one in caught if one.category is vmdg.ModelWarning]
-    assert all("rounding of the stiffest body" in text for text in told)
+    assert all("rounding error of the stiffest body" in text for text in told)
     assert len(told) == (comm.rank == 0)

@@ -37,7 +37,7 @@ def test_bar_under_dead_load():
     assert last["damage"] == pytest.approx(p**2 * (1 / (1 - exact) - 1), rel=0.025)
     assert abs(last["imbalance"]) < 1e-5 * last["damage"]
     options = vmdg.SolveOptions(cycles=1.0, unstable="trace")
-    with pytest.raises(vmdg.StepFailure, match="where forces do not balance"):
+    with pytest.raises(vmdg.StepFailure, match="without force balance"):
         vmdg.solve(problem, [100.0 * p + 1.2 * life], options)
     # early, with steps that long
     assert 0.9 * life < problem.t - 100.0 * p < life
@@ -80,5 +80,5 @@ def test_line_of_paris():
 
 def test_cycles_need_a_law_that_feels_them():
     problem = bar.build(MPI.COMM_SELF, 0.02, "small")
-    with pytest.raises(ValueError, match=r"cycles = 10\.0, but no law of the problem feels them"):
+    with pytest.raises(ValueError, match=r"cycles = 10\.0, but no law .* depends on them"):
         vmdg.solve(problem, [0.001], vmdg.SolveOptions(cycles=10.0))

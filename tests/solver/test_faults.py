@@ -152,7 +152,7 @@ def test_what_is_no_function(comm):
     for name in ("monitor", "until"):
         with pytest.raises(TypeError, match=rf"solve: {name} = 0.5 must be a function of the prob"):
             vmdg.solve(problem, LOADS, **{name: 0.5})
-    with pytest.raises(TypeError, match=r"calls a column 1; its name must be a word"):
+    with pytest.raises(TypeError, match=r"returned a column 1; its name must be a str"):
         vmdg.solve(problem, LOADS, monitor=lambda p: {1: 2.0})
 
 

@@ -32,8 +32,8 @@ def test_error_says_what_happened_and_what_helps(comm):
         vmdg.solve(pulled(comm), [0.3], options)
     assert re.fullmatch(
         r"the step from load factor 0 to 0\.15 failed although it was cut 1 times; the problem is "
-        r"in its state at 0\. In the last attempt Newton's method found no equilibrium within "
-        r"the corrections .* \(DIVERGED_MAX_IT, 2 times\)\. What helps: "
+        r"in its state at 0\. In the last attempt Newton's method did not converge within "
+        r"the maximum number of corrections .* \(DIVERGED_MAX_IT, 2 times\)\. What helps: "
         r"SolveOptions\(max_iterations=40\).* smaller steps"
         r".* \(Its last residuals: [-+.e0-9, ]+ N\.\)",
         str(failure.value),
@@ -49,8 +49,8 @@ def test_jump_that_led_nowhere(comm, loads):
         vmdg.solve(problem, loads, vmdg.SolveOptions(max_cuts=2))
     (t, reason) = [f for f in failure.value.result.failures if "JUMP_FAILED" in f[1]][-1]
     told = str(failure.value).partition(f" At load factor {t:.8g} ")[2]
-    assert told.startswith("the load has no equilibrium near")
-    assert f"({reason}). What helps: prescribed displacements in place of forces" in told
+    assert told.startswith("there is no equilibrium nearby")
+    assert f"({reason}). What helps: prescribed displacements instead of forces" in told
 
 
 def test_attempts_for_different_reasons():

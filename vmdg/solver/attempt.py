@@ -10,24 +10,24 @@ from .limits import Direction, Reach
 
 @dataclass(frozen=True)
 class Attempt:
-    """How an attempt of a step ended; the next one sets out from it.
+    """Outcome of an attempt of a step, from which the next one starts.
 
     Attributes:
-        converged: Whether the residual met the tolerance where the step was to end.
+        converged: Whether the residual met the tolerance at the end of the step.
         norms: Residual norms on the free dofs, before every correction and at the end [N].
-        reason: PETSc's word for how it ended, or one of vmdg.solver.reasons.
+        reason: PETSc's convergence reason, or one of vmdg.solver.reasons.
         goal: Residual norm at which the step has converged [N].
         krylov: Krylov iterations of all linear systems of the step, the predictor's included; 0
             where they were solved directly.
-        guessed: Where the first guess led.
-        end: Load factor, or overstress in a jump, that it came to.
-        slope: dD/dlambda at its end, D the work on bonds; 0 where D does not grow [N mm].
-        onset: Whether the step ends where damage begins, at a kink of the path.
+        guessed: How far the predictor went.
+        end: Load factor, or overstress in a jump, at its end.
+        slope: dD/dlambda at its end, D the damage work; 0 if D does not grow [N mm].
+        onset: Whether the step ends at the onset of damage, a kink of the path.
         unstable: Whether the tangent near its end is known to have negative eigenvalues.
-        work: Work on bonds in the step, 0 where it failed [N mm].
-        ahead: Change of displacement and load factor; None where it failed, or where the next step
-            does not go on as it did.
-        lost: Largest share of its strength that a point has lost in a step with cycles.
+        work: Damage work in the step, 0 if it failed [N mm].
+        ahead: Change of displacement and load factor; None if it failed, or if the next step does
+            not continue it.
+        lost: Largest fraction of the strength lost at a point in a step with cycles.
     """
 
     converged: bool = True
@@ -46,13 +46,13 @@ class Attempt:
 
     @property
     def iterations(self) -> int:
-        """Newton corrections after the first guess."""
+        """Newton corrections after the predictor."""
         return max(len(self.norms) - 1, 0)
 
     def failed(self, reason: str) -> Attempt:
-        """The same attempt, given up for a reason."""
+        """The same attempt, marked as failed for a reason."""
         return replace(self, converged=False, reason=reason)
 
     def going(self, ahead: Direction | None) -> Attempt:
-        """The same attempt, as if its change had been another one."""
+        """The same attempt with another change."""
         return replace(self, ahead=ahead)

@@ -1,14 +1,15 @@
 """Newton's method for a step: PETSc SNES on displacement and load factor.
 
-The unknowns are (u, lambda), lambda the load factor, or the overstress of a jump. Beside
+The unknowns are (u, lambda), lambda the load factor, or the overstress of a jump. In addition to
 R(u, lambda) = 0 of (46) the step ends where the first of its limits is met, g(u, lambda) = 0 of
 :mod:`vmdg.solver.limits`. The bordered system is solved by block elimination: with the tangent K
 and f = -dR/dlambda, the loads,
 
     K.du_0 = -R,    K.du_1 = f,    du = du_0 + dlambda du_1,
 
-takes the linearised R away for every dlambda, and g says which. Where work on bonds is limited a
-correction that would break far more is drawn back along itself; return maps alone tell how far.
+eliminates the linearised R for every dlambda, which follows from g. If the damage work is limited,
+a correction that would exceed the limit by far is shortened; return maps alone determine the
+length.
 """
 
 from __future__ import annotations
@@ -40,11 +41,11 @@ from .turn import turn
 
 Array = NDArray[np.float64]
 
-#: The kind of line search is chosen in every attempt: backtracking by halves where the load factor
-#: is the only limit, else full steps, which do better where work is limited.
+#: The line search is chosen in every attempt: backtracking by halves if the load factor is the only
+#: limit, otherwise full steps, which perform better with limited work.
 KIND = "snes_linesearch_type"
 
-#: Change of the displacement for its rates, relative to the size of the body.
+#: Finite-difference step of the displacement, relative to the size of the body.
 INCREMENT = 1e-7
 
 _REASONS = {value: name for name, value in SNES_REASONS.items()}
@@ -58,7 +59,7 @@ class Corrector:
         options: Of the solver.
 
     Attributes:
-        discretization: What it was made for.
+        discretization: The discretization for which it was created.
     """
 
     def __init__(self, problem: Problem, options: SolveOptions):
@@ -78,7 +79,7 @@ class Corrector:
         self._own = {k: v for k, v in (options.petsc or {}).items() if k.startswith("snes_")}
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))
         self._rounds, self._softest = False, 0.0
-        # By halves, however large or small a correction is as a number.
+        # By halves, independently of the norm of the correction.
         least = float(np.finfo(float).tiny)
         halves = {"order": 1, "max_it": options.path.halvings, "minlambda": least}
         halves |= UNBOUNDED_SEARCH
@@ -87,16 +88,16 @@ class Corrector:
 
     @property
     def rounding(self) -> float:
-        """Of the energy that bodies store [N mm]."""
+        """Rounding error of the stored energy of the bodies [N mm]."""
         return float(np.finfo(float).eps) * self._size**2 * self._system.norm
 
     def solve(self, limits: Limits, dt: float, last: Attempt | None) -> Attempt:
-        """Go to where the first of the limits is met; collective.
+        """Find the equilibrium at which the first of the limits is met; collective.
 
         Args:
             limits: Where the step ends.
             dt: Time step of the return maps [s].
-            last: The step that it sets out from, as in :meth:`.Steps.attempt`.
+            last: The previous step, as in :meth:`.Steps.attempt`.
         """
         problem, krylov, scales = self._problem, self._system.iterations, self._problem.step.scales
         self._system.lags = False
@@ -119,7 +120,7 @@ class Corrector:
             warn_of_unused(self._snes)
         reason = self._snes.getConvergedReason()
         found = iteration.attempt()
-        # The forces of a state that is given up say nothing about the run.
+        # The forces of a failed attempt do not count for the run.
         if reason > 0:
             scales = problem.step.scales.with_forces(reaction=iteration.reaction())
             self._warn_of_rounding(found.norms[-1], scales.reaction)
@@ -133,19 +134,20 @@ class Corrector:
         )
 
     def _warn_of_rounding(self, norm: float, reaction: float) -> None:
-        """Tell once where the rounding of a stiff body is large among the forces of softer ones."""
+        """Warn once if the rounding of a stiff body is large relative to the forces of softer
+        ones."""
         numbers = self._options.path
         if self._rounds or norm <= numbers.small / numbers.missed * reaction:
             return
         self._softest = self._softest or self._least_stiffness()
-        # Else nothing is strained, and all forces are rounding.
+        # Otherwise there is no strain, and all forces are rounding.
         self._rounds = reaction > numbers.small * self._softest * self._size
         if self._rounds:
             warn_together(
                 self._problem.comm,
-                f"forces balance to {norm:.2g} N only, of {reaction:.3g} N: that is the rounding "
-                "of the stiffest body. Take a smaller modulus for it, 1e4 to 1e6 times that of the "
-                "others is as good as rigid, or prescribe its displacement and leave it out",
+                f"forces balance only to {norm:.2g} N, of {reaction:.3g} N: this is the rounding "
+                "error of the stiffest body. Use a smaller modulus for it (1e4 to 1e6 times that "
+                "of the others is practically rigid), or prescribe its displacement and omit it",
             )
 
     def _least_stiffness(self) -> float:
@@ -153,7 +155,7 @@ class Corrector:
         matrix = self.discretization.create_matrix(PETSc.Mat.Type.AIJ)
         self.discretization.assemble_tangent(matrix, failing=False)
         diagonal = matrix.getDiagonal().array
-        # Means have no place in it.
+        # Means are excluded.
         softest = diagonal.min(initial=math.inf, where=diagonal > 0)
         matrix.destroy()
         return -global_max(self._problem.comm, -float(softest))
@@ -167,7 +169,7 @@ class Corrector:
 
 
 class _Iteration:
-    """The iteration of one attempt: what PETSc asks of residual, matrix and linear solver."""
+    """The iteration of one attempt: callbacks of PETSc for residual, matrix and linear solver."""
 
     def __init__(
         self,
@@ -187,19 +189,19 @@ class _Iteration:
         self._parameter = parameter_of(problem, system, limits)
         self._size = size
         self._start = self._place()
-        self._along: Array | None = None  # unit tangent of the path, the way of the step
-        # Of the work, at the last return map, or that of the last step while zeta is held.
+        self._along: Array | None = None  # unit tangent of the path
+        # Work at the last return map, or of the last step while zeta is fixed.
         self._gradients = [np.zeros_like(active.history.gap) for active in self._failing]
         self._elastic = self._at_onset = False
         self._ends_at_target = True
         self._norms: list[float] = []
         self._goal, self._slope, self._rtol = math.nan, 0.0, MAX_RTOL
-        self._mapped: Direction | None = None  # where the points were mapped back last
+        self._mapped: Direction | None = None  # state of the last return map
         self._guessed = Reach()
-        self._rate: Rate | None = None  # of the parameter, at the last correction
+        self._rate: Rate | None = None  # derivative by the parameter, at the last correction
 
     def attempt(self) -> Attempt:
-        """What there is to say about it."""
+        """The outcome of the attempt."""
         return Attempt(
             norms=self._norms,
             goal=self._goal,
@@ -209,13 +211,13 @@ class _Iteration:
             onset=self._at_onset,
         )
 
-    # The first guess
+    # Predictor
 
     def predict(self, last: Attempt | None) -> None:
-        """Turn with the supports, go on as in the last step, or along the tangent."""
+        """Predict by rotation with the supports, by extrapolation, or along the tangent."""
         if last is not None:
             self._gradients = [active.work_gradient(self._dt) for active in self._failing]
-        # Facets that open on demand may bear more than their strength as they open.
+        # Facets that open on demand may carry more than their strength when they open.
         breaks = bool(self._step.activation) or any(
             ((one.history.mode != Mode.ELASTIC) & (one.history.softening < one.law.strength)).any()
             for one in self._failing
@@ -229,7 +231,7 @@ class _Iteration:
         self._guessed = self._reach()._replace(way=global_norm(self._comm, self._moved()))
 
     def _along_tangent(self, anew: bool) -> None:
-        """Go along the tangent; where faces that touch overlap then, with closing points held."""
+        """Predict along the tangent; if crack faces overlap then, with closing points sticking."""
         step, limits = self._step, self._limits
         step.hold(self._dt, sliding=anew)
         free = self._forces()
@@ -242,7 +244,7 @@ class _Iteration:
             self._go(self._start, self._correct(-self._forces(), closes=True), 1.0)
 
     def _extrapolate(self, last: Attempt) -> bool:
-        """Go on as in the last step until a limit is met; False where none is near."""
+        """Extrapolate the last step until a limit is met; False if none is near."""
         ahead, limits, way = last.ahead, self._limits, global_norm(self._comm, last.ahead.u)
         left = limits.target - limits.start
         if ahead.t * left < 0 and last.work == 0:
@@ -263,18 +265,19 @@ class _Iteration:
         x.array[self._owned :] = self._parameter.value
 
     def _place(self) -> Direction:
-        """Displacement and parameter now."""
+        """Current displacement and parameter."""
         return Direction(self._problem.u.x.array[: self._owned].copy(), self._parameter.value)
 
     def _visit(self, place: Direction) -> None:
-        """Go there for a look at tractions, points as they are."""
+        """Move there to evaluate tractions, with points unchanged."""
         self._problem.u.x.array[: self._owned] = place.u
         self._problem.u.x.scatter_forward()
         self._parameter.move(place.t)
         self._discretization.update_means()
 
     def _map(self, place: Direction) -> None:
-        """Go there, supports where they are then, and map the points back if that is elsewhere."""
+        """Move there, with its prescribed displacements, and do the return maps if it is a new
+        state."""
         last = self._mapped
         moves = last is None or place.t != last.t or not np.array_equal(place.u, last.u)
         if not global_any(self._comm, moves):
@@ -284,7 +287,7 @@ class _Iteration:
         u.scatter_forward()
         near = abs(place.t - limits.target) <= ROUNDING * limits.span
         self._parameter.move(limits.target if near else place.t)
-        # A first guess need not know where supports are.
+        # A predictor need not satisfy prescribed displacements.
         u.array[loading.prescribed] = loading.prescribed_values(self._problem.t)
         if loading.rigid:
             u.array[: self._owned] += loading.away(self._problem.t)
@@ -293,11 +296,12 @@ class _Iteration:
         self._mapped = place
 
     def _go(self, start: Direction, way: Direction, length: float) -> None:
-        """Go along a direction, not to where far more would break than the step may."""
+        """Move along a direction, limited by the damage work of the step."""
         self._map(_sum(start, way, self._allowed(start, way, length)))
 
     def _allowed(self, start: Direction, way: Direction, length: float) -> float:
-        """Length of a direction at which about the limit of the work is done, if not less is."""
+        """Length along a direction at which the damage work is about at its limit, or the full
+        length."""
         if (
             self._limits.work == math.inf
             or self._excess(start, way, length) <= self._numbers.growth
@@ -309,19 +313,19 @@ class _Iteration:
         low, high = 0.0, length
         while low < (middle := (low + high) / 2) < high:
             excess = self._excess(start, way, middle)
-            # Between half of the limit and half more is near enough.
+            # Between 0.5 and 1.5 times the limit is close enough.
             if abs(excess - 1) <= 0.5:
                 return middle
             low, high = (low, middle) if excess > 1 else (middle, high)
         return low
 
     def _excess(self, start: Direction, way: Direction, length: float) -> float:
-        """Work on bonds at a place, in limits."""
+        """Damage work at a state, relative to its limit."""
         self._map(_sum(start, way, length))
         return float(np.nan_to_num(self._step.bond_work() / self._limits.work, nan=math.inf))
 
     def _end_at_onset(self) -> None:
-        """From an elastic state the step ends at the onset of damage, a kink of the path."""
+        """From an elastic state, end the step at the onset of damage, a kink of the path."""
         if 0 < self._limits.onset < self._limits.work:
             work = ROUNDING * self._limits.onset / self._numbers.small
             self._limits, self._at_onset = replace(self._limits, work=work), True
@@ -336,9 +340,9 @@ class _Iteration:
     # Corrections
 
     def _correct(self, forces: Array, closes: bool = False) -> Direction:
-        """Correction that takes a residual of -forces away and ends at a limit; collective.
+        """Correction for a residual of -forces that ends at a limit; collective.
 
-        Where the load factor is given, bodies may be taken as linear, with points that close.
+        For a given load factor, bodies may be treated as linear, with closing points.
         """
         limits, now, parameter = self._limits, self._reach(), self._parameter
         away, self._ends_at_target = self._loading.away(self._problem.t), True
@@ -373,13 +377,14 @@ class _Iteration:
         return _sum(zero, one, change)
 
     def _rates(self, direction: Direction, work: float = 0.0) -> Reach:
-        """Where a direction leads, besides what work it does of itself; collective."""
+        """Rates of the limits along a direction, with additional work; collective."""
         along = 0.0 if self._along is None else direction.u @ self._along
         done, along = global_sum(self._comm, [self._work_along(direction), along])
         return Reach(direction.t, done + work, along)
 
     def _work_along(self, direction: Direction) -> float:
-        """Derivative of the work on this rank's bonds, by the gradients of the laws; collective."""
+        """Derivative of the damage work along a direction, from the gradients of the laws;
+        collective."""
         size = global_norm(self._comm, direction.u)
         gradients = [
             before if active.values.update is None else active.work_gradient(self._dt)
@@ -403,7 +408,7 @@ class _Iteration:
     # Forces
 
     def _forces(self) -> Array:
-        """Residual on owned dofs, without what supports and rigid faces take [N]."""
+        """Residual on owned dofs, without reactions of supports and rigid faces [N]."""
         forces = self._discretization.forces.x.array[: self._owned].copy()
         if self._parameter.drag:
             forces += self._parameter.drag * self._system.norm * self._moved()
@@ -414,7 +419,7 @@ class _Iteration:
         return self._problem.u.x.array[: self._owned] - self._start.u
 
     def reaction(self) -> float:
-        """Norm of reactions, those of springs among them, and of forces on means [N]."""
+        """Norm of reactions, including those of springs, and of forces on means [N]."""
         parts, loading = self._discretization, self._loading
         forces = parts.forces.x.array[: self._owned]
         held = forces - loading.balance(forces.copy())
@@ -431,7 +436,7 @@ class _Iteration:
         return Direction(x.array_r[: self._owned].copy(), self._comm.bcast(last))
 
     def residual(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
-        """R on free dofs; lambda has no equation of forces, and its place is zero."""
+        """R on free dofs; the entry of lambda is zero."""
         place = self._read(x)
         farthest = global_max(self._comm, float(np.abs(place.u).max(initial=0.0)))
         if not self._numbers.small * farthest <= self._size:
@@ -459,7 +464,7 @@ class _Iteration:
         y.array[: self._owned] = self._loading.balance(forces)
 
     def draw_back(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
-        """Shorten a correction that would break far more than the step may."""
+        """Shorten a correction that would exceed the damage work of the step by far."""
         start, way = self._read(x), self._read(y)
         length = self._allowed(start, Direction(-way.u, -way.t), 1.0)
         if length < 1.0:
@@ -467,7 +472,7 @@ class _Iteration:
         return length < 1.0
 
     def test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
-        """Whether forces balance where the step ends, or the iteration leads nowhere."""
+        """Test for convergence at the end of the step, or for stagnation."""
         reasons, norm, reaction = PETSc.SNES.ConvergedReason, norms[2], self.reaction()
         self._norms.append(norm)
         if not np.isfinite(norm + reaction):
@@ -482,8 +487,8 @@ class _Iteration:
         if norm > goal and before and min(last) > (1 - little) * min(before):
             return reasons.DIVERGED_LOCAL_MIN
         self._rtol = linear_tolerance(self._norms, goal)
-        # The last tangent multiplies the residual by about twice the ratio of the last two, since
-        # convergence is quadratic; it serves once more where that ends far below the goal.
+        # Reusing the last tangent multiplies the residual by about twice the ratio of the last two,
+        # since convergence is quadratic; it is reused if that ends far below the goal.
         first, surely = self._norms[-2:][0], self._numbers.missed * goal
         self._system.lags = len(self._norms) > 1 and goal < norm and 2 * norm**2 <= surely * first
         return reasons.ITERATING
@@ -492,11 +497,11 @@ class _Iteration:
         """Norm of the residual on the free dofs at which the step has converged [N].
 
         It is small against the largest force the run has seen (reactions, loads, or the imbalance a
-        step starts with), a scale that stays when the body has come apart. The imbalance of a step
-        that carries a weak bond far beyond its strength may be larger by orders of magnitude than
-        any force it can bear, so that the residual must also be small against forces that were
-        there. No residual comes below the rounding of differences of positions, of nodes that may
-        have gone far, times stiffness.
+        step starts with), a scale that remains when the body has separated. The imbalance of a step
+        that loads a weak bond far beyond its strength may exceed any force that it can carry by
+        orders of magnitude, so the residual must also be small relative to actual forces. It cannot
+        fall below the rounding error of nodal positions, for nodes that may have moved far, times
+        stiffness.
         """
         far = global_max(self._comm, float(np.abs(self._problem.u.x.array).max(initial=0.0)))
         floor = float(np.finfo(float).eps) * (self._size + far) * self._system.norm
@@ -504,7 +509,7 @@ class _Iteration:
         return max(min(goal, self._numbers.small * scales.reaction), floor)
 
     def _met(self) -> bool:
-        """Whether an equilibrium ends the step."""
+        """Whether an equilibrium is at the end of the step."""
         limits, now, missed = self._limits, self._reach(), self._numbers.missed
         if not self._parameter.moves or limits.target == limits.start:
             return True
@@ -517,5 +522,5 @@ class _Iteration:
 
 
 def _sum(start: Direction, way: Direction, length: float) -> Direction:
-    """A place on the way from another one."""
+    """A state along a direction from another one."""
     return Direction(start.u + length * way.u, start.t + length * way.t)

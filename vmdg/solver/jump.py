@@ -1,4 +1,4 @@
-"""Carries a problem over a real snap: from a limit point to the next equilibrium at its load."""
+"""Dynamic-free jump over a snap: from a limit point to the next equilibrium at its load."""
 
 from __future__ import annotations
 
@@ -10,27 +10,28 @@ from .steps import Steps
 
 
 def jump(steps: Steps, t: float, most: float) -> tuple[Attempt, int]:
-    """Carry the problem to the next equilibrium at a load factor.
+    """Move the problem to the next equilibrium at a load factor.
 
     Bonds are slowed down by an overstress of s H per gap increment, as in pseudo-transient
-    continuation (Kelley and Keyes 1998), and steps follow them as they break: each ends where they
-    have taken a given work, with the overstress that this takes, or at half of the last one, and
-    when next to nothing is left of it at s = 0, the equilibrium. So s is to a jump what the load
-    factor is to a path. Where steps fail although bonds are slowed down, or hardly break, it is
-    bodies that move, as in buckling. They are slowed down as well,
+    continuation (Kelley and Keyes 1998), and steps follow them as they break. Each step ends at a
+    given damage work, with the overstress that this requires, or at half of the last overstress,
+    and finally at s = 0, the equilibrium. So s has the role that the load factor has on a path. If
+    steps fail despite the overstress, or bonds hardly break, it is bodies that move, as in
+    buckling. They are damped as well,
 
         R(u) + s c |K| (u - u_n) = 0,
 
-    the steepest descent of the energy by backward Euler: K + s c |K| I is positive definite for an
-    s that is large enough. It ends in a stable state.
+    the steepest descent of the energy by backward Euler: K + s c |K| I is positive definite for
+    sufficiently large s. It ends in a stable state.
 
     Args:
-        steps: Takes the attempts; the problem is in a state from which it runs away at this load.
+        steps: Runs the attempts; the problem is in an unstable state at this load.
         t: Load factor.
-        most: Work on bonds that a step may do [N mm].
+        most: Largest damage work in a step [N mm].
 
     Returns:
-        The last attempt and the number of attempts. If it fails the problem is back where it was.
+        The last attempt and the number of attempts. If it fails the problem is in its initial
+        state.
     """
     step, numbers, cuts_allowed = steps.problem.step, steps.options.path, steps.options.max_cuts
     begun, small = step.snapshot(), steps.problem.discretization.bodies.small

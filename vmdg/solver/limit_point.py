@@ -1,4 +1,4 @@
-"""Where the load along a path is largest, by tangents."""
+"""Search for the largest load along a path, by tangents."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ class PathPoint(NamedTuple):
     """A state near a limit point.
 
     Attributes:
-        work: On bonds, since any state [N mm].
-        height: Load factor, forward, since any state.
-        slope: Of the height over the work; NaN where it is not known.
+        work: Damage work, relative to some state [N mm].
+        height: Load factor in the direction of loading, relative to some state.
+        slope: Derivative of the height by the work; NaN if unknown.
         state: The state.
     """
 
@@ -32,16 +32,17 @@ def highest(
     small: float,
     most: int,
 ) -> PathPoint:
-    """The point of largest load found between two, of all that were asked for.
+    """The point of largest load evaluated between two points.
 
-    At the left one the load rises with the work, and at the right one it is lower or falls; so it
-    stays while they come closer, and a maximum lies in between, however the path goes up and down.
+    At the left point the load increases with the work, at the right one it is lower or decreases.
+    This remains true while they approach, so a maximum lies in between, however the path
+    oscillates.
 
     Args:
         left, right: The points.
-        reach: Goes from a left point towards a right one up to a work; None where it fails.
-        small: Height by which no more can be gained to go on.
-        most: States that are asked for.
+        reach: Moves from a left point towards a right one up to a work; None if it fails.
+        small: Stop when the possible gain in height is below this.
+        most: Largest number of evaluations.
     """
     best = max(left, right, key=lambda point: point.height)
     for _ in range(most):
@@ -60,11 +61,11 @@ def highest(
 
 
 def meeting(left: PathPoint, right: PathPoint, small: float) -> tuple[float, float]:
-    """Where the largest load between two points is looked for, and how large it may be there.
+    """Where to evaluate the load next between two points, and a bound for it there.
 
-    Where their tangents meet: at a kink that is the limit point, and above it where the load is a
-    concave function of the work. Where they do not meet in between, but for a small height, the
-    middle.
+    At the intersection of their tangents: this is the limit point for a kink, and above it if the
+    load is a concave function of the work. If they do not intersect in between, up to a small
+    height, at the midpoint.
     """
     width, rise = right.work - left.work, right.height - left.height
     meets = left.slope * width > rise - small and right.slope * width < rise + small

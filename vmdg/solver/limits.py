@@ -1,15 +1,15 @@
-"""Where a step ends: where the first of its limits is met.
+"""The constraint of a step: it ends where the first of its limits is met.
 
-A step goes along the equilibrium path until its parameter, the load factor or in a jump the
-overstress, is the target, or bonds have taken a given work, or the displacement has gone a given
-way, whichever comes first. Load control, control by dissipation (Gutierrez 2004; Verhoosel, Remmers
-and Gutierrez 2009) and arc length (Riks 1979) are one constraint,
+A step follows the equilibrium path until its parameter, the load factor or in a jump the
+overstress, reaches the target, or the damage work reaches a limit, or the arc length of the
+displacement does, whichever comes first. Load control, control by dissipation (Gutierrez 2004;
+Verhoosel, Remmers and Gutierrez 2009) and arc length (Riks 1979) are one constraint,
 
     g(u, lambda) = max_i (q_i(u, lambda) - limit_i) = 0,
 
-of which a correction takes the piece that is met first along du_0 + dlambda du_1. The work on bonds
-only grows along a path, so that it passes limit points, snap-backs and separations as ordinary
-steps; where nothing breaks, as in buckling, the way of the displacement does.
+of which a correction uses the branch that is met first along du_0 + dlambda du_1. The damage work
+is monotonic along a path, so limit points, snap-backs and separations are passed in ordinary steps;
+without damage, as in buckling, the arc length is used.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-#: Differences of load factors, relative to the stage, that are rounding.
+#: Differences of load factors, relative to the stage, that count as rounding.
 ROUNDING = 1e-11
 
 
 class Direction(NamedTuple):
-    """Displacement of owned dofs [mm] and parameter, or a change of both."""
+    """Displacement of owned dofs [mm] and parameter, or their change."""
 
     u: NDArray[np.float64]
     t: float
 
 
 class Reach(NamedTuple):
-    """How far a state of a step is, or how far a direction leads.
+    """Values of the limited quantities at a state of a step, or their rates along a direction.
 
     Attributes:
         t: Parameter.
-        work: Work on bonds [N mm].
-        way: Displacement along the tangent of the path at the start of the step [mm].
+        work: Damage work [N mm].
+        way: Arc length: displacement along the path tangent at the start of the step [mm].
     """
 
     t: float = 0.0
@@ -47,11 +47,11 @@ class Reach(NamedTuple):
 
 
 class Jump(NamedTuple):
-    """What a step of a jump is told.
+    """Data of a step in a jump.
 
     Attributes:
         t: Load factor.
-        drag: That slows bodies down for an overstress of H, relative to the norm of K.
+        drag: Damping of bodies for an overstress of H, relative to the norm of K.
     """
 
     t: float
@@ -60,16 +60,16 @@ class Jump(NamedTuple):
 
 @dataclass(frozen=True)
 class Limits:
-    """Where a step ends.
+    """The limits of a step.
 
     Attributes:
-        start: Parameter at which it begins.
-        target: Parameter that it does not pass.
-        span: Size of the stage; no correction changes the parameter by more.
-        onset: Work on bonds up to which damage only begins; 0 where that is no matter [N mm].
-        work: Work on bonds [N mm].
-        way: Displacement along the path [mm].
-        jump: What it is a step of, if its parameter is the overstress.
+        start: Initial parameter.
+        target: Final parameter, never exceeded.
+        span: Size of the stage, the largest change of the parameter in a correction.
+        onset: Damage work below which damage counts as starting; 0 to ignore this [N mm].
+        work: Damage work [N mm].
+        way: Arc length [mm].
+        jump: The jump, if the parameter is the overstress.
     """
 
     start: float
@@ -81,19 +81,19 @@ class Limits:
     jump: Jump | None = None
 
     def __str__(self) -> str:
-        """What may end it before the target, in words."""
+        """Description of the limits other than the target."""
         work, way = f"{self.work:.4g} N mm on bonds", f"{self.way:.4g} mm"
         parts = [text for text, x in ((work, self.work), (way, self.way)) if x < math.inf]
         return f"at most {' and '.join(parts)}" if parts else "by load"
 
     @property
     def length(self) -> float:
-        """Of the way to the target."""
+        """Distance to the target."""
         return abs(self.target - self.start)
 
     @property
     def toward(self) -> float:
-        """Sign of the way to the target, 1 where it is held."""
+        """Sign of the direction to the target, 1 at constant parameter."""
         return math.copysign(1.0, self.target - self.start)
 
     @property
@@ -102,15 +102,15 @@ class Limits:
         return self.work == self.way == math.inf
 
     def change(self, now: Reach, zero: Reach, one: Reach) -> tuple[float, bool]:
-        """dlambda of a correction, and whether the target is what it ends at.
+        """dlambda of a correction, and whether it ends at the target.
 
-        Forward is where the work on bonds grows, else where the way does if it is limited, else
-        towards the target.
+        Forward is the direction of increasing damage work, otherwise of the arc length if it is
+        limited, otherwise towards the target.
 
         Args:
-            now: Where the iteration is.
-            zero: Where du_0 leads.
-            one: Where du_1 leads, by a unit of the parameter.
+            now: Current values of the iteration.
+            zero: Rates along du_0.
+            one: Rates along du_1, per unit of the parameter.
         """
         way = one.way if self.way < math.inf else 0.0
         forward = math.copysign(1.0, one.work or way or self.toward)
@@ -120,7 +120,7 @@ class Limits:
             (self.way, now.way, zero.way, one.way),
         ):
             if rate * forward > 0 and limit < math.inf:
-                # Where a piece hardly grows its rate says nothing about how far it is.
+                # A quantity with a small rate does not determine the length.
                 change = (limit - done - more) / rate
                 found.append(min(max(change, -self.span), self.span))
         nearest = min(found, key=lambda change: change * forward, default=left)
@@ -129,9 +129,9 @@ class Limits:
         return nearest, False
 
     def shortened(self, gone: Reach, share: float) -> Limits:
-        """Limits of an attempt that is shorter by a share than one that would have gone so far.
+        """Limits of an attempt reduced to a fraction of one that would have gone this far.
 
-        Work that is no more than that of the onset is not shortened further.
+        The work limit is not reduced below that of the onset.
         """
         work = max(share * min(self.work, gone.work or math.inf), self.onset)
         way = share * min(self.way, gone.way or math.inf)

@@ -1,4 +1,4 @@
-"""What users' functions say while a run goes on: numbers for the table, and where it ends."""
+"""User functions called during a run: values for the history, and when to stop."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from ..problem.problem import Problem
 Monitor = Callable[[Problem], Mapping[str, Any] | None]
 Until = Callable[[Problem], bool]
 
-#: Largest relative difference of a column between ranks: rounding.
+#: Largest relative difference of a column between ranks due to rounding.
 SAME_ROW = 1e-9
 
 T = TypeVar("T")
 
 
 def watched_row(problem: Problem, monitor: Monitor | None) -> dict[str, Any]:
-    """What a monitor returns, as a part of the history's row; collective.
+    """The values returned by a monitor for a row of the history; collective.
 
     Raises:
         TypeError: it is no dict, or a column is no number.
-        ValueError: ranks have other columns or values, or the monitor has changed the problem.
-        Exception: what the monitor raises on any rank; all of them on all ranks.
+        ValueError: columns or values differ between ranks, or the monitor has changed the problem.
+        Exception: raised by the monitor on any rank; then on all ranks.
     """
     if monitor is None:
         return {}
@@ -42,13 +42,13 @@ def watched_row(problem: Problem, monitor: Monitor | None) -> dict[str, Any]:
 
 
 def check_functions(**functions: Monitor | Until | None) -> None:
-    """Refuse what cannot be called, before a run.
+    """Check before a run that functions are callable.
 
     Args:
-        functions: What the user gave, by the names of the arguments.
+        functions: The user's functions by argument name.
 
     Raises:
-        TypeError: one is no function.
+        TypeError: one is not a function.
     """
     for name, given in functions.items():
         if given is not None and not callable(given):
@@ -59,12 +59,12 @@ def check_functions(**functions: Monitor | Until | None) -> None:
 
 
 def ends(problem: Problem, until: Until | None) -> bool:
-    """Whether a run is to end, for any rank; collective.
+    """Whether any rank stops the run; collective.
 
     Raises:
-        TypeError: it says neither yes nor no.
+        TypeError: it does not return True or False.
         ValueError: it has changed the problem.
-        Exception: what the function raises on any rank; all of them on all ranks.
+        Exception: raised by the function on any rank; then on all ranks.
     """
 
     def answer() -> bool:
@@ -80,16 +80,16 @@ def ends(problem: Problem, until: Until | None) -> bool:
 
 
 def _unchanged(problem: Problem, what: str, call: Callable[[], T]) -> T:
-    """What a function of the user gives, which may look at the problem only; collective."""
+    """The result of a user function, which must not change the problem; collective."""
     u, t = problem.u.x.array.copy(), problem.t
 
     def watched() -> T:
         result = call()
         if problem.t != t or not np.array_equal(u, problem.u.x.array):
             raise ValueError(
-                f"solve: {what} has changed the problem, which is to go on from its state at load "
-                f"factor {t:.8g}: work with copies there, problem.u.copy(), or return to the state "
-                "at its end, problem.step.return_to(snapshot)"
+                f"solve: {what} has changed the problem, which must continue from its state at "
+                f"load factor {t:.8g}: use copies, problem.u.copy(), or restore the state at the "
+                "end, problem.step.return_to(snapshot)"
             )
         return result
 
@@ -97,7 +97,7 @@ def _unchanged(problem: Problem, what: str, call: Callable[[], T]) -> T:
 
 
 def _numbers(row: Any) -> dict[str, Any]:
-    """The row of a monitor, a constant of UFL as its value.
+    """The row of a monitor, with UFL constants replaced by their values.
 
     Raises:
         TypeError: it is no dict, or a column is no number.
@@ -113,22 +113,22 @@ def _numbers(row: Any) -> dict[str, Any]:
     for name, given in row.items():
         if not isinstance(name, str):
             raise TypeError(
-                f"solve: the monitor calls a column {short(name)}; its name must be a word, such "
+                f"solve: the monitor returned a column {short(name)}; its name must be a str, such "
                 'as "force [N]"'
             )
         value = np.asarray(given.value if isinstance(given, fem.Constant) else given)
         if value.shape != () or value.dtype.kind not in "biuf":
-            words = "an expression of UFL" if isinstance(given, Expr) else short(given)
+            words = "a UFL expression" if isinstance(given, Expr) else short(given)
             raise TypeError(
                 f"solve: column {name!r} of the monitor is {words}; it must be a number, such as "
-                "problem.t for the load factor, or one component of a vector a column"
+                "problem.t for the load factor; use one column per component of a vector"
             )
         numbers[name] = value.item()
     return numbers
 
 
 def _difference(row: Mapping[str, Any], numbered: tuple[int, Mapping[str, Any]]) -> str | None:
-    """How the row of another rank differs from that of rank 0, in words."""
+    """Message on the difference between the row of a rank and that of rank 0."""
     rank, other = numbered
     for name in dict.fromkeys([*row, *other]):
         first, second = row.get(name, "nothing"), other.get(name, "nothing")
@@ -137,7 +137,7 @@ def _difference(row: Mapping[str, Any], numbered: tuple[int, Mapping[str, Any]])
             continue
         return (
             f"solve: column {name!r} of the monitor is {first} on rank 0 and {second} on rank "
-            f"{rank}: problem.state and problem.u have this rank's part only. Return what is the "
-            "same on all ranks, such as problem.mean, problem.reaction or vmdg.extremes"
+            f"{rank}: problem.state and problem.u are local to a rank. Return values that are "
+            "equal on all ranks, such as problem.mean, problem.reaction or vmdg.extremes"
         )
     return None

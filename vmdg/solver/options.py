@@ -1,4 +1,4 @@
-"""What a user chooses for a run."""
+"""User options of a run."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from ..linear.ksp import Petsc
 
 CONTROLS, UNSTABLE = ("auto", "load", "dissipation"), ("jump", "trace")
 
-#: What options may be, in words and as a test.
+#: Valid values of options, as text and as a test.
 _SHARE = ("in (0, 1]", lambda value: 0 < value <= 1)
-_COUNT = ("a whole number, zero or more", lambda value: value >= 0 and value % 1 == 0)
+_COUNT = ("an integer >= 0", lambda value: value >= 0 and value % 1 == 0)
 _POSITIVE = ("positive and finite", lambda value: 0 < value < np.inf)
 _SWITCH = ("True or False", lambda value: isinstance(value, bool | np.bool_))
 VALUES = {
@@ -30,7 +30,7 @@ VALUES = {
     "duration": _POSITIVE,
     "cycles": ("zero or positive and finite", lambda value: 0 <= value < np.inf),
     "max_loss": _SHARE,
-    "checkpoint_every": ("a whole number, at least 1", lambda value: value >= 1 and value % 1 == 0),
+    "checkpoint_every": ("an integer >= 1", lambda value: value >= 1 and value % 1 == 0),
     "petsc": ("a mapping or None", lambda value: isinstance(value, Mapping | None)),
     "path": ("PathOptions(...)", lambda value: isinstance(value, PathOptions)),
     "condensed": ("True, False or None", lambda value: value is None or _SWITCH[1](value)),
@@ -42,7 +42,7 @@ VALUES = {
 
 
 def _check(options: object, name: str, words: str, fits: Callable[[Any], bool]) -> None:
-    """Refuse a value that an option cannot have, of whatever type."""
+    """Check the value of an option."""
     value = getattr(options, name)
     try:
         fit = fits(value)
@@ -54,33 +54,34 @@ def _check(options: object, name: str, words: str, fits: Callable[[Any], bool]) 
 
 @dataclass(frozen=True, kw_only=True)
 class PathOptions:
-    """How steps follow the path; all by name. None has a unit.
+    """Numerical parameters of path following, keyword only and dimensionless.
 
     Attributes:
-        small: What is next to nothing: a residual relative to the largest reaction or load, which
-            never may be larger; the work of a step, and that up to which damage only begins,
-            relative to the largest of a step; what a limit point may still be off, relative to the
-            stage.
-        halvings: How often a correction is halved where the parameter alone ends a step, and the
-            way to a limit point.
-        patience: Corrections after which an attempt is given up if they have hardly lowered the
-            residual, jumps at one load factor after which the path is traced, and steps of hardly
-            any length after which one goes by load.
-        missed: Share of a limit by which a step may miss it, by which a step with cycles stays
-            below the loss that is allowed, and of the motion of supports that is not theirs as a
-            rigid body, for the body to turn with them.
-        aim: Corrections that a step should take; the next one is shorter or longer by that.
-        growth: How much longer at most, and how much more than its limit a trial state may break.
-        cut: What a failed attempt is cut by, and the least share that the last step may be of a
-            first guess that goes on as it did.
-        released: Share of its work on bonds that a step may release, and of the stage by which the
-            load factor may fall, before that counts as a snap.
-        overstress: At the start of a jump, in multiples of H.
-        rest: Overstress at which a jump is nearly at rest, and share by which corrections hardly
-            lower a residual.
-        drag: On bodies in a jump for an overstress of H, relative to the norm of the tangent.
-        idle: Steps on which nothing breaks and that come no nearer to their target before a run, or
-            a jump, is given up.
+        small: Tolerance for negligible quantities: the largest residual relative to the largest
+            reaction or load; the work of a step, and that at the onset of damage, relative to the
+            largest of a step; the error of a limit point relative to the stage.
+        halvings: Maximum number of halvings of a correction under parameter control, and of the
+            interval around a limit point.
+        patience: Number of corrections that hardly reduce the residual before an attempt fails, of
+            jumps at one load factor before the path is traced, and of negligible steps before one
+            under load control.
+        missed: Relative tolerance of a limit, relative margin to the allowed loss in a step with
+            cycles, and the non-rigid fraction of the motion of supports up to which the body is
+            rotated with them.
+        aim: Desired number of corrections per step, which controls the size of the next one.
+        growth: Largest growth factor of the step size, and of the damage work of a trial state
+            relative to its limit.
+        cut: Reduction factor of a failed attempt, and the smallest size of the last step relative
+            to an extrapolation of it.
+        released: Released energy of a step relative to its damage work, and decrease of the load
+            factor relative to the stage, above which a snap is detected.
+        overstress: Initial overstress of a jump, in multiples of H.
+        rest: Overstress at which a jump is nearly complete, and relative reduction of the residual
+            that counts as negligible.
+        drag: Damping of bodies in a jump for an overstress of H, relative to the norm of the
+            tangent.
+        idle: Number of steps without damage or progress towards the target before a run, or a jump,
+            fails.
 
     Raises:
         ValueError: a number is not positive and finite.
@@ -104,7 +105,7 @@ class PathOptions:
             _check(self, one.name, *_POSITIVE)
 
     def growth_after(self, corrections: int) -> float:
-        """How much longer the next step may be, by the corrections that the last one took."""
+        """Growth factor of the next step, from the number of corrections of the last one."""
         return min(self.aim / max(corrections, 1), self.growth)
 
 
@@ -120,60 +121,59 @@ class PathOptions:
 )
 @dataclass(frozen=True, kw_only=True)
 class SolveOptions:
-    """How to step; all by name.
+    """Options of a run, keyword only.
 
     Attributes:
-        relative_tolerance: Residual norm relative to the largest force the run has seen; it never
-            exceeds 1e-6 of the largest reaction or load.
-        max_iterations: Newton corrections before a step is cut.
-        max_cuts: Attempts of a step that may fail.
-        control: What leads a run. "auto" goes from one given load factor to the next, and where
-            this does not lead to an equilibrium while bonds break, by the work on bonds: rows of
-            the equilibrium path, whose load factors may fall. Given load factors are met exactly
-            where the path passes them for the first time. "dissipation" does so from the start,
-            "load" never. Stages in which loads or eigenstrains are not linear in the load factor,
-            or laws are viscous, go by load factors.
-        unstable: At a limit point behind which the load factor falls by more than a given step:
-            "jump" goes to the next equilibrium at that load, as a test machine does, and counts
-            what is released as viscosity; "trace" follows the path back. Smaller snaps, of points
-            that break one by one, are always traced. Stages that go by load factors jump where the
-            smallest attempt has failed, not with ``control="load"``.
-        max_share: Share of all bonds that a step of the path breaks at most: with less a row lies
-            nearer to a peak, and the error of laws that depend on the way falls in first order.
-        duration: Time for one unit of load factor [s]; matters to laws with viscosity only.
-        cycles: Cycles of the load for one unit of load factor, which :class:`vmdg.FatigueDebonding`
-            feels; 0 for none: the monotonic law. Loads are the largest ones of a cycle. Such a run
-            goes by load factors.
-        max_loss: Share of its strength that a point loses at most in a step with cycles; steps are
-            as long as that allows.
+        relative_tolerance: Residual norm relative to the largest force of the run so far; never
+            more than 1e-6 of the largest reaction or load.
+        max_iterations: Maximum number of Newton corrections before a step is cut.
+        max_cuts: Maximum number of step reductions.
+        control: Control parameter. "auto" steps from one given load factor to the next and, if this
+            finds no equilibrium while bonds break, follows the equilibrium path by the damage work,
+            with load factors that may decrease. Given load factors are met exactly when the path
+            first passes them. "dissipation" does so from the start, "load" never. Stages with loads
+            or eigenstrains nonlinear in the load factor, or with viscous laws, use load control.
+        unstable: Treatment of a limit point beyond which the load factor decreases by more than a
+            given step: "jump" moves to the next equilibrium at that load, as in a test machine, and
+            counts the released energy as viscosity; "trace" follows the path back. Smaller snaps,
+            of points that break one by one, are always traced. Under load control a jump follows
+            the smallest failed attempt, but not with ``control="load"``.
+        max_share: Largest fraction of all bonds broken in a step of the path: smaller values
+            resolve peaks better and reduce the first-order error of path-dependent laws.
+        duration: Time per unit of load factor [s]; affects laws with viscosity only.
+        cycles: Load cycles per unit of load factor, for :class:`vmdg.FatigueDebonding`; 0 for
+            monotonic loading. Loads are the maxima of a cycle. Such a run uses load control.
+        max_loss: Largest fraction of the strength lost at a point in a step with cycles, which
+            determines the step size.
         petsc: Options for SNES, KSP and PC, without prefix. Default: a backtracking line search
-            under load control, full steps where the work on bonds is given, and the linear solver
-            of :func:`vmdg.linear.ksp.automatic_options`. What PETSc does not use is warned of.
-        petsc_options: Another name of ``petsc``, that of DOLFINx.
-        path: How steps follow the path, see :class:`PathOptions`.
-        condensed: Solve the systems of a problem of small strain by factors of its linear bodies,
-            made once, and a dense matrix of the gaps at the interface points, see
-            :mod:`vmdg.linear.capacitance`: None where that is possible and cheaper, False never,
-            True wherever it is possible, see :mod:`vmdg.linear.condensation`.
+            under load control, full steps if the damage work is prescribed, and the linear solver
+            of :func:`vmdg.linear.ksp.automatic_options`. Unused options cause a warning.
+        petsc_options: DOLFINx's name for ``petsc``.
+        path: Parameters of path following, see :class:`PathOptions`.
+        condensed: Solve small-strain systems with factors of the linear bodies, computed once, and
+            a dense matrix for the gaps at the interface points, see :mod:`vmdg.linear.capacitance`:
+            None if possible and cheaper, False never, True if possible, see
+            :mod:`vmdg.linear.condensation`.
         energy: Add the energies of every step to the history. At finite strain the external work
-            of every step is then integrated accurately, which costs one or more residuals a step.
+            of every step is then integrated accurately, which costs one or more residuals per step.
         progress: Show a progress bar and the summary of the run (rank 0): load factor, size,
             iterations of the step, forces, share of the interfaces that is debonded, and with
-            ``energy`` the imbalance relative to the largest work put in. A number is the time
-            between two states of the bar [s].
+            ``energy`` the imbalance relative to the largest work put in. A number is the update
+            interval of the bar [s].
         show: Names of the columns of the history that the bar shows as forces; None for the first
-            three called force or reaction, alone or with more words ("force_x").
-        verbose: Print what leads every attempt of a step, its residual norms, Krylov iterations and
-            why it fails, and the summary (rank 0); ``petsc={"snes_monitor": None}`` tells more.
-        csv: File for the history, written while the run goes on: a row that is complete is on the
-            disk. Rows of an earlier run that ``history`` does not have are dropped.
+            three called force or reaction, possibly with a suffix ("force_x").
+        verbose: Print for every attempt of a step its control, residual norms, Krylov iterations
+            and reason of failure, and the summary (rank 0); ``petsc={"snes_monitor": None}`` prints
+            more.
+        csv: File for the history, written during the run: every completed row is on disk. Rows of
+            an earlier run that are not in ``history`` are dropped.
         checkpoint: Folder for a checkpoint of the run, see :func:`vmdg.read_checkpoint`.
-        checkpoint_every: Steps between two checkpoints: one is written at the first of the given
-            load factors that is reached after so many, and at the end of the run.
+        checkpoint_every: Number of steps between checkpoints: one is written at the first given
+            load factor reached after that, and at the end of the run.
 
     Raises:
-        ValueError: both ``petsc`` and ``petsc_options`` are given, or an option is none of its
-            values.
+        ValueError: both ``petsc`` and ``petsc_options`` are given, or an option has an invalid
+            value.
     """
 
     relative_tolerance: float = 1e-9

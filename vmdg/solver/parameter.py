@@ -1,4 +1,4 @@
-"""What a step changes besides the displacement, so that it ends where a limit is met."""
+"""The control parameter of a step, an unknown in addition to the displacement."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ Array = NDArray[np.float64]
 
 
 class Rate(NamedTuple):
-    """What changes with a parameter.
+    """Derivatives by the parameter.
 
     Attributes:
-        forces: Minus the residual on owned dofs [N].
+        forces: Of minus the residual on owned dofs [N].
         supports: Prescribed displacements, owned dofs [mm].
-        work: On bonds, besides that of the displacement [N mm].
+        work: Damage work, without that of the displacement [N mm].
     """
 
     forces: Array
@@ -30,12 +30,12 @@ class Rate(NamedTuple):
 
 
 class Parameter:
-    """The load factor where it is given and stays; what others may change.
+    """A constant load factor; base class of variable parameters.
 
     Attributes:
-        moves: Whether it changes.
-        least: Value below which it does not go.
-        drag: That slows bodies down, relative to the norm of K.
+        moves: Whether it is variable.
+        least: Lower bound.
+        drag: Damping of bodies, relative to the norm of K.
     """
 
     moves, least, drag = False, -math.inf, 0.0
@@ -45,14 +45,14 @@ class Parameter:
 
     @property
     def value(self) -> float:
-        """What it is now."""
+        """Current value."""
         return self._loading.t
 
     def move(self, value: float) -> None:
         """Change it."""
 
     def rate(self, moved: Array) -> Rate:
-        """What changes with it, at a displacement in the step; collective."""
+        """Derivatives by it, at a displacement in the step; collective."""
         raise NotImplementedError
 
 
@@ -62,19 +62,20 @@ class LoadFactor(Parameter):
     moves = True
 
     def move(self, value: float) -> None:
-        """Change loads and supports."""
+        """Set loads and supports."""
         self._loading.move(value)
 
     def rate(self, moved: Array) -> Rate:
-        """Of loads and supports."""
+        """Derivatives of loads and supports."""
         return Rate(self._step.load_rate(), self._loading.rate())
 
 
 class Overstress(Parameter):
-    """The overstress s of a jump: a bond bears s H more per gap increment, a node s c |K| more."""
+    """The overstress s of a jump: bonds carry an additional s H per gap increment, nodes s c |K|
+    per displacement."""
 
     moves, least = True, 0.0
-    value = 0.0  # of its own, in place of the load factor
+    value = 0.0  # replaces the load factor
 
     def __init__(self, problem: Problem, system: System, limits: Limits):
         super().__init__(problem)
@@ -91,14 +92,14 @@ class Overstress(Parameter):
         self._step.slow_down(value)
 
     def rate(self, moved: Array) -> Rate:
-        """Of bonds and bodies."""
+        """Derivatives of bonds and bodies."""
         forces, work = self._step.overstress_rate(self.value)
         bodies = self._loading.balance(-self._share * self._system.norm * moved)
         return Rate(forces + bodies, np.zeros_like(forces), work)
 
 
 def parameter_of(problem: Problem, system: System, limits: Limits) -> Parameter:
-    """What a step with these limits changes."""
+    """The parameter of a step with these limits."""
     if limits.jump is not None:
         return Overstress(problem, system, limits)
     return Parameter(problem) if problem.loading.ray is None else LoadFactor(problem)

@@ -1,4 +1,4 @@
-"""The equilibrium path to given load factors: how far steps go, where they are cut, snaps."""
+"""The equilibrium path to given load factors: step size, cuts, snaps."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class Part(NamedTuple):
 
     Attributes:
         t: Load factor.
-        done: Share of the way that is done.
+        done: Completed fraction of the stage.
         size: Change of the load factor in the step.
-        attempt: How it went.
-        cuts: How many attempts had failed.
-        jumps: Steps with overstress of a jump.
+        attempt: Its attempt.
+        cuts: Number of failed attempts.
+        jumps: Number of steps in a jump.
     """
 
     t: float
@@ -47,11 +47,11 @@ class Stage:
     Attributes:
         start: Load factor.
         target: Load factor.
-        follows: Whether loads lie on a line in between, along which the path is followed; else
-            steps go by load factors.
-        traces: Whether there is no jump: snaps are followed back, or stop the run.
-        most: Work on bonds that a step may do [N mm].
-        leapt: Load factors at which it has jumped without getting on.
+        follows: Whether loads are linear in between, so that the path is followed; otherwise load
+            control is used.
+        traces: Whether snaps are traced, or stop the run, rather than jumped over.
+        most: Largest damage work in a step [N mm].
+        leapt: Load factors of jumps without progress.
     """
 
     start: float
@@ -67,17 +67,18 @@ class Stage:
         return abs(self.target - self.start)
 
     def ahead(self, t: float, other: float) -> float:
-        """How much further ``t`` is than another load factor."""
+        """Distance of ``t`` from another load factor, in the direction of the stage."""
         return (t - other) * math.copysign(1.0, self.target - self.start)
 
     def behind_jump(self, t: float, numbers: PathOptions) -> Stage:
-        """The stage after a jump at a load factor; there is none any more if they do not get on."""
+        """The stage after a jump at a load factor; without further jumps if they make no
+        progress."""
         stays = self.leapt and self.ahead(t, self.leapt[-1]) <= numbers.small * self.span
         leapt = (*self.leapt, t) if stays else (t,)
         return replace(self, leapt=leapt, traces=self.traces or len(leapt) > numbers.patience)
 
     def done(self, t: float) -> float:
-        """Share of the way."""
+        """Completed fraction of the stage."""
         if t == self.target:
             return 1.0
         return min(max((t - self.start) / (self.target - self.start), 0.0), 1.0)
@@ -85,13 +86,13 @@ class Stage:
 
 @dataclass(frozen=True)
 class Size:
-    """How far the next step may go, besides the work on bonds.
+    """Size limits of the next step, other than the damage work.
 
     Attributes:
-        way: Of the displacement [mm].
-        stride: Of the load factor, where no line is followed.
-        last: The step that it sets out from, see :meth:`.Steps.attempt`.
-        idle: Steps that came no nearer to the target since one on which something broke.
+        way: Arc length [mm].
+        stride: Change of the load factor under load control.
+        last: The previous step, see :meth:`.Steps.attempt`.
+        idle: Number of steps without progress since the last one with damage.
     """
 
     way: float = math.inf
@@ -102,12 +103,12 @@ class Size:
 
 @dataclass
 class Crest:
-    """Where the load has come to a limit point, and is not yet known to grow beyond it.
+    """A limit point of the load that the path may still exceed.
 
     Attributes:
         last: The last state before it and the step between them; None where there is none.
-        limit: The state of the largest load; None where the load grows.
-        kept: Steps behind it and their states.
+        limit: The state of the largest load; None while the load grows.
+        kept: Buffered steps beyond it and their states.
     """
 
     last: tuple[Snapshot, Attempt] | None = None
@@ -119,8 +120,8 @@ class Path:
     """Follows the equilibrium path of a problem.
 
     Args:
-        steps: Takes the attempts.
-        result: Takes the failures.
+        steps: Runs the attempts.
+        result: Receives the failures.
     """
 
     def __init__(self, steps: Steps, result: Result):
@@ -132,17 +133,18 @@ class Path:
         self.forget()
 
     def forget(self) -> None:
-        """The next step is as that of a run which begins here: what was breaking breaks further."""
+        """Discard the history of steps: the next one is like that of a resumed run, with continued
+        damage."""
         self._size, self._lost = Size(last=Attempt()), False
 
     def advance(self, target: float) -> Iterator[Part]:
         """Steps until ``target`` is reached.
 
-        Behind a limit point steps are kept back until it is clear whether it is a real snap: they
-        become rows if the load grows beyond it again, as where points break one by one.
+        Beyond a limit point steps are buffered until it is clear whether it is a real snap: they
+        become rows if the load exceeds it again, as when points break one by one.
 
         Raises:
-            StepFailure: a step fails although it was cut as often as the options allow.
+            StepFailure: a step fails after the maximum number of reductions.
         """
         problem, step = self._problem, self._problem.step
         stage, crest = self._set_out(target), Crest()
@@ -176,7 +178,7 @@ class Path:
                 stage = self._set_out(target)
 
     def _rows(self, kept: list[tuple[Part, Snapshot]]) -> Iterator[Part]:
-        """Steps that were kept back."""
+        """Buffered steps."""
         for part, state in kept:
             self._problem.step.return_to(state)
             yield part
@@ -187,14 +189,14 @@ class Path:
         start, step, steps = problem.t, problem.step, self._steps
         most = options.max_share * bonds(problem)[0]
         by_load = options.control == "load" or steps.viscous or steps.cyclic
-        # Bonds may break or bodies buckle; where facets have yet to open nothing is known of bonds.
+        # Bonds may break or bodies buckle; before facets open nothing is known about bonds.
         small = problem.discretization.bodies.small
         bends = most > 0 or not (small or step.activation)
         follows = not by_load and bends and loading.set_ray(start, target)
         if not follows:
             loading.clear_ray()
-        # Loads may turn while the load factor goes on. What was breaking unloads then, and no work
-        # on bonds leads the way back: it begins by load.
+        # Loads may reverse while the load factor increases. Damaged bonds then unload without
+        # damage work, so the stage starts under load control.
         way, sense, scales = target - start, math.copysign(1.0, target - start), step.scales
         turned = scales.sense * sense < 0
         if follows and scales.sense != 0 and not turned:
@@ -208,10 +210,10 @@ class Path:
     # One step
 
     def _next(self, stage: Stage) -> Part:
-        """A converged step, after as many attempts as it takes."""
+        """A converged step, after one or more attempts."""
         problem, most_cuts, last = self._problem, self._options.max_cuts, self._size.last
         start, limits, cuts, by_work = problem.t, self._limits(stage), 0, False
-        # A load that is held is at rest.
+        # A constant load is at rest.
         goes_on = start != stage.target
         while True:
             before = problem.step.snapshot()
@@ -224,14 +226,14 @@ class Path:
             self._result.failures.append((limits.target, found.reason))
             cuts += 1
             if cuts > most_cuts and found.reason == "UNSTABLE":
-                # Nothing shows the body another way.
+                # Without an imperfection the body stays on this path.
                 self._lose(start)
                 cuts, limits = 0, replace(limits, way=math.inf)
             goes_on &= 2 * cuts <= most_cuts and problem.discretization is before.discretization
             if hold_pieces(problem):
                 cuts = 0
                 continue
-            # A load that is held cannot be cut.
+            # A step at constant load cannot be cut.
             by_work |= limits.work < math.inf
             held = limits.length <= ROUNDING * stage.span
             if held or cuts - most_cuts > by_work * most_cuts // 2:
@@ -245,12 +247,13 @@ class Path:
         return Part(problem.t, stage.done(problem.t), problem.t - start, found, cuts, 0)
 
     def _limits(self, stage: Stage) -> Limits:
-        """Where a first attempt ends."""
+        """Limits of a first attempt."""
         size, scales = self._size, self._problem.step.scales
         limits = Limits(self._problem.t, stage.target, stage.span, self._numbers.small * stage.most)
         if stage.follows:
             if self._stalls(stage):
-                # Where all that is pressed slides, for example, neither work nor way leads on.
+                # For example if all contact slides, neither damage work nor arc length makes
+                # progress.
                 return limits
             work = scales.work if scales.breaking else math.inf
             return replace(limits, work=work, way=size.way)
@@ -260,26 +263,26 @@ class Path:
         return self._strode(limits, stride)
 
     def _stalls(self, stage: Stage) -> bool:
-        """Whether several steps have hardly broken anything nor changed the load factor."""
+        """Whether several steps had hardly any damage or change of the load factor."""
         last, least = self._size.last, self._numbers.small * stage.span
         moves = last is None or last.ahead is None or abs(last.ahead.t) > least
         return not moves and self._size.idle >= self._numbers.patience
 
     def _strode(self, limits: Limits, stride: float) -> Limits:
-        """Limits with a target that is no further away."""
+        """Limits with a target within a stride."""
         if stride >= limits.length:
             return limits
         return replace(limits, target=limits.start + limits.toward * stride)
 
     def _shorter(self, stage: Stage, limits: Limits, found: Attempt, late: int) -> Limits:
-        """Limits after an attempt that has failed, with so many cuts more than are allowed."""
+        """Limits after a failed attempt, ``late`` cuts beyond the maximum."""
         numbers, gone = self._numbers, found.guessed
         if late > 0:
-            # Where lips close and rub bonds may break, but their work does not lead the way.
+            # With contact and friction, bonds may break without damage work as a suitable control.
             by_load = replace(limits, target=stage.target, work=math.inf, way=math.inf)
             return self._strode(by_load, stage.span * numbers.cut**late)
         if stage.follows:
-            # Where bonds break the work on them limits the step, else the way.
+            # If bonds break, the damage work limits the step, otherwise the arc length.
             breaks = min(gone.work, limits.work) > limits.onset
             work, way = (min(gone.work, stage.most), 0.0) if breaks else (0.0, gone.way)
             limits = limits.shortened(Reach(work=work, way=way), numbers.cut)
@@ -287,13 +290,13 @@ class Path:
                 return limits
         share = 0.5
         if self._steps.cyclic:
-            # Of a step that came to no end nothing is known but that it was far too long.
+            # A step that did not converge was far too long.
             kept = self._options.max_loss / found.lost if found.lost else 0.0
             share = max(kept / 2, numbers.cut)
         return self._strode(limits, limits.length * share)
 
     def _next_size(self, stage: Stage, limits: Limits, found: Attempt, cuts: int) -> Size:
-        """How far the next step may go."""
+        """Size of the next step."""
         numbers, options, size = self._numbers, self._options, self._size
         step, t = self._problem.step, self._problem.t
         growth = numbers.growth_after(found.iterations)
@@ -301,7 +304,7 @@ class Path:
         if not cuts and way > global_norm(self._problem.comm, found.ahead.u) / numbers.cut:
             way = math.inf
         work = max(growth * min(limits.work, step.scales.work), limits.onset)
-        # One step for the whole stage and far from the limit: load control is the shorter way.
+        # One step for the whole stage, far from the limit: load control is more efficient.
         whole = cuts == 0 and limits.start == stage.start and t == stage.target
         whole &= found.work * numbers.growth < limits.work
         breaks = (step.scales.breaking or (cuts > 0 and stage.follows)) and not whole
@@ -315,19 +318,19 @@ class Path:
             stride = min(room, 1 / numbers.cut) * limits.length
         elif cuts or size.stride < math.inf:
             stride = growth * limits.length
-        # Along the way nothing need break or come nearer to the target, without end.
+        # Arc-length steps may continue indefinitely without damage or progress.
         nearer = stage.ahead(t, limits.start) > numbers.small * stage.span
         idles = stage.follows and found.work <= limits.onset
         idle = size.idle + (not nearer) if idles else 0
         return Size(way, stride, found.going(None) if found.onset else found, idle)
 
     def _refusal(self, stage: Stage, limits: Limits, before: Snapshot, found: Attempt) -> str:
-        """Why a step does not count although it has converged; nothing where it does."""
+        """Why a converged step is rejected; empty if it is accepted."""
         t, scales = self._problem.t, self._problem.step.scales
         if not stage.follows:
             return ""
-        # By load alone, or beyond its limits, a step may come to a state that no path leads to. It
-        # releases energy then; what it lacks is due to points that begin to yield on the way.
+        # Under load control, or beyond its limits, a step may converge to a state off the path. It
+        # then releases energy, apart from the effect of points that begin to yield within the step.
         far = found.work > stage.most or stage.ahead(before.t, t) > 0
         if found.work > 0 and not found.onset and (far or limits.by_load_alone):
             released = self._released(before) / found.work
@@ -335,14 +338,14 @@ class Path:
                 return "JUMPED"
         if stage.ahead(stage.start, t) > 0 and not self._problem.loading.as_given(t):
             return "PROGRAMME_LEFT"
-        # Bonds that break are followed by the work on them, and behind a limit point of the load
-        # stable states are not near. A body that lies loose has pivots that are rounding.
+        # Breaking bonds are followed by the damage work, and beyond a limit point there are no
+        # stable states nearby. Pivots of an unconstrained body are rounding.
         loose = self._problem.step.rests_on_contact or scales.held
         strays = found.unstable and found.work == 0 and stage.ahead(t, before.t) > 0
         return "UNSTABLE" if strays and not (loose or self._lost) else ""
 
     def _released(self, before: Snapshot) -> float:
-        """Energy that a step has released, but for rounding [N mm]."""
+        """Energy released by a step, up to rounding [N mm]."""
         step, ledger = self._problem.step, self._problem.step.ledger
         ledger.complete()
         now, released = step.snapshot(), ledger.energy().imbalance
@@ -350,17 +353,17 @@ class Path:
         released -= ledger.energy().imbalance
         released -= global_sum(self._problem.comm, now.works.within)
         step.return_to(now)
-        # The energy of bodies is not known better, however weak their bonds are.
+        # Rounding of the energy of the bodies, however weak the bonds.
         return math.copysign(max(abs(released) - self._steps.rounding, 0.0), released)
 
     def _lose(self, t: float) -> None:
-        """Warn that the run goes on over unstable states."""
+        """Warn that the run continues over unstable states."""
         self._lost = True
         warn_together(
             self._problem.comm,
             f"equilibria beyond load factor {t:.6g} are unstable: the tangent has negative "
-            "eigenvalues. Where the body would buckle give it a small imperfection, a load or an "
-            "eigenstrain, and smaller steps there; where a piece has come free, a support",
+            "eigenvalues. For a body that would buckle give a small imperfection, a load or an "
+            "eigenstrain, and smaller steps there; for a detached piece a support",
         )
 
     def _complaint(self, limits: Limits, found: Attempt) -> str:
@@ -371,18 +374,18 @@ class Path:
         although = f" although it was cut {cuts} times" if start != end else ""
         return (
             f"the step from load factor {start:.8g} to {end:.8g} failed{although}; the problem is "
-            f"in its state at {start:.8g}. In the last attempt "
-            f"{explained(attempts)}. (Its last residuals: {norms} N.) "
+            f"in its state at {start:.8g}. In the last attempt {explained(attempts)}. (Its last "
+            f"residuals: {norms} N.) "
             f"{hanging_piece(self._problem)}".rstrip()
         )
 
     # Snaps
 
     def _snap(self, stage: Stage, crest: Crest) -> Generator[Part, None, Stage | None]:
-        """The row of a jump, or those kept back where none leads on.
+        """The row of a jump, or the buffered rows if no jump succeeds.
 
         Returns:
-            The stage from there on; None where there is neither.
+            The remaining stage; None if there is neither.
         """
         part = self._leap(stage, crest)
         if part is not None:
@@ -392,10 +395,11 @@ class Path:
         return replace(stage, traces=True) if crest.kept else None
 
     def _leap(self, stage: Stage, crest: Crest) -> Part | None:
-        """From the limit point to the next equilibrium at its load; None, and undone, if none is.
+        """Jump from the limit point to the next equilibrium at its load; None, and undone, if there
+        is none.
 
-        Where no steps were kept the stable path ended within the smallest attempt: the jump goes
-        there, or to the target.
+        Without buffered steps the stable path ended within the smallest attempt: the jump is to its
+        end, or to the target.
         """
         limit = crest.limit
         if not crest.kept:
@@ -404,7 +408,7 @@ class Path:
                 stage, stage.target, limit, limit
             )
         top = self._top(stage, crest)
-        # At the limit point itself nothing would drive the problem on.
+        # At the limit point itself there is no driving force.
         away = self._numbers.released * stage.span
         states = [state for _, state in crest.kept]
         far = (state for state in states if stage.ahead(top.t, state.t) > away)
@@ -414,7 +418,7 @@ class Path:
         return found
 
     def _top(self, stage: Stage, crest: Crest) -> Snapshot:
-        """The state of largest load, between the last step before a limit point and the one behind
+        """The state of largest load, between the last step before a limit point and the one beyond
         it."""
         step, numbers, last, limit = self._problem.step, self._numbers, crest.last, crest.limit
         part, behind = crest.kept[0]
@@ -425,7 +429,7 @@ class Path:
             return PathPoint(work, stage.ahead(state.t, limit.t), slope, state)
 
         def reach(left: PathPoint, right: PathPoint, work: float) -> PathPoint | None:
-            # The state behind shows the way.
+            # The state beyond is the predictor.
             way, start = left.state.way_to(right.state), left.state.t
             step.return_to(left.state)
             onset, target = numbers.small * stage.most, start + sense * stage.span
@@ -439,19 +443,20 @@ class Path:
         right = point(part.attempt.work, behind, part.attempt)
         if left.slope < 0 < last[1].work:
             left, right = point(-last[1].work, *last), left
-        # Where bodies turn the path back, not bonds, the limit point is no matter of the work.
+        # If bodies rather than bonds cause the limit point, the damage work does not locate it.
         if not right.work > left.work:
             return limit
         return highest(left, right, reach, numbers.small * stage.span, numbers.halvings).state
 
     def _jump(self, stage: Stage, t: float, limit: Snapshot, start: Snapshot) -> Part | None:
-        """To an equilibrium that no near one leads to; None, and undone, if there is none.
+        """Jump to a distant equilibrium; None, and undone, if there is none.
 
         Args:
             stage: The stage.
             t: Its load factor.
-            limit: The last state of the stable path, from which what is released is counted.
-            start: A state from which the problem runs away at this load.
+            limit: The last state of the stable path, relative to which the released energy is
+                computed.
+            start: A state that is unstable at this load.
         """
         problem = self._problem
         problem.step.return_to(limit)
@@ -463,7 +468,7 @@ class Path:
             problem.step.return_to(limit)
             return None
         problem.step.ledger.hold_loads(limit)
-        # What is released, in place of what the overstress was charged; not less than nothing.
+        # The released energy replaces the work of the overstress; not negative.
         after = problem.step.ledger.energy()
         charged = after.viscosity - before.viscosity
         problem.step.ledger.release(max(after.imbalance - before.imbalance, -charged))

@@ -1,4 +1,4 @@
-"""What a run says while it goes on: a bar, and the residuals of every attempt."""
+"""Progress output of a run: a bar, and the residuals of every attempt."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .options import SolveOptions
 
 
 class Progress:
-    """The bar of a run and, with ``options.verbose``, its attempts; rank 0 alone speaks.
+    """The bar of a run and, with ``options.verbose``, its attempts; printed on rank 0.
 
     Args:
         problem: The problem.
@@ -39,7 +39,7 @@ class Progress:
         )
 
     def attempted(self, limits: Limits, attempt: Attempt) -> None:
-        """A step has converged or failed."""
+        """Report a converged or failed step."""
         if not self._speaks:
             return
         if self._options.verbose:
@@ -51,13 +51,13 @@ class Progress:
         self._show(self._done, note if attempt.converged else f"{note}: {attempt.reason}")
 
     def advanced(self, done: float, size: float, attempt: Attempt, history: History) -> None:
-        """A row has been added; collective.
+        """Report an added row; collective.
 
         Args:
-            done: Number of load factors that are reached, the present one in part.
-            size: Of the step.
-            attempt: How it went.
-            history: The table of the run.
+            done: Number of load factors reached, including a fraction of the current one.
+            size: Size of the step.
+            attempt: The attempt.
+            history: The history of the run.
         """
         if not self._options.progress:
             return
@@ -77,14 +77,14 @@ class Progress:
         self._show(done, "")
 
     def _show(self, done: float, note: str) -> None:
-        # What is going on comes first: narrow terminals cut the end.
+        # The current action comes first: narrow terminals truncate the end.
         texts = [text for text in (note, self._state) if text]
         self._bar.set_postfix_str(" | ".join(texts), refresh=False)
         self._bar.update(done - self._done)
         self._done = done
 
     def say(self, text: str) -> None:
-        """A line for ``options.verbose``."""
+        """Print a line if ``options.verbose``."""
         if self._options.verbose and self._speaks:
             tqdm.write(text)
 
@@ -96,12 +96,12 @@ class Progress:
 
 
 def described(start: float, limits: Limits, attempt: Attempt) -> str:
-    """An attempt of a step: where it was to end, its residual norms, how it ended.
+    """Description of an attempt of a step: its limits, residual norms and outcome.
 
     Args:
-        start: Load factor where the problem is now.
-        limits: Where it was to end.
-        attempt: How it went.
+        start: Current load factor of the problem.
+        limits: Its limits.
+        attempt: The attempt.
     """
     jump = limits.jump
     slowed = f" with an overstress of {attempt.end:.3g} H" if jump else ""

@@ -1,4 +1,4 @@
-"""Why steps fail, in words, and what helps: the texts of StepFailure and of the guide."""
+"""Reasons of failed steps and remedies: the texts of StepFailure and of the guide."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 
 class Reason(NamedTuple):
-    """Why a step was given up.
+    """Why a step failed.
 
     Attributes:
         happened: A main clause.
-        helps: Options and modelling choices, from what is tried first.
+        helps: Options and modelling choices, in the order to try them.
     """
 
     happened: str
@@ -21,89 +21,89 @@ class Reason(NamedTuple):
 
 _SMALLER = "smaller steps (more load factors, SolveOptions(max_cuts=12))"
 _RESIDUAL = (
-    f"{_SMALLER}; where the force has a peak, prescribed displacements in place of forces and "
-    "SolveOptions(control='auto'), the default; a mesh that is finer along the interface, or a "
-    "larger critical gap (energy) of the bond, so that fewer points break at once"
+    f"{_SMALLER}; if the force has a peak, prescribed displacements instead of forces and "
+    "SolveOptions(control='auto'), the default; a finer mesh along the interface, or a larger "
+    "critical gap (energy) of the bond, so that fewer points break at once"
 )
 _BROKEN = (
-    f"{_SMALLER}; supports for every body that nothing holds once its bond is gone "
-    "(problem.spring will do); no mesh that is badly distorted where strains are largest"
+    f"{_SMALLER}; supports for every body that is unconstrained once its bond is broken "
+    "(problem.spring is sufficient); a less distorted mesh where strains are largest"
 )
-_USER = "the PETSc options given to SolveOptions(petsc=...): leave them out, or allow more"
+_USER = "the PETSc options in SolveOptions(petsc=...): omit them, or relax them"
 
-#: By the word of the attempt: those of PETSc keep its names.
+#: By the reason of the attempt; PETSc's reasons keep their names.
 REASONS = {
     "DIVERGED_MAX_IT": Reason(
-        "Newton's method found no equilibrium within the corrections that it may take",
+        "Newton's method did not converge within the maximum number of corrections",
         f"SolveOptions(max_iterations=40) where the residuals still fall; {_RESIDUAL}",
     ),
     "DIVERGED_LOCAL_MIN": Reason(
-        "Newton's method came to a stop where forces do not balance: there may be no equilibrium "
-        "near, or points change to and fro between open and closed, held and sliding",
+        "Newton's method stagnated without force balance: there may be no equilibrium nearby, or "
+        "points alternate between open and closed, sticking and sliding",
         _RESIDUAL,
     ),
     "DIVERGED_LINE_SEARCH": Reason(
-        "no step along Newton's correction, however short, made the forces balance better",
+        "no step along Newton's correction, however short, reduced the residual",
         _RESIDUAL,
     ),
     "DIVERGED_FNORM_NAN": Reason(
-        "the forces of a trial state are far too large, or no numbers: cells turned inside out, a "
-        "body flew away, or the tangent was singular",
+        "the forces of a trial state are far too large or not finite: inverted cells, a body that "
+        "moved far away, or a singular tangent",
         _BROKEN,
     ),
     "CELLS_INVERTED": Reason(
-        "forces balance, but with cells turned inside out (det F <= 0)",
+        "forces balance, but with inverted cells (det F <= 0)",
         f"{_SMALLER}; larger or better shaped cells where strains are largest (notches, crack "
-        "tips); a bond that gives way before the bodies are crushed",
+        "tips); a bond that fails before the bodies are crushed",
     ),
     "STABILIZATION_OUTGROWN": Reason(
-        "the step ends where its tau_s no longer holds the interface, and steps done again with "
-        "the tau_s of their end did so too: strains at the interface change much in one step",
+        "tau_s is too small at the end of the step, also after repetitions with the tau_s of the "
+        "end: strains at the interface change too much in one step",
         f"{_SMALLER}; a finer mesh along the interface; lower compression of the cells at it",
     ),
     "JUMPED": Reason(
-        "the step passed a snap: it released energy that no equilibrium accounts for",
+        "the step passed a snap: it released energy off the equilibrium path",
         f"SolveOptions(control='dissipation'), which follows the path; {_SMALLER}",
     ),
     "UNSTABLE": Reason(
-        "forces balance, but a body would leave this state by itself: it buckles, or came free",
-        f"a small imperfection (load, eigenstrain); supports where bodies come free; {_SMALLER}",
+        "forces balance, but the state is unstable: a body buckles, or is detached",
+        f"a small imperfection (load, eigenstrain); supports for detached bodies; {_SMALLER}",
     ),
     "PROGRAMME_LEFT": Reason(
-        "the path led back to load factors for which other loads were given",
-        "a small imperfection, a load or an eigenstrain, with which the path does not turn back; "
-        f"{_SMALLER}; loads as straight before these load factors as behind them, if the way back "
-        "is wanted",
+        "the path returned to load factors with other loads",
+        "a small imperfection, a load or an eigenstrain, with which the path does not return; "
+        f"{_SMALLER}; loads that are linear also before these load factors, if the return is "
+        "intended",
     ),
     "WORN": Reason(
-        "cycles wear a point by more than a step may, however few they are: the crack grows by "
+        "the loss of strength by cycles exceeds max_loss, however few they are: the crack grows by "
         "itself at this load",
         "SolveOptions(unstable='jump'), the default; a larger max_loss, 1 at most; fewer cycles",
     ),
     "NO_END": Reason(
-        "the displacement leads, nothing breaks, and the load factor does not come to where it is "
-        "to go: nothing may be left that bears a larger load",
-        "prescribed displacements in place of forces; until= of vmdg.solve, which ends the run; "
-        "supports or problem.spring for bodies that come free",
+        "under arc-length control nothing breaks, and the load factor does not reach its target: "
+        "there may be no structure left to carry a larger load",
+        "prescribed displacements instead of forces; until= of vmdg.solve, which ends the run; "
+        "supports or problem.spring for detached bodies",
     ),
     "JUMP_FAILED": Reason(
-        "the load has no equilibrium near, and the jump to the next one came to none: nothing may "
-        "be left that bears the load, or too much moves at once",
-        "prescribed displacements in place of forces; supports or problem.spring for bodies that "
-        "come free; SolveOptions(unstable='trace') to follow the path back",
+        "there is no equilibrium nearby at this load, and the jump found none: there may be no "
+        "structure left to carry the load, or too much moves at once",
+        "prescribed displacements instead of forces; supports or problem.spring for detached "
+        "bodies; SolveOptions(unstable='trace') to follow the path back",
     ),
 }
 
-#: What else PETSc may say, by options of the user.
-_OTHER = Reason("Newton's method was given up", _USER)
+#: Other reasons of PETSc, due to user options.
+_OTHER = Reason("Newton's method was stopped", _USER)
 
 
 def reason(text: str) -> Reason:
     """The reason that an attempt names.
 
     Args:
-        text: Of `StepReport.reason`: a word of PETSc or of a step, perhaps with more behind it, or
-            a sentence of its own, which says what helps.
+        text: `Attempt.reason`: a reason of PETSc or of a step, possibly with details, or a complete
+            sentence with its remedy.
     """
     word = text.partition(" ")[0]
     if word in REASONS:
@@ -112,7 +112,7 @@ def reason(text: str) -> Reason:
 
 
 def explained(attempts: Sequence[str]) -> str:
-    """Sentences for a step that has failed: what happened, from the last attempt on, what helps.
+    """Message for a failed step: what happened, from the last attempt backwards, and what helps.
 
     Args:
         attempts: Reasons of its attempts.

@@ -1,4 +1,4 @@
-"""What a run has produced, and the error of one that could not go on."""
+"""The result of a run, and the error of a run that could not continue."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class Counts:
 
     Attributes:
         factorizations: Matrices factorized for direct solves.
-        preconditioners: Set up for Krylov solves: factors to be used again, or multigrid.
-        solves: Right-hand sides with the tangent; several at once count as one where condensed.
-        condensed: Of these, with damage and condensed: systems of the gaps alone.
+        preconditioners: Set-ups for Krylov solves: factors for reuse, or multigrid.
+        solves: Right-hand sides solved with the tangent; condensed, several at once count as one.
+        condensed: Those among them that are condensed systems of the gaps with damage.
         krylov: Krylov iterations of both; none where they are solved directly.
         residuals: Residuals of the whole problem.
         tangents: Tangents of the whole problem.
@@ -38,10 +38,10 @@ class Counts:
 
     @classmethod
     def from_timings(cls, timings: Sequence[Timing], krylov: int) -> Counts:
-        """From what the timers around the work have counted.
+        """Counts from the timers around the work.
 
         Args:
-            timings: Of the run.
+            timings: Timings of the run.
             krylov: Krylov iterations of all steps.
         """
         runs = {timing.name: timing.runs for timing in timings}
@@ -49,12 +49,12 @@ class Counts:
         return cls(**counts, krylov=krylov)
 
     def __str__(self) -> str:
-        """What there was of it, in a line."""
+        """The nonzero counts in a line."""
         done = {name.replace("_", " "): number for name, number in asdict(self).items() if number}
         return ", ".join(f"{number} {name}" for name, number in done.items())
 
 
-#: Timers around what is counted.
+#: Timers of each count.
 _TIMERS = {
     "factorizations": ("factorize", "factorize bonded bodies"),
     "preconditioners": ("set up preconditioner",),
@@ -68,19 +68,19 @@ _TIMERS = {
 
 @dataclass
 class Result:
-    """What a run produced.
+    """The result of a run.
 
     Attributes:
-        history: One row a converged step: step, load, iterations, residual, cuts, the number of
-            steps a jump took, Krylov iterations (0 where systems are solved directly), where points
-            may slide the largest slip of those in contact relative to the size of their facets,
-            energies if asked for, and what the monitor returned.
+        history: One row per converged step: step, load, iterations, residual, cuts, number of steps
+            of a jump, Krylov iterations (0 for direct solves), with friction the largest slip in
+            contact relative to the facet size, energies if requested, and the values of the
+            monitor.
         residuals: Residual norms of every converged step.
         failures: Load factor and reason of every step that had to be cut.
-        switches: What the run has used and what it could do without, with reasons.
+        switches: Features that the run used and omitted, with reasons.
         counts: Work of the run.
-        timings: What the timers of vmdg have measured on this rank during the run, longest first:
-            the run itself, then its parts, of which some contain others.
+        timings: Readings of vmdg's timers on this rank during the run, longest first: the run
+            itself, then its parts, some of which are nested.
     """
 
     history: History = field(default_factory=History)
@@ -127,14 +127,14 @@ class Result:
 class StepFailure(RuntimeError):
     """A step failed at the smallest size; the problem is in its last converged state.
 
-    The message says what happened and what helps, as "When a step fails" in the guide.
+    The message contains the reason and remedies, as in "When a step fails" in the guide.
 
     Args:
         message: What failed.
-        result: What was computed before.
+        result: Results computed before the failure.
 
     Attributes:
-        result: What was computed before.
+        result: Results computed before the failure.
     """
 
     def __init__(self, message: str, result: Result):
@@ -142,7 +142,7 @@ class StepFailure(RuntimeError):
         self.result = result
 
     def __str__(self) -> str:
-        """The message, and the last jump that led nowhere, which may have been tried after it."""
+        """The message, with the last failed jump, which may have been tried after it."""
         jumps = [(t, text) for t, text in self.result.failures if text.startswith("JUMP_FAILED")]
         if not jumps:
             return super().__str__()

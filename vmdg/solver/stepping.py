@@ -1,4 +1,4 @@
-"""A run: load factors one after the other, the table of what they gave, and checkpoints."""
+"""A run: a sequence of load factors, its history and checkpoints."""
 
 from __future__ import annotations
 
@@ -43,32 +43,31 @@ def solve(
 
     Args:
         problem: Changed in place; ends in the state of the last load factor.
-        loads: Load factors to reach, one after the other; an int is so many equal steps to 1.
-        options: See :class:`SolveOptions`; those of rank 0 hold on all ranks.
-        monitor: Called after every converged step, on all ranks; the numbers that it returns join
-            the history row, by names that may say their unit: "force [N]" is column "force". They
-            are the same on every rank, and the problem stays as it is.
-        history: Table of an earlier run to continue.
-        until: Called after every row; where it says True, on any rank, the run ends there. For
-            dead loads beyond the peak, for example, which may never come to the next load factor:
+        loads: Load factors to reach in sequence; an int is a number of equal steps to 1.
+        options: See :class:`SolveOptions`; those of rank 0 apply on all ranks.
+        monitor: Called after every converged step, on all ranks; it returns numbers for the history
+            row, by names that may include a unit: "force [N]" is column "force". They must be equal
+            on every rank, and the problem must not be changed.
+        history: History of an earlier run to continue.
+        until: Called after every row; the run ends when it returns True on any rank. For example
+            for dead loads beyond the peak, which may never reach the next load factor:
             ``until=lambda problem: abs(problem.u.x.array).max() > 9``.
 
     Raises:
-        StepFailure: a step fails although it was cut ``max_cuts`` times.
-        ValueError: no load factors (and no history), a body that nothing holds, the softening of a
-            law is too steep for the mesh (r <= H), ``condensed=True`` where that is not possible,
-            or columns of the history that have the same name, change their unit, or are to be shown
-            and do not exist.
-        TypeError: ``loads`` is a single number that is no int, or ``options``, ``history`` or what
-            the monitor or ``until`` returns is of the wrong kind.
-        OSError: a checkpoint or the table could not be written; the problem is in the state that
-            it should hold.
+        StepFailure: a step fails after ``max_cuts`` reductions.
+        ValueError: no load factors (and no history), an unconstrained body, the softening of a law
+            is too steep for the mesh (r <= H), ``condensed=True`` where it is not possible, or
+            columns of the history with equal names, changed units, or to be shown that do not
+            exist.
+        TypeError: ``loads`` is a single number that is not an int, or ``options``, ``history`` or
+            the result of the monitor or of ``until`` has the wrong type.
+        OSError: a checkpoint or the history could not be written; the problem is in the state to be
+            written.
         RuntimeError: called by a monitor of the same problem.
-        KeyboardInterrupt: Ctrl-C, between two attempts of a step; within one where it comes twice.
+        KeyboardInterrupt: Ctrl-C, between two attempts of a step, or immediately if pressed twice.
 
-    Whatever ends a run, the problem is in the state of its last row, or where the last step that
-    failed has left it; an error of the monitor, of ``until`` or of a load on one rank is raised on
-    all.
+    However a run ends, the problem is in the state of its last row, or as left by the last failed
+    step; an error of the monitor, of ``until`` or of a load on one rank is raised on all.
     """
     options = options or SolveOptions()
     if not isinstance(options, SolveOptions):
@@ -81,7 +80,7 @@ def solve(
     loads = checked_loads(loads, problem, None if history is None else history.rows)
     given = [name for name, value in functions.items() if value is not None]
     same_call(problem.comm, "solve", [", ".join(given) or "neither monitor nor until"])
-    # What rank 0 says of files and bars holds for all.
+    # Options of rank 0 for files and bars apply to all.
     options = problem.comm.bcast(options)
     result = Result(
         history=History() if history is None else history, switches=switchboard(problem, options)
@@ -117,7 +116,7 @@ def solve(
                     written = _write_checkpoint(steps, path, result)
             if len(result.history) > written:
                 _write_checkpoint(steps, path, result)
-            # Not where a step failed: one rank alone must not wait for the others here.
+            # Not after a failure, where a single rank must not wait for the others.
             steps.close()
     finally:
         _running.discard(problem)
@@ -130,16 +129,16 @@ def solve(
 
 
 def _refuse_nested(problem: Problem) -> None:
-    """Two runs of a problem at a time would share its state; on every rank."""
+    """Refuse nested runs of a problem, which would share its state; on every rank."""
     if problem in _running:
         raise RuntimeError(
-            "solve: the problem is being solved: its monitor must not solve it, but may look at "
-            "it. End the run by until=, and solve on after it"
+            "solve: the problem is being solved: its monitor must not solve it. End the run by "
+            "until=, and solve again after it"
         )
 
 
 class _Rows:
-    """The state of the last row, to which an error on the way of a step returns; collective.
+    """The state of the last row, restored after an error within a step; collective.
 
     Args:
         problem: The problem, in a converged state.
@@ -150,7 +149,7 @@ class _Rows:
         self._state, self._scales = problem.step.snapshot(), problem.step.scales
 
     def hold(self) -> None:
-        """There is a row for the present state."""
+        """Mark the current state as that of a row."""
         self._state, self._scales = self._step.snapshot(), self._step.scales
 
     def __enter__(self) -> _Rows:
@@ -163,19 +162,19 @@ class _Rows:
         self._step.return_to(self._state)
         self._step.scales = self._scales
         if isinstance(error, PETSc.Error) and error.__cause__ is not None:
-            # What was raised in a function that PETSc has called.
+            # Raised in a function called by PETSc.
             raise error.__cause__
 
 
 def _claimed(problem: Problem, options: SolveOptions) -> AbstractContextManager:
-    """The right to write checkpoints, where they are wanted; collective."""
+    """The exclusive right to write checkpoints, if requested; collective."""
     if options.checkpoint is None:
         return nullcontext()
     return claim_checkpoint(problem.comm, options.checkpoint)
 
 
 def _write_checkpoint(steps: Steps, path: Path, result: Result) -> int:
-    """Write a checkpoint if one is wanted; the number of rows that are safe now."""
+    """Write a checkpoint if requested; return the number of saved rows."""
     folder = steps.options.checkpoint
     if folder is not None:
         write_checkpoint(steps.problem, folder, result.history)

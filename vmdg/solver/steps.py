@@ -1,4 +1,4 @@
-"""Single attempts of a step: iterated, checked, and committed or undone."""
+"""Single attempts of a step: iterated, checked, and committed or cancelled."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class Steps:
     Args:
         problem: The problem.
         options: Of the solver.
-        progress: Is told how attempts went; None for one by ``options``.
-        check: Called before every attempt, may raise to end the run.
+        progress: Progress output; None for one by ``options``.
+        check: Called before every attempt; may raise to end the run.
 
     Attributes:
         problem: The problem.
         options: Of the solver.
         viscous: Whether the laws depend on the rate.
-        cyclic: Whether cycles of the load wear bonds.
+        cyclic: Whether load cycles degrade bonds.
         krylov: Krylov iterations so far.
     """
 
@@ -48,8 +48,8 @@ class Steps:
         self.cyclic, self.krylov = options.cycles > 0, 0
         if self.cyclic and not any(law.fatigues for law in laws):
             raise ValueError(
-                f"SolveOptions: cycles = {options.cycles}, but no law of the problem feels them; "
-                "use vmdg.FatigueDebonding, or cycles=0"
+                f"SolveOptions: cycles = {options.cycles}, but no law of the problem depends on "
+                "them; use vmdg.FatigueDebonding, or cycles=0"
             )
         self._corrector = self._begin()
 
@@ -59,45 +59,45 @@ class Steps:
 
     @property
     def rounding(self) -> float:
-        """Of the energy that bodies store [N mm]."""
+        """Rounding error of the stored energy of the bodies [N mm]."""
         return self._corrector.rounding
 
     @property
     def first_stride(self) -> float:
-        """Change of the load factor in a first step with cycles, whatever bears how much."""
+        """Change of the load factor in a first step with cycles, from the law alone."""
         loss, per_factor = self.options.max_loss, self.options.cycles
         laws = (interface.law for interface in self.problem.interfaces)
         return min(law.cycles_at_strength(loss) for law in laws if law.fatigues) / per_factor
 
     def restart(self) -> None:
-        """Go on as a run that is resumed from a checkpoint of this state; collective.
+        """Continue like a run resumed from a checkpoint of this state; collective.
 
-        Factors and older tangents speed a run up and change its iterations within the tolerance. A
-        resumed run has none of them.
+        Factors and older tangents speed up a run and change its iterates within the tolerance, but
+        a resumed run does not have them.
         """
         self._corrector.free()
         self._corrector = self._begin()
 
     def close(self) -> None:
-        """Free what PETSc holds; collective."""
+        """Free the PETSc objects; collective."""
         self._corrector.free()
 
     def attempt(self, limits: Limits, last: Attempt | None) -> Attempt:
-        """Take a step, committed if it converges and undone if not; collective.
+        """Attempt a step, committed if it converges and cancelled if not; collective.
 
-        Closed facets that the state before it takes beyond their strength are opened first. A step
-        that takes others far beyond is undone, they are opened, and it is done again.
+        Closed facets beyond their strength in the previous state are opened first. A step that
+        loads others far beyond is cancelled and repeated with these open.
 
         Args:
-            limits: Where it ends.
-            last: The step that it sets out from; None where none goes before it, or loads have
-                turned, so that what was breaking breaks no further.
+            limits: Its limits.
+            last: The previous step; None if there is none, or after a load reversal, where damage
+                does not continue.
         """
         self._check()
         step = self.problem.step
         utilization = step.activation.utilization()
         if utilization.largest > OPENS:
-            # Not as the last step ended: its row is of forces that balance.
+            # The state of the last step, whose forces balance, is unchanged.
             last = self._opened(utilization, last)
         while True:
             found = self._iterate(limits, last)
@@ -127,7 +127,7 @@ class Steps:
         return found
 
     def _opened(self, utilization: Utilization, last: Attempt | None) -> Attempt | None:
-        """Open facets; every cell goes on as it did in the last step."""
+        """Open facets; every cell keeps its extrapolation of the last step."""
         before, step = self.problem.discretization, self.problem.step
         if not step.open_facets(utilization) or last is None or last.ahead is None:
             return last
@@ -135,7 +135,7 @@ class Steps:
         return last.going(Direction(way, last.ahead.t))
 
     def _ended(self, found: Attempt, limits: Limits) -> Attempt:
-        """What a step that has converged has changed, and whether it wears bonds too far."""
+        """Complete a converged step, and check the loss by cycles."""
         problem, step = self.problem, self.problem.step
         wears = self.cyclic and not limits.jump and problem.t != step.start.t
         lost = step.lost() if wears else 0.0
@@ -149,8 +149,8 @@ class Steps:
         problem, options, jump = self.problem, self.options, limits.jump
         if self._corrector.discretization is not problem.discretization:
             self.restart()
-        # A step of no length is at rest: rate effects vanish for infinite time. Along a ray the
-        # iteration moves the load factor itself.
+        # A step of zero length is at rest: rate effects vanish for infinite time. Along a ray the
+        # iteration changes the load factor itself.
         moves = 0.0 if jump else abs(limits.target - problem.t)
         t, dt = jump.t if jump else limits.target, moves * options.duration or np.inf
         if problem.loading.ray is None:
@@ -166,7 +166,7 @@ class Steps:
         scales = problem.step.scales
         found = self._corrector.solve(limits, dt, last)
         if jump:
-            # What a bond bears with an overstress only says nothing about the run.
+            # Forces due to an overstress do not count for the run.
             problem.step.scales = scales
         self.krylov += found.krylov
         return found

@@ -1,9 +1,8 @@
-"""The first guess of a step in which supports turn: the body turns with them.
+"""Predictor for rotating supports: the body rotates with them.
 
-Prescribed displacements that are a rigid motion of where their nodes are leave a body in its state:
-turned with them it is in equilibrium. The tangent does not know: it takes a turn by 90 degrees for
-a stretch to 1.9 of the size. So where little is left of the motion of the supports without its
-rigid part, the body follows that first.
+If prescribed displacements are a rigid motion of their nodes, the rotated body is in equilibrium. A
+tangent predictor would instead treat a rotation by 90 degrees as a stretch to 1.9 times the size.
+So if the motion of the supports is nearly rigid, the body first follows its rigid part.
 """
 
 from __future__ import annotations
@@ -17,16 +16,15 @@ from ..problem.problem import Problem
 
 
 def turn(problem: Problem, most: float) -> bool:
-    """Turn a body with its supports, if that is most of their way; collective.
+    """Rotate a body with its supports, if that is most of their motion; collective.
 
     Args:
         problem: The problem.
-        most: Share of the way that may be left then.
+        most: Largest non-rigid fraction of the motion.
 
     Returns:
-        False, and nothing has changed, where it is not, at small strain, where faces are rigid,
-        which do not turn so far, or where means are unknowns: the mean gradient of a periodic cell
-        turns all of it.
+        False, without changes, if it is not, at small strain, with rigid faces, which cannot rotate
+        so far, or with unknown means: the mean gradient of a periodic cell contains the rotation.
     """
     parts, loading = problem.discretization, problem.loading
     apart = loading.rigid or parts.means is not None
