@@ -29,7 +29,7 @@ CELLS = {
     "sphere": ("tetrahedron",),
 }
 
-#: Cell tag besides those of :mod:`vmdg.meshes.fibres`.
+#: Cell tag in addition to those of :mod:`vmdg.meshes.fibres`.
 COATING = 3
 
 _BODIES = {"fibre": FIBRE, "matrix": MATRIX, "coating": COATING}

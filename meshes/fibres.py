@@ -20,7 +20,7 @@ CELLS = ("triangle", "quadrilateral")
 #: Cell tags; the fibre has the lower one, so N of the interface points into the matrix.
 FIBRE, MATRIX = 1, 2
 
-#: Facet tag besides those of the sides.
+#: Facet tag in addition to those of the sides.
 INTERFACE = 3
 
 _BODIES = {"fibre": FIBRE, "matrix": MATRIX}

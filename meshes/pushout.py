@@ -54,7 +54,7 @@ def pushout(
         fibre_radius: r_f [mm].
         matrix_radius: r_m [mm].
         height: H [mm].
-        hole_radius: r_s of the hole in the support [mm]: the matrix rests on it beyond r_s.
+        hole_radius: r_s of the hole in the support [mm]: the matrix is supported beyond r_s.
         layers: Cells along z.
         around: Cells along a quarter of the interface, even.
         fibre_rings: Cells along the radius in the fibre outside the core.

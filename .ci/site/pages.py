@@ -24,6 +24,7 @@ PAGES = {
     "guide": "vmdg/GUIDE.md",
     "microstructure": "vmdg/MICROSTRUCTURE.md",
     "cluster": "vmdg/CLUSTER.md",
+    "glossary": "vmdg/GLOSSARY.md",
     "rooms": "vmdg/README.md",
     "path": "vmdg/solver/README.md",
     "equations": "forms/README.md",

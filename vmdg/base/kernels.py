@@ -317,7 +317,7 @@ def _lock(folder: Path) -> Iterator[TextIO | None]:
 def _free(folder: Path, lock: TextIO | None) -> bool:
     """Remove claims if no process is compiling; return whether that is so."""
     if lock is not None:
-        with suppress(OSError):  # held by others, or a file system without locks
+        with suppress(OSError):  # locked by others, or a file system without locks
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             _remove_claims(folder)
             return True

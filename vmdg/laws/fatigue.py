@@ -287,7 +287,7 @@ class _Points:
         """g at the end, at most 1, and where damage has stopped at the endurance limit.
 
         Args:
-            start: First guess, more than g_n (m,).
+            start: Initial guess, more than g_n (m,).
         """
         lower, upper = self.at.g, np.ones_like(start)
         start = np.where(start < 1.0, start, 0.5 * (lower + 1.0))

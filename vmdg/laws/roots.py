@@ -26,7 +26,7 @@ def increasing_root(
     Args:
         function: x (n,) to values (n,) and slopes (n,).
         lower, upper: bracket (n,).
-        start: first guess (n,) inside the bracket.
+        start: initial guess (n,) inside the bracket.
 
     Returns:
         The roots, to round-off of the initial `upper` and, away from zero, of the root itself.

@@ -1,4 +1,4 @@
-"""Animations of a run: stress on the deformed shape beside a curve."""
+"""Animations of a run: stress on the deformed shape next to a curve."""
 
 from __future__ import annotations
 
