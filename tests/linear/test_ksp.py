@@ -146,7 +146,7 @@ def test_options_that_nothing_uses(comm):
         warnings.simplefilter("always")
         vmdg.solve(problem, [0.5, 1.0], vmdg.SolveOptions(petsc=petsc))
     told = [str(one.message) for one in caught if one.category is vmdg.ModelWarning]
-    found = [text.partition(" among")[0].partition(" for ")[2] for text in told]
+    found = [text.partition(" among")[0].partition(" use ")[2] for text in told]
     expected = ["ksp_rtoll, mg_levels_pc_type", "snes_linesearch_typ"]
     assert found == (expected if comm.rank == 0 else [])
 

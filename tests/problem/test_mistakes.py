@@ -199,7 +199,7 @@ def test_two_values_at_a_node(comm):
     problem.dirichlet(tagged.facet_tags.find("bottom"), 0.0, "y")
     look(problem)
     problem.dirichlet(tagged.facet_tags.find("top"), lambda t: 0.1 * t, "y")
-    message = r"along y of the node at \[\S+, 1.0, 0.0\] is prescribed as 0 and as 0.05 .* leave"
+    message = r"along y of the node at \[\S+, 1.0, 0.0\] is prescribed as 0 and as 0.05 .* Remove"
     with warned(comm, message):
         look(problem)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vmdg.problem.work import CURVED, chord_integral, next_arc
+from vmdg.problem.work import CURVED, chord_integral, next_increment
 
 
 @pytest.mark.parametrize(("power", "size", "inside"), [(3, np.inf, 1), (5, 0.0, 3)])
@@ -35,9 +35,9 @@ def test_two_steps_foretell_a_little(comm, factor):
     a, b = (np.array([d]) * (comm.rank == 0) for d in np.diff(z))
     f_a, f_b = (np.array([f]) * (comm.rank == 0) for f in np.diff(3 * z**2))
     work = factor * 4 / CURVED * (comm.rank == 0)
-    first, *foretold = next_arc(comm, None, f_a, a, work)
+    first, *foretold = next_increment(comm, None, f_a, a, work)
     assert foretold == [0.0, False]
-    _, more, told = next_arc(comm, first, f_b, b, work)
+    _, more, told = next_increment(comm, first, f_b, b, work)
     assert more == pytest.approx(-4, rel=1e-14)
     assert told == (factor > 1)
 
@@ -50,8 +50,8 @@ def test_a_load_factor_is_no_length(comm, unit):
         u, t = np.array([0.0, 1.0, 1.7]), np.array([0.0, 1.0, 1.8])
         z, f = np.array([u, t * unit]), np.array([2 * u * t**2, 2 * u**2 * t / unit])
         z, f = (np.diff(a) * (comm.rank == 0) for a in (z, f))
-        first, *_ = next_arc(comm, None, f[:, 0], z[:, 0], 1.0, 1)
-        return next_arc(comm, first, f[:, 1], z[:, 1], 1.0, 1)[1]
+        first, *_ = next_increment(comm, None, f[:, 0], z[:, 0], 1.0, 1)
+        return next_increment(comm, first, f[:, 1], z[:, 1], 1.0, 1)[1]
 
     assert foretold(unit) == pytest.approx(foretold(1.0), rel=1e-12)
     assert foretold(1.0) != 0
@@ -60,8 +60,8 @@ def test_a_load_factor_is_no_length(comm, unit):
 def test_a_body_at_rest_whose_load_factor_changes(comm):
     """Nothing is foretold of it: eigenstrains may do work on stress alone."""
     z = np.array([0.0, 1.0 * (comm.rank == 0)])
-    assert next_arc(comm, None, z, z, 1.0, 1)[1:] == (0.0, False)
-    assert next_arc(comm, None, 0 * z, 0 * z, 1.0, 1)[1:] == (0.0, True)
+    assert next_increment(comm, None, z, z, 1.0, 1)[1:] == (0.0, False)
+    assert next_increment(comm, None, 0 * z, 0 * z, 1.0, 1)[1:] == (0.0, True)
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -69,5 +69,5 @@ def test_a_path_that_turns_foretells_nothing(comm, known):
     """A step at .3 or .4 rad to the one before; the forces are those of a spring."""
     angle = 0.3 if known else 0.4
     a, b = (np.array([np.cos(x), np.sin(x)]) * (comm.rank == 0) for x in (0.0, angle))
-    first, *_ = next_arc(comm, None, a, a, 1.0)
-    assert next_arc(comm, first, b, b, 1.0)[2] == known
+    first, *_ = next_increment(comm, None, a, a, 1.0)
+    assert next_increment(comm, first, b, b, 1.0)[2] == known

@@ -19,7 +19,7 @@ from ..base.parallel import global_any, global_sum
 from ..interface.gap_work import gap_force, gap_forces, gap_work
 from .loading import Loading
 from .states import Energy, Pending, Snapshot, Works
-from .work import chord_integral, next_arc
+from .work import chord_integral, next_increment
 
 #: Fraction of a step for differences of the energy by the eigenstrains.
 SMALL = 1e-2
@@ -155,14 +155,14 @@ class Ledger:
 
     # Entries other than steps
 
-    def begin_arc(self) -> None:
+    def begin_path(self) -> None:
         """The next step does not continue the last one."""
-        self.works = replace(self.works, arc=None, pending=None)
+        self.works = replace(self.works, increment=None, pending=None)
 
     def follow(self, discretization: Discretization) -> None:
         """Continue with another discretization."""
         self.discretization = discretization
-        self.begin_arc()
+        self.begin_path()
 
     def enter_opening(self, added: float) -> None:
         """Record this rank's energy added by opened facets [N mm]."""
@@ -233,12 +233,14 @@ class Ledger:
         rated = any(active.law.viscosity > 0 for active in now.active.values())
         at_rest = rated and held and not begun.slowed and begun.cycles == 0
         if (at_rest or not held) and not (now.bodies.small or now.surface.fluids):
-            so_far, last = self.works.external[0] + mean + work, self.works.arc
+            so_far, last = self.works.external[0] + mean + work, self.works.increment
             forces, lengths = ends[1] - ends[0], len(change) - 1
-            arc, curved, told = next_arc(self._comm, last, forces, change, so_far, lengths)
+            increment, curved, told = next_increment(
+                self._comm, last, forces, change, so_far, lengths
+            )
             gap = change[now.owned : -1]
             pending = None if told else self._pending(slopes, gap, curved, at_rest)
-            self.works = replace(self.works, arc=arc, pending=pending)
+            self.works = replace(self.works, increment=increment, pending=pending)
             self._enter_curvature(curved, at_rest)
         return mean + work, more, work - straight
 
@@ -295,7 +297,7 @@ class Ledger:
             return float(global_sum(self._comm, slope))
 
         before, first, last = global_sum(self._comm, pending.slopes)
-        whole = chord_integral(first, last, between, self.works.arc.work)
+        whole = chord_integral(first, last, between, self.works.increment.work)
         now.u.x.array[:] = u
         if strains:
             self._loading.strain(t)

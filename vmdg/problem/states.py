@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..assembly.discretization import Discretization
 from ..interface.history import InterfaceSnapshot
-from .work import Arc
+from .work import Increment
 
 
 @dataclass(frozen=True)
@@ -108,14 +108,14 @@ class Works:
         within: Work of loads in the last step in excess of the mean of its ends, due to points that
             begin to yield, separate or close in it [N mm]. It assumes equilibria between both ends,
             which a snap does not pass.
-        arc: The last step along the path; None if the next one does not continue it.
+        increment: The last step along the path; None if the next one does not continue it.
         pending: Work of the last step that requires residuals to compute; None for none.
     """
 
     dissipated: NDArray[np.float64]
     external: NDArray[np.float64]
     within: float = 0.0
-    arc: Arc | None = None
+    increment: Increment | None = None
     pending: Pending | None = None
 
 

@@ -53,7 +53,7 @@ STRAIGHT = 0.95
 CURVED, FINE = 1e-6, 1e-4
 
 
-class Arc(NamedTuple):
+class Increment(NamedTuple):
     """A step along the path.
 
     Attributes:
@@ -69,14 +69,14 @@ class Arc(NamedTuple):
     work: float
 
 
-def next_arc(
+def next_increment(
     comm: MPI.Comm,
-    last: Arc | None,
+    last: Increment | None,
     forces: Array,
     z: Array,
     work: float,
     lengths: int | None = None,
-) -> tuple[Arc, float, bool]:
+) -> tuple[Increment, float, bool]:
     """The record of a step, the correction of the trapezoidal rule [N mm] predicted by two steps,
     and whether it is accurate enough; collective.
 
@@ -96,15 +96,15 @@ def next_arc(
     along = 0.0 if last is None else last.z[:lengths] @ moved
     sums = [before, along, moved @ moved, work, np.abs(rest).sum()]
     crossed, along, square, work, led = global_sum(comm, sums)
-    arc = Arc(forces, z, float(np.sqrt(square)), abs(work))
-    if arc.length == 0:
-        return arc, 0.0, bool(led == 0)
+    increment = Increment(forces, z, float(np.sqrt(square)), abs(work))
+    if increment.length == 0:
+        return increment, 0.0, bool(led == 0)
     if last is None or last.length == 0:
-        return arc, 0.0, False
-    more = crossed * arc.length**2 / (6 * last.length * (last.length + arc.length))
-    if along < STRAIGHT * last.length * arc.length:
-        return arc, 0.0, False
-    return arc, float(more), abs(more) <= CURVED * arc.work
+        return increment, 0.0, False
+    more = crossed * increment.length**2 / (6 * last.length * (last.length + increment.length))
+    if along < STRAIGHT * last.length * increment.length:
+        return increment, 0.0, False
+    return increment, float(more), abs(more) <= CURVED * increment.work
 
 
 def chord_integral(first: float, last: float, phi: Callable[[float], float], size: float) -> float:

@@ -54,7 +54,7 @@ class Steps:
         self._corrector = self._begin()
 
     def _begin(self) -> Corrector:
-        self.problem.step.ledger.begin_arc()
+        self.problem.step.ledger.begin_path()
         return Corrector(self.problem, self.options)
 
     @property
