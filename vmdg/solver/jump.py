@@ -1,4 +1,4 @@
-"""Dynamic-free jump over a snap: from a limit point to the next equilibrium at its load."""
+"""Jump over a snap: from a limit point to the next equilibrium at its load."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def jump(steps: Steps, t: float, most: float) -> tuple[Attempt, int]:
     given damage work, with the overstress that this requires, or at half of the last overstress,
     and finally at s = 0, the equilibrium. So s has the role that the load factor has on a path. If
     steps fail despite the overstress, or bonds hardly break, it is bodies that move, as in
-    buckling. They are damped as well,
+    buckling. A drag acts on them as well,
 
         R(u) + s c |K| (u - u_n) = 0,
 

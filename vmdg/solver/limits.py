@@ -51,7 +51,7 @@ class Jump(NamedTuple):
 
     Attributes:
         t: Load factor.
-        drag: Damping of bodies for an overstress of H, relative to the norm of K.
+        drag: Viscous resistance of bodies for an overstress of H, relative to the norm of K.
     """
 
     t: float

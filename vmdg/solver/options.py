@@ -78,8 +78,8 @@ class PathOptions:
         overstress: Initial overstress of a jump, in multiples of H.
         rest: Overstress at which a jump is nearly complete, and relative reduction of the residual
             that counts as negligible.
-        drag: Damping of bodies in a jump for an overstress of H, relative to the norm of the
-            tangent.
+        drag: Viscous resistance of bodies in a jump for an overstress of H, relative to the norm of
+            the tangent.
         idle: Number of steps without damage or progress towards the target before a run, or a jump,
             fails.
 

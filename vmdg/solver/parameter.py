@@ -35,7 +35,7 @@ class Parameter:
     Attributes:
         moves: Whether it is variable.
         least: Lower bound.
-        drag: Damping of bodies, relative to the norm of K.
+        drag: Viscous resistance of bodies, relative to the norm of K.
     """
 
     moves, least, drag = False, -math.inf, 0.0
