@@ -35,7 +35,7 @@ def inclusions(
         comm: Communicator.
         width: [mm].
         height: [mm].
-        radius: Of the discs [mm].
+        radius: Radius of the discs [mm].
         centres: [mm].
         element_size: Far from the interface [mm].
         interface_size: At the interface [mm]; sizes grow by a third of the distance from it;

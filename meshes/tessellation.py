@@ -267,9 +267,9 @@ def _short_edges(
     """Classes of the ends of short edges (n, 2), by increasing length.
 
     Args:
-        pieces: Of the cell.
+        pieces: Pieces of the cell.
         starts: Number of the first corner of every piece.
-        corners: Of all pieces (k, d).
+        corners: Corners of all pieces (k, d).
         one: Class of every corner.
         shortest: Length below which an edge is short [mm].
     """
@@ -358,7 +358,7 @@ def _triangles(face: tuple[int, ...], points: NDArray[np.float64]) -> list[tuple
 
     @cache
     def best(i: int, k: int) -> tuple[float, list[tuple[int, ...]]]:
-        """Of the corners i to k."""
+        """Best triangulation of the corners i to k."""
         found: tuple[float, list[tuple[int, ...]]] = (math.inf, []) if k - i < 2 else (-1.0, [])
         for j in range(i + 1, k):
             one, two = best(i, j), best(j, k)

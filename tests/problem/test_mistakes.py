@@ -66,7 +66,7 @@ WRONG_UNITS = {
         2.0,
         vmdg.NeoHookean(E=70e9, nu=0.25),
         BOND,
-        "strength 100 is less than 1e-08 of the adjacent elastic moduli .* in the same unit",
+        "strength 100 is less than 1e-08 of the adjacent elastic moduli.* in the same unit",
     ),
     "mesh in m, critical gap in mm": (
         0.002,

@@ -22,7 +22,7 @@ class CauchyStress:
     entry; in plane stress it is 0, and J includes the thickness stretch.
 
     Args:
-        discretization: Of the problem; its mesh and degree may not change.
+        discretization: Discretization of the problem; its mesh and degree may not change.
 
     Attributes:
         function: The stress at the last :meth:`update`.

@@ -170,7 +170,7 @@ class Surface:
         Args:
             active: The interface.
             value: The user's value.
-            debonded: Only where the bond is gone.
+            debonded: Only where the bond is broken.
             share: Fraction of the value as a function of the opening at the points; None for 1.
 
         Raises:

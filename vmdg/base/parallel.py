@@ -110,7 +110,7 @@ def group_maxima(
 
     Args:
         comm: Communicator of the index map.
-        index_map: Of the rows.
+        index_map: Index map of the rows.
         values: One row per index, owned ones first, then ghosts; below 2^53, exact in doubles.
         members: Which of the values belong to a group.
         group: Number of the group on this rank, for each of these.

@@ -46,7 +46,7 @@ def cell_records(
     """Fields and node positions of every cell, in input order; collective.
 
     Args:
-        space: Of the fields.
+        space: Space of the fields.
         arrays: Their values at local dofs by name.
         places: The same space, for a periodic cell the one without merged opposite faces.
 

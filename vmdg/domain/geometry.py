@@ -44,7 +44,7 @@ def make_geometry(
     Args:
         mesh: The mesh.
         symmetry: None or "axisymmetric".
-        thickness: Of a plane body [mm].
+        thickness: Thickness of a plane body [mm].
         volumetric: "pointwise" or "mean".
         degree: Degree of the displacement.
         periodic: Whether the mesh is a periodic cell.

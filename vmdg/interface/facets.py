@@ -175,7 +175,8 @@ def _between_groups(
     Args:
         mesh: The mesh.
         between: The user's argument.
-        tags: Of the two cells of every local facet (nf, 2), UNTAGGED on the boundary of the mesh.
+        tags: Tags of the two cells of every local facet (nf, 2), UNTAGGED on the boundary of the
+            mesh.
         label: Name of the interface in messages.
 
     Raises:

@@ -446,7 +446,7 @@ def check_parameters(law: Law) -> None:
 
 
 def _check_parameter(law: Law, name: str, value: Any) -> None:
-    """Of `check_parameters`, one of them."""
+    """Check one parameter, see `check_parameters`."""
     if not isinstance(value, Real):
         if name not in VARYING:
             raise TypeError(

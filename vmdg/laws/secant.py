@@ -460,7 +460,7 @@ def pressed_tangent(
         start: Shear at the start.
         g: Largest gap at the end (m,).
         growing: Where it grows.
-        rubbing: Of the end.
+        rubbing: Shear at the end.
         worn: For points with fatigue, at r zeta_s g + P_s s = |w|/lambda instead of on their curve:
             lambda and, in MPa, lambda times the left-hand side over d ln(rate)/d ln(lambda) and the
             growth of g (m,).
@@ -522,7 +522,7 @@ def _rubbed(
         held: zeta_T,n (m, d).
         g_n: Largest gap before (m,).
         growing: Where it grows.
-        rubbing: Of the end.
+        rubbing: Shear at the end.
     """
     forward, reach = dot(held, rubbing.n), shear.scale * g_n
     room = forward * forward + reach * reach - dot(held, held)

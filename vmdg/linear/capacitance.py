@@ -67,7 +67,7 @@ class Capacitance:
         K_0^-1 = (K_0)_rest^-1 + X.(X^T.K_0.X)^-1.X^T.
 
     Args:
-        problem: Of small strain; its prescribed dofs are those at construction. Collective.
+        problem: A small-strain problem; its prescribed dofs are those at construction. Collective.
         max_direct: Gap components with damage up to which their system is solved directly.
 
     Attributes:

@@ -49,12 +49,12 @@ def animate(
         history: The history of the run.
         x: Column along the axis of the curve.
         y: Column that is drawn.
-        component: Of the stress, as for :func:`vmdg.plot.stress`.
+        component: Component of the stress, as for :func:`vmdg.plot.stress`.
         magnify: Factor on the displacement, one for all or one per snapshot.
         limits: Stresses at both ends of the colours [MPa]; None for those of all snapshots except
             the most extreme.
         fps: Frames per second.
-        figsize: Of the picture [inch].
+        figsize: Size of the figure [inch].
         dpi: Dots per inch.
 
     Raises:

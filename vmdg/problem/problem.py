@@ -79,7 +79,7 @@ class Problem:
         interfaces: Where and how the displacement may jump.
         degree: Degree of the displacement, at least that of the cells of the mesh.
         kinematics: "finite", or "small" for linear elasticity.
-        thickness: Of a plane body [mm].
+        thickness: Thickness of a plane body [mm].
         eigenstrain: Stress-free strain by tag: a number e, F_s = (1 + e) I, or a symmetric tensor
             (3, 3), F_s = I + e, with F = F_e F_s at finite strain; in axisymmetry its axes are r, z
             and hoop. Given as a value, a Constant, f(t), f(x, t) at midpoints x (3, n) of cells
@@ -574,7 +574,7 @@ class Problem:
     def snapshot(self) -> Snapshot:
         """A copy of the converged state of this rank, as :func:`vmdg.plot.animate` shows it.
 
-        Taken in the monitor of a run, one in every row. It stays as it is while the run goes on,
+        Taken in the monitor of a run, one in every row. It does not change while the run continues,
         and has displacement, load factor, nodal forces and the history of all interfaces.
         """
         return self.step.snapshot()

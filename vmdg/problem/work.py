@@ -83,11 +83,11 @@ def next_increment(
     It is not if the path is not STRAIGHT, where 0 is predicted, or if it exceeds CURVED.
 
     Args:
-        comm: Of the problem.
+        comm: Communicator of the problem.
         last: The previous step; None if the path does not continue it.
         forces: Change of dPi/dz, owned dofs and points [N].
         z: Change of displacement and gap, owned dofs and points [mm], and of the load factor.
-        work: Of the run so far, this rank's [N mm].
+        work: Work of the run so far, this rank's [N mm].
         lengths: Number of leading entries of z that are lengths; None for all.
     """
     before = 0.0 if last is None else last.forces @ z - forces @ last.z

@@ -56,7 +56,7 @@ class Corrector:
 
     Args:
         problem: The problem.
-        options: Of the solver.
+        options: Options of the solver.
 
     Attributes:
         discretization: The discretization for which it was created.

@@ -19,7 +19,7 @@ class Rate(NamedTuple):
     """Derivatives by the parameter.
 
     Attributes:
-        forces: Of minus the residual on owned dofs [N].
+        forces: Derivative of minus the residual on owned dofs [N].
         supports: Prescribed displacements, owned dofs [mm].
         work: Damage work, without that of the displacement [N mm].
     """

@@ -19,7 +19,7 @@ class Progress:
     Args:
         problem: The problem.
         count: Number of load factors to reach.
-        options: Of the solver.
+        options: Options of the solver.
     """
 
     def __init__(self, problem: Problem, count: int, options: SolveOptions):

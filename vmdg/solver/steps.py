@@ -22,13 +22,13 @@ class Steps:
 
     Args:
         problem: The problem.
-        options: Of the solver.
+        options: Options of the solver.
         progress: Progress output; None for one by ``options``.
         check: Called before every attempt; may raise to end the run.
 
     Attributes:
         problem: The problem.
-        options: Of the solver.
+        options: Options of the solver.
         viscous: Whether the laws depend on the rate.
         cyclic: Whether load cycles degrade bonds.
         krylov: Krylov iterations so far.
