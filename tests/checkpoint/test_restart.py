@@ -256,7 +256,7 @@ def grip(problem: vmdg.Problem) -> None:
     problem.dirichlet(lambda x: np.isclose(x[0], 2), lambda t: (0.01 * (t - 1), 0.0), relative=True)
 
 
-@pytest.mark.filterwarnings("ignore:the body of tag 2 bears:vmdg.ModelWarning")
+@pytest.mark.filterwarnings("ignore:the body of tag 2 carries:vmdg.ModelWarning")
 def test_support_that_starts_where_the_body_is(comm, out):
     """A resumed run starts from the same place, wherever the problem is when it is set up."""
     held = problem, _ = gripped(comm)
@@ -414,7 +414,7 @@ def test_failure_leaves_the_former(comm, out, monkeypatch, fault):
     assert (problem.u.x.array == 1e-3).all()
 
 
-@pytest.mark.filterwarnings("ignore:the body of tag 2 bears:vmdg.ModelWarning")
+@pytest.mark.filterwarnings("ignore:the body of tag 2 carries:vmdg.ModelWarning")
 def test_folder_that_is_a_file(comm, out):
     """All ranks are told."""
     if comm.rank == 0:
