@@ -2,25 +2,29 @@
 
     demos/run .ci/pictures.py             all of them, an hour or more on one core
     demos/run .ci/pictures.py NAME...     those of some commands, "list" names them
-    demos/run .ci/pictures.py pages       only put the tables of demos/gallery into the pages
 
 Every command runs in a process of its own in results/pictures/NAME, its log beside; what it makes
-for the pages is copied to demos/gallery. A table of demos/gallery stands in the pages wherever one
-with the same first line does, so that no number is written twice by hand.
+for the pages is copied to demos/gallery. A table becomes a page of its own, which says what was
+computed, by which command and version, on which machine and when.
 """
 
 from __future__ import annotations
 
-import re
+import os
+import platform
 import shutil
 import subprocess
 import sys
+from datetime import date
 from pathlib import Path
 from time import perf_counter
 
+import dolfinx
+
+import vmdg
+
 ROOT = Path(__file__).resolve().parent.parent
 GALLERY, OUT = ROOT / "demos" / "gallery", ROOT / "results" / "pictures"
-PAGES = [ROOT / "README.md", ROOT / "demos" / "ACCURACY.md"]
 
 _FINE = "fibre_matrix --element-size .05 --critical-gap .01"
 _MANY = f"{_FINE} --fibres 5 --cell triangle --activate on-demand"
@@ -41,6 +45,9 @@ COMMANDS = {
     "tutorial_law": ("tutorial_law", "tutorial_law.png"),
     "tutorial_material": ("tutorial_material", "tutorial_material.png"),
     "tutorial_laminate": ("tutorial_laminate", "tutorial_laminate.png"),
+    "tutorial_dcb": ("tutorial_dcb", "tutorial_dcb.png"),
+    "tutorial_film": ("tutorial_film", "tutorial_film.png"),
+    "tutorial_friction": ("tutorial_friction", "tutorial_friction.png"),
     "buckling": ("buckling", "buckling.png"),
     "fibre_matrix": ("fibre_matrix", "fibre_matrix.png"),
     "film": (f"{_FINE} --growth 1.04 --animate", "fibre_matrix.gif"),
@@ -76,14 +83,94 @@ COMMANDS = {
         "precision.png=benchmark_precision.png precision.csv=benchmark_precision.csv",
     ),
     "tearing_meshes": ("tearing_meshes", "tearing_meshes_neo-hookean.png=tearing_meshes.png"),
+    "ratio": ("benchmark ratio", "ratio.md=benchmark_ratio.md"),
+    "peers": ("benchmark peers", "peers.md=benchmark_peers.md"),
     "convergence": ("convergence", "convergence.png convergence.md convergence.csv"),
 }
+
+#: Title of every table that becomes a page, and what is computed.
+TABLES = {
+    "convergence.md": (
+        "Rates of convergence",
+        "Two bodies tied along an interface, at finite strain, with exact solutions: least rate of "
+        "all studies of a cell type and degree, then every study. u and GRAD u in L2 of the "
+        "bodies, T in L2 of the interface.",
+    ),
+    "verification.md": (
+        "Closed forms",
+        "Scenes with closed-form solutions, with default options. Of a field the largest deviation "
+        "is shown, relative to the largest value.",
+    ),
+    "delamination.md": (
+        "Delamination tests",
+        "Tests of the literature beside published values and corrected beam theory, with default "
+        "options.",
+    ),
+    "stability.md": (
+        "Random stress runs",
+        "Runs far from ordinary problems, drawn at random, by family: how they ended, and the "
+        "steps, cut attempts and residuals that they took.",
+    ),
+    "pushout_mesh.md": ("Push-out: mesh", "Section 7.4 of the report on four meshes."),
+    "pushout_steps.md": ("Push-out: steps", "Section 7.4 of the report with four step sizes."),
+    "pushout_friction.md": (
+        "Push-out: friction",
+        "Section 7.4 of the report with three coefficients of friction.",
+    ),
+    "pushout_modulus.md": (
+        "Push-out: moduli",
+        "Section 7.4 of the report with three ratios of the moduli of fibre and matrix.",
+    ),
+    "benchmark_ratio.md": (
+        "Cost of a Newton iteration",
+        "One Newton iteration of plain finite elements / of vmdg on the same mesh, neo-Hookean, "
+        "the interface through the middle: tied, or with every point damaged or sliding with "
+        "friction. Processor time on one core, the least of several runs. The last column compares "
+        "with plain elements whose multigrid interpolation is made anew in every iteration, as "
+        "PETSc does by default.",
+    ),
+    "benchmark_peers.md": (
+        "Two scenes of other cohesive codes",
+        "P1, a plate cracked over a quarter of its width (4,900 unknowns), and P2, two cubes of "
+        "1,000 hexahedra each (7,986 unknowns), in 40 load steps: processor time on one core, "
+        "linear systems, and errors of the initial slope (against plain elements on the same "
+        "mesh), of the largest force and of the work; last the largest share of the work that the "
+        "energies do not account for.",
+    ),
+}
+
+
+def page(table: str, command: str, text: str, busy: float) -> str:
+    """A table as a page that says how it was made.
+
+    Args:
+        table: Key of ``TABLES``.
+        command: Of ``COMMANDS``.
+        text: What the command has written.
+        busy: Processes that ran on the machine before it began, on average.
+    """
+    title, what = TABLES[table]
+    versions = f"vmdg {vmdg.__version__}, DOLFINx {dolfinx.__version__}"
+    said = {
+        "Command": f"`demos/run {command}`",
+        "Version": f"{versions}, Python {platform.python_version()}",
+        "Machine": f"{_processor()}, {os.cpu_count()} cores, {busy:.1f} other processes running",
+        "Date": date.today().isoformat(),
+    }
+    lines = "\n".join(f"- {name}: {value}" for name, value in said.items())
+    return f"# {title}\n\n{what}\n\n{lines}\n\n{text}"
+
+
+def _processor() -> str:
+    """What Linux calls the processor."""
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    return next((x.partition(": ")[2] for x in lines if x.startswith("model name")), "unknown")
 
 
 def make(name: str) -> bool:
     """Run a command and copy what it has made; whether it has done so."""
     command, made = COMMANDS[name]
-    folder, start = OUT / name, perf_counter()
+    folder, start, (busy, _, _) = OUT / name, perf_counter(), os.getloadavg()
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     script, *options = command.replace("OUT", str(folder)).split()
@@ -97,7 +184,11 @@ def make(name: str) -> bool:
     for each in made.split() if done else ():
         source, _, target = each.partition("=")
         for file in folder.glob(source):
-            shutil.copy(file, GALLERY / (target or file.name))
+            place = GALLERY / (target or file.name)
+            if place.name in TABLES:
+                place.write_text(page(place.name, command, file.read_text(), busy))
+            else:
+                shutil.copy(file, place)
     said = "made" if done else f"FAILED, see {folder}/log"
     print(f"{name}: {said}, {perf_counter() - start:.0f} s", flush=True)
     return done
@@ -108,38 +199,15 @@ def in_gallery(made: str) -> list[str]:
     return [each.partition("=")[2] or each for each in made.split()]
 
 
-_TABLE = re.compile(r"^\|.*\n(?:\|.*\n?)+", re.MULTILINE)
-
-
-def tables() -> dict[str, str]:
-    """Tables of the gallery by their first lines."""
-    texts = (file.read_text() for file in sorted(GALLERY.glob("*.md")))
-    found = [table.strip() for text in texts for table in _TABLE.findall(text)]
-    return {table.partition("\n")[0]: table for table in found}
-
-
-def renewed(page: str) -> str:
-    """The text of a page with the tables of the gallery as they are now."""
-    known = tables()
-
-    def current(match: re.Match[str]) -> str:
-        table = match[0].strip()
-        return match[0].replace(table, known.get(table.partition("\n")[0], table))
-
-    return _TABLE.sub(current, page)
-
-
 def main(names: list[str]) -> None:
     """The command line."""
     if names == ["list"]:
         print("\n".join(f"{name}: {command}" for name, (command, _) in COMMANDS.items()))
         return
-    asked = [] if names == ["pages"] else names or list(COMMANDS)
+    asked = names or list(COMMANDS)
     if unknown := set(asked) - set(COMMANDS):
         raise SystemExit(f"no command is called {', '.join(unknown)}; list names them")
     failed = [name for name in asked if not make(name)]
-    for page in PAGES:
-        page.write_text(renewed(page.read_text()))
     if failed:
         raise SystemExit(f"not made: {', '.join(failed)}")
 

@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PAGES = [
     ROOT / "README.md",
     *sorted(ROOT.glob("[!.]*/*.md")),
-    *(ROOT / ".github" / name for name in ("CONTRIBUTING.md", "CHANGELOG.md")),
+    *(ROOT / ".github" / name for name in ("CONTRIBUTING.md", "CHANGELOG.md", "DECISIONS.md")),
 ]
 
 #: Commands of others, which are not ours to try.

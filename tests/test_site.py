@@ -78,9 +78,11 @@ def test_pages_are_taken_apart_without_loss():
 
 def test_links_lead_to_pages_of_the_site():
     """A section becomes a page, a heading below it an anchor, other files their names."""
-    known = {"vmdg/GUIDE.md#loads": "/guide/loads.md", "README.md": "/index.md"}
+    known = {"vmdg/GUIDE.md#loads": "/reference/loads.md", "README.md": "/index.md"}
     text = "[a](../vmdg/GUIDE.md#loads), [b](../README.md), ![c](gallery/d.png), [e](run)"
-    expected = "[a](/guide/loads.md), [b](/index.md), ![c](/demos/gallery/d.png), e (`demos/run`)\n"
+    expected = (
+        "[a](/reference/loads.md), [b](/index.md), ![c](/demos/gallery/d.png), e (`demos/run`)\n"
+    )
     assert PAGES.linked(text, "demos/README.md", known) == expected
     assert PAGES.linked("```\n[a](b)\n```", "README.md", known) == "```\n[a](b)\n```\n"
     for broken in ("[a](vmdg/GUIDE.md#load)", "[a](nowhere.md)"):

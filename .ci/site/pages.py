@@ -21,22 +21,26 @@ DEMOS = ROOT / "demos"
 #: Pages, by where they are in the site. README.md is the front page.
 PAGES = {
     "index": "README.md",
-    "guide": "vmdg/GUIDE.md",
+    "install": "vmdg/INSTALL.md",
+    "howto": "vmdg/HOWTO.md",
+    "reference": "vmdg/GUIDE.md",
+    "explanation": "vmdg/THEORY.md",
     "microstructure": "vmdg/MICROSTRUCTURE.md",
     "cluster": "vmdg/CLUSTER.md",
     "glossary": "vmdg/GLOSSARY.md",
-    "rooms": "vmdg/README.md",
+    "layout": "vmdg/README.md",
     "path": "vmdg/solver/README.md",
     "equations": "forms/README.md",
     "verification": "demos/ACCURACY.md",
     "speed": "demos/SPEED.md",
     "gallery": "demos/README.md",
     "contributing": ".github/CONTRIBUTING.md",
+    "decisions": ".github/DECISIONS.md",
     "changes": ".github/CHANGELOG.md",
 }
 
 #: Pages that become one page for each of their headings, down to this level.
-SPLIT = {"guide": 3, "verification": 2}
+SPLIT = {"howto": 2, "reference": 3, "explanation": 2}
 
 #: Modules for users, in the order of the API; names by ``__all__``, or all that are defined there.
 MODULES = (
@@ -172,7 +176,7 @@ def scenes() -> dict[str, list[tuple[str, str]]]:
     """Pictures and words of the gallery, by name of the demo that makes them."""
     rows: dict[str, list[tuple[str, str]]] = {}
     for line in (ROOT / PAGES["gallery"]).read_text().splitlines():
-        found = re.match(r"\| !\[\]\((.+?)\) \| (`demos/run (?:-n \d+ )?(\w+).*) \|$", line)
+        found = re.match(r"\| !\[\]\((.+?)\) \| (`demos/run (?:-n \d+ )?(\w+)[^|]*) \|", line)
         if found:
             rows.setdefault(found[3], []).append((f"/demos/{found[1]}", found[2]))
     return rows
@@ -381,9 +385,8 @@ def sources() -> dict[str, str]:
         for place, text in parts(page).items():
             made[f"{place}.md"] = linked(text, file, known)
     for table in sorted((ROOT / "demos" / "gallery").glob("*.md")):
-        name = table.stem.replace("_", ", ")
         text = linked(table.read_text(), f"demos/gallery/{table.name}", known)
-        made[f"tables/{table.name}"] = f"# All rows: {name}\n\n{text}"
+        made[f"tables/{table.name}"] = text
     for demo in demos():
         made[f"demos/{demo.stem}.md"] = demo_page(demo)
     made["api.md"] = api()

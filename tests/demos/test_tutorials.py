@@ -124,3 +124,67 @@ def test_laminate_of_the_tutorial():
     assert running.any()
     expected = theory(angles, history["opening"][running])
     assert history["force"][running] == pytest.approx(expected, rel=0.03)
+
+
+def test_delamination_past_its_peak(comm, out):
+    """Load while the crack runs and initial stiffness are those of corrected beam theory.
+
+    The process zone, 2.9 mm at most, rounds the peak, and the crack by the energy spent ends inside
+    it: a quarter of the zone behind the one of the theory.
+    """
+    from tutorial_dcb import A_0, main, theory
+
+    history = main(facet=0.5, end=1.0, out=str(out))
+    force, opening, (load, length) = history["force"], history["load"], theory(history["load"])
+    assert force[0] / load[0] == pytest.approx(1.0, abs=0.01)
+    running = opening > 0.6
+    assert running.sum() > 5
+    assert force[running] == pytest.approx(load[running], rel=5e-3)
+    assert history["crack"][running] == pytest.approx(length[running] - 0.75, abs=0.1)
+    assert 0.9 * load.max() < force.max() < load.max()
+    assert history["crack"][0] == pytest.approx(A_0, abs=1e-3)
+    comm.barrier()
+    assert (out / "tutorial_dcb.png").stat().st_size > 10_000
+
+
+def test_film_on_a_substrate(comm, out):
+    """While the crack grows far from both ends the temperature is that of the closed form.
+
+    Three facets in the process zone: it goes up and down by .5 % as the tip passes them.
+    """
+    from tutorial_film import CRACK, CRITICAL, LENGTH, H, main
+
+    history = main(facet=0.008, out=str(out))
+    crack, cooling = history["crack"], history["cooling"]
+    steady = (crack > CRACK + 2 * H) & (crack < LENGTH - 4 * H)
+    assert steady.sum() > 5
+    assert cooling[steady] == pytest.approx(CRITICAL, rel=6e-3)
+    assert cooling[steady].mean() == pytest.approx(CRITICAL, rel=2e-3)
+    assert history["resistance"][steady].mean() == pytest.approx(0.005, rel=0.01)
+    comm.barrier()
+    assert (out / "tutorial_film.png").stat().st_size > 10_000
+
+
+def test_cycles_of_a_joint(comm, out):
+    """Sliding at mu N, the work of a cycle, the toughness spent once, and balanced energies."""
+    from tutorial_friction import COHESION, G_C, LENGTH, SLIDING, WAY, main, work_of_cycle
+
+    history = main(divisions=4, out=str(out))
+    t, force = history["load"], history["shear force"]
+    row = {time: int(np.argmin(np.abs(t - time))) for time in (1.02, 2, 3, 4, 5, 6, 10)}
+    assert all(abs(t[i] - time) < 1e-9 for time, i in row.items())
+    first = row[1.02]
+    assert history["damage"][first] == 0
+    stiffness = force[first] / (0.02 * WAY)
+    assert force[[row[2], row[3], row[4], row[5]]] == pytest.approx(
+        [SLIDING, -SLIDING, -SLIDING, SLIDING], rel=1e-6
+    )
+    rubbed = history["friction"]
+    for start, end in ((2, 6), (6, 10)):
+        cycle = rubbed[row[end]] - rubbed[row[start]]
+        assert cycle == pytest.approx(work_of_cycle(stiffness), rel=2e-3)
+    assert history["damage"][-1] == pytest.approx(G_C * LENGTH, rel=1e-9)
+    assert 0.9 * COHESION * LENGTH < force.max() <= COHESION * LENGTH
+    assert np.abs(history["imbalance"]).max() < 1e-5 * history["external"][-1]
+    comm.barrier()
+    assert (out / "tutorial_friction.png").stat().st_size > 10_000

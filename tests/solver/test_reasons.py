@@ -65,12 +65,12 @@ def test_attempts_for_different_reasons():
 
 
 def test_every_reason_is_explained():
-    """What the solver gives as a reason has its words, and its row in the guide."""
+    """What the solver gives as a reason has its words, and its row in the how-to."""
     code = "".join(path.read_text() for path in (ROOT / "vmdg" / "solver").glob("*.py"))
     own = re.findall(r'(?:failed\(|return )f?"([A-Z_]{4,})', code)
     given = {*own, *re.findall(r"reasons\.(DIV\w+)", code)}
     assert {"CELLS_INVERTED", "JUMP_FAILED", "DIVERGED_MAX_IT"} <= given
     assert given <= set(REASONS)
-    guide = (ROOT / "vmdg" / "GUIDE.md").read_text()
-    section = guide.split("## When a step fails")[1].split("\n## ")[0]
+    pages = (ROOT / "vmdg" / "HOWTO.md").read_text()
+    section = pages.split("## When a step fails")[1].split("\n## ")[0]
     assert set(re.findall(r"^\| `([A-Z_]+)`", section, re.MULTILINE)) == set(REASONS)
