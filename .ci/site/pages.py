@@ -222,10 +222,11 @@ def demo_page(demo: Path) -> str:
         "",
     ]
     imports = re.findall(r"^from parts\.([\w.]+) import", demo.read_text(), re.MULTILINE)
-    if imports:
+    named = {f"studies/parts/{name.replace('.', '/')}.py" for name in imports}
+    files = sorted(file for file in named if (DEMOS / file).is_file())  # packages have no text
+    if files:
         made += ["## Parts", "", "What the script imports from its own folder.", ""]
-    for name in sorted(set(imports)):
-        file = f"studies/parts/{name.replace('.', '/')}.py"
+    for file in files:
         made += [f":::{{dropdown}} demos/{file}", *code(file), ":::", ""]
     return "\n".join(made)
 

@@ -148,8 +148,8 @@ def mode_map(
         axis: "x", "y" or "z": in 3D a cylinder along it, or a part of one, is unrolled to angle and
             position along the axis; in 2D the interface is drawn as a strip over this coordinate.
             None: a surface in 3D is viewed along the largest component of its mean normal, a strip
-                uses the coordinate in which it is longest. A plane, and a line without extent along
-                the axis, are drawn as with None.
+            uses the coordinate in which it is longest. A plane, and a line without extent along
+            the axis, are drawn as with None.
         ax: Axes; None for a new figure.
         legend: Whether to add the legend of the modes, or the scale of colours.
 
