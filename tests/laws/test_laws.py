@@ -2,6 +2,7 @@
 
 import doctest
 import inspect
+from itertools import product
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ from vmdg.laws import (
 )
 
 # One example is a few hundred points, so few examples go far.
-SETTINGS = settings(max_examples=16, deadline=None, derandomize=True)
+SETTINGS = settings(max_examples=8, deadline=None, derandomize=True)
 POINTS = 300
 
 P_C, ZETA_C = 100.0, 0.2
@@ -163,40 +164,6 @@ def test_compression_alone_never_damages(make, d):
     assert (update.gap[:, 0] <= gap[:, 0]).all()
 
 
-def test_open_gap_closes_before_it_presses():
-    law = Debonding(P_C, ZETA_C, friction=0.5)
-    r, normal = 1000.0, np.array([[1.0, 0.0]] * 3)
-    gap = np.array([[0.05, 0.0]] * 3)
-    trial = np.array([[-20.0, 0.0], [-50.0, 0.0], [-80.0, 20.0]])
-    update = law.return_map(trial, normal, gap, np.full(3, P_C), r)
-    np.testing.assert_allclose(update.gap, [[0.03, 0.0], [0.0, 0.0], [0.0, 0.005]], atol=1e-15)
-    # 30 MPa of pressure hold 15 MPa of shear
-    np.testing.assert_allclose(update.traction, [[0.0, 0.0], [0.0, 0.0], [-30.0, 15.0]], atol=1e-13)
-    assert (update.mode == Mode.CLOSING).all()
-
-
-@pytest.mark.parametrize(
-    ("trial", "softening", "mode"),
-    [
-        ((90.0, 0.0), 0.0, Mode.ELASTIC),
-        ((110.0, 20.0), 0.0, Mode.TENSION),
-        ((200.0, 20.0), P_C, Mode.OPEN),
-        ((0.0, 0.0), P_C, Mode.OPEN),
-        ((-10.0, 110.0), 0.0, Mode.SHEAR),
-        ((-250.0, 110.0), 0.0, Mode.ELASTIC),
-        ((-250.0, 150.0), 0.0, Mode.FRICTION),
-        ((-10.0, 150.0), P_C, Mode.FRICTION),
-    ],
-)
-def test_modes(trial, softening, mode):
-    law = Debonding(P_C, ZETA_C, friction=0.5)
-    update = law.return_map(
-        [trial], np.array([[1.0, 0.0]]), np.zeros((1, 2)), np.array([softening]), 5000.0
-    )
-    assert update.mode.dtype == np.int8
-    assert Mode(update.mode[0]) is mode
-
-
 # --- continuity -----------------------------------------------------------------------------------
 
 
@@ -241,14 +208,13 @@ def test_traction_is_continuous_in_all_inputs(make, d, seed, mu, eta, ratio):
 @EVERY_EXTRINSIC
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("eta", [0.0, 0.5 * H])
-@pytest.mark.parametrize("worn", [0.0, 0.4, 0.999, 1.0])
-def test_tension_and_contact_meet(make, d, eta, worn):
+def test_tension_and_contact_meet(make, d, eta):
     """T just above and just below T_tr.N = 0, with and without an open gap."""
     law = make(0.5, eta)
     n, r = 40, 4.0 * law.softening_modulus
     normal, tangent = np.eye(d)[np.zeros(n, int)], np.eye(d)[np.ones(n, int)]
     shear = np.linspace(0.0, 4.0 * P_C, n)[:, None] * tangent
-    for opening in (0.0, 0.03):
+    for opening, worn in product((0.0, 0.03), (0.0, 0.4, 0.999, 1.0)):
         state = (normal, opening * normal, np.full(n, worn * law.strength), r)
         above = law.return_map(shear + 1e-9 * normal, *state)
         below = law.return_map(shear - 1e-9 * normal, *state)
@@ -258,8 +224,8 @@ def test_tension_and_contact_meet(make, d, eta, worn):
 
 
 @EVERY_EXTRINSIC
-@pytest.mark.parametrize("eta", [0.0, 0.5 * H, 50.0 * H])
-@pytest.mark.parametrize("pressure", [None, 0.0, 60.0, 400.0])
+@pytest.mark.parametrize("eta", [0.0, 50.0 * H])
+@pytest.mark.parametrize("pressure", [None, 0.0, 60.0])
 def test_bond_failing_within_a_step_does_not_jump(make, eta, pressure):
     """One step, ever larger: T follows without a jump past the load at which the bond is gone."""
     law = make(0.5, eta)
@@ -276,9 +242,10 @@ def test_bond_failing_within_a_step_does_not_jump(make, eta, pressure):
 
 
 @EVERY_EXTRINSIC
-@pytest.mark.parametrize("viscosity", [0.0, 0.5 * H, 50.0 * H, 1e6 * H])
-@pytest.mark.parametrize("worn", [0.0, 0.6, 1.0])
-@pytest.mark.parametrize("angle", [0.0, 0.7, 0.5 * np.pi])
+@pytest.mark.parametrize("viscosity", [0.0, 0.5 * H, 1e6 * H])
+@pytest.mark.parametrize(
+    ("worn", "angle"), [(0.0, 0.0), (0.0, 0.5 * np.pi), (0.6, 0.7), (1.0, 0.7)]
+)
 def test_overstress_ends_with_the_bond(make, viscosity, worn, angle):
     """In the step in which the bond goes T = V = c dgamma, dgamma = |T_tr|/(r + c), C = I/(r + c),
     c of the start of the step; from the next one on T = 0 whatever the viscosity."""
@@ -312,24 +279,6 @@ def test_overstress_ends_with_the_bond(make, viscosity, worn, angle):
         assert after.viscous_work[0] == 0.0
 
 
-@pytest.mark.parametrize("relative", [0.1, 0.6, 30.0, 100.0])
-@pytest.mark.parametrize("ratio", [1.1, 50.0])
-def test_overstress_is_that_of_the_bond_at_the_start(relative, ratio):
-    """Steps of constant rate: T = R + v R_n/P_c, v the viscosity times the rate, whatever r."""
-    rate, dt = 0.01, 1.0
-    law, r = Debonding(P_C, ZETA_C, viscosity=relative * P_C / rate), ratio * H
-    gap, softening, normal = np.zeros((1, 2)), np.zeros(1), np.array([[1.0, 0.0]])
-    for wanted in np.append(rate * np.arange(1, 20), 0.1999):
-        left, step = P_C - H * wanted, wanted - gap[0, 0]
-        borne = left + relative * step / rate * (P_C - softening[0])
-        trial = (borne + r * step) * normal
-        update = law.return_map(trial, normal, gap, softening, r, dt)
-        np.testing.assert_allclose(update.gap, [[wanted, 0.0]], rtol=1e-12)
-        np.testing.assert_allclose(update.traction, [[borne, 0.0]], rtol=1e-10)
-        assert update.viscous_work[0] == pytest.approx((borne - left) * step, rel=1e-9)
-        gap, softening = update.gap, update.softening
-
-
 # --- energy ---------------------------------------------------------------------------------------
 
 
@@ -352,22 +301,8 @@ def test_monotonic_opening_spends_the_triangle(d, seed, steps, ratio):
     assert spent == pytest.approx(0.5 * P_C * ZETA_C, rel=1e-12)
 
 
-def test_work_is_the_trapezoid_of_traction_and_gap():
-    """From first yield to separation the trapezoid of T . dzeta is the work, step by step."""
-    law = Debonding(P_C, ZETA_C)
-    r, normal = 10.0 * H, np.array([[1.0, 0.0]])
-    zetas = [zeta * normal for zeta in (0.01, 0.03, 0.1, 0.11, 0.19, 0.2)]
-    updates = follow(law, [P_C * normal + (r - H) * zeta for zeta in zetas], normal, r)
-    gap, traction = np.zeros((1, 2)), P_C * normal
-    for update, zeta in zip(updates, zetas, strict=True):
-        trapezoid = 0.5 * dot(traction + update.traction, update.gap - gap)
-        np.testing.assert_allclose(update.gap, zeta, atol=1e-14)
-        np.testing.assert_allclose(works(update), trapezoid, rtol=1e-11)
-        gap, traction = update.gap, update.traction
-
-
 @EVERY_EXTRINSIC
-@pytest.mark.parametrize("pressure", [0.0, 30.0, 90.0, 150.0, 400.0])
+@pytest.mark.parametrize("pressure", [0.0, 30.0, 150.0])
 def test_works_do_not_depend_on_the_number_of_steps(make, pressure):
     """Sliding under constant pressure, in 1 step and in 137: the same three works."""
     law = make(0.475)
@@ -385,7 +320,7 @@ def test_works_do_not_depend_on_the_number_of_steps(make, pressure):
 
 
 @EVERY_LAW
-@settings(max_examples=8, deadline=None, derandomize=True)
+@settings(max_examples=4, deadline=None, derandomize=True)
 @given(d=dims, seed=seeds, mu=frictions, eta=viscosities)
 def test_dissipation_is_never_negative(make, d, seed, mu, eta):
     """Random walks: each work >= 0, and T_{n+1} . dzeta >= 0 where nothing is stored."""
@@ -409,43 +344,6 @@ def test_dissipation_is_never_negative(make, d, seed, mu, eta):
     if isinstance(law, MixedModeDebonding):
         most = law.energy_at(np.linspace(0.0, 0.5 * np.pi, 1001)).max()
     assert (spent <= most + 1e-5).all()
-
-
-def test_cap_slip_wears_the_bond_whatever_the_number_of_steps():
-    """Slip .3 under a cap of 30: (82) read literally leaves Q = 0 in 1 step and 69.9 in 1000."""
-    r, slip, cap, mu = 5000.0, 0.3, 30.0, 0.5
-    law = Debonding(P_C, ZETA_C, friction=mu)
-
-    def literal(steps):
-        zeta = q = 0.0
-        for i in range(steps):
-            load = cap + r * (slip * (i + 1) / steps - zeta)
-            by_friction, by_bond = (load - cap) / r, (load - (P_C - q)) / (r - H)
-            if min(by_friction, by_bond) > 0.0:
-                zeta += min(by_friction, by_bond)
-                q += H * by_bond if by_bond < by_friction else 0.0
-        return q
-
-    def completed(steps):
-        slips = slip * np.arange(1, steps + 1) / steps
-        loads = [np.array([[-cap / mu, cap + r * s]]) for s in slips]
-        end = follow(law, loads, np.array([[1.0, 0.0]]), r)[-1]
-        assert end.traction[0, 1] == pytest.approx(cap, rel=1e-12)
-        return end.softening[0]
-
-    assert literal(1) == 0.0
-    assert literal(1000) == pytest.approx(69.9, abs=0.05)
-    assert completed(1) == completed(1000) == P_C
-
-
-def test_steady_sliding_is_coulomb_whatever_the_viscosity():
-    law = Debonding(P_C, ZETA_C, friction=0.5, viscosity=100.0)
-    gap, normal = np.zeros((1, 2)), np.array([[1.0, 0.0]])
-    trial = np.array([[-200.0, 300.0]])
-    update = law.return_map(trial, normal, gap, np.full(1, P_C), 5000.0, dt=1.0)
-    np.testing.assert_allclose(update.traction, [[-200.0, 100.0]], rtol=1e-14)
-    assert update.viscous_work[0] == 0.0
-    assert update.friction_work[0] == pytest.approx(100.0 * 200.0 / 5000.0, rel=1e-14)
 
 
 # --- tangent and twin -----------------------------------------------------------------------------
@@ -554,9 +452,8 @@ def test_vectorised_is_scalar(make, d, seed, ratio, mu, eta):
 
 
 @EVERY_LAW
-@pytest.mark.parametrize("ratio", [1.0001, 1.0 + 1e-9, 1e8])
+@pytest.mark.parametrize(("ratio", "d"), [(1.0001, 2), (1.0 + 1e-9, 3), (1e8, 2)])
 @pytest.mark.parametrize("mu", [0.0, 2.0])
-@pytest.mark.parametrize("d", [2, 3])
 def test_extremes_stay_finite_and_silent(make, ratio, mu, d):
     law = make(mu)
     state = oracle.random_state(np.random.default_rng(5), law, POINTS, d, ratio)
@@ -571,8 +468,7 @@ def test_extremes_stay_finite_and_silent(make, ratio, mu, d):
 
 
 @EVERY_LAW
-@pytest.mark.parametrize("nu", [0.0, 0.3 * H])
-@pytest.mark.parametrize("worn", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize(("nu", "worn"), [(0.0, 0.0), (0.3 * H, 0.5), (0.3 * H, 1.0)])
 def test_a_trial_that_is_no_number_stays_one_in_silence(make, nu, worn):
     # As of a material in a cell that a trial displacement turns inside out: the step is given up.
     law = make(0.3, nu)
@@ -584,10 +480,16 @@ def test_a_trial_that_is_no_number_stays_one_in_silence(make, nu, worn):
     assert np.isfinite(update.gap[1] + update.traction[1]).all()
 
 
-@pytest.mark.parametrize("make", [Debonding, ExponentialDebonding])
-@pytest.mark.parametrize("strength", [1e-300, 1e-100, 1e-12])
-def test_vanishing_strength_is_contact_alone(make, strength):
-    law = make(strength, 0.2, friction=0.5)
+@pytest.mark.parametrize(
+    "law",
+    [
+        Debonding(1e-300, 0.2, 0.5),
+        ExponentialDebonding(1e-100, 0.2, 0.5),
+        MixedModeDebonding(1e-60, 1e-60, 1e-61, 1e-61, 0.5),
+    ],
+    ids=lambda law: type(law).__name__,
+)
+def test_vanishing_strength_is_contact_alone(law):
     trial = np.array([[10.0, 5.0], [-10.0, 3.0], [-10.0, 30.0], [0.0, 0.0], [0.0, 4.0]])
     normal = np.tile([1.0, 0.0], (5, 1))
     with np.errstate(all="raise"):
@@ -597,12 +499,11 @@ def test_vanishing_strength_is_contact_alone(make, strength):
 
 
 @EVERY_LAW
-@pytest.mark.parametrize("d", [2, 3])
-def test_no_points(make, d):
-    none = np.zeros((0, d))
+def test_no_points(make):
+    none = np.zeros((0, 3))
     update = make().return_map(none, none, none, np.zeros(0), np.zeros(0))
-    assert update.traction.shape == update.gap.shape == (0, d)
-    assert update.tangent.shape == (0, d, d)
+    assert update.traction.shape == update.gap.shape == (0, 3)
+    assert update.tangent.shape == (0, 3, 3)
     assert update.mode.shape == update.softening.shape == (0,)
 
 
@@ -618,19 +519,6 @@ def test_inputs_are_left_alone_and_not_shared(make):
         np.testing.assert_array_equal(array, copy)
     for name in update.__slots__:
         assert not any(np.shares_memory(getattr(update, name), a) for a in state)
-
-
-@EVERY_LAW
-def test_points_do_not_see_each_other(make):
-    law = make(0.3)
-    state = oracle.random_state(np.random.default_rng(2), law, 60, 3, 2.0)
-    together = law.return_map(*state)
-    for i in range(60):
-        alone = law.return_map(*(a[i : i + 1] for a in state))
-        for name in together.__slots__:
-            np.testing.assert_allclose(
-                getattr(together, name)[i], getattr(alone, name)[0], rtol=1e-12, atol=1e-14
-            )
 
 
 @pytest.mark.parametrize("load", [(1e5, 0.0), (-1.0, 1e5)])
@@ -661,18 +549,11 @@ def test_penalty_below_softening_is_refused(make):
     np.testing.assert_array_equal(law.admissible(penalty), [True, True, False, True])
     with pytest.raises(ValueError, match=r"penalty r = .* at point 2 .* H = .*smaller elements"):
         law.return_map(0.0 * normal, normal, 0.0 * normal, np.zeros(n), penalty)
+    # Viscosity ends with the bond, whose last part softens by H all the same.
+    np.testing.assert_array_equal(make(nu=1e9).admissible(penalty), [True, True, False, True])
     penalty[2] = np.nan
     with pytest.raises(ValueError, match="point 2"):
         law.return_map(0.0 * normal, normal, 0.0 * normal, np.zeros(n), penalty)
-
-
-@EVERY_LAW
-def test_viscosity_does_not_widen_the_admissible_penalty(make):
-    """It ends with the bond, whose last part softens by H all the same."""
-    law = make(nu=1e9)
-    np.testing.assert_array_equal(
-        law.admissible(law.softening_modulus * np.array([0.0, 1.0, 1.01])), [False, False, True]
-    )
 
 
 @pytest.mark.parametrize("dt", [0.0, -1.0, float("nan")])
@@ -791,14 +672,6 @@ def test_contact_has_no_strength():
 
 def test_docstring_example():
     assert doctest.testmod(vmdg.laws).failed == 0
-
-
-def test_attributes_of_debonding():
-    law = Debonding(strength=P_C, critical_gap=ZETA_C)
-    assert law.inelastic
-    assert law.symmetric
-    assert not Debonding(strength=P_C, critical_gap=ZETA_C, friction=0.1).symmetric
-    assert law.softening_modulus == H
 
 
 def test_cycles_of_constant_amplitude():

@@ -1,7 +1,6 @@
 """`ExponentialDebonding` and `IntrinsicExponential` against closed forms."""
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -130,25 +129,6 @@ def test_intrinsic_energy(direction, energy, steps):
     assert total(updates) == pytest.approx(energy, rel=1e-12)
 
 
-def test_intrinsic_balance():
-    """Open, unload, turn, open further: T . dzeta is stored or dissipated, nothing else."""
-    law = IntrinsicExponential(STRENGTH, ENERGY)
-    normal, r = np.array([[1.0, 0.0]]), 3.0 * law.softening_modulus
-    corners = DELTA_0 * np.array([[0, 0], [2, 0.5], [0.2, 0.1], [0.2, -1.5], [3, 0], [0, 0]])
-    s = np.linspace(0.0, 1.0, 1001)[1:, None]
-    path = np.concatenate([a + s * (b - a) for a, b in pairwise(corners)])
-    updates = follow(law, r * path[:, None], normal, r)
-    gap, traction = (
-        np.concatenate([np.zeros((1, 2)), *(getattr(update, name) for update in updates)])
-        for name in ("gap", "traction")
-    )
-    work = 0.5 * ((traction[1:] + traction[:-1]) * np.diff(gap, axis=0)).sum()
-    dissipated = total(updates)
-    stored = law.stored_energy(updates[-1].gap, normal, updates[-1].softening)[0]
-    assert work == pytest.approx(stored + dissipated, rel=1e-4)
-    assert stored < 1e-3 * dissipated
-
-
 def test_intrinsic_dissipation_is_of_second_order():
     """Where the gap turns while damage grows, the balance closes with the square of the step."""
     law = IntrinsicExponential(STRENGTH, ENERGY)
@@ -167,20 +147,3 @@ def test_intrinsic_dissipation_is_of_second_order():
             work - total(updates) - law.stored_energy(last.gap, normal, last.softening)[0]
         )
     assert abs(missing[0] / missing[1]) == pytest.approx(4, rel=0.15)
-
-
-def test_intrinsic_contact_has_no_penetration_and_keeps_shear():
-    law = IntrinsicExponential(STRENGTH, ENERGY)
-    r = 3.0 * law.softening_modulus
-    sliding = 0.5 * DELTA_0
-    _, shear, _ = tour(0.0, sliding, 0.0)
-    trial = np.array([[-1e4, shear + r * sliding]])
-    update = law.return_map(trial, np.array([[1.0, 0.0]]), np.zeros((1, 2)), np.zeros(1), r)
-    np.testing.assert_allclose(update.traction, [[-1e4, shear]], rtol=1e-12)
-    np.testing.assert_allclose(update.gap, [[0.0, sliding]], rtol=1e-12)
-    assert update.mode[0] == Mode.SHEAR
-
-
-def test_intrinsic_symmetry_is_that_of_its_weight():
-    assert IntrinsicExponential(STRENGTH, ENERGY, 1.0).symmetric
-    assert not IntrinsicExponential(STRENGTH, ENERGY).symmetric

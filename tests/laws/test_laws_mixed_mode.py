@@ -47,23 +47,6 @@ def opened(law, openings, ratio=3.0):
     return follow(law, r * openings[:, None], NORMAL, r)
 
 
-@pytest.mark.parametrize(
-    ("axis", "strength", "energy"), [((1.0, 0.0), P_N, G_N), ((0.0, 1.0), P_S, G_S)]
-)
-@pytest.mark.parametrize("steps", [1, 9, 400])
-def test_pure_modes(axis, strength, energy, steps):
-    axis = np.array(axis)
-    updates = opened(LAW, np.linspace(0.0, 1.0, steps + 1)[1:, None] * axis)
-    assert total(updates) == pytest.approx(energy, rel=1e-12)
-    critical = 2.0 * energy / strength
-    for zeta in (0.1 * critical, 0.9 * critical):
-        held = strength * (1.0 - zeta / critical)
-        opening = (zeta + held / (3.0 * LAW.softening_modulus)) * axis
-        (update,) = opened(LAW, opening[None, :])
-        np.testing.assert_allclose(update.gap[0], zeta * axis, atol=1e-14)
-        np.testing.assert_allclose(update.traction[0], held * axis, atol=1e-11)
-
-
 @pytest.mark.parametrize("angle", np.linspace(0.0, 0.5 * math.pi, 7))
 def test_strength_is_the_ellipse(angle):
     onset = np.array([[P_N * math.cos(angle), P_S * math.sin(angle)]])
@@ -72,27 +55,11 @@ def test_strength_is_the_ellipse(angle):
     assert LAW.return_map(onset * (1.0 + 1e-9), *state).multiplier[0] > 0.0
 
 
-@pytest.mark.parametrize("angle", np.linspace(0.0, 0.5 * math.pi, 7))
-@pytest.mark.parametrize("steps", [1, 50])
-def test_energy_at_fixed_ratio_of_tractions(angle, steps):
-    """T = rho (P_n cos, P_s sin) to separation: G_n cos^2 + G_s sin^2."""
-    cos, sin = math.cos(angle), math.sin(angle)
-    r = 3.0 * LAW.softening_modulus
-    d = np.linspace(0.0, 1.0, steps + 1)[1:, None, None]
-    zeta = d * np.array([[2.0 * G_N / P_N * cos, 2.0 * G_S / P_S * sin]])
-    traction = (1.0 - d) * np.array([[P_N * cos, P_S * sin]])
-    updates = follow(LAW, traction + r * zeta, NORMAL, r)
-    np.testing.assert_allclose([update.traction for update in updates], traction, atol=1e-10)
-    spent = total(updates)
-    assert spent == pytest.approx(float(LAW.energy_at(angle)), rel=1e-9)
-    assert spent == pytest.approx(G_N * cos**2 + G_S * sin**2, rel=1e-9)
-
-
 @EVERY_CRITERION
-@pytest.mark.parametrize("share", np.linspace(0.0, 1.0, 9))
-@pytest.mark.parametrize("steps", [1, 50])
+@pytest.mark.parametrize("share", np.linspace(0.0, 1.0, 5))
+@pytest.mark.parametrize("steps", [1, 30])
 def test_proportional_opening_spends_what_the_criterion_says(criterion, exponent, share, steps):
-    """At 9 ratios of the modes; G_I and G_II by the work of the components of T."""
+    """At 5 ratios of the modes, pure ones too; G_I and G_II by the work of the components of T."""
     law = with_criterion(criterion, exponent)
     r = 3.0 * law.softening_modulus
     wanted = energy_of(criterion, exponent, share)
@@ -238,16 +205,3 @@ def test_symmetric_only_with_equal_energies():
     equal = (40.0, 60.0, 0.5, 0.5)
     assert MixedModeDebonding(*equal, criterion="BK", exponent=2.0).symmetric
     assert not MixedModeDebonding(*equal, criterion="power", exponent=2.0).symmetric
-
-
-def test_the_steeper_mode_bounds_the_penalty():
-    assert LAW.softening_modulus == pytest.approx(max(P_N**2 / (2 * G_N), P_S**2 / (2 * G_S)))
-
-
-def test_vanishing_strength_is_contact_alone():
-    law = MixedModeDebonding(1e-60, 1e-60, 1e-61, 1e-61, friction=0.5)
-    trial = np.array([[10.0, 5.0], [-10.0, 30.0], [0.0, 0.0]])
-    normal = np.tile(NORMAL, (3, 1))
-    with np.errstate(all="raise"):
-        update = law.return_map(trial, normal, np.zeros((3, 2)), np.zeros(3), 100.0)
-    np.testing.assert_allclose(update.traction, [[0.0, 0.0], [-10.0, 5.0], [0.0, 0.0]], atol=1e-12)

@@ -82,8 +82,7 @@ def marched(law, spring, times, penalty):
 
 
 @pytest.mark.parametrize("name", LAWS)
-@pytest.mark.parametrize("stiff", [2.0, 20.0])
-@pytest.mark.parametrize("overstress", [0.1, 1.0, 10.0, 100.0])
+@pytest.mark.parametrize(("stiff", "overstress"), [(2.0, 0.1), (20.0, 1.0), (2.0, 100.0)])
 def test_spring_and_bond_follow_their_differential_equation(name, stiff, overstress):
     """Overstress of so many strengths at the speed of the spring; first order in the step; r, a
     number of the mesh, does not enter."""
@@ -130,26 +129,6 @@ def test_one_root_whatever_the_viscosity(name, ratio, eta, worn, mode):
     np.testing.assert_allclose(update.multiplier, x, rtol=1e-10 * slack)
     borne = np.linalg.norm(update.traction, axis=1)
     np.testing.assert_allclose(borne, R + c * x, rtol=1e-9 * slack, atol=1e-11 * load.max() * slack)
-
-
-@settings(max_examples=60, deadline=None, derandomize=True)
-@given(
-    eta=st.floats(-2.0, 4.0).map(lambda power: 10.0**power * H),
-    worn=st.floats(0.0, 0.99),
-    size=st.floats(1.01, 50.0),
-    ratio=st.floats(1.1, 100.0),
-)
-def test_intrinsic_bond_bears_the_overstress_of_what_was_left(eta, worn, size, ratio):
-    """T = K (1 - d) zeta + eta (1 - d_n) (zeta - zeta_n), zeta_n the largest gap before."""
-    law = IntrinsicExponential(P, P**2 / H, viscosity=eta)
-    before = -np.log1p(-worn) * law.gap_scale
-    zeta, r = (before + 0.01 * law.gap_scale) * size, ratio * law.softening_modulus
-    elastic = law.stiffness * np.exp(-zeta / law.gap_scale) * zeta
-    wanted = elastic + eta * (1.0 - worn) * (zeta - before)
-    trial = (wanted + r * zeta) * NORMAL
-    update = law.return_map(trial, NORMAL, 0.0 * NORMAL, np.full(1, worn * P), r)
-    assert update.gap[0, 0] == pytest.approx(zeta, rel=1e-9)
-    assert update.traction[0, 0] == pytest.approx(wanted, rel=1e-8, abs=1e-8)
 
 
 IN_CONTACT = {
