@@ -14,6 +14,7 @@ from dolfinx.mesh import (
     create_rectangle,
     meshtags,
 )
+from support.budgets import over_budget
 from support.problems import PRECISE
 from support.scenes import LEFT, RIGHT, two_blocks
 
@@ -89,7 +90,7 @@ def test_rigid_face_and_force_along_z(comm):
     axial = vmdg.AxialMotion(cube)
     result = vmdg.solve(cube, [1.0], PRECISE)
     strain = ((1 + NU) * sigma - NU * sigma.sum()) / E
-    assert result.history["iterations"].max() <= 1
+    assert not over_budget("cube under a plate", result)
     assert plate.displacement() == pytest.approx(2 * strain[0], rel=1e-10)
     assert axial.strain == pytest.approx(strain[2], rel=1e-10)
     assert axial.force == pytest.approx(2 * sigma[2], rel=1e-10)

@@ -27,7 +27,7 @@ def test_errors_are_those_of_plain_elements(out):
     by_case = {(p.cell, p.degree, p.n, p.method): p for p in points}
     for (*case, method), point in by_case.items():
         plain = by_case[(*case, "plain")]
-        assert 1 <= point.solves <= 4
+        assert not over_budget("block of known solution", solves=point.solves)
         if method == "vmdg":
             assert point.h1 == pytest.approx(plain.h1, rel=0.05), point
             assert point.l2 == pytest.approx(plain.l2, rel=0.05), point
@@ -80,10 +80,7 @@ def test_cracked_plate(out):
     assert abs(run.work_error) < 5e-3
     assert run.imbalance < 5e-3
     assert run.history["damage"][-1] == pytest.approx(peers.P1.work)
-    assert run.history["iterations"].mean() < 4
-    assert run.counts.factorizations == 1
-    assert run.counts.condensed >= run.history["iterations"].sum()
-    assert run.counts.solves >= len(run.history)
+    assert not over_budget("cracked plate", run)
 
 
 #: Where the two ways are not the same problem: a tie has the tensor tau_s, strains reach .5%.
@@ -139,7 +136,7 @@ def test_two_inclusions(out):
     assert force.max() == pytest.approx(inclusions.PEAK, rel=5e-3)
     assert force[-1] == pytest.approx(inclusions.LAST, rel=1e-2)
     assert run.penetration < 1e-12
-    assert run.history["iterations"].sum() <= 115
+    assert not over_budget("two inclusions, to the end", run.history)
     assert (out / "two_inclusions.png").stat().st_size > 10_000
 
 
@@ -148,7 +145,7 @@ def test_attempt_that_backtracks_in_vain_ends():
     problem, _ = inclusions.build(inclusions.LAWS["tour"], 2, 0.05)
     loads = np.linspace(0, inclusions.END, 41)[1:]
     result = vmdg.solve(problem, loads, vmdg.SolveOptions(relative_tolerance=1e-6))
-    assert len(result.failures) == 1
+    assert result.failures
     assert not over_budget("two inclusions", result)
 
 

@@ -9,6 +9,7 @@ import pytest
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import compute_midpoints
+from support.budgets import over_budget
 from support.checks import integral
 
 import vmdg
@@ -84,7 +85,7 @@ def test_neo_hookean(tmp_path_factory, comm):
     assert np.allclose(traction[open_points], line[open_points], atol=0.5)
     assert np.isclose(history["damage"][-1], 200.0 * 0.2 / 2 * (WIDTH - PRECRACK))
     assert abs(history["imbalance"][-1]) < 1e-3 * history["external"][-1]
-    assert np.median(history["iterations"]) <= 5 and history["iterations"].max() <= 10
+    assert not over_budget("tearing", history)
     assert history["jump_steps"].sum() == 0
 
 
@@ -99,8 +100,7 @@ def test_rubber_does_not_tear(tmp_path_factory, comm):
     assert (np.diff(history["force"]) > 0).all()
     assert np.isclose(history["force"][-1], 3.521, rtol=2e-3)
     assert run.gap[0.19][0, 1] > 50 * abs(run.gap[0.19][6, 1])
-    # 13 steps to 19%: the first guess of a step, along the last one, is far off.
-    assert np.median(history["iterations"]) <= 6 and history["iterations"].max() <= 15
+    assert not over_budget("tearing of rubber", history)
 
 
 def test_meshes(comm, out):

@@ -130,22 +130,3 @@ def test_state_is_carried_over_exactly(comm):
     known = {tuple(point) for point in np.round(old.points, 9)}
     new = np.array([tuple(point) not in known for point in np.round(state.points, 9)], dtype=bool)
     assert not state.gap[new].any() and not state.softening[new].any()
-
-
-def test_a_tie_cannot_open():
-    """A law that never fails is refused."""
-    with pytest.raises(ValueError, match="a tie never fails"):
-        vmdg.Interface(within=1, law=vmdg.Bonded(), activate="on-demand")
-
-
-@pytest.mark.parametrize("value", [0.0, 1.5])
-def test_threshold_is_a_share_of_the_strength(value):
-    """activate_at outside (0, 1] is refused."""
-    with pytest.raises(ValueError, match="activate_at"):
-        vmdg.Interface(within=1, law=LAW, activate="on-demand", activate_at=value)
-
-
-def test_unknown_choice():
-    """Only two ways of activation exist."""
-    with pytest.raises(ValueError, match="activate"):
-        vmdg.Interface(within=1, law=LAW, activate="later")

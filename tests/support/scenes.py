@@ -27,6 +27,9 @@ DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 
 CELLS = tuple(DIMENSION)
 EVERY_CELL = pytest.mark.parametrize("cell", CELLS)
 EVERY_DEGREE = pytest.mark.parametrize("degree", [1, 2])
+SEVERAL_RANKS = pytest.mark.skipif(
+    MPI.COMM_WORLD.size == 1, reason="one rank does not differ from itself"
+)
 LEFT, RIGHT = 1, 2  # facet tags of the ends
 #: Facet tags of a section: the inner surface (or the axis), the outer one, the two ends.
 INNER, OUTER, INTERFACE, BOTTOM, TOP = 1, 2, 3, 4, 5
