@@ -12,9 +12,6 @@ from support.scenes import two_blocks
 
 import vmdg
 from vmdg.base.timers import timer, timings, timings_since
-from vmdg.solver.attempt import Attempt
-from vmdg.solver.limits import Jump, Limits
-from vmdg.solver.progress import described
 
 LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.3)
 #: Seconds between two states of the bar.
@@ -132,18 +129,6 @@ def test_failures_as_they_happen(comm, capsys):
         failures = re.findall(r"failed: (\S+); the problem is at load 0,", said)
         assert failures == [reason for _, reason in error.value.result.failures]
         assert len(failures) == 2
-
-
-def test_an_attempt_in_words():
-    """Its residuals and how it ended; a jump says its overstress, a path its work on bonds."""
-    found = Attempt(True, [2.0, 1e-7], "CONVERGED", 1e-6, 19, work=0.25, end=4.0)
-    limits = Limits(5.0, 0.0, 1.0, work=0.5, jump=Jump(0.2))
-    lines = described(0.2, limits, found).split("\n")
-    assert lines == [
-        "step to load 0.2, at most 0.5 N mm on bonds with an overstress of 4 H",
-        "  residuals 2.000e+00 1.000e-07 N, 1.000e-06 N asked for, 19 Krylov iterations",
-        "  at load 0.2, work 0.25",
-    ]
 
 
 def test_krylov_iterations(comm):

@@ -48,6 +48,9 @@ def test_jump_that_led_nowhere(comm, loads):
     with pytest.raises(vmdg.StepFailure) as failure:
         vmdg.solve(problem, loads, vmdg.SolveOptions(max_cuts=2))
     (t, reason) = [f for f in failure.value.result.failures if "JUMP_FAILED" in f[1]][-1]
+    last = failure.value.result.history.rows[-1:]
+    assert problem.t == (last[0]["load"] if last else 0.0)
+    assert problem.mean(0).traction[0] == pytest.approx(problem.t, rel=1e-6, abs=1e-6)
     told = str(failure.value).partition(f" At load factor {t:.8g} ")[2]
     assert told.startswith("there is no equilibrium nearby")
     assert f"({reason}). What helps: prescribed displacements instead of forces" in told
