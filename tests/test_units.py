@@ -32,8 +32,8 @@ pytestmark = pytest.mark.skipif(
     MPI.COMM_WORLD.size > 1, reason="partitions of a mesh differ from time to time"
 )
 
-#: a and b.
-POWERS = [(-30, 7), (21, -10)]
+#: Powers of two of the units of length and stress.
+A, B = -30, 7
 
 SOFT, STIFF = 2000.0, 5000.0
 
@@ -238,12 +238,11 @@ def results(scene: Scene, units: Units, comm: MPI.Comm) -> Found:
 def test_results(comm, scene):
     """In units that differ by powers of two to the last bit; in m and Pa to rounding."""
     reference = results(scene, Units(1.0, 1.0), comm)
-    for a, b in POWERS:
-        found = results(scene, Units(2.0**a, 2.0**b), comm)
-        assert found.keys() == reference.keys()
-        for name, (value, p, q) in found.items():
-            digits = np.ldexp(value, -p * a - q * b)
-            np.testing.assert_array_equal(digits, reference[name][0], name)
+    found = results(scene, Units(2.0**A, 2.0**B), comm)
+    assert found.keys() == reference.keys()
+    for name, (value, p, q) in found.items():
+        digits = np.ldexp(value, -p * A - q * B)
+        np.testing.assert_array_equal(digits, reference[name][0], name)
     for name, (value, p, q) in results(scene, Units(1e-3, 1e6), comm).items():
         expected = reference[name][0]
         allowed = 1e-9 * np.abs(expected).max(initial=0.0)
@@ -336,8 +335,8 @@ MESHES: dict[str, Callable[[float, MPI.Comm], TaggedMesh]] = {
 @pytest.mark.parametrize("name", MESHES)
 def test_meshes(comm, name):
     """In other units, such as m; those that differ by a power of two to the last bit."""
-    (mesh, cells, facets), *others = (MESHES[name](L, comm) for L in (1.0, 2.0**-30, 1e-3, 1e6))
-    for L, (other, bodies, sides) in zip((2.0**-30, 1e-3, 1e6), others, strict=True):
+    (mesh, cells, facets), *others = (MESHES[name](L, comm) for L in (1.0, 2.0**-30, 1e-3))
+    for L, (other, bodies, sides) in zip((2.0**-30, 1e-3), others, strict=True):
         np.testing.assert_array_equal(other.geometry.dofmap, mesh.geometry.dofmap)
         np.testing.assert_array_equal(bodies.values, cells.values)
         np.testing.assert_array_equal(sides.indices, facets.indices)

@@ -110,11 +110,9 @@ def filled(scene, pressure):
 
 
 SCENES = {
-    "quadrilateral": sheared("quadrilateral"),
     "hexahedron": sheared("hexahedron"),
     "triangle of degree 2": sheared("triangle", degree=2),
     "small strain": sheared("quadrilateral", kinematics="small"),
-    "crack tip": cracked_plate(),
     "on demand": cracking_plate(),
     "crack tip with a fluid": filled(cracked_plate(0.003), 100.0),
     "on demand with a fluid": filled(cracking_plate(0.004), 100.0),
@@ -429,7 +427,7 @@ def test_folder_that_is_a_file(comm, out):
 
 
 @EVERY_CELL
-@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("degree", [1, 3])
 def test_every_element(comm, cell, degree):
     """Values go to their nodes on both sides of a cut, in any partition."""
 

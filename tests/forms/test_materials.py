@@ -9,7 +9,6 @@ import pytest
 import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 from support.problems import joined, user_energy
 from support.scenes import two_blocks, unit_box
 
@@ -288,36 +287,6 @@ def check_ogden(material: vmdg.Ogden, F: NDArray) -> None:
     assert turned == pytest.approx(W, rel=1e-12, abs=1e-13)
 
 
-def test_ogden_uniaxial_stress():
-    """Under uniaxial stress P_11 = sum c/m (lt_1^m - lt_2^m) / lambda_1 with P_22 = 0."""
-    c, m, _ = ogden_constants(OGDEN)
-    for stretch in (0.5, 0.9, 1.2, 2.0, 3.0):
-        lateral = brentq(
-            lambda t, stretch=stretch: spectral(OGDEN, np.diag([stretch, t, t]))[1][1, 1],
-            0.2,
-            3.0,
-            xtol=1e-14,
-        )
-        J = stretch * lateral**2
-        axial = (c / m) @ ((stretch / J ** (1 / 3)) ** m - (lateral / J ** (1 / 3)) ** m) / stretch
-        P = point(OGDEN, 3)(np.diag([stretch, lateral, lateral]))[1]
-        np.testing.assert_allclose(P, np.diag([axial, 0, 0]), atol=1e-11)
-
-
-@EVERY_DIMENSION
-def test_ogden_of_exponent_two(d):
-    """One term with m = 2 is the isochoric neo-Hookean energy mu/2 (J^(-2/3) tr C - 3)."""
-    rng = np.random.default_rng(6)
-    mu, kappa = 3.0, 7.0
-    # Unused terms, so that the kernel of three terms serves.
-    material = vmdg.Ogden(c=(2 * mu, 0.0, 0.0), m=(2.0, 1.0, 1.0), kappa=kappa)
-    F = stretched(rng, rng.uniform(0.5, 2, d))
-    full = embed(F)
-    J = np.linalg.det(full)
-    W = mu / 2 * (J ** (-2 / 3) * np.sum(full**2) - 3) + kappa / 2 * ((J**2 - 1) / 2 - np.log(J))
-    assert point(material, d)(F)[0] == pytest.approx(W, rel=1e-13)
-
-
 def test_ogden_swelling():
     """W = J_th W_e(F F_th^-1), with the third direction held by plane strain."""
     rng = np.random.default_rng(7)
@@ -328,25 +297,6 @@ def test_ogden_swelling():
         assert W == pytest.approx((1 + THETA) ** 3 * expected, rel=1e-12, abs=1e-13)
         np.testing.assert_allclose(P, (1 + THETA) ** 2 * stress[:2, :2], atol=1e-12)
         check_derivatives(evaluate, F, rng)
-
-
-def test_ogden_in_the_engine(comm):
-    """A soft Ogden block tears off a stiff neo-Hookean one; Newton converges quadratically."""
-    scene = two_blocks(comm, "quadrilateral", n=2)
-    law = vmdg.Debonding(strength=0.5, critical_gap=1.0)
-    problem = joined(scene, law, materials=(OGDEN, vmdg.NeoHookean(E=60.0, nu=0.3)))
-    problem.dirichlet(scene.facet_tags.find(1), 0.0)
-    problem.dirichlet(scene.facet_tags.find(2), lambda t: np.array([0.5 * t, 0.2 * t]))
-    options = vmdg.SolveOptions(relative_tolerance=1e-11, energy=True, control="load")
-    result = vmdg.solve(problem, np.linspace(0.2, 1, 5), options)
-    assert not result.failures
-    assert problem.energy().damage > 0
-    force = np.linalg.norm(problem.reaction(scene.facet_tags.find(2)))
-    for norms in result.residuals:
-        assert len(norms) <= 8
-        relative = np.array(norms) / force
-        small = np.flatnonzero((relative[:-1] < 1e-2) & (relative[1:] > 1e-12))
-        assert (relative[small + 1] < 10 * relative[small] ** 1.7).all(), relative
 
 
 def test_constants_of_a_material_may_change(comm):

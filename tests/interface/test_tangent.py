@@ -22,19 +22,6 @@ from vmdg.interface.jets import FacetJets
 
 @EVERY_CELL
 @EVERY_DEGREE
-def test_elastic_interface(comm, cell, degree):
-    """No point yields: K is the derivative of (27) with zeta held, and symmetric."""
-    scene = two_blocks(comm, cell, distortion=0.05)
-    problem = joined(scene, vmdg.Debonding(strength=1e5, critical_gap=1e3), degree=degree)
-    displace(problem, scene, 1.0)
-    matrix = tangent_matrix(problem)
-    assert tangent_error(problem, matrix) < 1e-7
-    assert matrix.isSymmetric(1e-12 * matrix.norm())
-    assert (modes(problem) == Mode.ELASTIC).all()
-
-
-@EVERY_CELL
-@EVERY_DEGREE
 def test_active_damage(comm, cell, degree):
     """Some points in tension, some elastic: K is the derivative through the return maps."""
     problem = partly_damaged(comm, cell, degree)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.checks import gather
 from support.problems import SAME, STRONG, couple, driven, joined
-from support.scenes import two_blocks
+from support.scenes import SEVERAL_RANKS, two_blocks
 
 import vmdg
 from vmdg.meshes import blocks
@@ -76,7 +76,7 @@ RATED = {
 
 
 @pytest.mark.parametrize("name", ["linear", "mixed"])
-@pytest.mark.parametrize("strengths", [0.1, 1.0, 20.0, 1000.0])
+@pytest.mark.parametrize("strengths", [0.1, 1000.0])
 def test_rates_balance_in_a_bar(comm, name, strengths):
     """An overstress of so many strengths at 1 mm/s, any number of steps: rounding of 5e-6.
 
@@ -89,8 +89,16 @@ def test_rates_balance_in_a_bar(comm, name, strengths):
         assert (np.diff(history["viscosity"]) >= 0).all()
 
 
-@pytest.mark.parametrize("name", RATED)
-@pytest.mark.parametrize("kinematics", ["small", "finite"])
+@pytest.mark.parametrize(
+    ("name", "kinematics"),
+    [
+        ("linear", "finite"),
+        ("weak links", "small"),
+        ("exponential", "finite"),
+        ("mixed", "small"),
+        ("intrinsic", "finite"),
+    ],
+)
 def test_rates_balance_as_other_bonds_do(comm, name, kinematics):
     """Opened and sheared unevenly, on the way back in between, at rest at last: no more is missing
     than without a rate, and of second order in the step."""
@@ -229,13 +237,7 @@ def hanging_bar(comm, steps: int, energy: bool) -> tuple[vmdg.Problem, int]:
     return problem, vmdg.solve(problem, steps, options).counts.residuals
 
 
-def test_body_force_works_too(comm):
-    """Dead body forces are external work: a hanging bar balances in few steps."""
-    for steps in (2, 4, 8):
-        energy = hanging_bar(comm, steps, energy=True)[0].energy()
-        assert abs(energy.imbalance) < 3e-5 * energy.external
-
-
+@SEVERAL_RANKS
 def test_energies_of_any_partition_are_those_of_one_rank(comm):
     """Damage, friction and overstress give the same table on all ranks together and on one.
 
@@ -256,14 +258,6 @@ def test_energies_of_any_partition_are_those_of_one_rank(comm):
     assert alone[:5, -1].min() > 0
     assert together == pytest.approx(alone, abs=1e-9 * np.abs(alone).max())
     assert (gather(comm, together.ravel()[None]) == together.ravel()).all()
-
-
-def test_no_energy_before_any_step(comm):
-    """All energies are zero at the start; an interface in place stores nothing."""
-    problem = couple(two_blocks(comm, "quadrilateral", 2), LAW)
-    energy = problem.energy()
-    assert energy.external == energy.dissipated == 0
-    assert abs(energy.stored) < 1e-12
 
 
 def test_work_of_eigenstrains(comm):

@@ -290,7 +290,11 @@ WRONG_VALUES = {
     "norm": (lambda s: tie(within=1, norm="max"), "norm = 'max' must be one of"),
     "frame": (lambda s: tie(within=1, frame="moving"), "frame = 'moving' must be one of"),
     "a tie on demand": (lambda s: tie(within=1, activate="on-demand"), "a tie never fails"),
-    "half a pair": (lambda s: vmdg.NeoHookean(E=1.0), "either E and nu, or mu and lmbda"),
+    "opened later": (lambda s: tie(within=1, law=BOND, activate="later"), "activate"),
+    "opened at no share": (
+        lambda s: tie(within=1, law=BOND, activate="on-demand", activate_at=1.5),
+        "activate_at",
+    ),
     "P_c of 0": (
         lambda s: vmdg.Debonding(strength=0.0, critical_gap=0.2),
         r"strength = 0.0: must be positive .* use Bonded\(\)",
@@ -299,7 +303,6 @@ WRONG_VALUES = {
         lambda s: vmdg.NeoHookean(E=1.0, nu=0.5),
         r"nu = 0.5 must lie in \(-1, 0.5\); .* take for example nu = 0.4998",
     ),
-    "negative E": (lambda s: vmdg.NeoHookean(E=-1.0, nu=0.3), "E = -1.0 must be positive"),
     "dirichlet on an interface": (
         lambda s: held(s, bonded(s), "interface"),
         r"facet \d+ at \[1.0, .*lies on an interface, .* prescribe boundary facets",
