@@ -11,6 +11,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from dolfinx.mesh import CellType, GhostMode, compute_midpoints, create_box
 from parts.coercivity import cells as random_cells
+from support.budgets import over_budget
 from support.checks import (
     by_position,
     directions,
@@ -50,6 +51,9 @@ from vmdg.meshes import blocks
 
 BRICKS = pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
 KINEMATICS = pytest.mark.parametrize("kinematics", ["finite", "small"])
+BOTH_PAIRS = pytest.mark.parametrize(
+    ("cell", "kinematics"), [("quadrilateral", "small"), ("hexahedron", "finite")]
+)
 NEARLY = 0.4999  # Poisson's ratio
 
 
@@ -90,10 +94,10 @@ def test_cooks_membrane(comm):
     """
     reference = 6.86638
     mean = np.array([membrane(comm, n, "mean") for n in (4, 8, 16)])
-    tied = np.array([membrane(comm, n, "mean", tied=True) for n in (4, 8, 16)])
+    tied = membrane(comm, 8, "mean", tied=True)
     locked = membrane(comm, 16, "pointwise")
     assert (np.abs(mean / reference - 1) < [0.12, 0.035, 0.01]).all()
-    assert (np.abs(tied / mean - 1) < 1e-4).all()
+    assert abs(tied / mean[1] - 1) < 1e-4
     assert locked < 0.4 * reference
 
 
@@ -160,8 +164,7 @@ def test_pressure():
 # Exactness
 
 
-@BRICKS
-@KINEMATICS
+@BOTH_PAIRS
 def test_patch(comm, cell, kinematics):
     """Distorted cells, two bodies of one nearly incompressible material, an affine map: exact."""
     d = DIMENSION[cell]
@@ -206,8 +209,7 @@ def test_stress_of_uniform_deformation(comm, cell):
 # Tangent and energy
 
 
-@BRICKS
-@KINEMATICS
+@BOTH_PAIRS
 def test_tied_tangent(comm, cell, kinematics):
     """K is the derivative of the residual, symmetric and of the pattern without theta."""
     scene = two_blocks(comm, cell, distortion=0.05)
@@ -315,8 +317,7 @@ def test_blocks_are_ufl_derivatives(comm, kinematics):
             assert found.norm() < 1e-13 * size
 
 
-@BRICKS
-@KINEMATICS
+@BOTH_PAIRS
 def test_residual_is_derivative_of_energy(comm, cell, kinematics):
     """R.du is the change of the stored energies with zeta held, by differences of fourth order."""
     scene = two_blocks(comm, cell, distortion=0.05)
@@ -375,7 +376,7 @@ def test_rank_of_one_cell(cell, stretch):
 # Coercivity
 
 
-@pytest.mark.parametrize(("alone", "count"), [(True, 150), (False, 40)])
+@pytest.mark.parametrize(("alone", "count"), [(True, 60), (False, 20)])
 @BRICKS
 def test_no_negative_eigenvalue(cell, alone, count):
     """Random cells, contrasts and states, nu to .4999: none is negative, factors stay below 10.
@@ -435,7 +436,7 @@ def test_debonding_on_any_number_of_ranks(comm, cell):
     assert (points[2] >= 20.0).all()
     assert energy.damage == pytest.approx(20.0 * 0.5 / 2 * area)
     assert abs(energy.imbalance) < 0.02 * energy.external
-    assert result.history["iterations"].mean() <= 9
+    assert not over_budget("rubber blocks apart", result)
     assert energy.damage == pytest.approx(alone.damage, rel=1e-9)
     assert np.abs(force - reaction).max() < 1e-8
     for mine, theirs in zip(points, expected, strict=True):
@@ -489,14 +490,6 @@ def test_cells_it_is_not_for(comm, cell, degree):
         joined(scene, vmdg.Bonded(), degree=degree, volumetric="mean")
     with pytest.raises(ValueError, match="volumetric = 'none' must be one of"):
         joined(scene, vmdg.Bonded(), degree=degree, volumetric="none")
-
-
-def test_off_by_default(comm):
-    """Without the option no form has a dilatation."""
-    problem = joined(two_blocks(comm, "quadrilateral"), vmdg.Bonded())
-    assert not problem.discretization.bodies.mean_dilatation
-    names = {f.name for f in problem.discretization.weak_form.residual().coefficients()}
-    assert not names & {"dilatation", "pressure"}
 
 
 @KINEMATICS

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from support.checks import by_position
 from support.problems import joined
-from support.scenes import EVERY_CELL, two_blocks, unit_box
+from support.scenes import EVERY_CELL, SEVERAL_RANKS, two_blocks, unit_box
 
 import vmdg
 from vmdg.base.agreement import same_call
@@ -45,6 +45,7 @@ def sheared_apart(where, cell: str, degree: int = 1):
     return problem, result, (left, right)
 
 
+@SEVERAL_RANKS
 @EVERY_CELL
 def test_same_run_on_any_number_of_ranks(comm, cell):
     """Dofs, forces, energies and the state at every point do not depend on the partition."""
@@ -122,10 +123,7 @@ def test_raise_together(comm):
     assert not global_any(comm, False)
 
 
-SEVERAL = pytest.mark.skipif(MPI.COMM_WORLD.size == 1, reason="ranks that differ")
-
-
-@SEVERAL
+@SEVERAL_RANKS
 def test_calls_of_some_ranks(comm):
     """Of calls of all ranks one that only some make is refused on all, and so is a solve with
     other loads, and a law with other numbers."""
@@ -145,7 +143,7 @@ def test_calls_of_some_ranks(comm):
         joined(scene, drawn)
 
 
-@SEVERAL
+@SEVERAL_RANKS
 def test_a_rank_that_waits_says_so(comm, capfd):
     """In a call of all ranks to which others come late."""
     if comm.rank > 0:

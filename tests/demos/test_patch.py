@@ -12,6 +12,7 @@ import vmdg
 
 SOFT = 5000.0  # E of block 2, MPa; nu = 0 on both sides
 STRETCH = 1.05  # of block 2
+CONTRAST = 1e6  # of the moduli
 TRACTION = SOFT / 2 * (STRETCH - 1 / STRETCH)  # P of (86) for nu = 0: mu (s - 1/s)
 
 LAWS = {
@@ -36,8 +37,7 @@ def shift_nodes(mesh) -> None:
 @EVERY_CELL
 @EVERY_DEGREE
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS.keys())
-@pytest.mark.parametrize("contrast", [1.0, 1e6])
-def test_uniform_traction(comm, cell, degree, law, contrast):
+def test_uniform_traction(comm, cell, degree, law):
     """u is piecewise linear and T = P.N at every point and in the reaction, to 1e-12.
 
     With nu = 0 lateral stretches are 1 under uniaxial stress, so the exact solution is homogeneous
@@ -46,7 +46,7 @@ def test_uniform_traction(comm, cell, degree, law, contrast):
     d = DIMENSION[cell]
     scene = two_blocks(comm, cell, n=2)
     shift_nodes(scene.mesh)
-    materials = (vmdg.NeoHookean(E=SOFT * contrast, nu=0.0), vmdg.NeoHookean(E=SOFT, nu=0.0))
+    materials = (vmdg.NeoHookean(E=SOFT * CONTRAST, nu=0.0), vmdg.NeoHookean(E=SOFT, nu=0.0))
     problem = joined(scene, law, materials, degree=degree)
 
     ratio = TRACTION / materials[0].parameters["mu"]

@@ -40,11 +40,10 @@ def test_closed_forms(comm, out):
     assert (out / "verification.md").read_text().count("\n") == len(checks) + 2
 
 
-@pytest.mark.parametrize("layers", [32, 80])
-def test_points_that_slide_one_by_one(layers):
+def test_points_that_slide_one_by_one():
     """The point between sliding up and down travels by one a correction and the residual hardly
     falls: attempts that are given up then fail at every size of the step."""
-    for check in shear_lag.push_out(layers):
+    for check in shear_lag.push_out(32):
         assert check.error < (1 / 6 if "5.6" in check.case else 0.05), check
 
 
@@ -89,26 +88,6 @@ def test_theory_of_the_cantilever():
     assert pytest.approx(68.9, rel=0.01) == K / 30
     assert pytest.approx(63.2, rel=0.01) == K / (30 + m.chi * m.h)
     assert pytest.approx(1.94, rel=0.01) == 8 * K * (30 + m.chi * m.h) ** 2 / m.rigidity
-
-
-def test_cantilever_before_and_at_the_start_of_growth():
-    """Stiffness within 1% of corrected beam theory; the load lags it where the bond softens."""
-    run = delamination.dcb(element_size=0.25, steps=6, end=1.8, rows=2, degree=2)
-    assert run.checks[0].error < 0.01
-    force, exact = run.history["force"], run.history["force_exact"]
-    assert np.abs(force / exact - 1).max() < 0.03
-    assert (np.diff(run.history["crack"]) >= 0).all()
-
-
-def test_cantilever_while_the_crack_runs():
-    """On a coarse mesh facets break one by one, in small snaps that are traced: load and crack
-    length stay at those of beam theory (measured: .6%, .30 mm with facets of .25 mm)."""
-    run = delamination.dcb(element_size=0.25, steps=20, end=3.0, rows=2)
-    history = run.history
-    running = history["load"] > 2.1
-    assert history["jump_steps"].sum() == 0
-    assert np.abs(history["force"] / history["force_exact"] - 1)[running].max() < 0.02
-    assert np.abs(history["crack"] - history["crack_exact"])[running].max() < 0.5
 
 
 def test_cost_of_a_cantilever():

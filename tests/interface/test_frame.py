@@ -162,17 +162,3 @@ def test_tangent(d, seed):
     assert apply(C, dT) + 2 * np.einsum("piab,pab->pi", Z, dF) == pytest.approx(gap, abs=1e-6)
     changes = np.einsum("pabi,pi->pab", MT, dT) + 2 * np.einsum("pabcd,pcd->pab", MS, dF)
     assert changes == pytest.approx(moment, abs=1e-6)
-
-
-@EVERY_DIMENSION
-@SEEDS
-def test_cross_matrix(d, seed):
-    """X.omega = omega x x, in the plane with omega along the third axis."""
-    rng = np.random.default_rng(seed)
-    x = rng.normal(size=(COUNT, d))
-    omega = rng.normal(size=(COUNT, 3 if d == 3 else 1))
-    full = np.zeros((COUNT, 3))
-    full[:, :d] = x
-    axis = omega if d == 3 else np.column_stack([np.zeros((COUNT, 2)), omega])
-    expected = np.cross(axis, full)[:, :d]
-    assert apply(cross_matrix(x), omega) == pytest.approx(expected, abs=1e-14)

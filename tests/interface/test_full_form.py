@@ -37,17 +37,15 @@ def confine(problem, scene):
 # Patch tests
 
 
-@BOTH_FORMS
-@pytest.mark.parametrize("ratio", [1.0, 1e3])
 @pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
-def test_bonded_patch(comm, cell, ratio, jump):
-    """A uniform traction passes a tie exactly for E ratios 1 and 1e3; nothing is left for (24).
+def test_bonded_patch(comm, cell):
+    """A uniform traction passes a tie exactly with (26) too; nothing is left for (24).
 
     The tolerance is the solver's (1e-12 of the load) times the condition of 1e3 materials.
     """
-    materials = (vmdg.NeoHookean(E=5000.0, nu=0.25), vmdg.NeoHookean(E=5000.0 * ratio, nu=0.25))
+    materials = (vmdg.NeoHookean(E=5000.0, nu=0.25), vmdg.NeoHookean(E=5e6, nu=0.25))
     scene = blocks(comm, cell, (2, 2, 1))
-    problem = joined(scene, vmdg.Bonded(), materials, {"traction_jump": jump})
+    problem = joined(scene, vmdg.Bonded(), materials, {"traction_jump": True})
     confine(problem, scene)
     d = DIMENSION[cell]
     P = np.zeros(d)
@@ -67,36 +65,6 @@ def test_bonded_patch(comm, cell, ratio, jump):
     assert np.abs(state.opening).max(initial=0) < 1e-10
     assert np.abs(problem.fine_scale(0)).max(initial=0) < 1e-10
     assert facet_scalar(problem, 0, "fine_scale").max(initial=0) < 1e-10
-
-
-@BOTH_FORMS
-def test_softening_bar(comm, jump):
-    """7.1.1 with rigid sides: zeta and T follow the closed form in both forms.
-
-    P(s) = P_c (1 - zeta/zeta_c) with delta = 2 (s - 1) + zeta; 1e-9 is the solver's tolerance.
-    """
-    material = vmdg.NeoHookean(E=5000.0, nu=0.25)
-    scene = blocks(comm, "quadrilateral", (2, 2))
-    problem = joined(scene, LAW, (material,) * 2, {"traction_jump": jump})
-    confine(problem, scene)
-    problem.dirichlet(scene.facet_tags.find(2), lambda t: t, "x")
-
-    def excess(zeta, delta):
-        strength = LAW.strength * (1 - zeta / LAW.critical_gap)
-        return confined_stress(1 + (delta - zeta) / 2, material) - strength
-
-    for delta in (0.02, 0.06, 0.10, 0.14, 0.18, 0.22):
-        vmdg.solve(problem, [delta], PRECISE)
-        if excess(0.0, delta) <= 0:
-            zeta, traction = 0.0, confined_stress(1 + delta / 2, material)
-        elif delta >= LAW.critical_gap:
-            zeta, traction = delta, 0.0
-        else:
-            zeta = brentq(excess, 0.0, delta, args=(delta,), xtol=1e-15)
-            traction = LAW.strength * (1 - zeta / LAW.critical_gap)
-        mean = problem.mean(0)
-        assert mean.gap == pytest.approx([zeta, 0], abs=1e-9 * LAW.critical_gap)
-        assert mean.traction == pytest.approx([traction, 0], abs=1e-9 * LAW.strength)
 
 
 # Consistency

@@ -18,6 +18,7 @@ from support.scenes import (
     DIMENSION,
     EVERY_CELL,
     EVERY_DEGREE,
+    SEVERAL_RANKS,
     deform,
     distort,
     everywhere,
@@ -75,6 +76,7 @@ def test_flux_of_normal(comm, cell, inner, outer):
     assert swept == pytest.approx(sign * d * volume, rel=1e-12)
 
 
+@SEVERAL_RANKS
 @EVERY_CELL
 def test_sides_of_equal_tags_ignore_the_partition(comm, cell):
     """Inside one tag every facet has the same side 1 on any number of ranks."""
@@ -212,7 +214,7 @@ def test_steep_softening_names_a_size_that_works(comm, cell):
     assert comm.allreduce(build(2.0 * factor * 0.99).stabilization[0].norm.sum()) > H
 
 
-@pytest.mark.skipif(MPI.COMM_WORLD.size == 1, reason="one rank needs no ghosts")
+@SEVERAL_RANKS
 def test_mesh_without_ghosts(comm):
     """A distributed mesh without facet ghosts is refused, with the option that makes them."""
     mesh = unit_box(comm, "triangle", 8, ghosts=GhostMode.none)

@@ -10,7 +10,7 @@ from dolfinx import fem
 from dolfinx.mesh import compute_midpoints, locate_entities
 from scipy import stats
 from support.checks import by_position, gather
-from support.scenes import two_blocks
+from support.scenes import SEVERAL_RANKS, two_blocks
 
 import vmdg
 from vmdg.laws import Debonding, MixedModeDebonding
@@ -147,6 +147,7 @@ def scattered(seed: int = 3) -> vmdg.Law:
     return Debonding(vmdg.Weibull(30.0, 5.0, seed), vmdg.Weibull(0.1, 8.0, seed + 1), 0.3)
 
 
+@SEVERAL_RANKS
 def test_random_strengths_on_any_ranks(comm):
     """The same strengths and the same curve on these ranks and on one."""
     bonded = vmdg.Interface(between=(1, 2), law=scattered())

@@ -113,12 +113,6 @@ def test_same_snap(comm, unstable):
     assert min(snaps) > 0
 
 
-def test_same_eigenstrain(comm):
-    """Bodies that swell push and shear the interface before any load does."""
-    swells = {2: lambda t: 0.01 * t}
-    assert_same_path(comm, lambda: sheared(comm, "quadrilateral", eigenstrain=swells), FIVE)
-
-
 def test_same_axisymmetric_with_a_tie(comm):
     """A section of revolution, one interface tied and one that fails."""
 

@@ -8,6 +8,8 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from support.budgets import over_budget
+from support.scenes import SEVERAL_RANKS
 
 import vmdg
 from vmdg.meshes import beams, blocks
@@ -35,17 +37,15 @@ def cracked_beam(comm, facets: int, friction: float = 0.0, **options) -> vmdg.Pr
 @pytest.mark.parametrize("kinematics", ["small", "finite"])
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_crack_opens_at_once(comm, kinematics, friction):
-    """The iterations do not depend on the number of facets, and the open crack bears nothing."""
-    iterations = []
-    for facets in (15, 60, 240):
+    """The work does not depend on the number of facets, and the open crack bears nothing."""
+    for facets in (15, 120):
         problem = cracked_beam(comm, facets, friction, kinematics=kinematics)
         result = vmdg.solve(problem, [0.1, 0.2])
         assert not result.failures
-        iterations += list(result.history["iterations"])
+        assert not over_budget("crack that opens", result)
         state = problem.state[1]
         assert not state.traction.any()
         assert (state.opening[:, 1] > 0).all()
-    assert max(iterations) <= 10
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
@@ -54,8 +54,7 @@ def test_pressed_lips_close_at_once(comm, cell, friction):
     """Which points that touch are held and which slide is known before the first correction.
 
     The stiffer block slides without friction on the other, which gets wider, and is held by much of
-    it; by some it slides at both ends. Neither takes more tangents: one of open lips, one of bodies
-    that are linear, which tells what the points do, and one for every correction.
+    it; by some it slides at both ends. Neither takes more tangents.
     """
     mesh, cells, facets = blocks(comm, cell, (8, 16), 1.0, interface=(0.5, 0.5))
     interface = vmdg.Interface(between=(1, 2), law=vmdg.Contact(friction))
@@ -65,8 +64,7 @@ def test_pressed_lips_close_at_once(comm, cell, friction):
     problem.dirichlet(facets.find(2), lambda t: np.array([-0.01 * t, 0.0]))
     result = vmdg.solve(problem, [1.0])
     assert not result.failures
-    assert result.history["iterations"][0] <= 3
-    assert result.counts.factorizations <= result.history["iterations"][0] + 2
+    assert not over_budget("pressed faces", result)
     modes = set(comm.allreduce(list(problem.state[0].mode)))
     slides, held = vmdg.Mode.FRICTION, vmdg.Mode.ELASTIC
     assert modes == {0.0: {slides}, 0.05: {slides, held}, 0.5: {held}}[friction]
@@ -89,8 +87,7 @@ def test_first_guess_of_linear_bodies(comm, cell, friction):
     problem.dirichlet(facets.find(2), lambda x, t: t * np.stack([0.01 * (x[1] - 0.7), *0 * x[1:d]]))
     result = vmdg.solve(problem, [1.0], vmdg.SolveOptions(condensed=True))
     assert not result.failures
-    assert result.history["iterations"][0] <= (d == 3)
-    assert result.counts.factorizations == 1
+    assert not over_budget(f"turned blocks, {d}D", result)
     modes = set(comm.allreduce(list(problem.state[0].mode)))
     assert modes >= {vmdg.Mode.OPEN, vmdg.Mode.FRICTION}
     assert (vmdg.Mode.ELASTIC in modes) == (friction > 0)
@@ -111,10 +108,11 @@ def test_block_rests_on_contact(comm, friction):
         result = vmdg.solve(problem, [0.5, 1.0])
     assert problem.step.rests_on_contact
     assert not result.failures
-    assert result.history["iterations"].max() <= 2
+    assert not over_budget("block on contact", result)
     assert problem.mean(0).traction[0] == pytest.approx(-20.0, rel=1e-9)
 
 
+@SEVERAL_RANKS
 def test_ranks_without_points(comm):
     """A rank of which no facet is on the interface: the same forces with all on one rank."""
     forces = []

@@ -18,7 +18,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from support.problems import couple
-from support.scenes import two_blocks
+from support.scenes import SEVERAL_RANKS, two_blocks
 
 import vmdg
 
@@ -106,7 +106,7 @@ def test_numbers(comm):
     assert {type(rows[0][name]) for name in "pnab"} == {float, int, bool}
 
 
-@pytest.mark.skipif(MPI.COMM_WORLD.size == 1, reason="one rank does not differ from itself")
+@SEVERAL_RANKS
 def test_rows_that_differ(comm):
     """Values and columns: the error names them and the rank."""
     local = lambda p: {"top": float(len(p.state[0].points)) + comm.rank}  # noqa: E731
