@@ -100,7 +100,8 @@ def from_gmsh(gmsh_model: Any) -> MeshArrays:
     rows[tags] = np.arange(len(tags))
     blocks = []
     for dim, entity in gmsh_model.getEntities():
-        groups = [int(group) for group in gmsh_model.getPhysicalGroupsForEntity(dim, entity)]
+        # A negative tag reverses the orientation of the entity, which does not matter here.
+        groups = [abs(int(tag)) for tag in gmsh_model.getPhysicalGroupsForEntity(dim, entity)]
         kinds, _, nodes = gmsh_model.mesh.getElements(dim, entity)
         for kind, flattened in zip(kinds, nodes, strict=True):
             count = gmsh_model.mesh.getElementProperties(kind)[3]

@@ -14,6 +14,7 @@ from dolfinx.mesh import Mesh
 
 from vmdg import compat
 from vmdg.base.parallel import raise_together
+from vmdg.base.tables import rounded
 from vmdg.domain.tags import NamedTags
 from vmdg.meshes.partition import between_bodies, slabs, weighted
 from vmdg.meshes.plane import Plane, turn
@@ -104,8 +105,8 @@ def distribute(
 
     Raises:
         ValueError: a weight below 1, cells without a group, cells or facets in two groups, cells of
-            several types or of an unsupported one, facets without a cell, a 2D mesh that does not
-            lie in its plane, or ``plane`` is not a plane.
+            several types or of an unsupported one, nodes in another order than that of gmsh, facets
+            without a cell, a 2D mesh that does not lie in its plane, or ``plane`` is not a plane.
     """
     message, names = None, None
     if comm.rank == 0:
@@ -153,7 +154,11 @@ def _wrong_groups(gmsh_model: Any, gdim: int, plane: Plane | None) -> str | None
         turn(gmsh_model, gdim, plane)
     except ValueError as error:
         return str(error)
-    return _wrong_cells(gmsh_model, gdim) or _facets_without_cells(gmsh_model, gdim)
+    return (
+        _wrong_cells(gmsh_model, gdim)
+        or _wrong_order(gmsh_model, gdim)
+        or _facets_without_cells(gmsh_model, gdim)
+    )
 
 
 def _place(gmsh_model: Any, dim: int, entity: int) -> str:
@@ -197,6 +202,39 @@ def _nodes(name: str, degree: int) -> int:
     if name.startswith("Tetrahedron"):
         return (degree + 1) * (degree + 2) * (degree + 3) // 6
     return (degree + 1) ** (2 if name.startswith("Quadrilateral") else 3)
+
+
+def _wrong_order(gmsh_model: Any, gdim: int) -> str | None:
+    """Error for cells of degree > 1 whose nodes on an edge or face differ from the neighbour's.
+
+    DOLFINx numbers nodes by edges and faces and would write past the end of its arrays.
+    """
+    for kind in gmsh_model.mesh.getElementTypes(gdim):
+        name, _, degree, *_, corners = gmsh_model.mesh.getElementProperties(kind)
+        if degree == 1:
+            continue
+        # Number of corners, of nodes, the first node inside, and the nodes of all edges or faces.
+        parts = [(2, degree + 1, 2, gmsh_model.mesh.getElementEdgeNodes(kind))]
+        ends, face = (3, "Triangle") if corners == 4 else (4, "Quadrilateral")
+        if gdim == 3 and ends * degree < _nodes(face, degree):
+            nodes = gmsh_model.mesh.getElementFaceNodes(kind, ends)
+            parts.append((ends, _nodes(face, degree), ends * degree, nodes))
+        cells = gmsh_model.mesh.getElementsByType(kind)[1].reshape(-1, _nodes(name, degree))
+        for ends, count, begin, nodes in parts:
+            rows = np.asarray(nodes, dtype=np.int64).reshape(-1, count)
+            outer, inner = np.sort(rows[:, :ends], axis=1), np.sort(rows[:, begin:], axis=1)
+            _, first, which = np.unique(outer, axis=0, return_index=True, return_inverse=True)
+            known, times = np.unique(inner[first], return_counts=True)
+            wrong = inner != inner[first][which.ravel()]
+            wrong |= np.isin(inner, known[times > 1]) | np.isin(inner, cells[:, :corners])
+            if wrong.any():
+                place = gmsh_model.mesh.getNode(rows[wrong.any(axis=1)][0, begin])[0]
+                return (
+                    f"cells of type {name} do not have their nodes in the order of gmsh: the node "
+                    f"at {rounded(place)} lies between other corners in one cell than in its "
+                    "neighbour; to reverse a cell reorder all of its nodes, not only its corners"
+                )
+    return None
 
 
 def _facets_without_cells(gmsh_model: Any, gdim: int) -> str | None:

@@ -140,11 +140,14 @@ def a_part(version: float) -> Callable:
     return write
 
 
-def of_neper(dim: int, order: int = 1, interface: str = "continuous") -> Callable:
-    """The blocks as grains."""
+def of_neper(
+    dim: int, order: int = 1, interface: str = "continuous", section: bool = False
+) -> Callable:
+    """The blocks as grains; a section lies in the plane x-z."""
 
     def write(path: Path) -> None:
         points, cells, facets = (POINTS, CELLS, FACETS) if dim == 2 else foreign.solid()
+        points = points[:, [0, 2, 1]] if section else points
         flat = {}
         if interface != "continuous":
             points, cells, facets, flat = foreign.apart(points, cells, facets)
@@ -157,6 +160,43 @@ def of_neper(dim: int, order: int = 1, interface: str = "continuous") -> Callabl
         foreign.neper(path, points, *groups)
 
     return write
+
+
+def turned(degree: int = 1, bodies: int = 2, recombined: bool = False) -> Callable:
+    """The cells of the first blocks go the other way round."""
+
+    def turn() -> None:
+        if recombined:
+            gmsh.model.mesh.recombine()
+        gmsh.model.mesh.setOrder(degree)
+        gmsh.model.mesh.reverse([(2, body) for body in range(1, bodies + 1)])
+
+    return lambda path: foreign.of_gmsh(path, turn, 2.2)
+
+
+def with_corners_turned(recombined: bool) -> Callable:
+    """One cell of degree 2 has its corners the other way round, and its other nodes as before."""
+
+    def write(path: Path) -> None:
+        turned(2, 0, recombined)(path)
+        lines = path.read_text().splitlines()
+        of_cells = [n for n, line in enumerate(lines) if line.split()[1:2] in (["9"], ["10"])]
+        words = lines[of_cells[-1]].split()
+        corners = slice(5, 9 if recombined else 8)
+        words[corners] = reversed(words[corners])
+        lines[of_cells[-1]] = " ".join(words)
+        path.write_text("\n".join(lines))
+
+    return write
+
+
+def in_negative_groups() -> None:
+    """The right block and its end are in their groups the other way round."""
+    g = gmsh.model
+    for dim, tag, name in ((2, 2, "right"), (1, 1, "end")):
+        entities = g.getEntitiesForPhysicalGroup(dim, tag)
+        g.removePhysicalGroups([(dim, tag)])
+        g.addPhysicalGroup(dim, -entities, tag, name)
 
 
 def two_groups() -> None:
@@ -231,7 +271,26 @@ for version in (2.2, 4.1):
         places={"curve 2": 1.0, 2: 1.0},
         given={"groups": "entities"},
     )
+    GMSH[f"gmsh {version} groups the other way round"] = Read(
+        lambda path, v=version: foreign.of_gmsh(path, in_negative_groups, v)
+    )
+    GMSH[f"gmsh {version} groups the other way round, made anew"] = Read(
+        lambda path, v=version: foreign.of_gmsh(path, in_negative_groups, v),
+        given={"groups": ["left", "right", "join", "end"]},
+    )
+for degree in (1, 2):
+    for bodies in (1, 2):
+        for recombined in (False, True):
+            GMSH[f"gmsh degree {degree}, {bodies} turned{', recombined' * recombined}"] = Read(
+                turned(degree, bodies, recombined)
+            )
 GMSH |= {
+    "gmsh, corners of a triangle turned": Refused(
+        with_corners_turned(False), "Triangle 6 do not have their nodes in the order of gmsh"
+    ),
+    "gmsh, corners of a quadrilateral turned": Refused(
+        with_corners_turned(True), "Quadrilateral 9 do not have their nodes in the order of gmsh"
+    ),
     "gmsh 4.1 binary": Read(
         lambda path: foreign.of_gmsh(path, lambda: gmsh.option.setNumber("Mesh.Binary", 1))
     ),
@@ -422,6 +481,15 @@ for dim in (2, 3):
             of_neper(dim, 1, "cohesive"), "coincident nodes, like .* cohesive .* merge=True drops"
         ),
     }
+NEPER["Neper 2D, a section in x-z"] = Read(of_neper(2, section=True), given={"plane": "xz"})
+NEPER["Neper 2D, a section in x-z as it is"] = Refused(
+    of_neper(2, section=True), "plane='xz' maps them"
+)
+NEPER["Neper 2D, a section of degree 2"] = Read(of_neper(2, 2, section=True), given={"plane": "xz"})
+NEPER["Neper, faces of grains in space"] = Refused(
+    lambda path: foreign.neper(path, foreign.solid()[0], (2, foreign.solid()[2])),
+    "lie in no plane .* mesh the volume",
+)
 NEPER["Neper 2D, nodes with gaps"] = Read(
     changed(
         of_neper(2), ("\n6 3.0", "\n60 3.0"), (" 2 3 6\n", " 2 3 60\n"), (" 2 6 5\n", " 2 60 5\n")

@@ -80,7 +80,7 @@ DIMENSION = {1: 1, 8: 1, 2: 2, 3: 2, 9: 2, 4: 3, 6: 3, 11: 3}
 
 
 def neper(path: Path, points: np.ndarray, *groups: tuple[int, dict]) -> None:
-    """A mesh as Neper writes it: three tags an element, sections of its own, names at the end.
+    """A mesh as Neper writes it: three tags an element, sections of its own, names behind them.
 
     Those of cohesive elements have no quotes, in versions before 4.6 none has.
     """
@@ -100,15 +100,28 @@ def neper(path: Path, points: np.ndarray, *groups: tuple[int, dict]) -> None:
             for tag, name in enumerate(cells_of, 1)
         ]
     nodes = [f"{i} {x:.12f} {y:.12f} {z:.12f}" for i, (x, y, z) in enumerate(points, 1)]
-    path.write_text(
-        "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$MeshVersion\n2.2.3\n$EndMeshVersion\n"
-        "$Domain\ncube\n$EndDomain\n"
-        + "\n".join(["$Nodes", str(len(nodes)), *nodes, "$EndNodes"])
-        + "\n".join(["\n$Elements", str(len(lines)), *lines, "$EndElements"])
-        + "\n$NSets\n1\nx0\n2\n1\n4\n$EndNSets\n$Fasets\n1\nx0\n1\n1 4 1\n$EndFasets\n"
-        + "\n".join(["$PhysicalNames", str(len(names)), *names, "$EndPhysicalNames"])
-        + "\n$ElsetCrySym\ntriclinic\n$EndElsetCrySym\n"
-    )
+    first, last = (np.flatnonzero(points[:, 0] == x) + 1 for x in np.unique(points[:, 0])[[0, -1]])
+    pairs = [f"{there} {here} 1 0 0" for here, there in zip(first, last, strict=True)]
+    sides = [facet for _, of in groups for facet in of.get("end", [])]
+    fasets = [f"{i} " + " ".join(str(node + 1) for node in side) for i, side in enumerate(sides, 1)]
+    sections = {
+        "MeshFormat": ["2.2 0 8"],
+        "MeshVersion": ["2.2.3"],
+        "Domain": ["cube"],
+        "Topology": ["1"],
+        "Nodes": [str(len(nodes)), *nodes],
+        "Elements": [str(len(lines)), *lines],
+        "Periodicity": [str(len(pairs)), *pairs],
+        "NSets": ["1", "x0", str(len(first)), *map(str, first)],
+        "Fasets": ["1", "x0", str(len(fasets)), *fasets],
+        "NodePartitions": [str(len(nodes)), *(f"{i} 1" for i in range(1, len(nodes) + 1))],
+        "PhysicalNames": [str(len(names)), *names],
+        "ElsetOrientations": ["2 rodrigues:active", "1 0.1 0.2 0.3", "2 -0.2 0.0 0.1"],
+        "ElsetCrySym": ["triclinic"],
+        "Groups": ["elset", "2", "1 1", "2 1"],
+    }
+    of_all = ("\n".join([f"${name}", *of, f"$End{name}", ""]) for name, of in sections.items())
+    path.write_text("".join(of_all))
 
 
 #: How a mesh of gmsh is written: sets options, or changes the mesh.
