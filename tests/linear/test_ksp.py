@@ -152,6 +152,29 @@ def test_options_that_nothing_uses(comm):
     assert found == (expected if comm.rank == 0 else [])
 
 
+#: Options that PETSc refuses, and what is said of them.
+REFUSED = {
+    "ksp_type": ("gmress", "Unable to find .* gmress. Did you mean 'gmres' or"),
+    "pc_type": ("gamgg", "Unable to find .* gamgg. Did you mean 'gamg' or"),
+    "pc_factor_mat_solver_type": ("mumpss", "Could not locate .* mumpss .* Did you mean 'mumps'"),
+    "mg_levels_ksp_type": ("chebychev", "Unable to find .* chebychev. Did you mean 'chebyshev'"),
+    "ksp_rtol": ("small", "Input string small has no numeric value"),
+    "ksp_pc_side": ("middle", "Available options: left right"),
+    "snes_type": ("newtonlss", "Unable to find .* newtonlss. Did you mean 'newtonls' or"),
+    "snes_linesearch_type": ("btt", "Unable to find .* btt"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_options_that_petsc_refuses(comm, name):
+    """Named with their value, on every rank."""
+    value, message = REFUSED[name]
+    petsc = {**(GMRES_GAMG if name.startswith("mg") else GMRES_LU), name: value}
+    problem = pressed(comm, "quadrilateral", FRICTION)
+    with pytest.raises(ValueError, match=f"^SolveOptions: petsc: {name} = '{value}': .*{message}"):
+        vmdg.solve(problem, [0.5, 1.0], vmdg.SolveOptions(petsc=petsc))
+
+
 def tridiagonal(diagonal: float) -> PETSc.Mat:
     """100 x 100 with the off-diagonals -1 and 2; ILU factorizes it exactly."""
     matrix = PETSc.Mat().createAIJ(100, nnz=3, comm=MPI.COMM_SELF)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import count
@@ -17,6 +18,7 @@ from ..assembly.means import MeanSpace, lattice_of
 from ..assembly.space import count_pieces
 from ..base.parallel import warn_together
 from ..base.timers import timer
+from ..base.words import near
 from ..domain.geometry import rigid_motions
 from ..forms.geometry import Geometry
 from ..problem.problem import Problem
@@ -223,7 +225,7 @@ class LinearSolver:
         self._keeps = self.multigrid and bool(options.get("pc_gamg_reuse_interpolation"))
         self.coarsened = not self._keeps
         self.iterations = 0
-        self._matrix = matrix
+        self._matrix, self._options = matrix, options
         self._copy: PETSc.Mat | None = None
         self._copied = -1
         self._krylov = make_ksp(matrix, options) if is_iterative(options) else None
@@ -314,7 +316,7 @@ class LinearSolver:
     def _set_up(self) -> None:
         """Build the preconditioner for the current values; reused parts are kept."""
         self._krylov.getPC().setReusePreconditioner(False)
-        with _coarse_products(self._matrix.comm):
+        with _coarse_products(self._matrix.comm), refused_in_words(self._options):
             self._krylov.setUp()
         refuse_memory(self._krylov.getPC())
 
@@ -338,7 +340,7 @@ class LinearSolver:
         state = self._matrix.stateGet()
         if state != self._factorized:
             self._factorized = state
-            with timer("factorize"):
+            with timer("factorize"), refused_in_words(self._direct_options):
                 self._direct.setUp()
             refuse_memory(self._direct.getPC())
         self._direct.solve(b, x)
@@ -349,7 +351,7 @@ class LinearSolver:
         from negative pivots of LDL^T, or a negative determinant by LU (an odd number of them)."""
         if self._factorized != self._matrix.stateGet() or self._direct is None:
             return False
-        if "mumps" not in self._direct_options.values():
+        if self._direct_options.get("pc_factor_mat_solver_type") != "mumps":
             return False
         factors = self._direct.getPC().getFactorMatrix()
         if self._direct_options["pc_type"] == "cholesky":
@@ -437,7 +439,52 @@ def set_options(item: PETSc.KSP | PETSc.SNES, options: Petsc) -> None:
     for name, value in options.items():
         database[name] = value
     item.setOptionsPrefix(prefix)
-    item.setFromOptions()
+    with refused_in_words(options):
+        item.setFromOptions()
+
+
+#: Error codes of PETSc for options: a value out of range or not allowed, an unknown type, a missing
+#: solver package.
+_REFUSALS = (62, 63, 83, 86, 92)
+
+#: Known types by the end of the name of an option.
+_TYPES = {
+    "ksp_type": PETSc.KSP.Type,
+    "pc_type": PETSc.PC.Type,
+    "mat_solver_type": PETSc.Mat.SolverType,
+    "snes_type": PETSc.SNES.Type,
+}
+
+
+@contextmanager
+def refused_in_words(options: Petsc) -> Iterator[None]:
+    """Convert an error of PETSc about an option into one that names it and similar names.
+
+    Args:
+        options: Without prefix.
+
+    Raises:
+        ValueError: PETSc has no such type, or the option no such value.
+    """
+    try:
+        yield
+    except PETSc.Error as error:
+        if error.ierr not in _REFUSALS:
+            raise
+        # The last line says what is wrong, the lines before it where.
+        said = re.sub(r"-?vmdg_\d+_", "", str(error).splitlines()[-1].partition("] ")[2])
+        words = set(re.findall(r"[\w.+-]+", said))
+        named = {name: str(value) for name, value in options.items() if str(value) in words}
+        if not named:
+            raise
+        meant = ""
+        for name, value in named.items():
+            kinds = (of for end, of in _TYPES.items() if name.endswith(end))
+            known = {of for kind in kinds for word, of in vars(kind).items() if word.isupper()}
+            # A known type of a missing package is not misspelt.
+            meant += "" if value in known else near(value, sorted(known))
+        given = ", ".join(f"{name} = {value!r}" for name, value in named.items())
+        raise ValueError(f"SolveOptions: petsc: {given}: PETSc says: {said}{meant}") from error
 
 
 def warn_of_unused(item: PETSc.KSP | PETSc.SNES) -> None:
