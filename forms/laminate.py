@@ -183,14 +183,15 @@ def _heights(thickness: float | Sequence[float], plies: int) -> NDArray[np.float
     Raises:
         ValueError: one is not positive, or their number does not match the plies.
     """
-    heights = np.asarray(thickness, dtype=float)
+    heights = np.asarray(thickness)
     if heights.shape not in ((), (plies,)) or plies == 0:
         raise ValueError(
             f"Laminate: {plies} plies, and a thickness of shape {heights.shape}; give one number, "
             "or one for each ply"
         )
-    if not (np.isfinite(heights).all() and (heights > 0).all()):
-        raise ValueError(f"Laminate: thickness = {thickness} must be positive and finite")
+    number = heights.dtype.kind in "iuf"
+    if not (number and np.isfinite(heights).all() and (heights > 0).all()):
+        raise ValueError(f"Laminate: thickness = {thickness!r} must be positive and finite")
     return np.broadcast_to(heights, plies)
 
 

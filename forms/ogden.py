@@ -50,13 +50,15 @@ class Ogden(Material):
         kappa: Bulk modulus [MPa].
 
     Raises:
-        TypeError: ``kappa`` is not a number.
+        TypeError: one of them is not a number.
         ValueError: ``c`` and ``m`` differ in length, or a modulus is outside its range.
     """
 
     free_at_rest = True
 
     def __init__(self, *, c: ArrayLike, m: ArrayLike, kappa: float):
+        if {np.asarray(c).dtype.kind, np.asarray(m).dtype.kind} & set("US"):
+            raise TypeError(f"Ogden: c = {c!r} and m = {m!r} must be numbers, not text")
         c, m = np.atleast_1d(np.asarray(c, float)), np.atleast_1d(np.asarray(m, float))
         if c.ndim != 1 or c.shape != m.shape or not c.size:
             raise ValueError(

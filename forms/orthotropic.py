@@ -190,9 +190,10 @@ def _checked_rotation(name: str, rotation: ArrayLike) -> NDArray[np.float64]:
     Raises:
         ValueError: it is not a rotation.
     """
-    axes = np.asarray(rotation, dtype=float)
+    axes = np.asarray(rotation)
     if (
         axes.shape != (3, 3)
+        or axes.dtype.kind not in "iuf"
         or not np.abs(axes.T @ axes - np.eye(3)).max() < 1e-10
         or np.linalg.det(axes) < 0
     ):
@@ -200,7 +201,7 @@ def _checked_rotation(name: str, rotation: ArrayLike) -> NDArray[np.float64]:
             f"{name}: rotation = {axes.tolist()} must be a matrix (3, 3) with orthonormal columns, "
             "the material axes, and determinant 1"
         )
-    return axes
+    return axes.astype(float)
 
 
 def _three(name: str, values: ArrayLike) -> NDArray[np.float64]:

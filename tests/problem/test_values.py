@@ -164,6 +164,93 @@ def test_unclear_function(problem, scene, door, value):
         give[door]()
 
 
+#: Texts for numbers where a problem is described, which numpy would read: what is made, and words.
+TEXTS = {
+    "c": (
+        lambda: vmdg.Ogden(c=("3.0",), m=(2.0,), kappa=1.0),
+        r"c = \('3.0',\) and m = .* numbers",
+    ),
+    "E": (lambda: vmdg.NeoHookean(E="3.0", nu=0.3), "NeoHookean: E = '3.0' must be one number"),
+    "rotation": (
+        lambda: vmdg.Cubic(C11=3.0, C12=1.0, C44=1.0, rotation=np.eye(3).astype(str)),
+        "Cubic: rotation = .* must be a matrix",
+    ),
+    "ply": (
+        lambda: vmdg.Laminate(
+            [vmdg.Orthotropic(E=(1.0,) * 3, nu=(0.0,) * 3, G=(1.0,) * 3)], thickness="0.1"
+        ),
+        "thickness = '0.1' must be positive",
+    ),
+    "strength": (lambda: vmdg.Debonding("3.0", 0.1), "strength = '3.0': must be one number, an"),
+    "strengths": (
+        lambda: vmdg.Debonding(["3.0"], 0.1),
+        r"strength = \['3.0'\]: must be one number,",
+    ),
+    "viscosity": (
+        lambda: vmdg.Debonding(3.0, 0.1, viscosity="1.0"),
+        "viscosity = '1.0': must be one number;",
+    ),
+    "exponent": (
+        lambda: vmdg.MixedModeDebonding(3.0, 3.0, 1.0, 1.0, criterion="BK", exponent="2.0"),
+        "exponent = '2.0': must be at least 1",
+    ),
+    "life": (
+        lambda: vmdg.FatigueDebonding(3.0, 3.0, 1.0, 1.0, life="1e7"),
+        "life = '1e7': must be in",
+    ),
+    "activate_at": (
+        lambda: vmdg.Interface(within=1, law=vmdg.Debonding(3.0, 0.1), activate_at="0.4"),
+        "activate_at = '0.4' must lie in",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", TEXTS)
+def test_text_for_a_number(what):
+    """A text is no number, though it may look like one."""
+    make, message = TEXTS[what]
+    with pytest.raises((TypeError, ValueError), match=message):
+        make()
+
+
+def bonded(scene, law=None, material=STEEL) -> vmdg.Problem:
+    """Both blocks, with a bond between them."""
+    one = vmdg.Interface(between=(1, 2), law=law or vmdg.Debonding(3.0, 0.1))
+    return vmdg.Problem(scene.mesh, scene.cell_tags, {1: material, 2: STEEL}, [one])
+
+
+#: Doors of a problem, and how a value gets there.
+DOORS = {
+    "dirichlet": lambda scene, v: bonded(scene).dirichlet(scene.facet_tags.find(2), v, "x"),
+    "traction": lambda scene, v: bonded(scene).traction(scene.facet_tags.find(2), v),
+    "body_force": lambda scene, v: bonded(scene).body_force(v),
+    "pressure": lambda scene, v: bonded(scene).pressure(scene.facet_tags.find(2), v),
+    "point_load": lambda scene, v: bonded(scene).point_load(lambda x: x[0] < 1e-9, v, "x"),
+    "rigid_face": lambda scene, v: bonded(scene).rigid_face(scene.facet_tags.find(2), "x", force=v),
+    "eigenstrain": lambda scene, v: eigenstrain(scene, v),
+}
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_text_at_a_door(scene, door):
+    """Named with the door, on every rank, also where a function gives it."""
+    for value in ("3.0", lambda t: "3.0"):
+        with pytest.raises(ValueError, match=f"{door}.*: '3.0' is text, not a number; write"):
+            DOORS[door](scene, value)
+
+
+def test_text_from_a_function_of_place(scene):
+    """Moduli and strengths too."""
+
+    def text(x):
+        return ["3.0"] * x.shape[1]
+
+    with pytest.raises(ValueError, match=r"(?s)material of tag 1.*'3.0' is text, not a number"):
+        bonded(scene, material=vmdg.NeoHookean(E=text, nu=0.3))
+    with pytest.raises(ValueError, match=r"strength of the law .*'3.0' is text, not a number"):
+        bonded(scene, vmdg.Debonding(text, 0.1))
+
+
 def test_fails_on_one_rank(problem, scene):
     """A function that fails at the points of one rank is refused on every rank."""
 

@@ -18,6 +18,7 @@ from ..base.agreement import together
 from ..base.kernels import compile_form
 from ..base.parallel import global_max, raise_together
 from ..base.quadrature import load_degree
+from ..base.words import as_numbers
 from ..domain.materials import Bodies
 from ..domain.topology import boundary_rows
 from ..forms import surface
@@ -288,7 +289,7 @@ class Surface:
             result *= active.history.softening >= BROKEN * active.law.strength
         if share is not None:
             width = active.values.width(active.quadrature.normal)
-            given = together(self._mesh.comm, lambda: np.asarray(share(width), dtype=float))
+            given = together(self._mesh.comm, lambda: as_numbers(share(width)))
             if given.shape not in ((), result.shape) or not np.isfinite(given).all():
                 message = "pressure: share must return one finite number for each opening (n,)"
                 given = np.zeros(())

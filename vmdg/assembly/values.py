@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.parallel import raise_together
 from ..base.tables import rounded
-from ..base.words import at_points
+from ..base.words import as_numbers, at_points
 
 
 class Part(NamedTuple):
@@ -82,8 +82,8 @@ def value_at(value: Value, t: float, points: NDArray[np.float64] | None = None) 
     if isinstance(value, fem.Constant):
         return np.array(value.value)
     if not callable(value):
-        return np.asarray(value, dtype=float)
-    return np.asarray(value(t) if points is None else at_points(value, points, t), dtype=float)
+        return as_numbers(value)
+    return as_numbers(value(t) if points is None else at_points(value, points, t))
 
 
 def not_finite(parts: Iterable[Part]) -> str:

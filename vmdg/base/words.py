@@ -1,4 +1,4 @@
-"""Messages for frequent mistakes: names that do not exist, functions of one point, paths."""
+"""Messages for frequent mistakes: unknown names, text as numbers, functions of one point, paths."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from functools import wraps
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
 
 Called = TypeVar("Called", bound=Callable[..., Any])
 
@@ -42,6 +45,23 @@ def checked_path(what: str, path: Any) -> Path:
     if not isinstance(path, str | PathLike):
         raise TypeError(f"{what} = {path!r} must be a str or a Path")
     return Path(path)
+
+
+def as_numbers(values: Any) -> NDArray[np.float64]:
+    """The user's values as an array of floats; numpy alone would convert text such as "3.0".
+
+    Args:
+        values: A number, or an array of any shape.
+
+    Raises:
+        ValueError: one of them is text.
+    """
+    array = np.asarray(values)
+    if array.dtype.kind in "USO":
+        for one in array.flat:
+            if isinstance(one, str | bytes):
+                raise ValueError(f"{str(one)!r} is text, not a number; write it without quotes")
+    return array.astype(float, copy=False)
 
 
 def at_points(function: Callable[..., Any], *arguments: Any, what: str = "") -> Any:

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from ..base.parallel import global_box
 from ..base.tables import rounded
+from ..base.words import as_numbers
 from .shapes import determinants
 from .topology import box_sides
 
@@ -113,7 +114,7 @@ def make_lattice(mesh: Mesh, vectors: ArrayLike | None) -> Lattice:
         ValueError: the vectors are not independent, or the mesh does not fill the cell.
     """
     d = mesh.geometry.dim
-    A = np.diag(box_sides(mesh)[:d]) if vectors is None else np.array(vectors, dtype=float)
+    A = np.diag(box_sides(mesh)[:d]) if vectors is None else as_numbers(vectors)
     if A.shape != (d, d) or not np.isfinite(A).all() or not np.linalg.cond(A) < 1e6:
         raise ValueError(
             f"Periodic: vectors = {vectors!r} must be the {d} linearly independent sides of the "

@@ -15,6 +15,7 @@ from dolfinx.mesh import Mesh, compute_midpoints
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.parallel import raise_together
+from ..base.words import as_numbers
 from ..forms.dilatation import MeanDilatation
 from ..forms.geometry import Geometry
 from ..forms.kinematics import Body
@@ -237,7 +238,7 @@ def _found_from(
 def _given_on(mesh: Mesh, value: Any, cells: NDArray[np.integer]) -> NDArray[np.float64]:
     if callable(value) and not isinstance(value, fem.Function):
         midpoints = compute_midpoints(mesh, mesh.topology.dim, cells)
-        return np.asarray(value(midpoints.T), dtype=float)
+        return as_numbers(value(midpoints.T))
     return rows_of_cells(mesh, value, cells)
 
 
@@ -254,7 +255,7 @@ def rows_of_cells(
         if space.mesh is not mesh or space.dofmap.list.shape[1:] != (1,):
             raise ValueError("a Function must be of degree 0 on the mesh of the problem")
         return value.x.array.reshape(-1, *value.ufl_shape)[space.dofmap.list[cells, 0]]
-    values = np.asarray(value, dtype=float)
+    values = as_numbers(value)
     index_map = mesh.topology.index_map(mesh.topology.dim)
     if values.ndim == 0 or len(values) != index_map.size_local + index_map.num_ghosts:
         raise ValueError(

@@ -8,6 +8,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..base.words import as_numbers
+
 SYMMETRIES = ("cubic", "hexagonal", "orthorhombic", "triclinic")
 
 
@@ -29,7 +31,7 @@ def misorientation(
     Raises:
         ValueError: an unknown symmetry, or arrays of the wrong shape.
     """
-    one, two = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
+    one, two = as_numbers(first), as_numbers(second)
     if symmetry not in SYMMETRIES:
         raise ValueError(f"misorientation: symmetry = {symmetry!r} must be one of {SYMMETRIES}")
     if one.shape[-2:] != (3, 3) or one.shape != two.shape:

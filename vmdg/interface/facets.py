@@ -13,7 +13,7 @@ from dolfinx.mesh import GhostMode, Mesh, compute_midpoints, locate_entities
 from numpy.typing import NDArray
 
 from ..base.parallel import global_sum, raise_together
-from ..base.words import at_points
+from ..base.words import as_numbers, at_points
 from ..domain.tags import group_tag
 from ..domain.topology import (
     UNTAGGED,
@@ -366,7 +366,7 @@ def _at_midpoints(
     mesh: Mesh, given: Any, x: NDArray[np.float64], cells: NDArray[np.int32]
 ) -> NDArray[np.float64]:
     if not isinstance(given, fem.Function):
-        return np.asarray(at_points(given, x.T), dtype=float)
+        return as_numbers(at_points(given, x.T))
     if given.function_space.mesh is not mesh or given.ufl_shape != ():
         raise ValueError("it must be a scalar Function on the mesh of the problem")
     if not len(x):

@@ -144,8 +144,8 @@ class Interface:
         for what, word, known in words:
             if word not in known:
                 raise ValueError(f"Interface: {what} = {word!r} must be one of {known}")
-        if not 0 < activate_at <= 1:
-            raise ValueError(f"Interface: activate_at = {activate_at} must lie in (0, 1]")
+        if isinstance(activate_at, str) or not 0 < activate_at <= 1:
+            raise ValueError(f"Interface: activate_at = {activate_at!r} must lie in (0, 1]")
         if activate == "on-demand" and not law.inelastic:
             raise ValueError("Interface: a tie never fails, so it cannot open on demand")
         several = between is None or callable(between) or between == ALL

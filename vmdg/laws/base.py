@@ -456,14 +456,15 @@ def _check_parameter(law: Law, name: str, value: Any) -> None:
         if callable(value):
             return
         try:
-            value = np.array(value, dtype=float)
-        except (TypeError, ValueError):
+            value = np.array(value)
+        except ValueError:
             value = np.zeros(())
-        if value.ndim != 1:
+        if value.ndim != 1 or value.dtype.kind not in "biuf":
             raise TypeError(
                 f"{name} = {getattr(law, name)!r}: must be one number, an array with a number for "
                 "every facet of Interface(facets=...), or f(x) of midpoints x (3, n) of facets"
             )
+        value = value.astype(float)
         value.flags.writeable = False
     else:
         value = float(value)

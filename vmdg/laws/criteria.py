@@ -120,9 +120,9 @@ def criterion_of(name: str, exponent: float | None, shear_ratio: float) -> Crite
             f'exponent is missing: criterion="{name}" requires it; it is fitted to tests at '
             "several mode ratios, for carbon/epoxy 1 to 3"
         )
-    if not 1.0 <= exponent < math.inf:
+    if isinstance(exponent, str) or not 1.0 <= exponent < math.inf:
         raise ValueError(
-            f"exponent = {exponent}: must be at least 1 and finite, or the energy would have an "
+            f"exponent = {exponent!r}: must be at least 1 and finite, or the energy would have an "
             "infinite slope at a pure mode"
         )
     return CRITERIA[name](shear_ratio, float(exponent))

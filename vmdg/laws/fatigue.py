@@ -123,8 +123,8 @@ class FatigueDebonding(MixedModeDebonding):
             ("shear_factor", 0.0, math.inf, "endurance in shear over that in opening, 0.58"),
         ):
             value = getattr(self, name)
-            if not low < value < high:
-                raise ValueError(f"{name} = {value}: must be in ({low:g}, {high:g}); {remedy}")
+            if isinstance(value, str) or not low < value < high:
+                raise ValueError(f"{name} = {value!r}: must be in ({low:g}, {high:g}); {remedy}")
         if not self.endurance * self.shear_factor < 1.0:
             raise ValueError(
                 f"shear_factor = {self.shear_factor}: the endurance in shear, endurance * "

@@ -313,7 +313,8 @@ def check_rigid_face(
             "rigid_face: a tilting face requires at=, the point of the force and the displacement, "
             "for example its centre"
         )
-    if at is not None and (np.shape(at) != (d,) or not np.isfinite(at).all()):
+    point = np.zeros(d) if at is None else np.asarray(at)
+    if point.shape != (d,) or point.dtype.kind not in "iuf" or not np.isfinite(point).all():
         raise ValueError(f"rigid_face: at = {at!r} must be a point of {d} finite coordinates")
 
 

@@ -14,6 +14,7 @@ from ufl.core.expr import Expr
 
 from ..assembly.values import takes_points, value_at
 from ..base.parallel import raise_together
+from ..base.words import as_numbers
 from ..domain.materials import Bodies, rows_of_cells
 from ..domain.tags import Group, by_tag
 
@@ -127,7 +128,7 @@ def _reader(
     if isinstance(value, Expr) and not isinstance(value, fem.Constant):
         raise ValueError("a UFL expression has no cell values")
     if not callable(value):
-        array = np.asarray(value, dtype=float)
+        array = as_numbers(value)
         if array.ndim in (1, 3):
             rows = rows_of_cells(mesh, array, cells)
             return lambda t: rows, False
