@@ -20,6 +20,7 @@ from .polycrystal import polycrystal
 from .pushout import pushout
 from .pushout_section import pushout_section
 from .two_blocks import blocks
+from .walls import with_wall
 
 __all__ = [
     "TaggedMesh",
@@ -39,5 +40,6 @@ __all__ = [
     "random_fibres",
     "read_mesh",
     "tearing",
+    "with_wall",
     "write_mesh",
 ]

@@ -107,7 +107,7 @@ def read_mesh(
                 comm, lambda: _load(path, gmsh_model, cell_tags, facet_tags, merge, groups)
             )
             warn_together(comm, warning and f"read_mesh: {path}: {warning}")
-            return _shifted(distribute(gmsh_model, comm, gdim, plane=plane), shift)
+            return shifted(distribute(gmsh_model, comm, gdim, plane=plane), shift)
     except ValueError as error:
         raise ValueError(f"read_mesh: {path}: {error}") from None
     except ImportError as error:
@@ -291,7 +291,7 @@ def _bare_names(content: mmap.mmap) -> Iterator[tuple[int, int, str]]:
             yield int(words[0]), int(words[1]), words[2].strip()
 
 
-def _shifted(tagged: TaggedMesh, shift: int) -> TaggedMesh:
+def shifted(tagged: TaggedMesh, shift: int) -> TaggedMesh:
     """The mesh with the cell tags of the file."""
     if not shift:
         return tagged

@@ -17,6 +17,7 @@ from .forms.materials import NeoHookean as NeoHookean
 from .forms.ogden import Ogden as Ogden
 from .forms.orthotropic import Cubic as Cubic
 from .forms.orthotropic import Orthotropic as Orthotropic
+from .forms.rigid import Rigid as Rigid
 from .interface.interface import Interface as Interface
 from .interface.points import InterfaceState as InterfaceState
 from .laws import Bonded as Bonded

@@ -1,4 +1,4 @@
-"""A rigid wall is one layer of stiff cells, however thin, and bears what statics say."""
+"""A rigid wall is one layer of cells, stiff or `Rigid`, and bears what statics say."""
 
 from __future__ import annotations
 
@@ -6,25 +6,28 @@ import warnings
 
 import numpy as np
 import pytest
-from support.scenes import DIMENSION, LEFT, RIGHT, two_blocks
+from support.scenes import CELLS, DIMENSION, EVERY_CELL, LEFT, RIGHT, two_blocks
 
 import vmdg
+from vmdg.meshes import blocks, with_wall
 
 E, PRESSED, FRICTION = 1000.0, 0.01, 0.3
 
 
 def block_on_a_wall(comm, cell, kinematics, stiff):
-    """A block, a wall so many times as stiff, friction between them; pressed, then dragged."""
+    """A block, a wall so many times as stiff or rigid, inf; pressed against it, then dragged."""
     scene = two_blocks(comm, cell, 2)
     x = scene.mesh.geometry.x
     x[:, 0] = np.minimum(x[:, 0], 1 + 0.01 * (x[:, 0] - 1))  # a layer of .01 mm for block 2
-    body, wall = vmdg.NeoHookean(E=E, nu=0.0), vmdg.NeoHookean(E=stiff * E, nu=0.0)
+    body = vmdg.NeoHookean(E=E, nu=0.0)
+    wall = vmdg.Rigid() if stiff == np.inf else vmdg.NeoHookean(E=stiff * E, nu=0.0)
     contact = vmdg.Interface(between=(1, 2), law=vmdg.Contact(friction=FRICTION), frame="reference")
     problem = vmdg.Problem(
         scene.mesh, scene.cell_tags, {1: body, 2: wall}, [contact], kinematics=kinematics
     )
     left, right = scene.facet_tags.find(LEFT), scene.facet_tags.find(RIGHT)
-    problem.dirichlet(right, 0.0)
+    if stiff < np.inf:
+        problem.dirichlet(right, 0.0)
     across = np.zeros(DIMENSION[cell] - 2)
     problem.dirichlet(left, lambda t: (PRESSED * min(t, 1), 0.03 * max(t - 1, 0), *across))
     return problem, left, right
@@ -36,6 +39,8 @@ def block_on_a_wall(comm, cell, kinematics, stiff):
         ("quadrilateral", "small", 1e6),
         ("quadrilateral", "finite", 1e4),
         ("tetrahedron", "finite", 1e6),
+        ("quadrilateral", "small", np.inf),
+        ("tetrahedron", "finite", np.inf),
     ],
 )
 def test_block_on_a_wall(comm, cell, kinematics, stiff):
@@ -54,7 +59,7 @@ def test_block_on_a_wall(comm, cell, kinematics, stiff):
     assert dragged == pytest.approx(-problem.reaction(left), abs=1e-6 * exact)
     given = problem.space.tabulate_dof_coordinates()[:, 0] > 1 + 1e-6
     moved = problem.u.x.array.reshape(-1, DIMENSION[cell])
-    assert np.abs(moved[given]).max(initial=0.0) < PRESSED / stiff
+    assert np.abs(moved[given]).max(initial=0.0) <= PRESSED / stiff
 
 
 def test_too_stiff(comm):
@@ -66,3 +71,249 @@ def test_too_stiff(comm):
     told = [str(one.message) for one in caught if one.category is vmdg.ModelWarning]
     assert all("rounding error of the stiffest body" in text for text in told)
     assert len(told) == (comm.rank == 0)
+
+
+P_C, GAP, LENGTH = 10.0, 0.4, 2.0  # MPa, mm
+BODY = vmdg.NeoHookean(E=E, nu=0.0)
+
+
+def bar(comm, cell, kinematics, wall=None, activate="all", **options):
+    """A bar of 2 mm between a support and a wall that pulls at its bond."""
+    d = DIMENSION[cell]
+    tagged = blocks(comm, cell, (3, 3, 2))
+    mesh, cells, facets = with_wall(tagged, tagged.facet_tags.find("right"), 0.25)
+    moving = vmdg.Rigid(lambda t: (t, *np.zeros(d - 1)))
+    glued = vmdg.Interface(between=("left", "right"), law=vmdg.Bonded())
+    law, between = vmdg.Debonding(P_C, GAP), ("right", "wall")
+    bond = vmdg.Interface(between=between, law=law, name="bond", activate=activate)
+    bodies = {"left": BODY, "right": BODY, "wall": wall or moving}
+    problem = vmdg.Problem(mesh, cells, bodies, [glued, bond], kinematics=kinematics, **options)
+    problem.dirichlet(facets.find("left"), 0.0)
+    return problem, facets
+
+
+@EVERY_CELL
+def test_pulled_off(comm, cell):
+    """F = E u/L up to the strength, then P_c (1 - zeta/zeta_c) with u = F L/E + zeta, then none."""
+    problem, facets = bar(comm, cell, "small")
+    onset = P_C * LENGTH / E
+    loads = np.array([0.5 * onset, onset, 0.1, 0.25, 0.39, 0.5])
+    force = lambda p: {"F": p.reaction(facets.find("wall"))[0]}  # noqa: E731
+    options = vmdg.SolveOptions(energy=True)
+    history = vmdg.solve(problem, loads, options, monitor=force).history
+    rows = [history["load"].tolist().index(load) for load in loads]
+    softening = P_C * (1 - (loads - onset) / (GAP - onset))
+    exact = np.where(loads <= onset, E * loads / LENGTH, np.maximum(softening, 0.0))
+    assert np.asarray(history["F"])[rows] == pytest.approx(exact, abs=1e-6 * P_C)
+    energy = problem.energy()
+    assert energy.damage == pytest.approx(P_C * GAP / 2, rel=1e-6)
+    assert energy.external == pytest.approx(P_C * GAP / 2, rel=1e-5)
+
+
+def strip(comm, kinematics, stiff):
+    """A strip 4 mm long on a wall, lifted at its left end."""
+    tagged = blocks(comm, "quadrilateral", (8, 2), length=4.0, height=0.4, interface=(2.0, 2.0))
+    mesh, cells, facets = with_wall(tagged, tagged.facet_tags.find("bottom"), 0.1)
+    wall = vmdg.Rigid() if stiff == np.inf else vmdg.NeoHookean(E=stiff * E, nu=0.0)
+    law, bottom = vmdg.Debonding(1.0, 0.04), facets.find("bottom")
+    bond = vmdg.Interface(facets=bottom, law=law, frame="reference", name="bond")
+    bodies = {"left": BODY, "right": BODY, "wall": wall}
+    problem = vmdg.Problem(mesh, cells, bodies, [bond], kinematics=kinematics)
+    if stiff < np.inf:
+        problem.dirichlet(facets.find("wall"), 0.0)
+    problem.dirichlet(facets.find("left"), lambda t: t, "y")
+    problem.dirichlet(facets.find("right"), 0.0, "x")
+    return problem, facets
+
+
+def lifts(sides):
+    """Forces along y on sides, for the history."""
+    return lambda problem: {name: problem.reaction(side)[1] for name, side in sides.items()}
+
+
+@pytest.mark.parametrize("kinematics", ["small", "finite"])
+def test_peeled(comm, kinematics):
+    """The force along the way comes ever nearer to that off stiff bodies, and the work is G_c."""
+    loads, ends = np.linspace(0.01, 0.2, 20), []
+    for stiff in (np.inf, 1e4, 1e6):
+        problem, facets = strip(comm, kinematics, stiff)
+        sides = {side: facets.find(side) for side in ("left", "right", "wall")}
+        options = vmdg.SolveOptions(energy=True, control="load")
+        table = vmdg.solve(problem, loads, options, lifts(sides)).history
+        left, right, wall = (np.asarray(table[side]) for side in ("left", "right", "wall"))
+        if stiff == np.inf:
+            assert left + right == pytest.approx(-wall, abs=1e-7)
+        energy = problem.energy()
+        ends.append(np.append(left, energy.damage))
+        spent = energy.bulk + energy.interface + energy.damage + energy.viscosity
+        assert energy.external == pytest.approx(spent, rel=2e-3)
+    assert 0.3 < problem.debonded("bond") < 0.9
+    assert ends[1] == pytest.approx(ends[0], rel=1e-3)
+    assert ends[2] == pytest.approx(ends[0], rel=1e-4)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cell", CELLS)
+def test_limit_of_stiff_bodies(comm, cell, degree):
+    """At finite strain tractions beside a wall of 1e4, 1e6 times the modulus come ever nearer."""
+    ends = []
+    for stiff in (np.inf, 1e4, 1e6):
+        hard = None if stiff == np.inf else vmdg.NeoHookean(E=stiff * E, nu=0.0)
+        problem, facets = bar(comm, cell, "finite", hard, degree=degree)
+        if hard is not None:
+            across = np.zeros(DIMENSION[cell] - 1)
+            problem.dirichlet(facets.find("wall"), lambda t, across=across: (t, *across))
+        vmdg.solve(problem, [0.01, 0.1])
+        ends.append(problem.mean("bond").traction)
+    assert ends[1] == pytest.approx(ends[0], abs=1e-3 * P_C)
+    assert ends[2] == pytest.approx(ends[0], abs=1e-5 * P_C)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"plane": "stress", "thickness": 0.5},
+        {"volumetric": "mean"},
+        {"activate": "on-demand"},
+    ],
+    ids=lambda options: next(iter(options)),
+)
+@pytest.mark.parametrize("kinematics", ["small", "finite"])
+def test_with_other_features(comm, kinematics, options):
+    """The force before and on the way to the end of the bond is that of a stiff wall."""
+    forces = []
+    for stiff in (np.inf, 1e6):
+        hard = None if stiff == np.inf else vmdg.NeoHookean(E=stiff * E, nu=0.0)
+        problem, facets = bar(comm, "quadrilateral", kinematics, hard, **options)
+        if hard is not None:
+            problem.dirichlet(facets.find("wall"), lambda t: (t, 0.0))
+        force = lambda p, f=facets: {"F": p.reaction(f.find("left"))[0]}  # noqa: E731
+        table = vmdg.solve(problem, [0.01, 0.1, 0.2], monitor=force).history
+        rows = [table["load"].tolist().index(load) for load in (0.01, 0.1, 0.2)]
+        forces.append(np.asarray(table["F"])[rows])
+    assert np.abs(forces[0]).min() > 1.0
+    assert forces[1] == pytest.approx(forces[0], rel=1e-4)
+
+
+def test_pulled_off_a_cylinder(comm):
+    """In axisymmetry along the axis: F = pi R^2 E u/H, then pi R^2 P_c (1 - zeta/zeta_c)."""
+    tagged = blocks(comm, "triangle", (3, 3))
+    mesh, cells, facets = with_wall(tagged, tagged.facet_tags.find("top"))
+    bond = vmdg.Interface(facets=facets.find("top"), law=vmdg.Debonding(P_C, GAP))
+    bodies = {"left": BODY, "right": BODY, "wall": vmdg.Rigid(lambda t: (0.0, t))}
+    problem = vmdg.Problem(mesh, cells, bodies, [bond], kinematics="small", symmetry="axisymmetric")
+    problem.dirichlet(facets.find("bottom"), 0.0, "y")
+    onset, area = P_C / E, np.pi * 2.0**2
+    for t, stress in ((0.5 * onset, 0.5 * P_C), (0.1, P_C * (1 - (0.1 - onset) / (GAP - onset)))):
+        vmdg.solve(problem, [t])
+        force = problem.reaction(facets.find("wall"))[1]
+        assert force == pytest.approx(area * stress, rel=1e-6)
+        assert problem.reaction(facets.find("bottom"))[1] == pytest.approx(-force)
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_wall_on_either_side(comm, first):
+    """As side 1 it is what it is as side 2, with N and T the other way round."""
+    scene = two_blocks(comm, "quadrilateral", 2)
+    wall = vmdg.Rigid((-0.01, 0.0) if not first else (0.01, 0.0))
+    bodies = {1: wall, 2: BODY} if first else {1: BODY, 2: wall}
+    touch = vmdg.Interface(between=(1, 2), law=vmdg.Contact())
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [touch])
+    problem.dirichlet(scene.facet_tags.find(RIGHT if first else LEFT), 0.0)
+    vmdg.solve(problem, [1.0])
+    stress = E * 0.01 * (1 + 0.01 / 2)
+    pressure = problem.state[0].traction[:, 0]
+    assert pressure == pytest.approx(np.full(len(pressure), -stress), rel=1e-4)
+    force = problem.reaction(scene.facet_tags.find(LEFT if first else RIGHT))
+    assert force[0] == pytest.approx((1 if first else -1) * problem.mean(0).area * stress, rel=1e-4)
+    assert problem.reaction(scene.facet_tags.find(RIGHT if first else LEFT)) == pytest.approx(
+        -force
+    )
+
+
+def test_wall_without_interface(comm):
+    """It holds its neighbours by their common nodes, and at small strain it may turn."""
+    scene = two_blocks(comm, "triangle", 2)
+    angle = 1e-3
+    wall = vmdg.Rigid(lambda x, t: t * angle * np.stack([-x[1], x[0]]))
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, {1: BODY, 2: wall}, [], kinematics="small")
+    vmdg.solve(problem, [1.0])
+    x = problem.space.tabulate_dof_coordinates()
+    turned = angle * np.column_stack([-x[:, 1], x[:, 0]])
+    assert problem.u.x.array.reshape(-1, 2) == pytest.approx(turned, abs=1e-9)
+    assert problem.energy().bulk == pytest.approx(0.0, abs=1e-12)
+
+
+def refused(comm, bodies, interface=None, **options):
+    """A problem of two blocks."""
+    scene = two_blocks(comm, "quadrilateral", 2)
+    one = interface(scene) if interface else vmdg.Interface(between=(1, 2), law=vmdg.Contact())
+    return vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [one], **options)
+
+
+def inside(scene):
+    """An interface along all facets of block 2."""
+    return vmdg.Interface(within=2, law=vmdg.Contact())
+
+
+def anywhere(scene):
+    """One along all facets of the mesh."""
+    return vmdg.Interface(facets=lambda x: x[0] > -1, law=vmdg.Contact())
+
+
+#: What a wall cannot be: its displacement, how the problem is made, and what is said.
+REFUSED = {
+    "of place": (
+        lambda x, t: 0 * x[:2],
+        {},
+        "displacement of tag 2: the value must be a number, array",
+    ),
+    "of another shape": (
+        (1.0, 0.0, 0.0),
+        {},
+        r"tag 2: the value has shape \(3,\), expected \(\) or",
+    ),
+    "text": ("0.1", {}, r"tag 2: the value '0\.1' is not a number"),
+    "swollen": (0.0, {"eigenstrain": {2: 0.1}}, "tag 2 has an eigenstrain and is Rigid"),
+    "strained": (0.0, {"plane": "generalized strain"}, "Rigid cannot be used with plane="),
+    "a ring that shrinks": (
+        lambda t: (t, 0.0),
+        {"symmetry": "axisymmetric"},
+        "tag 2: .* can only move along z",
+    ),
+    "periodic": (
+        0.0,
+        {"periodic": vmdg.Periodic(gradient=np.eye(2))},
+        "Rigid cannot be used in a periodic cell",
+    ),
+    "on both sides": (0.0, {"interface": inside}, "of its facets have a rigid wall on both sides"),
+    "here and there": (
+        0.0,
+        {"interface": anywhere},
+        "have a rigid wall on both sides|do not; use",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused(comm, name):
+    """In words, on every rank."""
+    value, options, message = REFUSED[name]
+    with pytest.raises(ValueError, match=message):
+        refused(comm, {1: BODY, 2: vmdg.Rigid(value)}, **options)
+
+
+def test_nothing_but_walls(comm):
+    """There must be a body."""
+    with pytest.raises(ValueError, match="all tags are Rigid; at least one must"):
+        refused(comm, {1: vmdg.Rigid(), 2: vmdg.Rigid()})
+
+
+def test_some_facets_on_a_wall(comm):
+    """Those of an interface are all on a wall, or none."""
+    tagged = blocks(comm, "quadrilateral", (2, 2))
+    mesh, cells, _ = with_wall(tagged, tagged.facet_tags.find("right"))
+    bodies = {"left": BODY, "right": BODY, "wall": vmdg.Rigid()}
+    every = vmdg.Interface(between="all", law=vmdg.Contact())
+    with pytest.raises(ValueError, match="2 of its facets lie on a rigid wall and 2 do not; use"):
+        vmdg.Problem(mesh, cells, bodies, [every])

@@ -54,6 +54,13 @@ def nodes_where(space: fem.FunctionSpace, where: Locator, what: str) -> NDArray[
     return nodes[np.isin(nodes, space.dofmap.list)]
 
 
+def nodes_of_cells(space: fem.FunctionSpace, cells: NDArray[np.integer]) -> NDArray[np.int32]:
+    """Local nodes of cells, block numbers, including cells of other ranks; collective."""
+    dim = space.mesh.topology.dim
+    space.mesh.topology.create_connectivity(dim, dim)
+    return fem.locate_dofs_topological(space, dim, cells.astype(np.int32))
+
+
 def find_nodes(space: fem.FunctionSpace, where: Locator, what: str) -> NDArray[np.int32]:
     """Local nodes (block numbers) by a predicate on coordinates (3, n); collective.
 

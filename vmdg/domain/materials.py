@@ -20,6 +20,7 @@ from ..forms.dilatation import MeanDilatation
 from ..forms.geometry import Geometry
 from ..forms.kinematics import Body
 from ..forms.materials import FromOthers, Material
+from ..forms.rigid import Rigid
 from .topology import UNTAGGED
 from .weibull import Weibull
 
@@ -70,6 +71,8 @@ class Bodies:
         small: As given.
         geometry: As given.
         plane_stress: As given.
+        walls: Displacement of every tag that is a rigid wall.
+        rigid: Marks of local cells that belong to a rigid wall.
         mean_dilatation: Whether J is constant in a cell, from the geometry.
         regions: All regions.
         region: Region of every local cell.
@@ -96,6 +99,8 @@ class Bodies:
         self.small = small
         self.geometry = geometry
         self.plane_stress = plane_stress
+        self.walls = {tag: m.displacement for tag, m in materials.items() if isinstance(m, Rigid)}
+        self.rigid = np.isin(tags, list(self.walls))
         self.mean_dilatation = isinstance(geometry, MeanDilatation)
         self.cells_of = {tag: np.flatnonzero(tags == tag) for tag in materials}
         self._eigenstrains = dict(eigenstrain or {})

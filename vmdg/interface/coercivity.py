@@ -342,7 +342,9 @@ class Coercivity:
         cell = basix.CellType[mesh.topology.cell_name()]
         self._facets_of_cell = len(basix.topology(cell)[self._d - 1])
         self._slots = [f.cells * self._facets_of_cell + f.local for f in interfaces]
-        marks = self._to_owners([np.ones((*slots.shape, 1)) for slots in self._slots])
+        # Cells of a rigid wall have no energy; tau is chosen for the deformable side.
+        soft = ~bodies.rigid
+        marks = self._to_owners([1.0 * soft[f.cells][:, :, None] for f in interfaces])
         self._solved = np.flatnonzero(marks[: self._cell_map.size_local * self._facets_of_cell, 0])
         cells, local = np.divmod(self._solved, self._facets_of_cell)
         self._problems = CellProblems(u, bodies, cells.astype(np.int32), local.astype(np.int32))
@@ -370,7 +372,7 @@ class Coercivity:
         shares = [np.trace(delta, axis1=2, axis2=3) / d for delta in deltas]
         weights = [
             np.einsum("faki,fakj->faij", delta, np.linalg.solve(tau[:, None], delta))
-            / share[:, :, None, None]
+            / np.where(share == 0.0, 1.0, share)[:, :, None, None]
             for tau, delta, share in zip(penalties, deltas, shares, strict=True)
         ]
         T = self._to_owners([value.reshape(-1, 2, d * d) for value in weights])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,6 +43,7 @@ class InterfaceFacets:
         damage: Initial damage of the bond (nf,), 1 where it is broken.
         law: The law on these facets: parameters that vary are arrays (nf,).
         label: Name of the interface in messages.
+        walled: Whether one side of every facet is a rigid wall; the same on all ranks.
     """
 
     facets: NDArray[np.int32]
@@ -53,6 +54,7 @@ class InterfaceFacets:
     damage: NDArray[np.float64]
     law: Law
     label: str
+    walled: bool = False
 
     def among(self, mark: NDArray[np.bool_]) -> InterfaceFacets:
         """The marked facets, with ``mark`` over all local facets of the mesh."""
@@ -66,6 +68,7 @@ class InterfaceFacets:
             self.damage[keep],
             self.law.at(keep),
             self.label,
+            self.walled,
         )
 
     def rows(self, select: NDArray[np.bool_]) -> NDArray[np.int32]:
@@ -104,6 +107,7 @@ def find_facets(
     interface: Interface,
     names: Mapping[str, int] | None = None,
     label: str | None = None,
+    walls: Collection[int] = (),
 ) -> InterfaceFacets:
     """Select the facets of an interface and determine their sides.
 
@@ -117,10 +121,12 @@ def find_facets(
         interface: The user's description.
         names: Tag by name of the groups of cells.
         label: Name of the interface in messages; None for its name or place.
+        walls: Tags of rigid walls.
 
     Raises:
-        ValueError: a facet is not interior, a tag is unknown, nothing is selected, or the initial
-            damage or a parameter of the law is missing or out of range on a facet.
+        ValueError: a facet is not interior, a tag is unknown, nothing is selected, some facets lie
+            on a rigid wall and others do not, or the initial damage or a parameter of the law is
+            missing or out of range on a facet.
     """
     comm, label = mesh.comm, label or str(interface)
     fdim = mesh.topology.dim - 1
@@ -164,7 +170,29 @@ def find_facets(
     damage = _initial_damage(mesh, interface, facets, cells, label)
     law = _law_on(mesh, interface, facets, cells, label)
     tags = cell_tags[cells]
-    return InterfaceFacets(facets, cells, local, tags, everywhere, damage, law, label)
+    walled = _on_walls(mesh, tags, walls, label)
+    return InterfaceFacets(facets, cells, local, tags, everywhere, damage, law, label, walled)
+
+
+def _on_walls(mesh: Mesh, tags: NDArray[np.int32], walls: Collection[int], label: str) -> bool:
+    """Whether the facets, with cell tags (nf, 2), lie on rigid walls; collective.
+
+    Raises:
+        ValueError: some do and others do not, or on both sides.
+    """
+    sides = np.isin(tags, list(walls)).sum(axis=1)
+    counts = [int(global_sum(mesh.comm, (sides == k).sum())) for k in range(3)]
+    if counts[2]:
+        raise ValueError(
+            f"{label}: {counts[2]} of its facets have a rigid wall on both sides, where nothing "
+            "deforms; exclude them, or give both walls one tag"
+        )
+    if counts[1] and counts[0]:
+        raise ValueError(
+            f"{label}: {counts[1]} of its facets lie on a rigid wall and {counts[0]} do not; use "
+            "a separate interface for those on the wall"
+        )
+    return counts[1] > 0
 
 
 def _between_groups(

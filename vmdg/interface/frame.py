@@ -36,10 +36,11 @@ _EPSILON[[0, 1, 2], [1, 2, 0], [2, 0, 1]] = 1
 _EPSILON[[0, 2, 1], [2, 1, 0], [1, 0, 2]] = -1
 
 
-def turns(interface: Interface, bodies: Bodies) -> bool:
-    """Whether the law of an interface works in a rotating frame: not for ties, nor at small
-    strain."""
-    return interface.law.inelastic and interface.frame == "corotating" and not bodies.small
+def turns(interface: Interface, bodies: Bodies, walled: bool) -> bool:
+    """Whether the law of an interface works in a rotating frame: not for ties, at small strain, nor
+    where one side is a rigid wall, ``walled``."""
+    fixed = bodies.small or walled
+    return interface.law.inelastic and interface.frame == "corotating" and not fixed
 
 
 class Frame:

@@ -84,7 +84,7 @@ class ReturnMap:
         self._quadrature = quadrature
         self._d = d = quadrature.d
         self._u = u
-        self.turns = turns(interface, bodies)
+        self.turns = turns(interface, bodies, quadrature.facets.walled)
         self._frame = Frame(d, quadrature.mesh.comm) if self.turns else None
         size = 2 * d + d * d if self.turns else 2 * d
         self._flux = side_evaluators(

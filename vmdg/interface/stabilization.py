@@ -143,6 +143,8 @@ class Stabilizer:
     so tau is per reference area as before, and tends to that of plane strain for r much larger than
     the cell.
 
+    tau_a of a rigid wall is zero, see :mod:`forms.rigid`.
+
     Args:
         interface: The user's description.
         quadrature: Quadrature of its facets on this rank.
@@ -162,9 +164,10 @@ class Stabilizer:
         self.facets = facets = quadrature.facets
         self.automatic = interface.safety == AUTO and interface.stabilization is None
         self._quadrature = quadrature
-        self._turns = turns(interface, bodies)
+        self._turns = turns(interface, bodies, facets.walled)
         self._stiffness = BubbleIntegrals(u, bodies, facets.cells.T.ravel(), facets.local.T.ravel())
         area = quadrature.area
+        self._rigid = bodies.rigid[facets.cells.T]
         self._factor = bubble_integrals(quadrature) ** 2 / area
         N = np.zeros((len(area), quadrature.d))
         np.add.at(N, quadrature.facet, quadrature.normal * quadrature.weights[:, None])
@@ -180,7 +183,9 @@ class Stabilizer:
         number = len(self._factor)
         stiffness = self._stiffness()
         d = stiffness.shape[-1]
-        tau1, tau2 = self._factor[:, None, None] * np.linalg.inv(stiffness).reshape(2, number, d, d)
+        both = self._factor[:, None, None] * np.linalg.inv(stiffness).reshape(2, number, d, d)
+        both[self._rigid] = 0.0
+        tau1, tau2 = both
         bonded = np.linalg.inv(tau1 + tau2)
         safety = 1.0
         if self.interface.stabilization is not None:

@@ -25,7 +25,7 @@ from ..base.kernels import compile_expression
 from ..base.parallel import raise_together
 from ..base.tables import rounded
 from ..domain.lattice import Lattice
-from ..domain.materials import cell_values
+from ..domain.materials import Bodies, cell_values
 from ..domain.tags import Group
 from ..domain.topology import cells_inside, facet_cells
 from ..forms.materials import Material
@@ -203,6 +203,38 @@ def check_plane(
                 "Material with free_stretch(F, parameters)"
             )
     return True
+
+
+def check_walls(bodies: Bodies, strains: Mapping[int, Any], repeats: bool, axial: bool) -> None:
+    """Check what is given together with rigid walls.
+
+    Args:
+        bodies: Materials on the mesh.
+        strains: Eigenstrains by tag.
+        repeats: Whether the mesh is a periodic cell.
+        axial: Whether F_33 of generalized plane strain is unknown.
+
+    Raises:
+        ValueError: there is no deformable body, a wall has an eigenstrain, or the mean strain of
+            the cell or F_33 would strain it.
+    """
+    if not bodies.walls:
+        return
+    if len(bodies.walls) == len(bodies.cells_of):
+        raise ValueError("Problem: all tags are Rigid; at least one must be a deformable body")
+    if swollen := sorted(set(strains) & set(bodies.walls)):
+        raise ValueError(
+            f"Problem: tag {swollen[0]} has an eigenstrain and is Rigid; remove one of them"
+        )
+    if repeats:
+        raise ValueError(
+            "Problem: Rigid cannot be used in a periodic cell, whose mean strain would deform it"
+        )
+    if axial:
+        raise ValueError(
+            f"Problem: Rigid cannot be used with plane={GENERALIZED!r}, whose F_33 would deform "
+            'the wall; use plane="strain", or a stiff body for the wall'
+        )
 
 
 def check_rest(mesh: Mesh, materials: Mapping[int, Material]) -> None:

@@ -16,6 +16,7 @@ from ..assembly.dirichlet import (
     Where,
     find_boundary_facets,
     find_nodes,
+    nodes_of_cells,
     nodes_where,
 )
 from ..assembly.discretization import Discretization
@@ -23,14 +24,14 @@ from ..assembly.loads import DeadLoads
 from ..assembly.means import lattice_of
 from ..assembly.rigid import RigidFaces
 from ..assembly.surface import Share
-from ..assembly.values import Part, Value, not_finite, value_at
+from ..assembly.values import Part, Value, check_resultant, not_finite, takes_points, value_at
 from ..base.agreement import together
 from ..base.parallel import global_any, raise_together
 from ..base.tables import rounded
 from ..domain.geometry import axis_dofs
 from ..domain.tags import Group, group_tag
 from ..domain.topology import Locator, facet_cells, refuse_facets
-from ..forms.geometry import GeneralizedPlane
+from ..forms.geometry import Axisymmetric, GeneralizedPlane
 from ..interface.activation import Activation
 from ..interface.interface import Interface, number_of
 from .arguments import check_condition, check_rigid_face
@@ -150,6 +151,7 @@ class Loading:
         self.load_factor = fem.Constant(mesh, 0.0)
         self.given = Given(np.zeros(len(self._bodies.tags), dtype=bool), [], set())
         self.follow(discretization)
+        self._move_walls()
 
     def follow(self, discretization: Discretization) -> None:
         """Apply all loads to another discretization."""
@@ -286,7 +288,31 @@ class Loading:
             else:
                 self._loads.add_point_load(node, value, int(component[0]))
 
-    # Rigid faces
+    # Rigid walls and faces
+
+    def _move_walls(self) -> None:
+        """Prescribe the nodes of rigid walls, see :class:`vmdg.Rigid`; collective.
+
+        Raises:
+            ValueError: a displacement is not a displacement, depends on x at finite strain, or is
+                radial in axisymmetry.
+        """
+        d, ring = self._mesh.geometry.dim, isinstance(self._bodies.geometry, Axisymmetric)
+        for tag, value in self._bodies.walls.items():
+            what = f"Rigid: displacement of tag {tag}"
+            if ring or not (self._bodies.small and takes_points(value, what)):
+                check_resultant(self._mesh.comm, value, [(), (d,)], what)
+                if ring and any(np.ravel(value_at(value, t))[0] for t in (0.0, 1.0)):
+                    raise ValueError(f"{what}: in axisymmetry a rigid wall can only move along z")
+
+            def impose(
+                loading: Loading, tag: int = tag, value: Value = value, what: str = what
+            ) -> None:
+                space = loading._discretization.space
+                nodes = nodes_of_cells(space, loading._bodies.cells_of[tag])
+                loading.dirichlet.add(nodes, value, None, what)
+
+            self._add(impose)
 
     def add_rigid_face(
         self,

@@ -14,7 +14,7 @@ from dolfinx.mesh import Mesh, MeshTags
 from numpy.typing import ArrayLike, NDArray
 from ufl.core.expr import Expr
 
-from ..assembly.dirichlet import Where, find_boundary_facets, find_nodes
+from ..assembly.dirichlet import Where, find_boundary_facets, find_nodes, nodes_of_cells
 from ..assembly.discretization import Discretization
 from ..assembly.means import lattice_of
 from ..assembly.stress import CauchyStress
@@ -28,7 +28,7 @@ from ..domain.geometry import make_geometry
 from ..domain.lattice import make_lattice
 from ..domain.materials import Bodies
 from ..domain.tags import Group, by_tag, names_of
-from ..domain.topology import Locator, tags_of_cells
+from ..domain.topology import Locator, facet_cells, tags_of_cells
 from ..forms.materials import Material
 from ..interface.activation import Activation
 from ..interface.active import ActiveInterface, fine_scales
@@ -51,6 +51,7 @@ from .arguments import (
     check_overlap,
     check_plane,
     check_rest,
+    check_walls,
     checked_interfaces,
     checked_materials,
     in_numbers,
@@ -75,7 +76,7 @@ class Problem:
             (``GhostMode.shared_facet``).
         cell_tags: A tag for every cell. With :class:`vmdg.NamedTags` (meshes from gmsh have them)
             a group may be given by its name wherever a tag is expected.
-        materials: Material of every tag.
+        materials: Material of every tag, or :class:`vmdg.Rigid` for a wall.
         interfaces: Where and how the displacement may jump.
         degree: Degree of the displacement, at least that of the cells of the mesh.
         kinematics: "finite", or "small" for linear elasticity.
@@ -154,9 +155,10 @@ class Problem:
         strains = checked_eigenstrains(mesh, tags, eigenstrain, names)
         small = kinematics == "small"
         bodies = Bodies(mesh, tags, materials, small, strains, geometry, stress_only)
+        check_walls(bodies, strains, repeats, axial is not None)
         raise_together(mesh.comm, refusal(bodies, bodies.eigenstrains(0.0), 0.0))
         facets = [
-            find_facets(mesh, tags, interface, names, label_of(self.interfaces, i))
+            find_facets(mesh, tags, interface, names, label_of(self.interfaces, i), bodies.walls)
             for i, interface in enumerate(self.interfaces)
         ]
         check_overlap(mesh, facets)
@@ -486,7 +488,7 @@ class Problem:
         From prescribed displacements and springs; zero on a free or loaded face, since loads are
         not reactions. In axisymmetry the axial component is the force on the whole body. The radial
         one is the sum of the radial forces around the circle (2 pi r t_r ds), conjugate to u_r; its
-        resultant is zero.
+        resultant is zero. Of a rigid wall it is the force on the whole wall.
 
         Raises:
             ValueError: nothing is selected, facets of an interface, or the problem is a periodic
@@ -499,6 +501,13 @@ class Problem:
         )
         self.step.activation.refuse(facets, "reaction", reason)
         dofs = fem.locate_dofs_topological(self.space, self.mesh.topology.dim - 1, facets)
+        bodies = self.discretization.bodies
+        cells = facet_cells(self.mesh)[facets]
+        touched = np.unique(bodies.tags[cells[cells >= 0]])
+        known = set(np.concatenate(self.comm.allgather(touched)).tolist())
+        for tag in bodies.walls:
+            if tag in known:
+                dofs = np.union1d(dofs, nodes_of_cells(self.space, bodies.cells_of[tag]))
         return self._force_on(dofs)
 
     @of_all_ranks

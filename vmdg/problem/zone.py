@@ -92,7 +92,7 @@ def _zones(problem: Problem, number: int, facets: InterfaceFacets, E: Array) -> 
     d = problem.mesh.geometry.dim
     ends = [separation(facets.law, d, axis) for axis in (0, 1)]
     length = np.maximum(*(energy / strength**2 for strength, energy in ends))[:, None]
-    both = E[facets.cells]
+    both = np.where(problem.discretization.bodies.rigid, np.inf, E)[facets.cells]
     wide = (2 / (1 / both).sum(axis=1, keepdims=True) * length)[:, 0]
     t = _thickness(problem, number)[facets.cells]
     slender = np.sqrt(both * length * t)
