@@ -116,9 +116,9 @@ class Capacitance:
             return
         motions = self._motions.T[self._prescribed]
         self._moving = self._solve_at_rest(np.zeros(self._motions.T.shape), motions)
-        self._works = _times(self._lift, motions, self._comm).T
+        self._works = _times(self._lift, motions).T
         self._resistance = global_sum(self._comm, self._works @ self._moving)
-        self._opening = _times(self._tractions, self._moving, self._comm)
+        self._opening = _times(self._tractions, self._moving)
 
     def _over_points(self, integrate: Integrate) -> PETSc.Mat:
         """A matrix of all interfaces with one row per gap component, for the points on this
@@ -133,7 +133,7 @@ class Capacitance:
         with timer("linear solve"):
             found, D = self._bonded(forces, moved), self._damage()
             if global_any(self._comm, D.any()):
-                tractions = _times(self._tractions, found, self._comm)
+                tractions = _times(self._tractions, found)
                 found += self._under_gaps(self._solve_gaps(D, _times_blocks(D, tractions)))
         return found.T
 
@@ -157,7 +157,7 @@ class Capacitance:
         """
         trials = [active.trial() for active in self._interfaces]
         found = self._bonded([forces], [moved])
-        tractions = bonded = _times(self._tractions, found, self._comm)
+        tractions = bonded = _times(self._tractions, found)
         gaps = np.zeros_like(bonded)
         mapped, D = self._map_back(trials, tractions, dt)
         left = first = self._left(mapped - gaps)
@@ -168,7 +168,7 @@ class Capacitance:
             if global_any(self._comm, np.isnan(change).any()):
                 break
             moves = self._under_gaps(change)
-            along = _times(self._tractions, moves, self._comm)
+            along = _times(self._tractions, moves)
             for length in 0.5 ** np.arange(MAX_HALVINGS):
                 further = self._map_back(trials, tractions + length * along, dt)
                 rest = self._left(further[0] - gaps - length * change)
@@ -183,12 +183,12 @@ class Capacitance:
     def product(self, du: Array) -> Array:
         """K.du with the last K, correct on free dofs, for owned dofs [N]; collective."""
         column = du[:, None]
-        forces = _times(self._lift, column[self._prescribed], self._comm)
+        forces = _times(self._lift, column[self._prescribed])
         column = column.copy()
         column[self._prescribed] = 0.0
-        forces += self._unit * _times(self._stiffness, column, self._comm)
-        tractions = _times(self._tractions, du[:, None], self._comm)
-        forces -= _times(self._forces, _times_blocks(self._damage(), tractions), self._comm)
+        forces += self._unit * _times(self._stiffness, column)
+        tractions = _times(self._tractions, du[:, None])
+        forces -= _times(self._forces, _times_blocks(self._damage(), tractions))
         return forces[:, 0]
 
     def _map_back(self, trials: Sequence[Trial], more: Array, dt: float) -> tuple[Array, Array]:
@@ -209,7 +209,7 @@ class Capacitance:
 
     def _left(self, gaps: Array) -> float:
         """Norm of the nodal forces of gaps [N]."""
-        return global_norm(self._comm, _times(self._forces, gaps, self._comm).ravel())
+        return global_norm(self._comm, _times(self._forces, gaps).ravel())
 
     def _bonded(self, forces: Sequence[Array], moved: Sequence[Array]) -> Array:
         """Displacements (owned dofs, k) of bonded bodies."""
@@ -219,13 +219,13 @@ class Capacitance:
 
     def _under_gaps(self, gaps: Array) -> Array:
         """Displacements of bonded bodies (owned dofs, k) due to gaps."""
-        found = self._relax(_times(self._forces, gaps, self._comm))
+        found = self._relax(_times(self._forces, gaps))
         return found + self._faces_under(self._opening.T @ gaps)
 
     def _solve_at_rest(self, forces: Array, known: Array) -> Array:
         """Displacements (owned dofs, k) of bonded bodies with fixed rigid faces, from forces and
         prescribed displacements (prescribed, k)."""
-        right = forces - _times(self._lift, known, self._comm)
+        right = forces - _times(self._lift, known)
         right[self._prescribed] = self._unit * known
         return self._relax(right)
 
@@ -294,12 +294,11 @@ class Capacitance:
             columns, count = PETSc.Mat().createTranspose(right), right.getSize()[0]
             solution = _dense(np.zeros((owned, count)), self._comm)
             factors.matSolve(columns, solution)
-            product = self._tractions.matMult(solution)
-            parts = self._comm.gather(product.getDenseArray())
+            parts = self._comm.gather(_times(self._tractions, solution.getDenseArray()))
             if parts is not None:
                 # S is symmetric: rows equal columns.
                 S[start : start + count] = np.concatenate(parts).T / self._unit
-            for item in (columns, right, solution, product):
+            for item in (columns, right, solution):
                 item.destroy()
         opening = self._comm.gather(self._opening)
         if opening is not None:
@@ -481,11 +480,14 @@ def _dense(rows: Array, comm: MPI.Comm) -> PETSc.Mat:
     return matrix
 
 
-def _times(matrix: PETSc.Mat, columns: Array, comm: MPI.Comm) -> Array:
+def _times(matrix: PETSc.Mat, columns: Array) -> Array:
     """Product with columns distributed by rows (local rows, k)."""
-    right = _dense(columns, comm)
-    product = matrix.matMult(right)
-    found = product.getDenseArray().copy()
-    right.destroy()
-    product.destroy()
+    x, y = matrix.createVecs()
+    found = np.empty((y.getLocalSize(), columns.shape[1]))
+    for k, column in enumerate(columns.T):
+        x.array = column
+        matrix.mult(x, y)
+        found[:, k] = y.array
+    x.destroy()
+    y.destroy()
     return found
