@@ -26,8 +26,8 @@ import vmdg
 
 DEMOS = Path(vmdg.__file__).resolve().parent.parent / "demos"
 
-_CELL = "--element-size .05 --critical-gap .01"
-_MANY = "--fibres 5 --cell triangle --activate on-demand --end .0065"
+_CELL = "--element-size 0.05 --critical-gap 0.01"
+_MANY = "--fibres 5 --cell triangle --activate on-demand --end 0.0065"
 SCENES = {
     "patch_tension": "patch_tension --no-plot",
     "patch_shear": "patch_shear --no-plot",

@@ -1,9 +1,9 @@
-"""Makes the pictures and tables of the pages anew by the present code.
+"""Makes the pictures and tables of the pages again with the present code.
 
     demos/run .ci/pictures.py             all of them, an hour or more on one core
     demos/run .ci/pictures.py NAME...     those of some commands, "list" names them
 
-Every command runs in a process of its own in results/pictures/NAME, its log beside; what it makes
+Every command runs in a process of its own in results/pictures/NAME, next to its log; what it makes
 for the pages is copied to demos/gallery. A table becomes a page of its own, which says what was
 computed, by which command and version, on which machine and when.
 """
@@ -26,10 +26,10 @@ import vmdg
 ROOT = Path(__file__).resolve().parent.parent
 GALLERY, OUT = ROOT / "demos" / "gallery", ROOT / "results" / "pictures"
 
-_FINE = "fibre_matrix --element-size .05 --critical-gap .01"
+_FINE = "fibre_matrix --element-size 0.05 --critical-gap 0.01"
 _MANY = f"{_FINE} --fibres 5 --cell triangle --activate on-demand"
 _ENVELOPE = (
-    "fibre_cell_strengths --fibres 12 --cells 2 --directions 7 --seeds 2 --end .018 --steps 6"
+    "fibre_cell_strengths --fibres 12 --cells 2 --directions 7 --seeds 2 --end 0.018 --steps 6"
 )
 
 #: By name a command and what it makes, each with its name in the gallery where that is another.
@@ -56,7 +56,7 @@ COMMANDS = {
     "envelope": (_ENVELOPE, "envelope.png=fibre_cell_envelope.png"),
     "polycrystal": ("polycrystal", "polycrystal.png"),
     "polycrystal_solid": (
-        "polycrystal --solid --grains 6 --seed 1 --cells 2 --end .01",
+        "polycrystal --solid --grains 6 --seed 1 --cells 2 --end 0.01",
         "polycrystal.png=polycrystal_solid.png",
     ),
     "pushout": ("pushout", "pushout.png"),
@@ -103,7 +103,7 @@ TABLES = {
     ),
     "delamination.md": (
         "Delamination tests",
-        "Tests of the literature beside published values and corrected beam theory, with default "
+        "Tests of the literature against published values and corrected beam theory, with default "
         "options.",
     ),
     "stability.md": (
@@ -126,7 +126,7 @@ TABLES = {
         "One Newton iteration of plain finite elements / of vmdg on the same mesh, neo-Hookean, "
         "the interface through the middle: tied, or with every point damaged or sliding with "
         "friction. Processor time on one core, the least of several runs. The last column compares "
-        "with plain elements whose multigrid interpolation is made anew in every iteration, as "
+        "with plain elements whose multigrid interpolation is rebuilt in every iteration, as "
         "PETSc does by default.",
     ),
     "benchmark_peers.md": (

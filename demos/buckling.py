@@ -1,9 +1,9 @@
 """Delamination buckling: a debonded layer under compression buckles, then peels itself off.
 
-Plane strain, right half. A layer h = .5 mm thick on a body of H = 4 mm is debonded over L = 20 mm;
-the body lies on a smooth table, its ends are pushed together by a strain e. That the layer is not
-quite plane, by 1/500 of its thickness, is the imperfection that lifts it. The body is no
-rigid clamp as in closed forms, L is longer by less than h at each end: it buckles 7% earlier.
+Plane strain, right half. A layer h = 0.5 mm thick on a body of H = 4 mm is debonded over L = 20 mm;
+the body lies on a smooth table, its ends are pushed together by a strain e. The layer is not quite
+plane: this imperfection of 1/500 of its thickness makes it rise. The body is a softer clamp than
+that of the closed forms, as if L were longer by less than h at each end: it buckles 7 % earlier.
 
 Clamped at the ends of a crack of length L the layer of thickness h buckles when the strain e' of
 the body of height H below it is
@@ -36,7 +36,7 @@ BOND = vmdg.Debonding(strength=STRENGTH, critical_gap=2 * ENERGY / STRENGTH)
 
 
 def build(cells: int) -> tuple[vmdg.Problem, MeshTags]:
-    """The problem, its load factor the strain of the ends, and its facets; cells along a mm."""
+    """The problem, with the strain of the ends as load factor, and its facets; ``cells`` per mm."""
     divisions = int(cells * WIDTH), 4, 1
     mesh, tags, facets = tearing(
         MPI.COMM_WORLD, "quadrilateral", WIDTH, BODY, LAYER, divisions, CRACK
@@ -57,7 +57,7 @@ def critical(crack: float) -> float:
 
 
 def at_ends(below: float, crack: float) -> float:
-    """e, where the body below the layer has the strain e': the force is the same all along."""
+    """e of the ends when the body below the layer has the strain e'; the force is constant in x."""
     bonded = (BODY * below + LAYER * critical(crack)) / (BODY + LAYER)
     return (crack * below + (WIDTH - crack) * bonded) / WIDTH
 
@@ -70,7 +70,7 @@ def growth(crack: float) -> float:
 
 
 def draw(problem: vmdg.Problem, history: vmdg.History) -> plt.Figure:
-    """Rise and crack beside the closed forms, and the stress along the deformed layer."""
+    """Rise and crack length against the closed forms, and the stress along the deformed layer."""
     layout = [["rise", "crack"], ["stress", "stress"]]
     figure, axes = plt.subplot_mosaic(layout, figsize=(10, 6.5), layout="constrained")
     length, below = CRACK + history["crack"], np.linspace(critical(CRACK), 0.0075, 100)
@@ -106,7 +106,8 @@ def main(
     figure = draw(problem, history)
     if problem.comm.rank == 0:
         figure.savefig(f"{out}/buckling.png", dpi=130)
-        print(f"buckles at {critical(CRACK):.3%}, grows at {growth(CRACK):.3%} by the closed forms")
+        strains = 100 * critical(CRACK), 100 * growth(CRACK)
+        print("closed forms: buckles at {:.3f} %, grows at {:.3f} %".format(*strains))
         print(f"results are in {out}")
     return history
 
@@ -115,7 +116,7 @@ if __name__ == "__main__":
     command = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
-    command.add_argument("--cells", type=int, default=4, help="along a mm")
+    command.add_argument("--cells", type=int, default=4, help="cells per mm")
     command.add_argument("--end", type=float, default=0.0074, help="strain of the ends [-]")
     command.add_argument("--steps", type=int, default=16, help="load steps")
     command.add_argument("--out", default="results/buckling", help="folder for the results")

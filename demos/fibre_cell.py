@@ -1,9 +1,9 @@
-"""A composite fails across its fibres: a periodic cell of glass in epoxy at random places.
+"""Failure of a composite across its fibres: a periodic cell of glass fibres in epoxy.
 
 Plane strain; lengths are in radii of a fibre. The bond of the fibres fails first, then cracks run
-through the matrix along any facet. The mean strain is turned from pull along x at 0 degrees over
-shear at 90 to pressure at 180, free of stress across. Many cells and directions, with mean and
-scatter of the strength beside bounds, are the study ``fibre_cell_strengths``.
+through the matrix along any facet. The angle of the mean strain is 0 degrees for tension along x,
+90 for shear and 180 for compression, free of stress across. The study ``fibre_cell_strengths``
+loads many cells in many directions and compares mean and scatter of the strength with bounds.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ BOND, MATRIX = (50.0, 0.07), (80.0, 0.14)  # strength [MPa], critical gap
 def make_mesh(
     fibres: int, fraction: float, seed: int, cells: float, comm: MPI.Comm = MPI.COMM_WORLD
 ) -> meshes.TaggedMesh:
-    """A cell of fibres of radius 1, with this many cells along a radius."""
+    """A cell of fibres of radius 1, with ``cells`` elements per radius."""
     size = np.sqrt(fibres * np.pi / fraction)
     return meshes.fibre_cell(fibres, fraction, seed, size=size, element_size=1 / cells, comm=comm)
 
@@ -39,7 +39,7 @@ def make_problem(tagged: meshes.TaggedMesh, angle: float, friction: float) -> vm
         vmdg.Interface(between=("fibre", "matrix"), law=bond, name="bond"),
         vmdg.Interface(within="matrix", law=matrix, name="cracks"),
     ]
-    # Where its component of the strain is not given, the cell is free of stress.
+    # The cell is free of stress in components whose strain is not prescribed.
     shares = {"xx": np.cos(np.radians(angle)), "xy": np.sin(np.radians(angle))}
     strain = {name: lambda t, s=s: s * t for name, s in shares.items() if abs(s) > 1e-12}
     kinds = {"kinematics": "small", "periodic": vmdg.Periodic(strain=strain)}
@@ -73,7 +73,7 @@ def main(
             peak = abs(row[f"{stress} [MPa]"])
             axes[1].clear()
             vmdg.plot.interface_points(problem, "damage", axes[1], limits=(0, 1))
-            axes[1].set_title(f"damage at the peak, {problem.t:.2%}")
+            axes[1].set_title(f"damage at the peak, {100 * problem.t:.2f} %")
         return row
 
     shown = {"progress": True, "show": ("stress_xx", "stress_xy"), "csv": f"{out}/history.csv"}
@@ -96,14 +96,18 @@ if __name__ == "__main__":
     command = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
-    command.add_argument("--fibres", type=int, default=7, help="number")
-    command.add_argument("--fraction", type=float, default=0.5, help="of the area [-]")
-    command.add_argument("--angle", type=float, default=0.0, help="of the strain [degrees]")
-    command.add_argument("--friction", type=float, default=0.0, help="of parted surfaces [-]")
-    command.add_argument("--seed", type=int, default=0, help="of the random places")
-    command.add_argument("--cells", type=float, default=2.5, help="along a radius [-]")
-    command.add_argument("--end", type=float, default=0.02, help="size of the strain [-]")
-    command.add_argument("--steps", type=int, default=8, help="given strains on the way")
-    command.add_argument("--animate", action="store_true", help="make a film, too")
+    command.add_argument("--fibres", type=int, default=7, help="number of fibres")
+    command.add_argument(
+        "--fraction", type=float, default=0.5, help="area fraction of the fibres [-]"
+    )
+    command.add_argument(
+        "--angle", type=float, default=0.0, help="angle of the mean strain [degrees]"
+    )
+    command.add_argument("--friction", type=float, default=0.0, help="friction of crack faces [-]")
+    command.add_argument("--seed", type=int, default=0, help="seed of the random places")
+    command.add_argument("--cells", type=float, default=2.5, help="elements per radius [-]")
+    command.add_argument("--end", type=float, default=0.02, help="mean strain at the end [-]")
+    command.add_argument("--steps", type=int, default=8, help="load steps")
+    command.add_argument("--animate", action="store_true", help="also make a film")
     command.add_argument("--out", default="results/fibre_cell", help="folder for the results")
     main(**vars(command.parse_args()))

@@ -1,9 +1,9 @@
 """Fibre-matrix debonding with matrix cracks: section 7.2 of the report, Figures 9 to 12.
 
 A square of matrix with a fibre (or many) is pulled apart at its left and right side. The bond of
-the fibre fails first, at its poles; cracks leave the interface, which may run along every facet of
-the matrix, and grow to the edges until the cell is in two parts. Two equal cracks in a row would
-be an unstable equilibrium: the single fibre stands ``offset`` beside the middle and decides.
+the fibre fails first, at its poles; cracks, which may run along every facet of the matrix, leave
+the interface and grow to the edges until the cell is in two parts. Two equal cracks would be an
+unstable equilibrium: the single fibre is ``offset`` from the middle, which selects a branch.
 """
 
 from __future__ import annotations
@@ -176,7 +176,9 @@ if __name__ == "__main__":
     command.add_argument("--element-size", type=float, default=0.1, help="of the cells [mm]")
     command.add_argument("--critical-gap", type=float, default=0.2, help="zeta_c of bonds [mm]")
     command.add_argument("--step", type=float, default=1e-4, help="first pulls of a side [mm]")
-    command.add_argument("--growth", type=float, default=1.1, help="of steps beyond .003 mm [-]")
+    command.add_argument(
+        "--growth", type=float, default=1.1, help="growth of steps beyond 0.003 mm [-]"
+    )
     command.add_argument("--end", type=float, help="pull at the end; until it has parted [mm]")
     command.add_argument("--fibres", type=int, default=1, help="number; many at random places")
     command.add_argument("--fraction", type=float, default=0.35, help="of many fibres [-]")

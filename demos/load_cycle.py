@@ -1,8 +1,8 @@
 """Open, close, press, shear, reopen: one interface through all branches of its law.
 
-Two bonded squares of 1 mm in plane strain. The far end of the right one is led along a path that
-opens the bond to half of zeta_c, closes it, presses, slides it under pressure and reopens it. The
-law softens, unloads without healing, closes at zero traction, holds by friction and lets go.
+Two bonded squares of 1 mm in plane strain. The far end of the right one follows a path that opens
+the bond to half of zeta_c, closes it, presses, slides it under pressure and reopens it. The law
+softens, unloads without healing, closes at zero traction, resists by friction and opens again.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def draw(history: vmdg.History) -> plt.Figure:
         energy.fill_between(history["load"], spent, spent + history[name], label=name)
         spent = spent + history[name]
     energy.plot(history["load"], history["external"], "k--", label="external work")
-    energy.set(xlabel="load factor (one a leg)", ylabel="energy [N mm per mm]")
+    energy.set(xlabel="load factor (one per leg)", ylabel="energy [N mm per mm]")
     energy.legend()
     return figure
 

@@ -60,7 +60,7 @@ def make_problem(
         grains: Their number.
         seed: Of their places and rotations: the same seed, the same cell.
         solid: In space.
-        spread: Of their sizes, standard deviation of the logarithm; .35 for grown grains [-].
+        spread: Of their sizes, standard deviation of the logarithm; 0.35 for grown grains [-].
         cells: Along the mean size of a grain [-].
         comm: Communicator.
     """
@@ -86,7 +86,7 @@ def make_problem(
 
 
 def path_options(solid: bool, trace: bool) -> dict[str, object]:
-    """Follow the path back where it snaps, 1% of the bonds a row, or jump as a machine does."""
+    """Follow the path back where it snaps, 1 % of the bonds per row, or jump as a machine does."""
     path = {"unstable": "trace", "max_share": 0.01} if trace else {}
     # Tetrahedra between grains are flat: factors cost less than 130 iterations of multigrid.
     return path | {"petsc": LDLT if solid else None, "energy": True, "show": "stress_xx"}
@@ -116,7 +116,7 @@ def main(
     def show_damage(when: str, **style: object) -> None:
         damage.clear()
         vmdg.plot.interface_points(problem, "damage", damage, limits=(0, 1), **style)
-        damage.set_title(f"damage at the {when}, {problem.t:.2%}")
+        damage.set_title(f"damage at the {when}, {100 * problem.t:.2f} %")
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         nonlocal peak
@@ -146,7 +146,9 @@ def main(
     if problem.comm.rank == 0:
         figure.savefig(f"{out}/polycrystal.png", dpi=130)
         strain, force = history["strain_xx"], history["stress_xx"]
-        print(f"strength {force.max():.4g} MPa at {strain[np.argmax(force)]:.2%}; see {out}")
+        print(
+            f"strength {force.max():.4g} MPa at {100 * strain[np.argmax(force)]:.2f} %; see {out}"
+        )
     return history
 
 
@@ -157,7 +159,9 @@ if __name__ == "__main__":
     command.add_argument("--grains", type=int, default=50, help="their number")
     command.add_argument("--seed", type=int, default=0, help="of places and orientations")
     command.add_argument("--solid", action="store_true", help="a cell in space")
-    command.add_argument("--spread", type=float, default=0.0, help="of their sizes, .35 grown [-]")
+    command.add_argument(
+        "--spread", type=float, default=0.0, help="of grain sizes, 0.35 if grown [-]"
+    )
     command.add_argument("--cells", type=float, default=6.0, help="along a grain; 2 in space [-]")
     command.add_argument("--end", type=float, default=0.005, help="mean strain at the end [-]")
     command.add_argument("--steps", type=int, default=20, help="given strains on the way")

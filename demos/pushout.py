@@ -1,9 +1,9 @@
 """Push-out of a fibre, section 7.4: cure shrinkage, debonding, the snap at the peak, and friction.
 
-The matrix shrinks around the fibre, then a punch pushes the fibre's top down by .174 mm while the
-bottom of the matrix rests on a plate with a hole. Friction holds the fibre after the bond is gone.
-The report does not print its friction coefficient: .525 gives its largest and its final force,
-412.2 and 105.5 N, within .3%. Drawn and computed in 3D (a quarter) or as an axisymmetric section.
+The matrix shrinks around the fibre, then a punch pushes the fibre's top down by 0.174 mm while a
+plate with a hole supports the bottom of the matrix. After debonding, friction resists. The report
+does not print its friction coefficient: 0.525 gives its largest and its final force, 412.2 and
+105.5 N, within 0.3 %. The model is an axisymmetric section or, with ``--solid``, a quarter in 3D.
 """
 
 from __future__ import annotations
@@ -217,7 +217,7 @@ if __name__ == "__main__":
     command.add_argument("--friction", type=float, default=FRICTION, help="its coefficient [-]")
     command.add_argument("--fibre-modulus", type=float, default=FIBRE_MODULUS, help="E [MPa]")
     command.add_argument("--checkpoint-every", type=int, default=25, help="steps; 0 for none")
-    command.add_argument("--resume", action="store_true", help="go on from the last checkpoint")
+    command.add_argument("--resume", action="store_true", help="continue from the last checkpoint")
     command.add_argument("--no-plot", dest="plot", action="store_false", help="draw no picture")
     command.add_argument("--out", default="results/pushout", help="folder for the results")
     main(**vars(command.parse_args()))

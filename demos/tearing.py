@@ -1,12 +1,12 @@
 """A soft plate torn from a stiff one: section 7.3 of the report, Table 3, Figures 14 to 22.
 
 Plane strain. The plates are bonded on y = 1.35 mm but for a pre-crack of a quarter of their width
-at the left end. The upper edge is held, the lower edge is pulled down by strain * 1.35 mm, both
-gripped (u_x = 0). Neo-Hookean plates: damage starts at the tip, crosses the bond until the force
+at the left end. The upper edge is fixed, the lower edge is pulled down by strain * 1.35 mm, both
+with u_x = 0. Neo-Hookean plates: damage starts at the tip, crosses the bond until the force
 peaks at 4 % and opens it until the plates part at 14.8 %. Ogden's rubber stretches instead: the
 tip blunts and the crack stays where it is. The report does not print the size of the plates (this
 one parts at its strain) nor the length of the pre-crack. Its bulk modulus for the rubber, 4000 and
-.44 in Table 3, is 3500 times the shear modulus, nu = .49986: mean dilatation avoids locking.
+0.44 in Table 3, is 3500 times the shear modulus, nu = 0.49986: mean dilatation avoids locking.
 """
 
 from __future__ import annotations
@@ -166,7 +166,7 @@ def main(
     if MPI.COMM_WORLD.rank == 0:
         figure.savefig(Path(out) / f"tearing_{material}.png", dpi=120)
         strain, force = run.history["load"], run.history["force"]
-        print(f"largest force {force.max():.5g} N/mm at {strain[np.argmax(force)]:.2%}")
+        print(f"largest force {force.max():.5g} N/mm at {100 * strain[np.argmax(force)]:.2f} %")
         print(f"results are in {out}")
     return run
 
@@ -178,6 +178,6 @@ if __name__ == "__main__":
     )
     command.add_argument("--material", choices=CASES, default="neo-hookean", help="of a plate")
     command.add_argument("--mesh", choices=MESHES, default="medium", help="how fine")
-    command.add_argument("--steps", type=int, default=25, help="load steps to a strain of .05 [-]")
+    command.add_argument("--steps", type=int, default=25, help="load steps to a strain of 0.05 [-]")
     command.add_argument("--out", default="results/tearing", help="folder for the results")
     main(**vars(command.parse_args()))

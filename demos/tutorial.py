@@ -1,8 +1,8 @@
 """Tutorial: your own geometry, from gmsh to pictures. Seven glass fibres in epoxy debond.
 
-A piece of a unidirectional ply, seen along its fibres, is pulled across them until the fibres come
-off the matrix, one after the other. Run it with ``demos/run tutorial``, then read it from top to
-bottom, copy it and change it. Units are N, mm and MPa throughout: forces per mm of thickness.
+A piece of a unidirectional ply, seen along its fibres, is pulled across them until the fibres
+debond from the matrix, one after the other. Run it with ``demos/run tutorial``, then read it from
+top to bottom, copy it and change it. Units are N, mm and MPa; forces are per mm of thickness.
 """
 
 import argparse
@@ -20,8 +20,7 @@ from vmdg.meshes import TaggedMesh, distribute, model
 
 # 1. Geometry. Bodies and sides get physical groups, by whose names the rest of the script finds
 # them. The fibres are cut out of the matrix with `fragment`, so that both share the nodes between
-# them; vmdg duplicates these nodes by itself. gmsh works on one rank, and `distribute` hands the
-# mesh out to all.
+# them, which vmdg duplicates. gmsh works on one rank; `distribute` shares the mesh among all.
 
 SIZE, RADIUS, SPACING, TURN = 0.064, 0.0068, 0.0185, np.radians(10)  # mm
 
@@ -53,8 +52,8 @@ def main(element_size: float = 1e-3, steps: int = 30, out: str = "results/tutori
     mesh, cells, sides = ply(element_size)
 
     # 2. Interface and law. The bond between fibres and matrix carries 50 MPa and is gone after
-    # .3 µm, which spends 50 * 3e-4 / 2 = .0075 N/mm (7.5 J/m2). Before 50 MPa it is rigid: no
-    # stiffness has to be chosen. Debonded fibres are in contact with the matrix, and rub.
+    # 0.3 µm, which dissipates 50 * 3e-4 / 2 = 0.0075 N/mm (7.5 J/m2). Before 50 MPa it is rigid: no
+    # stiffness has to be chosen. Debonded fibres touch the matrix, with friction.
     bond = vmdg.Debonding(strength=50.0, critical_gap=3e-4, friction=0.3)
     interface = vmdg.Interface(between=("fibres", "matrix"), law=bond)
 
@@ -101,7 +100,9 @@ if __name__ == "__main__":
     command = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
-    command.add_argument("--element-size", type=float, default=1e-3, help="of the cells [mm]")
+    command.add_argument(
+        "--element-size", type=float, default=1e-3, help="size of the elements [mm]"
+    )
     command.add_argument("--steps", type=int, default=30, help="load steps")
     command.add_argument("--out", default="results/tutorial", help="folder for the results")
     main(**vars(command.parse_args()))

@@ -1,8 +1,8 @@
-"""Tutorial: a delamination test past its peak. A double cantilever beam beside beam theory.
+"""Tutorial: a delamination test past its peak. A double cantilever beam against beam theory.
 
 Two steel arms, glued together ahead of a crack, are pulled apart at their ends. The load rises
 until the crack starts and falls while it runs; both branches are known in closed form. The tutorial
-shows how to choose the mesh at a process zone, and how to follow the path beyond a peak. Run it
+shows how to choose the mesh for a process zone, and how to follow the path beyond a peak. Run it
 with ``demos/run tutorial_dcb``. Units are N, mm and MPa; forces are per mm of width.
 """
 
@@ -18,15 +18,15 @@ import vmdg
 from vmdg import plot
 from vmdg.meshes import beams
 
-# 1. Data. The arms are h high, the crack is a_0 long. The bond spends G_C to part and carries
-# STRENGTH before damage starts.
+# 1. Data. The arms are h high, the crack is a_0 long. The bond carries STRENGTH before damage
+# starts and dissipates G_C until it is broken.
 
 E, NU, H, A_0 = 210e3, 0.3, 3.0, 30.0  # MPa, -, mm, mm
 G_C, STRENGTH = 0.3, 60.0  # N/mm, MPa
 E_STAR, SHEAR = E / (1 - NU**2), E / (2 * (1 + NU))  # of a wide beam
 
 # 2. The closed form. Corrected beam theory (Williams 1989) lets each arm deform ahead of the tip as
-# if the crack were longer by chi h. While the crack is at rest the opening is 8 P a^3/(E* h^3);
+# if the crack were longer by chi h. While the crack is stationary the opening is 8 P a^3/(E* h^3);
 # while it runs 12 P^2 a^2/(E*^2 h^3) = G_c/E*, and a follows from the opening.
 
 GAMMA = 1.18 * E_STAR / SHEAR
@@ -43,8 +43,8 @@ def theory(opening: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def main(facet: float = 0.25, end: float = 1.5, out: str = "results/tutorial_dcb"):
     """Open the beam; the history of the run."""
     # 3. The mesh. The bond softens over a zone ahead of the tip, at most E* G_c/STRENGTH^2 long in
-    # a thick body and (E* h G_c)^(1/2)/STRENGTH beside a thin arm. Elements of degree 2 need about
-    # two facets in it; where they are too long vmdg warns.
+    # a thick body and (E* h G_c)^(1/2)/STRENGTH next to a thin arm. Elements of degree 2 need about
+    # two facets in it; vmdg warns where facets are too long.
     zone = min(E_STAR * G_C / STRENGTH**2, np.sqrt(E_STAR * H * G_C) / STRENGTH)
     print(f"process zone at most {zone:.1f} mm, facets {facet:.2f} mm")
     places = (0.0, A_0 - 2, A_0, 60.0, 100.0)
@@ -52,8 +52,8 @@ def main(facet: float = 0.25, end: float = 1.5, out: str = "results/tutorial_dcb
     mesh, cells, sides = beams(stations=places, divisions=counts, height=H, rows=3, precrack=A_0)
 
     # 4. The problem. One law for the facets ahead of the crack. The ends are pulled at corners, so
-    # that they can turn. The load factor is the opening: with a force in its place the test would
-    # be over at the peak.
+    # that they can turn. The load factor is the opening: under a prescribed force the test would
+    # end at the peak.
     bond = vmdg.Debonding(strength=STRENGTH, critical_gap=2 * G_C / STRENGTH)
     interface = vmdg.Interface(facets=sides.find("interface"), law=bond)
     steel = vmdg.NeoHookean(E=E, nu=NU)
@@ -68,7 +68,7 @@ def main(facet: float = 0.25, end: float = 1.5, out: str = "results/tutorial_dcb
     problem.dirichlet(sides.find("right"), 0.0)
 
     # 5. The run. Past the peak points of the bond break one by one. The load factor may fall a
-    # little at each, so vmdg steps by the work spent on the bond, and adds rows between the given
+    # little at each, so vmdg controls steps by damage work and adds rows between the given
     # openings. `CrackGrowth` measures the crack.
     crack = vmdg.CrackGrowth(problem, interface, start=A_0)
 

@@ -1,7 +1,7 @@
-"""Tutorial: a thermal problem. A polymer film comes off its substrate as it cools.
+"""Tutorial: a thermal problem. A polymer film delaminates from its substrate as it cools.
 
-A film that shrinks more than the stiff substrate below it is under tension. What this stores is
-released where the film comes off, so a crack from its edge runs as soon as the energy per area
+A film that shrinks more than the stiff substrate below it is under tension. The stored energy is
+released where the film delaminates, so a crack from its edge runs as soon as the energy per area
 reaches the toughness of the bond: at a temperature that is known in closed form. Run it with
 ``demos/run tutorial_film``. Units are N, mm and MPa; the film is long in the third direction.
 """
@@ -24,18 +24,18 @@ from vmdg import plot
 E, NU, H, CRACK, LENGTH = 3500.0, 0.35, 0.02, 0.06, 0.24  # MPa, -, mm, mm, mm
 MISMATCH, G_C, STRENGTH = 50e-6, 0.005, 30.0  # 1/K, N/mm, MPa
 
-# 2. The closed form. Bonded, the film has the stress E e/(1 - nu) in its plane, e the mismatch
-# strain. Once it is off it has none across the front of the crack. The energy released per area is
-# G = (1 + nu) E e^2 h/(2 (1 - nu)), whatever the length of the crack and the substrate are
+# 2. The closed form. The bonded film has the stress E e/(1 - nu) in its plane, e the mismatch
+# strain; the detached film has no stress normal to the crack front. The energy released per area is
+# G = (1 + nu) E e^2 h/(2 (1 - nu)), independent of the crack length and of the substrate
 # (Hutchinson and Suo 1992). G = G_c gives the drop of temperature.
 
 CRITICAL = np.sqrt(2 * (1 - NU) * G_C / ((1 + NU) * E * H)) / MISMATCH  # K
 
 
 def main(facet: float = 0.004, out: str = "results/tutorial_film"):
-    """Cool the film until most of it is off; the history of the run."""
-    # 3. The mesh: film above, substrate below y = 0, made in DOLFINx. `split_cells` names the film
-    # by a function that is negative inside. Meshes for several ranks need facet ghosts.
+    """Cool the film until most of it is detached; the history of the run."""
+    # 3. The mesh: film above, substrate below y = 0, made in DOLFINx. `split_cells` marks the film
+    # by a function that is negative inside. Meshes on several ranks need facet ghosts.
     counts = (round(LENGTH / facet), 8)
     corners = ((0.0, -H), (LENGTH, H))
     ghosts = GhostMode.shared_facet
@@ -44,9 +44,9 @@ def main(facet: float = 0.004, out: str = "results/tutorial_film"):
     )
     cells = vmdg.split_cells(mesh, lambda x: -x[1], "film")
 
-    # 4. The problem. The crack is part of the interface: bonds that are lost from the start. The
-    # eigenstrain is the strain that the film would have if it were free; t is the drop of
-    # temperature. On the right is a plane of symmetry.
+    # 4. The problem. The crack is a part of the interface that is broken from the start. The
+    # eigenstrain is the strain that the film would have without substrate; t is the drop of
+    # temperature. The right side is a plane of symmetry.
     bond = vmdg.Debonding(strength=STRENGTH, critical_gap=2 * G_C / STRENGTH)
     interface = vmdg.Interface(
         between=("outside", "film"),
@@ -67,8 +67,8 @@ def main(facet: float = 0.004, out: str = "results/tutorial_film"):
     problem.dirichlet(lambda x: np.isclose(x[0], LENGTH), 0.0, "x")
 
     # 5. The run. At the critical temperature nothing stops the crack: a film that is cooled further
-    # comes off at once (`unstable="jump"`, the default). Here the equilibrium path is traced
-    # instead, along which the crack grows at constant temperature, until three quarters are off.
+    # delaminates at once (`unstable="jump"`, the default). Here the equilibrium path is traced
+    # instead: the crack grows at constant temperature until three quarters have debonded.
     crack = vmdg.CrackGrowth(problem, interface)
     options = vmdg.SolveOptions(unstable="trace", progress=True, csv=Path(out) / "history.csv")
     history = vmdg.solve(

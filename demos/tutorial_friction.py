@@ -1,10 +1,10 @@
-"""Tutorial: cycles and friction. A bed joint of masonry is pressed, broken and sheared to and fro.
+"""Tutorial: cycles and friction. A bed joint of masonry under pressure and cyclic shear.
 
 Two bricks with a mortar joint between them carry a constant pressure. Sheared for the first time,
-the joint bears its cohesion and then softens; from then on it only rubs, and every cycle dissipates
-the same known energy. The tutorial shows loads that turn, a plate that presses, friction that grows
-with the damage, and the energies of a run. Run it with ``demos/run tutorial_friction``. Units are
-N, mm and MPa; forces are per mm of width.
+the joint carries its cohesion and then softens; from then on only friction is left, and every cycle
+dissipates the same known energy. The tutorial shows loads that reverse, a rigid plate, friction
+that grows with the damage, and the energies of a run. Run it with ``demos/run tutorial_friction``.
+Units are N, mm and MPa; forces are per mm of width.
 """
 
 import argparse
@@ -26,7 +26,7 @@ COHESION, G_C, FRICTION, PRESSURE = 0.6, 0.06, 0.75, 0.5  # MPa, N/mm, -, MPa
 WAY, CYCLES = 0.4, 2  # mm, -
 
 # 2. The closed form. A joint without bond slides at mu N, whatever the bricks do. When the load
-# turns, the joint sticks until the bricks have sprung back by 2 mu N/k, k their stiffness. So a
+# reverses, the joint sticks until the bricks have sprung back by 2 mu N/k, k their stiffness. So a
 # cycle is a parallelogram between -mu N and mu N, with the area 4 mu N (WAY - mu N/k).
 
 SLIDING = FRICTION * PRESSURE * LENGTH  # N/mm
@@ -40,8 +40,8 @@ def work_of_cycle(stiffness: float) -> float:
 def main(divisions: int = 12, out: str = "results/tutorial_friction"):
     """Press, break and cycle the joint; the history of the run."""
     # 3. Mesh and law. The joint stands upright in the mesh: x is the direction of the pressure.
-    # With `gradual_friction` a point in contact bears R + D mu p, R the strength that is left and D
-    # the share that is lost. Without it the joint would bear the larger of R and mu p.
+    # With `gradual_friction` a point in contact carries R + D mu p, R the remaining strength and D
+    # the damage. Without it the joint would carry the larger of R and mu p.
     mesh, cells, sides = blocks(
         cell="quadrilateral",
         divisions=(divisions // 2, divisions),
@@ -58,7 +58,7 @@ def main(divisions: int = 12, out: str = "results/tutorial_friction"):
 
     # 4. The load programme. Until t = 1 a plate that does not tilt presses on the right brick and
     # then keeps its force. From there on t counts quarters of a cycle; the displacement is linear
-    # between the turns, and t never falls.
+    # between reversals, and t never decreases.
     turns = np.arange(1, 4 * CYCLES + 3)
     ways = WAY * np.sin(np.pi / 2 * (turns - 1)).round()  # 0, WAY, 0, -WAY, 0, WAY, ...
     far = sides.find("right")

@@ -1,7 +1,7 @@
 """Tutorial: your own laminate. From the plies to the curve of a double cantilever beam.
 
-Data of one ply and of its bond, a stacking sequence, two arms of it in 3D, a crack between them.
-The arms are opened, the crack runs; the load is set beside classical lamination theory.
+From the data of a ply and of its bond and a stacking sequence follow two arms in 3D with a crack
+between them. The arms are opened, the crack runs, and the load is compared with lamination theory.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ import vmdg
 from vmdg.meshes.plates import INTERFACE, LOWER_LEFT, RIGHT, UPPER_LEFT, plates
 from vmdg.plot import curve
 
-# 1. The plies: E, nu and G of IM7/8552 in MPa, axis 1 along the fibres, .184 mm each. A laminate is
-# a list of them from below, each with its angle to x in degrees; one layer of cells holds all.
+# 1. The plies: E, nu and G of IM7/8552 in MPa, axis 1 along the fibres, 0.184 mm each. A laminate
+# is a list of plies from below, each with its angle to x in degrees; one layer of cells has all.
 
 PLY = {"E": (161e3, 11.38e3, 11.38e3), "nu": (0.32, 0.32, 0.45), "G": (5170.0, 5170.0, 3920.0)}
 THICKNESS, G_C = 0.184, 0.28  # mm, N/mm
@@ -32,8 +32,8 @@ def laminate(angles: list[float], bottom: float) -> vmdg.Laminate:
     return vmdg.Laminate([vmdg.Orthotropic(**PLY, angle=a) for a in angles], THICKNESS, bottom)
 
 
-# 2. What theory says. With D = D_11 of an arm and a the crack with all that the clamped ends give
-# way, P = b sqrt(G_c D)/a and opening 2 P a^3/(3 b D) while the crack runs. Without a:
+# 2. Theory. With D = D_11 of an arm and the crack length a, corrected for the compliance ahead of
+# the tip, P = b sqrt(G_c D)/a and the opening is 2 P a^3/(3 b D) while the crack runs; without a:
 
 
 def theory(angles: list[float], opening: np.ndarray) -> np.ndarray:
@@ -42,8 +42,8 @@ def theory(angles: list[float], opening: np.ndarray) -> np.ndarray:
     return np.sqrt(2 * (G_C * D) ** 1.5 / (3 * D * opening))
 
 
-# 3. The test: a strip 2 mm wide that cannot contract sideways, cells of .5 mm where the crack runs,
-# facets glued by a bond of 40 MPa. Arms are mirrored, so that the crack is opened and not sheared.
+# 3. The test: a strip 2 mm wide that cannot contract sideways, cells of 0.5 mm where the crack
+# runs, a bond of 40 MPa. The arms are mirror images, so that the crack opens without shear.
 # More planes across y, and free sides, make it a specimen with a curved front: see
 # `studies/parts/delamination/plies.py`.
 

@@ -1,8 +1,8 @@
 """Tutorial: your own interface law. Delamination with fibre bridging, softening in two lines.
 
-Behind the tip of a delamination fibres still bridge the crack: after the steep fall of the matrix
-crack a small traction holds on over a long way. The law is written here, checked without any mesh,
-and then peels a double cantilever beam, whose resistance rises while the bridges build up.
+Behind the tip of a delamination fibres still bridge the crack: after the steep softening of the
+matrix a small traction remains over a large opening. The law is written here, checked without a
+mesh, and used in a double cantilever beam, whose resistance rises while the bridges build up.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from vmdg.plot import curve, profile, stress
 
 # 1. The law. `RadialLaw` is for laws with one softening curve R(x) for all directions: x is the
 # length of the inelastic gap, R the traction the bond still carries. It brings the return map, its
-# tangent, contact, friction, viscosity and energies; a law of its own kind would derive from
-# `vmdg.Law` and write `return_map`. What is left are four questions about the curve, asked for many
-# points at once. The history of a point is R, so the curve must fall all the way. `critical_gap`
-# and `softening_modulus` are the names other laws use.
+# tangent, contact, friction, viscosity and energies; a law without such a curve would derive from
+# `vmdg.Law` and write `return_map`. Four functions of the curve are left to write, vectorized over
+# points. The history of a point is R, so the curve must fall everywhere. `critical_gap` and
+# `softening_modulus` are the names that other laws use.
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ class BridgedDebonding(RadialLaw):
     Attributes:
         strength: Traction at which damage starts [MPa].
         bridging: Traction of the bridges at the knee [MPa].
-        knee: Gap at which the matrix has parted [mm].
-        critical_gap: Gap at which the last bridge has gone [mm].
+        knee: Gap at which the matrix is broken [mm].
+        critical_gap: Gap at which the last bridge is broken [mm].
         friction: Coulomb coefficient.
         viscosity: Overstress per rate of the gap [MPa s/mm].
     """
@@ -59,13 +59,13 @@ class BridgedDebonding(RadialLaw):
 
     @property
     def slopes(self) -> tuple[float, float]:
-        """Of both lines [MPa/mm]."""
+        """Slopes of both lines, positive [MPa/mm]."""
         tail = self.bridging / (self.critical_gap - self.knee)
         return (self.strength - self.bridging) / self.knee, tail
 
     @property
     def softening_modulus(self) -> float:
-        """The steepest descent [MPa/mm]; vmdg checks that the mesh is fine enough for it."""
+        """The steepest slope [MPa/mm]; vmdg checks that the mesh is fine enough for it."""
         return self.slopes[0]
 
     @property
@@ -74,7 +74,7 @@ class BridgedDebonding(RadialLaw):
         return (self.strength * self.knee + self.bridging * self.critical_gap) / 2
 
     def gap_at(self, resistance: NDArray) -> NDArray:
-        """x of R [mm]."""
+        """Gap x at which the resistance is R [mm]."""
         gaps = [self.critical_gap, self.knee, 0.0]
         return np.interp(resistance, [0.0, self.bridging, self.strength], gaps)
 
@@ -139,7 +139,7 @@ def tangent_error(law: BridgedDebonding, points: int = 2000) -> float:
 
 
 def dissipation(law: BridgedDebonding, steps: int) -> float:
-    """Work spent on the bond [N/mm] until it is gone, opened in equal steps."""
+    """Damage work [N/mm] until the bond is broken, opened in equal steps."""
     r, normal = 5 * law.softening_modulus, np.array([[1.0, 0.0]])
     gap, softening, work = np.zeros((1, 2)), np.zeros(1), 0.0
     for opening in np.linspace(0, 2 * law.critical_gap, steps + 1)[1:]:
@@ -148,7 +148,7 @@ def dissipation(law: BridgedDebonding, steps: int) -> float:
     return float(work)
 
 
-# 3. Use it like any other law: here in a double cantilever beam, beside the law of one line with
+# 3. Use it like any other law: here in a double cantilever beam, compared with a linear law of
 # the same energy.
 
 

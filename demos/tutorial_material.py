@@ -1,8 +1,8 @@
 """Tutorial: your own material. Two layers of an artery, with collagen fibres, are peeled apart.
 
-An energy W(F) in UFL is all a material needs: stress and moduli are derived from it. The one here
-is checked against a homogeneous deformation worked out by hand. Then two layers of it, glued
-together, are peeled at very large strains and rotations, as surgeons know it from dissections.
+An energy W(F) in UFL is all a material needs: stress and moduli are derived from it. The energy is
+checked by hand for a homogeneous deformation. Then two layers of this material, bonded to each
+other, are peeled apart at very large strains and rotations, as in a dissection of the wall.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from vmdg.plot import curve, stress
 
 # 1. The energy, after Holzapfel, Gasser and Ogden (2000): a soft matrix, and two families of fibres
 # in the plane of the layers, at angles +theta and -theta to x, which stiffen exponentially. F is
-# always 3 x 3, in plane strain too. Parameters come as a dictionary: materials that differ in their
-# values only share one compiled kernel. Energies must be smooth (three times differentiable): here
-# fibres work in compression as in tension.
+# always 3 x 3, also in plane strain. Parameters are passed as a dictionary: materials that differ
+# only in their values share one compiled kernel. Energies must be smooth (three times
+# differentiable): here fibres carry compression as well as tension.
 
 PARAMETERS = {"c": 0.05, "lmbda": 0.5, "k1": 0.1, "k2": 3.0}  # MPa, MPa, MPa, -
 
@@ -82,12 +82,12 @@ def check(theta: float = 30.0) -> tuple[float, float]:
     return float(traction), abs(problem.energy().bulk / (volume * W) - 1)
 
 
-# 3. Use it. The same energy serves strips cut along the vessel's circumference, whose fibres lie
-# closer to the direction of the strip, and along its axis. The bond spends .06 N/mm.
+# 3. Use it. The same energy describes strips cut along the vessel's circumference, whose fibres are
+# closer to the direction of the strip, and along its axis. The toughness is 0.06 N/mm.
 
 
 def peel(theta: float, steps: int, opening: float) -> tuple[vmdg.Problem, vmdg.History]:
-    """Grip the ends of two layers of .5 mm and pull them ``opening`` [mm] apart."""
+    """Grip the ends of two layers of 0.5 mm and pull them ``opening`` [mm] apart."""
     mesh, cells, facets = beams(
         stations=(0, 3, 10), divisions=(15, 50), height=0.5, rows=3, precrack=3
     )

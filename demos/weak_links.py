@@ -1,9 +1,9 @@
-"""Weak links: the equilibrium path of bars that break one after the other, jumped and traced.
+"""Weak links: bars that break one after the other, by jumps and along the equilibrium path.
 
-Bars between rigid grips, each bonded in its middle by a bond of another strength, so brittle that
-it cannot unload its bar in equilibrium while the grips move on: at its strength a bar snaps. A
-machine jumps; the path turns back instead, until the bond is gone, and rises again along a softer
-line.
+Bars between rigid grips, each with a bond of different strength in its middle, so brittle that it
+cannot unload its bar in equilibrium while the grips move apart: at its strength a bar snaps. A
+testing machine jumps to the next equilibrium; the path turns back instead until the bond is broken
+and rises again along a softer line.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ def bundle(
     critical_gap: float,
     way: Callable[[float], float] = lambda t: t,
 ) -> tuple[vmdg.Problem, Callable[[vmdg.Problem], dict[str, float]]]:
-    """Bars between rigid grips, each of two halves that are bonded; the force on the grip.
+    """Bars between rigid grips, each of two bonded halves, and a monitor of the force on the grip.
 
-    The grip moves as far as an unbroken bar bears 10 MPa times the way.
+    The grip moves so that an unbroken bar carries 10 MPa times ``way(t)``.
     """
     length, width, E = 1.0, 0.05, 1000.0
     with model("bundle") as g:
@@ -69,12 +69,12 @@ def bundle(
 
 
 def order_statistics(strengths: np.ndarray, stress: float) -> float:
-    """Force of brittle bars by their width: those that are strong enough bear the stress [MPa]."""
+    """Force of brittle bars over their width: those of enough strength carry the stress [MPa]."""
     return stress * (strengths > stress).sum()
 
 
 def draw(traced: vmdg.History, jumped: vmdg.History, strengths: np.ndarray) -> plt.Figure:
-    """Force over the way of the grips: the path, what a machine records, and what happens on it."""
+    """Force over the displacement of the grips: the path, jumps, and order statistics."""
     figure, ax = plt.subplots(figsize=(8, 4.5), layout="constrained")
     way = np.linspace(0, 10 * max(traced["load"]), 1000)
     exact = np.array([order_statistics(strengths, stress) for stress in way])
@@ -98,7 +98,7 @@ def main(
     seed: int = 3,
     out: str = "results/weak_links",
 ) -> dict[str, vmdg.History]:
-    """Pull the grips apart twice; the histories, by what happens at a snap."""
+    """Pull the grips apart twice; the histories of both ways."""
     strengths = np.sort(np.random.default_rng(seed).uniform(4.0, 10.0, bars))
     histories, comm = {}, MPI.COMM_WORLD
     for unstable in ("trace", "jump"):
@@ -118,15 +118,15 @@ if __name__ == "__main__":
         description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
     command.add_argument(
-        "--bars", type=int, default=4, help="number; strengths are drawn from 4 to 10 MPa"
+        "--bars", type=int, default=4, help="number of bars; strengths are 4 to 10 MPa"
     )
     command.add_argument(
         "--critical-gap",
         type=float,
         default=0.006,
-        help="at which a bond is gone [mm]; below 2 L P_c/E = .008 mm every bar snaps",
+        help="gap at which a bond is broken [mm]; below 2 L P_c/E = 0.008 mm every bar snaps",
     )
     command.add_argument("--steps", type=int, default=20, help="load steps")
-    command.add_argument("--seed", type=int, default=3, help="of the strengths")
+    command.add_argument("--seed", type=int, default=3, help="seed of the strengths")
     command.add_argument("--out", default="results/weak_links", help="folder for the results")
     main(**vars(command.parse_args()))

@@ -17,12 +17,14 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 
 #: Where plain words are expected: docstrings, comments and messages of modules, text of pages.
-FILES = sorted({*ROOT.glob("vmdg/*.py"), *ROOT.glob("vmdg/*/*.py"), ROOT / "vmdg" / "GLOSSARY.md"})
+ROOMS = ("vmdg", "forms", "meshes", "demos", ".ci", ".github")
+INSIDE = (path for room in ROOMS for path in (ROOT / room).rglob("*.*"))
+FILES = sorted({*ROOT.glob("*.md"), *(path for path in INSIDE if path.suffix in (".py", ".md"))})
 
 #: Words that are not used, as whole words, and what is written instead.
 BANNED = {
     r"lips?": "crack faces",
-    r"tours?": "the name of the source, cited",
+    r"(?-i:tours?)": "the name of the source, cited",
     r"foresee[ns]?|foretells?|foretold": "predict, estimate",
     r"held by": "constrained by",
     r"(goes|go|went) on": "continue",

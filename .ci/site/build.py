@@ -80,7 +80,7 @@ def main() -> int:
         nargs="?",
         type=Path,
         default=default,
-        help="its subfolders html (the site), sources and doctrees are made anew; results/site",
+        help="its subfolders html (the site), sources and doctrees are rebuilt; results/site",
     )
     parser.add_argument(
         "--links", action="store_true", help="try the links to other sites instead, a minute"
@@ -95,7 +95,7 @@ def main() -> int:
 
     out = arguments.folder.resolve()
     sources = out / "sources"
-    # Anew each time: what has not changed would not warn again, and pages that are gone would stay.
+    # Rebuilt each time: unchanged pages would not warn again, and deleted ones would remain.
     for name in ("sources", "doctrees", "html", "linkcheck"):
         shutil.rmtree(out / name, ignore_errors=True)
     write(sources)

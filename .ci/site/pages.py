@@ -1,4 +1,4 @@
-"""Writes the sources of the site: pages beside the code, the demos, the names of the API.
+"""Writes the sources of the site: pages next to the code, the demos, the names of the API.
 
 Nothing is written twice. Pages stay where they are; here they are taken apart at their headings
 and their links are turned to pages of the site. The contents, ``index.md`` and its neighbours, say

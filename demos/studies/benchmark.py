@@ -1,4 +1,4 @@
-"""Seconds, counts and memory of vmdg beside plain finite elements and other cohesive codes.
+"""Seconds, counts and memory of vmdg against plain finite elements and other cohesive codes.
 
 Parts, one or several by name: "precision" draws error against unknowns and processor time, "ratio"
 compares one Newton iteration, "zone" counts Krylov iterations while a zone of failure grows, "step"

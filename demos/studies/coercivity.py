@@ -2,7 +2,7 @@
 
 Two cells and the facet between them, and patches all of whose facets are interfaces: heights of
 1e-3 to 1e3 of the width, distorted and sheared, moduli up to 1e8 apart, Poisson's ratios up to
-.4999, deformed by F with |F - I| up to .5 where the moduli are positive. Counted are
+0.4999, deformed by F with |F - I| up to 0.5 where the moduli are positive. Counted are
 configurations whose tangent has a negative eigenvalue: there the tied form is not coercive.
 """
 

@@ -27,7 +27,7 @@ LABELS = {"crack": ("crack [mm]", "N/mm"), "cycles": ("cycles", "N")}
 
 
 def curves(ax: plt.Axes, case: Case, history: vmdg.History) -> None:
-    """Load over motion beside what is published and beam theory."""
+    """Load over motion against published values and beam theory."""
     along = case.motion in LABELS
     motion, load = (np.append(0.0, history[column]) for column in (case.motion, case.force))
     ax.plot(motion[along:], load[along:], label="vmdg")
@@ -130,7 +130,7 @@ def main(
     Args:
         case: Name of one, or "all".
         out: Folder for table and pictures; one of them shows all cases that were run there.
-        peer: Instead run the DCB beside a plain intrinsic cohesive law on the same mesh; one rank.
+        peer: Run the DCB against a plain intrinsic cohesive law on the same mesh instead; one rank.
         linear: Instead find the critical points of the MMB by linear fracture mechanics on several
             meshes, without vmdg.
         plot: Draw a picture of every case.

@@ -1,4 +1,4 @@
-"""Strengths of many periodic cells of fibres: their scatter beside bounds, and a failure envelope.
+"""Strengths of many periodic cells of fibres: their scatter against bounds, and a failure envelope.
 
 Loads cells of the example ``fibre_cell``: ``--seeds 10`` gives mean and scatter of the strength,
 ``--directions 4 --seeds 3`` an envelope of 12 runs from pull to shear. Several runs are shared by

@@ -40,7 +40,7 @@ def facet_norms(problem: vmdg.Problem) -> dict[str, float]:
 def main(
     out: str = "results/patch_shear", plot: bool = True, verbose: bool = False
 ) -> vmdg.History:
-    """Press the right end by .10 mm; the history of the run.
+    """Press the right end by 0.10 mm; the history of the run.
 
     Args:
         out: Folder for picture, history and ParaView fields.

@@ -2,7 +2,7 @@
 
 Two bricks of 1 mm share the interface x = 1. Pulling the right end by delta first stretches both,
 then the bond softens along the straight line of Figure 2, and from zeta = zeta_c on the blocks
-are free. The whole curve has a closed form, drawn beside the computed points.
+are free. The whole curve has a closed form, drawn with the computed points.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SHOWN = {0.04: r"bonded: $\zeta$ = 0", 0.12: r"$\zeta$ = 0.0998 mm", 0.26: r"$\z
 
 
 def table() -> list[float]:
-    """Residual norms of the step delta = .10 to .12 with 2 x 2 x 1 bricks a block (Table 1)."""
+    """Residual norms of the step delta = 0.10 to 0.12 with 2 x 2 x 1 bricks per block (Table 1)."""
     stabilization = report_stabilization(MATERIAL)
     problem, tagged = build(LAW, (2, 2, 1), comm=MPI.COMM_SELF, stabilization=stabilization)
     problem.dirichlet(tagged.facet_tags.find(5), 0.0, "y")

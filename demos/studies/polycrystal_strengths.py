@@ -36,7 +36,7 @@ def main(
         seed: Of their places and orientations, of the first cell: the same seed, the same cell.
         seeds: Number of cells.
         solid: Cells in space.
-        spread: Of their sizes, standard deviation of the logarithm; .35 for grown grains [-].
+        spread: Of their sizes, standard deviation of the logarithm; 0.35 for grown grains [-].
         cells: Along the mean size of a grain; 2 in space [-].
         end: Mean strain at the end [-].
         steps: Given strains on the way.

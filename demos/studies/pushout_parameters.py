@@ -30,7 +30,7 @@ def main(
         refine: Factor on all numbers of cells [-].
         steps: Load steps of the punch.
         end: Travel of the punch [mm].
-        resume: Go on from the last checkpoint of every run.
+        resume: Continue from the last checkpoint of every run.
         out: Folder for table, picture and the runs.
     """
     given = {"refine": refine, "steps": steps, "end": end, "resume": resume}

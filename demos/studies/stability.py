@@ -1,7 +1,7 @@
 """Random stress runs: cells, materials, laws, steps and motions far from ordinary, all checked.
 
 Every run has a number that fixes all that is drawn. It must end in a state that passes every check
-of ``parts/stability/checks.py``, or in a clear error: at the door, or with the state of the last
+of ``parts/stability/checks.py``, or in a clear error: on input, or with the state of the last
 converged step intact. The families are in ``parts/stability/cases.py``.
 """
 

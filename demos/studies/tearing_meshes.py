@@ -51,7 +51,7 @@ def main(
             h, off = each.history, difference(each, list(runs.values())[-1])
             print(
                 f"{mesh}: largest force {h['force'].max():.5g} N/mm, broken {h['broken'][-1]:.3g}, "
-                f"{len(h)} rows; opening at 10 % strain against the finest mesh: {off:.2%} off"
+                f"{len(h)} rows; opening at 10 % strain is {100 * off:.2f} % off the finest mesh"
             )
     return runs
 

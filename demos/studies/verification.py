@@ -71,7 +71,7 @@ def main(
     beams = {
         "DCB": lambda: dcb(verbose=verbose),
         "ENF, mu = 0": lambda: enf(0.0, **fine),
-        "ENF, mu = .3": lambda: enf(0.3, **fine),
+        "ENF, mu = 0.3": lambda: enf(0.3, **fine),
     }
     runs = {}
     for name, scene in ({} if coarse else beams).items():

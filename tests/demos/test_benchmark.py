@@ -142,7 +142,7 @@ def test_two_inclusions(out):
 
 def test_attempt_that_backtracks_in_vain_ends():
     """Next to the snap the tangent is as good as singular, and no length of a correction helps."""
-    problem, _ = inclusions.build(inclusions.LAWS["tour"], 2, 0.05)
+    problem, _ = inclusions.build(inclusions.LAWS["intrinsic"], 2, 0.05)
     loads = np.linspace(0, inclusions.END, 41)[1:]
     result = vmdg.solve(problem, loads, vmdg.SolveOptions(relative_tolerance=1e-6))
     assert result.failures

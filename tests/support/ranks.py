@@ -66,7 +66,7 @@ def push(solid: bool, layers: int, refine: float, steps: int, end: float) -> Run
 
 def inclusions(size: float) -> Runs:
     """Two inclusions under the public law."""
-    problem, _ = two_inclusions.build(two_inclusions.LAWS["tour"], 1, size)
+    problem, _ = two_inclusions.build(two_inclusions.LAWS["intrinsic"], 1, size)
     yield problem, np.linspace(0, two_inclusions.END, 41)[1:]
 
 

@@ -1,4 +1,4 @@
-"""Strengths of periodic cells of fibres in a file, beside bounds, and their envelope."""
+"""Strengths of periodic cells of fibres in a file, against bounds, and their envelope."""
 
 from __future__ import annotations
 
@@ -175,8 +175,8 @@ def shortest_cut(problem: vmdg.Problem) -> float:
 def draw_envelope(rows: NDArray[np.float64], path: Path) -> None:
     """Strengths in the plane of pull and shear, the means of every direction joined.
 
-    Beside them the quadratic criterion (stress_xx/X)^2 + (stress_xy/S)^2 = 1 with the means X of
-    pull and S of shear alone, where both are known (Hashin 1980, J. Appl. Mech. 47, 329).
+    Where both are known, with the quadratic criterion (stress_xx/X)^2 + (stress_xy/S)^2 = 1 of the
+    means X of tension and S of shear (Hashin 1980, J. Appl. Mech. 47, 329).
     """
     figure, ax = plt.subplots(figsize=(4.6, 4.2), layout="constrained")
     seed, angle, pull, shear = rows.T[:4]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of numbers in a file: a study goes on where it was ended.
+    """Rows of numbers in a file: a study continues where it was stopped.
 
     Attributes:
         file: With one line a run, of all studies in this folder.

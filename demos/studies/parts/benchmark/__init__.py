@@ -1,1 +1,1 @@
-"""Run time against error, and beside plain elements and other codes."""
+"""Run time against error, plain elements and other codes."""

@@ -2,7 +2,7 @@
 
 Two scenes at small strain: a fibre that debonds in a cell (section 7.2 without cracks in the
 matrix) and the fibre push-out (section 7.4), as a section and in 3D. Both ways take the same steps.
-The assembled tangent is factorized anew in 2D and in small problems; in 3D factors are lagged.
+The assembled tangent is refactorized in 2D and in small problems; in 3D factors are lagged.
 """
 
 from __future__ import annotations
@@ -70,15 +70,15 @@ def push_out(solid: bool, refine: float, steps: int) -> Scene:
 
 
 SCENES: dict[str, Callable[[], Scene]] = {
-    "fibre in a cell, h = .1": partial(cell, 0.1),
-    "fibre in a cell, h = .03": partial(cell, 0.03),
-    "fibre in a cell, h = .01": partial(cell, 0.01),
+    "fibre in a cell, h = 0.1": partial(cell, 0.1),
+    "fibre in a cell, h = 0.03": partial(cell, 0.03),
+    "fibre in a cell, h = 0.01": partial(cell, 0.01),
     "push-out, section": partial(push_out, False, 1.0, 100),
     "push-out, 3D, half of all counts": partial(push_out, True, 0.5, 100),
     "push-out, 3D": partial(push_out, True, 1.0, 100),
 }
 COARSE: dict[str, Callable[[], Scene]] = {
-    "fibre in a cell, h = .1": SCENES["fibre in a cell, h = .1"],
+    "fibre in a cell, h = 0.1": SCENES["fibre in a cell, h = 0.1"],
     "push-out, section": partial(push_out, False, 0.5, 10),
 }
 

@@ -1,4 +1,4 @@
-"""What vmdg costs besides the time of a run: compiled kernels, and memory.
+"""What vmdg costs in addition to the time of a run: compiled kernels, and memory.
 
 Both are measured in processes of their own: kernels with an empty cache, memory by the peak of the
 resident size.
@@ -164,6 +164,6 @@ def peaks(layers: int = 25, refine: float = 1.0) -> dict[str, dict]:
     """Of both, each in its own process; kernels are compiled in another one before."""
     result = {}
     for name in ("plain", "vmdg"):
-        fresh(f"peak_{name}(2, .2)")
+        fresh(f"peak_{name}(2, 0.2)")
         result[name] = fresh(f"peak_{name}({layers}, {refine})")
     return result

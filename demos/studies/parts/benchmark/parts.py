@@ -47,7 +47,7 @@ def zone_part(coarse: bool, repeats: int) -> Outcome:
 
 
 def step_part(coarse: bool, repeats: int) -> Outcome:
-    """What a step does besides assembly and solves, by facet and cell."""
+    """What a step does in addition to assembly and solves, by facet and cell."""
     actions = step.measure(repeats, 0.2 if coarse else 1.0)
     return actions, table(step.HEAD, step.rows(actions)), None
 

@@ -1,9 +1,9 @@
 """Two scenes that were run with other cohesive codes: P1, a cracked plate, and P2, two cubes.
 
 P1: two plates of 1.0 x 0.5 mm, 48 x 24 quadrilaterals each, plane strain, one above the other with
-a crack over the first quarter of their interface; bottom clamped, top u_x = 0 and u_y to .04 mm.
-P2: two unit cubes of 10 x 10 x 10 hexahedra, ends clamped, u_z to .06 mm. Both: E = 4000 MPa,
-nu = .3, small strain, a bond of 20 MPa that softens linearly to a gap of .02 mm.
+a crack over the first quarter of their interface; bottom clamped, top u_x = 0 and u_y to 0.04 mm.
+P2: two unit cubes of 10 x 10 x 10 hexahedra, ends clamped, u_z to 0.06 mm. Both: E = 4000 MPa,
+nu = 0.3, small strain, a bond of 20 MPa that softens linearly to a gap of 0.02 mm.
 
 The bonded slope is that of plain finite elements on the same mesh. Peak and forces are those of a
 run with ten times as many steps; the work to separation is the energy of the bond, exactly.
@@ -99,7 +99,7 @@ def build(
 def loads(scene: Scene, steps: int) -> NDArray[np.float64]:
     """Load factors that look closely at the top of the curve, and at the end of the bond.
 
-    No force is larger than the strength times the bonded area, which an undamaged body would bear
+    No force is larger than the strength times the bonded area, which an undamaged body would carry
     at some displacement D. One step to D/100 gives the slope; most of the others lie evenly between
     D/2 and 5 D/4, where the force is largest, the others up to one and a half critical gaps. The
     last one goes to the end.
@@ -226,8 +226,8 @@ def row(name: str, run: Run) -> list[str | int | float]:
         history["iterations"].mean(),
         f"{run.slope_error:.1e}",
         history["force"].max(),
-        f"{run.peak_error:.2%}",
-        f"{run.work_error:.2%}",
+        f"{100 * run.peak_error:.2f} %",
+        f"{100 * run.work_error:.2f} %",
         f"{run.imbalance:.1e}",
     ]
 

@@ -53,7 +53,7 @@ class Ratio:
     Attributes:
         name: Dimension, state of the interface and solver.
         times: Of "plain" and "vmdg", by part, on the slowest rank; with multigrid also of
-            "rebuilt", plain finite elements whose interpolation is made anew in every iteration,
+            "rebuilt", plain finite elements whose interpolation is rebuilt in every iteration,
             as PETSc does by itself.
         sizes: Numbers of unknowns.
         entries: Nonzero entries of the matrices.
@@ -296,6 +296,6 @@ def row(ratio: Ratio) -> list[str | float]:
         both(*(1e3 * total for total in ratio.totals)),
         f"{ratio.ratio:.3f}",
         f"{ratio.to_rebuilt:.3f}",
-        f"{ratio.active:.0%}",
+        f"{100 * ratio.active:.0f} %",
         1e3 * ratio.step,
     ]

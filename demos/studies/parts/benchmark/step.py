@@ -1,4 +1,4 @@
-"""What a load step of vmdg takes besides assembly and linear solves, per facet and per cell.
+"""What a load step of vmdg takes in addition to assembly and linear solves, per facet and per cell.
 
 Every action of a step is run on two boxes with the same interface, all points at work, one with
 twice the cells: what grows is the cells' share, the rest that of the facets. Memory is the largest
@@ -125,7 +125,7 @@ class _Box:
             "tau_s of the next step": (1, parts.update_stabilization),
             "load vector": (1, lambda: problem.loading.move(1.0)),
             "state to come back to": (1, step.snapshot),
-            "cells turned inside out": (1, step.inverted),
+            "inverted cells": (1, step.inverted),
             "facets to open": (1, step.activation.utilization),
             "commit, works": (1, commit),
             "row: energies": (1, problem.energy),
@@ -184,7 +184,7 @@ def rows(actions: list[Action]) -> list[list]:
             *(1e6 * share for share in action.shares(action.seconds)),
             *(round(share) for share in action.shares(action.memory)),
             1e3 * action.of_step,
-            f"{action.of_step / whole:.1%}",
+            f"{100 * action.of_step / whole:.1f} %",
         ]
         for action in actions
     ]

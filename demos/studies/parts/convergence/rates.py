@@ -74,7 +74,7 @@ class Study:
         """Whether the top carries the exact tractions; all other sides are prescribed.
 
         Only for (ii). Where a loaded side meets a prescribed one, solutions of the dual problem are
-        singular and the rate in L2 falls to about k + .7 on fine meshes, whatever the interface
+        singular and the rate in L2 falls to about k + 0.7 on fine meshes, whatever the interface
         does; and (i) is unstable under dead tractions there (its tangent is indefinite).
         """
         return self.solution == "bent"
@@ -288,7 +288,7 @@ class Row:
 
 
 def targets(degree: int) -> dict[str, float]:
-    """Least rates: k + .9 of u in L2, k - .1 of its gradient and of the interface traction."""
+    """Least rates: k + 0.9 of u in L2, k - 0.1 of its gradient and of the interface traction."""
     return {"l2": degree + 0.9, "h1": degree - 0.1, "traction": degree - 0.1}
 
 

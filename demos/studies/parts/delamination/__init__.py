@@ -1,1 +1,1 @@
-"""Delamination tests with published numbers, and closed forms beside them."""
+"""Delamination tests against published numbers and closed forms."""

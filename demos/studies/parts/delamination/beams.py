@@ -72,7 +72,7 @@ def build(
 ) -> vmdg.Problem:
     """Both arms, bonded from the crack on.
 
-    With ``friction`` the lips touch where the crack is an interface.
+    With ``friction`` the crack faces touch where the crack is an interface.
     """
     material, facets = m.material, tagged.facet_tags
     laws = {INTERFACE: m.bond(friction or 0.0)}
@@ -206,7 +206,7 @@ def long_dcb(verbose: bool = False) -> Run:
 
 def isotropic_dcbs(end: float = 6.0, verbose: bool = False) -> dict[str, Run]:
     """Isotropic arms with 4 cells in the process zone, 8, and 4 of degree 2, small and finite."""
-    meshes = {"h = .5": (0.5, 1), "h = .25": (0.25, 1), "h = .5, k = 2": (0.5, 2)}
+    meshes = {"h = 0.5": (0.5, 1), "h = 0.25": (0.25, 1), "h = 0.5, k = 2": (0.5, 2)}
     return {
         f"{kinematics}, {name}": dcb(
             size, end=end, degree=k, m=ISOTROPIC, kinematics=kinematics, verbose=verbose
@@ -228,25 +228,26 @@ def enf(
     L: float = 50.0,
     a_0: float = 40.0,
 ) -> Run:
-    """End-notched flexure: 2 L = 100, a_0 = 40 mm, stable since a_0 > .7 L.
+    """End-notched flexure: 2 L = 100, a_0 = 40 mm, stable since a_0 > 0.7 L.
 
-    Only the lower arm rests on the left support; it carries the upper one by contact there. Equal
-    arms bend alike, each carries P/4, so the contact force is P/4 and, since the lips slide, its
-    friction f = mu P/4. Assumed is that there is no other contact: the lips are an interface over
-    the first 6 mm and a slit from there on. (Computed, they touch over 1 mm with P/4 to .7%, and
-    the slit is open everywhere.) Each arm then has the moment P x/4 - f h/2 and the axial force f.
+    Only the lower arm is supported at the left end; it carries the upper one by contact there.
+    Equal arms bend alike and each carries P/4, so the contact force is P/4 and, since the crack
+    faces slide, its friction is f = mu P/4. We assume no other contact: the crack faces are an
+    interface over the first 6 mm and a slit beyond. (In the computation they touch over 1 mm with
+    P/4 to 0.7 %, and the slit is open everywhere.) Each arm then has the moment P x/4 - f h/2 and
+    the axial force f.
     From the section forces behind and ahead of the tip the energy release rate is a full square,
 
         G = 9 P^2 (a_e - 2 mu h/3)^2/(16 b^2 E h^3),  so that  P (a_e - 2 mu h/3) = K
 
     with K = 4/3 b sqrt(G_c E h^3) while the crack runs (an analysis of the kind of Carlsson,
     Gillespie and Pipes 1986). The work of P on the deflection C P, less the energy stored, is the
-    work W of f on the slip of the lips before growth:
+    work W of f on the slip of the crack faces before growth:
 
         C = (2 L^3 + 3 a_e^3 - 3 mu h a_e^2)/(8 b E h^3) + 3 L/(10 G_12 b h),
         W = 3 mu P^2 h a_e (a_e - 4 mu h/3)/(16 b E h^3).
 
-    a_e = a + .42 chi h corrects for the tip, the last term of C for shear. The load at the end is
+    a_e = a + 0.42 chi h corrects for the tip, the last term of C for shear. The load at the end is
     compared at the crack length a = a_0 + D/(G_c b) of the energy spent on the bond. The history
     has load and crack length of the theory at the same deflection.
     """
@@ -285,7 +286,7 @@ def enf(
             "friction": energy.friction,
         }
 
-    # The first step finds where the lips touch, whatever its size.
+    # The first step finds where the crack faces touch, whatever its size.
     options = vmdg.SolveOptions(progress=True, verbose=verbose)
     result = vmdg.solve(problem, np.linspace(end / steps, end, steps), options, monitor)
     history = result.history
@@ -320,9 +321,9 @@ def four_point(
     """Four-point bend end-notched flexure (4ENF): the moment between the rollers is constant.
 
     Supports at the ends of the span ``outer``; on each of two rollers ``inner`` apart P/2 as dead
-    load, which a loading nose that turns shares alike; the crack starts on the left and ends
-    between them. With c = (outer - inner)/2 the moment there is M = P c/2, of which each arm bears
-    one half until the crack has passed, so that
+    load, which a loading nose that turns shares equally; the crack starts on the left and ends
+    between them. With c = (outer - inner)/2 the moment there is M = P c/2, of which each arm
+    carries one half until the crack has passed, so that
 
         G = M^2/(2 b) (1/(2 E I) - 1/(8 E I)) = 9 P^2 c^2/(16 b^2 E h^3),  I = b h^3/12,
 
@@ -330,10 +331,10 @@ def four_point(
     Davidson 1999). The mean deflection of the rollers is C P, by virtual work
 
         C = (c^3 + 3 c^2 (a_e - c))/(2 b E h^3) + (c^3 + 3 c^2 (outer - c - a_e))/(8 b E h^3)
-            + 3 c/(10 G_12 b h),  a_e = a + .42 chi h.
+            + 3 c/(10 G_12 b h),  a_e = a + 0.42 chi h.
 
-    The lips touch at the support and under the roller, where they are an interface without
-    friction, and are a slit from there on.
+    The crack faces touch at the support and under the roller, where they are an interface without
+    friction, and are a slit beyond.
     """
     c = (outer - inner) / 2
     stations = (0.0, 6.0, c - 6, c + 6, a_0 - 4, a_0, a_0 + run + 10, outer - c, outer)

@@ -74,7 +74,7 @@ class Row:
         return f"{reference:.4g} ({100 * (self.computed / reference - 1):+.1f} %)"
 
 
-#: Krueger 2012, figures read to 3%; the first points are printed.
+#: Krueger 2012, figures read to 3 %; the first points are printed.
 MMB_20 = (
     *((1.64, 128.5), (1.8, 114), (2.2, 96), (2.55, 85), (3.0, 76), (3.3, 73), (3.6, 73.5)),
     *((4.0, 76), (4.7, 79), (5.6, 81.5), (6.5, 85), (7.4, 88), (9.0, 94)),
@@ -133,7 +133,7 @@ CASES = {
     "dcb": Case("DCB (Alfano and Crisfield 2001)", _dcb(ALFANO_CRISFIELD, element_size=0.0625)),
     "dcb-t300": Case("DCB, T300/1076", _dcb(T300_1076, **FINE, end=2.6, steps=26, length=150.0)),
     "turon": Case(
-        "DCB (Turon 2007), facets of .25 mm",
+        "DCB (Turon 2007), facets of 0.25 mm",
         _dcb(T300_977, **(FINE | TURON), end=9.0, steps=30),
         {"peak load": 62.0},
     ),
@@ -170,7 +170,7 @@ CASES = {
         force="load",
     ),
     "fatigue": Case(
-        "DCB under cycles, R = .1 (Davila 2018)",
+        "DCB under cycles, R = 0.1 (Davila 2018)",
         lambda verbose: fatigue(verbose=verbose),
         motion="cycles",
     ),

@@ -14,7 +14,8 @@ from parts.delamination.worn import Growth, cf20, grow
 from parts.verification.checks import compare, describe
 from vmdg.meshes.beams import INTERFACE, RIGHT, UPPER_LEFT
 
-#: IM7/8552 of the analyses of Davila (NASA/TP-2018-219838), R = .1, and the constants of its wear.
+#: IM7/8552 of the analyses of Davila (NASA/TP-2018-219838), R = 0.1, and its fatigue
+#: constants.
 PLY = Laminate(146671.0, 8703.0, 5164.0, 0.32, 0.45, 2.25, 1.0, 0.24, 80.1, 0.739, 2.1)
 WEAR = {"endurance": 0.2, "ratio": 0.1, "life": 1e7, "brittleness": 0.95}
 BOND = vmdg.FatigueDebonding(
@@ -29,17 +30,17 @@ SHARE, AFTER = 0.45, 0.6
 def fatigue(
     element_size: float = 0.1, far: float = 4.7, rows: int = 8, verbose: bool = False
 ) -> Run:
-    """A DCB held at its largest opening, G_I/G_c .5 at first, until the crack has run `far`.
+    """A DCB held at its largest opening, G_I/G_c 0.5 at first, until the crack has run `far`.
 
     As the crack runs G falls, so that one run has the growth at all G below the first. In a process
-    zone of length l in which the traction relative to what the bond bears is everywhere
+    zone of length l in which the traction relative to what the bond carries is everywhere
     sqrt(G/G_c), damage grows from 0 to 1 while the crack runs over it:
 
         da/dN = l (G/(G_c E^2))^(beta/2)/(gamma (beta + 1)),
 
     see `vmdg.FatigueDebonding`. The slope of log(da/dN) over log G is compared with beta/2, the
     growth at `SHARE` and the cycles of all of it with :func:`without_vmdg`. Degree 2; the traction
-    in a zone of .4 mm asks for cells that are not much higher, and wear has the power 15 of it.
+    in a zone of 0.4 mm needs cells that are not much higher, and the damage rate has its power 15.
 
     Args:
         element_size: Of facets where the crack runs [mm].

@@ -1,9 +1,8 @@
 """The peer: a plain intrinsic cohesive zone on the same mesh, under the same control.
 
-What most codes have: a bilinear law with a penalty stiffness K in front of it, integrated at Gauss
-points of interface elements, without any stabilization. The bodies are those of vmdg, its direct
-solver too, and the path is led by the work on bonds with a step size that aims at as many
-iterations.
+What most codes have: a bilinear law with an initial penalty stiffness K, integrated at the Gauss
+points of interface elements, without any stabilization. Bodies and direct solver are those of vmdg;
+damage work controls the path, with a step size that aims at the same number of iterations.
 """
 
 from __future__ import annotations
@@ -244,7 +243,7 @@ class Peer:
         """The equilibrium at a load factor, or after some work; u, t, kappa, iterations.
 
         Args:
-            start: First guess of u [mm] and load factor; this stays as it is without ``work``.
+            start: Predictor of u [mm] and load factor; the latter stays as it is without ``work``.
             kappa: Largest gaps before [mm].
             work: On bonds, or None [N mm].
 
@@ -279,7 +278,7 @@ class Peer:
         raise Diverged
 
     def run(self, loads: list[float], share: float = 0.1) -> Counts:
-        """Load factors until the first damage, then by the work on bonds until the last of them.
+        """Load factors until the first damage, then by the damage work until the last of them.
 
         Args:
             loads: Load factors.

@@ -41,7 +41,7 @@ class Theory(NamedTuple):
 def theory(m: Laminate, c: float, a: float) -> Theory:
     """Corrected beam theory of the MMB test (Reeder and Crews 1990; ASTM D6671) with shear.
 
-    With a_I = a + chi h and a_II = a + .42 chi h,
+    With a_I = a + chi h and a_II = a + 0.42 chi h,
 
         G_I = 3 P^2 (3c - L)^2 a_I^2/(4 b^2 h^3 L^2 E),
         G_II = 9 P^2 (c + L)^2 a_II^2/(16 b^2 h^3 L^2 E),

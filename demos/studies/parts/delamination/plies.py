@@ -29,7 +29,7 @@ class Plates:
         height: Of an arm [mm].
         width: Of both [mm].
         G_c: Of the bond between them, opening [N/mm].
-        strength: Of a bond whose zone, .9 mm, is short beside the arms [MPa].
+        strength: Strength of a bond whose zone, 0.9 mm, is short against the arms [MPa].
         points: By crack length, opening [mm] and load [N] at which a straight front begins to grow
             in its middle, where G, by VCCT, is G_c first.
     """
@@ -43,8 +43,8 @@ class Plates:
 
 
 #: C12K/R6376, plies of one arm from below (the other has the opposite angles), and the specimen.
-#: Plies of 5 mil, as the other lengths are whole inches: with plies of .125 mm the stiffness is 4.1
-#: to 4.8% below that of all four published points, with these within .5%.
+#: Plies of 5 mil, as the other lengths are whole inches: with plies of 0.125 mm the stiffness is
+#: 4.1 to 4.8 % below that of all four published points, with these within 0.5 %.
 PLY = {"E": (146.9e3, 10.6e3, 10.6e3), "nu": (0.33, 0.33, 0.33), "G": (5450.0, 5450.0, 3985.0)}
 ANGLES = (30, -30, 0, -30, 0, 30, 0, 0, 0, 0, 30, 0, -30, 0, -30, 30)
 THICKNESS = 0.127
@@ -239,7 +239,7 @@ def d30(
 
     The published points are loads and openings at which the energy release rate (VCCT) is G_c in
     the middle of a straight front: the mean over the front, P^2/(2 b) dC/da of these points, is
-    .83 G_c, and at the edges it is a fifth. So the front grows in the middle first and becomes
+    0.83 G_c, and at the edges it is a fifth. So the front grows in the middle first and becomes
     curved, and where G is G_c all along it the load is above that of the points. In the run a bond
     of 20 MPa has a zone of 2.5 mm, with facets of 1 mm.
 

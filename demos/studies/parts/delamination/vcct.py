@@ -128,7 +128,7 @@ def flexibility(rows: int, size: float = 1.0, tip: float = 0.25, m: Laminate = M
     u = np.zeros((n, 2))
     u[free] = splu(K[free][:, free]).solve(forces[free])
 
-    # What the cells above the tip pull down with, and how far the lips are apart a cell behind it.
+    # Force of the cells above the tip, and opening of the crack one cell behind it.
     behind, ahead = dofs[rows][crack - 1], dofs[rows][crack]
     force = (cells[crack - 1] @ u[behind])[2:4] + (cells[crack] @ u[ahead])[:2]
     jump = u[2 * upper[crack - 1] :][:2] - u[2 * nodes[crack - 1, rows] :][:2]
@@ -137,13 +137,13 @@ def flexibility(rows: int, size: float = 1.0, tip: float = 0.25, m: Laminate = M
 
 
 def study(m: Laminate = MMB) -> str:
-    """Critical points of all levers over the mesh, beside those published."""
+    """Critical points of all levers over the mesh, against those published."""
     meshes = {
-        "two, .25": (2, 1.0, 0.25),
-        "three, .25": (3, 1.0, 0.25),
-        "six, .25": (6, 1.0, 0.25),
-        "twelve, .0625": (12, 0.5, 0.0625),
-        "24, .03125": (24, 0.25, 0.03125),
+        "two, 0.25": (2, 1.0, 0.25),
+        "three, 0.25": (3, 1.0, 0.25),
+        "six, 0.25": (6, 1.0, 0.25),
+        "twelve, 0.0625": (12, 0.5, 0.0625),
+        "24, 0.03125": (24, 0.25, 0.03125),
     }
     rows = []
     for name, mesh in meshes.items():

@@ -53,7 +53,7 @@ def cf20(endurance: float, ratio: float, life: float, brittleness: float) -> Rat
     """dd/dN over lambda in opening (Davila, NASA/TP-2020-220584).
 
     Args:
-        endurance: Share of the strength that is borne for `life` cycles at R = -1.
+        endurance: Fraction of the strength that lasts for `life` cycles at R = -1.
         ratio: R, least over largest load.
         life: Cycles at the limit of endurance.
         brittleness: eta.
@@ -113,7 +113,7 @@ def grow(
     size: float = 0.05,
     most: float = 0.02,
 ) -> Growth:
-    """Hold the opening, and let the bond wear until the crack has run `far` less 1.5 mm.
+    """Keep the opening while cycles damage the bond, until the crack has run `far` less 1.5 mm.
 
     With the damage d of all nodes known the arms are linear: g = 2 (C_P P - C w T) and
     g (1 - d) P_n = d zeta_c T, zeta_c = 2 G_c/P_n. Where lambda = T/((1 - d) P_n) is above 1 the

@@ -52,7 +52,7 @@ class Row:
         force: On the top [N].
         rows: Converged steps.
         newton: Corrections.
-        systems: Linear systems, two a correction where the work on bonds leads.
+        systems: Linear systems, two per correction where damage work is the control parameter.
         krylov: Iterations of linear solves.
         seconds: Wall time of the steps [s].
         parts: Of it by timer, of the slowest rank [s].
@@ -91,7 +91,7 @@ class Row:
             f"{work * first.seconds / self.seconds:.2f}",
             *self.parts.values(),
             f"{self.ghosts} / {self.model}",
-            f"{self.facets:.0%}",
+            f"{100 * self.facets:.0f} %",
             self.MiB,
             f"{self.force:.10g}",
         ]

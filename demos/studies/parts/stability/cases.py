@@ -107,7 +107,7 @@ def opening_scale(law: vmdg.Law) -> float:
 
 
 def described(law: vmdg.Law) -> str:
-    """The law in words."""
+    """Description of the law."""
     return f"{type(law).__name__} {law.strength:.2g} MPa, H {law.softening_modulus:.2g}"
 
 
@@ -305,7 +305,7 @@ def contrast(rng: Generator) -> Case:
 
 
 def incompressible(rng: Generator) -> Case:
-    """Poisson's ratio .4 to .4999."""
+    """Poisson's ratio 0.4 to 0.4999."""
     nu = 0.5 - log_uniform(rng, 1e-4, 1e-1)
     kind, degree = choose(rng, FAILING)
     size = np.ones(dimension(kind))
@@ -323,7 +323,7 @@ def incompressible(rng: Generator) -> Case:
 
 
 def distortion(rng: Generator) -> Case:
-    """Corners that keep 1e-3 to .5 of their Jacobian."""
+    """Corners that keep 1e-3 to 0.5 of their Jacobian."""
     left = log_uniform(rng, 1e-3, 0.5)
     kind, degree = choose(rng, TIED)
     mesh, tags = block_pair(kind, rng, np.ones(dimension(kind)), (2, 3, 2))
@@ -573,7 +573,9 @@ def random_facets(rng: Generator) -> Case:
     materials = {1: vmdg.NeoHookean(E=E, nu=rng.uniform(0, 0.4))}
     bond = Bond(law, facets=chosen)
     inputs = pulled(rng, mesh, tags, materials, (bond,), 1.5 * opening_scale(law))
-    return Case("random facets", f"{share:.0%} of all, {described(law)}", degree=degree, **inputs)
+    return Case(
+        "random facets", f"{100 * share:.0f} % of all, {described(law)}", degree=degree, **inputs
+    )
 
 
 def inclined(rng: Generator) -> Case:
@@ -684,7 +686,7 @@ def random_ogden(rng: Generator, modulus: float) -> vmdg.Ogden:
 
 
 def ogden(rng: Generator) -> Case:
-    """Ogden bodies: an affine field, exact; or a bond that fails, up to |H| = .5."""
+    """Ogden bodies: an affine field, exact; or a bond that fails, up to |H| = 0.5."""
     kind, degree = choose(rng, {**LINEAR, ("quadrilateral", 2): 0.5, ("hexahedron", 1): 0.5})
     mesh, tags = block_pair(kind, rng, np.ones(dimension(kind)))
     if rng.random() < 0.4:
@@ -717,7 +719,7 @@ def viscous(rng: Generator) -> Case:
         law = replace(law, viscosity=ratio * law.softening_modulus / 5)
         reach = 1.5 * opening_scale(law)
         inputs = pulled(rng, mesh, tags, two_materials(rng), (Bond(law, (1, 2)),), reach)
-    # A step of no length lasts for ever.
+    # A step of zero length would last indefinitely.
     inputs["loads"] = np.append(inputs["loads"], inputs["loads"][-1])
     what = f"viscosity {ratio:.2g} H dt, {described(law)}"
     return Case("viscous", what, degree=degree, **inputs)

@@ -1,6 +1,6 @@
-"""Is the state a stress run ended in a right one? Checks that do not take the solver's word.
+"""Checks of the state in which a stress run ended, independent of what the solver reports.
 
-Each check returns what it found wrong, in words; an empty list is a pass. Points are examined in
+Each check returns descriptions of what is wrong; an empty list is a pass. Points are examined in
 the frame of the law: zeta~ = R^T.zeta, T~ = R^T.T. Tolerances are those of the solver, or a bound
 of rounding where that is larger.
 """
@@ -111,9 +111,9 @@ class Run:
 
     @cached_property
     def new(self) -> vmdg.Problem:
-        """A new problem with displacement, history and frozen penalties of the run, zeta held.
+        """A new problem with displacement, history and frozen penalties of the run, zeta constant.
 
-        Facets that have opened on demand are interfaces there, all others are none.
+        Facets that have opened on demand are interfaces there; all others are not.
         """
         problem = self.problem
 
@@ -231,7 +231,7 @@ def _balances_moments(case: Case) -> bool:
 
 
 def positive_volume(run: Run) -> list[str]:
-    """No cell is turned inside out: det F > 0 wherever the bulk is integrated."""
+    """No cell is inverted: det F > 0 wherever the bulk is integrated."""
     if run.case.kinematics == "small":
         return []
     problem, d = run.problem, run.case.mesh.d
@@ -259,7 +259,7 @@ def admissible(run: Run) -> list[str]:
         if not law.inelastic:
             continue
         if law.viscosity > 0 and run.stopped:
-            continue  # overstress, until it rests
+            continue  # overstress, until it has relaxed
         r = stabilization.norm[active.quadrature.facet]
         if not law.admissible(r).all():
             found.append(f"r = {r.min():.3g} does not exceed H = {law.softening_modulus:.3g}")
@@ -352,7 +352,7 @@ def fixed_point(points: Points) -> list[str]:
     # Close to r = H the map magnifies what is left over by r / (r - H).
     magnified = points.penalty / (points.penalty - points.law.softening_modulus)
     excess = moved - 10 * points.tolerance * magnified
-    return [f"a point would move on by {moved.max():.2e} MPa"] * bool((excess > 0).any())
+    return [f"a point would move by {moved.max():.2e} MPa"] * bool((excess > 0).any())
 
 
 def criterion(points: Points) -> list[str]:
@@ -424,11 +424,11 @@ def energy_balance(run: Run) -> list[str]:
     """No step creates or loses more than the trapezoidal rule can miss of its work.
 
     External work is the mean of the reactions at both ends of a step times its displacement. On the
-    way the reactions stay within what the run has seen and what the bonds can bear, and the true
-    work differs by less than that times the displacement. Steps over a jump have the work of the
-    jump besides, and so has one at rest, which relaxes, to a small share. What the curvature of the
-    path adds to the work of a step is known with the next one. Energies are known no better than
-    the rounding of W.
+    way the reactions stay within what the run has seen and what the bonds can carry, and the true
+    work differs by less than that times the displacement. Steps over a jump also have the work of
+    the jump, and so, to a small fraction, has a step at constant load, which relaxes. What the
+    curvature of the path adds to the work of a step is known with the next one. Energies are known
+    no better than the rounding of W.
     """
     found = []
     rounding = 10 * EPS * _stiffest(run) * run.reach**run.case.mesh.d

@@ -86,7 +86,7 @@ class Outcome:
 
 
 class Refused(Exception):
-    """A clear error at the door where one was due."""
+    """A clear error on input where one was due."""
 
 
 def execute(case: Case) -> Run:

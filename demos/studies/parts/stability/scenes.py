@@ -213,7 +213,7 @@ class Case:
 
     Attributes:
         family: What it is to stress.
-        what: The numbers that were drawn, in words.
+        what: Description of the numbers that were drawn.
         mesh: Cells.
         tags: Of the cells (m,).
         materials: By tag.
@@ -225,7 +225,7 @@ class Case:
         kinematics: "finite" or "small".
         symmetry: None or "axisymmetric".
         exact: Deviation of the end state from a closed form, relative; None where there is none.
-        refusal: Pattern of the error at the door that is a right answer; "" where none is.
+        refusal: Pattern of the error on input that is a correct answer; "" without one.
         must_refuse: Whether nothing else is.
         unchanged_from: Load factor from which on all that happens is a rigid motion.
     """

@@ -69,7 +69,7 @@ def push_out(
     = 2 mu k/a, and the force is :func:`parts.pushouts.shear_lag` without a bond. It holds where z
     is farther than a radius or two from both ends; there the rings are not plane, the pressure
     differs and a share of the order of a/H of the force is in doubt. It also neglects that the
-    matrix carries the force back: its stress is that of the fibre times a^2/(b^2 - a^2) = .05.
+    matrix carries the force back: its stress is that of the fibre times a^2/(b^2 - a^2) = 0.05.
     """
     slender, force = _slide(height, layers, friction, 0.15, verbose)
     mesh = describe(slender, 1)
