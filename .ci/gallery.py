@@ -27,7 +27,7 @@ import vmdg
 DEMOS = Path(vmdg.__file__).resolve().parent.parent / "demos"
 
 _CELL = "--element-size 0.05 --critical-gap 0.01"
-_MANY = "--fibres 5 --cell triangle --activate on-demand --end 0.0065"
+_MANY = "--fibres 5 --cell triangle --activate on-demand"
 SCENES = {
     "patch_tension": "patch_tension --no-plot",
     "patch_shear": "patch_shear --no-plot",
@@ -42,14 +42,14 @@ SCENES = {
     "fibre_cell": "fibre_cell",
     "polycrystal": "polycrystal --no-trace --steps 10",
     "fibre_matrix": "fibre_matrix",
-    "fibre_film": f"fibre_matrix {_CELL} --growth 1.04",
+    "fibre_film": f"fibre_matrix {_CELL} --animate",
     "fibres_five": f"fibre_matrix {_CELL} {_MANY}",
     "tearing": "tearing",
     "tearing_ogden": "tearing --material ogden",
-    "pushout": "pushout --no-plot",
+    "pushout": "pushout",
     "peers": "benchmark peers --repeats 1 --no-plot",
     "verification": "verification --no-plot",
-    "pushout_solid": "pushout --solid --no-plot",
+    "pushout_solid": "pushout --solid",
 }
 
 

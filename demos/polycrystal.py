@@ -1,16 +1,15 @@
-"""A polycrystal breaks along its grain boundaries: a periodic cell of cubic crystals, each turned.
+"""A polycrystal breaks along its grain boundaries: a periodic cell of cubic crystals.
 
-Nickel, in plane strain or, with ``--solid``, in space. The cell is stretched along x, free of
-stress across. Every boundary between two grains can fail. Damage begins where stiff and soft
-directions meet, spreads to the junctions of three grains, and one crack crosses the cell from image
-to image, bridged by grains that lock until they are pulled out; where much breaks at once the path
-leads back to smaller strains. Many cells make the study ``polycrystal_strengths``.
+Nickel grains of random orientations, in plane strain or, with ``--solid``, in 3D. The cell is
+stretched along x, free of stress across. Every grain boundary can fail. Damage begins where stiff
+and soft directions meet and spreads to the junctions of three grains; one crack crosses the cell
+from image to image, bridged by interlocking grains until they are pulled out. Where much breaks at
+once the path turns back to smaller strains. The study ``polycrystal_strengths`` runs many cells.
 """
 
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from mpi4py import MPI
 
@@ -28,7 +27,7 @@ STRENGTH, CRITICAL_GAP = 500.0, {2: 2e-4, 3: 4e-4}  # MPa, mm; by dimension, of 
 
 
 def orientations(grains: int, dimension: int, seed: int) -> NDArray[np.float64]:
-    """A rotation for every grain, about z in the plane (grains + 1, 3, 3); the first is of none."""
+    """A rotation for every grain, in the plane about z (grains + 1, 3, 3); the first is unused."""
     if dimension == 3:
         q = np.random.RandomState(seed).normal(size=(grains + 1, 4))
         x, y, z, w = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
@@ -53,15 +52,15 @@ def make_problem(
 ) -> vmdg.Problem:
     """A cell stretched along x by the load factor, free of stress across.
 
-    Plane crystals turn about z, and boundaries between those that are turned by less than 15
-    degrees against each other are twice as strong; turned in space hardly any two are so alike.
+    Plane crystals are rotated about z; boundaries with a misorientation below 15 degrees are twice
+    as strong. In 3D hardly any two grains are so alike.
 
     Args:
-        grains: Their number.
-        seed: Of their places and rotations: the same seed, the same cell.
-        solid: In space.
-        spread: Of their sizes, standard deviation of the logarithm; 0.35 for grown grains [-].
-        cells: Along the mean size of a grain [-].
+        grains: Number of grains.
+        seed: Seed of places and orientations: the same seed gives the same cell.
+        solid: Whether the cell is in 3D.
+        spread: Standard deviation of the logarithm of the sizes; 0.35 for grown grains [-].
+        cells: Elements along the mean size of a grain [-].
         comm: Communicator.
     """
     d = 3 if solid else 2
@@ -96,59 +95,34 @@ def main(
     grains: int = 50,
     seed: int = 0,
     solid: bool = False,
-    spread: float = 0.0,
     cells: float = 6.0,
     end: float = 0.005,
     steps: int = 20,
     trace: bool = True,
-    animate: bool = False,
     out: str = "results/polycrystal",
 ) -> vmdg.History:
     """Stretch a cell beyond its strength; the history of the run."""
-    problem = make_problem(grains, seed, solid, spread, cells)
-    cell, snapshots, peak = vmdg.PeriodicCell(problem), [], 0.0
-    shape = {"projection": "3d"} if solid else {}
-    figure = plt.figure(figsize=(12, 3.6), layout="constrained")
-    curve, damage, stress = (
-        figure.add_subplot(1, 3, n, **(shape if n > 1 else {})) for n in (1, 2, 3)
-    )
-
-    def show_damage(when: str, **style: object) -> None:
-        damage.clear()
-        vmdg.plot.interface_points(problem, "damage", damage, limits=(0, 1), **style)
-        damage.set_title(f"damage at the {when}, {100 * problem.t:.2f} %")
-
-    def monitor(problem: vmdg.Problem) -> dict[str, float]:
-        nonlocal peak
-        row = cell.row()
-        if animate:
-            snapshots.append(problem.snapshot())
-        if row["stress_xx [MPa]"] > peak and not solid:
-            peak = row["stress_xx [MPa]"]
-            show_damage("peak")
-        return row
-
-    options = vmdg.SolveOptions(
-        **path_options(solid, trace), progress=True, csv=f"{out}/history.csv"
-    )
+    problem = make_problem(grains, seed, solid, 0.0, cells)
+    cell, saved = vmdg.PeriodicCell(problem), {"progress": True, "csv": f"{out}/history.csv"}
+    options = vmdg.SolveOptions(**path_options(solid, trace), **saved)
     loads = np.linspace(0, end, steps + 1)[1:]
-    history = vmdg.solve(problem, loads, options, monitor).history
-    if animate:
-        shown = "strain_xx", "stress_xx", "xx", 20
-        vmdg.plot.animate(Path(out) / "polycrystal.gif", problem, snapshots, history, *shown)
-    vmdg.plot.curve(history, "strain_xx", "stress_xx", ax=curve, origin=True, color="black")
-    if solid:
-        show_damage("end", above=0.5)  # what is less damaged hides the crack
+    history = vmdg.solve(problem, loads, options, lambda _: cell.row()).history
+    figure = plt.figure(figsize=(12, 3.6), layout="constrained")
+    shape = {"projection": "3d"} if solid else {}
+    damage, stress = (figure.add_subplot(1, 3, n, **shape) for n in (2, 3))
+    curve = figure.add_subplot(1, 3, 1)
+    vmdg.plot.curve(history, "strain_xx", "stress_xx", curve, origin=True, color="black")
+    vmdg.plot.interface_points(problem, "damage", damage, above=0.5 if solid else -1, limits=(0, 1))
     vmdg.plot.stress(problem, "xx", magnify=10, ax=stress, edges=0.2 if solid else 0)
+    damage.set_title("damage at the end")
     for ax in (damage, stress) if solid else ():
         ax.locator_params(nbins=3)
         ax.set(zlabel="")
     if problem.comm.rank == 0:
         figure.savefig(f"{out}/polycrystal.png", dpi=130)
         strain, force = history["strain_xx"], history["stress_xx"]
-        print(
-            f"strength {force.max():.4g} MPa at {100 * strain[np.argmax(force)]:.2f} %; see {out}"
-        )
+        peak = 100 * strain[np.argmax(force)]
+        print(f"strength {force.max():.4g} MPa at {peak:.2f} %; results are in {out}")
     return history
 
 
@@ -156,18 +130,12 @@ if __name__ == "__main__":
     command = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
-    command.add_argument("--grains", type=int, default=50, help="their number")
-    command.add_argument("--seed", type=int, default=0, help="of places and orientations")
-    command.add_argument("--solid", action="store_true", help="a cell in space")
-    command.add_argument(
-        "--spread", type=float, default=0.0, help="of grain sizes, 0.35 if grown [-]"
-    )
-    command.add_argument("--cells", type=float, default=6.0, help="along a grain; 2 in space [-]")
+    command.add_argument("--grains", type=int, default=50, help="number of grains")
+    command.add_argument("--seed", type=int, default=0, help="seed of places and orientations")
+    command.add_argument("--solid", action="store_true", help="a cell in 3D")
+    command.add_argument("--cells", type=float, default=6.0, help="elements per grain; 2 in 3D [-]")
     command.add_argument("--end", type=float, default=0.005, help="mean strain at the end [-]")
-    command.add_argument("--steps", type=int, default=20, help="given strains on the way")
-    command.add_argument(
-        "--no-trace", dest="trace", action="store_false", help="jump where the path leads back"
-    )
-    command.add_argument("--animate", action="store_true", help="make a film, too")
+    command.add_argument("--steps", type=int, default=20, help="load steps")
+    command.add_argument("--no-trace", dest="trace", action="store_false", help="jump at snaps")
     command.add_argument("--out", default="results/polycrystal", help="folder for the results")
     main(**vars(command.parse_args()))

@@ -9,199 +9,130 @@ does not print its friction coefficient: 0.525 gives its largest and its final f
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
 import vmdg
 from vmdg import meshes
-from vmdg.meshes.pushout import (
-    FIBRE,
-    FIBRE_TOP,
-    MATRIX,
-    MATRIX_TOP,
-    OUTER,
-    SUPPORT,
-    SYMMETRY_X,
-    SYMMETRY_Y,
-)
 
-RADIUS = 0.95  # of the fibre, mm
+RADIUS, HEIGHT = 0.95, 5.36  # of the fibre, mm
 E_MATRIX, NU_MATRIX, NU_FIBRE = 4000.0, 0.33, 0.35  # MPa
 FIBRE_MODULUS, FRICTION = 2500.0, 0.525  # MPa, -
 STRENGTH, CRITICAL_GAP, SHRINKAGE = 22.0, 0.011, 0.0022  # MPa, mm, -
 
 
-@dataclass
-class Model:
-    """A push-out set up for the cure, in 3D or as a section.
+class Model(NamedTuple):
+    """A push-out at the start of the cure, in 3D or as a section.
 
     Attributes:
-        problem: Its load factor is 0 to 1 in the cure, 1 + punch [mm] afterwards.
+        problem: The problem; its load factor is 0 to 1 in the cure, 1 + punch [mm] afterwards.
         axis: Component of the displacement along the fibre.
         share: How often the model is contained in the whole body.
         top: Facets under the punch.
-        seen: Facets that pictures show, in 3D.
     """
 
     problem: vmdg.Problem
     axis: str
     share: int
-    top: NDArray[np.int32]
-    seen: NDArray[np.int32] | None
+    top: np.ndarray
 
     def measures(self, problem: vmdg.Problem) -> dict[str, float]:
         """Punch, force, debonded and damaged length, by names with units; collective."""
         state = problem.state[0]
-        gone = state.softening >= STRENGTH * (1 - 1e-9)
-        areas = [state.weights[gone].sum(), state.weights[state.softening > 0].sum()]
+        areas = [state.weights[state.softening > q].sum() for q in (STRENGTH * (1 - 1e-9), 0.0)]
         lengths = self.share * problem.comm.allreduce(np.array(areas)) / (2 * np.pi * RADIUS)
         force = -self.share * problem.reaction(self.top)["xyz".index(self.axis)]
-        row = {"punch [mm]": problem.t - 1, "force [N]": force}
-        return row | {"debonded [mm]": lengths[0], "damaged [mm]": lengths[1]}
-
-    def show(self, axes: Sequence[Axes], title: str) -> None:
-        """Draw the largest principal stress, and below it the mode of the law; collective."""
-        for ax in axes:
-            ax.clear()
-        last = title == "end"
-        style = {"magnify": 5, "limits": (-5, 25), "facets": self.seen, "edges": 0}
-        vmdg.plot.stress(self.problem, "principal", ax=axes[0], colorbar=last, **style)
-        vmdg.plot.mode_map(self.problem, 0, axis=self.axis, ax=axes[1])
-        axes[0].set_title(f"{title}\n{self.problem.t - 1:.4f} mm\ndisplacement x 5", size=9)
-        if self.seen is not None:
-            axes[0].view_init(elev=25, azim=225)
-            axes[0].set_axis_off()
+        names = "punch [mm]", "force [N]", "debonded [mm]", "damaged [mm]"
+        return dict(zip(names, (problem.t - 1, force, *lengths), strict=True))
 
 
 def build(
-    solid: bool,
-    layers: int,
-    refine: float,
-    friction: float,
-    fibre_modulus: float,
-    kinematics: str = "finite",
+    solid: bool, layers: int, refine: float, friction: float, modulus: float, small: bool = False
 ) -> Model:
-    """The model at the start of the cure; ``refine`` multiplies all counts of cells."""
-    names = ("layers", "around", "fibre_rings", "hole_rings", "matrix_rings")
-    numbers, make = (layers, 6, 4, 2, 31), meshes.pushout
-    if not solid:
-        names = ("layers", "fibre_cells", "hole_cells", "matrix_cells")
-        numbers, make = (layers, 8, 1, 14), meshes.pushout_section
-    counts = {name: max(round(refine * n), 1) for name, n in zip(names, numbers, strict=True)}
+    """The model at the start of the cure.
+
+    Args:
+        solid: Whether it is a quarter in 3D.
+        layers: Number of cells along the fibre.
+        refine: Factor on all counts of cells [-].
+        friction: Coefficient of friction [-].
+        modulus: Young's modulus of the fibre [MPa].
+        small: Whether to assume small strains.
+    """
+    counts = {"fibre_cells": 8, "hole_cells": 1, "matrix_cells": 14}
+    if solid:
+        counts = {"fibre_rings": 4, "hole_rings": 2, "matrix_rings": 31, "around": 6}
+    counts = {name: max(round(refine * n), 1) for name, n in {"layers": layers, **counts}.items()}
     if solid:
         counts["around"] *= 2
-    mesh, cells, facets = make(**counts)
-    bond = vmdg.Debonding(strength=STRENGTH, critical_gap=CRITICAL_GAP, friction=friction)
-    fibre = vmdg.NeoHookean(E=fibre_modulus, nu=NU_FIBRE)
-    matrix = vmdg.NeoHookean(E=E_MATRIX, nu=NU_MATRIX)
-    problem = vmdg.Problem(
-        mesh,
-        cells,
-        {FIBRE: fibre, MATRIX: matrix},
-        [vmdg.Interface(between=(FIBRE, MATRIX), law=bond)],
-        eigenstrain={MATRIX: lambda t: -SHRINKAGE * min(t, 1.0)},
-        kinematics=kinematics,
-        symmetry=None if solid else "axisymmetric",
-    )
-    axis, seen = "z" if solid else "y", None
-    problem.dirichlet(facets.find(SUPPORT), 0.0, axis)
-    if solid:
-        problem.dirichlet(facets.find(SYMMETRY_X), 0.0, "x")
-        problem.dirichlet(facets.find(SYMMETRY_Y), 0.0, "y")
-        tags = (SYMMETRY_X, SYMMETRY_Y, FIBRE_TOP, MATRIX_TOP, OUTER)
-        seen = np.concatenate([facets.find(tag) for tag in tags])
-    return Model(problem, axis, 4 if solid else 1, facets.find(FIBRE_TOP), seen)
+    mesh, cells, sides = (meshes.pushout if solid else meshes.pushout_section)(**counts)
+    law = vmdg.Debonding(strength=STRENGTH, critical_gap=CRITICAL_GAP, friction=friction)
+    bond = vmdg.Interface(between=("fibre", "matrix"), law=law)
+    fibre = vmdg.NeoHookean(E=modulus, nu=NU_FIBRE)
+    bodies = {"fibre": fibre, "matrix": vmdg.NeoHookean(E=E_MATRIX, nu=NU_MATRIX)}
+    cure = {"matrix": lambda t: -SHRINKAGE * min(t, 1.0)}
+    axis, symmetry = ("z", None) if solid else ("y", "axisymmetric")
+    kinds = {"kinematics": "small" if small else "finite", "symmetry": symmetry}
+    problem = vmdg.Problem(mesh, cells, bodies, [bond], eigenstrain=cure, **kinds)
+    problem.dirichlet(sides.find("support"), 0.0, axis)
+    for direction in "xy" if solid else "":
+        problem.dirichlet(sides.find(f"symmetry {direction}"), 0.0, direction)
+    return Model(problem, axis, 4 if solid else 1, sides.find("fibre top"))
 
 
-def draw(history: vmdg.History, axes: Sequence[Axes]) -> None:
-    """Force and debonded length over the punch, and the force over the lengths."""
-    punch, force, gone = (history[name] for name in ("punch", "force", "debonded"))
-    axes[0].plot(np.r_[0, punch], np.r_[0, force])
-    axes[1].plot(np.r_[0, punch], np.r_[0, gone])
-    axes[2].plot(gone, force, label="bond gone")
-    axes[2].plot(history["damaged"], force, "--", label="bond damaged")
-    axes[0].set(xlabel="punch [mm]", ylabel="force [N]", xlim=0, ylim=0)
-    axes[1].set(xlabel="punch [mm]", ylabel="debonded length [mm]", xlim=0)
-    axes[2].set(xlabel="length [mm]", ylabel="force [N]", xlim=0, ylim=0)
-    axes[2].legend()
+def push(
+    model: Model, folder: Path, steps: int, end: float, resume: bool, monitor: Callable
+) -> vmdg.History:
+    """Cure the matrix and push the fibre, or continue from checkpoints; the history of the push."""
+    problem, checkpoint, cure = model.problem, folder / "checkpoint", folder / "checkpoint_cure"
+    for old in () if resume else (checkpoint, cure):
+        vmdg.discard_checkpoint(problem.comm, old)
+    if vmdg.read_checkpoint(problem, cure) is None:
+        vmdg.solve(problem, np.linspace(0.25, 1, 4), vmdg.SolveOptions(relative_tolerance=1e-8))
+        vmdg.write_checkpoint(problem, cure)
+    # The punch displaces the top of the fibre as it is after the cure.
+    problem.dirichlet(model.top, lambda t: 1 - t, model.axis, relative=True)
+    history = vmdg.read_checkpoint(problem, checkpoint)
+    # A looser tolerance saves a sixth of the section's residuals, and nothing in 3D.
+    tolerance = 1e-9 if model.axis == "z" else 1e-7
+    loads = 1 + np.linspace(0, end, steps + 1)[1:]
+    saved = {"checkpoint": checkpoint, "checkpoint_every": 25, "csv": folder / "history.csv"}
+    options = vmdg.SolveOptions(relative_tolerance=tolerance, progress=True, **saved)
+    return vmdg.solve(problem, loads[loads > problem.t + 1e-12], options, monitor, history).history
 
 
 def main(
     solid: bool = False,
-    layers: int = 25,
     refine: float = 1.0,
     steps: int = 100,
     end: float = 0.174,
-    friction: float = FRICTION,
-    fibre_modulus: float = FIBRE_MODULUS,
-    checkpoint_every: int = 25,
     resume: bool = False,
-    plot: bool = True,
     out: str = "results/pushout",
 ) -> vmdg.History:
     """Cure the matrix and push the fibre; the history of the push."""
-    model, folder = build(solid, layers, refine, friction, fibre_modulus), Path(out)
-    problem = model.problem
-    if plot:
-        figure = plt.figure(figsize=(12, 10), layout="constrained")
-        curves, states = figure.subfigures(2, 1, height_ratios=(1, 2))
-        shape = {"projection": "3d"} if solid else {}
-        panels = [
-            (states.add_subplot(2, 4, i, **shape), states.add_subplot(2, 4, i + 4))
-            for i in range(1, 5)
-        ]
-
-    # The cure. A run that is resumed has it from its checkpoint.
-    checkpoint, cure = folder / "checkpoint", folder / "checkpoint_cure"
-    if not resume:
-        vmdg.discard_checkpoint(problem.comm, checkpoint)
-        vmdg.discard_checkpoint(problem.comm, cure)
-    if vmdg.read_checkpoint(problem, cure) is None:
-        vmdg.solve(problem, np.linspace(0.25, 1, 4), vmdg.SolveOptions(relative_tolerance=1e-8))
-        if checkpoint_every:
-            vmdg.write_checkpoint(problem, cure)
-    if plot:
-        model.show(panels[0], "after the cure")
-
-    # The punch grips the fibre as it is then.
-    problem.dirichlet(model.top, lambda t: 1 - t, model.axis, relative=True)
-    history = vmdg.read_checkpoint(problem, checkpoint)
-    most = {"force": 0.0, "damaged": 0.0}
-    if history:
-        most = {name: history[name].max() for name in most}
+    model = build(solid, 25, refine, FRICTION, FIBRE_MODULUS)
+    figure = plt.figure(figsize=(14, 4), layout="constrained")
+    force, length, modes = (figure.add_subplot(1, 4, n) for n in (1, 2, 4))
+    stress = figure.add_subplot(1, 4, 3, projection="3d" if solid else None)
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         row = model.measures(problem)
-        force, damaged = row["force [N]"], row["damaged [mm]"]
-        if plot and damaged > 0 and most["damaged"] == 0:
-            model.show(panels[1], "debonding starts")
-        if plot and force > most["force"]:
-            model.show(panels[2], "largest force")
-        most.update(force=max(force, most["force"]), damaged=max(damaged, most["damaged"]))
+        if row["debonded [mm]"] > HEIGHT / 2 and not stress.get_title():
+            vmdg.plot.stress(problem, "principal", 5, stress, (-5, 25), edges=0)
+            vmdg.plot.mode_map(problem, 0, axis=model.axis, ax=modes)
+            stress.set_title(f"punch {row['punch [mm]']:.4f} mm\ndisplacement x 5", size=9)
         return row
 
-    # A looser tolerance spares a sixth of the section's residuals, and nothing in 3D.
-    shown = {"progress": True, "csv": folder / "history.csv"}
-    saved = {"checkpoint": checkpoint, "checkpoint_every": checkpoint_every}
-    saved = saved if checkpoint_every else {}
-    options = vmdg.SolveOptions(relative_tolerance=1e-9 if solid else 1e-7, **shown, **saved)
-    loads = 1 + np.linspace(0, end, steps + 1)[1:]
-    loads = loads[loads > problem.t + 1e-12]
-    history = vmdg.solve(problem, loads, options, monitor, history).history
-    if plot:
-        model.show(panels[3], "end")
-        draw(history, curves.subplots(1, 3))
-    if problem.comm.rank == 0:
-        if plot:
-            figure.savefig(folder / "pushout.png", dpi=110)
+    history = push(model, Path(out), steps, end, resume, monitor)
+    vmdg.plot.curve(history, "punch", "force", force, origin=True)
+    vmdg.plot.curve(history, "punch", "debonded", length, origin=True)
+    if model.problem.comm.rank == 0:
+        figure.savefig(Path(out) / "pushout.png", dpi=110)
         print(f"largest force {history['force'].max():.5g} N, last {history['force'][-1]:.5g} N")
-        print(f"results are in {folder}")
     return history
 
 
@@ -210,14 +141,9 @@ if __name__ == "__main__":
         description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
     command.add_argument("--solid", action="store_true", help="a quarter in 3D, not the section")
-    command.add_argument("--layers", type=int, default=25, help="cells along the fibre")
-    command.add_argument("--refine", type=float, default=1.0, help="all numbers of cells [-]")
+    command.add_argument("--refine", type=float, default=1.0, help="factor on counts of cells [-]")
     command.add_argument("--steps", type=int, default=100, help="load steps of the punch")
     command.add_argument("--end", type=float, default=0.174, help="travel of the punch [mm]")
-    command.add_argument("--friction", type=float, default=FRICTION, help="its coefficient [-]")
-    command.add_argument("--fibre-modulus", type=float, default=FIBRE_MODULUS, help="E [MPa]")
-    command.add_argument("--checkpoint-every", type=int, default=25, help="steps; 0 for none")
     command.add_argument("--resume", action="store_true", help="continue from the last checkpoint")
-    command.add_argument("--no-plot", dest="plot", action="store_false", help="draw no picture")
     command.add_argument("--out", default="results/pushout", help="folder for the results")
     main(**vars(command.parse_args()))

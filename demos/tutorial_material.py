@@ -107,24 +107,20 @@ def peel(theta: float, steps: int, opening: float) -> tuple[vmdg.Problem, vmdg.H
     return problem, vmdg.solve(problem, loads, options, monitor).history
 
 
-def main(
-    steps: int = 60, opening: float = 12.0, out: str = "results/tutorial_material"
-) -> dict[str, vmdg.History]:
+def main(steps: int = 60, out: str = "results/tutorial_material") -> dict[str, vmdg.History]:
     """Check the material, then peel strips of two directions; the history of both."""
     print("relative errors of traction and energy: {:.1e}, {:.1e}".format(*check()))
-    figure, axes = plt.subplots(
-        1, 3, figsize=(9.5, 4.2), width_ratios=(2, 2.4, 4), layout="constrained"
-    )
+    shape = {"figsize": (9.5, 4.2), "width_ratios": (2, 2.4, 4), "layout": "constrained"}
+    figure, axes = plt.subplots(1, 3, **shape)
     histories = {}
     for ax, (name, theta) in zip(axes, {"circumferential": 30, "axial": 60}.items(), strict=False):
-        problem, histories[name] = peel(theta, steps, opening)
+        problem, histories[name] = peel(theta, steps, 12.0)
         stress(problem, "principal", ax=ax, limits=(0, 0.2), colorbar=ax is axes[1])
         ax.set(title=f"{name}\nfibres at {theta}°", xlim=(3.5, 10.2))
         curve(histories[name], "opening", "force", axes[2], origin=True, label=name)
     axes[2].legend()
     if MPI.COMM_WORLD.rank == 0:
         Path(out).mkdir(parents=True, exist_ok=True)
-        histories["axial"].to_csv(Path(out) / "history.csv")
         figure.savefig(Path(out) / "tutorial_material.png", dpi=120)
         print(f"results are in {out}")
     return histories
@@ -135,10 +131,5 @@ if __name__ == "__main__":
         description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
     command.add_argument("--steps", type=int, default=60, help="load steps")
-    command.add_argument(
-        "--opening", type=float, default=12.0, help="of the grips, at the end [mm]"
-    )
-    command.add_argument(
-        "--out", default="results/tutorial_material", help="folder for the results"
-    )
+    command.add_argument("--out", default="results/tutorial_material", help="results folder")
     main(**vars(command.parse_args()))

@@ -33,62 +33,35 @@ def bundle(
     """
     length, width, E = 1.0, 0.05, 1000.0
     with model("bundle") as g:
-        halves = [[], []]
-        for place in range(len(strengths)):
-            boxes = [
-                (2, g.occ.addRectangle(x, 2 * place * width, 0, length, width))
-                for x in (0.0, length)
-            ]
-            parts, _ = g.occ.fragment(boxes[:1], boxes[1:])
-            for half, part in zip(halves, parts, strict=True):
-                half.append(part[1])
+        for n in range(len(strengths)):
+            for x in (0.0, length):
+                g.occ.addRectangle(x, 2 * n * width, 0, length, width)
+        g.occ.removeAllDuplicates()
         g.occ.synchronize()
         for _, curve in g.getEntities(1):
             g.mesh.setTransfiniteCurve(curve, 2)
         for _, surface in g.getEntities(2):
             g.mesh.setTransfiniteSurface(surface)
             g.mesh.setRecombine(2, surface)
-        for tag, half in enumerate(halves, 1):
-            g.addPhysicalGroup(2, half, tag)
+        for half in (1, 2):
+            g.addPhysicalGroup(2, range(half, 2 * len(strengths) + 1, 2), half)
         g.mesh.generate(2)
         mesh, cells, _ = distribute(g, comm, 2)
     law = vmdg.Debonding(
         strength=lambda x: strengths[np.floor(x[1] / (2 * width)).astype(int)],
         critical_gap=critical_gap,
     )
-    body = vmdg.NeoHookean(E=E, nu=0.0)
-    bond = vmdg.Interface(between=(1, 2), law=law)
+    body, bond = vmdg.NeoHookean(E=E, nu=0.0), vmdg.Interface(between=(1, 2), law=law)
     problem = vmdg.Problem(mesh, cells, {1: body, 2: body}, [bond], kinematics="small")
-    grips = [
-        locate_entities_boundary(mesh, 1, lambda x, place=place: np.isclose(x[0], place))
-        for place in (0.0, 2 * length)
-    ]
-    problem.dirichlet(grips[0], 0.0)
-    problem.dirichlet(grips[1], lambda t: (20.0 * length / E * way(t), 0.0))
-    return problem, lambda p: {"force": p.reaction(grips[1])[0] / width}
+    grip = locate_entities_boundary(mesh, 1, lambda x: np.isclose(x[0], 2 * length))
+    problem.dirichlet(lambda x: np.isclose(x[0], 0.0), 0.0)
+    problem.dirichlet(grip, lambda t: (20.0 * length / E * way(t), 0.0))
+    return problem, lambda p: {"force": p.reaction(grip)[0] / width}
 
 
 def order_statistics(strengths: np.ndarray, stress: float) -> float:
     """Force of brittle bars over their width: those of enough strength carry the stress [MPa]."""
     return stress * (strengths > stress).sum()
-
-
-def draw(traced: vmdg.History, jumped: vmdg.History, strengths: np.ndarray) -> plt.Figure:
-    """Force over the displacement of the grips: the path, jumps, and order statistics."""
-    figure, ax = plt.subplots(figsize=(8, 4.5), layout="constrained")
-    way = np.linspace(0, 10 * max(traced["load"]), 1000)
-    exact = np.array([order_statistics(strengths, stress) for stress in way])
-    exact[np.append(np.diff(exact) < -0.5, False)] = np.nan
-    ax.plot(way, exact, color="0.8", lw=6, label="order statistics")
-    ax.plot(10 * traced["load"], traced["force"], "C0.-", lw=1, ms=4, label='unstable="trace"')
-    ax.plot(10 * jumped["load"], jumped["force"], "C3--", lw=1, label='unstable="jump"')
-    (jumps,) = np.nonzero(jumped["jump_steps"])
-    ax.plot(10 * jumped["load"][jumps - 1], jumped["force"][jumps - 1], "kv", label="limit point")
-    ax.plot(10 * jumped["load"][jumps], jumped["force"][jumps], "k^", label="end of a jump")
-    ax.set(xlabel="stress of an unbroken bar [MPa]", ylabel="force by the width of a bar [MPa]")
-    ax.set(xlim=(0, None), ylim=(0, None))
-    ax.legend(loc="upper left")
-    return figure
 
 
 def main(
@@ -100,14 +73,21 @@ def main(
 ) -> dict[str, vmdg.History]:
     """Pull the grips apart twice; the histories of both ways."""
     strengths = np.sort(np.random.default_rng(seed).uniform(4.0, 10.0, bars))
-    histories, comm = {}, MPI.COMM_WORLD
-    for unstable in ("trace", "jump"):
-        problem, monitor = bundle(comm, strengths, critical_gap)
+    figure, ax = plt.subplots(figsize=(8, 4.5), layout="constrained")
+    stress, histories = np.linspace(0, 10, 1000), {}
+    exact = [order_statistics(strengths, each) for each in stress]
+    ax.plot(stress, exact, color="0.8", lw=6, label="order statistics")
+    for unstable, style in (("trace", "C0.-"), ("jump", "C3--")):
+        problem, monitor = bundle(MPI.COMM_WORLD, strengths, critical_gap)
         shown = {"progress": True, "csv": f"{out}/{unstable}.csv"}
         options = vmdg.SolveOptions(unstable=unstable, energy=True, **shown)
-        histories[unstable] = vmdg.solve(problem, steps, options, monitor).history
-    if comm.rank == 0:
-        figure = draw(histories["trace"], histories["jump"], strengths)
+        histories[unstable] = history = vmdg.solve(problem, steps, options, monitor).history
+        label = f'unstable="{unstable}"'
+        ax.plot(10 * history["load"], history["force"], style, lw=1, ms=4, label=label)
+    ax.set(xlabel="stress of an unbroken bar [MPa]", ylabel="force over width of a bar [MPa]")
+    ax.set(xlim=(0, None), ylim=(0, None))
+    ax.legend(loc="upper left")
+    if MPI.COMM_WORLD.rank == 0:
         figure.savefig(f"{out}/weak_links.png", dpi=130)
         print(f"results are in {out}")
     return histories
@@ -117,15 +97,9 @@ if __name__ == "__main__":
     command = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
-    command.add_argument(
-        "--bars", type=int, default=4, help="number of bars; strengths are 4 to 10 MPa"
-    )
-    command.add_argument(
-        "--critical-gap",
-        type=float,
-        default=0.006,
-        help="gap at which a bond is broken [mm]; below 2 L P_c/E = 0.008 mm every bar snaps",
-    )
+    command.add_argument("--bars", type=int, default=4, help="number, of strength 4 to 10 MPa")
+    snap = "gap at which a bond is broken [mm]; below 2 L P_c/E = 0.008 mm every bar snaps"
+    command.add_argument("--critical-gap", type=float, default=0.006, help=snap)
     command.add_argument("--steps", type=int, default=20, help="load steps")
     command.add_argument("--seed", type=int, default=3, help="seed of the strengths")
     command.add_argument("--out", default="results/weak_links", help="folder for the results")

@@ -123,7 +123,6 @@ def test_unknown_part_of_the_benchmark(out):
     ("name", "options"),
     [
         ("patch_shear", {}),
-        ("pushout", {"layers": 4, "refine": 0.4, "steps": 2, "end": 0.004}),
         ("two_inclusions", {"element_size": 0.2, "steps": 2}),
         ("scaling", {"cells": 2, "load": 0.1}),
     ],

@@ -139,7 +139,7 @@ def test_solid_against_section(comm):
 
 def test_resume(comm, out):
     """A run that ends half way and goes on from its checkpoint gives the curve of one run."""
-    settings = {"refine": 0.4, "plot": False}
+    settings = {"refine": 0.4}
     whole = demo.main(steps=6, end=0.018, out=str(out / "whole"), **settings)
     demo.main(steps=4, end=0.012, out=str(out / "parts"), **settings)
     parts = demo.main(steps=6, end=0.018, resume=True, out=str(out / "parts"), **settings)

@@ -65,10 +65,10 @@ def test_wrong_arguments(comm, wrong):
 
 def test_neo_hookean(tmp_path_factory, comm):
     """Tearing starts at 4 % strain and ends at 14.75 %; iterations, energy and the law hold."""
-    from tearing import main
+    from tearing_meshes import main
 
     folder = comm.bcast(str(tmp_path_factory.mktemp("tearing")))
-    run = main(mesh="coarse", out=folder)
+    run = main(["coarse"], out=folder)["coarse"]
     history = run.history
     force, strain = history["force"], history["load"]
     assert np.isclose(strain[np.argmax(force)], 0.04, atol=1e-9)
@@ -90,17 +90,29 @@ def test_neo_hookean(tmp_path_factory, comm):
 
 
 def test_rubber_does_not_tear(tmp_path_factory, comm):
-    """Ogden, nu = .49986: the crack stays and blunts, the force still grows, nothing locks."""
-    from tearing import main
+    """Ogden, nu = 0.49986: the crack stays and blunts, the force still grows, nothing locks."""
+    from tearing_meshes import main
 
     folder = comm.bcast(str(tmp_path_factory.mktemp("tearing")))
-    run = main("ogden", "coarse", 13, folder)
+    run = main(["coarse"], "ogden", 13, folder)["coarse"]
     history = run.history
     assert history["broken"].max() == 0.0 and history["damaged"][-1] < 0.1
     assert (np.diff(history["force"]) > 0).all()
     assert np.isclose(history["force"][-1], 3.521, rtol=2e-3)
     assert run.gap[0.19][0, 1] > 50 * abs(run.gap[0.19][6, 1])
     assert not over_budget("tearing of rubber", history)
+
+
+def test_example(comm, out):
+    """The example gives the history of the study, and a picture."""
+    import tearing
+    import tearing_meshes
+
+    history = tearing.main("ogden", "coarse", 3, str(out))
+    same = tearing_meshes.tear("ogden", "coarse", 3, out).history
+    assert np.array_equal(history["force"], same["force"])
+    comm.barrier()
+    assert (out / "tearing_ogden.png").stat().st_size > 10_000
 
 
 def test_meshes(comm, out):

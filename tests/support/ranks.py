@@ -52,7 +52,7 @@ def cracks(shape: str, size: float, critical_gap: float, end: float, **random) -
         centres, radius = random_fibres(size=cell.SIZE, seed=0, **random)
     mesh = fibre_matrix(MPI.COMM_WORLD, shape, cell.SIZE, radius, centres, size)
     activate = "on-demand" if random else "all"
-    problem = cell.build(mesh, cell.REPORT, critical_gap, activate)
+    problem = cell.build(mesh, critical_gap, activate)
     yield problem, cell.pulls(1e-4, end, 1.1)
 
 

@@ -19,7 +19,7 @@ from parts.tables import markdown
 RADIUS, SHRINKAGE = pushout.RADIUS, pushout.SHRINKAGE
 E_MATRIX, NU_MATRIX, NU_FIBRE = pushout.E_MATRIX, pushout.NU_MATRIX, pushout.NU_FIBRE
 OUTER_RADIUS, HEIGHT = 4.3, 5.36  # mm
-# Figures 30 and 31, and what the numbers owe to the mesh and to the steps: argument, label, values.
+# Figures 30 and 31, and the influence of mesh and steps: argument, label, values.
 STUDIES = {
     "modulus": ("fibre_modulus", "E_f / E_m = {:g}", (0.625, 2.5, 6.0)),
     "friction": ("friction", "mu = {:g}", (0.3, 0.525, 0.6)),
@@ -89,11 +89,11 @@ def _force_at_first(history: vmdg.History, name: str) -> float:
 
 
 def describe(runs: dict[str, vmdg.History], name: str = "run") -> str:
-    """Table of the numbers of section 7.4, a row a run.
+    """Table of the numbers of section 7.4, one row per run.
 
     Args:
         runs: Histories by label.
-        name: Of what runs differ in.
+        name: Name of what differs between runs.
     """
     head = [
         *(name, "slope [N/mm]", "first damage [N]", "bond first gone [N]", "largest [N]"),
@@ -110,24 +110,38 @@ def describe(runs: dict[str, vmdg.History], name: str = "run") -> str:
 
 
 def studied(
-    study: str, values: Sequence[float], out: Path, **options: float | bool
+    study: str,
+    values: Sequence[float],
+    out: Path,
+    refine: float = 1.0,
+    steps: int = 100,
+    end: float = 0.174,
+    resume: bool = False,
 ) -> dict[str, vmdg.History]:
-    """One run of the example a value, a table and a picture of all; the histories by label.
+    """One run of the example per value, a table and a picture of all; the histories by label.
 
     Args:
-        study: Its name.
-        values: Of what it changes.
+        study: Name of the study.
+        values: Values of what it changes.
         out: Folder for table and picture; every run has a folder in it.
-        options: Other arguments of the example.
+        refine: Factor on all counts of cells [-].
+        steps: Load steps of the punch.
+        end: Travel of the punch [mm].
+        resume: Continue from the last checkpoint of every run.
     """
     argument, label, _ = STUDIES[study]
     first, runs = MPI.COMM_WORLD.rank == 0, {}
     for value in values:
         if first:
             print(label.format(value))
-        given = {argument: value * E_MATRIX if study == "modulus" else value}
-        given["out"] = str(out / f"{study}_{value}")
-        runs[label.format(value)] = pushout.main(**options | given, plot=False)
+        given = {"refine": refine, "steps": steps, "friction": pushout.FRICTION}
+        given["fibre_modulus"] = pushout.FIBRE_MODULUS
+        given[argument] = value * E_MATRIX if study == "modulus" else value
+        of_mesh = given["refine"], given["friction"], given["fibre_modulus"]
+        model, folder = pushout.build(False, 25, *of_mesh), out / f"{study}_{value}"
+        runs[label.format(value)] = pushout.push(
+            model, folder, given["steps"], end, resume, model.measures
+        )
     if first:
         (out / f"pushout_{study}.md").write_text(describe(runs, study) + "\n")
         print(describe(runs, study))

@@ -47,7 +47,7 @@ class Scene:
 def cell(element_size: float) -> Scene:
     """A fibre that debonds from its matrix, pulled at both sides."""
     tagged = fibre_matrix(element_size=element_size)
-    problem = scenes.fibre_matrix.build(tagged, scenes.fibre_matrix.REPORT, 0.2, kinematics="small")
+    problem = scenes.fibre_matrix.build(tagged, 0.2, kinematics="small")
     right = tagged.facet_tags.find("right")
     return Scene(
         problem,
@@ -58,7 +58,7 @@ def cell(element_size: float) -> Scene:
 
 def push_out(solid: bool, refine: float, steps: int) -> Scene:
     """The cure and the punch of a fibre."""
-    model = pushout.build(solid, 25, refine, pushout.FRICTION, pushout.FIBRE_MODULUS, "small")
+    model = pushout.build(solid, 25, refine, pushout.FRICTION, pushout.FIBRE_MODULUS, small=True)
     problem, axis = model.problem, "xyz".index(model.axis)
     return Scene(
         problem,
