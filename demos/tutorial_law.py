@@ -144,7 +144,7 @@ def peel(law: vmdg.Law, steps: int, opening: float) -> tuple[vmdg.Problem, vmdg.
 def main(steps: int = 40, out: str = "results/tutorial_law") -> dict[str, vmdg.History]:
     """Check the law, then peel with it and without bridges; the history of both."""
     bridged = BridgedDebonding(strength=30.0, bridging=3.0, knee=0.02, critical_gap=0.3)
-    linear = vmdg.Debonding(strength=30.0, critical_gap=2 * bridged.bond_energy(30.0) / 30.0)
+    linear = vmdg.Debonding(30.0, 2 * float(bridged.bond_energy(np.array(30.0))) / 30.0)
     print(f"tangent off by {tangent_error(bridged):.1e}")
     figure = plt.figure(figsize=(9, 6), layout="constrained")
     axes = figure.subplot_mosaic([["law", "force"], ["shape", "shape"]], height_ratios=(3, 2))
