@@ -22,9 +22,12 @@ from parts.scenes import tearing
 
 import vmdg
 
+#: Strains of the profiles.
+PROFILES = {"neo-hookean": (0.026, 0.10, 0.14), "ogden": (0.04, 0.10, 0.19)}
+
 
 class Run(NamedTuple):
-    """The history of a run, and profiles at the strains that are shown: rows (x, value) [mm].
+    """The history of a run, and profiles along x: rows (x, value) [mm].
 
     Attributes:
         history: History of the run.
@@ -57,8 +60,9 @@ def tear(material: str, mesh: str, steps: int, out: Path) -> Run:
     gap, fine_scales = {}, {}
 
     def look(problem: vmdg.Problem, strain: float) -> None:
-        gap[strain] = gap_profile(problem)
-        fine_scales[strain] = vmdg.profile(problem, 0, "fine_scale", "x")[0]
+        if strain in PROFILES[material]:
+            gap[strain] = gap_profile(problem)
+            fine_scales[strain] = vmdg.profile(problem, 0, "fine_scale", "x")[0]
 
     return Run(tearing.tear(material, mesh, steps, out, look), gap, fine_scales)
 
