@@ -1,4 +1,4 @@
-"""The commands ``tests/run`` and ``demos/run``. Standard library of Python 3.9 only."""
+"""The commands ``tests/run`` and ``demos/run``, for Python 3.9 without other packages."""
 
 from __future__ import annotations
 
@@ -29,11 +29,7 @@ all that is printed. "-m vmdg info" lists what is installed, "-m vmdg doctor" ch
 
 
 def leading_options(names: str, arguments: list[str], usage: str) -> tuple[dict, list[str]]:
-    """Values of the options of a command, and its other arguments.
-
-    Only leading options are ours: what follows the first other word belongs to the script or to
-    pytest.
-    """
+    """Values of the leading options; what follows is for the script or for pytest."""
     values, rest = {"-n": "1", "--dolfinx": ""}, list(arguments)
     while rest and (option := re.fullmatch(rf"({names})(?:=|(?=\d)|$)(.*)", rest[0])):
         name, value = option.groups()
@@ -98,11 +94,10 @@ def demos(arguments: list[str]) -> None:
 
 def find_script(name: str) -> str | None:
     """Path of a file that is there, of an example or of a study."""
-    if name.endswith(".py") and os.path.isfile(name):
-        return os.path.abspath(name)
-    name = name.removesuffix(".py") + ".py"
-    places = (ROOT / "demos" / name, ROOT / "demos" / "studies" / name)
-    return next((str(path) for path in places if path.is_file()), None)
+    paths = [os.path.abspath(name)] if name.endswith(".py") else []
+    stem = name.removesuffix(".py")
+    paths += [f"{ROOT}/demos/{folder}{stem}.py" for folder in ("", "studies/")]
+    return next(filter(os.path.isfile, paths), None)
 
 
 def list_of_demos() -> str:
@@ -115,13 +110,13 @@ def list_of_demos() -> str:
     for folder, title in titles.items():
         lines.append(title)
         for path in sorted((ROOT / "demos" / folder).glob("*.py")):
-            first = re.search(r'^[rR]?"""\s*(.*?)("""|$)', path.read_text(), re.MULTILINE)
+            first = re.search(r'^[rR]?"""\s*(.*?)("""|$)', path.read_text("utf-8"), re.MULTILINE)
             lines.append(f"  {path.stem:24} {first[1] if first else ''}")
     return "\n".join(lines)
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # Python ignores it, and what it starts would
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
-        # Ends this and what it runs, without a traceback.
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # no traceback
     {"tests": tests, "demos": demos}[sys.argv[1]](sys.argv[2:])

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import hashlib
 import os
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
+from fcntl import LOCK_EX, LOCK_NB, flock
 from pathlib import Path
 from typing import NoReturn, TextIO
 
 ROOT = Path(__file__).resolve().parents[2]
-_HOME = os.environ.get("HOME") or "/tmp"
-CACHE = Path(os.environ.get("XDG_CACHE_HOME") or f"{_HOME}/.cache").absolute() / "vmdg"
+CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache").absolute() / "vmdg"
 #: What a Python must offer in addition to DOLFINx, and what tests/run needs as well.
 MODULES = ("gmsh", "scipy", "matplotlib", "tqdm")
 TEST_MODULES = ("adios2", "meshio", "h5py", "pytest", "xdist", "hypothesis")
+#: A batch system knows better which network MPI may use.
+ON_BATCH_SYSTEM = any(map(os.environ.get, ("SLURM_JOB_ID", "PBS_JOBID", "LSB_JOBID")))
 PYTHON_VARIABLES = ("PYTHONHOME", "PYTHONPATH", "PYTHONSTARTUP", "PYTHONUSERBASE")
 
 
@@ -45,11 +46,8 @@ def short_hash(*parts: object, length: int = 8) -> str:
 
 
 def run(command: list[str], **options) -> subprocess.CompletedProcess:
-    """Run a command without input.
-
-    Children inherit locks on purpose: as long as any part of a killed build is alive, no other one
-    starts.
-    """
+    """Run a command without input."""
+    # Children inherit locks: as long as any part of a killed build is alive, no other one starts.
     return subprocess.run(command, stdin=subprocess.DEVNULL, close_fds=False, **options)
 
 
@@ -78,7 +76,7 @@ def lock(path: str | Path, how: int) -> TextIO:
     """A file that is locked until it is closed, by this process and by those that inherit it."""
     file = open(path, "a")
     os.set_inheritable(file.fileno(), True)
-    fcntl.flock(file, how)
+    flock(file, how)
     return file
 
 
@@ -86,17 +84,16 @@ def build_lock() -> TextIO:
     """One build at a time in the cache folder."""
     CACHE.mkdir(parents=True, exist_ok=True)
     try:
-        return lock(CACHE / "build.lock", fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return lock(CACHE / "build.lock", LOCK_EX | LOCK_NB)
     except BlockingIOError:
         say(f"waiting for another build in {CACHE}")
-    return lock(CACHE / "build.lock", fcntl.LOCK_EX)
+    return lock(CACHE / "build.lock", LOCK_EX)
 
 
 def remove_old(kind: str, kept: Path, remove: Callable[[Path], None]) -> None:
     """Remove other environments of a kind, unless in use. Only called under the build lock."""
     for folder in {*CACHE.glob(f"{kind}-????????")} - {kept}:
-        in_use = contextlib.suppress(BlockingIOError)
-        with in_use, lock(f"{folder}.lock", fcntl.LOCK_EX | fcntl.LOCK_NB):
+        with suppress(BlockingIOError), lock(f"{folder}.lock", LOCK_EX | LOCK_NB):
             remove(folder)
             for path in (*CACHE.glob(f"jit-{folder.name}*"), *CACHE.glob(f"{folder.name}.*")):
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
@@ -110,8 +107,3 @@ def default(name: str, value: str) -> None:
 def before(folder: str | Path, others: str | None) -> str:
     """A search path with a folder before others."""
     return f"{folder}:{others}" if others else str(folder)
-
-
-def on_batch_system() -> bool:
-    """Whether a batch system knows better which network MPI may use."""
-    return any(os.environ.get(name) for name in ("SLURM_JOB_ID", "PBS_JOBID", "LSB_JOBID"))

@@ -38,10 +38,7 @@ AS_FAKE_ROOT = ("unshare", "--user", "--map-root-user", "--map-auto")
 
 @functools.cache
 def update() -> None:
-    """Fetch the package lists, once.
-
-    One unreachable third-party source is no reason to stop: the installation that follows tells.
-    """
+    """Fetch the package lists, once; an installation that follows tells what is not there."""
     output("apt-get", "-q", "-o", "DPkg::Lock::Timeout=300", "update")
 
 
@@ -56,12 +53,8 @@ def install(*packages: str) -> None:
 
 
 def use_packages() -> bool:
-    """Whether DOLFINx could be installed as a package: Debian has it, and the user is root."""
-    if not CAN_APT:
-        return False
-    # A fresh container has empty package lists; only then is their absence worth a download.
-    if not glob.glob("/var/lib/apt/lists/*Packages*"):
-        update()
+    """Whether DOLFINx could be installed as a package of this Debian."""
+    update()
     policy = output("apt-cache", "policy", "python3-dolfinx")
     candidate = re.search(r"Candidate: (?:\d+:)?(\d+\.\d+)", policy)
     if not candidate or not common.is_supported(candidate[1]):
@@ -165,11 +158,9 @@ def build(folder: Path, suite: str) -> None:
 
 
 def bootstrap(suite: str, part: Path) -> list[str]:
-    """Command that builds a tree.
-
-    Own process and mount namespaces, and a parent-death signal: if this process is killed, however
-    rudely, every process of the build and every mount inside the tree go with it.
-    """
+    """Command that builds a tree."""
+    # Own process and mount namespaces, and a parent-death signal: if this process is killed,
+    # however rudely, every process of the build and every mount inside the tree go with it.
     if IS_ROOT:
         unshare, mode = ["unshare"], ["--mode=root"]
     else:
@@ -193,15 +184,12 @@ def bootstrap(suite: str, part: Path) -> list[str]:
 
 
 def imports(part: Path, name: str) -> bool:
-    """Whether every module of a new tree can really be imported.
-
-    Mount points must exist beforehand because the tree is mounted read-only.
-    """
+    """Whether every module of a new tree can really be imported."""
+    # Mount points must exist beforehand because the tree is mounted read-only.
     for place in ("etc/ssl/certs", "usr/share/ca-certificates", "usr/local/share/ca-certificates"):
         (part / place).mkdir(parents=True, exist_ok=True)
     for file in ("resolv.conf", "hosts", "passwd", "group"):
-        if not (part / "etc" / file).exists():
-            (part / "etc" / file).touch()
+        open(part / "etc" / file, "a").close()
     modules = ", ".join(("dolfinx", "petsc4py.PETSc", *common.MODULES, "adios2.file_reader"))
     command = inside(part, ["/usr/bin/python3", "-c", f"import {modules}"])
     own = {**variables(part), "XDG_CACHE_HOME": f"{part}/tmp"}
@@ -218,10 +206,8 @@ def remove(folder: Path) -> None:
 
 
 def variables(folder: Path) -> dict[str, str]:
-    """Environment of a command in a tree.
-
-    Settings of the host's Python, compilers and libraries mean nothing (or harm) inside.
-    """
+    """Environment of a command in a tree."""
+    # Settings of the host's Python, compilers and libraries mean nothing (or harm) inside.
     host = r"(LD_|PYENV|VIRTUAL_ENV|CONDA|LC_).*|(PETSC|SLEPC)_(DIR|ARCH)|(OPAL|PRTE|PMIX)_PREFIX"
     host = "|".join((host, "CC|CXX|CPP|LDSHARED|LANG|LANGUAGE", *common.PYTHON_VARIABLES))
     kept = {name: value for name, value in os.environ.items() if not re.fullmatch(host, name)}
@@ -238,12 +224,10 @@ def variables(folder: Path) -> dict[str, str]:
 
 
 def inside(folder: Path, command: list[str], *seen: str) -> list[str]:
-    """Command that runs another one in a tree and sees some folders wherever they are.
-
-    The root of the sandbox is an empty tmpfs. The tree gives /usr and /etc, read-only; the host
-    gives every top-level folder that no system uses for itself (home, tmp, work, scratch, ...), so
-    paths mean the same inside and outside.
-    """
+    """Command that runs another one in a tree and sees some folders wherever they are."""
+    # The root of the sandbox is an empty tmpfs. The tree gives /usr and /etc, read-only; the host
+    # gives every top-level folder that no system uses for itself (home, tmp, work, scratch, ...),
+    # so paths mean the same inside and outside.
     options = "--die-with-parent --unshare-pid --tmpfs / --dev /dev --proc /proc".split()
     options += ["--ro-bind", "/sys", "/sys", "--ro-bind", f"{folder}/usr", "/usr"]
     options += ["--ro-bind", f"{folder}/etc", "/etc", "--dir", "/run", "--dir", "/var/tmp"]
@@ -251,13 +235,12 @@ def inside(folder: Path, command: list[str], *seen: str) -> list[str]:
     for name in ("bin", "sbin", "lib", "lib32", "lib64", "libx32"):
         if (folder / name).is_symlink():
             options += ["--symlink", os.readlink(folder / name), f"/{name}"]
-    names = "/etc/resolv.conf /etc/hosts /etc/passwd /etc/group /etc/ssl/certs"
-    shares = "/usr/share/ca-certificates /usr/local/share/ca-certificates"
-    for path in filter(os.path.exists, (*names.split(), *shares.split())):
+    files = "/etc/resolv.conf /etc/hosts /etc/passwd /etc/group /etc/ssl/certs"
+    files += " /usr/share/ca-certificates /usr/local/share/ca-certificates"
+    for path in filter(os.path.exists, files.split()):
         options += ["--ro-bind", path, path]
     system = r"/(bin|boot|dev|etc|lib.*|lost\+found|proc|run|sbin|sys|usr|var)"
-    for path in sorted(glob.glob("/*/")):
-        path = path.rstrip("/")
+    for path in sorted(filter(os.path.isdir, glob.glob("/*"))):
         if not re.fullmatch(system, path) and os.access(path, os.R_OK | os.X_OK):
             options += ["--bind", path, path]
     home, temporary = os.environ.get("HOME") or "/", os.environ.get("TMPDIR") or "/tmp"

@@ -63,16 +63,13 @@ class Environment(NamedTuple):
 
 def prepare(latest: bool, *modules: str) -> Environment:
     """Find or build an environment that has DOLFINx, its newest version if asked, and modules."""
-    if not latest:
-        found = machine_python(modules)
-        if found:
-            return found
-        if not debian.tree("trixie").is_dir():
-            venv = wheels.find_or_install()
-            if venv:
-                return Environment(f"{venv}/bin/python3", wheel=venv, venv=venv)
-            if debian.use_packages():
-                return Environment()
+    if not latest and (found := machine_python(modules)):
+        return found
+    if not latest and not debian.tree("trixie").is_dir():
+        if venv := wheels.find_or_install():
+            return Environment(f"{venv}/bin/python3", wheel=venv, venv=venv)
+        if debian.CAN_APT and debian.use_packages():
+            return Environment()
     suite = "sid" if latest else "trixie"
     use_variables(debian.tree(suite))  # its modules are imported when it is built
     return Environment(tree=debian.find_or_build(suite))
@@ -104,9 +101,8 @@ def machine_python(modules: tuple[str, ...]) -> Environment | None:
 def execute(found: Environment, ranks: int, arguments: list[str], *folders: str) -> NoReturn:
     """Replace this process by Python in an environment that must see these folders."""
     use_variables(found.tree)
-    command = [found.python, *arguments]
-    if ranks > 1:
-        command = ["mpirun", "-n", str(ranks), *command]
+    mpirun = ["mpirun", "-n", str(ranks)] if ranks > 1 else []
+    command = [*mpirun, found.python, *arguments]
     private, jit = found.tree or found.venv, os.environ.get("VMDG_JIT_CACHE")
     if private:
         _kept = common.lock(f"{private}.lock", fcntl.LOCK_SH)  # see common.remove_old
@@ -114,8 +110,6 @@ def execute(found: Environment, ranks: int, arguments: list[str], *folders: str)
     if jit:
         os.makedirs(jit, exist_ok=True)
         os.environ["XDG_CACHE_HOME"] = os.path.realpath(jit)
-    for ignored in (signal.SIGPIPE, signal.SIGXFSZ):  # by Python, so what it starts would, too
-        signal.signal(ignored, signal.SIG_DFL)
     if found.tree:
         variables = debian.variables(found.tree)
         command = debian.inside(found.tree, command, *folders)
@@ -129,11 +123,7 @@ def execute(found: Environment, ranks: int, arguments: list[str], *folders: str)
 
 
 def jit_folder(private: Path) -> Path:
-    """Where compiled kernels of a private environment are kept.
-
-    Part of the name is the processor: kernels are compiled for it, and a home folder may serve
-    several machines.
-    """
+    """Where kernels are kept: compiled for a processor, as a home folder may serve several."""
     lines = Path("/proc/cpuinfo").read_text().splitlines()
     flags = next((line for line in lines if line.startswith("flags")), "")
     return CACHE / f"jit-{private.name}-{common.short_hash(flags, length=4)}"
@@ -147,7 +137,7 @@ def use_variables(tree: Path | None) -> None:
     # More ranks than cores: a rank that waits should let the others work.
     default("OMPI_MCA_mpi_yield_when_idle", "1")
     # One machine, so shared memory is enough; TCP only complains about unusual networks.
-    if not common.on_batch_system():
+    if not common.ON_BATCH_SYSTEM:
         default("OMPI_MCA_btl", "^tcp")
     said = "" if tree else common.output("mpirun", "--version")
     number = re.search(r"Open(?:RTE| MPI)\)? (\d+)\.", said)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import platform
 import shutil
@@ -40,8 +39,6 @@ def lacking() -> str | None:
         return f"its C compiler '{compiler}' is missing, which makes kernels (package gcc)"
     if not os.path.isfile(os.path.join(sysconfig.get_path("include"), "Python.h")):
         return "there is no Python.h for kernels (package python3-dev, or python3-devel)"
-    if importlib.util.find_spec("ensurepip") is None:
-        return "it cannot make virtual environments (package python3-venv)"
     return ""
 
 
@@ -89,15 +86,13 @@ def steps(venv: Path) -> list[list[str]]:
 
 
 def variables(prefix: Path, private: bool) -> dict[str, str]:
-    """Environment of a command where DOLFINx is a wheel, which has a PETSc and an MPI of its own.
-
-    Modules of the machine's Python mean nothing (or harm) in a private environment.
-    """
+    """Environment of a command where DOLFINx is a wheel, with its own PETSc and MPI."""
+    # Modules of the machine's Python mean nothing (or harm) in a private environment.
     others = ("PETSC_DIR", "PETSC_ARCH", "SLEPC_DIR", *(common.PYTHON_VARIABLES if private else ()))
     kept = {name: value for name, value in os.environ.items() if name not in others}
     kept["PATH"] = common.before(prefix / "bin", kept.get("PATH"))
     kept["LD_LIBRARY_PATH"] = common.before(prefix / "lib", kept.get("LD_LIBRARY_PATH"))
     # UCX would try network cards that a virtual machine shows but may not use.
-    if not common.on_batch_system():
+    if not common.ON_BATCH_SYSTEM:
         kept["UCX_TLS"] = kept.get("UCX_TLS") or "self,sm,tcp"
     return {**kept, "PYTHONNOUSERSITE": "1", "PIP_USER": "0"} if private else kept
