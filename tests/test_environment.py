@@ -1,15 +1,12 @@
-"""The script that finds or builds an environment: DOLFINx from wheels, in a virtual environment."""
+"""What finds or builds an environment: wheels in a virtual environment, Debian trees, commands."""
 
 from __future__ import annotations
 
-import hashlib
-import json
+import ast
 import os
 import re
 import subprocess
 import sys
-import threading
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 from mpi4py import MPI
@@ -17,63 +14,53 @@ from mpi4py import MPI
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
+SETUP = ROOT / ".ci" / "setup"
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processes")
 
-#: A machine that the wheels fit, whatever this one is.
-FITS = """
+#: A machine that the wheels fit, whatever this one is, and what stands for the installation: an
+#: environment whose Python says what it was started with.
+FITS = r'''
 import os, platform, sys, sysconfig
+from pathlib import Path
+sys.path.insert(0, os.environ["SETUP"])
+import common, debian, environment, wheels
+from common import CACHE
+
 sys.version_info, sys.platform = (3, 12, 3), "linux"
 platform.machine = lambda: "x86_64"
 os.confstr = lambda name: "glibc 2.39"
 sysconfig.get_path = lambda name: os.environ["HEADERS"]
 sysconfig.get_config_var = lambda name: {"CC": "sh -c"}.get(name)
-"""
 
-#: Stands for the installation: an environment whose Python says what it was started with.
-STUB = r"""
-check_disk() { :; }
-fill_venv() {
+FILL = r"""
     mkdir -p "$1/bin"
     printf '#!/bin/sh\nenv; echo "arguments: $*"\n' >"$1/bin/python3"
     printf '#!/bin/sh\necho "mpirun: $1 $2"; shift 2; exec "$@"\n' >"$1/bin/mpirun"
     chmod +x "$1"/bin/*
-    echo filled >>"$vmdg_cache/filled"
-}
+    echo filled >>"$1/../filled"
 """
+wheels.steps = lambda venv: [["sh", "-c", FILL, "sh", str(venv)]]
+'''
 
 
 class Machine:
-    """A user's machine: its cache folder, and a python3 of which the script believes a lot."""
+    """A user's machine: its cache folder, and a Python of which the modules believe a lot."""
 
     def __init__(self, folder: Path):
-        self.folder, self.cache = folder, folder / "cache" / "vmdg"
-        for name in ("bin", "include"):
-            (folder / name).mkdir()
-        (folder / "include" / "Python.h").touch()
-        self.believes(FITS)
-
-    def believes(self, code: str) -> None:
-        """Let python3 run this before what it reads."""
-        (self.folder / "before.py").write_text(code)
-        first = f"exec(open({str(self.folder / 'before.py')!r}).read())"
-        python = self.folder / "bin" / "python3"
-        python.write_text(
-            f'#!/bin/sh\n[ "$1" = - ] || exec {sys.executable} "$@"\n'
-            f'exec {sys.executable} -c "{first}\nexec(sys.stdin.read())"\n'
-        )
-        python.chmod(0o755)
+        self.cache, self.headers = folder / "cache" / "vmdg", folder / "include"
+        self.headers.mkdir()
+        (self.headers / "Python.h").touch()
 
     def run(self, code: str, **variables: str) -> subprocess.CompletedProcess[str]:
-        """Run bash after the script has been read."""
+        """Run Python after the modules have been imported."""
         environment = {k: v for k, v in os.environ.items() if k not in ("CC", "VMDG_JIT_CACHE")}
         environment |= {
             "XDG_CACHE_HOME": str(self.cache.parent),
-            "PATH": f"{self.folder / 'bin'}:{os.environ['PATH']}",
-            "HEADERS": str(self.folder / "include"),
+            "HEADERS": str(self.headers),
+            "SETUP": str(SETUP),
         }
-        script = f"set -euo pipefail; . {ROOT / '.ci' / 'environment'}; {STUB}\n{code}"
         return subprocess.run(
-            ["bash", "-c", script],
+            [sys.executable, "-Es", "-c", FITS + code],
             env=environment | variables,
             capture_output=True,
             text=True,
@@ -93,37 +80,43 @@ def machine(tmp_path) -> Machine:
         ("platform.machine = lambda: 'aarch64'", {}, "for x86_64, and this machine is aarch64"),
         ("os.confstr = lambda name: 'glibc 2.31'", {}, "this system has glibc 2.31"),
         ("os.confstr = lambda name: None", {}, "this system has none 0"),
-        ("sysconfig.get_config_var = lambda name: 1", {}, "free-threaded"),
         ("", {"CC": "no-such-cc -O"}, "compiler 'no-such-cc -O' is missing"),
         ("", {"HEADERS": "/nowhere"}, "there is no Python.h"),
     ],
 )
 def test_wheels_that_do_not_fit(machine, believes, variables, message):
-    """The reason is said, nothing is installed, and the script may try its next way."""
-    machine.believes(FITS + believes)
-    done = machine.run("use_wheels && exit 7; echo next", **variables)
-    assert done.stdout == "next\n"
+    """The reason is said, nothing is installed, and the next way may be tried."""
+    done = machine.run(f"{believes}\nprint(wheels.find_or_install())", **variables)
+    assert done.stdout == "None\n"
     assert message in done.stderr
     assert not machine.cache.exists()
 
 
 def test_older_python(machine):
     """Where python3 is older than 3.12 there is nothing to say: Debian 12 has its private tree."""
-    machine.believes(FITS + "sys.version_info = (3, 11, 2)")
-    done = machine.run("use_wheels && exit 7; echo next")
-    assert (done.stdout, done.stderr) == ("next\n", "")
+    done = machine.run("sys.version_info = (3, 11, 2)\nprint(wheels.find_or_install())")
+    assert (done.stdout, done.stderr) == ("None\n", "")
+
+
+#: No DOLFINx on the machine itself, and no tools to look for.
+PREPARE = """
+environment.machine_python = lambda modules: None
+debian.install_tools = debian.check_sandbox = lambda *_: None
+found = environment.prepare(False)
+"""
 
 
 def test_private_tree_that_is_there(machine):
-    """It is kept, and nothing is installed."""
-    done = machine.run('mkdir -p "$vmdg_cache/$(tree_name)"; use_wheels && exit 7; echo next')
-    assert (done.stdout, done.stderr) == ("next\n", "")
+    """It is used, and nothing is installed."""
+    there = 'debian.tree("trixie").mkdir(parents=True)\n'
+    done = machine.run(there + PREPARE + 'assert found.tree == debian.tree("trixie"), found')
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_wheels_once(machine):
     """Installed by the first call, found by the second; with its own python3."""
     for _ in range(2):
-        done = machine.run('use_wheels; echo "$vmdg_python"')
+        done = machine.run(PREPARE + "print(found.python)")
         assert done.returncode == 0, done.stderr
         python = Path(done.stdout.strip())
         assert python.is_file() and python.is_relative_to(machine.cache)
@@ -132,36 +125,51 @@ def test_wheels_once(machine):
 
 def test_interrupted_installation(machine):
     """A folder that was not completed is filled again."""
-    machine.run('mkdir -p "$vmdg_cache/$(wheels_name)"')
-    assert machine.run("use_wheels").returncode == 0
-    assert (machine.cache / "filled").is_file()
+    venv = Path(machine.run("print(wheels.find_or_install())").stdout.strip())
+    (venv / "complete").unlink()
+    assert machine.run("print(wheels.find_or_install())").stdout.strip() == str(venv)
+    assert (machine.cache / "filled").read_text() == "filled\n" * 2
 
 
 def test_failed_installation(machine):
     """The end of its log, no folder left, and the next way."""
-    fails = "fill_venv() { mkdir -p $1; echo no network; return 1; }; use_wheels && exit 7; "
-    done = machine.run(fails + 'echo "next<$vmdg_venv$vmdg_python$vmdg_prefix>"')
-    assert done.stdout == "next<>\n"
+    code = 'FILL = "mkdir -p $1; echo no network; exit 1"\nprint(wheels.find_or_install())'
+    done = machine.run(code)
+    assert done.stdout == "None\n"
     assert "no network" in done.stderr and "could not be installed" in done.stderr
     assert "libglu1-mesa" in done.stderr
     assert not [path for path in machine.cache.glob("wheels-*") if path.is_dir()]
 
 
 def test_old_environments(machine):
-    """One in use is left, others go with their kernels."""
+    """One in use is left, others go with their kernels and files."""
     code = """
-        mkdir -p "$vmdg_cache"/{wheels-00000000,wheels-11111111,jit-wheels-00000000-ab}
-        exec 8>"$vmdg_cache/wheels-11111111.lock"; flock -s 8
-        use_wheels; echo "${vmdg_venv##*/}"
-    """
+for name in ("wheels-00000000", "wheels-11111111", "jit-wheels-00000000-ab"):
+    (CACHE / name).mkdir(parents=True)
+(CACHE / "wheels-00000000.log").touch()
+kept = common.lock(CACHE / "wheels-11111111.lock", common.LOCK_EX)
+print(wheels.find_or_install().name)
+"""
+    venv = machine.run(code).stdout.strip()
+    left = {path.name for path in machine.cache.glob("*wheels-*")}
+    assert left == {venv, f"{venv}.log", "wheels-11111111", "wheels-11111111.lock"}
+
+
+def test_build_waits_for_another(machine):
+    """It says so, and starts when the other one has ended."""
+    code = """
+other, say = common.build_lock(), common.say
+common.say = lambda line: (say(line), other.close())
+print(wheels.find_or_install().name)
+"""
     done = machine.run(code)
-    left = {path.name for path in machine.cache.glob("*wheels-*") if path.is_dir()}
-    assert left == {"wheels-11111111", done.stdout.strip()}
+    assert "waiting for another build" in done.stderr
+    assert (machine.cache / done.stdout.strip() / "complete").exists()
 
 
 def test_run_in_wheels(machine):
     """Its MPI for the loader, its mpirun, no modules of the machine, kernels of its own."""
-    code = "vmdg_ranks=3; use_wheels; vmdg_execute -- -m thing"
+    code = PREPARE + 'environment.execute(found, 3, ["-m", "thing"])'
     strange = {"PYTHONPATH": "/strange", "PETSC_DIR": "/strange"}
     done = machine.run(code, **strange)
     assert done.returncode == 0, done.stderr
@@ -177,54 +185,85 @@ def test_run_in_wheels(machine):
     assert "PETSC_DIR" not in variables
 
 
-class Index(BaseHTTPRequestHandler):
-    """An index of packages with three versions of pip."""
-
-    def do_GET(self) -> None:
-        """The list of files, or one of them."""
-        name = self.path.rpartition("/")[2]
-        body = name.encode()
-        if self.path == "/simple/pip/":
-            names = [f"pip-{version}-py3-none-any.whl" for version in ("9.1", "26.10", "27.0b1")]
-            good = "" if self.server.honest else "0"
-            files = [
-                {
-                    "filename": name,
-                    "url": f"../../files/{name}",
-                    "hashes": {"sha256": good + hashlib.sha256(name.encode()).hexdigest()},
-                }
-                for name in names
-            ]
-            body = json.dumps({"files": files}).encode()
-        self.send_response(200)
-        self.end_headers()
-        self.wfile.write(body)
-
-    def log_message(self, *_: object) -> None:
-        """Nothing."""
+def test_run_in_a_tree(machine):
+    """A sandbox that dies with its parent, without settings of the host, with links of the tree."""
+    code = """
+tree = debian.tree("trixie")
+(tree / "usr" / "bin").mkdir(parents=True)
+(tree / "bin").symlink_to("usr/bin")
+os.execvpe = lambda name, command, variables: print(command, variables, sep="\\n")
+environment.execute(environment.Environment(tree=tree), 2, ["-m", "thing"])
+"""
+    done = machine.run(code, LD_LIBRARY_PATH="/strange", LC_ALL="C", PYTHONHOME="/strange")
+    assert done.returncode == 0, done.stderr
+    command, variables = map(ast.literal_eval, done.stdout.splitlines())
+    assert command[:2] == ["bwrap", "--die-with-parent"]
+    assert command[-6:] == ["mpirun", "-n", "2", "/usr/bin/python3", "-m", "thing"]
+    place = command.index("--symlink")
+    assert command[place + 1 : place + 3] == ["usr/bin", "/bin"]
+    assert not {"LD_LIBRARY_PATH", "PYTHONHOME"} & set(variables)
+    assert (variables["LC_ALL"], variables["PYTHONPATH"]) == ("C.UTF-8", str(ROOT))
+    assert Path(variables["XDG_CACHE_HOME"]).is_dir()
 
 
-@pytest.mark.parametrize("honest", [True, False])
-def test_pip_from_the_index(machine, honest):
-    """The newest release, and only if it is what the index says."""
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Index)
-    server.honest = honest
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    index = f"http://127.0.0.1:{server.server_port}/simple"
-    try:
-        bin = machine.folder / "v" / "bin"
-        code = f"mkdir -p {bin}; ln -s {sys.executable} {bin}/python3; fetch_pip {bin.parent}"
-        done = machine.run(code, PIP_INDEX_URL=index, no_proxy="*")
-    finally:
-        server.shutdown()
-        server.server_close()
-    path = machine.folder / "v" / "pip-26.10-py3-none-any.whl"
-    assert path.is_file() == honest
-    if honest:
-        assert done.stdout.strip() == str(path)
-    else:
-        assert done.returncode == 1
-        assert "is not what the index says" in done.stderr
+def test_modules_are_for_older_python():
+    """Python 3.9, the oldest that the two commands are started with, can read them."""
+    for path in SETUP.glob("*.py"):
+        ast.parse(path.read_text(), feature_version=(3, 9))
+
+
+def command(name: str, *arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Run one of the two commands as users do, in this environment."""
+    own = {"VMDG_PYTHON": sys.executable, **variables}
+    return subprocess.run(
+        ["bash", str(ROOT / name / "run"), *arguments],
+        env=os.environ | own,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_list_of_demos():
+    """Every example and study with the first line of its docstring; a wrong name shows it, too."""
+    done = command("demos")
+    assert done.returncode == 0, done.stderr
+    for path in (*ROOT.glob("demos/*.py"), *ROOT.glob("demos/studies/*.py")):
+        first = ast.get_docstring(ast.parse(path.read_text())).splitlines()[0]
+        assert re.search(rf"^  {path.stem} +{re.escape(first)}$", done.stdout, re.MULTILINE)
+    wrong = command("demos", "nonsense", "x")
+    assert (wrong.returncode, wrong.stdout) == (2, "")
+    assert "no demo and no script is called 'nonsense'" in wrong.stderr
+    assert done.stdout.endswith(wrong.stderr.partition("\n")[2])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["-n"], "-n needs a value"),
+        (["-n", "0"], "-n takes a number of ranks, not '0'"),
+        (["-j", "x"], "-j takes a number of processes, not 'x'"),
+        (["-n2", "-j2"], "-j 2 is for the serial suite"),
+        (["--dolfinx=0.9"], "--dolfinx takes only the word 'latest'"),
+        # These would share a serial suite between two processes, on one rank each.
+        (["-q", "-n", "2"], "-n comes before the arguments of pytest"),
+    ],
+)
+def test_mistakes_in_options(arguments, message):
+    """What is wrong is named before anything is installed."""
+    done = command("tests", *arguments)
+    assert done.returncode == 1
+    assert message in done.stderr
+
+
+def test_python_that_has_no_dolfinx(tmp_path):
+    """The interpreter of a user's choice is not replaced by another one."""
+    python = tmp_path / "python3"
+    python.write_text(f'#!/bin/sh\nexec {sys.executable} -I -S "$@"\n')
+    python.chmod(0o755)
+    done = command("demos", "-m", "vmdg", VMDG_PYTHON=str(python))
+    assert done.returncode == 1
+    assert f"VMDG_PYTHON={python} has no DOLFINx 0.9 - 0.11" in done.stderr
 
 
 @pytest.mark.parametrize("wheel", [True, False])
@@ -251,27 +290,6 @@ def test_process_that_dies(tmp_path):
     """``tests/run -j`` ends where a process ends in a test, fails, and names the test once."""
     (tmp_path / "test_dies.py").write_text("import os\n\ndef test_dies():\n    os._exit(0)\n")
     (tmp_path / "test_lives.py").write_text("def test_lives():\n    pass\n")
-    own = {"VMDG_PYTHON": sys.executable, "XDG_CACHE_HOME": str(tmp_path)}
-    done = subprocess.run(
-        ["bash", str(ROOT / "tests" / "run"), "-j", "2", str(tmp_path)],
-        env=os.environ | own,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = command("tests", "-j", "2", str(tmp_path), XDG_CACHE_HOME=str(tmp_path))
     assert done.returncode == 1, done.stderr
     assert len(re.findall("crashed while running '.*test_dies.py::test_dies'", done.stdout)) == 1
-
-
-def test_ranks_after_arguments_of_pytest():
-    """``tests/run -q -n 2`` would share a serial suite between two processes, on one rank each."""
-    own = {"VMDG_PYTHON": sys.executable}
-    done = subprocess.run(
-        ["bash", str(ROOT / "tests" / "run"), "-q", "-n", "2"],
-        env=os.environ | own,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode != 0
-    assert "-n comes before the arguments of pytest" in done.stderr

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -78,11 +79,8 @@ def test_one_version():
 
 def test_environments_have_what_the_tests_need():
     """The conda environment and the extras list what ``tests/run`` asks a machine's Python for."""
-    needs = re.findall(
-        r'^vmdg_modules\+?="([^"]*)"', (ROOT / ".ci" / "environment").read_text(), re.M
-    )
-    needs += re.findall(r'^vmdg_modules\+?="([^"]*)"', (ROOT / "tests" / "run").read_text(), re.M)
-    modules = set(" ".join(needs).split())
+    common = runpy.run_path(str(ROOT / ".ci" / "setup" / "common.py"))
+    modules = {*common["MODULES"], *common["TEST_MODULES"]}
     assert {"gmsh", "scipy", "pytest", "meshio"} <= modules
     other_name = {"gmsh": "python-gmsh", "xdist": "pytest-xdist"}
     conda = (ROOT / ".ci" / "environment.yml").read_text()
