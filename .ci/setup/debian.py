@@ -213,12 +213,12 @@ def variables(folder: Path) -> dict[str, str]:
     kept = {name: value for name, value in os.environ.items() if not re.fullmatch(host, name)}
     if not os.path.isdir(kept.get("TMPDIR") or "/tmp"):
         kept.pop("TMPDIR", None)
-    # What pip installs goes beside the tree, which is read-only, and uses the tree's packages.
+    # What pip installs goes next to the tree, which is read-only, and uses the tree's packages.
     packages, path = f"{folder}.packages", "/usr/local/bin:/usr/bin:/bin"
     kept.update(PATH=f"{path}:{packages}/bin", PYTHONPATH=str(common.ROOT), LC_ALL="C.UTF-8")
     kept.update(PYTHONUSERBASE=packages, PIP_USER="1", PIP_BREAK_SYSTEM_PACKAGES="1")
     kept["PIP_ROOT_USER_ACTION"] = "ignore"
-    # mpirun names its session after its process number, and every sandbox counts processes anew:
+    # mpirun names its session after its process number, and every sandbox counts from one:
     # in a shared /tmp it would meet the session of another one, or of a killed run.
     return {**kept, "PRTE_MCA_prte_tmpdir_base": MPI_SESSIONS}
 
