@@ -76,6 +76,14 @@ def test_pages_are_taken_apart_without_loss():
         assert all(text.startswith("# ") for text in parts.values())
 
 
+def test_no_line_of_a_paragraph_starts_a_list():
+    """To Markdown a full line before one with a minus ends there, and a bare <name> is a tag."""
+    for name, text in SOURCES.items():
+        text = re.sub(r"^(```|~~~).*?^\1", "", text, flags=re.MULTILINE | re.DOTALL)
+        assert not re.search(r"^[^\s#|*-].{60,}\n[-+*] ", text, re.MULTILINE), name
+        assert not re.search(r"<[a-z]+>", re.sub(r"`[^`]*`", "", text)), name
+
+
 def test_links_lead_to_pages_of_the_site():
     """A section becomes a page, a heading below it an anchor, other files their names."""
     known = {"vmdg/GUIDE.md#loads": "/reference/loads.md", "README.md": "/index.md"}
@@ -84,6 +92,7 @@ def test_links_lead_to_pages_of_the_site():
         "[a](/reference/loads.md), [b](/index.md), ![c](/demos/gallery/d.png), e (`demos/run`)\n"
     )
     assert PAGES.linked(text, "demos/README.md", known) == expected
+    assert PAGES.linked("[demos/run](demos/run)", "README.md", known) == "`demos/run`\n"
     assert PAGES.linked("```\n[a](b)\n```", "README.md", known) == "```\n[a](b)\n```\n"
     for broken in ("[a](vmdg/GUIDE.md#load)", "[a](nowhere.md)"):
         with pytest.raises(ValueError, match="which is no page and no heading"):

@@ -149,6 +149,8 @@ def linked(text: str, file: str, known: dict[str, str]) -> str:
             return f"[{words}]({known[whole]})"
         if anchor or not (ROOT / path).exists():
             raise ValueError(f"{file} links to {target}, which is no page and no heading of one")
+        if words == path:
+            return f"`{path}`"
         return words if "`" in words or "!" in words else f"{words} (`{path}`)"
 
     made, fenced = [], False

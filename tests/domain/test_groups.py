@@ -163,6 +163,10 @@ def test_mesh_without_groups_of_facets(comm):
     assert tagged.cell_tags.names == {"plate": 5}
     assert tagged.facet_tags.names == {}
     assert len(tagged.facet_tags.indices) == 0
+    with pytest.raises(
+        ValueError, match=r"no named group of dimension 1.*\(1, \[...\], name='left'"
+    ):
+        tagged.facet_tags.find("left")
 
 
 SCENES = {

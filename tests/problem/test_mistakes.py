@@ -684,6 +684,20 @@ def test_nothing_left_to_do(comm):
     assert len(vmdg.solve(problem, [], history=history).history) == 1
 
 
+def test_a_checkpoint_that_nobody_read(comm, out):
+    """A run from the start where an earlier one left its checkpoint would lose it: a warning."""
+    tagged, options = scene(comm), vmdg.SolveOptions(checkpoint=out / "run")
+    first = vmdg.solve(held(tagged, bonded(tagged), "left", "right"), [0.5, 1.0], options)
+    problem = held(tagged, bonded(tagged), "left", "right")
+    history = vmdg.read_checkpoint(problem, out / "run")
+    assert history.rows == first.history.rows
+    vmdg.solve(problem, [1.5], options, history=history)
+    with warned(comm, r"run holds the checkpoint of an earlier run.*read_checkpoint.*discard"):
+        vmdg.solve(held(tagged, bonded(tagged), "left", "right"), [0.5], options)
+    vmdg.discard_checkpoint(comm, out / "run")
+    vmdg.solve(held(tagged, bonded(tagged), "left", "right"), [0.5], options)
+
+
 def test_a_run_that_goes_on_from_its_beginning(comm):
     """All load factors again, and not those that are left, unload the bond: that is warned of."""
     tagged, loads = scene(comm), np.array([0.5, 1.0])

@@ -31,13 +31,13 @@ from numpy.typing import NDArray
 from .. import __version__
 from ..assembly.discretization import Discretization
 from ..base.claims import Claim
-from ..base.parallel import global_sum, raise_together
+from ..base.parallel import global_sum, raise_together, warn_together
 from ..base.words import checked_path
 from ..domain.topology import mark_everywhere
 from ..output.history import History
 from ..problem.problem import Problem
 from ..problem.states import RunScales, Snapshot, Works
-from .files import open_arrays, read_description, remove_files, write_files
+from .files import latest, open_arrays, read_description, remove_files, write_files
 from .identity import differences, identity
 from .records import (
     cell_records,
@@ -92,6 +92,29 @@ def claim_checkpoint(comm: MPI.Comm, folder: str | Path) -> Claim:
     return Claim(
         comm, checked_path("checkpoint: folder", folder) / "checkpoint.lock", what, nested=True
     )
+
+
+def warn_of_replacement(comm: MPI.Comm, folder: str | Path) -> None:
+    """Warn if a run from the start would replace the checkpoint of another; collective.
+
+    Args:
+        comm: The ranks.
+        folder: For the checkpoints of the new run.
+    """
+    place, message = checked_path("checkpoint: folder", folder), None
+    if comm.rank == 0:
+        try:
+            found = latest(place)
+        except ValueError:  # damaged: it may still be repaired
+            found = place
+        if found is not None:
+            message = (
+                f"solve: {folder} holds the checkpoint of an earlier run, which this run replaces "
+                "together with its table. To continue that run, give "
+                f'history=vmdg.read_checkpoint(problem, "{folder}"); to start again, remove it by '
+                f'vmdg.discard_checkpoint(comm, "{folder}")'
+            )
+    warn_together(comm, message)
 
 
 def _check_problem(problem: Problem) -> None:

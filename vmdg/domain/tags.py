@@ -50,6 +50,13 @@ class NamedTags(MeshTags):
         Raises:
             ValueError: there is no group of this name; the message lists those there are.
         """
+        if isinstance(value, str) and not self.names:
+            raise ValueError(
+                f"find: this mesh has no named group of dimension {self.dim}, so none is called "
+                f"{value!r}; give it one in gmsh, addPhysicalGroup({self.dim}, [...], "
+                f"name={value!r}), or select by place, "
+                "problem.dirichlet(lambda x: np.isclose(x[0], 0.0), ...)"
+            )
         return super().find(group_tag(value, self.names, "find"))
 
 

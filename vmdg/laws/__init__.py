@@ -11,6 +11,7 @@
 
 from .base import Law, Mode, Update
 from .bonded import Bonded
+from .compression import SofteningCurve
 from .contact import Contact
 from .debonding import Debonding
 from .exponential import ExponentialDebonding, IntrinsicExponential
@@ -31,6 +32,7 @@ __all__ = [
     "MixedModeDebonding",
     "Mode",
     "RadialLaw",
+    "SofteningCurve",
     "TrapezoidalDebonding",
     "Update",
 ]

@@ -235,8 +235,10 @@ class ExtrinsicLaw(Law):
 class RadialLaw(ExtrinsicLaw, SofteningCurve):
     """Law with one softening curve R(x) for all directions: |T| <= R, flow along T (53).
 
-    A new law of this kind supplies the four methods of `SofteningCurve` and `softening_modulus`;
-    if R has a plateau, `resistance` and `remaining` too.
+    A new law of this kind is a frozen dataclass with ``strength`` among its fields. It supplies the
+    property ``softening_modulus`` and four methods of :class:`SofteningCurve`: ``slip``,
+    ``soften``, ``slip_to`` and ``bond_energy``; if R has a plateau, ``resistance`` and
+    ``remaining`` too.
     """
 
     @property

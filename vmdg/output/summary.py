@@ -19,8 +19,10 @@ def extremes(problem: Problem, interface: Which, quantity: Quantity) -> tuple[fl
     Args:
         problem: The problem.
         interface: Its number, its name or itself.
-        quantity: "opening", "gap", "slip", "traction", "shear", "damage", "mode" or "fine_scale",
-            see :func:`vmdg.output.values.scalar`, or a function of an
+        quantity: "opening", "gap", "traction": g, zeta and T along the current normal, positive in
+            opening and tension [mm, mm, MPa]; "slip", "shear": norm of the tangential part of zeta
+            and T [mm, MPa]; "damage": Q relative to the strength; "mode": :class:`vmdg.Mode`;
+            "fine_scale": size of the fine scales (24) [mm]. Or a function of an
             :class:`vmdg.InterfaceState`, for example ``lambda state: state.traction[:, 0]``.
 
     Returns:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..assembly.means import lattice_of
 from ..base.agreement import Interrupt, leave_together, same_call
 from ..base.timers import timer, timings, timings_since
-from ..checkpoint.checkpoint import claim_checkpoint, write_checkpoint
+from ..checkpoint.checkpoint import claim_checkpoint, warn_of_replacement, write_checkpoint
 from ..linear.features import switchboard
 from ..output.axial import AxialMotion
 from ..output.cell import PeriodicCell
@@ -87,6 +87,8 @@ def solve(
     )
     if loads.size:
         problem.step.rests_on_contact = check_model(problem, loads, options.unstable == "trace")
+    if options.checkpoint is not None and history is None:
+        warn_of_replacement(problem.comm, options.checkpoint)
     before, written, steps = timings(), len(result.history), None
     _running.add(problem)
     try:
