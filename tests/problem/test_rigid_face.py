@@ -286,6 +286,7 @@ def test_goes_on_from_a_checkpoint(comm, out):
     loads, found = np.linspace(0.2, 1.0, 5), []
     options = vmdg.SolveOptions(checkpoint=out, checkpoint_every=3)
     for stop in (5, 3):
+        vmdg.discard_checkpoint(comm, out)
         problem, _, plate = hinged(comm, displacement=lambda t: 0.02 * t)
         vmdg.solve(problem, loads[:stop], options)
         if stop == 3:

@@ -265,7 +265,9 @@ def test_interrupted_at_any_moment(comm, tmp_path, times):
     kept = {0.0: 0.0}
     vmdg.solve(pulled(comm, 3, law=BRITTLE), loads, options, monitor)
     start = time.monotonic()
-    whole = vmdg.solve(pulled(comm, 3, law=BRITTLE), loads, options, monitor).history
+    whole = vmdg.solve(
+        pulled(comm, 3, law=BRITTLE), loads, options, monitor, vmdg.History()
+    ).history
     duration = time.monotonic() - start
     random, found = np.random.default_rng(int(os.environ.get("VMDG_SEED", "1"))), 0
     for _ in range(INTERRUPTS):

@@ -102,7 +102,7 @@ def warn_of_replacement(comm: MPI.Comm, folder: str | Path) -> None:
         folder: For the checkpoints of the new run.
     """
     place, message = checked_path("checkpoint: folder", folder), None
-    if comm.rank == 0:
+    if comm.rank == 0 and place.is_dir():
         try:
             found = latest(place)
         except ValueError:  # damaged: it may still be repaired
