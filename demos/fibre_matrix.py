@@ -99,8 +99,8 @@ def main(
             name, scale = STAGES[stage], (20, 20, 20, 1)[stage]
             style = {"limits": (0, 30), "edges": 0.2, "colorbar": stage % 2 == 1}
             vmdg.plot.stress(problem, "xx", scale, axes[stage], **style)
-            axes[stage].set_title(f"{name}\n{problem.t * 1e3:.3g} µm, x {scale}", size=9)
-            axes["curve"].plot(100 * strain, force / SIZE, "o", label=name)
+            axes[stage].set_title(f"{stage + 1} {name}\n{problem.t * 1e3:.3g} µm, x {scale}", size=9)
+            axes["curve"].plot(100 * strain, force / SIZE, "o", label=stage + 1)
             stage += 1
         if animate:
             snapshots.append(problem.snapshot())
@@ -115,7 +115,7 @@ def main(
     history = vmdg.solve(problem, loads, options, monitor, until=lambda _: stage == 4).history
     axes["curve"].semilogx(100 * history["strain"], history["stress"], "k", zorder=0)
     axes["curve"].set(xlabel="strain [%]", ylabel="stress [MPa]")
-    axes["curve"].legend()
+    axes["curve"].legend(title="stage")
     if animate:
         film, shown = Path(out) / "fibre_matrix.gif", ("strain", "stress", "xx", 10, (0, 30))
         vmdg.plot.animate(film, problem, snapshots, history, *shown)
