@@ -96,10 +96,10 @@ def main(
         strain, peak = 2 * problem.t / SIZE, max(peak, abs(force))
         reached = [*events(problem, element_size / 2), abs(force) < 1e-3 * peak]
         while stage < len(STAGES) and reached[stage]:
-            name, scale = STAGES[stage], (20, 20, 20, 1)[stage]
+            name, scale = f"{stage + 1} {STAGES[stage]}", (20, 20, 20, 1)[stage]
             style = {"limits": (0, 30), "edges": 0.2, "colorbar": stage % 2 == 1}
             vmdg.plot.stress(problem, "xx", scale, axes[stage], **style)
-            axes[stage].set_title(f"{stage + 1} {name}\n{problem.t * 1e3:.3g} µm, x {scale}", size=9)
+            axes[stage].set_title(f"{name}\n{problem.t * 1e3:.3g} µm, x {scale}", size=9)
             axes["curve"].plot(100 * strain, force / SIZE, "o", label=stage + 1)
             stage += 1
         if animate:
