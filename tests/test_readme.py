@@ -227,7 +227,10 @@ def test_first_example(out, monkeypatch):
     (code,) = (block for block in blocks if "monitor=force" in block)
     scope: dict = {}
     exec(code, scope)
-    force = scope["result"].history["force"]
+    history = scope["result"].history
+    load, force = history["load"], history["force"]
     assert len(force) == 20
-    assert 80 < force.max() < 100
-    assert np.abs(force[-1]) < 1e-5
+    assert "rises to 90 N at 0.1 mm" in PAGES[0].read_text()
+    assert round(force.max()) == 90
+    assert load[force.argmax()] == pytest.approx(0.1)
+    assert np.abs(force[load > 0.19]).max() < 1e-5
