@@ -110,7 +110,9 @@ def test_example(comm, out):
 
     history = tearing.main("ogden", "coarse", 3, str(out))
     same = tearing_meshes.tear("ogden", "coarse", 3, out).history
-    assert np.array_equal(history["force"], same["force"])
+    # Factors of several ranks differ by rounding from run to run, in the order of messages.
+    close = 0.0 if comm.size == 1 else 1e-8
+    assert np.allclose(history["force"], same["force"], rtol=close, atol=0.0)
     comm.barrier()
     assert (out / "tearing_ogden.png").stat().st_size > 10_000
 
