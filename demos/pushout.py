@@ -115,7 +115,7 @@ def main(
 ) -> vmdg.History:
     """Cure the matrix and push the fibre; the history of the push."""
     model = build(solid, 25, refine, FRICTION, FIBRE_MODULUS)
-    figure = plt.figure(figsize=(14, 4), layout="constrained")
+    figure = plt.figure(figsize=(17, 4), layout="constrained")
     force, length, modes = (figure.add_subplot(1, 4, n) for n in (1, 2, 4))
     stress = figure.add_subplot(1, 4, 3, projection="3d" if solid else None)
 
