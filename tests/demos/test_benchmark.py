@@ -27,6 +27,7 @@ def test_errors_are_those_of_plain_elements(out):
     by_case = {(p.cell, p.degree, p.n, p.method): p for p in points}
     for (*case, method), point in by_case.items():
         plain = by_case[(*case, "plain")]
+        assert point.solves >= 1
         assert not over_budget("block of known solution", solves=point.solves)
         if method == "vmdg":
             assert point.h1 == pytest.approx(plain.h1, rel=0.05), point
@@ -81,6 +82,8 @@ def test_cracked_plate(out):
     assert run.imbalance < 5e-3
     assert run.history["damage"][-1] == pytest.approx(peers.P1.work)
     assert not over_budget("cracked plate", run)
+    assert run.counts.condensed >= run.history["iterations"].sum()
+    assert run.counts.solves >= len(run.history)
 
 
 #: Where the two ways are not the same problem: a tie has the tensor tau_s, strains reach .5%.

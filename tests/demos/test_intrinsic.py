@@ -47,6 +47,7 @@ def test_curve():
     assert ours.stiffness == pytest.approx(bonded, rel=0.03)
     assert stiff.load == pytest.approx(ours.load, rel=0.03)
     assert soft.load == pytest.approx(ours.load, rel=0.03)
+    assert all(one.factorizations > one.rows > 10 for one in (soft, stiff))
     assert table(bonded, lines).count("\n") == 4
 
 
