@@ -89,14 +89,14 @@ def interface_points(
     Args:
         problem: The problem.
         quantity: As for :func:`interface_profile`.
-        ax: Where to draw, with projection "3d" for solids; None for a new figure.
-        limits: Values at both ends of the colours; None for the range that occurs.
-        above: Leave out points with a value that is no larger, which would hide others in a solid.
-        colorbar: Whether to add a scale of colours.
+        ax: Axes, with projection "3d" for solids; None for a new figure.
+        limits: Values at both ends of the colours; None for the full range.
+        above: Omit points with a value that is not larger, which would hide others in a solid.
+        colorbar: Whether to add a colour bar.
         **style: For ``Axes.scatter``, for example ``s=10`` or ``cmap="viridis"``.
 
     Returns:
-        The axes; the picture itself is on rank 0's only.
+        The axes; only those of rank 0 contain the plot.
 
     Raises:
         ValueError: unknown ``quantity``.

@@ -16,9 +16,9 @@ import vmdg
 from parts.scenes import pushout
 from parts.tables import markdown
 
-RADIUS, SHRINKAGE = pushout.RADIUS, pushout.SHRINKAGE
+RADIUS, HEIGHT, SHRINKAGE = pushout.RADIUS, pushout.HEIGHT, pushout.SHRINKAGE
 E_MATRIX, NU_MATRIX, NU_FIBRE = pushout.E_MATRIX, pushout.NU_MATRIX, pushout.NU_FIBRE
-OUTER_RADIUS, HEIGHT = 4.3, 5.36  # mm
+OUTER_RADIUS = 4.3  # of the matrix, mm
 # Figures 30 and 31, and the influence of mesh and steps: argument, label, values.
 STUDIES = {
     "modulus": ("fibre_modulus", "E_f / E_m = {:g}", (0.625, 2.5, 6.0)),
