@@ -14,6 +14,7 @@ from .. import compat
 from ..base.graph import components
 from ..base.parallel import global_any, global_sum, group_maxima
 from ..domain.topology import facet_cells, local_facets
+from ..interface.facets import InterfaceFacets
 
 
 def broken_space(mesh: Mesh, degree: int, cut: NDArray[np.int32]) -> fem.FunctionSpace:
@@ -175,12 +176,40 @@ def node_pieces(
         space: The space.
         joined: Additional pairs of local cells (n, 2) that belong to one piece.
     """
-    nodes, dofs = space.dofmap.index_map, space.dofmap.list
-    size, first = nodes.size_local + nodes.num_ghosts, dofs[:, 0]
+    dofs = space.dofmap.list
+    first = dofs[:, 0]
     pairs = [first[cells] for cells in joined]
     starts = [np.repeat(first, dofs.shape[1] - 1), *(pair[:, 0] for pair in pairs)]
     ends = [dofs[:, 1:].ravel(), *(pair[:, 1] for pair in pairs)]
-    piece = components(np.concatenate(starts), np.concatenate(ends), size)
+    return _connected(space, np.concatenate(starts), np.concatenate(ends))
+
+
+def facet_pieces(
+    space: fem.FunctionSpace, interfaces: Iterable[InterfaceFacets]
+) -> list[NDArray[np.int64]]:
+    """Name of the connected piece of interfaces to which each of their facets belongs; collective.
+
+    Facets are connected if they share a node of the space, on either side.
+    """
+    closure, dofs = facet_closure(space), space.dofmap.list
+    nodes = [
+        np.hstack([dofs[one.cells[:, [a]], closure[one.local[:, a]]] for a in range(2)])
+        for one in interfaces
+    ]
+    edges = np.concatenate(nodes) if nodes else np.zeros((0, 2), dtype=np.int32)
+    starts = np.repeat(edges[:, 0], edges.shape[1] - 1)
+    name = _connected(space, starts, edges[:, 1:].ravel())
+    return [name[of_facet[:, 0]] for of_facet in nodes]
+
+
+def _connected(
+    space: fem.FunctionSpace, starts: NDArray[np.integer], ends: NDArray[np.integer]
+) -> NDArray[np.int64]:
+    """Name of the connected component of every local node, for edges between them: its last node
+    over all ranks; collective."""
+    nodes = space.dofmap.index_map
+    size = nodes.size_local + nodes.num_ghosts
+    piece = components(starts, ends, size)
     names = nodes.local_to_global(np.arange(size, dtype=np.int32))[:, None]
     everywhere = np.ones_like(names, dtype=bool)
     return group_maxima(space.mesh.comm, nodes, names, everywhere, piece)[:, 0]

@@ -22,6 +22,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
+from ..assembly.space import facet_pieces
 from ..base.parallel import global_any, global_max, global_norm, global_sum, warn_together
 from ..base.timers import timer
 from ..compat import SNES_REASONS, UNBOUNDED_SEARCH
@@ -79,6 +80,8 @@ class Corrector:
         self._own = {k: v for k, v in (options.petsc or {}).items() if k.startswith("snes_")}
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))
         self._rounds, self._softest = False, 0.0
+        space, active = problem.discretization.space, problem.discretization.active.values()
+        self._pieces = facet_pieces(space, [one.facets for one in active if one.law.inelastic])
         # By halves, independently of the norm of the correction.
         least = float(np.finfo(float).tiny)
         halves = {"order": 1, "max_it": options.path.halvings, "minlambda": least}
@@ -101,7 +104,9 @@ class Corrector:
         """
         problem, krylov, scales = self._problem, self._system.iterations, self._problem.step.scales
         self._system.lags = False
-        iteration = _Iteration(problem, self._options, self._system, self._size, limits, dt)
+        iteration = _Iteration(
+            problem, self._options, self._system, self._size, limits, dt, self._pieces
+        )
         with timer("predictor"):
             iteration.predict(last)
         self._snes.setFunction(iteration.residual, self._residual)
@@ -179,6 +184,7 @@ class _Iteration:
         size: float,
         limits: Limits,
         dt: float,
+        pieces: list[NDArray[np.int64]],
     ):
         self._problem, self._comm, self._step = problem, problem.comm, problem.step
         self._discretization, self._loading = problem.discretization, problem.loading
@@ -193,6 +199,14 @@ class _Iteration:
         # Work at the last return map, or of the last step while zeta is fixed.
         self._gradients = [np.zeros_like(active.history.gap) for active in self._failing]
         self._elastic = self._at_onset = False
+        # Names of the connected pieces of interfaces at their points, which of them are on pieces
+        # without damage, and those whose work is limited if not all.
+        self._names = [
+            piece[active.quadrature.facet]
+            for active, piece in zip(self._failing, pieces, strict=True)
+        ]
+        self._sound: list[NDArray[np.bool_]] = []
+        self._counted: list[NDArray[np.bool_]] = []
         self._ends_at_target = True
         self._norms: list[float] = []
         self._goal, self._slope, self._rtol = math.nan, 0.0, MAX_RTOL
@@ -208,8 +222,21 @@ class _Iteration:
             guessed=self._guessed,
             end=self._parameter.value,
             slope=self._slope,
-            onset=self._at_onset,
+            onset=self._begun() if self._at_onset else (),
         )
+
+    def _begun(self) -> tuple[int, ...]:
+        """Names of the sound pieces in which damage has begun; collective."""
+        begun = [
+            name[sound & (active.values.update.damage_work > 0)]
+            for active, name, sound in zip(self._failing, self._names, self._sound, strict=True)
+        ]
+        return tuple(self._everywhere(begun).tolist())
+
+    def _everywhere(self, names: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+        """Names of pieces on any rank; collective."""
+        here = np.unique(np.concatenate(names))
+        return np.unique(np.concatenate(self._comm.allgather(here)))
 
     # Predictor
 
@@ -217,18 +244,36 @@ class _Iteration:
         """Predict by rotation with the supports, by extrapolation, or along the tangent."""
         if last is not None:
             self._gradients = [active.work_gradient(self._dt) for active in self._failing]
-        # Facets that open on demand may carry more than their strength when they open.
-        breaks = bool(self._step.activation) or any(
-            ((one.history.mode != Mode.ELASTIC) & (one.history.softening < one.law.strength)).any()
-            for one in self._failing
-        )
-        self._elastic = not global_any(self._comm, breaks)
+        self._find_sound(last)
         if not self._parameter.moves and turn(self._problem, self._numbers.missed):
             self._step.assemble_residual(self._dt)
             self._go(self._place(), self._correct(-self._forces()), 1.0)
         elif last is None or last.ahead is None or not self._extrapolate(last):
             self._along_tangent(anew=last is None or last.ahead is None)
         self._guessed = self._reach()._replace(way=global_norm(self._comm, self._moved()))
+
+    def _find_sound(self, last: Attempt | None) -> None:
+        """Mark the points on connected pieces of interfaces on which no bond is failing.
+
+        Facets that open on demand may carry more than their strength when they open.
+        """
+        failing = [
+            (one.history.mode != Mode.ELASTIC) & (one.history.softening < one.law.strength)
+            for one in self._failing
+        ]
+        self._elastic = not (
+            self._step.activation or global_any(self._comm, any(one.any() for one in failing))
+        )
+        if last is not None and last.onset:
+            # What begins to fail may unload all others.
+            self._counted = [np.isin(name, last.onset) for name in self._names]
+        if self._step.activation or not self._limits.onset:
+            return
+        broken = [name[fails] for name, fails in zip(self._names, failing, strict=True)]
+        broken = self._everywhere(broken)
+        sound = [~np.isin(name, broken) for name in self._names]
+        if global_any(self._comm, any(one.any() for one in sound)):
+            self._sound = sound
 
     def _along_tangent(self, anew: bool) -> None:
         """Predict along the tangent; if crack faces overlap then, with closing points sticking."""
@@ -301,15 +346,29 @@ class _Iteration:
 
     def _allowed(self, start: Direction, way: Direction, length: float) -> float:
         """Length along a direction at which the damage work is about at its limit, or the full
-        length."""
+        length.
+
+        The onset of damage in a sound piece is a kink of the path: the step ends there. Otherwise
+        pieces that are next to fail would soften together, below their strength.
+        """
+        ends = self._sound and not self._at_onset and way.t != 0
+        if not (ends and self._elastic):
+            length = self._shorter(start, way, length)
+        if ends:
+            self._map(_sum(start, way, length))
+            if self._work_on(self._sound) > self._limits.onset:
+                self._end_at_onset()
+                length = self._shorter(start, way, length)
+        return length
+
+    def _shorter(self, start: Direction, way: Direction, length: float) -> float:
+        """The same for the current limit of the damage work."""
         if (
             self._limits.work == math.inf
             or self._excess(start, way, length) <= self._numbers.growth
         ):
             return length
         self._ends_at_target = False
-        if self._elastic and way.t != 0:
-            self._end_at_onset()
         low, high = 0.0, length
         while low < (middle := (low + high) / 2) < high:
             excess = self._excess(start, way, middle)
@@ -322,10 +381,24 @@ class _Iteration:
     def _excess(self, start: Direction, way: Direction, length: float) -> float:
         """Damage work at a state, relative to its limit."""
         self._map(_sum(start, way, length))
-        return float(np.nan_to_num(self._step.bond_work() / self._limits.work, nan=math.inf))
+        return float(np.nan_to_num(self._work() / self._limits.work, nan=math.inf))
+
+    def _work(self) -> float:
+        """The damage work in the step that is limited; collective [N mm]."""
+        counted = self._sound if self._at_onset else self._counted
+        return self._work_on(counted) if counted else self._step.bond_work()
+
+    def _work_on(self, counted: list[NDArray[np.bool_]]) -> float:
+        """Damage work in the step on some points; collective [N mm]."""
+        work = 0.0
+        for active, points in zip(self._failing, counted, strict=True):
+            if active.values.update is not None:
+                done = active.values.update.damage_work[points]
+                work += active.quadrature.weights[points] @ done
+        return float(self._discretization.geometry.thickness * global_sum(self._comm, work))
 
     def _end_at_onset(self) -> None:
-        """From an elastic state, end the step at the onset of damage, a kink of the path."""
+        """End the step at the onset of damage in a sound piece, a kink of the path."""
         if 0 < self._limits.onset < self._limits.work:
             work = ROUNDING * self._limits.onset / self._numbers.small
             self._limits, self._at_onset = replace(self._limits, work=work), True
@@ -335,7 +408,7 @@ class _Iteration:
         way = 0.0
         if self._along is not None:
             way = float(global_sum(self._comm, self._moved() @ self._along))
-        return Reach(self._parameter.value, self._step.bond_work(), way)
+        return Reach(self._parameter.value, self._work(), way)
 
     # Corrections
 
@@ -390,6 +463,9 @@ class _Iteration:
             before if active.values.update is None else active.work_gradient(self._dt)
             for active, before in zip(self._failing, self._gradients, strict=True)
         ]
+        if counted := self._sound if self._at_onset else self._counted:
+            known = zip(gradients, counted, strict=True)
+            gradients = [G * points[:, None] for G, points in known]
         largest = max((np.abs(G).max(initial=0.0) for G in gradients), default=0.0)
         if size == 0 or global_max(self._comm, float(largest)) == 0:
             return 0.0
