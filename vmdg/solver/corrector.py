@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -81,7 +82,12 @@ class Corrector:
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))
         self._rounds, self._softest = False, 0.0
         space, active = problem.discretization.space, problem.discretization.active.values()
-        self._pieces = facet_pieces(space, [one.facets for one in active if one.law.inelastic])
+        failing = [one for one in active if one.law.inelastic]
+        pieces = facet_pieces(space, [one.facets for one in failing])
+        self._names = [
+            piece[one.quadrature.facet] for one, piece in zip(failing, pieces, strict=True)
+        ]
+        self._several = len(_everywhere(problem.comm, self._names)) > 1
         # By halves, independently of the norm of the correction.
         least = float(np.finfo(float).tiny)
         halves = {"order": 1, "max_it": options.path.halvings, "minlambda": least}
@@ -104,9 +110,8 @@ class Corrector:
         """
         problem, krylov, scales = self._problem, self._system.iterations, self._problem.step.scales
         self._system.lags = False
-        iteration = _Iteration(
-            problem, self._options, self._system, self._size, limits, dt, self._pieces
-        )
+        about = self._names, self._several
+        iteration = _Iteration(problem, self._options, self._system, self._size, limits, dt, *about)
         with timer("predictor"):
             iteration.predict(last)
         self._snes.setFunction(iteration.residual, self._residual)
@@ -184,7 +189,8 @@ class _Iteration:
         size: float,
         limits: Limits,
         dt: float,
-        pieces: list[NDArray[np.int64]],
+        names: list[NDArray[np.int64]],
+        several: bool,
     ):
         self._problem, self._comm, self._step = problem, problem.comm, problem.step
         self._discretization, self._loading = problem.discretization, problem.loading
@@ -201,10 +207,7 @@ class _Iteration:
         self._elastic = self._at_onset = False
         # Names of the connected pieces of interfaces at their points, which of them are on pieces
         # without damage, and those whose work is limited if not all.
-        self._names = [
-            piece[active.quadrature.facet]
-            for active, piece in zip(self._failing, pieces, strict=True)
-        ]
+        self._names, self._several = names, several
         self._sound: list[NDArray[np.bool_]] = []
         self._counted: list[NDArray[np.bool_]] = []
         self._ends_at_target = True
@@ -231,12 +234,7 @@ class _Iteration:
             name[sound & (active.values.update.damage_work > 0)]
             for active, name, sound in zip(self._failing, self._names, self._sound, strict=True)
         ]
-        return tuple(self._everywhere(begun).tolist())
-
-    def _everywhere(self, names: list[NDArray[np.int64]]) -> NDArray[np.int64]:
-        """Names of pieces on any rank; collective."""
-        here = np.unique(np.concatenate(names))
-        return np.unique(np.concatenate(self._comm.allgather(here)))
+        return tuple(_everywhere(self._comm, begun).tolist())
 
     # Predictor
 
@@ -269,10 +267,13 @@ class _Iteration:
             self._counted = [np.isin(name, last.onset) for name in self._names]
         if self._step.activation or not self._limits.onset:
             return
-        broken = [name[fails] for name, fails in zip(self._names, failing, strict=True)]
-        broken = self._everywhere(broken)
+        broken = _everywhere(
+            self._comm, [name[fails] for name, fails in zip(self._names, failing, strict=True)]
+        )
         sound = [~np.isin(name, broken) for name in self._names]
-        if global_any(self._comm, any(one.any() for one in sound)):
+        # On a single piece, load control passes the onset of damage.
+        ends = self._several or self._limits.work < math.inf
+        if ends and global_any(self._comm, any(one.any() for one in sound)):
             self._sound = sound
 
     def _along_tangent(self, anew: bool) -> None:
@@ -283,7 +284,7 @@ class _Iteration:
         step.scales = step.scales.with_forces(global_norm(self._comm, free))
         self._go(self._start, self._correct(-free), 1.0)
         if step.close(self._dt):
-            self._limits, self._mapped = limits, None
+            self._limits, self._mapped, self._at_onset = limits, None, False
             self._visit(self._start)
             step.assemble_residual(self._dt, hold=True)
             self._go(self._start, self._correct(-self._forces(), closes=True), 1.0)
@@ -595,6 +596,12 @@ class _Iteration:
             return False
         there = now.work >= (1 - missed) * limits.work or now.way >= (1 - missed) * limits.way
         return there or now.t == limits.target
+
+
+def _everywhere(comm: MPI.Comm, names: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Names of pieces on any rank; collective."""
+    here = np.unique(np.concatenate(names)) if names else np.zeros(0, dtype=np.int64)
+    return np.unique(np.concatenate(comm.allgather(here)))
 
 
 def _sum(start: Direction, way: Direction, length: float) -> Direction:
