@@ -24,12 +24,14 @@ from vmdg.meshes import distribute, model
 def bundle(
     comm: MPI.Comm,
     strengths: np.ndarray,
-    critical_gap: float,
+    critical_gap: float | Callable[[np.ndarray], np.ndarray],
     way: Callable[[float], float] = lambda t: t,
+    **law: str,
 ) -> tuple[vmdg.Problem, Callable[[vmdg.Problem], dict[str, float]]]:
     """Bars between rigid grips, each of two bonded halves, and a monitor of the force on the grip.
 
-    The grip moves so that an unbroken bar carries 10 MPa times ``way(t)``.
+    The grip moves so that an unbroken bar carries 10 MPa times ``way(t)``. Other parameters of the
+    bonds go to :class:`vmdg.Debonding`.
     """
     length, width, E = 1.0, 0.05, 1000.0
     with model("bundle") as g:
@@ -47,11 +49,12 @@ def bundle(
             g.addPhysicalGroup(2, range(half, 2 * len(strengths) + 1, 2), half)
         g.mesh.generate(2)
         mesh, cells, _ = distribute(g, comm, 2)
-    law = vmdg.Debonding(
+    debonding = vmdg.Debonding(
         strength=lambda x: strengths[np.floor(x[1] / (2 * width)).astype(int)],
         critical_gap=critical_gap,
+        **law,
     )
-    body, bond = vmdg.NeoHookean(E=E, nu=0.0), vmdg.Interface(between=(1, 2), law=law)
+    body, bond = vmdg.NeoHookean(E=E, nu=0.0), vmdg.Interface(between=(1, 2), law=debonding)
     problem = vmdg.Problem(mesh, cells, {1: body, 2: body}, [bond], kinematics="small")
     grip = locate_entities_boundary(mesh, 1, lambda x: np.isclose(x[0], 2 * length))
     problem.dirichlet(lambda x: np.isclose(x[0], 0.0), 0.0)

@@ -14,6 +14,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from dolfinx import fem
+from dolfinx.mesh import CellType, GhostMode, create_rectangle, meshtags
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
@@ -193,6 +194,105 @@ def test_weak_links_know_nothing_of_each_other(comm, strengths, critical_gap, st
     spent = (strengths[strengths < 10 * given[-1]] * critical_gap / 2).sum() * 0.05
     assert history["damage"][-1] == pytest.approx(spent, rel=1e-6)
     assert np.abs(history["imbalance"]).max() < 1e-4 * history["external"].max()
+
+
+@settings(max_examples=2)
+@given(
+    strengths=st.lists(st.floats(4.0, 9.8), min_size=3, max_size=4),
+    shares=st.lists(st.floats(0.3, 3.0), min_size=4, max_size=4),
+    steps=st.integers(3, 8),
+    unstable=st.sampled_from(["jump", "trace"]),
+)
+@example([4.5174, 4.9945, 4.8752], [2.3343, 0.4376, 0.78376], 9, "jump")
+@example([6.44428, 6.24815, 4.63995], [0.67388, 0.34166, 1.5346], 4, "trace")
+def test_no_bar_fails_below_its_strength(comm, strengths, shares, steps, unstable):
+    """Bars side by side, some of which soften stably while others snap: in every row each is as if
+    it were alone. At 10 t MPa, with t_c = 10 t/S and share s of the critical gap in the elongation
+    at the strength S, a stable bar bears S (s - t_c)/(s - 1)."""
+    strengths, shares = np.array(strengths), np.array(shares[: len(strengths)])
+    shares[np.abs(shares - 1) < 0.1] = 1.2
+
+    def gap(x: np.ndarray) -> np.ndarray:
+        bars = np.floor(x[1] / 0.1).astype(int)
+        return (shares * strengths * 2e-3)[bars]
+
+    problem, _ = bundle(comm, strengths, gap, unloading="secant")
+    bar = np.floor(problem.state[0].points[:, 1] / 0.1).astype(int)
+    given = (np.arange(1, steps + 1) - 1e-4) / steps
+    farthest = 0.0
+
+    def look(problem: vmdg.Problem) -> dict[str, float]:
+        nonlocal farthest
+        farthest = max(farthest, problem.t)
+        damaged = problem.state[0].softening > 1e-6 * strengths[bar]
+        early = damaged & (10 * farthest < strengths[bar] * (1 - 1e-6))
+        reached = 10 * problem.t / strengths
+        softens = np.where(shares > reached, strengths * (shares - reached) / (shares - 1), 0.0)
+        beyond = np.where(shares > 1, softens, 0.0)
+        traction = np.where(reached <= 1, 10 * problem.t, beyond)
+        off = np.abs(problem.state[0].traction[:, 0] - traction[bar]).max(initial=0.0)
+        return {"early": comm.allreduce(early.sum()), "off": comm.allreduce(off, MPI.MAX)}
+
+    history = vmdg.solve(problem, given, vmdg.SolveOptions(unstable=unstable), look).history
+    load = history["load"].tolist()
+    assert history["early"].max() == 0
+    assert max(history["off"][load.index(t)] for t in given) < 1e-6
+
+
+@pytest.mark.parametrize("unstable", ["jump", "trace"])
+@pytest.mark.parametrize(
+    ("strengths", "shares", "given"),
+    [
+        ([4.597, 4.737], [0.72, 0.60], [13.5, 15.2]),
+        ([4.597, 4.737, 4.967], [0.72, 0.60, 0.71], [4.5, 9.0, 13.5, 18.2, 20.2]),
+    ],
+)
+def test_the_weakest_link_of_a_row_fails_alone(comm, strengths, shares, given, unstable):
+    """One step passes the strengths of all links: the weakest snaps and unloads the others."""
+    E, count = 1000.0, len(strengths)
+    strengths, length = np.array(strengths), len(strengths) + 1.0
+    mesh = create_rectangle(
+        comm,
+        [(0.0, 0.0), (length, 0.05)],
+        (count + 1, 1),
+        CellType.quadrilateral,
+        ghost_mode=GhostMode.shared_facet,
+    )
+    cells = mesh.topology.index_map(2)
+    local = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
+    tags = meshtags(mesh, 2, local, np.ones_like(local))
+
+    def of_link(values: np.ndarray):
+        return lambda x: values[np.rint(x[0]).astype(int) - 1]
+
+    law = vmdg.Debonding(
+        strength=of_link(strengths),
+        critical_gap=of_link(np.array(shares) * strengths * length / E),
+        unloading="secant",
+    )
+    inside = [np.rint(x).astype(int) for x in range(1, count + 1)]
+    bond = vmdg.Interface(lambda x: np.isclose(x[0][:, None], inside).any(axis=1), law=law)
+    bodies = {1: vmdg.NeoHookean(E=E, nu=0.0)}
+    problem = vmdg.Problem(mesh, tags, bodies, [bond], kinematics="small")
+    problem.dirichlet(lambda x: np.isclose(x[0], 0), 0.0, "x")
+    problem.dirichlet(lambda x: np.isclose(x[0], length), lambda t: 1e-3 * t, "x")
+    problem.dirichlet_points(lambda x: x[0] > -1, 0.0, "y")
+    link = np.rint(problem.state[0].points[:, 0]).astype(int) - 1
+
+    def look(problem: vmdg.Problem) -> dict[str, float]:
+        state = problem.state[0]
+        others = state.softening[link > 0].max(initial=0.0)
+        T = state.traction[:, 0].max(initial=-np.inf)
+        return {"others": comm.allreduce(others, MPI.MAX), "T": comm.allreduce(T, MPI.MAX)}
+
+    options = vmdg.SolveOptions(unstable=unstable)
+    history = vmdg.solve(problem, given, options, look).history
+    load = history["load"].tolist()
+    assert history["others"].max() == 0
+    for t in given:
+        elastic = E * 1e-3 * t / length
+        expected = elastic if elastic < strengths[0] else 0.0
+        assert history["T"][load.index(t)] == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.mark.parametrize("ways", [[0.0, 0.6, 1.0], [0.0, 0.6, 0.6, 1.0]])
