@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import ufl
+from dolfinx import fem
 from support.problems import joined
 from support.scenes import EVERY_DEGREE, two_blocks
 
 import vmdg
+from vmdg.base.timers import timings, timings_since
 
 
 def resultants(problem: vmdg.Problem, t: float) -> tuple[np.ndarray, float]:
@@ -147,3 +149,29 @@ def test_point_load_refused(comm, mistake):
     arguments, error, message = POINT_LOADS[mistake]
     with pytest.raises(error, match=message):
         problem.point_load(*arguments(scene))
+
+
+def test_constant_loads_are_assembled_once(comm):
+    """Whatever a run asks for them; again where a load factor, a Constant or a Function changes."""
+    problem, scene = make(comm)
+    weight, field = fem.Constant(problem.mesh, (0.0, -1.0)), fem.Function(problem.space)
+    problem.dirichlet(scene.facet_tags.find(1), lambda t: 1e-3 * t)
+    problem.body_force(weight)
+    problem.body_force(field, tag=2)
+    top = scene.facet_tags.find(5)
+
+    def assembled(*loads):
+        before = timings()
+        vmdg.solve(problem, loads)
+        done = timings_since(before)
+        return sum(timing.runs for timing in done if timing.name == "assemble loads")
+
+    assert assembled(0.5, 1.0) == 1
+    assert resultants(problem, 1.0)[0] == pytest.approx([0.0, -2.0], abs=1e-12)
+    assert assembled(1.5) == 0
+    weight.value[:] = 0.0, -3.0
+    field.x.array[:] = 1.0
+    assert resultants(problem, 1.0)[0] == pytest.approx([1.0, -5.0], abs=1e-12)
+    problem.traction(top, lambda t: (t, 0.0))
+    forces = [resultants(problem, t)[0][0] for t in (1.0, 2.0, 1.0)]
+    assert forces == pytest.approx([3.0, 5.0, 3.0])

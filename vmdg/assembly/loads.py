@@ -17,6 +17,7 @@ from ufl.domain import extract_domains
 from ..base.kernels import compile_form
 from ..base.parallel import raise_together
 from ..base.quadrature import load_degree
+from ..base.timers import timer
 from ..domain.topology import boundary_rows
 from ..forms.geometry import Geometry
 from .dirichlet import component_index
@@ -93,6 +94,9 @@ class DeadLoads:
         self._forces: list[_Force] = []
         self._nodes: fem.FunctionSpace | None = None
         self._form: fem.Form | None = None
+        # All that densities depend on, and its values at the last assembly with the vector.
+        self._given: list[fem.Constant | fem.Function] = []
+        self._last: tuple[list[NDArray[np.float64]], NDArray[np.float64]] | None = None
 
     def __bool__(self) -> bool:
         return bool(self._tractions or self._body_forces or self._forces)
@@ -217,12 +221,23 @@ class DeadLoads:
         for load in loads:
             load.update(t)
         if loads:
-            if self._form is None:
-                self._form = self._compile()
-            result += fem.assemble_vector(self._form).array
+            result += self._of_densities()
         for force in self._forces:
             result[force.dofs] += force.spread @ np.atleast_1d(value_at(force.value, t))
         return result
+
+    def _of_densities(self) -> NDArray[np.float64]:
+        """The vector of tractions and body forces, assembled again where one has changed."""
+        if self._form is None:
+            self._form, self._last = self._compile(), None
+        values = [
+            np.array(one.value) if isinstance(one, fem.Constant) else one.x.array.copy()
+            for one in self._given
+        ]
+        if self._last is None or not all(map(np.array_equal, values, self._last[0])):
+            with timer("assemble loads"):
+                self._last = values, fem.assemble_vector(self._form).array.copy()
+        return self._last[1]
 
     def _compile(self) -> fem.Form:
         eta = ufl.TestFunction(self._space)
@@ -237,4 +252,6 @@ class DeadLoads:
                 self._weight * ufl.dot(load.density, eta) * measure(i)
                 for i, load in enumerate(loads)
             ]
-        return compile_form(sum(terms[1:], terms[0]), [], self._mesh.comm, name="loads")
+        form = sum(terms[1:], terms[0])
+        self._given = [*form.constants(), *form.coefficients()]
+        return compile_form(form, [], self._mesh.comm, name="loads")

@@ -116,6 +116,9 @@ def group_maxima(
         group: Number of the group on this rank, for each of these.
     """
     result = values.astype(PETSc.ScalarType)
+    _raise_members(result, members, group)
+    if comm.size == 1:
+        return result.astype(np.int64)
     rows, columns = index_map.size_local, values.shape[1]
     vector = PETSc.Vec().createGhostWithArray(
         index_map.ghosts.astype(PETSc.IntType),
@@ -124,17 +127,24 @@ def group_maxima(
         bsize=columns,
         comm=comm,
     )
-    while True:
+    changed = True
+    while changed:
         before = result.copy()
-        largest = np.full(group.max(initial=-1) + 1, -np.inf)
-        np.maximum.at(largest, group, result[members])
-        result[members] = largest[group]
         vector.ghostUpdate(PETSc.InsertMode.MAX, PETSc.ScatterMode.REVERSE)
         vector.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
-        if not global_any(comm, not np.array_equal(result, before)):
-            break
+        _raise_members(result, members, group)
+        changed = global_any(comm, not np.array_equal(result, before))
     vector.destroy()
     return result.astype(np.int64)
+
+
+def _raise_members(
+    values: NDArray[np.float64], members: NDArray[np.bool_], group: NDArray[np.integer]
+) -> None:
+    """Set the members of every group to their maximum on this rank."""
+    largest = np.full(group.max(initial=-1) + 1, -np.inf)
+    np.maximum.at(largest, group, values[members])
+    values[members] = largest[group]
 
 
 def within(seconds: float, done: Callable[[], bool]) -> bool:

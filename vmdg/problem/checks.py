@@ -213,9 +213,10 @@ def _check_bonds(problem: Problem, loads: NDArray[np.float64]) -> None:
 
 def _check_programme(problem: Problem, loads: NDArray[np.float64]) -> None:
     """Warn about a run without loads, or without changes from row to row."""
-    rows = [problem.loading.check_finite(float(t)) for t in (loads[0], loads[-1])]
+    check, ends = problem.loading.check_finite, dict.fromkeys((float(loads[0]), float(loads[-1])))
+    rows = [check(t) for t in ends]
     try:
-        rows += [problem.loading.check_finite(float(t)) for t in _samples(problem.t, loads)]
+        rows += [check(t) for t in _samples(problem.t, loads) if t not in ends]
     except Exception:
         # A user's function failed on all ranks at a load factor that the run may not reach; if it
         # does, it ends there with this error and the rows until then.
