@@ -212,6 +212,8 @@ class _Iteration:
         self._counted: list[NDArray[np.bool_]] = []
         self._ends_at_target = True
         self._norms: list[float] = []
+        # Forces that the predictor balanced, if it is a whole correction.
+        self._balanced = 0.0
         self._goal, self._slope, self._rtol = math.nan, 0.0, MAX_RTOL
         self._mapped: Direction | None = None  # state of the last return map
         self._guessed = Reach()
@@ -245,7 +247,7 @@ class _Iteration:
         self._find_sound(last)
         if not self._parameter.moves and turn(self._problem, self._numbers.missed):
             self._step.assemble_residual(self._dt)
-            self._go(self._place(), self._correct(-self._forces()), 1.0)
+            self._follow(self._place(), self._correct(-self._forces()))
         elif last is None or last.ahead is None or not self._extrapolate(last):
             self._along_tangent(anew=last is None or last.ahead is None)
         self._guessed = self._reach()._replace(way=global_norm(self._comm, self._moved()))
@@ -282,9 +284,10 @@ class _Iteration:
         step.hold(self._dt, sliding=anew)
         free = self._forces()
         step.scales = step.scales.with_forces(global_norm(self._comm, free))
-        self._go(self._start, self._correct(-free), 1.0)
+        self._follow(self._start, self._correct(-free))
         if step.close(self._dt):
-            self._limits, self._mapped, self._at_onset = limits, None, False
+            self._limits, self._mapped = limits, None
+            self._at_onset, self._balanced = False, 0.0
             self._visit(self._start)
             step.assemble_residual(self._dt, hold=True)
             self._go(self._start, self._correct(-self._forces(), closes=True), 1.0)
@@ -341,9 +344,19 @@ class _Iteration:
         self._discretization.update_points(self._dt)
         self._mapped = place
 
-    def _go(self, start: Direction, way: Direction, length: float) -> None:
-        """Move along a direction, limited by the damage work of the step."""
-        self._map(_sum(start, way, self._allowed(start, way, length)))
+    def _go(self, start: Direction, way: Direction, length: float) -> float:
+        """Move along a direction, limited by the damage work of the step; return how far."""
+        length = self._allowed(start, way, length)
+        self._map(_sum(start, way, length))
+        return length
+
+    def _follow(self, start: Direction, way: Direction) -> None:
+        """Move along a correction; if along all of it, a first one of Newton's method."""
+        if self._go(start, way, 1.0) == 1.0:
+            free = way.u.copy()
+            free[self._loading.owned_prescribed] = 0
+            forces = self._loading.balance(self._system.product(free))
+            self._balanced = global_norm(self._comm, forces)
 
     def _allowed(self, start: Direction, way: Direction, length: float) -> float:
         """Length along a direction at which the damage work is about at its limit, or the full
@@ -566,8 +579,9 @@ class _Iteration:
         self._rtol = linear_tolerance(self._norms, goal)
         # Reusing the last tangent multiplies the residual by about twice the ratio of the last two,
         # since convergence is quadratic; it is reused if that ends far below the goal.
-        first, surely = self._norms[-2:][0], self._numbers.missed * goal
-        self._system.lags = len(self._norms) > 1 and goal < norm and 2 * norm**2 <= surely * first
+        first = self._norms[-2] if len(self._norms) > 1 else self._balanced
+        surely = self._numbers.missed * goal
+        self._system.lags = goal < norm and 2 * norm**2 <= surely * first
         return reasons.ITERATING
 
     def _goal_of(self, scales: RunScales) -> float:
