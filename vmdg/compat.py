@@ -113,23 +113,21 @@ def forget_traversals() -> None:
             cache.clear()
 
 
-def create_matrix(
+def sparsity(
     test: fem.FunctionSpace,
     trial: fem.FunctionSpace,
     cells: NDArray[np.int32],
     facets: NDArray[np.int32],
-    kind: PETSc.Mat.Type = PETSc.Mat.Type.AIJ,
-) -> PETSc.Mat:
-    """A matrix that couples all dofs of every cell, and those of the two cells of every facet.
+) -> cpp.la.SparsityPattern:
+    """The pattern that couples all dofs of every cell, and those of the two cells of every facet.
 
-    The sparsity pattern needs a form but no kernel: nothing is compiled.
+    It needs a form but no kernel: nothing is compiled.
 
     Args:
         test: Space of the rows.
         trial: Space of the columns.
         cells: Local cells.
         facets: Rows (cell, facet in it, cell, facet in it), flattened.
-        kind: Matrix type.
     """
     integrals = {
         integral: [(0, 0, entities, np.zeros(0, dtype=np.int8))]
@@ -146,7 +144,7 @@ def create_matrix(
         # Include rows that belong to no cell.
         pattern.insert_diagonal(np.arange(test.dofmap.index_map.size_local, dtype=np.int32))
     pattern.finalize()
-    return cpp.la.petsc.create_matrix(mesh.comm, pattern, kind)
+    return pattern
 
 
 def evaluate(

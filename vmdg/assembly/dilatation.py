@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from ..base.timers import timer
 from ..interface.active import ActiveInterface
 from ..interface.jets import FacetJets
-from .point_matrices import add_fields, create_matrix
+from .point_matrices import add_fields, create_matrix, sparsity
 from .weak_form import WeakForm
 
 Array = NDArray[np.float64]
@@ -88,9 +88,10 @@ class Dilatation:
         fields = (q, du), (eta, p), (q, du), (q, p)
         forms = [ratio, *(weak.bulk_tangent(*pair) for pair in fields[1:])]
         spaces = [[field.ufl_function_space() for field in pair] for pair in fields]
+        patterns = [sparsity(*pair, weak.active) for pair in spaces]
         return [
-            (weak.compile(form, "dilatation"), create_matrix(*pair, weak.active))
-            for form, pair in zip(forms, spaces, strict=True)
+            (weak.compile(form, "dilatation"), create_matrix(weak.space.mesh.comm, pattern))
+            for form, pattern in zip(forms, patterns, strict=True)
         ]
 
     def update_dilatation(self) -> None:

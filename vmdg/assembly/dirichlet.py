@@ -95,27 +95,32 @@ def component_index(component: int | str | None, d: int, what: str) -> int | Non
 
 @dataclass(frozen=True)
 class _Condition:
+    """Prescribed components of some nodes.
+
+    Attributes:
+        dofs: Component-wise numbers (n, components).
+        base: Displacement to which the value is added (n, components) [mm].
+        value: The user's value.
+        points: Positions of the nodes (3, n).
+        replaces: Whether it replaces the conditions before it.
+        what: The call by which it was given.
+        takes_points: Whether the value is f(x, t).
+    """
+
     dofs: NDArray[np.int32]
-    component: int | None
+    base: NDArray[np.float64]
     value: Value
     points: NDArray[np.float64]
-    base: NDArray[np.float64]
     replaces: bool
     what: str
     takes_points: bool
 
-    def at(self, t: float, d: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-        """Prescribed dofs (n, components), component-wise numbers, and their values at ``t``."""
+    def at(self, t: float) -> NDArray[np.float64]:
+        """Prescribed values at ``t``, as :attr:`dofs`."""
         value = value_at(self.value, t, self.points if self.takes_points else None)
-        if self.component is None:
-            if value.ndim == 1:
-                value = value[:, None]
-            value = np.broadcast_to(value, (d, len(self.dofs)))
-            components = np.arange(d)
-        else:
-            value = np.broadcast_to(value, (1, len(self.dofs)))
-            components = np.array([self.component])
-        return self.dofs[:, None] * d + components, value.T + self.base[:, components]
+        if value.ndim == 1 and self.base.shape[1] == 1:
+            value = value[None]
+        return value.T + self.base
 
 
 class DirichletConditions:
@@ -135,6 +140,8 @@ class DirichletConditions:
         self._conditions: list[_Condition] = []
         self._zeros = zeros
         self.dofs = np.unique(zeros)
+        # Positions in them of the zeros and of the dofs of every condition.
+        self._fixed, self._places = np.searchsorted(self.dofs, zeros), []
 
     def add(
         self,
@@ -171,11 +178,13 @@ class DirichletConditions:
             fitting = "one component" if index is not None else f"{self._d} components"
             message = f"{what}: a value of shape {shape} does not fit {fitting}"
         raise_together(comm, message)
-        condition = _Condition(dofs, index, value, points, base, replaces, what, local)
-        self._conditions.append(condition)
         components = np.arange(self._d) if index is None else np.array([index])
-        flat = (dofs[:, None] * self._d + components).ravel()
-        self.dofs = np.union1d(self.dofs, flat).astype(np.int32)
+        each, base = dofs[:, None] * self._d + components, base[:, components]
+        condition = _Condition(each, base, value, points, replaces, what, local)
+        self._conditions.append(condition)
+        self.dofs = np.union1d(self.dofs, each).astype(np.int32)
+        self._fixed = np.searchsorted(self.dofs, self._zeros)
+        self._places = [np.searchsorted(self.dofs, one.dofs) for one in self._conditions]
 
     def _known(
         self, value: Value | Expr, dofs: NDArray[np.int32], index: int | None, what: str
@@ -217,16 +226,15 @@ class DirichletConditions:
         Where conditions overlap, the last one added applies.
         """
         result = np.zeros(len(self.dofs))
-        for condition in self._conditions:
-            dofs, values = condition.at(t, self._d)
-            result[np.searchsorted(self.dofs, dofs)] = values
-        result[np.searchsorted(self.dofs, self._zeros)] = 0
+        for condition, places in zip(self._conditions, self._places, strict=True):
+            result[places] = condition.at(t)
+        result[self._fixed] = 0
         return result
 
     def parts(self, t: float) -> Iterator[Part]:
         """Values of every condition at load factor ``t``."""
         for condition in self._conditions:
-            yield Part(condition.what, condition.at(t, self._d)[1], condition.points)
+            yield Part(condition.what, condition.at(t), condition.points)
 
     def conflict(self, t: float) -> str | None:
         """Message on two conditions with different values for a dof at load factor ``t``, or None.
@@ -234,17 +242,16 @@ class DirichletConditions:
         A condition relative to the current displacement replaces those before it.
         """
         given = np.full(len(self.dofs), np.nan)
-        given[np.searchsorted(self.dofs, self._zeros)] = 0
-        for condition in self._conditions:
-            dofs, values = condition.at(t, self._d)
-            place = np.searchsorted(self.dofs, dofs)
+        given[self._fixed] = 0
+        for condition, place in zip(self._conditions, self._places, strict=True):
+            values = condition.at(t)
             scale = np.abs(values).max(initial=0.0)
             differ = np.abs(given[place] - values) > SAME_VALUE * np.maximum(
                 np.abs(given[place]), scale
             )
             if differ.any() and not condition.replaces:
                 i, k = np.argwhere(differ)[0]
-                axis = AXES[dofs[i, k] % self._d]
+                axis = AXES[condition.dofs[i, k] % self._d]
                 return (
                     f"{condition.what}: the displacement along {axis} of the node at "
                     f"{rounded(condition.points[:, i])} is prescribed as "

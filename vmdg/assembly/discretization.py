@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import ufl
-from dolfinx import fem
+from dolfinx import cpp, fem
 from dolfinx.fem import petsc as fem_petsc
 from dolfinx.la import InsertMode
 from dolfinx.mesh import Mesh
@@ -30,7 +30,7 @@ from ..interface.stabilization import Stabilization, Stabilizers
 from .cell_tangents import CellTangents
 from .dilatation import Dilatation
 from .means import MeanSpace
-from .point_matrices import add_tangent, add_uniform, create_matrix, uniform_flux
+from .point_matrices import add_tangent, add_uniform, create_matrix, sparsity, uniform_flux
 from .space import broken_space
 from .surface import Surface
 from .weak_form import WeakForm
@@ -331,7 +331,11 @@ class Discretization:
         Args:
             kind: AIJ, or BAIJ in nodal blocks, for which PETSc inserts nine entries per look-up.
         """
-        return create_matrix(self.space, self.space, list(self.active.values()), kind)
+        return create_matrix(self.mesh.comm, self._pattern, kind)
+
+    @cached_property
+    def _pattern(self) -> cpp.la.SparsityPattern:
+        return sparsity(self.space, self.space, list(self.active.values()))
 
     def uniform_forces(
         self, gradient: NDArray[np.float64], adjoint: bool = False

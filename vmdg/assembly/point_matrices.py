@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-from dolfinx import fem
+from dolfinx import cpp, fem
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
@@ -29,25 +30,34 @@ def _batches(active: ActiveInterface) -> Iterator[slice]:
     return (slice(start, start + count) for start in range(0, facets, count))
 
 
-def create_matrix(
-    test: fem.FunctionSpace,
-    trial: fem.FunctionSpace,
-    active: Sequence[ActiveInterface],
-    kind: PETSc.Mat.Type = PETSc.Mat.Type.AIJ,
-) -> PETSc.Mat:
-    """An empty matrix that couples the dofs of every cell, and those of both sides of every facet.
+def sparsity(
+    test: fem.FunctionSpace, trial: fem.FunctionSpace, active: Sequence[ActiveInterface]
+) -> cpp.la.SparsityPattern:
+    """The pattern that couples the dofs of every cell, and those of both sides of every facet.
 
     Args:
         test: Space of the rows.
         trial: Space of the columns.
         active: The interfaces.
-        kind: Matrix type.
     """
     tdim = test.mesh.topology.dim
     cells = np.arange(test.mesh.topology.index_map(tdim).size_local, dtype=np.int32)
     everything = [one.facets.rows(np.ones(len(one.facets.facets), bool)) for one in active]
     facets = np.concatenate([np.zeros(0, dtype=np.int32), *everything])
-    return compat.create_matrix(test, trial, cells, facets, kind)
+    return compat.sparsity(test, trial, cells, facets)
+
+
+def create_matrix(
+    comm: MPI.Comm, pattern: cpp.la.SparsityPattern, kind: PETSc.Mat.Type = PETSc.Mat.Type.AIJ
+) -> PETSc.Mat:
+    """An empty matrix.
+
+    Args:
+        comm: Communicator.
+        pattern: From :func:`sparsity`.
+        kind: Matrix type.
+    """
+    return cpp.la.petsc.create_matrix(comm, pattern, kind)
 
 
 def add_tangent(matrix: PETSc.Mat, active: ActiveInterface, D: Array) -> None:

@@ -287,6 +287,11 @@ class ActiveInterface:
         r = self.stabilization.norm[q.facet]
         return works(self.history, update, self.law, q.normal, r) @ q.weights
 
+    def damage_work(self) -> float:
+        """Damage work of this rank's points in the step, the first of :meth:`works`."""
+        update = self.values.update
+        return 0.0 if update is None else float(update.damage_work @ self.quadrature.weights)
+
     def work_gradient(self, dt: float) -> NDArray[np.float64]:
         """d damage work/d T_tr of the last return map, in the frame of the law (nq, d) [mm].
 

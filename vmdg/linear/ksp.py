@@ -493,10 +493,12 @@ def warn_of_unused(item: PETSc.KSP | PETSc.SNES) -> None:
     Not before, since some parts of a preconditioner read their options during a solve, some on one
     rank only. Silent if PetscOptionsUsed of the C library is not accessible.
     """
-    used = getattr(ctypes.CDLL(PETSc.__file__), "PetscOptionsUsed", None)
-    if used is None or item.getAttr("options asked for"):
+    if item.getAttr("options asked for"):
         return
     item.setAttr("options asked for", True)
+    used = getattr(ctypes.CDLL(PETSc.__file__), "PetscOptionsUsed", None)
+    if used is None:
+        return
     prefix, unused = item.getOptionsPrefix(), []
     for name in PETSc.Options(prefix).getAll():
         found = ctypes.c_int(0)

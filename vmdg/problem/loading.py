@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from dolfinx import fem
@@ -134,6 +134,9 @@ class Loading:
         dirichlet: Prescribed displacements in the current space.
         rigid: Its rigid faces.
         given: Information on loads and supports.
+        parts: Parts of the problem by the interfaces that are intact, see
+            :func:`.supports.parts_of`; forgotten when a load or support is added.
+        t: Load factor.
     """
 
     def __init__(
@@ -148,7 +151,7 @@ class Loading:
         # after a problem is deleted, and their communicators, of which MPICH has 2048.
         self._given: list[Callable[[Loading], None]] = []
         self._ray: Ray | None = None
-        self.load_factor = fem.Constant(mesh, 0.0)
+        self.load_factor, self.t = fem.Constant(mesh, 0.0), 0.0
         self.given = Given(np.zeros(len(self._bodies.tags), dtype=bool), [], set())
         self.follow(discretization)
         self._move_walls()
@@ -156,6 +159,7 @@ class Loading:
     def follow(self, discretization: Discretization) -> None:
         """Apply all loads to another discretization."""
         self._discretization, space = discretization, discretization.space
+        self.parts: dict[tuple[int, ...], Any] = {}
         self._vector: NDArray[np.float64] | None = None
         means, geometry = discretization.means, discretization.geometry
         zeros = axis_dofs(space, geometry) if means is None else means.fixed
@@ -192,6 +196,7 @@ class Loading:
             raise
         self._given.append(impose)
         self._vector = None
+        self.parts.clear()
 
     # Prescribed displacements
 
@@ -476,9 +481,9 @@ class Loading:
         """The given dead loads at load factor ``t``."""
         if not self._loads:
             return np.zeros_like(self._discretization.u.x.array)
-        now, self.load_factor.value = self.t, t
+        self.load_factor.value = t
         vector = self._loads.vector(t)
-        self.load_factor.value = now
+        self.load_factor.value = self.t
         return vector
 
     # Pressures and springs
@@ -571,10 +576,11 @@ class Loading:
         ray = together(comm, lambda: self._ray_between(start, end))
         for t, values in zip((start, end), zip(*ray.parts, strict=True), strict=True):
             self._refuse_infinite(t, values)
-        changes = any((one != other).any() for one, other in ray.parts)
+        if not global_any(comm, any((one != other).any() for one, other in ray.parts)):
+            return False
         probes = [start + share * (end - start) for share in PROBES]
         straight = together(comm, lambda: all([self._leads(ray, t) for t in probes]))
-        if not global_any(comm, changes) or global_any(comm, not straight):
+        if global_any(comm, not straight):
             return False
         self._ray, self._vector = ray, None
         return True
@@ -622,8 +628,9 @@ class Loading:
         """Whether a ray reproduces the given loads at a load factor, on this rank."""
         leads = True
         for pair, at in zip(ray.parts, self._given_parts, strict=True):
-            off = np.abs(at(t) - ray.at(pair, t)).max(initial=0.0)
-            leads &= bool(off <= STRAIGHT * np.abs(pair).max(initial=0.0))
+            if pair[0].size:
+                off = np.abs(at(t) - ray.at(pair, t)).max()
+                leads &= bool(off <= STRAIGHT * np.abs(pair).max())
         return leads
 
     def clear_ray(self) -> None:
@@ -639,11 +646,6 @@ class Loading:
         displacements, faces = self.dirichlet.values, self.rigid.values
         strains = self._bodies.eigenstrains
         return displacements, self._vector_at, self._surface.pressures, faces, strains
-
-    @property
-    def t(self) -> float:
-        """Load factor."""
-        return float(self.load_factor.value)
 
     def strained(self, t: float, other: float) -> bool:
         """Whether eigenstrains differ between two load factors; collective."""
@@ -663,7 +665,7 @@ class Loading:
     def move(self, t: float) -> None:
         """Move to load factor ``t`` of the current ray, without imposing prescribed
         displacements."""
-        self.load_factor.value = t
+        self.load_factor.value = self.t = float(t)
         self._vector = None
         self.strain(t)
         if self.pressurised:

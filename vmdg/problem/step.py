@@ -173,7 +173,9 @@ class Step:
         """
         if dt is not None:
             self.discretization.update_points(dt)
-        return float(global_sum(self._comm, self.ledger.dissipation()[0]))
+        now = self.discretization
+        work = sum(active.damage_work() for active in now.active.values())
+        return float(global_sum(self._comm, float(now.geometry.thickness) * work))
 
     def lost(self) -> float:
         """Largest fraction of the strength lost at a point in the step so far; collective."""

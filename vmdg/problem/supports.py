@@ -90,8 +90,14 @@ def loose_parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> list
 
 
 def parts_of(problem: Problem, interfaces: Iterable[ActiveInterface]) -> Parts:
-    """The rigid parts if only some interfaces are intact; collective."""
-    return _parts(problem, [active.facets.cells for active in interfaces], [])
+    """The rigid parts if only some interfaces are intact, found once for all that supports them;
+    collective."""
+    intact, known = list(interfaces), problem.loading.parts
+    active = problem.discretization.active.items()
+    numbers = tuple(number for number, one in active if one in intact)
+    if numbers not in known:
+        known[numbers] = _parts(problem, [one.facets.cells for one in intact], [])
+    return known[numbers]
 
 
 def bonds(problem: Problem) -> tuple[float, float]:

@@ -579,7 +579,9 @@ class _Iteration:
         self._rtol = linear_tolerance(self._norms, goal)
         # Reusing the last tangent multiplies the residual by about twice the ratio of the last two,
         # since convergence is quadratic; it is reused if that ends far below the goal.
-        first = self._norms[-2] if len(self._norms) > 1 else self._balanced
+        # Along a path the tangent near the end of the step is to tell whether it is stable.
+        at_first = 0.0 if self._parameter.moves else self._balanced
+        first = self._norms[-2] if len(self._norms) > 1 else at_first
         surely = self._numbers.missed * goal
         self._system.lags = goal < norm and 2 * norm**2 <= surely * first
         return reasons.ITERATING

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..base.parallel import global_norm
+from ..base.parallel import global_any, global_norm
 from ..domain.geometry import rigid_part
 from ..forms.geometry import Axisymmetric
 from ..problem.problem import Problem
@@ -35,6 +35,8 @@ def turn(problem: Problem, most: float) -> bool:
     held = loading.owned_prescribed
     target = u.copy()
     target[loading.prescribed] = loading.prescribed_values(problem.t)
+    if not global_any(problem.comm, not np.array_equal(u[held], target[held])):
+        return False
     points = space.tabulate_dof_coordinates()[:, :d]
     nodes = np.flatnonzero(np.bincount(held // d, minlength=owned // d) == d)
     x, y = ((points + values.reshape(-1, d))[nodes] for values in (u, target))
