@@ -115,10 +115,15 @@ class Ledger:
         self._enter(done, self.dissipation() + charged)
         self.works = replace(self.works, within=within)
 
-    def complete(self) -> None:
-        """Compute the pending work of the last step, at its end; collective."""
+    def complete(self, allowed: float = 0.0) -> None:
+        """Compute the pending work of the last step, at its end; collective.
+
+        Args:
+            allowed: A curvature term that is estimated to be no larger than this stays as it is
+                [N mm].
+        """
         pending = self.works.pending
-        if pending is None:
+        if pending is None or 0 < abs(pending.entered) <= allowed:
             return
         change = self.discretization.u.x.array - pending.start.u
         if not global_any(self._comm, not np.array_equal(change, pending.change[0])):

@@ -327,28 +327,29 @@ class Path:
 
     def _refusal(self, stage: Stage, limits: Limits, before: Snapshot, found: Attempt) -> str:
         """Why a converged step is rejected; empty if it is accepted."""
-        t, scales = self._problem.t, self._problem.step.scales
+        step, numbers = self._problem.step, self._numbers
+        t, scales = self._problem.t, step.scales
         if not stage.follows:
             return ""
         # Under load control, or beyond its limits, a step may converge to a state off the path. It
         # then releases energy, apart from the effect of points that begin to yield within the step.
         far = found.work > stage.most or stage.ahead(before.t, t) > 0
         if found.work > 0 and not found.onset and (far or limits.by_load_alone):
+            step.ledger.complete(numbers.released / 2 * found.work)
             released = self._released(before) / found.work
-            if max(released, -released if far else 0.0) > self._numbers.released:
+            if max(released, -released if far else 0.0) > numbers.released:
                 return "JUMPED"
         if stage.ahead(stage.start, t) > 0 and not self._problem.loading.as_given(t):
             return "PROGRAMME_LEFT"
         # Breaking bonds are followed by the damage work, and beyond a limit point there are no
         # stable states nearby. Pivots of an unconstrained body are rounding.
-        loose = self._problem.step.rests_on_contact or scales.held
+        loose = step.rests_on_contact or scales.held
         strays = found.unstable and found.work == 0 and stage.ahead(t, before.t) > 0
         return "UNSTABLE" if strays and not (loose or self._lost) else ""
 
     def _released(self, before: Snapshot) -> float:
         """Energy released by a step, up to rounding [N mm]."""
         step, ledger = self._problem.step, self._problem.step.ledger
-        ledger.complete()
         now, released = step.snapshot(), ledger.energy().imbalance
         step.return_to(before)
         released -= ledger.energy().imbalance
