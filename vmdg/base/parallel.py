@@ -62,8 +62,8 @@ def _reduced(comm: MPI.Comm, value: ArrayLike, op: MPI.Op) -> NDArray:
     result is one (below 2^53).
     """
     mine = np.asarray(value)
-    result = np.empty(mine.shape)
-    comm.Allreduce(np.array(mine, dtype=np.float64, order="C"), result, op)
+    result = np.array(mine, dtype=np.float64, order="C")
+    comm.Allreduce(MPI.IN_PLACE, result, op)
     whole = mine.dtype.kind in "iu" and np.isfinite(result).all() and (result % 1 == 0).all()
     return (result.astype(mine.dtype) if whole else result)[()]
 

@@ -181,6 +181,10 @@ class History:
         return history
 
 
+#: json.dumps makes one for every call with an option.
+_JSON = json.JSONEncoder(default=str)
+
+
 def _lines(rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> Iterator[list[str]]:
     """Rows as lines of a CSV file with these columns."""
     for row in rows:
@@ -190,7 +194,7 @@ def _lines(rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> Iterato
 def _text(value: Any) -> str:
     if hasattr(value, "tolist"):
         value = value.tolist()
-    return value if isinstance(value, str) else json.dumps(value, default=str)
+    return value if isinstance(value, str) else _JSON.encode(value)
 
 
 def _value(text: str) -> Any:

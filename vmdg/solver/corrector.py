@@ -79,6 +79,7 @@ class Corrector:
         self._snes.getKSP().setType(PETSc.KSP.Type.PYTHON)
         self._snes.getKSP().getPC().setType(PETSc.PC.Type.NONE)
         self._own = {k: v for k, v in (options.petsc or {}).items() if k.startswith("snes_")}
+        self._kind = ""  # of the line search so far
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))
         self._rounds, self._softest = False, 0.0
         space, active = problem.discretization.space, problem.discretization.active.values()
@@ -122,8 +123,9 @@ class Corrector:
         self._matrix.setPythonContext(iteration)
         self._matrix.setUp()
         kind = self._own.get(KIND, "bt" if limits.by_load_alone else "basic")
-        PETSc.Options(self._snes.getOptionsPrefix())[KIND] = kind
-        self._snes.setFromOptions()
+        if kind != self._kind:
+            PETSc.Options(self._snes.getOptionsPrefix())[KIND] = self._kind = kind
+            self._snes.setFromOptions()
         iteration.show(self._x)
         self._snes.solve(None, self._x)
         if self._own:

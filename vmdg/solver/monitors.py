@@ -36,7 +36,8 @@ def watched_row(problem: Problem, monitor: Monitor | None) -> dict[str, Any]:
     row = _unchanged(problem, "the monitor", lambda: _numbers(monitor(problem)))
     rows, message = problem.comm.gather(row), None
     if problem.comm.rank == 0:
-        message = next(filter(None, (_difference(row, other) for other in enumerate(rows))), None)
+        others = (_difference(row, other) for other in enumerate(rows[1:], 1))
+        message = next(filter(None, others), None)
     raise_together(problem.comm, problem.comm.bcast(message))
     return row
 
