@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from support.budgets import over_budget
+
+from vmdg.base.timers import timings, timings_since
 
 
 def test_tutorial(comm, out):
@@ -113,7 +116,10 @@ def test_peeling_of_the_artery():
 
     x = brentq(lambda x: released(x) - 0.1 * 1.2 / 2, 1.0, 2.0)
     y = brentq(lambda y: stress(x, y)[1], 0.3, 1.0)
+    before = timings()
     _, history = peel(60.0, 24, 12.0)
+    (residuals,) = (t.runs for t in timings_since(before) if t.name == "assemble residual")
+    assert not over_budget("peeled artery", residuals=residuals)
     assert history["force"][-5:].mean() == pytest.approx(0.5 * stress(x, y)[0], rel=0.03)
 
 

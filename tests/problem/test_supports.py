@@ -89,3 +89,16 @@ def test_told_where_a_step_fails(comm):
     with pytest.raises(vmdg.StepFailure, match=told):
         vmdg.solve(problem, [1.0], options)
     assert problem.step.scales.held
+
+
+def test_supports_given_later_count(comm):
+    """What is known of a problem's supports is forgotten with the next one."""
+    scene = two_blocks(comm, "quadrilateral", 2)
+    problem = joined(scene, vmdg.Bonded())
+    left = scene.facet_tags.find(LEFT)
+    problem.dirichlet(left, lambda t: 1e-3 * t, "x")
+    for _ in range(2):
+        with pytest.raises(ValueError, match="against translation along y: the solution"):
+            vmdg.solve(problem, [1.0])
+    problem.dirichlet(left, 0.0, "y")
+    assert vmdg.solve(problem, [1.0]).history["load"] == [1.0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import ufl
+from support.budgets import over_budget
 from support.problems import rotation
 
 import vmdg
@@ -119,3 +120,15 @@ def test_number_of_steps(comm):
         vmdg.solve(problem, 4)
     vmdg.solve(problem, [0.5])
     assert vmdg.solve(problem, np.int64(2)).history["load"].tolist() == [0.75, 1.0]
+
+
+def test_one_tangent_serves_a_small_step(comm):
+    """Where no path is followed; along one the last tangent is to tell whether it is stable."""
+    held = squares(comm, vmdg.Bonded(), 0.0, (1e-6, 2e-6))
+    once = vmdg.solve(held, [1.0])
+    assert not over_budget("small step, held", once)
+    assert once.history["iterations"] == [1]
+    moved = squares(comm, vmdg.Bonded(), 0.0, lambda t: (1e-6 * t, 2e-6 * t))
+    twice = vmdg.solve(moved, [1.0])
+    assert (twice.counts.factorizations, twice.counts.solves) == (2, 2)
+    assert np.abs(held.u.x.array - moved.u.x.array).max() < 1e-15

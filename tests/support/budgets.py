@@ -96,6 +96,13 @@ BUDGETS = {
     "tearing of rubber": Budget(
         "13 steps to 19%: the first guess, along the last step, is far off", median=6, most=15
     ),
+    "peeled artery": Budget(
+        "what a step releases is told by estimated works: 261 where each is integrated",
+        residuals=231,
+    ),
+    "small step, held": Budget(
+        "the predictor's tangent serves for the correction too", systems=1, solves=2
+    ),
     "rubber blocks apart": Budget("20 steps to separation off the axis", mean=9),
     "cube under a plate": Budget("linear: one correction", most=1),
     "crack that opens": Budget("whatever the number of facets", most=10),
