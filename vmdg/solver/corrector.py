@@ -353,8 +353,12 @@ class _Iteration:
         return length
 
     def _follow(self, start: Direction, way: Direction) -> None:
-        """Move along a correction; if along all of it, a first one of Newton's method."""
-        if self._go(start, way, 1.0) == 1.0:
+        """Move along a correction; if along all of it, it is a first one of Newton's method.
+
+        Along a path the tangent near the end of the step is to tell whether it is stable, and is
+        not that of the start.
+        """
+        if self._go(start, way, 1.0) == 1.0 and not self._parameter.moves:
             free = way.u.copy()
             free[self._loading.owned_prescribed] = 0
             forces = self._loading.balance(self._system.product(free))
@@ -581,9 +585,7 @@ class _Iteration:
         self._rtol = linear_tolerance(self._norms, goal)
         # Reusing the last tangent multiplies the residual by about twice the ratio of the last two,
         # since convergence is quadratic; it is reused if that ends far below the goal.
-        # Along a path the tangent near the end of the step is to tell whether it is stable.
-        at_first = 0.0 if self._parameter.moves else self._balanced
-        first = self._norms[-2] if len(self._norms) > 1 else at_first
+        first = self._norms[-2] if len(self._norms) > 1 else self._balanced
         surely = self._numbers.missed * goal
         self._system.lags = goal < norm and 2 * norm**2 <= surely * first
         return reasons.ITERATING
