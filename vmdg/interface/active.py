@@ -287,11 +287,6 @@ class ActiveInterface:
         r = self.stabilization.norm[q.facet]
         return works(self.history, update, self.law, q.normal, r) @ q.weights
 
-    def damage_work(self) -> float:
-        """Damage work of this rank's points in the step, the first of :meth:`works`."""
-        update = self.values.update
-        return 0.0 if update is None else float(update.damage_work @ self.quadrature.weights)
-
     def work_gradient(self, dt: float) -> NDArray[np.float64]:
         """d damage work/d T_tr of the last return map, in the frame of the law (nq, d) [mm].
 
@@ -346,6 +341,13 @@ def fine_scales(active: ActiveInterface) -> NDArray[np.float64]:
     flux = apply(stabilization.delta_s[facet], values.jump)
     share = np.einsum("paji,pj->pai", stabilization.weights[facet], values.elastic_opening)
     return np.array([1.0, -1.0])[:, None] * share - flux[:, None]
+
+
+def damage_work(active: ActiveInterface) -> float:
+    """Damage work of this rank's points in the step, the first of :meth:`.ActiveInterface.works`
+    [N mm; N in plane strain]."""
+    update = active.values.update
+    return 0.0 if update is None else float(update.damage_work @ active.quadrature.weights)
 
 
 def recoverable_energy(active: ActiveInterface) -> float:

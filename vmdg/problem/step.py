@@ -12,7 +12,7 @@ from ..assembly.means import lattice_of
 from ..assembly.space import at_owners
 from ..base.parallel import global_any, global_max, global_sum, warn_together
 from ..interface.activation import Activation, Utilization
-from ..interface.active import ActiveInterface
+from ..interface.active import ActiveInterface, damage_work
 from ..interface.guess import (
     hold_points,
     hold_sliding_points,
@@ -174,7 +174,7 @@ class Step:
         if dt is not None:
             self.discretization.update_points(dt)
         now = self.discretization
-        work = sum(active.damage_work() for active in now.active.values())
+        work = sum(map(damage_work, now.active.values()))
         return float(global_sum(self._comm, float(now.geometry.thickness) * work))
 
     def lost(self) -> float:
