@@ -1,0 +1,165 @@
+"""What is run: scenes by codes, the line of each in the table."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+import vmdg
+from parts.benchmark import peers
+
+#: Opening of intrinsic bonds at the strength, half a percent of the critical gap [mm].
+OPENING = 1e-4
+#: Of forces of other codes, relative to the strength of the bond; that of vmdg is 1e-9.
+TOLERANCE = 1e-6
+#: Displacement of which the slope is taken, relative to that at the strength if nothing fails.
+SMALL = 0.01
+#: Seconds after which another code is stopped.
+PATIENCE = 1800
+STEPS = {"P1": 40, "P2": 20}
+COARSE = {
+    "P1": replace(peers.P1, divisions=(16, 16)),
+    "P2": replace(peers.P2, divisions=(3, 3, 6)),
+}
+
+
+@dataclass(frozen=True)
+class Line:
+    """What a code gave for a scene.
+
+    Attributes:
+        scene: P1 or P2.
+        kinematics: "small" or "finite".
+        code: Its name, and the elements.
+        found: Seconds, solves, slope [N/mm] and the curve, displacement [mm] and force [N] (n, 2);
+            or why there is none.
+    """
+
+    scene: peers.Scene
+    kinematics: str
+    code: str
+    found: dict[str, Any] | str
+
+    def cells(self) -> list[str]:
+        """Of the table below ``HEAD``."""
+        name = f"{self.scene.name}, {self.kinematics}"
+        if isinstance(self.found, str):
+            return [name, self.code, self.found, *[""] * (len(HEAD) - 3)]
+        u, force = np.vstack([(0.0, 0.0), self.found["curve"]]).T
+        work, peak = np.trapezoid(force, u), force.max()
+        errors = (self.found["slope"] / self.scene.slope, peak / self.scene.peak)
+        return [
+            *(name, self.code, f"{self.found['seconds']:.2f}", f"{self.found['solves']}"),
+            *(f"{len(u) - 1}", f"{peak:.3f}"),
+            *(f"{100 * (e - 1):+.2f} %" for e in (*errors, work / self.scene.work)),
+        ]
+
+
+HEAD = ("scene", "code", "s", "solves", "steps", "peak [N]", "slope", "peak", "work")
+
+
+def small(scene: peers.Scene) -> float:
+    """Displacement of which the slope is taken [mm]."""
+    return SMALL * peers.STRENGTH * scene.area / scene.slope
+
+
+def ours(scene: peers.Scene, kinematics: str, even: bool, repeats: int) -> Line:
+    """A scene by vmdg, in steps of equal size or of its own."""
+    steps = STEPS[scene.name] if even else 40
+    law = vmdg.Debonding(strength=peers.STRENGTH, critical_gap=peers.CRITICAL_GAP)
+    problem, top = peers.build(scene, law, kinematics)
+    first = vmdg.solve(
+        problem, [small(scene)], monitor=lambda problem: {"force": problem.reaction(top)[-1]}
+    ).history
+    run = peers.run(scene, steps, even, kinematics, repeats)
+    found = {
+        "seconds": run.seconds,
+        "solves": run.counts.solves,
+        "slope": first["force"][0] / first["load"][0],
+        "curve": np.column_stack([run.history["load"], run.history["force"]]).tolist(),
+    }
+    return Line(scene, kinematics, "vmdg" if even else "vmdg, steps of its own", found)
+
+
+def theirs(
+    scene: peers.Scene,
+    kinematics: str,
+    name: str,
+    options: dict[str, Any],
+    repeats: int,
+    python: Path,
+) -> Line:
+    """A scene by another code, in a process of its own on one thread.
+
+    Args:
+        scene: P1 or P2.
+        kinematics: "small" or "finite".
+        name: Of the code and its elements; the first word is that of the module.
+        options: Of ``run`` there.
+        repeats: The least seconds of so many runs.
+        python: Of its environment.
+    """
+    material = {"E": 4000.0, "nu": 0.3, "strength": peers.STRENGTH}
+    asked = {
+        "scene": asdict(scene)
+        | material
+        | {"critical_gap": peers.CRITICAL_GAP, "area": scene.area},
+        **{"steps": STEPS[scene.name], "small": small(scene), "repeats": repeats},
+        "options": options | {"tolerance": TOLERANCE},
+    }
+    threads = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+    module = name.split(",")[0].lower()
+    script = Path(__file__).with_name(f"run_{module}.py")
+    with TemporaryDirectory() as folder:
+        files = [Path(folder) / part for part in ("asked.json", "found.json")]
+        files[0].write_text(json.dumps(asked))
+        command = [str(python), "-E", "-s", "-W", "ignore", str(script), *map(str, files)]
+        try:
+            done = subprocess.run(
+                command,
+                cwd=folder,
+                env=os.environ | threads,
+                capture_output=True,
+                text=True,
+                timeout=PATIENCE,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            return Line(scene, kinematics, name, f"not done in {PATIENCE} s")
+        if done.returncode:
+            said = (done.stderr.strip() or f"ends with status {done.returncode}").splitlines()[-1]
+            return Line(scene, kinematics, name, said.removeprefix("RuntimeError: "))
+        return Line(scene, kinematics, name, json.loads(files[1].read_text()))
+
+
+def cases(
+    scenes: Sequence[peers.Scene], repeats: int, python: Path | None
+) -> list[Callable[[], Line]]:
+    """All runs, those of a scene after each other; without ``python`` those of vmdg only."""
+    found: list[Callable[[], Line]] = []
+    for scene in scenes:
+        for kinematics in ("small", "finite"):
+            for even in (True, False):
+                found.append(lambda s=scene, k=kinematics, e=even: ours(s, k, e, repeats))
+            finite = {"finite": kinematics == "finite"}
+            others = {
+                "fedoo, intrinsic": {"opening": OPENING} | finite,
+                "Akantu, intrinsic": {"opening": OPENING} | finite,
+                "Akantu, extrinsic": {"opening": None} | finite,
+            }
+            if python is not None:
+                found += [
+                    lambda s=scene, k=kinematics, n=name, o=options: theirs(
+                        s, k, n, o, repeats, python
+                    )
+                    for name, options in others.items()
+                ]
+    return found
