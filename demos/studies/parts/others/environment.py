@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 #: Of PyPI; with the direct solver that fedoo recommends.
@@ -15,22 +16,25 @@ PACKAGES = ("fedoo[solver]==1.1.0", "simcoon==2.2.0", "pypardiso==0.4.7", "akant
 WHEELS = (12, 11, 10)
 
 
-def find_python() -> str:
+def find_python(minors: Sequence[int] = WHEELS) -> str:
     """A Python that all packages have wheels for: this one, one of the PATH, or one of pyenv.
+
+    Args:
+        minors: Versions, the preferred one first.
 
     Raises:
         RuntimeError: there is none.
     """
-    if sys.version_info[:2] in [(3, minor) for minor in WHEELS]:
+    if sys.version_info.minor in minors:
         return sys.executable
     versions = Path.home() / ".pyenv" / "versions"
-    for minor in WHEELS:
+    for minor in minors:
         name = f"python3.{minor}"
         found = [shutil.which(name), *map(str, sorted(versions.glob(f"3.{minor}.*/bin/{name}")))]
         if any(found):
             return next(filter(None, found))
     raise RuntimeError(
-        f"Akantu has wheels for Python 3.{WHEELS[-1]} to 3.{WHEELS[0]}, and none of them is found: "
+        f"Akantu has wheels for Python 3.{minors[-1]} to 3.{minors[0]}, and none of them is found: "
         "name one by --python"
     )
 

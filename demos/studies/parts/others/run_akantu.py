@@ -101,14 +101,15 @@ def run(
         mesh = akantu.Mesh(d)
         mesh.read(str(Path(folder) / "mesh.msh"))
     model = akantu.SolidMechanicsModelCohesive(mesh)
-    model.initFull(_analysis_method=akantu._static, _is_extrinsic=extrinsic)
+    static = akantu.AnalysisMethod.__members__["_static"]
+    model.initFull(_analysis_method=static, _is_extrinsic=extrinsic)
     if extrinsic:
         model.updateAutomaticInsertion()
     solver = model.getNonLinearSolver("static")
     solver.set("max_iterations", 100)
     solver.set("threshold", tolerance * strength * scene["area"])
     solver.set("convergence_type", akantu.SolveConvergenceCriteria.residual)
-    *sideways, up = (akantu._x, akantu._y, akantu._z)[:d]
+    *sideways, up = map(akantu.SpatialDirection, range(d))
     for axis in (*sideways, up):
         model.applyBC(akantu.FixedValue(0.0, axis), "bottom")
     for axis in sideways:
