@@ -111,6 +111,19 @@ def test_numbers_in_the_text():
     assert f"All {studies} studies meet the targets" in accuracy
 
 
+def test_other_codes_in_the_text():
+    """Linear systems, errors of slope and peak at small strain, where there are any."""
+    cells: dict[str, list[str]] = {}
+    for scene, code, _, solves, _, _, slope, peak, _ in rows(named_tables()["benchmark_others"]):
+        if scene.endswith(", small"):
+            shown = [f"{float(error.removesuffix(' %')):+.1f} %" for error in (slope, peak) if error]
+            said = ", ".join([solves, *shown]) if shown else "does not converge"
+            cells.setdefault(code, []).append(said)
+    assert len(cells) == 5
+    for code, found in cells.items():
+        assert f"| {code} | {' | '.join(found)} |" in text("demos/SPEED.md")
+
+
 def test_precision_in_the_text():
     """Errors beside those of plain elements, on all meshes; those of springs at their worst."""
     with open(GALLERY / "benchmark_precision.csv") as file:

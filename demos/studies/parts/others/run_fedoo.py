@@ -2,8 +2,9 @@
 
 The law has an elastic branch, whose opening at the strength is given. Of the two tangents that
 fedoo offers it is the consistent one: with the other, its default, steps of P1 take 4 to 15
-iterations in place of 1 to 3, and some are cut. Forces are compared with the strength times the bonded area, because
-a residual relative to the present force, its default, cannot converge when the bond is gone.
+iterations in place of 1 to 3, and some are cut. Forces are compared with the strength times the
+bonded area, because a residual relative to the present force, its default, cannot converge when
+the bond is gone.
 """
 
 from __future__ import annotations
