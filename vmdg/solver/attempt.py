@@ -22,8 +22,7 @@ class Attempt:
         guessed: How far the predictor went.
         end: Load factor, or overstress in a jump, at its end.
         slope: dD/dlambda at its end, D the damage work; 0 if D does not grow [N mm].
-        onset: Names of the pieces of interfaces at whose onset of damage, a kink of the path, the
-            step ends.
+        onset: Whether the step ends at the onset of damage, a kink of the path.
         unstable: Whether the tangent near its end is known to have negative eigenvalues.
         work: Damage work in the step, 0 if it failed [N mm].
         ahead: Change of displacement and load factor; None if it failed, or if the next step does
@@ -39,7 +38,7 @@ class Attempt:
     guessed: Reach = field(default_factory=Reach)
     end: float = math.nan
     slope: float = 0.0
-    onset: tuple[int, ...] = ()
+    onset: bool = False
     unstable: bool = False
     work: float = 0.0
     ahead: Direction | None = None

@@ -229,16 +229,8 @@ class _Iteration:
             guessed=self._guessed,
             end=self._parameter.value,
             slope=self._slope,
-            onset=self._begun() if self._at_onset else (),
+            onset=self._at_onset,
         )
-
-    def _begun(self) -> tuple[int, ...]:
-        """Names of the sound pieces in which damage has begun; collective."""
-        begun = [
-            name[sound & (active.values.update.damage_work > 0)]
-            for active, name, sound in zip(self._failing, self._names, self._sound, strict=True)
-        ]
-        return tuple(_everywhere(self._comm, begun).tolist())
 
     # Predictor
 
@@ -246,7 +238,7 @@ class _Iteration:
         """Predict by rotation with the supports, by extrapolation, or along the tangent."""
         if last is not None:
             self._gradients = [active.work_gradient(self._dt) for active in self._failing]
-        self._find_sound(last)
+        self._find_sound()
         if not self._parameter.moves and turn(self._problem, self._numbers.missed):
             self._step.assemble_residual(self._dt)
             self._follow(self._place(), self._correct(-self._forces()))
@@ -254,30 +246,33 @@ class _Iteration:
             self._along_tangent(anew=last is None or last.ahead is None)
         self._guessed = self._reach()._replace(way=global_norm(self._comm, self._moved()))
 
-    def _find_sound(self, last: Attempt | None) -> None:
-        """Mark the points on connected pieces of interfaces on which no bond is failing.
+    def _find_sound(self) -> None:
+        """Mark the points of connected pieces of interfaces that are sound, and of those that begin
+        to fail where others have before; collective.
 
-        Facets that open on demand may carry more than their strength when they open.
+        What begins to fail may unload all others, so its work limits the step. Facets that open on
+        demand may carry more than their strength when they open.
         """
-        failing = [
-            (one.history.mode != Mode.ELASTIC) & (one.history.softening < one.law.strength)
-            for one in self._failing
-        ]
-        self._elastic = not (
-            self._step.activation or global_any(self._comm, any(one.any() for one in failing))
-        )
-        if last is not None and last.onset:
-            # What begins to fail may unload all others.
-            self._counted = [np.isin(name, last.onset) for name in self._names]
-        if self._step.activation or not self._limits.onset:
+        fails, grown = [], []
+        for one in self._failing:
+            Q, strength = one.history.softening, one.law.strength
+            fails.append((one.history.mode != Mode.ELASTIC) & (Q < strength))
+            grown.append(fails[-1] & (Q > self._numbers.small * strength))
+        comm, on_demand = self._comm, bool(self._step.activation)
+        self._elastic = not (on_demand or global_any(comm, any(one.any() for one in fails)))
+        if on_demand or not self._limits.onset:
             return
-        broken = _everywhere(
-            self._comm, [name[fails] for name, fails in zip(self._names, failing, strict=True)]
+        broken, old = (
+            _everywhere(comm, [name[mark] for name, mark in zip(self._names, marks, strict=True)])
+            for marks in (fails, grown)
         )
-        sound = [~np.isin(name, broken) for name in self._names]
+        begun = np.setdiff1d(broken, old)
+        if begun.size and old.size:
+            self._counted = [np.isin(name, begun) for name in self._names]
         # On a single piece, load control passes the onset of damage.
+        sound = [~np.isin(name, broken) for name in self._names]
         ends = self._several or self._limits.work < math.inf
-        if ends and global_any(self._comm, any(one.any() for one in sound)):
+        if ends and global_any(comm, any(one.any() for one in sound)):
             self._sound = sound
 
     def _along_tangent(self, anew: bool) -> None:

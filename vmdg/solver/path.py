@@ -307,7 +307,7 @@ class Path:
         # One step for the whole stage, far from the limit: load control is more efficient.
         whole = cuts == 0 and limits.start == stage.start and t == stage.target
         whole &= found.work * numbers.growth < limits.work
-        breaks = step.scales.breaking or bool(found.onset) or (cuts > 0 and stage.follows)
+        breaks = step.scales.breaking or found.onset or (cuts > 0 and stage.follows)
         breaks &= not whole
         step.scales = replace(
             step.scales, work=min(work, stage.most or math.inf), breaking=breaks or self._by_work
