@@ -186,8 +186,10 @@ from types import SimpleNamespace
 from unittest.mock import patch
 import vmdg
 from mpi4py import MPI
+from vmdg.base import agreement
 from vmdg.meshes import blocks
 
+agreement.PATIENCE = 1.0  # s
 comm, folder = MPI.COMM_WORLD, Path(sys.argv[1])
 n = 60 if sys.argv[2] == "midway" else 4
 mesh, cells, _ = blocks(comm, "quadrilateral", (n, n))

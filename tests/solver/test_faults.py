@@ -252,7 +252,7 @@ def test_interrupted_at_any_moment(comm, tmp_path, times):
 
     More of them: VMDG_INTERRUPTS=200, others: VMDG_SEED=2.
     """
-    loads = np.linspace(0.002, 0.05, 25)
+    loads = np.linspace(0.004, 0.052, 13)
     # All that a run has found out is forgotten at its checkpoints.
     options = vmdg.SolveOptions(
         control="load", checkpoint_every=1, checkpoint=tmp_path, energy=True
@@ -310,8 +310,10 @@ START = """
     import numpy as np
     import vmdg
     from mpi4py import MPI
+    from vmdg.base import agreement, parallel
     from vmdg.meshes import blocks
 
+    agreement.PATIENCE = parallel.PATIENCE = agreement.REMINDER = 1.0  # s
     comm = MPI.COMM_WORLD
     mesh, cells, facets = blocks(comm, "quadrilateral", (4, 4))
     body = vmdg.NeoHookean(E=1e3, nu=0.3)
@@ -391,5 +393,5 @@ def test_call_of_all_that_one_rank_makes(tmp_path):
     process.terminate()
     process.communicate()
     killer.cancel()
-    others = "(1 has waited 30 s for rank 0|0 has waited 30 s in problem.reaction for the other)"
+    others = "(1 has waited 1 s for rank 0|0 has waited 1 s in problem.reaction for the other)"
     assert re.search(f"rank {others}.* that only some", told)

@@ -70,9 +70,7 @@ def leave_together(comm: MPI.Comm, error: BaseException) -> None:
         _first_error(comm, error)
 
 
-def same_call(
-    comm: MPI.Comm, call: str, given: Iterable[str] = (), reminder: float = REMINDER
-) -> None:
+def same_call(comm: MPI.Comm, call: str, given: Iterable[str] = ()) -> None:
     """Refuse a collective call that only some ranks make, or with different arguments; collective.
 
     It detects ranks that make a different checked call at the same place.
@@ -81,7 +79,6 @@ def same_call(
         comm: The ranks.
         call: Name of the call.
         given: Its arguments as text, those that must be equal on all ranks.
-        reminder: Seconds that a rank waits for the others before it prints a reminder.
 
     Raises:
         ValueError: ranks differ; on all ranks.
@@ -89,8 +86,8 @@ def same_call(
     if comm.size == 1:
         return
     others = comm.Ibarrier()
-    if not within(reminder, others.Test):
-        _remind(comm, f"{reminder:.3g} s in {call} for the other ranks")
+    if not within(REMINDER, others.Test):
+        _remind(comm, f"{REMINDER:.3g} s in {call} for the other ranks")
         others.Wait()
     calls = comm.allgather((call, tuple(given)))
     first, said = calls[0]
