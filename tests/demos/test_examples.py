@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import io
+import json
 import os
 import re
 import shutil
@@ -30,24 +31,46 @@ alone = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processes of 
 
 #: Coarse runs of those that take a second or two.
 CHEAP = {
-    "tutorial": "--element-size .003 --steps 1",
+    "fibre_cell": "--fibres 1 --cells 2 --end .004 --steps 1",
     "load_cycle": "--steps 5",
     "weak_links": "--bars 2 --steps 4",
 }
 
 
-def copied(name: str, folder: Path, options: str) -> str:
-    """What a copy of an example says, run in a folder where only vmdg can be imported."""
-    shutil.copy(EXAMPLES[name], folder)
+#: What every copy says about its options, in one process.
+HELP = """
+import io, json, runpy, sys
+from contextlib import redirect_stdout
+
+said = {}
+for name in sys.argv[1:]:
+    sys.argv = [name, "--help"]
+    with redirect_stdout(io.StringIO()) as out:
+        try:
+            runpy.run_path(name, run_name="__main__")
+        except SystemExit as end:
+            assert not end.code, name
+    said[name] = out.getvalue()
+print(json.dumps(said))
+"""
+
+
+def run(folder: Path, *arguments: str) -> str:
+    """What Python says in a folder where only vmdg can be imported."""
     package = folder / "package"
     package.mkdir()
     (package / "vmdg").symlink_to(ROOT / "vmdg")
     paths = [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path]
     paths = [path for path in paths if not Path(path).resolve().is_relative_to(ROOT)]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(package), *paths])}
-    command = [sys.executable, f"{name}.py", *options.split()]
-    run = {"cwd": folder, "env": environment, "capture_output": True, "text": True}
-    done = subprocess.run(command, **run, check=False)
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -96,11 +119,22 @@ def test_imports(name):
         assert not (isinstance(node, ast.Attribute) and node.attr == "step"), "protocol of solvers"
 
 
+@pytest.fixture(scope="module")
+def said(tmp_path_factory) -> dict[str, str]:
+    """By file, what a copy of it in a folder of its own answers to ``--help``."""
+    folder = tmp_path_factory.mktemp("copies")
+    (folder / "help.py").write_text(HELP)
+    for name, path in EXAMPLES.items():
+        (folder / name).mkdir()
+        shutil.copy(path, folder / name)
+    return json.loads(run(folder, "help.py", *(f"{name}/{name}.py" for name in EXAMPLES)))
+
+
 @alone
 @EVERY
-def test_help_of_a_copy(name, tmp_path):
+def test_help_of_a_copy(name, said):
     """All options with their defaults, which are those of main; physical ones with their unit."""
-    said = " ".join(copied(name, tmp_path, "--help").split())
+    said = " ".join(said[f"{name}/{name}.py"].split())
     module = import_module(name)
     assert " ".join(getdoc(module).split())[:60] in said
     for option, argument in signature(module.main).parameters.items():
@@ -119,5 +153,6 @@ def test_help_of_a_copy(name, tmp_path):
 @pytest.mark.parametrize("name", CHEAP)
 def test_copy_runs(name, tmp_path):
     """A picture comes out."""
-    copied(name, tmp_path, f"{CHEAP[name]} --out found")
+    shutil.copy(EXAMPLES[name], tmp_path)
+    run(tmp_path, f"{name}.py", *CHEAP[name].split(), "--out", "found")
     assert (tmp_path / "found" / f"{name}.png").stat().st_size > 10_000
