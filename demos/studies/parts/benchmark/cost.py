@@ -162,8 +162,5 @@ def _peak(unknowns: int) -> dict:
 
 def peaks(layers: int = 25, refine: float = 1.0) -> dict[str, dict]:
     """Of both, each in its own process; kernels are compiled in another one before."""
-    result = {}
-    for name in ("plain", "vmdg"):
-        fresh(f"peak_{name}(2, 0.2)")
-        result[name] = fresh(f"peak_{name}({layers}, {refine})")
-    return result
+    fresh("(peak_plain(2, 0.2), peak_vmdg(2, 0.2))")
+    return {name: fresh(f"peak_{name}({layers}, {refine})") for name in ("plain", "vmdg")}
