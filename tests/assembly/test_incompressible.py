@@ -412,7 +412,7 @@ def test_margin(cell):
 
 def pulled_apart(where, cell: str):
     """Two rubber blocks on a bond that fails, pulled off their axis."""
-    scene = blocks(where, cell, (2, 3, 2)[: DIMENSION[cell]])
+    scene = blocks(where, cell, (2, 3, 1)[: DIMENSION[cell]])
     law = vmdg.Debonding(strength=20.0, critical_gap=0.5)
     problem = joined(scene, law, [rubber(), rubber(200.0)], volumetric="mean")
     left, right = scene.facet_tags.find(1), scene.facet_tags.find(2)

@@ -108,6 +108,8 @@ def held_traction(law, traction, cycles, steps):
     modulus = np.array([P_N**2 / (2 * G_N), P_S**2 / (2 * G_S)])
     gap, softening, bears = np.zeros((n, 2)), np.zeros(n), np.ones(n, dtype=bool)
     for _ in range(int(1.2 * steps)):
+        if not bears.any():
+            break
         d, change = softening / P_N, np.ones(n)
         for _ in range(40):
             # T + r zeta with zeta = T d/((1 - d) H)
@@ -137,7 +139,7 @@ def test_line_of_lives(criterion, exponent):
     E = 2.0 * e / (e + 1.0 + 0.3 * (e - 1.0))
     beta = -6.65 / np.log10(E)
     np.testing.assert_allclose(cycles, 1e7 * (E / p) ** beta * (1.0 - p ** (beta + 1.0)))
-    coarse, fine = (held_traction(law, traction, cycles, n) / cycles - 1.0 for n in (40, 120))
+    coarse, fine = (held_traction(law, traction, cycles, n) / cycles - 1.0 for n in (40, 90))
     assert np.abs(coarse).max() < 0.12
     assert np.abs(fine).max() < 0.05
 

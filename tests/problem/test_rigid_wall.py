@@ -80,7 +80,7 @@ BODY = vmdg.NeoHookean(E=E, nu=0.0)
 def bar(comm, cell, kinematics, wall=None, activate="all", **options):
     """A bar of 2 mm between a support and a wall that pulls at its bond."""
     d = DIMENSION[cell]
-    tagged = blocks(comm, cell, (3, 3, 2))
+    tagged = blocks(comm, cell, (2, 2, 1))
     mesh, cells, facets = with_wall(tagged, tagged.facet_tags.find("right"), 0.25)
     moving = vmdg.Rigid(lambda t: (t, *np.zeros(d - 1)))
     glued = vmdg.Interface(between=("left", "right"), law=vmdg.Bonded())

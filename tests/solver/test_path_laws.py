@@ -313,7 +313,7 @@ def test_snaps_behind_a_kink_of_the_programme(comm, ways):
 
 def joint(comm: MPI.Comm, lengths: float, forces: float, factors: float):
     """A bonded joint that slides apart, in other units; rows, counts and forces in those of 1."""
-    mesh, cells, facets = blocks(comm, "quadrilateral", (6, 12), interface=(0.8, 1.2))
+    mesh, cells, facets = blocks(comm, "quadrilateral", (4, 8), interface=(0.8, 1.2))
     mesh.geometry.x[:] *= lengths
     stress = forces / lengths**2
     law = vmdg.Debonding(10.0 * stress, 2e-3 * lengths, friction=0.3)

@@ -59,7 +59,7 @@ def cracks(shape: str, size: float, critical_gap: float, end: float, **random) -
 def push(solid: bool, layers: int, refine: float, steps: int, end: float) -> Runs:
     """Cure and push-out."""
     model = pushout.build(solid, layers, refine, pushout.FRICTION, pushout.FIBRE_MODULUS)
-    yield model.problem, np.linspace(0.25, 1, 4)
+    yield model.problem, np.array([0.5, 1.0])
     model.problem.dirichlet(model.top, lambda t: 1 - t, model.axis, relative=True)
     yield model.problem, 1 + np.linspace(0, end, steps + 1)[1:]
 
@@ -71,11 +71,11 @@ def inclusions(size: float) -> Runs:
 
 
 SCENES = {
-    "load cycle": lambda: cycle(20),
+    "load cycle": lambda: cycle(10),
     "fibre": lambda: cracks("quadrilateral", 0.3, 0.01, 0.00525),
     "fibres, on demand": lambda: cracks("triangle", 0.4, 0.2, 1e-3, count=4, fraction=0.35),
     "push-out, section": lambda: push(False, 25, 0.5, 10, 0.174),
-    "push-out": lambda: push(True, 5, 0.4, 6, 0.03),
+    "push-out": lambda: push(True, 5, 0.4, 3, 0.03),
     "inclusions": lambda: inclusions(0.1),
 }
 
