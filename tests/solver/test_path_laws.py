@@ -329,7 +329,7 @@ def joint(comm: MPI.Comm, lengths: float, forces: float, factors: float):
 
     problem.dirichlet(facets.find(1), 0.0)
     problem.dirichlet(facets.find(2), moved)
-    loads = factors * np.linspace(0.002, 0.012, 6)
+    loads = factors * np.linspace(0.002, 0.008, 4)
     result = vmdg.solve(
         problem, loads, monitor=lambda p: {"force": p.reaction(facets.find(2))[0] / forces}
     )
@@ -346,9 +346,9 @@ def test_units_do_not_matter(comm):
     """
     loads, force, *work = joint(comm, 1.0, 1.0, 1.0)
     # Snaps are followed: the work on bonds leads.
-    assert len(loads) > 6
+    assert len(loads) > 4
 
-    @settings(max_examples=2)
+    @settings(max_examples=1)
     @given(*(st.integers(-20, 20) for _ in range(3)))
     @example(-10, 0, 0)
     @example(0, 10, 0)
