@@ -120,7 +120,7 @@ def test_imports(name):
 
 
 @pytest.fixture(scope="module")
-def said(tmp_path_factory) -> dict[str, str]:
+def answers(tmp_path_factory) -> dict[str, str]:
     """By file, what a copy of it in a folder of its own answers to ``--help``."""
     folder = tmp_path_factory.mktemp("copies")
     (folder / "help.py").write_text(HELP)
@@ -132,9 +132,9 @@ def said(tmp_path_factory) -> dict[str, str]:
 
 @alone
 @EVERY
-def test_help_of_a_copy(name, said):
+def test_help_of_a_copy(name, answers):
     """All options with their defaults, which are those of main; physical ones with their unit."""
-    said = " ".join(said[f"{name}/{name}.py"].split())
+    said = " ".join(answers[f"{name}/{name}.py"].split())
     module = import_module(name)
     assert " ".join(getdoc(module).split())[:60] in said
     for option, argument in signature(module.main).parameters.items():
