@@ -71,7 +71,7 @@ def inclusions(size: float) -> Runs:
 
 
 SCENES = {
-    "load cycle": lambda: cycle(10),
+    "load cycle": lambda: cycle(20),
     "fibre": lambda: cracks("quadrilateral", 0.3, 0.01, 0.00525),
     "fibres, on demand": lambda: cracks("triangle", 0.4, 0.2, 1e-3, count=4, fraction=0.35),
     "push-out, section": lambda: push(False, 25, 0.5, 10, 0.174),
