@@ -164,6 +164,18 @@ def test_compression_alone_never_damages(make, d):
     assert (update.gap[:, 0] <= gap[:, 0]).all()
 
 
+@pytest.mark.parametrize("name", [*EXTRINSIC, *SECANT])
+def test_a_gap_that_is_open_by_rounding_slides(name):
+    """The normal part of a long slip is a difference of numbers like it: it is not closing."""
+    law, angle = LAWS[name](), np.linspace(0.1, 1.5, 50)
+    normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    along = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+    trial, gap, gone = 30.0 * along - 10.0 * normal, 3.0 * along, np.full(50, P_C)
+    update = law.return_map(trial, normal, gap, gone, 1e3 * law.softening_modulus)
+    assert np.einsum("ij,ij->i", gap, normal).max() > 1e-16
+    assert (update.mode == Mode.FRICTION).all()
+
+
 # --- continuity -----------------------------------------------------------------------------------
 
 

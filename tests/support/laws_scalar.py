@@ -391,8 +391,12 @@ def secant(law, trial, normal, gap, softening, r):
 
         last = max(min(along(g), most, 60.0), first)
         knee = min(max(getattr(law, "plateau_gap", 0.0) / z_n, first), last)
-        parts = ((first, knee - h), (knee + h, last))
-        return sum(trapezoids(lambda x, a=a: rate(a + x), b - a) for a, b in parts if b > a)
+        parts = ((first, knee - h, knee - h), (knee + h, last, knee + h))
+        return sum(
+            trapezoids(lambda x, a=a: rate(a + x), b - a) + h * rate(beside)
+            for a, b, beside in parts
+            if b > a
+        )
 
     if b_n >= 0.0:
 

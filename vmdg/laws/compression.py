@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import Array
+from .base import Array, dot
 from .roots import increasing_root
 
-#: A closure below this, relative to the load over r, is round-off of a closed gap.
+#: A closure below this, relative to the load over r and to the gap, is round-off of a closed gap.
 ROUND_OFF = 1e-12
 
 
@@ -165,6 +165,18 @@ def close(trial_n: Array, gap_n: Array, penalty: Array) -> Closure:
         traction=np.where(still_open, 0.0, np.minimum(trial_n + penalty * available, 0.0)),
         still_open=still_open,
     )
+
+
+def closes(length: Array, gap: Array, penalty: Array, load: Array) -> NDArray[np.bool_]:
+    """Whether the closure of a normal gap is more than round-off (m,).
+
+    Args:
+        length: Of the closure (m,), mm.
+        gap: zeta_n (m, d), mm.
+        penalty: r (m,), MPa/mm.
+        load: The larger of pressure and strength (m,), MPa.
+    """
+    return length > ROUND_OFF * (load / penalty + np.sqrt(dot(gap, gap)))
 
 
 class Slide(NamedTuple):

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from . import secant
 from .base import Array, Law, Mode, Update, add_to_diagonal, dot, outer, unit
 from .compression import (
-    ROUND_OFF,
     Closure,
     Slide,
     SofteningCurve,
     close,
+    closes,
     give,
     slide,
     slide_gradually,
@@ -194,7 +194,7 @@ class ExtrinsicLaw(Law):
         mode = np.where(sliding.slipping, Mode.SHEAR, Mode.ELASTIC)
         mode = np.where(sliding.by_friction, Mode.FRICTION, mode)
         load = np.maximum(-at.trial_n, self.strength)
-        closing = closure.length * at.penalty > ROUND_OFF * load
+        closing = closes(closure.length, at.gap, at.penalty, load)
         update.mode[rows] = np.where(closing, Mode.CLOSING, mode)
         update.damage_work[rows] = sliding.damage_work
         assert update.overstress is not None and update.work_gradient is not None

@@ -39,7 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .base import Array, Mode, Parameter, Update, add_to_diagonal, dot, outer, unit
-from .compression import ROUND_OFF, SofteningCurve
+from .compression import SofteningCurve, closes
 from .roots import increasing_root
 
 # Pieces of a slip, each with the mean over the gap of the fraction with friction, exact where the
@@ -395,7 +395,7 @@ def _pressed(law: RigidLaw, update: Update, at: Start) -> None:
     update.multiplier[rows] = np.where(growing | rubs, rubbing.slip, 0.0)
     mode = np.where(rubs, Mode.FRICTION, Mode.ELASTIC)
     mode = np.where(growing, Mode.SHEAR, mode)
-    closing = gap_n * r > ROUND_OFF * np.maximum(pressure, law.strength)
+    closing = closes(gap_n, at.gap, r, np.maximum(pressure, law.strength))
     update.mode[rows] = np.where(closing, Mode.CLOSING, mode)
     one = np.ones(len(some))
     spent = _spent(part, some_of(at, some), g[some], np.zeros_like(one), one)
