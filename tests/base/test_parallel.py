@@ -13,7 +13,7 @@ from support.problems import joined
 from support.scenes import EVERY_CELL, SEVERAL_RANKS, two_blocks, unit_box
 
 import vmdg
-from vmdg.base import agreement
+from vmdg.base.agreement import same_call
 from vmdg.base.parallel import (
     global_any,
     global_box,
@@ -144,12 +144,11 @@ def test_calls_of_some_ranks(comm):
 
 
 @SEVERAL_RANKS
-def test_a_rank_that_waits_says_so(comm, capfd, monkeypatch):
+def test_a_rank_that_waits_says_so(comm, capfd):
     """In a call of all ranks to which others come late."""
-    monkeypatch.setattr(agreement, "REMINDER", 0.5)
     if comm.rank > 0:
         time.sleep(2.0)
-    agreement.same_call(comm, "problem.reaction")
+    same_call(comm, "problem.reaction", reminder=0.5)
     assert ("has waited 0.5 s in problem.reaction" in capfd.readouterr().err) == (comm.rank == 0)
 
 

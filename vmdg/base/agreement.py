@@ -70,7 +70,9 @@ def leave_together(comm: MPI.Comm, error: BaseException) -> None:
         _first_error(comm, error)
 
 
-def same_call(comm: MPI.Comm, call: str, given: Iterable[str] = ()) -> None:
+def same_call(
+    comm: MPI.Comm, call: str, given: Iterable[str] = (), reminder: float = REMINDER
+) -> None:
     """Refuse a collective call that only some ranks make, or with different arguments; collective.
 
     It detects ranks that make a different checked call at the same place.
@@ -79,6 +81,7 @@ def same_call(comm: MPI.Comm, call: str, given: Iterable[str] = ()) -> None:
         comm: The ranks.
         call: Name of the call.
         given: Its arguments as text, those that must be equal on all ranks.
+        reminder: Seconds that a rank waits for the others before it prints a reminder.
 
     Raises:
         ValueError: ranks differ; on all ranks.
@@ -86,8 +89,8 @@ def same_call(comm: MPI.Comm, call: str, given: Iterable[str] = ()) -> None:
     if comm.size == 1:
         return
     others = comm.Ibarrier()
-    if not within(REMINDER, others.Test):
-        _remind(comm, f"{REMINDER:.3g} s in {call} for the other ranks")
+    if not within(reminder, others.Test):
+        _remind(comm, f"{reminder:.3g} s in {call} for the other ranks")
         others.Wait()
     calls = comm.allgather((call, tuple(given)))
     first, said = calls[0]
