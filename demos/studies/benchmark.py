@@ -1,6 +1,7 @@
 """Seconds, counts and memory of vmdg against plain finite elements and other cohesive codes.
 
-Parts, one or several by name: "precision" draws error against unknowns and processor time, "ratio"
+Parts, one or several by name: "precision" draws error against unknowns and processor time, "intact"
+lists errors of intact interfaces where they differ most from those of plain elements, "ratio"
 compares one Newton iteration, "zone" counts Krylov iterations while a zone of failure grows, "step"
 tells what else a load step does, "peers" runs two scenes that other codes were given, "switches"
 runs one of them with and without what can be spared, "condensed" linear systems at small strain,
@@ -36,7 +37,7 @@ def main(
     """Run parts; what each has found by name.
 
     Args:
-        parts: Some of precision, ratio, zone, step, peers, switches, condensed, kernels and
+        parts: Some of precision, intact, ratio, zone, step, peers, switches, condensed, kernels and
             memory; all without any.
         coarse: Small meshes.
         repeats: Runs, of which the fastest counts.

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
+from parts.benchmark import intact
 from parts.coercivity import cells as random_cells
 from support.checks import by_position, gather
 from support.problems import MATERIALS, joined
@@ -31,6 +32,9 @@ from vmdg.meshes import blocks
 
 # Coercivity
 
+#: 1 - alpha of a tie.
+USED = 1 - coercivity.margin(1, inelastic=False)
+
 
 def multiplied(problem: vmdg.Problem, factor: float):
     """A stabilization that multiplies the tau_s of ``problem`` by ``factor``."""
@@ -45,21 +49,21 @@ def multiplied(problem: vmdg.Problem, factor: float):
 
 @EVERY_CELL
 def test_margin(cell):
-    """1 - theta times the factor suffices for all u: the rest is what keeps theta of the energy."""
+    """1 - alpha times the factor suffices for all u: the rest is what keeps alpha of the energy."""
     configurations = random_cells.Case(cell, 1, True, 60).draw(1)
     auto = configurations.problem(law=vmdg.Bonded())
-    less = configurations.problem(**multiplied(auto, 1 - coercivity.MARGIN))
+    less = configurations.problem(**multiplied(auto, USED))
     assert (configurations.lowest(less) > -random_cells.ROUNDING).all()
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
 def test_no_more_than_needed(cell):
-    """Alike cells near incompressibility: .95 (1 - theta) times the factor is too little."""
+    """Alike cells near incompressibility: .95 (1 - alpha) times the factor is too little."""
     draw = random_cells.Range(aspect=0.0, contrast=0.0, nu=(0.499, 0.499), strain=0, distortion=0)
     configurations = random_cells.Configurations(cell, random_cells.pair(cell), 20, 1, draw, 2)
     auto = configurations.problem(law=vmdg.Bonded())
-    assert (auto.stabilization[0].safety > 2).all()
-    short = configurations.problem(**multiplied(auto, 0.95 * (1 - coercivity.MARGIN)))
+    assert (USED * auto.stabilization[0].safety > 1.5).all()
+    short = configurations.problem(**multiplied(auto, 0.95 * (USED)))
     assert (configurations.lowest(short) < -random_cells.ROUNDING).all()
 
 
@@ -76,12 +80,12 @@ def test_interface_that_can_fail(cell, frame):
 
 @EVERY_CELL
 def test_no_more_than_needed_where_the_derived_is_too_much(cell):
-    """Alike compressible cells ask for less than tau_s, and .8 (1 - theta) of it is too little."""
+    """Alike compressible cells require less than tau_s, and .8 of what they do is too little."""
     draw = random_cells.Range(aspect=0.0, contrast=0.0, nu=(0.3, 0.3), strain=0, distortion=0)
     configurations = random_cells.Configurations(cell, random_cells.pair(cell), 20, 1, draw, 2)
     auto = configurations.problem(law=vmdg.Bonded())
-    assert auto.stabilization[0].safety.mean() < 1
-    short = configurations.problem(**multiplied(auto, 0.8 * (1 - coercivity.MARGIN)))
+    assert USED * auto.stabilization[0].safety.mean() < 0.75
+    short = configurations.problem(**multiplied(auto, 0.8 * (USED)))
     assert (configurations.lowest(short) < -random_cells.ROUNDING).all()
 
 
@@ -92,7 +96,7 @@ def test_long_cells_need_far_less_than_the_derived(comm, cell):
     deform(scene.mesh, np.diag([8.0, 1.0, 1.0]))
     found = joined(scene, vmdg.Bonded()).stabilization[0]
     derived = joined(scene, vmdg.Bonded(), interface={"safety": 1.0}).stabilization[0]
-    assert (found.safety < 0.06).all()
+    assert (USED * found.safety < 0.045).all()
     assert found.tau == pytest.approx(found.safety[:, None, None] * derived.tau, rel=1e-12)
     assert found.norm == pytest.approx(found.safety * derived.norm, rel=1e-12)
 
@@ -288,3 +292,28 @@ def test_accuracy_does_not_suffer(comm, cell, contrast, nu):
     ratio = found[:, :1] / found[:, 1:]
     assert (ratio[..., 1] < 1.02).all()
     assert (np.exp(np.log(ratio[..., 0]).mean(axis=0)) < (1.05, 1.08)).all()
+
+
+@pytest.mark.parametrize(
+    ("shape", "cell", "degree", "contrast"),
+    [
+        ("ring", "quadrilateral", 1, 0.1),
+        ("ring", "quadrilateral", 2, 10.0),
+        ("ring", "triangle", 2, 10.0),
+        ("Goodier", "quadrilateral", 2, 0.1),
+        ("straight", "quadrilateral", 2, 10.0),
+        ("straight", "quadrilateral", 3, 0.1),
+        ("shell", "hexahedron", 2, 10.0),
+        ("shell", "tetrahedron", 2, 10.0),
+    ],
+)
+def test_errors_are_those_of_continuous_elements(shape, cell, degree, contrast):
+    """Two cells across a body, where nearly all error is in the normal derivatives: within 4 %.
+
+    With a quarter of the bulk energy as margin GRAD u is up to 31 % worse; bonds of degree 1 have
+    it.
+    """
+    laws = (intact.TIE, intact.BOND)[:degree]
+    for found in intact.measure(shape, cell, degree, 2, contrast, laws):
+        assert found.l2 < 0.04, found
+        assert found.h1 < 0.04, found

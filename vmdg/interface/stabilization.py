@@ -16,7 +16,7 @@ from ..base.quadrature import bubble_degree
 from ..base.timers import timer
 from ..domain.materials import Bodies
 from ..forms import bubbles
-from .coercivity import MARGIN, Coercivity
+from .coercivity import Coercivity, margin
 from .frame import turns
 from .interface import AUTO, Interface, StabilizationContext
 from .quadrature import FacetQuadrature, bubble_integrals
@@ -155,6 +155,7 @@ class Stabilizer:
         interface: As given.
         facets: Facets of the quadrature.
         automatic: Whether tau_s is scaled facet by facet, ``safety="auto"``.
+        margin: alpha of :mod:`vmdg.interface.coercivity`.
     """
 
     def __init__(
@@ -163,6 +164,8 @@ class Stabilizer:
         self.interface = interface
         self.facets = facets = quadrature.facets
         self.automatic = interface.safety == AUTO and interface.stabilization is None
+        degree = u.function_space.ufl_element().degree
+        self.margin = margin(degree, interface.law.inelastic)
         self._quadrature = quadrature
         self._turns = turns(interface, bodies, facets.walled)
         self._stiffness = BubbleIntegrals(u, bodies, facets.cells.T.ravel(), facets.local.T.ravel())
@@ -257,7 +260,7 @@ class Stabilizer:
         """
         if not self.automatic:
             return True
-        needed = (1 - MARGIN) * factor * derived.norm
+        needed = (1 - self.margin) * factor * derived.norm
         return not (applied.norm < needed).any()
 
     def check_softening(self, stabilization: Stabilization) -> None:
@@ -380,5 +383,5 @@ class Stabilizers:
                 [derived[i].weights for i in chosen],
             )
         for i, factor in zip(chosen, found, strict=True):
-            factors[i] = factor
+            factors[i] = factor / (1 - self._interfaces[i].margin)
         return factors

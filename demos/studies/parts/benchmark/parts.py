@@ -10,7 +10,7 @@ from mpi4py import MPI
 from matplotlib.figure import Figure
 
 from parts.bars import progress
-from parts.benchmark import condensed, cost, peers, precision, ratio, step, switches, zone
+from parts.benchmark import condensed, cost, intact, peers, precision, ratio, step, switches, zone
 from parts.benchmark.common import DIMENSION, table
 
 #: What was found, its table, and what draws it.
@@ -26,6 +26,14 @@ def precision_part(coarse: bool, repeats: int) -> Outcome:
         points += precision.measure(*case, repeats)
     text = table(precision.HEAD, precision.rows(points))
     return points, text, lambda: precision.plot(points)
+
+
+def intact_part(coarse: bool, repeats: int) -> Outcome:
+    """Errors of intact interfaces in rings, around cores and in shells."""
+    kinds = [(c, k) for c, d in DIMENSION.items() for k in (1, 2, 3)[: 1 if coarse else 5 - d]]
+    cases = progress([case for kind in kinds for case in intact.cases(*kind)], "mesh")
+    found = [one for case in cases for one in intact.measure(*case, (intact.TIE, intact.BOND))]
+    return found, table(intact.HEAD, intact.rows(found)), None
 
 
 def ratio_part(coarse: bool, repeats: int) -> Outcome:
@@ -100,6 +108,7 @@ def memory_part(coarse: bool, repeats: int) -> Outcome:
 
 PARTS: dict[str, Callable[[bool, int], Outcome]] = {
     "precision": precision_part,
+    "intact": intact_part,
     "ratio": ratio_part,
     "zone": zone_part,
     "step": step_part,

@@ -20,7 +20,6 @@ import vmdg
 import vmdg.problem.states
 from parts.stability.scenes import Array, Case
 from vmdg.domain.shapes import ShapeGradients
-from vmdg.interface.coercivity import MARGIN
 from vmdg.laws.extrinsic import RadialLaw
 
 EPS = np.finfo(float).eps
@@ -469,7 +468,9 @@ def coercive(run: Run) -> list[str]:
     """
     energy = run.records[-1].energy
     rounding = 10 * EPS * _stiffest(run) * run.reach**run.case.mesh.d
-    taken = -energy.interface - (1 - MARGIN) * energy.bulk
+    active = run.problem.discretization.active.values()
+    kept = min((one.stabilizer.margin for one in active), default=0.0)
+    taken = -energy.interface - (1 - kept) * energy.bulk
     if run.case.kinematics == "finite":
         taken -= NONLINEAR * energy.bulk
     if taken <= rounding:
