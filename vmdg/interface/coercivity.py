@@ -37,12 +37,12 @@ body. f is the mean of both sides by delta: for odd k and equal bodies the two c
 and a stiff body, or for even k, they do not. See :func:`margin`.
 
 E_K gives no bound where A is not positive, as in compression, where cells lower their energy by
-rotation. There GRAD u : |A| : GRAD u replaces it, |A| having the absolute eigenvalues of A. The
-interface uses the fraction theta of that, which leaves (1 - theta) M of a deformation with
-eigenvalue M and -(1 + theta) G of a rotation with -G. A body may be stable only because M - G > 0.
-To keep the fraction alpha of this, and avoid premature buckling, requires
+rotation. With -G the lowest eigenvalue of A, A + 2 G I replaces A there. The interface uses the
+fraction theta of this energy, which leaves (1 - theta) M - 2 theta G of a deformation with
+eigenvalue M and -(1 + theta) G of the rotation. A body may be stable only because M - G > 0. To
+keep the fraction alpha of this, and avoid premature buckling, requires
 
-    theta = (1 - alpha) (1 - gamma) / (1 + gamma),    gamma = G / M,
+    theta = (1 - alpha) (1 - gamma) / (1 + 3 gamma),    gamma = G / M,
 
 M the softest deformation of A, the lowest eigenvalue above those that vanish at rest.
 
@@ -84,10 +84,10 @@ from .facets import InterfaceFacets
 _MARGIN, _LOW_MARGIN = 2 / 3, 0.25
 
 # Relative shifts that make semidefinite matrices factorizable: of A, whose rotations have no
-# energy, and of the square root of the cell energy, where rigid motions have none. Both are far
-# above rounding and far below the softest deformation, bending of a nearly incompressible cell with
-# an aspect ratio of 1000.
-_REGULAR_MODULI, _REGULAR_CELL = 1e-13, 1e-10
+# energy, and of the diagonal of the cell energy, where rigid motions have none. Both are far above
+# rounding; they change tau_s by less than .1 % for a nearly incompressible cell with an aspect
+# ratio of 1000.
+_REGULAR_MODULI = _REGULAR_CELL = 1e-13
 
 #: Largest gamma: above it a body buckles cell by cell, whatever the interface.
 _MOST_PRESSED = 0.75
@@ -233,12 +233,12 @@ class CellProblems:
         dilatations = self._dilatations(cells)
         factor, energy, pressed = self._energy_factor(cells, dilatations)
         of_cell = self._cell_of_pair[pairs] - cells.start
-        # int_f h.T.h = |Z u|^2 and E = |R u|^2: with S = Z.R^-1 the eigenvalues are those of S.S^T,
-        # but for the factors of both.
+        # int_f h.T.h = |Z u|^2 and E = |L^T u|^2: with S = L^-1.Z^T the eigenvalues are those of
+        # S^T.S, but for the factors of both.
         Z, flux = self._flux_factor(
             pairs, weights, None if dilatations is None else dilatations[of_cell]
         )
-        S = np.linalg.solve(factor.transpose(0, 2, 1)[of_cell], Z.transpose(0, 2, 1))
+        S = _forward(factor[of_cell], Z.transpose(0, 2, 1))
         alone = np.linalg.eigvalsh(S.transpose(0, 2, 1) @ S)[:, -1]
         alone = np.maximum(alone, np.finfo(float).tiny)
         factors = flux / energy[of_cell]
@@ -273,22 +273,25 @@ class CellProblems:
     def _energy_factor(
         self, cells: slice, dilatations: NDArray[np.float64] | None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """R with E_K(u) = e |R.u|^2 (cells, n, n), regular, e (cells,), and the factor due to
-        compression (cells,)."""
+        """L with E_K(u) = e |L^T.u|^2 (cells, n, n), e (cells,), and the factor due to compression
+        (cells,)."""
         gradients, volumes = (values[cells] for values in self._bulk)
         size = len(self._entries)
         A = self._moduli(self._region[cells], self._cells[cells])
-        first, second = np.triu_indices(size)
-        full = np.empty((*A.shape[:2], size, size))
-        full[..., first, second] = full[..., second, first] = A
+        row, column = np.triu_indices(size)
+        place = np.empty((size, size), dtype=np.intp)
+        place[row, column] = place[column, row] = np.arange(len(row))
+        full = A.take(place, axis=-1)
         modulus = power_of_two(np.trace(full, axis1=2, axis2=3).max(axis=1))
         volume = power_of_two(volumes.max(axis=1))
-        L, pressed = _square_root(full / modulus[:, None, None, None], self._free)
+        full /= modulus[:, None, None, None]
+        L, pressed = _square_root(full, volumes, self._free)
         L *= np.sqrt(volumes / volume[:, None])[:, :, None, None]
         Y = self._columns(L, gradients, dilatations, self._length[cells])
-        scale = _REGULAR_CELL * np.abs(Y).max(axis=(1, 2))
-        Y = np.concatenate([Y, scale[:, None, None] * np.eye(Y.shape[2])], axis=1)
-        return np.linalg.qr(Y, mode="r"), modulus * volume, pressed
+        E = Y.transpose(0, 2, 1) @ Y
+        i = np.arange(E.shape[1])
+        E[:, i, i] *= 1 + _REGULAR_CELL
+        return np.linalg.cholesky(E), modulus * volume, pressed
 
     def _flux_factor(
         self,
@@ -331,25 +334,67 @@ class CellProblems:
         return np.concatenate([plane, axial], axis=2)
 
 
+def _cholesky(A: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """L with L.L^T = A (..., m, m), and where A is positive definite (...); elsewhere L is void.
+
+    For many small matrices, entry by entry.
+    """
+    L = np.moveaxis(A, (-2, -1), (0, 1)).copy()
+    definite = np.ones(A.shape[:-2], dtype=bool)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for j in range(len(L)):
+            definite &= L[j, j] > 0
+            L[j, j] = np.sqrt(np.where(L[j, j] > 0, L[j, j], 1.0))
+            L[j, j + 1 :] = 0.0
+            L[j + 1 :, j] /= L[j, j]
+            for k in range(j + 1, len(L)):
+                L[k, j + 1 : k + 1] -= L[k, j] * L[j + 1 : k + 1, j]
+    return np.ascontiguousarray(np.moveaxis(L, (0, 1), (-2, -1))), definite
+
+
+def _forward(L: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """x with L.x = b for many lower triangular L (n, m, m) and b (n, m, k)."""
+    x, L = np.moveaxis(b, 0, -1).copy(), np.ascontiguousarray(np.moveaxis(L, 0, -1))
+    for j in range(len(L)):
+        x[j] -= np.einsum("in,ikn->kn", L[j, :j], x[:j])
+        x[j] /= L[j, j]
+    return np.ascontiguousarray(np.moveaxis(x, -1, 0))
+
+
 def _square_root(
-    A: NDArray[np.float64], free: int
+    A: NDArray[np.float64], volumes: NDArray[np.float64], free: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """L with L.L^T = |A| (cells, points, n, n), and (1 + gamma) / (1 - gamma) of the cells.
+    """L with L.L^T = A + 2 G I (cells, points, n, n), and (1 + 3 gamma) / (1 - gamma) of the cells.
+
+    G and M are those of the mean moduli of a cell, which its rotation and its homogeneous
+    deformations have; where A + 2 G I is not positive at every point, G is the largest of them.
 
     Args:
         A: Moduli (cells, points, n, n).
+        volumes: Weights of the points (cells, points).
         free: Number of eigenvalues that vanish at rest.
     """
-    size = np.trace(A, axis1=2, axis2=3).max(axis=1)
-    regular = (_REGULAR_MODULI * size)[:, None, None]
-    try:
-        return np.linalg.cholesky(A + regular[..., None] * np.eye(A.shape[-1])), np.ones(len(A))
-    except np.linalg.LinAlgError:
-        values, vectors = np.linalg.eigh(A)
-        G, M = np.maximum(-values[..., 0], 0), values[..., free]
-        gamma = G / np.maximum(M, G / _MOST_PRESSED + regular[..., 0])
-        pressed = ((1 + gamma) / (1 - gamma)).max(axis=1)
-        return vectors * np.sqrt(np.abs(values) + regular)[..., None, :], pressed
+    regular = _REGULAR_MODULI * np.trace(A, axis1=2, axis2=3).max(axis=1)
+    factor, one = np.ones(len(A)), np.eye(A.shape[-1])
+    L, definite = _cholesky(A + regular[:, None, None, None] * one)
+    pressed = np.flatnonzero(~definite.all(axis=1))
+    if not len(pressed):
+        return L, factor
+    A, regular = A[pressed], regular[pressed]
+    shares = volumes[pressed] / volumes[pressed].sum(axis=1, keepdims=True)
+    values = np.linalg.eigvalsh(np.einsum("cq,cqij->cij", shares, A))
+    G = np.maximum(-values[:, 0], 0.0)
+
+    def shifted(chosen: NDArray[np.intp]) -> NDArray[np.float64]:
+        return A[chosen] + (2 * G + regular)[chosen, None, None, None] * one
+
+    L[pressed], definite = _cholesky(shifted(np.arange(len(pressed))))
+    uneven = np.flatnonzero(~definite.all(axis=1))
+    G[uneven] = -np.linalg.eigvalsh(A[uneven])[:, :, 0].min(axis=1)
+    L[pressed[uneven]] = np.linalg.cholesky(shifted(uneven))
+    gamma = G / np.maximum(values[:, free], G / _MOST_PRESSED + regular)
+    factor[pressed] = (1 + 3 * gamma) / (1 - gamma)
+    return L, factor
 
 
 class Coercivity:
