@@ -17,32 +17,33 @@ So if on every cell the lambda of its interface facets fulfil
 
 then with tau multiplied by s = (w_1 lambda_1 + w_2 lambda_2) / (1 - alpha) the form is bounded
 below by alpha sum_K E_K: up to rigid motions it is coercive and keeps the fraction alpha of the
-bulk energy, for any degree, shape and contrast. Where alpha differs from facet to facet, this holds
-with the least. (*) is a generalised eigenvalue problem of one
-cell, in the basis and at the points that the forms use, so it holds for under-integration too. A
-cell divides its energy among its facets in proportion to what each would need alone: with lambda_f
-the largest eigenvalue of facet f alone and m that of sum_f 1/lambda_f int_f h.T_f.h, (*) holds for
-m lambda_f.
+bulk energy, for any degree, shape and contrast; the least alpha where facets have different ones.
+(*) is a generalised eigenvalue problem of one cell, in the basis and at the points that the forms
+use, so it holds for under-integration too. A cell divides its energy among its facets in proportion
+to what each would need alone: with lambda_f the largest eigenvalue of facet f alone and m that of
+sum_f 1/lambda_f int_f h.T_f.h, (*) holds for m lambda_f.
 
-alpha decides how near the solution is to that of continuous elements. The flux of the best
-approximation in the cells misses that of the solution by f, of order h^k, whatever the shape of the
-interface, and the form answers by opening. With r_c the r of alpha = 0, a gap g to which the cells
-adapt costs no less than (r - r_c) g^2 / 2 per area, so
+alpha is more than a reserve: it decides how near the solution is to that of continuous elements.
+The flux of the best approximation in the cells differs from that of the solution by f, of order
+h^k, and the form answers with a gap. With r_c the r of alpha = 0, a gap g to which the cells adapt
+costs (r - r_c) g^2 / 2 per area in the direction that requires most, so
 
     g = f / (r - r_c) = (1 - alpha) / alpha f / r_c.
 
-The additional error of u grows with this, that of GRAD u, whose energy adds to that of the other
-errors, at least as fast. Both are those of the cells at the interface, and so of a share h of the
-body. f is the mean of both sides by delta: for odd k and equal bodies the two cancel; with a soft
-and a stiff body, or for even k, they do not. See :func:`margin`.
+Beside continuous elements the error of u grows by a multiple of g, that of GRAD u, whose square
+adds to that of the other errors, by a multiple of g^2 while it is small. Only the cells at the
+interface are concerned, a share h of the body. Errors of normal derivatives make f, on straight and
+curved interfaces; it is a mean of both sides by delta, in which those of equal bodies and cells
+cancel for odd k, not for even k or where one side is soft and has most of the weight. See
+:func:`margin`.
 
 E_K gives no bound where A is not positive, as in compression, where cells lower their energy by
-rotation. With -G the lowest eigenvalue of A, A + 2 G I replaces A there. The interface uses the
-fraction theta of this energy, which leaves (1 - theta) M - 2 theta G of a deformation with
-eigenvalue M and -(1 + theta) G of the rotation. A body may be stable only because M - G > 0. To
-keep the fraction alpha of this, and avoid premature buckling, requires
+rotation. With -G the lowest eigenvalue of A, A + s G I replaces A there, s > 1. The interface uses
+the fraction theta of this energy, which leaves (1 - theta) M - theta s G of a deformation with
+eigenvalue M and -G - theta (s - 1) G of the rotation. A body may be stable only because M - G > 0.
+To keep the fraction alpha of this, and avoid premature buckling, requires
 
-    theta = (1 - alpha) (1 - gamma) / (1 + 3 gamma),    gamma = G / M,
+    theta = (1 - alpha) (1 - gamma) / (1 + (2 s - 1) gamma),    gamma = G / M,
 
 M the softest deformation of A, the lowest eigenvalue above those that vanish at rest.
 
@@ -92,6 +93,9 @@ _REGULAR_MODULI = _REGULAR_CELL = 1e-13
 #: Largest gamma: above it a body buckles cell by cell, whatever the interface.
 _MOST_PRESSED = 0.75
 
+#: s: multiple of G by which A is shifted where it is not positive.
+_SHIFT = 1.25
+
 # Size of the largest array of a batch of cells.
 _BATCH = 2**22
 
@@ -100,10 +104,10 @@ def margin(degree: int, inelastic: bool) -> float:
     """alpha: fraction of the bulk energy that the bonded form keeps at least.
 
     With 2/3, r is three times what coercivity requires, and errors are those of continuous elements
-    within 4 %; with 1/4 those of degree 2 are up to a third larger. A larger r makes points of a
-    failing bond break one by one, in more and smaller steps. At degree 1 there are twice as many
-    points along an edge as nodes, and this is worse than a larger error; a bond of degree 1 has
-    1/4.
+    within 4 % from two cells across a body; with 1/4, GRAD u was up to a third worse. A larger r
+    lets points of a failing bond break one by one, in more and smaller steps. At degree 1, where an
+    edge has twice as many points as nodes, this costs more than the error is worth: with 2/3 up to
+    eight times as many solves. A bond of degree 1 has 1/4.
 
     Args:
         degree: Of the displacement.
@@ -364,10 +368,10 @@ def _forward(L: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float
 def _square_root(
     A: NDArray[np.float64], volumes: NDArray[np.float64], free: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """L with L.L^T = A + 2 G I (cells, points, n, n), and (1 + 3 gamma) / (1 - gamma) of the cells.
+    """L with L.L^T = A + s G I (cells, points, n, n), and (1 - alpha) / theta of the cells.
 
     G and M are those of the mean moduli of a cell, which its rotation and its homogeneous
-    deformations have; where A + 2 G I is not positive at every point, G is the largest of them.
+    deformations have; where A + s G I is not positive at every point, G is the largest of them.
 
     Args:
         A: Moduli (cells, points, n, n).
@@ -386,14 +390,14 @@ def _square_root(
     G = np.maximum(-values[:, 0], 0.0)
 
     def shifted(chosen: NDArray[np.intp]) -> NDArray[np.float64]:
-        return A[chosen] + (2 * G + regular)[chosen, None, None, None] * one
+        return A[chosen] + (_SHIFT * G + regular)[chosen, None, None, None] * one
 
     L[pressed], definite = _cholesky(shifted(np.arange(len(pressed))))
     uneven = np.flatnonzero(~definite.all(axis=1))
     G[uneven] = -np.linalg.eigvalsh(A[uneven])[:, :, 0].min(axis=1)
     L[pressed[uneven]] = np.linalg.cholesky(shifted(uneven))
     gamma = G / np.maximum(values[:, free], G / _MOST_PRESSED + regular)
-    factor[pressed] = (1 + 3 * gamma) / (1 - gamma)
+    factor[pressed] = (1 + (2 * _SHIFT - 1) * gamma) / (1 - gamma)
     return L, factor
 
 
