@@ -30,20 +30,20 @@ costs (r - r_c) g^2 / 2 per area in the direction that requires most, so
 
     g = f / (r - r_c) = (1 - alpha) / alpha f / r_c.
 
-Beside continuous elements the error of u grows by a multiple of g, that of GRAD u, whose square
-adds to that of the other errors, by a multiple of g^2 while it is small. Only the cells at the
-interface are concerned, a share h of the body. Errors of normal derivatives make f, on straight and
-curved interfaces; it is a mean of both sides by delta, in which those of equal bodies and cells
+Compared with continuous elements the error of u grows by a multiple of g, that of GRAD u, whose
+square adds to that of the other errors, by a multiple of g^2 while it is small. Only the cells at
+the interface are concerned, a share h of the body. Errors of normal derivatives make f, on straight
+and curved interfaces; it is a mean of both sides by delta, in which those of equal bodies and cells
 cancel for odd k, not for even k or where one side is soft and has most of the weight. See
 :func:`margin`.
 
 E_K gives no bound where A is not positive, as in compression, where cells lower their energy by
-rotation. With -G the lowest eigenvalue of A, A + s G I replaces A there, s > 1. The interface uses
-the fraction theta of this energy, which leaves (1 - theta) M - theta s G of a deformation with
-eigenvalue M and -G - theta (s - 1) G of the rotation. A body may be stable only because M - G > 0.
+rotation. There GRAD u : |A| : GRAD u replaces it, |A| having the absolute eigenvalues of A. The
+interface uses the fraction theta of that, which leaves (1 - theta) M of a deformation with
+eigenvalue M and -(1 + theta) G of a rotation with -G. A body may be stable only because M - G > 0.
 To keep the fraction alpha of this, and avoid premature buckling, requires
 
-    theta = (1 - alpha) (1 - gamma) / (1 + (2 s - 1) gamma),    gamma = G / M,
+    theta = (1 - alpha) (1 - gamma) / (1 + gamma),    gamma = G / M,
 
 M the softest deformation of A, the lowest eigenvalue above those that vanish at rest.
 
@@ -86,15 +86,12 @@ _MARGIN, _LOW_MARGIN = 2 / 3, 0.25
 
 # Relative shifts that make semidefinite matrices factorizable: of A, whose rotations have no
 # energy, and of the diagonal of the cell energy, where rigid motions have none. Both are far above
-# rounding; they change tau_s by less than .1 % for a nearly incompressible cell with an aspect
+# rounding; they change tau_s by less than 0.1 % for a nearly incompressible cell with an aspect
 # ratio of 1000.
 _REGULAR_MODULI = _REGULAR_CELL = 1e-13
 
 #: Largest gamma: above it a body buckles cell by cell, whatever the interface.
 _MOST_PRESSED = 0.75
-
-#: s: multiple of G by which A is shifted where it is not positive.
-_SHIFT = 1.25
 
 # Size of the largest array of a batch of cells.
 _BATCH = 2**22
@@ -368,36 +365,39 @@ def _forward(L: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float
 def _square_root(
     A: NDArray[np.float64], volumes: NDArray[np.float64], free: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """L with L.L^T = A + s G I (cells, points, n, n), and (1 - alpha) / theta of the cells.
+    """L with L.L^T = |A| (cells, points, n, n), and (1 + gamma) / (1 - gamma) of the cells.
 
-    G and M are those of the mean moduli of a cell, which its rotation and its homogeneous
-    deformations have; where A + s G I is not positive at every point, G is the largest of them.
+    |A| is A + 2 N, with N the negative part of the mean moduli of a cell; where this is not
+    positive at every point, it and gamma are those of the points.
 
     Args:
         A: Moduli (cells, points, n, n).
         volumes: Weights of the points (cells, points).
         free: Number of eigenvalues that vanish at rest.
     """
-    regular = _REGULAR_MODULI * np.trace(A, axis1=2, axis2=3).max(axis=1)
+    regular = _REGULAR_MODULI * np.trace(A, axis1=2, axis2=3).max(axis=1)[:, None]
     factor, one = np.ones(len(A)), np.eye(A.shape[-1])
-    L, definite = _cholesky(A + regular[:, None, None, None] * one)
+    L, definite = _cholesky(A + regular[:, :, None, None] * one)
     pressed = np.flatnonzero(~definite.all(axis=1))
     if not len(pressed):
         return L, factor
-    A, regular = A[pressed], regular[pressed]
+
+    def softened(values: NDArray[np.float64], cells: NDArray[np.intp]) -> NDArray[np.float64]:
+        """The factor by the eigenvalues of moduli (cells, points, n)."""
+        G = np.maximum(-values[..., 0], 0)
+        gamma = G / np.maximum(values[..., free], G / _MOST_PRESSED + regular[cells])
+        return ((1 + gamma) / (1 - gamma)).max(axis=1)
+
     shares = volumes[pressed] / volumes[pressed].sum(axis=1, keepdims=True)
-    values = np.linalg.eigvalsh(np.einsum("cq,cqij->cij", shares, A))
-    G = np.maximum(-values[:, 0], 0.0)
-
-    def shifted(chosen: NDArray[np.intp]) -> NDArray[np.float64]:
-        return A[chosen] + (_SHIFT * G + regular)[chosen, None, None, None] * one
-
-    L[pressed], definite = _cholesky(shifted(np.arange(len(pressed))))
-    uneven = np.flatnonzero(~definite.all(axis=1))
-    G[uneven] = -np.linalg.eigvalsh(A[uneven])[:, :, 0].min(axis=1)
-    L[pressed[uneven]] = np.linalg.cholesky(shifted(uneven))
-    gamma = G / np.maximum(values[:, free], G / _MOST_PRESSED + regular)
-    factor[pressed] = (1 + (2 * _SHIFT - 1) * gamma) / (1 - gamma)
+    values, vectors = np.linalg.eigh(np.einsum("cq,cqij->cij", shares, A[pressed]))
+    factor[pressed] = softened(values[:, None], pressed)
+    twice = (vectors * np.maximum(-2 * values, 0)[:, None]) @ vectors.transpose(0, 2, 1)
+    twice += regular[pressed, :, None] * one
+    L[pressed], definite = _cholesky(A[pressed] + twice[:, None])
+    uneven = pressed[~definite.all(axis=1)]
+    values, vectors = np.linalg.eigh(A[uneven])
+    factor[uneven] = softened(values, uneven)
+    L[uneven] = vectors * np.sqrt(np.abs(values) + regular[uneven, :, None])[:, :, None]
     return L, factor
 
 

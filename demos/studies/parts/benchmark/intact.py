@@ -35,7 +35,7 @@ from vmdg.meshes import TaggedMesh, blocks
 TIE = vmdg.Bonded()
 BOND = vmdg.Debonding(strength=1e9, critical_gap=1e9)
 
-#: E of body 1 relative to body 2, E = 1000 MPa; nu = .3.
+#: E of body 1 relative to body 2, E = 1000 MPa; nu = 0.3.
 CONTRASTS = (0.1, 1.0, 10.0)
 
 #: Inner, interface and outer radius [mm].
