@@ -81,8 +81,8 @@ from ..forms.geometry import GeneralizedPlane
 from ..forms.kinematics import Body
 from .facets import InterfaceFacets
 
-#: alpha of :func:`margin`: of ties, of bonds, and of bonds of degree 1.
-_TIED, _BONDED, _LINEAR = 2 / 3, 0.6, 0.25
+#: alpha of :func:`margin`: of ties and of bonds.
+_TIED, _BONDED = 2 / 3, 1 / 4
 
 # Relative shifts that make semidefinite matrices factorizable: of A, whose rotations have no
 # energy, and of the diagonal of the cell energy, where rigid motions have none. Both are far above
@@ -97,22 +97,18 @@ _MOST_PRESSED = 0.75
 _BATCH = 2**22
 
 
-def margin(degree: int, inelastic: bool) -> float:
+def margin(inelastic: bool) -> float:
     """alpha: fraction of the bulk energy that the bonded form keeps at least.
 
-    With 2/3 and 0.6, r is 3 and 2.5 times what coercivity requires, and errors are those of
-    continuous elements within 4 % from two cells across a body; with 1/4, GRAD u was up to a third
-    worse. A larger r lets points of a failing bond break one by one, in more and smaller steps. At
-    degree 1, where an edge has twice as many points as nodes, this costs more than the error is
-    worth: with 2/3 up to eight times as many solves. A bond of degree 1 has 1/4.
+    With 2/3, r is three times what coercivity requires, and errors are those of continuous elements
+    within 4 % from two cells across a body; with 1/4, r is four thirds of it, and GRAD u is up to a
+    third worse. But a larger r lets points of a failing bond break one by one, in more and smaller
+    steps, at degree 1 up to eight times as many. Hence bonds have 1/4.
 
     Args:
-        degree: Of the displacement.
         inelastic: Whether the law of the interface can fail.
     """
-    if not inelastic:
-        return _TIED
-    return _LINEAR if degree == 1 else _BONDED
+    return _BONDED if inelastic else _TIED
 
 
 def _contract(
