@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -723,44 +722,3 @@ def viscous(rng: Generator) -> Case:
     inputs["loads"] = np.append(inputs["loads"], inputs["loads"][-1])
     what = f"viscosity {ratio:.2g} H dt, {described(law)}"
     return Case("viscous", what, degree=degree, **inputs)
-
-
-FAMILIES: tuple[Callable[[Generator], Case], ...] = (
-    aspect_ratio,
-    contrast,
-    incompressible,
-    distortion,
-    inverted,
-    steep_softening,
-    step_sizes,
-    load_cycles,
-    dead_loads,
-    large_rotation,
-    large_strain,
-    weak_bond,
-    polycrystal,
-    crack_tip,
-    random_facets,
-    inclined,
-    corner_cells,
-    axisymmetric,
-)
-
-
-#: Families that came later, and the number of their first run: those before keep their numbers.
-LATER: tuple[Callable[[Generator], Case], ...] = (on_demand, ogden, viscous)
-FIRST_LATER = 540
-
-
-def numbers(each: int) -> list[int]:
-    """Numbers of the first runs of every family, at most 30 of those before :data:`LATER`."""
-    before = range(min(each * len(FAMILIES), FIRST_LATER))
-    return [*before, *range(FIRST_LATER, FIRST_LATER + each * len(LATER))]
-
-
-def draw(number: int) -> Case:
-    """Case of a number: families take turns."""
-    families, place = FAMILIES, number
-    if number >= FIRST_LATER:
-        families, place = LATER, number - FIRST_LATER
-    return families[place % len(families)](np.random.default_rng(number))

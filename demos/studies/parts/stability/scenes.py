@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 from mpi4py import MPI
 
@@ -19,6 +20,9 @@ from parts.coercivity.cells import grid
 from vmdg.assembly.values import Value
 from vmdg.domain.topology import facet_cells
 from vmdg.interface.interface import StabilizationRule
+
+if TYPE_CHECKING:
+    from parts.stability.checks import Run
 
 Array = NDArray[np.float64]
 Predicate = Callable[[Array], NDArray[np.bool_]]
@@ -184,12 +188,14 @@ class Bond:
             cells.
         opens_at: Traction relative to the strength at which facets open on demand; None where all
             are open from the start.
+        initial_damage: As for :class:`vmdg.Interface`.
     """
 
     law: vmdg.Law
     between: tuple[int, int] | None = None
     facets: Callable[[Array, NDArray[np.int32]], NDArray[np.bool_]] | None = None
     opens_at: float | None = None
+    initial_damage: Callable[[Array], Array] | None = None
 
 
 @dataclass(frozen=True)
@@ -228,6 +234,10 @@ class Case:
         refusal: Pattern of the error on input that is a correct answer; "" without one.
         must_refuse: Whether nothing else is.
         unchanged_from: Load factor from which on all that happens is a rigid motion.
+        options: Of the run.
+        eigenstrain: As for :class:`vmdg.Problem`.
+        periodic: As there; without supports.
+        judge: Compares all rows of a run with an independent solution; says what is wrong.
     """
 
     family: str
@@ -247,6 +257,9 @@ class Case:
     must_refuse: bool = False
     unchanged_from: float | None = None
     options: vmdg.SolveOptions = field(default_factory=vmdg.SolveOptions)
+    eigenstrain: Mapping[int, Value] | None = None
+    periodic: vmdg.Periodic | None = None
+    judge: Callable[[Run], list[str]] | None = None
 
     def __str__(self) -> str:
         geometry = self.symmetry or self.kinematics
@@ -286,6 +299,7 @@ class Case:
             self.bonds, stabilizations or none, opened or none, strict=True
         ):
             options = {"law": bond.law, "frame": frame, "stabilization": own}
+            options |= {"initial_damage": bond.initial_damage}
             if bond.opens_at is not None and open_ is None:
                 options |= {"activate": "on-demand", "activate_at": bond.opens_at}
             facets = open_ if bond.opens_at is not None else None
@@ -300,6 +314,8 @@ class Case:
             self.degree,
             self.kinematics,
             symmetry=self.symmetry,
+            eigenstrain=self.eigenstrain,
+            periodic=self.periodic,
         )
         for support in self.supports:
             problem.dirichlet(support.where, support.value, support.component)
