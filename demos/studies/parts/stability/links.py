@@ -112,7 +112,10 @@ def weak_links(rng: Generator, family: str, count: int, links: int) -> Case:
         snaps = shares[np.arange(count), weakest] < 1
         least = {
             u: np.array(
-                [c.strength - bears(c, u) if u > top else 0.0 for c, top in zip(curves, tops)]
+                [
+                    c.strength - bears(c, u) if u > top else 0.0
+                    for c, top in zip(curves, tops, strict=True)
+                ]
             )
             * snaps
             for u in tops

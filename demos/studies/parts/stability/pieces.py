@@ -30,7 +30,8 @@ def films(rng: Generator) -> Case:
     k = rng.uniform(2.0, 4.0)
     z = strength / (k * k * E * h)
     lip = rng.choice([0.0, 0.1])
-    nodes = np.linspace(0, length + lip, cells + 1)
+    nodes = np.append(np.linspace(0, length, cells + 1), length + lip * np.array([0.5, 1.0]))
+    nodes = nodes if lip else nodes[: cells + 1]
     mesh = box(kind, (nodes, np.array([-1.0, 0.0, h])))
     tags = np.where(mesh.midpoints[:, 1] < 0, 1, 2)
     law = vmdg.Debonding(strength, z, unloading=str(rng.choice(["plastic", "secant"])))

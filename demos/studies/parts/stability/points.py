@@ -156,7 +156,7 @@ def _free(borne: Callable[[float], float], start: float) -> float:
 def rate_bounds(
     law: vmdg.Law, borne: Callable[[float], Callable[[float], float]], t: Array, late: int
 ) -> tuple[Array, Array]:
-    """Least and largest traction (n,) from ``late`` steps before the rows at ``t`` to as many after.
+    """Least and largest traction (n,) within ``late`` steps of the rows at ``t``.
 
     The gap grows by (T/R - 1) P_c/viscosity while the traction T of the bodies exceeds R.
 

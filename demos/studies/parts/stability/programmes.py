@@ -93,7 +93,7 @@ def compared(run: Run, tractions: list[Array], damages: list[float]) -> list[str
 
 
 def bar_of(rng: Generator, kinds: Kinds) -> tuple[dict, float]:
-    """Two blocks of one material in confined tension, without law and motion; stiffness [MPa/mm]."""
+    """Two blocks of one material in confined tension, without law and motion, and its K."""
     kind, degree = choose(rng, kinds)
     mesh, tags = block_pair(kind, rng, np.ones(dimension(kind)))
     body = vmdg.NeoHookean(E=E, nu=rng.uniform(0.0, 0.4))
