@@ -46,7 +46,9 @@ class Point:
 
     @property
     def damage(self) -> float:
-        """Q/P_c."""
+        """Q/P_c, 0 without a bond."""
+        if not self.law.strength:
+            return 0.0
         return 1 - resistance(self.law, self.length) / self.law.strength
 
     def _limit(self, more: float, dt: float) -> float:

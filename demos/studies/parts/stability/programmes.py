@@ -37,7 +37,7 @@ Way = Callable[[float], float]
 
 #: Steps by which the rows of a bond whose strength depends on the rate may be late, and the error
 #: of their traction relative to the largest one.
-LATE, RATE = 2, 0.02
+LATE, RATE = 4, 0.02
 
 
 def turning(rng: Generator, count: int, low: float) -> Array:
