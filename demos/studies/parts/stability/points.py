@@ -37,11 +37,13 @@ class Point:
     Attributes:
         gap: zeta (d,) [mm].
         length: Of the way of the gap, or the largest gap with unloading to the origin [mm].
-        rubbed: Work of friction where there is no bond [N/mm].
+        rubbed: Least and largest work of friction of a point without a bond, by the smaller and the
+            larger of the pressures at both ends of every step [N/mm].
     """
 
     def __init__(self, law: vmdg.Law, d: int):
-        self.law, self.gap, self.length, self.rubbed = law, np.zeros(d), 0.0, 0.0
+        self.law, self.gap, self.length = law, np.zeros(d), 0.0
+        self.rubbed, self._cap = np.zeros(2), 0.0
         self.plastic = law.unloading == "plastic"
 
     @property
@@ -61,7 +63,14 @@ class Point:
 
     def move(self, way: Array, K: Array, dt: float = 1.0) -> Array:
         """Traction (d,) at the end of an implicit step to ``way`` (d,), stiffness ``K`` (d,)."""
-        return self._plastic(way, K, dt) if self.plastic else self._secant(way, K)
+        if not self.plastic:
+            return self._secant(way, K)
+        before, cap = self.gap, self._cap
+        traction = self._plastic(way, K, dt)
+        self._cap = self.law.friction * max(-traction[0], 0.0)
+        slip = np.linalg.norm((self.gap - before)[1:])
+        self.rubbed += slip * np.sort([cap, self._cap])
+        return traction
 
     def _plastic(self, way: Array, K: Array, dt: float) -> Array:
         off = way - self.gap
@@ -72,7 +81,9 @@ class Point:
                     return float(np.linalg.norm(K * off / (self._limit(more, dt) + K * more)) - 1)
 
                 size = float(np.linalg.norm(off))
-                more = brentq(excess, 0.0, size, xtol=1e-16 * size) if excess(0.0) > 0 else 0.0
+                more = size
+                if self._limit(0.0, dt) > 0 > excess(size):
+                    more = brentq(excess, 0.0, size, xtol=1e-16 * size)
                 self.gap = self.gap + off * K * more / (self._limit(more, dt) + K * more)
                 # What is borne is borne by the bond as it was: T = K (way - gap).
                 self.length += more
@@ -88,7 +99,6 @@ class Point:
             more = brentq(slides, 0.0, size, xtol=1e-16 * size) if slides(size) < 0 else size
             self.gap[1:] += more * off[1:] / size
             self.length += more
-            self.rubbed += cap * more
         return K * (way - self.gap)
 
     def _secant(self, way: Array, K: Array) -> Array:
