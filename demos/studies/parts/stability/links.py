@@ -124,7 +124,8 @@ def weak_links(rng: Generator, family: str, count: int, links: int) -> Case:
             Q = record.softening[0]
             if Q[link != weakest[bar]].any():
                 return ["a link is damaged that is not the weakest"]
-            if Q.any() and (Q < 0.9 * least[tops[bar][Q > 0].max()][bar]).any():
+            soft = link == weakest[bar]
+            if Q.any() and (Q < 0.9 * least[tops[bar][Q > 0].max()][bar])[soft].any():
                 return [f"at t = {record.t:.6g} a bar has yielded before a weaker one was gone"]
         return []
 
