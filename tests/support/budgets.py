@@ -116,7 +116,9 @@ BUDGETS = {
     "law without potential": Budget("converges quadratically, though not symmetric", most=6),
     "systems of gaps": Budget("four systems of points of which some or all yield", krylov=60),
     # Multigrid
-    "tied block": Budget("as of a body without an interface", krylov=9),
+    "tied block": Budget(
+        "r three times what coercivity requires takes two more than a body", krylov=11
+    ),
     "damaged block": Budget("as many as of the tie: bodies make the interpolation", krylov=9),
     "growing zone": Budget("one interpolation for all tangents", krylov=12),
     "cells all apart": Budget("as of a tie", krylov=15),

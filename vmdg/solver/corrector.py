@@ -88,7 +88,6 @@ class Corrector:
         self._names = [
             piece[one.quadrature.facet] for one, piece in zip(failing, pieces, strict=True)
         ]
-        self._several = len(_everywhere(problem.comm, self._names)) > 1
         # By halves, independently of the norm of the correction.
         least = float(np.finfo(float).tiny)
         halves = {"order": 1, "max_it": options.path.halvings, "minlambda": least}
@@ -111,8 +110,8 @@ class Corrector:
         """
         problem, krylov, scales = self._problem, self._system.iterations, self._problem.step.scales
         self._system.lags = False
-        about = self._names, self._several
-        iteration = _Iteration(problem, self._options, self._system, self._size, limits, dt, *about)
+        given = problem, self._options, self._system, self._size, limits, dt
+        iteration = _Iteration(*given, self._names)
         with timer("predictor"):
             iteration.predict(last)
         self._snes.setFunction(iteration.residual, self._residual)
@@ -192,7 +191,6 @@ class _Iteration:
         limits: Limits,
         dt: float,
         names: list[NDArray[np.int64]],
-        several: bool,
     ):
         self._problem, self._comm, self._step = problem, problem.comm, problem.step
         self._discretization, self._loading = problem.discretization, problem.loading
@@ -209,7 +207,7 @@ class _Iteration:
         self._elastic = self._at_onset = False
         # Names of the connected pieces of interfaces at their points, which of them are on pieces
         # without damage, and those whose work is limited if not all.
-        self._names, self._several = names, several
+        self._names = names
         self._sound: list[NDArray[np.bool_]] = []
         self._counted: list[NDArray[np.bool_]] = []
         self._ends_at_target = True
@@ -269,10 +267,8 @@ class _Iteration:
         begun = np.setdiff1d(broken, old)
         if begun.size and old.size:
             self._counted = [np.isin(name, begun) for name in self._names]
-        # On a single piece, load control passes the onset of damage.
         sound = [~np.isin(name, broken) for name in self._names]
-        ends = self._several or self._limits.work < math.inf
-        if ends and global_any(comm, any(one.any() for one in sound)):
+        if global_any(comm, any(one.any() for one in sound)):
             self._sound = sound
 
     def _along_tangent(self, anew: bool) -> None:
@@ -364,17 +360,35 @@ class _Iteration:
         length.
 
         The onset of damage in a sound piece is a kink of the path: the step ends there. Otherwise
-        pieces that are next to fail would soften together, below their strength.
+        pieces that are next to fail would soften together, below their strength. Load control may
+        pass it if nothing fails yet and no piece begins before another.
         """
         ends = self._sound and not self._at_onset and way.t != 0
         if not (ends and self._elastic):
             length = self._shorter(start, way, length)
-        if ends:
-            self._map(_sum(start, way, length))
-            if self._work_on(self._sound) > self._limits.onset:
-                self._end_at_onset()
-                length = self._shorter(start, way, length)
-        return length
+        if not ends:
+            return length
+        begun = self._begun(start, way, length)
+        passes = self._elastic and self._limits.work == math.inf
+        if self._work_on(self._sound) <= self._limits.onset or (passes and begun.size == 1):
+            return length
+        limits = self._limits
+        self._end_at_onset()
+        onset = self._shorter(start, way, length)
+        beyond = onset + self._numbers.small * (length - onset)
+        if passes and np.array_equal(self._begun(start, way, beyond), begun):
+            self._limits, self._at_onset, self._ends_at_target = limits, False, True
+            return length
+        return onset
+
+    def _begun(self, start: Direction, way: Direction, length: float) -> NDArray[np.int64]:
+        """Names of the sound pieces in which damage has begun at a state; collective."""
+        self._map(_sum(start, way, length))
+        begun = [
+            name[sound & (active.values.update.damage_work > 0)]
+            for active, name, sound in zip(self._failing, self._names, self._sound, strict=True)
+        ]
+        return _everywhere(self._comm, begun)
 
     def _shorter(self, start: Direction, way: Direction, length: float) -> float:
         """The same for the current limit of the damage work."""

@@ -30,7 +30,7 @@ def bars(kind: str, count: int, links: int) -> tuple[Cells, Array]:
 def weak_links(rng: Generator, family: str, count: int, links: int) -> Case:
     """Every link has a strength of its own; the weakest one of a bar decides, the others hold.
 
-    A bar knows nothing of the others. It bears the force of its elastic pieces up to the strength
+    A bar knows nothing of the others. It carries the force of its elastic pieces up to the strength
     of its weakest link; when the path comes to a displacement beyond that for the first time, it
     is on the softening branch that does not snap back, or broken.
     """
@@ -50,7 +50,7 @@ def weak_links(rng: Generator, family: str, count: int, links: int) -> Case:
     shares[stable] = rng.uniform(1.3, 4.0, stable.sum())
     gaps = shares * np.vectorize(stretched)(strengths)
     exponential = rng.random() < 0.3
-    # A gap that stays would close where the path turns back, and be damaged anew.
+    # A gap that stays would close where the path turns back, and be damaged again.
     stays = not exponential and not stable.any() and rng.random() < 0.5
     unloading = "plastic" if stays else "secant"
 
@@ -84,7 +84,7 @@ def weak_links(rng: Generator, family: str, count: int, links: int) -> Case:
         gap = u - stretched(T)
         return T - resistance(law, gap)
 
-    def bears(law: vmdg.Law, u: float) -> float:
+    def carries(law: vmdg.Law, u: float) -> float:
         if u <= stretched(law.strength):
             low, high = 0.0, law.strength
             return brentq(lambda T: stretched(T) - u, low, high * (1 + 1e-9))
@@ -103,7 +103,7 @@ def weak_links(rng: Generator, family: str, count: int, links: int) -> Case:
         tops = np.array([stretched(curve.strength) for curve in curves])
         size, t = strengths.max(), [record.t for record in run.records]
         for u in loads[loads <= t[-1]]:
-            T = np.array([bears(curve, u) for curve in curves])[bar]
+            T = np.array([carries(curve, u) for curve in curves])[bar]
             off = np.abs(run.records[t.index(u)].traction[0][:, 0] - T).max() / size
             if not off < EXACT:
                 return [f"a bar at u = {u:.6g} mm is off by {off:.1e}"]
@@ -113,7 +113,7 @@ def weak_links(rng: Generator, family: str, count: int, links: int) -> Case:
         least = {
             u: np.array(
                 [
-                    c.strength - bears(c, u) if u > top else 0.0
+                    c.strength - carries(c, u) if u > top else 0.0
                     for c, top in zip(curves, tops, strict=True)
                 ]
             )

@@ -29,9 +29,9 @@ def films(rng: Generator) -> Case:
     length = 1.0
     k = rng.uniform(2.0, 4.0)
     z = strength / (k * k * E * h)
-    lip = rng.choice([0.0, 0.1])
-    nodes = np.append(np.linspace(0, length, cells + 1), length + lip * np.array([0.5, 1.0]))
-    nodes = nodes if lip else nodes[: cells + 1]
+    free = rng.choice([0.0, 0.1])
+    nodes = np.append(np.linspace(0, length, cells + 1), length + free * np.array([0.5, 1.0]))
+    nodes = nodes if free else nodes[: cells + 1]
     mesh = box(kind, (nodes, np.array([-1.0, 0.0, h])))
     tags = np.where(mesh.midpoints[:, 1] < 0, 1, 2)
     law = vmdg.Debonding(strength, z, unloading=str(rng.choice(["plastic", "secant"])))
@@ -77,7 +77,7 @@ def films(rng: Generator) -> Case:
         "eigenstrain": {2: shrinks},
         "judge": judge,
     }
-    what = f"{cells} cells, 1/k = {1 / k:.2f}, lip {lip}, {described(law)}"
+    what = f"{cells} cells, 1/k = {1 / k:.2f}, free end {free}, {described(law)}"
     return Case("films", what, degree=degree, **inputs)
 
 

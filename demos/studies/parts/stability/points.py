@@ -85,7 +85,7 @@ class Point:
                 if self._limit(0.0, dt) > 0 > excess(size):
                     more = brentq(excess, 0.0, size, xtol=1e-16 * size)
                 self.gap = self.gap + off * K * more / (self._limit(more, dt) + K * more)
-                # What is borne is borne by the bond as it was: T = K (way - gap).
+                # What is carried is carried by the bond as it was: T = K (way - gap).
                 self.length += more
             return K * (way - self.gap)
         self.gap = np.append(np.clip(way[0], 0.0, self.gap[0]), self.gap[1:])
@@ -118,55 +118,57 @@ class Point:
         traction[0] += K[0] * pressed
         return traction
 
-    def pull(self, borne: Callable[[float], float], dt: float = 1.0) -> float:
+    def pull(self, carried: Callable[[float], float], dt: float = 1.0) -> float:
         """Normal traction at the end of an implicit step.
 
         Args:
-            borne: Traction of the bodies at a gap, decreasing.
+            carried: Traction of the bodies at a gap, decreasing.
             dt: Duration of the step.
         """
         start, base = float(self.gap[0]), self.length
         if self.plastic:
 
             def excess(gap: float) -> float:
-                return borne(gap) - self._limit(gap - start, dt)
+                return carried(gap) - self._limit(gap - start, dt)
 
         else:
             start = base
 
             def excess(gap: float) -> float:
-                return borne(gap) - resistance(self.law, gap)
+                return carried(gap) - resistance(self.law, gap)
 
-        free = _free(borne, start)
-        if borne(start) > 0 and excess(start) > 0:
+        free = _free(carried, start)
+        if carried(start) > 0 and excess(start) > 0:
             gap = brentq(excess, start, free, xtol=1e-16 * free) if excess(free) < 0 else free
             self.length = base + gap - start
         elif self.plastic:
-            gap = start if borne(start) >= 0 else free
-        elif base > 0 and borne(0.0) > 0:
+            gap = start if carried(start) >= 0 else free
+        elif base > 0 and carried(0.0) > 0:
             slope = resistance(self.law, base) / base
-            end = _free(borne, base)
+            end = _free(carried, base)
             gap = (
-                brentq(lambda gap: borne(gap) - slope * gap, 0.0, max(end, base)) if slope else end
+                brentq(lambda gap: carried(gap) - slope * gap, 0.0, max(end, base))
+                if slope
+                else end
             )
         else:
             gap = 0.0
         self.gap = np.append(gap, self.gap[1:])
-        return borne(gap)
+        return carried(gap)
 
 
-def _free(borne: Callable[[float], float], start: float) -> float:
+def _free(carried: Callable[[float], float], start: float) -> float:
     """Gap at which the bodies are free of stress, 0 under pressure."""
-    if borne(0.0) <= 0:
+    if carried(0.0) <= 0:
         return 0.0
     high = max(start, 1e-300)
-    while borne(high) > 0:
+    while carried(high) > 0:
         high *= 2
-    return brentq(borne, 0.0, high, xtol=1e-16 * high)
+    return brentq(carried, 0.0, high, xtol=1e-16 * high)
 
 
 def rate_bounds(
-    law: vmdg.Law, borne: Callable[[float], Callable[[float], float]], t: Array, late: int
+    law: vmdg.Law, carried: Callable[[float], Callable[[float], float]], t: Array, late: int
 ) -> tuple[Array, Array]:
     """Least and largest traction (n,) within ``late`` steps of the rows at ``t``.
 
@@ -174,7 +176,7 @@ def rate_bounds(
 
     Args:
         law: With linear softening and viscosity.
-        borne: Traction of the bodies at a time, as a function of the gap.
+        carried: Traction of the bodies at a time, as a function of the gap.
         t: Times of the rows (n,).
         late: Number of steps.
     """
@@ -184,7 +186,7 @@ def rate_bounds(
 
     def grows(time: float, y: Array) -> list[float]:
         R = max(P * (1 - y[0] / end), 1e-9 * P)
-        return [max(borne(time)(y[0] - closed) / R - 1, 0.0) * P / law.viscosity]
+        return [max(carried(time)(y[0] - closed) / R - 1, 0.0) * P / law.viscosity]
 
     def gone(time: float, y: Array) -> float:
         return 1 - 1e-6 - y[0] / end
@@ -207,9 +209,9 @@ def rate_bounds(
             lengths[: len(done.t)] = done.y[0]
             length = lengths[-1]
         for time, x in zip(fine[1:], lengths[1:], strict=True):
-            tractions.append(max(borne(time)(x - closed), 0.0) if x < end else 0.0)
+            tractions.append(max(carried(time)(x - closed), 0.0) if x < end else 0.0)
         # Closed by bodies that push: the gap shrinks at zero traction, the damage stays.
-        closed = length - min(length - closed, _free(borne(stop), length - closed))
+        closed = length - min(length - closed, _free(carried(stop), length - closed))
     n = 4 * late
     padded = np.pad(np.array(tractions), n, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * n + 1)[::4]

@@ -269,7 +269,7 @@ def directions(rng: Generator) -> Case:
 
 
 def friction(rng: Generator) -> Case:
-    """Pressed layers that rub to and fro, never bonded or until the bond is gone."""
+    """Pressed layers that rub back and forth, never bonded or until the bond is gone."""
     count, mu = int(rng.integers(2, 9)), rng.uniform(0.1, 1.0)
     bonded = rng.random() < 0.5
 
