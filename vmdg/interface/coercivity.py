@@ -17,25 +17,24 @@ So if on every cell the lambda of its interface facets fulfil
 
 then with tau multiplied by s = (w_1 lambda_1 + w_2 lambda_2) / (1 - alpha) the form is bounded
 below by alpha sum_K E_K: up to rigid motions it is coercive and keeps the fraction alpha of the
-bulk energy, for any degree, shape and contrast; the least alpha where facets have different ones.
-(*) is a generalised eigenvalue problem of one cell, in the basis and at the points that the forms
-use, so it holds for under-integration too. A cell divides its energy among its facets in proportion
-to what each would need alone: with lambda_f the largest eigenvalue of facet f alone and m that of
-sum_f 1/lambda_f int_f h.T_f.h, (*) holds for m lambda_f.
+bulk energy, for any degree, shape and contrast. Where alpha differs from facet to facet, this holds
+with the least. (*) is a generalised eigenvalue problem of one
+cell, in the basis and at the points that the forms use, so it holds for under-integration too. A
+cell divides its energy among its facets in proportion to what each would need alone: with lambda_f
+the largest eigenvalue of facet f alone and m that of sum_f 1/lambda_f int_f h.T_f.h, (*) holds for
+m lambda_f.
 
-alpha is more than a reserve: it decides how near the solution is to that of continuous elements.
-The flux of the best approximation in the cells differs from that of the solution by f, of order
-h^k, and the form answers with a gap. With r_c the r of alpha = 0, a gap g to which the cells adapt
-costs (r - r_c) g^2 / 2 per area in the direction that requires most, so
+alpha decides how near the solution is to that of continuous elements. The flux of the best
+approximation in the cells misses that of the solution by f, of order h^k, whatever the shape of the
+interface, and the form answers by opening. With r_c the r of alpha = 0, a gap g to which the cells
+adapt costs no less than (r - r_c) g^2 / 2 per area, so
 
     g = f / (r - r_c) = (1 - alpha) / alpha f / r_c.
 
-Compared with continuous elements the error of u grows by a multiple of g, that of GRAD u, whose
-square adds to that of the other errors, by a multiple of g^2 while it is small. Only the cells at
-the interface are concerned, a share h of the body. Errors of normal derivatives make f, on straight
-and curved interfaces; it is a mean of both sides by delta, in which those of equal bodies and cells
-cancel for odd k, not for even k or where one side is soft and has most of the weight. See
-:func:`margin`.
+The additional error of u grows with this, that of GRAD u, whose energy adds to that of the other
+errors, at least as fast. Both are those of the cells at the interface, and so of a share h of the
+body. f is the mean of both sides by delta: for odd k and equal bodies the two cancel; with a soft
+and a stiff body, or for even k, they do not. See :func:`margin`.
 
 E_K gives no bound where A is not positive, as in compression, where cells lower their energy by
 rotation. There GRAD u : |A| : GRAD u replaces it, |A| having the absolute eigenvalues of A. The
@@ -85,10 +84,10 @@ from .facets import InterfaceFacets
 _TIED, _BONDED = 2 / 3, 1 / 4
 
 # Relative shifts that make semidefinite matrices factorizable: of A, whose rotations have no
-# energy, and of the diagonal of the cell energy, where rigid motions have none. Both are far above
-# rounding; they change tau_s by less than 0.1 % for a nearly incompressible cell with an aspect
-# ratio of 1000.
-_REGULAR_MODULI = _REGULAR_CELL = 1e-13
+# energy, and of the square root of the cell energy, where rigid motions have none. Both are far
+# above rounding and far below the softest deformation, bending of a nearly incompressible cell with
+# an aspect ratio of 1000.
+_REGULAR_MODULI, _REGULAR_CELL = 1e-13, 1e-10
 
 #: Largest gamma: above it a body buckles cell by cell, whatever the interface.
 _MOST_PRESSED = 0.75
@@ -232,12 +231,12 @@ class CellProblems:
         dilatations = self._dilatations(cells)
         factor, energy, pressed = self._energy_factor(cells, dilatations)
         of_cell = self._cell_of_pair[pairs] - cells.start
-        # int_f h.T.h = |Z u|^2 and E = |L^T u|^2: with S = L^-1.Z^T the eigenvalues are those of
-        # S^T.S, but for the factors of both.
+        # int_f h.T.h = |Z u|^2 and E = |R u|^2: with S = Z.R^-1 the eigenvalues are those of S.S^T,
+        # but for the factors of both.
         Z, flux = self._flux_factor(
             pairs, weights, None if dilatations is None else dilatations[of_cell]
         )
-        S = _forward(factor[of_cell], Z.transpose(0, 2, 1))
+        S = np.linalg.solve(factor.transpose(0, 2, 1)[of_cell], Z.transpose(0, 2, 1))
         alone = np.linalg.eigvalsh(S.transpose(0, 2, 1) @ S)[:, -1]
         alone = np.maximum(alone, np.finfo(float).tiny)
         factors = flux / energy[of_cell]
@@ -272,25 +271,22 @@ class CellProblems:
     def _energy_factor(
         self, cells: slice, dilatations: NDArray[np.float64] | None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """L with E_K(u) = e |L^T.u|^2 (cells, n, n), e (cells,), and the factor due to compression
-        (cells,)."""
+        """R with E_K(u) = e |R.u|^2 (cells, n, n), regular, e (cells,), and the factor due to
+        compression (cells,)."""
         gradients, volumes = (values[cells] for values in self._bulk)
         size = len(self._entries)
         A = self._moduli(self._region[cells], self._cells[cells])
-        row, column = np.triu_indices(size)
-        place = np.empty((size, size), dtype=np.intp)
-        place[row, column] = place[column, row] = np.arange(len(row))
-        full = A.take(place, axis=-1)
+        first, second = np.triu_indices(size)
+        full = np.empty((*A.shape[:2], size, size))
+        full[..., first, second] = full[..., second, first] = A
         modulus = power_of_two(np.trace(full, axis1=2, axis2=3).max(axis=1))
         volume = power_of_two(volumes.max(axis=1))
-        full /= modulus[:, None, None, None]
-        L, pressed = _square_root(full, volumes, self._free)
+        L, pressed = _square_root(full / modulus[:, None, None, None], self._free)
         L *= np.sqrt(volumes / volume[:, None])[:, :, None, None]
         Y = self._columns(L, gradients, dilatations, self._length[cells])
-        E = Y.transpose(0, 2, 1) @ Y
-        i = np.arange(E.shape[1])
-        E[:, i, i] *= 1 + _REGULAR_CELL
-        return np.linalg.cholesky(E), modulus * volume, pressed
+        scale = _REGULAR_CELL * np.abs(Y).max(axis=(1, 2))
+        Y = np.concatenate([Y, scale[:, None, None] * np.eye(Y.shape[2])], axis=1)
+        return np.linalg.qr(Y, mode="r"), modulus * volume, pressed
 
     def _flux_factor(
         self,
@@ -333,70 +329,25 @@ class CellProblems:
         return np.concatenate([plane, axial], axis=2)
 
 
-def _cholesky(A: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """L with L.L^T = A (..., m, m), and where A is positive definite (...); elsewhere L is void.
-
-    For many small matrices, entry by entry.
-    """
-    L = np.moveaxis(A, (-2, -1), (0, 1)).copy()
-    definite = np.ones(A.shape[:-2], dtype=bool)
-    with np.errstate(over="ignore", invalid="ignore"):
-        for j in range(len(L)):
-            definite &= L[j, j] > 0
-            L[j, j] = np.sqrt(np.where(L[j, j] > 0, L[j, j], 1.0))
-            L[j, j + 1 :] = 0.0
-            L[j + 1 :, j] /= L[j, j]
-            for k in range(j + 1, len(L)):
-                L[k, j + 1 : k + 1] -= L[k, j] * L[j + 1 : k + 1, j]
-    return np.ascontiguousarray(np.moveaxis(L, (0, 1), (-2, -1))), definite
-
-
-def _forward(L: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """x with L.x = b for many lower triangular L (n, m, m) and b (n, m, k)."""
-    x, L = np.moveaxis(b, 0, -1).copy(), np.ascontiguousarray(np.moveaxis(L, 0, -1))
-    for j in range(len(L)):
-        x[j] -= np.einsum("in,ikn->kn", L[j, :j], x[:j])
-        x[j] /= L[j, j]
-    return np.ascontiguousarray(np.moveaxis(x, -1, 0))
-
-
 def _square_root(
-    A: NDArray[np.float64], volumes: NDArray[np.float64], free: int
+    A: NDArray[np.float64], free: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """L with L.L^T = |A| (cells, points, n, n), and (1 + gamma) / (1 - gamma) of the cells.
 
-    |A| is A + 2 N, with N the negative part of the mean moduli of a cell; where this is not
-    positive at every point, it and gamma are those of the points.
-
     Args:
         A: Moduli (cells, points, n, n).
-        volumes: Weights of the points (cells, points).
         free: Number of eigenvalues that vanish at rest.
     """
-    regular = _REGULAR_MODULI * np.trace(A, axis1=2, axis2=3).max(axis=1)[:, None]
-    factor, one = np.ones(len(A)), np.eye(A.shape[-1])
-    L, definite = _cholesky(A + regular[:, :, None, None] * one)
-    pressed = np.flatnonzero(~definite.all(axis=1))
-    if not len(pressed):
-        return L, factor
-
-    def softened(values: NDArray[np.float64], cells: NDArray[np.intp]) -> NDArray[np.float64]:
-        """The factor by the eigenvalues of moduli (cells, points, n)."""
-        G = np.maximum(-values[..., 0], 0)
-        gamma = G / np.maximum(values[..., free], G / _MOST_PRESSED + regular[cells])
-        return ((1 + gamma) / (1 - gamma)).max(axis=1)
-
-    shares = volumes[pressed] / volumes[pressed].sum(axis=1, keepdims=True)
-    values, vectors = np.linalg.eigh(np.einsum("cq,cqij->cij", shares, A[pressed]))
-    factor[pressed] = softened(values[:, None], pressed)
-    twice = (vectors * np.maximum(-2 * values, 0)[:, None]) @ vectors.transpose(0, 2, 1)
-    twice += regular[pressed, :, None] * one
-    L[pressed], definite = _cholesky(A[pressed] + twice[:, None])
-    uneven = pressed[~definite.all(axis=1)]
-    values, vectors = np.linalg.eigh(A[uneven])
-    factor[uneven] = softened(values, uneven)
-    L[uneven] = vectors * np.sqrt(np.abs(values) + regular[uneven, :, None])[:, :, None]
-    return L, factor
+    size = np.trace(A, axis1=2, axis2=3).max(axis=1)
+    regular = (_REGULAR_MODULI * size)[:, None, None]
+    try:
+        return np.linalg.cholesky(A + regular[..., None] * np.eye(A.shape[-1])), np.ones(len(A))
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(A)
+        G, M = np.maximum(-values[..., 0], 0), values[..., free]
+        gamma = G / np.maximum(M, G / _MOST_PRESSED + regular[..., 0])
+        pressed = ((1 + gamma) / (1 - gamma)).max(axis=1)
+        return vectors * np.sqrt(np.abs(values) + regular)[..., None, :], pressed
 
 
 class Coercivity:
