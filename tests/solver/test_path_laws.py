@@ -208,7 +208,7 @@ def test_weak_links_know_nothing_of_each_other(comm, strengths, critical_gap, st
 def test_no_bar_fails_below_its_strength(comm, strengths, shares, steps, unstable):
     """Bars side by side, some of which soften stably while others snap: in every row each is as if
     it were alone. At 10 t MPa, with t_c = 10 t/S and share s of the critical gap in the elongation
-    at the strength S, a stable bar bears S (s - t_c)/(s - 1)."""
+    at the strength S, a stable bar carries S (s - t_c)/(s - 1)."""
     strengths, shares = np.array(strengths), np.array(shares[: len(strengths)])
     shares[np.abs(shares - 1) < 0.1] = 1.2
 

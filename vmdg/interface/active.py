@@ -343,11 +343,11 @@ def fine_scales(active: ActiveInterface) -> NDArray[np.float64]:
     return np.array([1.0, -1.0])[:, None] * share - flux[:, None]
 
 
-def damage_work(active: ActiveInterface) -> float:
-    """Damage work of this rank's points in the step, the first of :meth:`.ActiveInterface.works`
-    [N mm; N in plane strain]."""
-    update = active.values.update
-    return 0.0 if update is None else float(update.damage_work @ active.quadrature.weights)
+def damage_work(active: ActiveInterface, points: NDArray[np.bool_] | slice = slice(None)) -> float:
+    """Damage work of some of this rank's points in the step, the first of
+    :meth:`.ActiveInterface.works` [N mm; N in plane strain]."""
+    update, weights = active.values.update, active.quadrature.weights
+    return 0.0 if update is None else float(update.damage_work[points] @ weights[points])
 
 
 def recoverable_energy(active: ActiveInterface) -> float:

@@ -28,6 +28,7 @@ from ..base.parallel import global_any, global_max, global_norm, global_sum, war
 from ..base.timers import timer
 from ..compat import SNES_REASONS, UNBOUNDED_SEARCH
 from ..domain.topology import box_sides
+from ..interface.active import damage_work
 from ..laws import Mode
 from ..linear.capacitance import solve_contact
 from ..linear.condensation import closes_points
@@ -368,11 +369,13 @@ class _Iteration:
             length = self._shorter(start, way, length)
         if not ends:
             return length
-        begun = self._begun(start, way, length)
-        passes = self._elastic and self._limits.work == math.inf
-        if self._work_on(self._sound) <= self._limits.onset or (passes and begun.size == 1):
+        self._map(_sum(start, way, length))
+        if not self._work_on(self._sound) > self._limits.onset:
             return length
-        limits = self._limits
+        limits, begun = self._limits, self._begun(start, way, length)
+        passes = self._elastic and limits.work == math.inf
+        if passes and begun.size == 1:
+            return length
         self._end_at_onset()
         onset = self._shorter(start, way, length)
         beyond = onset + self._numbers.small * (length - onset)
@@ -419,11 +422,7 @@ class _Iteration:
 
     def _work_on(self, counted: list[NDArray[np.bool_]]) -> float:
         """Damage work in the step on some points; collective [N mm]."""
-        work = 0.0
-        for active, points in zip(self._failing, counted, strict=True):
-            if active.values.update is not None:
-                done = active.values.update.damage_work[points]
-                work += active.quadrature.weights[points] @ done
+        work = sum(map(damage_work, self._failing, counted))
         return float(self._discretization.geometry.thickness * global_sum(self._comm, work))
 
     def _end_at_onset(self) -> None:
