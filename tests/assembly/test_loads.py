@@ -175,3 +175,23 @@ def test_constant_loads_are_assembled_once(comm):
     problem.traction(top, lambda t: (t, 0.0))
     forces = [resultants(problem, t)[0][0] for t in (1.0, 2.0, 1.0)]
     assert forces == pytest.approx([3.0, 5.0, 3.0])
+
+
+def test_loads_that_change_on_one_rank_alone(comm):
+    """The other ranks do not assemble again, and nobody waits for them."""
+    problem, _ = make(comm)
+    near = comm.size - 1
+
+    def force(x, t):
+        return np.stack([np.full_like(x[0], t if comm.rank == near else 1.0), 0.0 * x[0]])
+
+    problem.body_force(force)
+    before = timings()
+    forces = []
+    for t in (1.0, 2.0, 3.0):
+        problem.loading.move(t)
+        forces.append(comm.allreduce(problem.loading.vector.sum()))
+    done = timings_since(before)
+    assert np.diff(forces) == pytest.approx(forces[1] - forces[0])
+    runs = sum(timing.runs for timing in done if timing.name == "assemble loads")
+    assert runs == (3 if comm.rank == near else 1)

@@ -227,7 +227,10 @@ class DeadLoads:
         return result
 
     def _of_densities(self) -> NDArray[np.float64]:
-        """The vector of tractions and body forces, assembled again where one has changed."""
+        """The vector of tractions and body forces, assembled again where one has changed.
+
+        Ranks decide for themselves, so nothing here may be collective once the form is compiled.
+        """
         if self._form is None:
             self._form, self._last = self._compile(), None
         values = [
@@ -236,7 +239,8 @@ class DeadLoads:
         ]
         if self._last is None or not all(map(np.array_equal, values, self._last[0])):
             with timer("assemble loads"):
-                self._last = values, fem.assemble_vector(self._form).array.copy()
+                vector = np.zeros_like(self._u.x.array)
+                self._last = values, fem.assemble_vector(vector, self._form)
         return self._last[1]
 
     def _compile(self) -> fem.Form:
