@@ -17,19 +17,15 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..assembly.space import facet_pieces
 from ..base.parallel import global_any, global_max, global_norm, global_sum, warn_together
 from ..base.timers import timer
 from ..compat import SNES_REASONS, UNBOUNDED_SEARCH
 from ..domain.topology import box_sides
-from ..interface.active import damage_work
-from ..laws import Mode
 from ..linear.capacitance import solve_contact
 from ..linear.condensation import closes_points
 from ..linear.ksp import MAX_RTOL, destroy, linear_tolerance, set_options, warn_of_unused
@@ -38,6 +34,7 @@ from ..problem.problem import Problem
 from ..problem.states import RunScales
 from .attempt import Attempt
 from .limits import ROUNDING, Direction, Limits, Reach
+from .onset import Names, Pieces, Points, Sound
 from .options import SolveOptions
 from .parameter import Rate, parameter_of
 from .turn import turn
@@ -83,12 +80,7 @@ class Corrector:
         self._kind = ""  # of the line search so far
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))
         self._rounds, self._softest = False, 0.0
-        space, active = problem.discretization.space, problem.discretization.active.values()
-        failing = [one for one in active if one.law.inelastic]
-        pieces = facet_pieces(space, [one.facets for one in failing])
-        self._names = [
-            piece[one.quadrature.facet] for one, piece in zip(failing, pieces, strict=True)
-        ]
+        self._pieces = Pieces(problem.discretization)
         # By halves, independently of the norm of the correction.
         least = float(np.finfo(float).tiny)
         halves = {"order": 1, "max_it": options.path.halvings, "minlambda": least}
@@ -111,8 +103,8 @@ class Corrector:
         """
         problem, krylov, scales = self._problem, self._system.iterations, self._problem.step.scales
         self._system.lags = False
-        given = problem, self._options, self._system, self._size, limits, dt
-        iteration = _Iteration(*given, self._names)
+        given = problem, self._options, self._system, self._pieces, self._size
+        iteration = _Iteration(*given, limits, dt)
         with timer("predictor"):
             iteration.predict(last)
         self._snes.setFunction(iteration.residual, self._residual)
@@ -188,15 +180,15 @@ class _Iteration:
         problem: Problem,
         options: SolveOptions,
         system: System,
+        pieces: Pieces,
         size: float,
         limits: Limits,
         dt: float,
-        names: list[NDArray[np.int64]],
     ):
         self._problem, self._comm, self._step = problem, problem.comm, problem.step
         self._discretization, self._loading = problem.discretization, problem.loading
         self._owned = problem.discretization.owned
-        self._failing = [a for a in self._discretization.active.values() if a.law.inelastic]
+        self._pieces, self._sound = pieces, Sound()
         self._options, self._numbers, self._system = options, options.path, system
         self._limits, self._dt = limits, dt
         self._parameter = parameter_of(problem, system, limits)
@@ -204,13 +196,7 @@ class _Iteration:
         self._start = self._place()
         self._along: Array | None = None  # unit tangent of the path
         # Work at the last return map, or of the last step while zeta is fixed.
-        self._gradients = [np.zeros_like(active.history.gap) for active in self._failing]
-        self._elastic = self._at_onset = False
-        # Names of the connected pieces of interfaces at their points, which of them are on pieces
-        # without damage, and those whose work is limited if not all.
-        self._names = names
-        self._sound: list[NDArray[np.bool_]] = []
-        self._counted: list[NDArray[np.bool_]] = []
+        self._gradients = [np.zeros_like(active.history.gap) for active in pieces.interfaces]
         self._ends_at_target = True
         self._norms: list[float] = []
         # Forces that the predictor balanced, if it is a whole correction.
@@ -228,7 +214,7 @@ class _Iteration:
             guessed=self._guessed,
             end=self._parameter.value,
             slope=self._slope,
-            onset=self._at_onset,
+            onset=self._limits.at_onset,
         )
 
     # Predictor
@@ -236,41 +222,17 @@ class _Iteration:
     def predict(self, last: Attempt | None) -> None:
         """Predict by rotation with the supports, by extrapolation, or along the tangent."""
         if last is not None:
-            self._gradients = [active.work_gradient(self._dt) for active in self._failing]
-        self._find_sound()
+            interfaces = self._pieces.interfaces
+            self._gradients = [active.work_gradient(self._dt) for active in interfaces]
+        # Facets that open on demand may carry more than their strength when they open.
+        if self._limits.onset and not self._step.activation:
+            self._sound = self._pieces.sound(self._numbers.small)
         if not self._parameter.moves and turn(self._problem, self._numbers.missed):
             self._step.assemble_residual(self._dt)
             self._follow(self._place(), self._correct(-self._forces()))
         elif last is None or last.ahead is None or not self._extrapolate(last):
             self._along_tangent(anew=last is None or last.ahead is None)
         self._guessed = self._reach()._replace(way=global_norm(self._comm, self._moved()))
-
-    def _find_sound(self) -> None:
-        """Mark the points of connected pieces of interfaces that are sound, and of those that begin
-        to fail where others have before; collective.
-
-        What begins to fail may unload all others, so its work limits the step. Facets that open on
-        demand may carry more than their strength when they open.
-        """
-        fails, grown = [], []
-        for one in self._failing:
-            Q, strength = one.history.softening, one.law.strength
-            fails.append((one.history.mode != Mode.ELASTIC) & (Q < strength))
-            grown.append(fails[-1] & (Q > self._numbers.small * strength))
-        comm, on_demand = self._comm, bool(self._step.activation)
-        self._elastic = not (on_demand or global_any(comm, any(one.any() for one in fails)))
-        if on_demand or not self._limits.onset:
-            return
-        broken, old = (
-            _everywhere(comm, [name[mark] for name, mark in zip(self._names, marks, strict=True)])
-            for marks in (fails, grown)
-        )
-        begun = np.setdiff1d(broken, old)
-        if begun.size and old.size:
-            self._counted = [np.isin(name, begun) for name in self._names]
-        sound = [~np.isin(name, broken) for name in self._names]
-        if global_any(comm, any(one.any() for one in sound)):
-            self._sound = sound
 
     def _along_tangent(self, anew: bool) -> None:
         """Predict along the tangent; if crack faces overlap then, with closing points sticking."""
@@ -280,8 +242,7 @@ class _Iteration:
         step.scales = step.scales.with_forces(global_norm(self._comm, free))
         self._follow(self._start, self._correct(-free))
         if step.close(self._dt):
-            self._limits, self._mapped = limits, None
-            self._at_onset, self._balanced = False, 0.0
+            self._limits, self._mapped, self._balanced = limits, None, 0.0
             self._visit(self._start)
             step.assemble_residual(self._dt, hold=True)
             self._go(self._start, self._correct(-self._forces(), closes=True), 1.0)
@@ -364,34 +325,31 @@ class _Iteration:
         pieces that are next to fail would soften together, below their strength. Load control may
         pass it if nothing fails yet and no piece begins before another.
         """
-        ends = self._sound and not self._at_onset and way.t != 0
-        if not (ends and self._elastic):
+        limits, (elastic, sound, _) = self._limits, self._sound
+        ends = sound and not limits.at_onset and way.t != 0
+        if not (ends and elastic):
             length = self._shorter(start, way, length)
         if not ends:
             return length
         self._map(_sum(start, way, length))
-        if not self._work_on(self._sound) > self._limits.onset:
+        if not self._pieces.work(sound) > limits.onset:
             return length
-        limits, begun = self._limits, self._begun(start, way, length)
-        passes = self._elastic and limits.work == math.inf
+        begun = self._begun(start, way, length)
+        passes = elastic and limits.work == math.inf
         if passes and begun.size == 1:
             return length
-        self._end_at_onset()
+        self._limits = limits.ending_at_onset()
         onset = self._shorter(start, way, length)
         beyond = onset + self._numbers.small * (length - onset)
         if passes and np.array_equal(self._begun(start, way, beyond), begun):
-            self._limits, self._at_onset, self._ends_at_target = limits, False, True
+            self._limits, self._ends_at_target = limits, True
             return length
         return onset
 
-    def _begun(self, start: Direction, way: Direction, length: float) -> NDArray[np.int64]:
-        """Names of the sound pieces in which damage has begun at a state; collective."""
+    def _begun(self, start: Direction, way: Direction, length: float) -> Names:
+        """The sound pieces in which damage has begun at a state."""
         self._map(_sum(start, way, length))
-        begun = [
-            name[sound & (active.values.update.damage_work > 0)]
-            for active, name, sound in zip(self._failing, self._names, self._sound, strict=True)
-        ]
-        return _everywhere(self._comm, begun)
+        return self._pieces.begun(self._sound.points)
 
     def _shorter(self, start: Direction, way: Direction, length: float) -> float:
         """The same for the current limit of the damage work."""
@@ -417,19 +375,12 @@ class _Iteration:
 
     def _work(self) -> float:
         """The damage work in the step that is limited; collective [N mm]."""
-        counted = self._sound if self._at_onset else self._counted
-        return self._work_on(counted) if counted else self._step.bond_work()
+        return self._pieces.work(self._limited) if self._limited else self._step.bond_work()
 
-    def _work_on(self, counted: list[NDArray[np.bool_]]) -> float:
-        """Damage work in the step on some points; collective [N mm]."""
-        work = sum(map(damage_work, self._failing, counted))
-        return float(self._discretization.geometry.thickness * global_sum(self._comm, work))
-
-    def _end_at_onset(self) -> None:
-        """End the step at the onset of damage in a sound piece, a kink of the path."""
-        if 0 < self._limits.onset < self._limits.work:
-            work = ROUNDING * self._limits.onset / self._numbers.small
-            self._limits, self._at_onset = replace(self._limits, work=work), True
+    @property
+    def _limited(self) -> Points:
+        """The points whose damage work is limited; empty for all."""
+        return self._sound.points if self._limits.at_onset else self._sound.counted
 
     def _reach(self) -> Reach:
         """How far the step has come."""
@@ -471,8 +422,8 @@ class _Iteration:
         rates = [self._rates(zero), self._rates(one, rate.work)]
         self._slope = rates[1].work
         change, self._ends_at_target = limits.change(now, *rates)
-        if not self._ends_at_target and self._elastic and self._slope:
-            self._end_at_onset()
+        if not self._ends_at_target and self._sound.elastic and self._slope:
+            self._limits = limits.ending_at_onset()
             change, self._ends_at_target = self._limits.change(now, *rates)
         change = max(change, parameter.least - now.t)
         return _sum(zero, one, change)
@@ -489,10 +440,10 @@ class _Iteration:
         size = global_norm(self._comm, direction.u)
         gradients = [
             before if active.values.update is None else active.work_gradient(self._dt)
-            for active, before in zip(self._failing, self._gradients, strict=True)
+            for active, before in zip(self._pieces.interfaces, self._gradients, strict=True)
         ]
-        if counted := self._sound if self._at_onset else self._counted:
-            known = zip(gradients, counted, strict=True)
+        if limited := self._limited:
+            known = zip(gradients, limited, strict=True)
             gradients = [G * points[:, None] for G, points in known]
         largest = max((np.abs(G).max(initial=0.0) for G in gradients), default=0.0)
         if size == 0 or global_max(self._comm, float(largest)) == 0:
@@ -501,9 +452,10 @@ class _Iteration:
         straight = parts.bodies.small and not self._loading.pressurised
         h = 1.0 if straight else INCREMENT * self._size / size
         with timer("rates"):
-            before = [active.total_in_frame() for active in self._failing]
+            interfaces = self._pieces.interfaces
+            before = [active.total_in_frame() for active in interfaces]
             self._visit(_sum(here, direction, h))
-            for active, G, q in zip(self._failing, gradients, before, strict=True):
+            for active, G, q in zip(interfaces, gradients, before, strict=True):
                 change = np.einsum("pi,pi->p", G, active.total_in_frame() - q) / h
                 work += active.quadrature.weights @ change
             self._visit(here)
@@ -618,18 +570,12 @@ class _Iteration:
         limits, now, missed = self._limits, self._reach(), self._numbers.missed
         if not self._parameter.moves or limits.target == limits.start:
             return True
-        if self._at_onset and not self._ends_at_target:
+        if limits.at_onset and not self._ends_at_target:
             return now.work <= limits.onset
         if (now.t - limits.target) * limits.toward > 0 or now.work > (1 + missed) * limits.work:
             return False
         there = now.work >= (1 - missed) * limits.work or now.way >= (1 - missed) * limits.way
         return there or now.t == limits.target
-
-
-def _everywhere(comm: MPI.Comm, names: list[NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Names of pieces on any rank; collective."""
-    here = np.unique(np.concatenate(names)) if names else np.zeros(0, dtype=np.int64)
-    return np.unique(np.concatenate(comm.allgather(here)))
 
 
 def _sum(start: Direction, way: Direction, length: float) -> Direction:

@@ -24,6 +24,9 @@ from numpy.typing import NDArray
 #: Differences of load factors, relative to the stage, that count as rounding.
 ROUNDING = 1e-11
 
+#: Damage work at which a step ends at the onset, relative to that below which damage is starting.
+ONSET = 1e-5
+
 
 class Direction(NamedTuple):
     """Displacement of owned dofs [mm] and parameter, or their change."""
@@ -101,6 +104,15 @@ class Limits:
         """Whether the parameter is the only limit."""
         return self.work == self.way == math.inf
 
+    @property
+    def at_onset(self) -> bool:
+        """Whether the step ends at the onset of damage."""
+        return self.work < self.onset
+
+    def ending_at_onset(self) -> Limits:
+        """The same step, which ends at the onset of damage unless that is ignored."""
+        return replace(self, work=ONSET * self.onset) if 0 < self.onset < self.work else self
+
     def change(self, now: Reach, zero: Reach, one: Reach) -> tuple[float, bool]:
         """dlambda of a correction, and whether it ends at the target.
 
@@ -127,12 +139,3 @@ class Limits:
         if not found or (forward == self.toward and left * forward <= nearest * forward):
             return left, True
         return nearest, False
-
-    def shortened(self, gone: Reach, share: float) -> Limits:
-        """Limits of an attempt reduced to a fraction of one that would have gone this far.
-
-        The work limit is not reduced below that of the onset.
-        """
-        work = max(share * min(self.work, gone.work or math.inf), self.onset)
-        way = share * min(self.way, gone.way or math.inf)
-        return replace(self, work=work, way=way)

@@ -13,7 +13,7 @@ from ..problem.supports import bonds, hanging_piece, hold_pieces
 from .attempt import Attempt
 from .jump import jump
 from .limit_point import PathPoint, highest
-from .limits import ROUNDING, Direction, Limits, Reach
+from .limits import ROUNDING, Direction, Limits
 from .options import PathOptions
 from .reasons import explained
 from .result import Result, StepFailure
@@ -282,10 +282,13 @@ class Path:
             by_load = replace(limits, target=stage.target, work=math.inf, way=math.inf)
             return self._strode(by_load, stage.span * numbers.cut**late)
         if stage.follows:
-            # If bonds break, the damage work limits the step, otherwise the arc length.
-            breaks = min(gone.work, limits.work) > limits.onset
-            work, way = (min(gone.work, stage.most), 0.0) if breaks else (0.0, gone.way)
-            limits = limits.shortened(Reach(work=work, way=way), numbers.cut)
+            # Of what the predictor did, bonds that break limit the step by their work, otherwise
+            # the arc length does.
+            work, way = min(gone.work, limits.work, stage.most), limits.way
+            if work <= limits.onset:
+                work, way = limits.work, min(way, gone.way or math.inf)
+            work, way = max(numbers.cut * work, limits.onset), numbers.cut * way
+            limits = replace(limits, work=work, way=way)
             if not limits.by_load_alone:
                 return limits
         share = 0.5
@@ -434,8 +437,8 @@ class Path:
             # The state beyond is the predictor.
             way, start = left.state.way_to(right.state), left.state.t
             step.return_to(left.state)
-            onset, target = numbers.small * stage.most, start + sense * stage.span
-            limits = Limits(start, target, stage.span, onset, work - left.work)
+            target = start + sense * stage.span
+            limits = Limits(start, target, stage.span, work=work - left.work)
             shown = Attempt(work=right.work - left.work, ahead=way and Direction(*way))
             found = self._steps.attempt(limits, shown)
             done = left.work + found.work
