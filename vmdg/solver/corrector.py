@@ -22,7 +22,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.parallel import global_any, global_max, global_norm, global_sum, warn_together
+from ..base.parallel import global_max, global_norm, warn_together
 from ..base.timers import timer
 from ..compat import SNES_REASONS, UNBOUNDED_SEARCH
 from ..domain.topology import box_sides
@@ -33,10 +33,11 @@ from ..linear.system import System, make_system
 from ..problem.problem import Problem
 from ..problem.states import RunScales
 from .attempt import Attempt
-from .limits import ROUNDING, Direction, Limits, Reach
-from .onset import Names, Pieces, Points, Sound
+from .iterate import Iterate
+from .limits import Direction, Limits, Reach
+from .onset import Pieces
 from .options import SolveOptions
-from .parameter import Rate, parameter_of
+from .parameter import Rate
 from .turn import turn
 
 Array = NDArray[np.float64]
@@ -44,9 +45,6 @@ Array = NDArray[np.float64]
 #: The line search is chosen in every attempt: backtracking by halves if the load factor is the only
 #: limit, otherwise full steps, which perform better with limited work.
 KIND = "snes_linesearch_type"
-
-#: Finite-difference step of the displacement, relative to the size of the body.
-INCREMENT = 1e-7
 
 _REASONS = {value: name for name, value in SNES_REASONS.items()}
 
@@ -103,30 +101,31 @@ class Corrector:
         """
         problem, krylov, scales = self._problem, self._system.iterations, self._problem.step.scales
         self._system.lags = False
-        given = problem, self._options, self._system, self._pieces, self._size
-        iteration = _Iteration(*given, limits, dt)
+        given = problem, self._system, self._pieces, self._options.path, self._size
+        iterate = Iterate(*given, limits, dt, goes_on=last is not None)
+        newton = _Newton(problem, self._options, self._system, iterate, self._size, dt)
         with timer("predictor"):
-            iteration.predict(last)
-        self._snes.setFunction(iteration.residual, self._residual)
+            newton.predict(last)
+        self._snes.setFunction(newton.residual, self._residual)
         self._snes.setJacobian(lambda *_: None, self._matrix)
-        self._snes.setLineSearchPreCheck(iteration.draw_back)
-        self._snes.setConvergenceTest(iteration.test)
-        self._snes.getKSP().setPythonContext(iteration)
-        self._matrix.setPythonContext(iteration)
+        self._snes.setLineSearchPreCheck(newton.draw_back)
+        self._snes.setConvergenceTest(newton.test)
+        self._snes.getKSP().setPythonContext(newton)
+        self._matrix.setPythonContext(newton)
         self._matrix.setUp()
         kind = self._own.get(KIND, "bt" if limits.by_load_alone else "basic")
         if kind != self._kind:
             PETSc.Options(self._snes.getOptionsPrefix())[KIND] = self._kind = kind
             self._snes.setFromOptions()
-        iteration.show(self._x)
+        newton.show(self._x)
         self._snes.solve(None, self._x)
         if self._own:
             warn_of_unused(self._snes)
         reason = self._snes.getConvergedReason()
-        found = iteration.attempt()
+        found = newton.attempt()
         # The forces of a failed attempt do not count for the run.
         if reason > 0:
-            scales = problem.step.scales.with_forces(reaction=iteration.reaction())
+            scales = problem.step.scales.with_forces(reaction=iterate.reaction())
             self._warn_of_rounding(found.norms[-1], scales.reaction)
         problem.step.scales = scales
         return replace(
@@ -172,7 +171,7 @@ class Corrector:
             item.destroy()
 
 
-class _Iteration:
+class _Newton:
     """The iteration of one attempt: callbacks of PETSc for residual, matrix and linear solver."""
 
     def __init__(
@@ -180,29 +179,19 @@ class _Iteration:
         problem: Problem,
         options: SolveOptions,
         system: System,
-        pieces: Pieces,
+        iterate: Iterate,
         size: float,
-        limits: Limits,
         dt: float,
     ):
         self._problem, self._comm, self._step = problem, problem.comm, problem.step
-        self._discretization, self._loading = problem.discretization, problem.loading
-        self._owned = problem.discretization.owned
-        self._pieces, self._sound = pieces, Sound()
-        self._options, self._numbers, self._system = options, options.path, system
-        self._limits, self._dt = limits, dt
-        self._parameter = parameter_of(problem, system, limits)
-        self._size = size
-        self._start = self._place()
-        self._along: Array | None = None  # unit tangent of the path
-        # Work at the last return map, or of the last step while zeta is fixed.
-        self._gradients = [np.zeros_like(active.history.gap) for active in pieces.interfaces]
+        self._loading, self._owned = problem.loading, problem.discretization.owned
+        self._options, self._numbers = options, options.path
+        self._system, self._iterate, self._size, self._dt = system, iterate, size, dt
         self._ends_at_target = True
         self._norms: list[float] = []
         # Forces that the predictor balanced, if it is a whole correction.
         self._balanced = 0.0
         self._goal, self._slope, self._rtol = math.nan, 0.0, MAX_RTOL
-        self._mapped: Direction | None = None  # state of the last return map
         self._guessed = Reach()
         self._rate: Rate | None = None  # derivative by the parameter, at the last correction
 
@@ -212,98 +201,48 @@ class _Iteration:
             norms=self._norms,
             goal=self._goal,
             guessed=self._guessed,
-            end=self._parameter.value,
+            end=self._iterate.parameter.value,
             slope=self._slope,
-            onset=self._limits.at_onset,
+            onset=self._iterate.limits.at_onset,
         )
 
     # Predictor
 
     def predict(self, last: Attempt | None) -> None:
         """Predict by rotation with the supports, by extrapolation, or along the tangent."""
-        if last is not None:
-            interfaces = self._pieces.interfaces
-            self._gradients = [active.work_gradient(self._dt) for active in interfaces]
-        # Facets that open on demand may carry more than their strength when they open.
-        if self._limits.onset and not self._step.activation:
-            self._sound = self._pieces.sound(self._numbers.small)
-        if not self._parameter.moves and turn(self._problem, self._numbers.missed):
+        iterate = self._iterate
+        if not iterate.parameter.moves and turn(self._problem, self._numbers.missed):
             self._step.assemble_residual(self._dt)
-            self._follow(self._place(), self._correct(-self._forces()))
+            self._follow(iterate.place(), self._correct(-iterate.forces()))
         elif last is None or last.ahead is None or not self._extrapolate(last):
             self._along_tangent(anew=last is None or last.ahead is None)
-        self._guessed = self._reach()._replace(way=global_norm(self._comm, self._moved()))
+        self._guessed = iterate.reach()._replace(way=global_norm(self._comm, iterate.moved()))
 
     def _along_tangent(self, anew: bool) -> None:
         """Predict along the tangent; if crack faces overlap then, with closing points sticking."""
-        step, limits = self._step, self._limits
+        step, iterate, limits = self._step, self._iterate, self._iterate.limits
         step.hold(self._dt, sliding=anew)
-        free = self._forces()
+        free = iterate.forces()
         step.scales = step.scales.with_forces(global_norm(self._comm, free))
-        self._follow(self._start, self._correct(-free))
+        self._follow(iterate.start, self._correct(-free))
         if step.close(self._dt):
-            self._limits, self._mapped, self._balanced = limits, None, 0.0
-            self._visit(self._start)
-            step.assemble_residual(self._dt, hold=True)
-            self._go(self._start, self._correct(-self._forces(), closes=True), 1.0)
+            self._balanced = 0.0
+            iterate.restart(limits)
+            self._go(iterate.start, self._correct(-iterate.forces(), closes=True), 1.0)
 
     def _extrapolate(self, last: Attempt) -> bool:
         """Extrapolate the last step until a limit is met; False if none is near."""
-        ahead, limits, way = last.ahead, self._limits, global_norm(self._comm, last.ahead.u)
-        left = limits.target - limits.start
+        iterate, ahead, limits = self._iterate, last.ahead, self._iterate.limits
+        left, way = limits.target - limits.start, global_norm(self._comm, ahead.u)
         if ahead.t * left < 0 and last.work == 0:
             return False
         ratios = ((left, ahead.t), (limits.work, last.work), (limits.way, way))
         length = min((x / done for x, done in ratios if x * done > 0), default=math.inf)
         if length >= 1 / self._numbers.cut:
             return False
-        self._along = ahead.u / way if way > 0 else None
-        self._go(self._start, ahead, length)
+        iterate.along = ahead.u / way if way > 0 else None
+        self._go(iterate.start, ahead, length)
         return True
-
-    # Trial states
-
-    def show(self, x: PETSc.Vec) -> None:
-        """Write displacement and load factor into a vector of PETSc."""
-        x.array[: self._owned] = self._problem.u.x.array[: self._owned]
-        x.array[self._owned :] = self._parameter.value
-
-    def _place(self) -> Direction:
-        """Current displacement and parameter."""
-        return Direction(self._problem.u.x.array[: self._owned].copy(), self._parameter.value)
-
-    def _visit(self, place: Direction) -> None:
-        """Move there to evaluate tractions, with points unchanged."""
-        self._problem.u.x.array[: self._owned] = place.u
-        self._problem.u.x.scatter_forward()
-        self._parameter.move(place.t)
-        self._discretization.update_means()
-
-    def _map(self, place: Direction) -> None:
-        """Move there, with its prescribed displacements, and do the return maps if it is a new
-        state."""
-        last = self._mapped
-        moves = last is None or place.t != last.t or not np.array_equal(place.u, last.u)
-        if not global_any(self._comm, moves):
-            return
-        u, loading, limits = self._problem.u.x, self._loading, self._limits
-        u.array[: self._owned] = place.u
-        u.scatter_forward()
-        near = abs(place.t - limits.target) <= ROUNDING * limits.span
-        self._parameter.move(limits.target if near else place.t)
-        # A predictor need not satisfy prescribed displacements.
-        u.array[loading.prescribed] = loading.prescribed_values(self._problem.t)
-        if loading.rigid:
-            u.array[: self._owned] += loading.away(self._problem.t)
-            u.scatter_forward()
-        self._discretization.update_points(self._dt)
-        self._mapped = place
-
-    def _go(self, start: Direction, way: Direction, length: float) -> float:
-        """Move along a direction, limited by the damage work of the step; return how far."""
-        length = self._allowed(start, way, length)
-        self._map(_sum(start, way, length))
-        return length
 
     def _follow(self, start: Direction, way: Direction) -> None:
         """Move along a correction; if along all of it, it is a first one of Newton's method.
@@ -311,83 +250,16 @@ class _Iteration:
         Along a path the tangent near the end of the step is to tell whether it is stable, and is
         not that of the start.
         """
-        if self._go(start, way, 1.0) == 1.0 and not self._parameter.moves:
+        self._go(start, way, 1.0)
+        if self._ends_at_target and not self._iterate.parameter.moves:
             free = way.u.copy()
             free[self._loading.owned_prescribed] = 0
             forces = self._loading.balance(self._system.product(free))
             self._balanced = global_norm(self._comm, forces)
 
-    def _allowed(self, start: Direction, way: Direction, length: float) -> float:
-        """Length along a direction at which the damage work is about at its limit, or the full
-        length.
-
-        The onset of damage in a sound piece is a kink of the path: the step ends there. Otherwise
-        pieces that are next to fail would soften together, below their strength. Load control may
-        pass it if nothing fails yet and no piece begins before another.
-        """
-        limits, (elastic, sound, _) = self._limits, self._sound
-        ends = sound and not limits.at_onset and way.t != 0
-        if not (ends and elastic):
-            length = self._shorter(start, way, length)
-        if not ends:
-            return length
-        self._map(_sum(start, way, length))
-        if not self._pieces.work(sound) > limits.onset:
-            return length
-        begun = self._begun(start, way, length)
-        passes = elastic and limits.work == math.inf
-        if passes and begun.size == 1:
-            return length
-        self._limits = limits.ending_at_onset()
-        onset = self._shorter(start, way, length)
-        beyond = onset + self._numbers.small * (length - onset)
-        if passes and np.array_equal(self._begun(start, way, beyond), begun):
-            self._limits, self._ends_at_target = limits, True
-            return length
-        return onset
-
-    def _begun(self, start: Direction, way: Direction, length: float) -> Names:
-        """The sound pieces in which damage has begun at a state."""
-        self._map(_sum(start, way, length))
-        return self._pieces.begun(self._sound.points)
-
-    def _shorter(self, start: Direction, way: Direction, length: float) -> float:
-        """The same for the current limit of the damage work."""
-        if (
-            self._limits.work == math.inf
-            or self._excess(start, way, length) <= self._numbers.growth
-        ):
-            return length
-        self._ends_at_target = False
-        low, high = 0.0, length
-        while low < (middle := (low + high) / 2) < high:
-            excess = self._excess(start, way, middle)
-            # Between 0.5 and 1.5 times the limit is close enough.
-            if abs(excess - 1) <= 0.5:
-                return middle
-            low, high = (low, middle) if excess > 1 else (middle, high)
-        return low
-
-    def _excess(self, start: Direction, way: Direction, length: float) -> float:
-        """Damage work at a state, relative to its limit."""
-        self._map(_sum(start, way, length))
-        return float(np.nan_to_num(self._work() / self._limits.work, nan=math.inf))
-
-    def _work(self) -> float:
-        """The damage work in the step that is limited; collective [N mm]."""
-        return self._pieces.work(self._limited) if self._limited else self._step.bond_work()
-
-    @property
-    def _limited(self) -> Points:
-        """The points whose damage work is limited; empty for all."""
-        return self._sound.points if self._limits.at_onset else self._sound.counted
-
-    def _reach(self) -> Reach:
-        """How far the step has come."""
-        way = 0.0
-        if self._along is not None:
-            way = float(global_sum(self._comm, self._moved() @ self._along))
-        return Reach(self._parameter.value, self._work(), way)
+    def _go(self, start: Direction, way: Direction, length: float) -> None:
+        """Move along a direction, as far as the damage work allows."""
+        self._ends_at_target &= self._iterate.go(start, way, length) == length
 
     # Corrections
 
@@ -396,11 +268,11 @@ class _Iteration:
 
         For a given load factor, bodies may be treated as linear, with closing points.
         """
-        limits, now, parameter = self._limits, self._reach(), self._parameter
-        away, self._ends_at_target = self._loading.away(self._problem.t), True
+        iterate, limits, parameter = self._iterate, self._iterate.limits, self._iterate.parameter
+        now, away, self._ends_at_target = iterate.reach(), self._loading.away(self._problem.t), True
         left = limits.target - now.t if parameter.moves else 0.0
         alone = limits.by_load_alone or not parameter.moves
-        self._rate = rate = parameter.rate(self._moved()) if left or not alone else None
+        self._rate = rate = parameter.rate(iterate.moved()) if left or not alone else None
         self._system.drag = max(parameter.drag, self._numbers.small * self._step.scales.held)
         if alone:
             if left:
@@ -416,75 +288,25 @@ class _Iteration:
         size = global_norm(self._comm, one.u)
         if not np.isfinite(global_norm(self._comm, zero.u) + size):
             return Direction(np.full_like(zero.u, np.nan), 0.0)
-        if self._along is None and size > 0:
-            self._along = one.u * limits.toward / size
-            now = self._reach()
-        rates = [self._rates(zero), self._rates(one, rate.work)]
+        if iterate.along is None and size > 0:
+            iterate.along = one.u * limits.toward / size
+            now = iterate.reach()
+        rates = [iterate.rates(zero), iterate.rates(one, rate.work)]
         self._slope = rates[1].work
         change, self._ends_at_target = limits.change(now, *rates)
-        if not self._ends_at_target and self._sound.elastic and self._slope:
-            self._limits = limits.ending_at_onset()
-            change, self._ends_at_target = self._limits.change(now, *rates)
+        if not self._ends_at_target and iterate.sound.elastic and self._slope:
+            iterate.limits = limits.ending_at_onset()
+            change, self._ends_at_target = iterate.limits.change(now, *rates)
         change = max(change, parameter.least - now.t)
-        return _sum(zero, one, change)
-
-    def _rates(self, direction: Direction, work: float = 0.0) -> Reach:
-        """Rates of the limits along a direction, with additional work; collective."""
-        along = 0.0 if self._along is None else direction.u @ self._along
-        done, along = global_sum(self._comm, [self._work_along(direction), along])
-        return Reach(direction.t, done + work, along)
-
-    def _work_along(self, direction: Direction) -> float:
-        """Derivative of the damage work along a direction, from the gradients of the laws;
-        collective."""
-        size = global_norm(self._comm, direction.u)
-        gradients = [
-            before if active.values.update is None else active.work_gradient(self._dt)
-            for active, before in zip(self._pieces.interfaces, self._gradients, strict=True)
-        ]
-        if limited := self._limited:
-            known = zip(gradients, limited, strict=True)
-            gradients = [G * points[:, None] for G, points in known]
-        largest = max((np.abs(G).max(initial=0.0) for G in gradients), default=0.0)
-        if size == 0 or global_max(self._comm, float(largest)) == 0:
-            return 0.0
-        parts, here, work = self._discretization, self._place(), 0.0
-        straight = parts.bodies.small and not self._loading.pressurised
-        h = 1.0 if straight else INCREMENT * self._size / size
-        with timer("rates"):
-            interfaces = self._pieces.interfaces
-            before = [active.total_in_frame() for active in interfaces]
-            self._visit(_sum(here, direction, h))
-            for active, G, q in zip(interfaces, gradients, before, strict=True):
-                change = np.einsum("pi,pi->p", G, active.total_in_frame() - q) / h
-                work += active.quadrature.weights @ change
-            self._visit(here)
-        return float(parts.geometry.thickness) * work
-
-    # Forces
-
-    def _forces(self) -> Array:
-        """Residual on owned dofs, without reactions of supports and rigid faces [N]."""
-        forces = self._discretization.forces.x.array[: self._owned].copy()
-        if self._parameter.drag:
-            forces += self._parameter.drag * self._system.norm * self._moved()
-        return self._loading.balance(forces)
-
-    def _moved(self) -> Array:
-        """Displacement in the step, owned dofs [mm]."""
-        return self._problem.u.x.array[: self._owned] - self._start.u
-
-    def reaction(self) -> float:
-        """Norm of reactions, including those of springs, and of forces on means [N]."""
-        parts, loading = self._discretization, self._loading
-        forces = parts.forces.x.array[: self._owned]
-        held = forces - loading.balance(forces.copy())
-        if parts.means is not None:
-            dofs = parts.means.owned_dofs
-            held[dofs] = forces[dofs] + loading.vector[dofs]
-        return global_norm(self._comm, np.append(held, parts.surface.spring_forces()))
+        return zero.plus(one, change)
 
     # Called by PETSc
+
+    def show(self, x: PETSc.Vec) -> None:
+        """Write displacement and load factor into a vector of PETSc."""
+        here = self._iterate.place()
+        x.array[: self._owned] = here.u
+        x.array[self._owned :] = here.t
 
     def _read(self, x: PETSc.Vec) -> Direction:
         """A vector of PETSc, lambda on all ranks."""
@@ -498,10 +320,10 @@ class _Iteration:
         if not self._numbers.small * farthest <= self._size:
             f.set(np.nan)
             return
-        self._map(place)
-        self._discretization.assemble_residual(None, False, self._loading.vector)
+        self._iterate.map(place)
+        self._problem.discretization.assemble_residual(None, False, self._loading.vector)
         f.set(0.0)
-        f.array[: self._owned] = self._forces()
+        f.array[: self._owned] = self._iterate.forces()
 
     def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """J.x = b by block elimination; PETSc subtracts x."""
@@ -522,14 +344,15 @@ class _Iteration:
     def draw_back(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
         """Shorten a correction that would exceed the damage work of the step by far."""
         start, way = self._read(x), self._read(y)
-        length = self._allowed(start, Direction(-way.u, -way.t), 1.0)
+        length = self._iterate.allowed(start, Direction(-way.u, -way.t), 1.0)
         if length < 1.0:
+            self._ends_at_target = False
             y.scale(length)
         return length < 1.0
 
     def test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         """Test for convergence at the end of the step, or for stagnation."""
-        reasons, norm, reaction = PETSc.SNES.ConvergedReason, norms[2], self.reaction()
+        reasons, norm, reaction = PETSc.SNES.ConvergedReason, norms[2], self._iterate.reaction()
         self._norms.append(norm)
         if not np.isfinite(norm + reaction):
             return SNES_REASONS["DIVERGED_FNORM_NAN"]
@@ -567,8 +390,8 @@ class _Iteration:
 
     def _met(self) -> bool:
         """Whether an equilibrium is at the end of the step."""
-        limits, now, missed = self._limits, self._reach(), self._numbers.missed
-        if not self._parameter.moves or limits.target == limits.start:
+        limits, now, missed = self._iterate.limits, self._iterate.reach(), self._numbers.missed
+        if not self._iterate.parameter.moves or limits.target == limits.start:
             return True
         if limits.at_onset and not self._ends_at_target:
             return now.work <= limits.onset
@@ -576,8 +399,3 @@ class _Iteration:
             return False
         there = now.work >= (1 - missed) * limits.work or now.way >= (1 - missed) * limits.way
         return there or now.t == limits.target
-
-
-def _sum(start: Direction, way: Direction, length: float) -> Direction:
-    """A state along a direction from another one."""
-    return Direction(start.u + length * way.u, start.t + length * way.t)

@@ -34,6 +34,10 @@ class Direction(NamedTuple):
     u: NDArray[np.float64]
     t: float
 
+    def plus(self, way: Direction, length: float) -> Direction:
+        """A state along a direction from this one."""
+        return Direction(self.u + length * way.u, self.t + length * way.t)
+
 
 class Reach(NamedTuple):
     """Values of the limited quantities at a state of a step, or their rates along a direction.

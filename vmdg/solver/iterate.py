@@ -1,0 +1,244 @@
+"""The iterate of a step: displacement and parameter, return maps there, forces and works.
+
+A step that limits the damage work moves no farther along a direction than about to that work, and
+ends at the onset of damage in a sound piece of the interfaces, see :mod:`vmdg.solver.onset`; return
+maps alone find both.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.parallel import global_any, global_max, global_norm, global_sum
+from ..base.timers import timer
+from ..linear.system import System
+from ..problem.problem import Problem
+from .limits import ROUNDING, Direction, Limits, Reach
+from .onset import Names, Pieces, Points, Sound
+from .options import PathOptions
+from .parameter import parameter_of
+
+Array = NDArray[np.float64]
+
+#: Finite-difference step of the displacement, relative to the size of the body.
+INCREMENT = 1e-7
+
+
+class Iterate:
+    """The iterate of an attempt, held by the problem; all methods are collective.
+
+    Args:
+        problem: The problem.
+        system: Linear systems of its tangent.
+        pieces: Connected pieces of its interfaces.
+        numbers: Parameters of path following.
+        size: Size of the body [mm].
+        limits: Limits of the step.
+        dt: Time step of the return maps [s].
+        goes_on: Whether damage continues that of the last step.
+
+    Attributes:
+        limits: As given, or those of a step that ends at the onset of damage.
+        parameter: The control parameter.
+        start: Where the step starts.
+        sound: Pieces of the interfaces there.
+        along: Unit tangent of the path there; None while unknown.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        system: System,
+        pieces: Pieces,
+        numbers: PathOptions,
+        size: float,
+        limits: Limits,
+        dt: float,
+        goes_on: bool,
+    ):
+        self._problem, self._comm, self._step = problem, problem.comm, problem.step
+        self._discretization, self._loading = problem.discretization, problem.loading
+        self._owned = problem.discretization.owned
+        self._system, self._pieces, self._numbers, self._size = system, pieces, numbers, size
+        self.limits, self._dt, self.parameter = limits, dt, parameter_of(problem, system, limits)
+        self.start = self.place()
+        self.along: Array | None = None
+        # Facets that open on demand may carry more than their strength when they open.
+        watched = limits.onset > 0 and not problem.step.activation
+        self.sound = pieces.sound(numbers.small) if watched else Sound()
+        # Used as long as zeta is fixed.
+        self._gradients = [
+            active.work_gradient(dt) if goes_on else np.zeros_like(active.history.gap)
+            for active in pieces.interfaces
+        ]
+        self._mapped: Direction | None = None  # state of the last return map
+
+    # Moves
+
+    def place(self) -> Direction:
+        """Current displacement and parameter."""
+        return Direction(self._problem.u.x.array[: self._owned].copy(), self.parameter.value)
+
+    def visit(self, place: Direction) -> None:
+        """Move there to evaluate tractions, with points unchanged."""
+        self._problem.u.x.array[: self._owned] = place.u
+        self._problem.u.x.scatter_forward()
+        self.parameter.move(place.t)
+        self._discretization.update_means()
+
+    def restart(self, limits: Limits) -> None:
+        """Return to the start, with zeta fixed again."""
+        self.limits, self._mapped = limits, None
+        self.visit(self.start)
+        self._step.assemble_residual(self._dt, hold=True)
+
+    def map(self, place: Direction) -> None:
+        """Move there, with its prescribed displacements, and do the return maps if it is a new
+        state."""
+        last = self._mapped
+        moves = last is None or place.t != last.t or not np.array_equal(place.u, last.u)
+        if not global_any(self._comm, moves):
+            return
+        u, loading, limits = self._problem.u.x, self._loading, self.limits
+        u.array[: self._owned] = place.u
+        u.scatter_forward()
+        near = abs(place.t - limits.target) <= ROUNDING * limits.span
+        self.parameter.move(limits.target if near else place.t)
+        # A predictor need not satisfy prescribed displacements.
+        u.array[loading.prescribed] = loading.prescribed_values(self._problem.t)
+        if loading.rigid:
+            u.array[: self._owned] += loading.away(self._problem.t)
+            u.scatter_forward()
+        self._discretization.update_points(self._dt)
+        self._mapped = place
+
+    def go(self, start: Direction, way: Direction, length: float) -> float:
+        """Move along a direction as far as the damage work allows; return how far."""
+        length = self.allowed(start, way, length)
+        self.map(start.plus(way, length))
+        return length
+
+    def allowed(self, start: Direction, way: Direction, length: float) -> float:
+        """Length along a direction at which the damage work is about at its limit, or the full
+        length.
+
+        Load control may pass the onset of damage if nothing fails yet and no piece begins before
+        another.
+        """
+        limits, (elastic, sound, _) = self.limits, self.sound
+        ends = sound and not limits.at_onset and way.t != 0
+        if not (ends and elastic):
+            length = self._shorter(start, way, length)
+        if not ends:
+            return length
+        self.map(start.plus(way, length))
+        if not self._pieces.work(sound) > limits.onset:
+            return length
+        begun = self._begun(start, way, length)
+        passes = elastic and limits.work == math.inf
+        if passes and begun.size == 1:
+            return length
+        self.limits = limits.ending_at_onset()
+        onset = self._shorter(start, way, length)
+        beyond = onset + self._numbers.small * (length - onset)
+        if passes and np.array_equal(self._begun(start, way, beyond), begun):
+            self.limits = limits
+            return length
+        return onset
+
+    def _begun(self, start: Direction, way: Direction, length: float) -> Names:
+        """The sound pieces in which damage has begun at a state."""
+        self.map(start.plus(way, length))
+        return self._pieces.begun(self.sound.points)
+
+    def _shorter(self, start: Direction, way: Direction, length: float) -> float:
+        """The same for the current limit of the damage work."""
+        if self.limits.work == math.inf or self._excess(start, way, length) <= self._numbers.growth:
+            return length
+        low, high = 0.0, length
+        while low < (middle := (low + high) / 2) < high:
+            excess = self._excess(start, way, middle)
+            # Between 0.5 and 1.5 times the limit is close enough.
+            if abs(excess - 1) <= 0.5:
+                return middle
+            low, high = (low, middle) if excess > 1 else (middle, high)
+        return low
+
+    def _excess(self, start: Direction, way: Direction, length: float) -> float:
+        """Damage work at a state, relative to its limit."""
+        self.map(start.plus(way, length))
+        return float(np.nan_to_num(self._work() / self.limits.work, nan=math.inf))
+
+    def _work(self) -> float:
+        """The damage work in the step that is limited [N mm]."""
+        return self._pieces.work(self._limited) if self._limited else self._step.bond_work()
+
+    @property
+    def _limited(self) -> Points:
+        """The points whose damage work is limited; empty for all."""
+        return self.sound.points if self.limits.at_onset else self.sound.counted
+
+    # Quantities
+
+    def moved(self) -> Array:
+        """Displacement in the step, owned dofs [mm]."""
+        return self._problem.u.x.array[: self._owned] - self.start.u
+
+    def reach(self) -> Reach:
+        """How far the step has come."""
+        way = 0.0
+        if self.along is not None:
+            way = float(global_sum(self._comm, self.moved() @ self.along))
+        return Reach(self.parameter.value, self._work(), way)
+
+    def rates(self, direction: Direction, work: float = 0.0) -> Reach:
+        """Rates of the limits along a direction, with additional work."""
+        along = 0.0 if self.along is None else direction.u @ self.along
+        done, along = global_sum(self._comm, [self._work_along(direction), along])
+        return Reach(direction.t, done + work, along)
+
+    def _work_along(self, direction: Direction) -> float:
+        """Derivative of the damage work along a direction, from the gradients of the laws."""
+        size = global_norm(self._comm, direction.u)
+        gradients = [
+            before if active.values.update is None else active.work_gradient(self._dt)
+            for active, before in zip(self._pieces.interfaces, self._gradients, strict=True)
+        ]
+        if limited := self._limited:
+            known = zip(gradients, limited, strict=True)
+            gradients = [G * points[:, None] for G, points in known]
+        largest = max((np.abs(G).max(initial=0.0) for G in gradients), default=0.0)
+        if size == 0 or global_max(self._comm, float(largest)) == 0:
+            return 0.0
+        parts, here, work = self._discretization, self.place(), 0.0
+        straight = parts.bodies.small and not self._loading.pressurised
+        h = 1.0 if straight else INCREMENT * self._size / size
+        with timer("rates"):
+            interfaces = self._pieces.interfaces
+            before = [active.total_in_frame() for active in interfaces]
+            self.visit(here.plus(direction, h))
+            for active, G, q in zip(interfaces, gradients, before, strict=True):
+                change = np.einsum("pi,pi->p", G, active.total_in_frame() - q) / h
+                work += active.quadrature.weights @ change
+            self.visit(here)
+        return float(parts.geometry.thickness) * work
+
+    def forces(self) -> Array:
+        """Residual on owned dofs, without reactions of supports and rigid faces [N]."""
+        forces = self._discretization.forces.x.array[: self._owned].copy()
+        if self.parameter.drag:
+            forces += self.parameter.drag * self._system.norm * self.moved()
+        return self._loading.balance(forces)
+
+    def reaction(self) -> float:
+        """Norm of reactions, including those of springs, and of forces on means [N]."""
+        parts, loading = self._discretization, self._loading
+        forces = parts.forces.x.array[: self._owned]
+        held = forces - loading.balance(forces.copy())
+        if parts.means is not None:
+            dofs = parts.means.owned_dofs
+            held[dofs] = forces[dofs] + loading.vector[dofs]
+        return global_norm(self._comm, np.append(held, parts.surface.spring_forces()))
