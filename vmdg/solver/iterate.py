@@ -123,11 +123,7 @@ class Iterate:
 
     def allowed(self, start: Direction, way: Direction, length: float) -> float:
         """Length along a direction at which the damage work is about at its limit, or the full
-        length.
-
-        Load control may pass the onset of damage if nothing fails yet and no piece begins before
-        another.
-        """
+        length."""
         limits, (elastic, sound, _) = self.limits, self.sound
         ends = sound and not limits.at_onset and way.t != 0
         if not (ends and elastic):
@@ -138,15 +134,14 @@ class Iterate:
         if not self._pieces.work(sound) > limits.onset:
             return length
         begun = self._begun(start, way, length)
-        passes = elastic and limits.work == math.inf
-        if passes and begun.size == 1:
-            return length
         self.limits = limits.ending_at_onset()
         onset = self._shorter(start, way, length)
-        beyond = onset + self._numbers.small * (length - onset)
-        if passes and np.array_equal(self._begun(start, way, beyond), begun):
-            self.limits = limits
-            return length
+        if elastic and limits.work == math.inf:
+            # Load control passes the onset if no piece begins before another.
+            beyond = onset + self._numbers.small * (length - onset)
+            if np.array_equal(self._begun(start, way, beyond), begun):
+                self.limits = limits
+                return length
         return onset
 
     def _begun(self, start: Direction, way: Direction, length: float) -> Names:

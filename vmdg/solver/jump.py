@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 
+from ..problem.states import Snapshot
 from .attempt import Attempt
 from .limits import Direction, Jump, Limits
 from .steps import Steps
 
 
-def jump(steps: Steps, t: float, most: float) -> tuple[Attempt, int]:
+def jump(
+    steps: Steps, t: float, most: float, limit: Snapshot, start: Snapshot
+) -> tuple[Attempt, int]:
     """Move the problem to the next equilibrium at a load factor.
 
     Bonds are slowed down by an overstress of s H per gap increment, as in pseudo-transient
@@ -25,22 +28,43 @@ def jump(steps: Steps, t: float, most: float) -> tuple[Attempt, int]:
     sufficiently large s. It ends in a stable state.
 
     Args:
-        steps: Runs the attempts; the problem is in an unstable state at this load.
+        steps: Runs the attempts.
         t: Load factor.
         most: Largest damage work in a step [N mm].
+        limit: The last state of the stable path. What is released relative to it replaces the work
+            of the overstress.
+        start: A state that is unstable at this load.
 
     Returns:
-        The last attempt and the number of attempts. If it fails the problem is in its initial
-        state.
+        The last attempt and the number of attempts. If it fails the problem is in the state at the
+        limit.
     """
+    step, ledger = steps.problem.step, steps.problem.step.ledger
+    step.return_to(limit)
+    before = ledger.energy()
+    step.return_to(start)
+    found, count = _moved(steps, t, most)
+    if not found.converged:
+        step.return_to(limit)
+        return found, count
+    ledger.hold_loads(limit)
+    # Not negative.
+    after = ledger.energy()
+    charged = after.viscosity - before.viscosity
+    ledger.release(max(after.imbalance - before.imbalance, -charged))
+    return found, count
+
+
+def _moved(steps: Steps, t: float, most: float) -> tuple[Attempt, int]:
+    """The last attempt and the number of attempts of a jump from the current state."""
     step, numbers, cuts_allowed = steps.problem.step, steps.options.path, steps.options.max_cuts
-    begun, small = step.snapshot(), steps.problem.discretization.bodies.small
+    small = steps.problem.discretization.bodies.small
     found, last, by, count, cuts, idle = Attempt(converged=False), None, Jump(t), 0, 0, 0
     s, lowest, work, least = numbers.overstress, math.inf, most, numbers.small * most
     while cuts <= cuts_allowed and idle <= numbers.idle:
         target = s / numbers.growth if s > (numbers.small if by.drag else numbers.rest) else 0.0
         allowed, span = math.inf if by.drag else work, numbers.overstress / numbers.small
-        before, held = step.snapshot(), steps.problem.t == t
+        before = step.snapshot()
         found = steps.attempt(Limits(s, target, span, work=allowed, jump=by), last)
         count += 1
         if not found.converged or (by.drag and found.unstable):
@@ -56,6 +80,5 @@ def jump(steps: Steps, t: float, most: float) -> tuple[Attempt, int]:
         cuts, idle = 0, idle + 1 if found.work <= least and found.end >= lowest else 0
         s, lowest = found.end, min(found.end, lowest)
         work = min(max(numbers.growth_after(found.iterations) * work, least), most)
-        last = found.going(Direction(found.ahead.u, 0.0) if held else None)
-    step.return_to(begun)
+        last = found.going(Direction(found.ahead.u, 0.0))
     return found.failed(f"JUMP_FAILED after {count} steps"), count

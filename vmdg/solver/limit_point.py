@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 from ..problem.states import Snapshot
+from .attempt import Attempt
+from .limits import Direction, Limits
+from .steps import Steps
+
+#: A state next to the limit, and the step between them.
+Neighbour = tuple[Snapshot, Attempt]
 
 
 class PathPoint(NamedTuple):
@@ -22,42 +27,58 @@ class PathPoint(NamedTuple):
     work: float
     height: float
     slope: float
-    state: Snapshot | None = None
+    state: Snapshot
 
 
-def highest(
-    left: PathPoint,
-    right: PathPoint,
-    reach: Callable[[PathPoint, PathPoint, float], PathPoint | None],
-    small: float,
-    most: int,
-) -> PathPoint:
-    """The point of largest load evaluated between two points.
+def limit_point(
+    steps: Steps, last: Neighbour | None, limit: Snapshot, beyond: Neighbour, way: float
+) -> Snapshot:
+    """The evaluated state of largest load around the last state before the load falls.
 
-    At the left point the load increases with the work, at the right one it is lower or decreases.
-    This remains true while they approach, so a maximum lies in between, however the path
+    At the left of two points the load increases with the work, at the right one it is lower or
+    decreases. This remains true while they approach, so a maximum lies in between, however the path
     oscillates.
 
     Args:
-        left, right: The points.
-        reach: Moves from a left point towards a right one up to a work; None if it fails.
-        small: Stop when the possible gain in height is below this.
-        most: Largest number of evaluations.
+        steps: Runs the attempts.
+        last: The state before the limit; None where there is none.
+        limit: The last state before the load falls.
+        beyond: The state after it.
+        way: Change of the load factor in the stage.
     """
+    step, numbers, sense = steps.problem.step, steps.options.path, math.copysign(1.0, way)
+    small = numbers.small * abs(way)
+
+    def point(work: float, state: Snapshot, found: Attempt | None) -> PathPoint:
+        slope = sense / found.slope if found and found.slope else math.nan
+        return PathPoint(work, sense * (state.t - limit.t), slope, state)
+
+    left, right = point(0.0, limit, last and last[1]), point(beyond[1].work, *beyond)
+    if left.slope < 0 < last[1].work:
+        left, right = point(-last[1].work, *last), left
+    # If bodies rather than bonds cause the limit point, the damage work does not locate it.
+    if not right.work > left.work:
+        return limit
     best = max(left, right, key=lambda point: point.height)
-    for _ in range(most):
+    for _ in range(numbers.halvings):
         work, height = meeting(left, right, small)
         if height - best.height <= small:
             break
-        found = reach(left, right, work)
-        if found is None:
+        # The state beyond is the predictor.
+        ahead, start = left.state.way_to(right.state), left.state.t
+        step.return_to(left.state)
+        limits = Limits(start, start + way, abs(way), work=work - left.work)
+        shown = Attempt(work=right.work - left.work, ahead=ahead and Direction(*ahead))
+        attempt = steps.attempt(limits, shown)
+        if not attempt.converged:
             break
+        found = point(left.work + attempt.work, step.snapshot(), attempt)
         best = max(best, found, key=lambda point: point.height)
         if found.height > left.height and not found.slope < 0:
             left = found
         else:
             right = found
-    return best
+    return best.state
 
 
 def meeting(left: PathPoint, right: PathPoint, small: float) -> tuple[float, float]:

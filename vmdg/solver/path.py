@@ -12,8 +12,8 @@ from ..problem.states import Snapshot
 from ..problem.supports import bonds, hanging_piece, hold_pieces
 from .attempt import Attempt
 from .jump import jump
-from .limit_point import PathPoint, highest
-from .limits import ROUNDING, Direction, Limits
+from .limit_point import limit_point
+from .limits import ROUNDING, Limits
 from .options import PathOptions
 from .reasons import explained
 from .result import Result, StepFailure
@@ -213,11 +213,9 @@ class Path:
         """A converged step, after one or more attempts."""
         problem, most_cuts, last = self._problem, self._options.max_cuts, self._size.last
         start, limits, cuts, by_work = problem.t, self._limits(stage), 0, False
-        # A constant load is at rest.
-        goes_on = start != stage.target
         while True:
             before = problem.step.snapshot()
-            found = self._steps.attempt(limits, last if goes_on else last and last.going(None))
+            found = self._steps.attempt(limits, last)
             if found.converged and (refusal := self._refusal(stage, limits, before, found)):
                 problem.step.return_to(before)
                 found = found.failed(refusal)
@@ -229,7 +227,8 @@ class Path:
                 # Without an imperfection the body stays on this path.
                 self._lose(start)
                 cuts, limits = 0, replace(limits, way=math.inf)
-            goes_on &= 2 * cuts <= most_cuts and problem.discretization is before.discretization
+            if last and problem.discretization is not before.discretization:
+                last = last.going(None)
             if hold_pieces(problem):
                 cuts = 0
                 continue
@@ -307,14 +306,9 @@ class Path:
         if not cuts and way > global_norm(self._problem.comm, found.ahead.u) / numbers.cut:
             way = math.inf
         work = max(growth * min(limits.work, step.scales.work), limits.onset)
-        # One step for the whole stage, far from the limit: load control is more efficient.
-        whole = cuts == 0 and limits.start == stage.start and t == stage.target
-        whole &= found.work * numbers.growth < limits.work
         breaks = step.scales.breaking or found.onset or (cuts > 0 and stage.follows)
-        breaks &= not whole
-        step.scales = replace(
-            step.scales, work=min(work, stage.most or math.inf), breaking=breaks or self._by_work
-        )
+        work, breaks = min(work, stage.most or math.inf), breaks or self._by_work
+        step.scales = replace(step.scales, work=work, breaking=breaks)
         stride = math.inf
         if self._steps.cyclic:
             aim = (1 - numbers.missed) * options.max_loss
@@ -334,13 +328,12 @@ class Path:
         t, scales = self._problem.t, step.scales
         if not stage.follows:
             return ""
-        # Under load control, or beyond its limits, a step may converge to a state off the path. It
-        # then releases energy, apart from the effect of points that begin to yield within the step.
-        far = found.work > stage.most or stage.ahead(before.t, t) > 0
-        if found.work > 0 and not found.onset and (far or limits.by_load_alone):
+        # Under load control a step may converge to a state off the path. It then releases energy,
+        # or takes it up if it is far, apart from points that begin to yield within the step.
+        if found.work > 0 and not found.onset and limits.by_load_alone:
             step.ledger.complete(numbers.released / 2 * found.work)
             released = self._released(before) / found.work
-            if max(released, -released if far else 0.0) > numbers.released:
+            if max(released, -released if found.work > stage.most else 0.0) > numbers.released:
                 return "JUMPED"
         if stage.ahead(stage.start, t) > 0 and not self._problem.loading.as_given(t):
             return "PROGRAMME_LEFT"
@@ -412,7 +405,9 @@ class Path:
             return self._jump(stage, there, limit, limit) or self._jump(
                 stage, stage.target, limit, limit
             )
-        top = self._top(stage, crest)
+        part, behind = crest.kept[0]
+        beyond, way = (behind, part.attempt), stage.target - stage.start
+        top = limit_point(self._steps, crest.last, limit, beyond, way)
         # At the limit point itself there is no driving force.
         away = self._numbers.released * stage.span
         states = [state for _, state in crest.kept]
@@ -422,60 +417,11 @@ class Path:
             self._problem.step.return_to(states[-1])
         return found
 
-    def _top(self, stage: Stage, crest: Crest) -> Snapshot:
-        """The state of largest load, between the last step before a limit point and the one beyond
-        it."""
-        step, numbers, last, limit = self._problem.step, self._numbers, crest.last, crest.limit
-        part, behind = crest.kept[0]
-        sense = math.copysign(1.0, stage.target - stage.start)
-
-        def point(work: float, state: Snapshot, found: Attempt | None) -> PathPoint:
-            slope = sense / found.slope if found and found.slope else math.nan
-            return PathPoint(work, stage.ahead(state.t, limit.t), slope, state)
-
-        def reach(left: PathPoint, right: PathPoint, work: float) -> PathPoint | None:
-            # The state beyond is the predictor.
-            way, start = left.state.way_to(right.state), left.state.t
-            step.return_to(left.state)
-            target = start + sense * stage.span
-            limits = Limits(start, target, stage.span, work=work - left.work)
-            shown = Attempt(work=right.work - left.work, ahead=way and Direction(*way))
-            found = self._steps.attempt(limits, shown)
-            done = left.work + found.work
-            return point(done, step.snapshot(), found) if found.converged else None
-
-        left = point(0.0, limit, last and last[1])
-        right = point(part.attempt.work, behind, part.attempt)
-        if left.slope < 0 < last[1].work:
-            left, right = point(-last[1].work, *last), left
-        # If bodies rather than bonds cause the limit point, the damage work does not locate it.
-        if not right.work > left.work:
-            return limit
-        return highest(left, right, reach, numbers.small * stage.span, numbers.halvings).state
-
     def _jump(self, stage: Stage, t: float, limit: Snapshot, start: Snapshot) -> Part | None:
-        """Jump to a distant equilibrium; None, and undone, if there is none.
-
-        Args:
-            stage: The stage.
-            t: Its load factor.
-            limit: The last state of the stable path, relative to which the released energy is
-                computed.
-            start: A state that is unstable at this load.
-        """
-        problem = self._problem
-        problem.step.return_to(limit)
-        before = problem.step.ledger.energy()
-        problem.step.return_to(start)
-        found, count = jump(self._steps, t, stage.most)
+        """Jump to a distant equilibrium, see :func:`.jump`; None, and undone, if there is none."""
+        found, count = jump(self._steps, t, stage.most, limit, start)
         if not found.converged:
             self._result.failures.append((t, found.reason))
-            problem.step.return_to(limit)
             return None
-        problem.step.ledger.hold_loads(limit)
-        # The released energy replaces the work of the overstress; not negative.
-        after = problem.step.ledger.energy()
-        charged = after.viscosity - before.viscosity
-        problem.step.ledger.release(max(after.imbalance - before.imbalance, -charged))
         self._size = Size()
         return Part(t, stage.done(t), 0.0, found, 0, count)
