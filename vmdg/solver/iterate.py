@@ -124,19 +124,16 @@ class Iterate:
     def allowed(self, start: Direction, way: Direction, length: float) -> float:
         """Length along a direction at which the damage work is about at its limit, or the full
         length."""
-        limits, (elastic, sound, _) = self.limits, self.sound
-        ends = sound and not limits.at_onset and way.t != 0
-        if not (ends and elastic):
-            length = self._shorter(start, way, length)
-        if not ends:
+        length, limits, sound = self._shorter(start, way, length), self.limits, self.sound
+        if not sound.points or limits.at_onset or way.t == 0:
             return length
         self.map(start.plus(way, length))
-        if not self._pieces.work(sound) > limits.onset:
+        if not self._pieces.work(sound.points) > limits.onset:
             return length
         begun = self._begun(start, way, length)
         self.limits = limits.ending_at_onset()
         onset = self._shorter(start, way, length)
-        if elastic and limits.work == math.inf:
+        if sound.elastic and limits.work == math.inf:
             # Load control passes the onset if no piece begins before another.
             beyond = onset + self._numbers.small * (length - onset)
             if np.array_equal(self._begun(start, way, beyond), begun):

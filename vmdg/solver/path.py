@@ -250,22 +250,12 @@ class Path:
         size, scales = self._size, self._problem.step.scales
         limits = Limits(self._problem.t, stage.target, stage.span, self._numbers.small * stage.most)
         if stage.follows:
-            if self._stalls(stage):
-                # For example if all contact slides, neither damage work nor arc length makes
-                # progress.
-                return limits
             work = scales.work if scales.breaking else math.inf
             return replace(limits, work=work, way=size.way)
         stride = size.stride
         if self._steps.cyclic and stride == math.inf:
             stride = self._steps.first_stride
         return self._strode(limits, stride)
-
-    def _stalls(self, stage: Stage) -> bool:
-        """Whether several steps had hardly any damage or change of the load factor."""
-        last, least = self._size.last, self._numbers.small * stage.span
-        moves = last is None or last.ahead is None or abs(last.ahead.t) > least
-        return not moves and self._size.idle >= self._numbers.patience
 
     def _strode(self, limits: Limits, stride: float) -> Limits:
         """Limits with a target within a stride."""
