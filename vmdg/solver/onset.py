@@ -31,8 +31,8 @@ class Sound(NamedTuple):
     Attributes:
         elastic: Whether nothing fails.
         points: Points of sound pieces; empty if there are none.
-        counted: Points of pieces that begin to fail where others have before, whose damage work
-            limits the step; empty if there are none.
+        counted: Points of pieces that have only begun to fail, whose damage work limits the step;
+            empty if there are none.
     """
 
     elastic: bool = False
@@ -73,8 +73,8 @@ class Pieces:
             grown.append(fails[-1] & (lost > small * strength))
         if not global_any(self._comm, any(mask.any() for mask in fails)):
             return Sound(True, [~mask for mask in fails])
-        broken, old = self._of(fails), self._of(grown)
-        begun = np.setdiff1d(broken, old) if old.size else old
+        broken = self._of(fails)
+        begun = np.setdiff1d(broken, self._of(grown))
         sound = [~np.isin(name, broken) for name in self._names]
         some = global_any(self._comm, any(mask.any() for mask in sound))
         counted = [np.isin(name, begun) for name in self._names] if begun.size else ()
