@@ -294,6 +294,9 @@ class _Newton:
         rates = [iterate.rates(zero), iterate.rates(one, rate.work)]
         self._slope = rates[1].work
         change, self._ends_at_target = limits.change(now, *rates)
+        if not self._ends_at_target and iterate.sound.elastic and self._slope:
+            iterate.limits = limits.ending_at_onset()
+            change, self._ends_at_target = iterate.limits.change(now, *rates)
         change = max(change, parameter.least - now.t)
         return zero.plus(one, change)
 
