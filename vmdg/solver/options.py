@@ -62,8 +62,9 @@ class PathOptions:
             largest of a step; the error of a limit point relative to the stage.
         halvings: Maximum number of halvings of a correction under parameter control, and of the
             interval around a limit point.
-        patience: Number of corrections that hardly reduce the residual before an attempt fails, and
-            of jumps at one load factor before the path is traced.
+        patience: Number of corrections that hardly reduce the residual before an attempt fails, of
+            jumps at one load factor before the path is traced, and of negligible steps before one
+            under load control.
         missed: Relative tolerance of a limit, relative margin to the allowed loss in a step with
             cycles, and the non-rigid fraction of the motion of supports up to which the body is
             rotated with them.

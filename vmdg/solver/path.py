@@ -227,7 +227,8 @@ class Path:
                 # Without an imperfection the body stays on this path.
                 self._lose(start)
                 cuts, limits = 0, replace(limits, way=math.inf)
-            if last and problem.discretization is not before.discretization:
+            opened = problem.discretization is not before.discretization
+            if last and (opened or 2 * cuts > most_cuts):
                 last = last.going(None)
             if hold_pieces(problem):
                 cuts = 0
@@ -250,12 +251,22 @@ class Path:
         size, scales = self._size, self._problem.step.scales
         limits = Limits(self._problem.t, stage.target, stage.span, self._numbers.small * stage.most)
         if stage.follows:
+            if self._stalls(stage):
+                # For example if all contact slides, neither damage work nor arc length makes
+                # progress.
+                return limits
             work = scales.work if scales.breaking else math.inf
             return replace(limits, work=work, way=size.way)
         stride = size.stride
         if self._steps.cyclic and stride == math.inf:
             stride = self._steps.first_stride
         return self._strode(limits, stride)
+
+    def _stalls(self, stage: Stage) -> bool:
+        """Whether several steps had hardly any damage or change of the load factor."""
+        last, least = self._size.last, self._numbers.small * stage.span
+        moves = last is None or last.ahead is None or abs(last.ahead.t) > least
+        return not moves and self._size.idle >= self._numbers.patience
 
     def _strode(self, limits: Limits, stride: float) -> Limits:
         """Limits with a target within a stride."""
@@ -320,10 +331,11 @@ class Path:
             return ""
         # Under load control a step may converge to a state off the path. It then releases energy,
         # or takes it up if it is far, apart from points that begin to yield within the step.
-        if found.work > 0 and not found.onset and limits.by_load_alone:
+        far = found.work > stage.most or stage.ahead(before.t, t) > 0
+        if found.work > 0 and not found.onset and (far or limits.by_load_alone):
             step.ledger.complete(numbers.released / 2 * found.work)
             released = self._released(before) / found.work
-            if max(released, -released if found.work > stage.most else 0.0) > numbers.released:
+            if max(released, -released if far else 0.0) > numbers.released:
                 return "JUMPED"
         if stage.ahead(stage.start, t) > 0 and not self._problem.loading.as_given(t):
             return "PROGRAMME_LEFT"
