@@ -102,7 +102,7 @@ class Corrector:
         problem, krylov, scales = self._problem, self._system.iterations, self._problem.step.scales
         self._system.lags = False
         given = problem, self._system, self._pieces, self._options.path, self._size
-        iterate = Iterate(*given, limits, dt, goes_on=last is not None)
+        iterate = Iterate(*given, limits, dt, continues=last is not None)
         newton = _Newton(problem, self._options, self._system, iterate, self._size, dt)
         with timer("predictor"):
             newton.predict(last)

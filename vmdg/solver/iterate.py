@@ -28,7 +28,7 @@ INCREMENT = 1e-7
 
 
 class Iterate:
-    """The iterate of an attempt, held by the problem; all methods are collective.
+    """The iterate of an attempt, the state of the problem; all methods are collective.
 
     Args:
         problem: The problem.
@@ -38,7 +38,7 @@ class Iterate:
         size: Size of the body [mm].
         limits: Limits of the step.
         dt: Time step of the return maps [s].
-        goes_on: Whether damage continues that of the last step.
+        continues: Whether damage continues that of the last step.
 
     Attributes:
         limits: As given, or those of a step that ends at the onset of damage.
@@ -57,7 +57,7 @@ class Iterate:
         size: float,
         limits: Limits,
         dt: float,
-        goes_on: bool,
+        continues: bool,
     ):
         self._problem, self._comm, self._step = problem, problem.comm, problem.step
         self._discretization, self._loading = problem.discretization, problem.loading
@@ -71,7 +71,7 @@ class Iterate:
         self.sound = pieces.sound(numbers.small) if watched else Sound()
         # Used as long as zeta is fixed.
         self._gradients = [
-            active.work_gradient(dt) if goes_on else np.zeros_like(active.history.gap)
+            active.work_gradient(dt) if continues else np.zeros_like(active.history.gap)
             for active in pieces.interfaces
         ]
         self._mapped: Direction | None = None  # state of the last return map
