@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from ..assembly.space import facet_pieces
 from ..base.parallel import global_any, global_max, global_norm, global_sum, warn_together
 from ..base.timers import timer
+from ..base.units import power_of_two
 from ..compat import SNES_REASONS, UNBOUNDED_SEARCH
 from ..domain.topology import box_sides
 from ..interface.active import damage_work
@@ -499,7 +500,9 @@ class _Iteration:
             return 0.0
         parts, here, work = self._discretization, self._place(), 0.0
         straight = parts.bodies.small and not self._loading.pressurised
-        h = 1.0 if straight else INCREMENT * self._size / size
+        # If it is exact for any h, a direction is added at the size of the mesh: then rounding
+        # depends neither on its length nor on the unit of the load factor.
+        h = float(power_of_two(self._size / size)) if straight else INCREMENT * self._size / size
         with timer("rates"):
             before = [active.total_in_frame() for active in self._failing]
             self._visit(_sum(here, direction, h))
