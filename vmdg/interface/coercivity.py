@@ -168,6 +168,7 @@ class CellProblems:
         self._d = d = mesh.geometry.dim
         self._axial = isinstance(geometry, GeneralizedPlane)
         self._entries = entries = geometry.entries(d)
+        self._triangle = np.triu_indices(len(entries))
         shapes = ShapeGradients(mesh, geometry, space.ufl_element().degree)
         self._cells, self._first, self._cell_of_pair = np.unique(
             cells, return_index=True, return_inverse=True
@@ -280,7 +281,7 @@ class CellProblems:
         gradients, volumes = (values[cells] for values in self._bulk)
         size = len(self._entries)
         A = self._moduli(self._region[cells], self._cells[cells])
-        first, second = np.triu_indices(size)
+        first, second = self._triangle
         full = np.empty((*A.shape[:2], size, size))
         full[..., first, second] = full[..., second, first] = A
         modulus = power_of_two(np.trace(full, axis1=2, axis2=3).max(axis=1))
@@ -309,7 +310,7 @@ class CellProblems:
         values, vectors = np.linalg.eigh(weights)
         compliance, area = power_of_two(values[:, -1]), power_of_two(areas.max(axis=1))
         root = vectors * np.sqrt(np.maximum(values / compliance[:, None], 0))[:, None]
-        H = np.einsum("pkm,pqke->pqem", root, H, optimize=True)
+        H = np.einsum("pqke,pkm->pqem", H, root)
         H *= np.sqrt(areas / area[:, None])[:, :, None, None]
         return self._columns(H, gradients, dilatations, self._length[cells]), compliance * area
 

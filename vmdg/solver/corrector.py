@@ -85,11 +85,12 @@ class Corrector:
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))
         self._rounds, self._softest = False, 0.0
         space, active = problem.discretization.space, problem.discretization.active.values()
-        failing = [one for one in active if one.law.inelastic]
-        pieces = facet_pieces(space, [one.facets for one in failing])
-        self._names = [
-            piece[one.quadrature.facet] for one, piece in zip(failing, pieces, strict=True)
-        ]
+        self._names: list[NDArray[np.int64]] = []
+        if failing := [one for one in active if one.law.inelastic]:
+            pieces = facet_pieces(space, [one.facets for one in failing])
+            self._names = [
+                piece[one.quadrature.facet] for one, piece in zip(failing, pieces, strict=True)
+            ]
         # By halves, independently of the norm of the correction.
         least = float(np.finfo(float).tiny)
         halves = {"order": 1, "max_it": options.path.halvings, "minlambda": least}
