@@ -33,7 +33,7 @@ from vmdg.meshes import blocks
 # Coercivity
 
 #: 1 - alpha of a tie.
-USED = 1 - coercivity.margin(inelastic=False, degree=1)
+USED = 1 - coercivity.margin(vmdg.Bonded(), 1)
 
 
 def multiplied(problem: vmdg.Problem, factor: float):

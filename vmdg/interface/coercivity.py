@@ -78,10 +78,11 @@ from ..domain.shapes import ShapeGradients
 from ..forms import kinematics
 from ..forms.geometry import GeneralizedPlane
 from ..forms.kinematics import Body
+from ..laws.base import Law
 from .facets import InterfaceFacets
 
-#: alpha of :func:`margin`: of ties, of bonds from degree 2 on, and of bonds of degree 1.
-_TIED, _BONDED, _LINEAR = 2 / 3, 3 / 5, 1 / 4
+#: alpha of :func:`margin`: of ties, of bonds from degree 2 on, and of all others.
+_TIED, _BONDED, _LEAST = 2 / 3, 3 / 5, 1 / 4
 
 # Relative shifts that make semidefinite matrices factorizable: of A, whose rotations have no
 # energy, and of the square root of the cell energy, where rigid motions have none. Both are far
@@ -96,22 +97,23 @@ _MOST_PRESSED = 0.75
 _BATCH = 2**22
 
 
-def margin(inelastic: bool, degree: int) -> float:
+def margin(law: Law, degree: int) -> float:
     """alpha: fraction of the bulk energy that the bonded form keeps at least.
 
     With 2/3, r is three times what coercivity requires, and errors are those of continuous elements
     within 4 % from two cells across a body; with 3/5, r is two and a half times it, and from degree
     2 on they are within 3 %; with 1/4, r is four thirds of it, and GRAD u is up to a third worse.
     But a larger r lets points of a failing bond break one by one, in more and smaller steps, at
-    degree 1 up to eight times as many. Hence bonds of degree 1 have 1/4.
+    degree 1 up to eight times as many. Hence bonds of degree 1 have 1/4, as has contact without a
+    bond, whose tractions and openings are no better with more.
 
     Args:
-        inelastic: Whether the law of the interface can fail.
+        law: Of the interface.
         degree: Of the displacement.
     """
-    if not inelastic:
+    if not law.inelastic:
         return _TIED
-    return _BONDED if degree > 1 else _LINEAR
+    return _BONDED if law.has_bond and degree > 1 else _LEAST
 
 
 def _contract(
