@@ -26,11 +26,12 @@ from ..forms.kinematics import Body
 from ..interface.active import ActiveInterface, recoverable_energy, update_points
 from ..interface.facets import InterfaceFacets
 from ..interface.interface import Interface
+from ..interface.point_flux import PointFlux
 from ..interface.stabilization import Stabilization, Stabilizers
 from .cell_tangents import CellTangents
 from .dilatation import Dilatation
 from .means import MeanSpace
-from .point_matrices import add_tangent, add_uniform, create_matrix, sparsity, uniform_flux
+from .point_matrices import add_flux, add_tangent, add_uniform, create_matrix, sparsity, uniform_flux
 from .space import broken_space
 from .surface import Surface
 from .weak_form import WeakForm
@@ -113,6 +114,9 @@ class Discretization:
         self.weak_form = WeakForm(self.u, bodies, active)
         self._dilatation = Dilatation(self.weak_form) if bodies.mean_dilatation else None
         self.surface = Surface(self.u, bodies)
+        self._at_points = bodies.points
+        if bodies.points is not None:
+            self._deformation = bodies.points.deformation(self.u)
 
     def new_surface(self) -> Surface:
         """Remove all pressures and springs, and return an empty :class:`Surface`."""
@@ -144,7 +148,9 @@ class Discretization:
     def symmetric(self) -> bool:
         """Whether the tangent is symmetric: symmetric laws and no follower pressures."""
         laws = all(active.law.symmetric for active in self.active.values())
-        return laws and self.surface.symmetric
+        # The moduli of an adjoint term are frozen, those of the flux are current.
+        points = self._at_points is None or not self.active
+        return laws and points and self.surface.symmetric
 
     # Compiled forms
 
@@ -190,6 +196,13 @@ class Discretization:
         eta, du = ufl.TestFunction(self.space), ufl.TrialFunction(self.space)
         form = weak.compile(weak.bulk_tangent(eta, du), "bodies' tangent")
         return lambda matrix: fem_petsc.assemble_matrix(matrix, form)
+
+    @cached_property
+    def _point_fluxes(self) -> list[PointFlux | None]:
+        """Of every active interface; None without bodies at points."""
+        if self._at_points is None:
+            return [None] * len(self.active)
+        return [PointFlux(active, self.u, self.bodies) for active in self.active.values()]
 
     @cached_property
     def _uniform(self) -> tuple[list[fem.Constant], list[fem.Form]]:
@@ -277,9 +290,20 @@ class Discretization:
         if self._dilatation is not None:
             self._dilatation.update_pressure()
 
+    def update_bodies(self, dt: float, hold: bool = False) -> None:
+        """Means, and the stress of bodies at points, at the current displacement; collective.
+
+        Args:
+            dt: Time step of the return maps [s].
+            hold: Keep the moduli of bodies at points.
+        """
+        self.update_means()
+        if self._at_points is not None:
+            self._at_points.update(self._deformation(), dt, hold)
+
     def update_points(self, dt: float, hold: bool = False) -> None:
         """Return maps at the current displacement, see :meth:`assemble_residual`."""
-        self.update_means()
+        self.update_bodies(dt, hold)
         with timer("return map"):
             update_points(list(self.active.values()), dt, hold)
 
@@ -380,7 +404,8 @@ class Discretization:
             failing: False omits interfaces that can fail: only ties connect the bodies.
         """
         with timer("tangent at points"):
-            parts = [(active, active.tangent(damage)[0]) for active in self.active.values()]
+            found = [(active, *active.tangent(damage)) for active in self.active.values()]
+            parts = [(active, D) for active, D, _ in found]
         if not failing:
             # Their entries stay in the pattern, as zeros.
             parts = [(active, D * (not active.law.inelastic)) for active, D in parts]
@@ -392,6 +417,9 @@ class Discretization:
                 fem_petsc.assemble_matrix(matrix, form)
             for active, D in parts:
                 add_tangent(matrix, active, D)
+            for flux, (active, _, T) in zip(self._point_fluxes, found, strict=True):
+                if failing or not active.law.inelastic:
+                    add_flux(matrix, flux, T, *active.changes(damage))
             if self.means is not None:
                 # Rows that belong to no cell, for the identity of prescribed dofs.
                 for dof in self.means.owned_rows:

@@ -16,6 +16,7 @@ from ..laws import Mode
 from ..laws.base import joined_laws, same_law, work_gradient
 from .facets import InterfaceFacets
 from .fluid import Fluid
+from .frame import TurningTangent
 from .history import InterfaceSnapshot, PointHistory, with_rows, works
 from .interface import Interface
 from .points import InterfaceState, PointValues, joined, rows_of
@@ -189,8 +190,14 @@ class ActiveInterface:
         Args:
             damage: Include C = d zeta/dT; without it zeta is fixed.
         """
-        changes = self._return_map.tangent(self.values) if damage else (None, None)
-        return self.point_tangent(self.stabilization, self.values, *changes)
+        return self.point_tangent(self.stabilization, self.values, *self.changes(damage))
+
+    def changes(
+        self, damage: bool = True
+    ) -> tuple[NDArray[np.float64] | None, TurningTangent | None]:
+        """C = d zeta/dT and the changes by a rotating frame, None for what the interface does not
+        have; without ``damage`` zeta is fixed."""
+        return self._return_map.tangent(self.values) if damage else (None, None)
 
     def state(self) -> InterfaceState:
         """Public values at the points."""

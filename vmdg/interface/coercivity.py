@@ -80,6 +80,7 @@ from ..forms.geometry import GeneralizedPlane
 from ..forms.kinematics import Body
 from ..laws.base import Law
 from .facets import InterfaceFacets
+from .free_stress import free_stress_factor
 
 #: alpha of :func:`margin`: of ties, of bonds from degree 2 on, and of all others.
 _TIED, _BONDED, _LEAST = 2 / 3, 3 / 5, 1 / 4
@@ -208,7 +209,7 @@ class CellProblems:
             )
 
         def moduli(body: Body, F: Expr) -> Expr:
-            H = kinematics.traction_moduli(body, F, N)
+            H = kinematics.traction_moduli(body.elastic, F, N)
             return ufl.as_vector([H[k, i, j] for k in range(d) for i, j in entries])
 
         self._traction_moduli = RegionExpressions(
@@ -382,6 +383,12 @@ class Coercivity:
         self._solved = np.flatnonzero(marks[: self._cell_map.size_local * self._facets_of_cell, 0])
         cells, local = np.divmod(self._solved, self._facets_of_cell)
         self._problems = CellProblems(u, bodies, cells.astype(np.int32), local.astype(np.int32))
+        # A body at points may have any moduli between zero and the elastic ones.
+        self._free = np.ones(len(cells))
+        if bodies.points is not None:
+            degree = u.function_space.ufl_element().degree
+            most = free_stress_factor(mesh.topology.cell_name(), degree, bodies.points.rule)
+            self._free[bodies.points.has(cells)] = most
 
     def _to_owners(self, values: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
         """Values (nf, 2, n) of the sides of facets, by cell and facet in it (slots, n)."""
@@ -412,7 +419,7 @@ class Coercivity:
         T = self._to_owners([value.reshape(-1, 2, d * d) for value in weights])
         T = T[self._solved].reshape(-1, d, d)
         vector = la.vector(self._cell_map, self._facets_of_cell)
-        vector.array[self._solved] = self._problems(T)
+        vector.array[self._solved] = self._free * self._problems(T)
         vector.scatter_forward()
         return [
             (share * vector.array[slots]).sum(axis=1)

@@ -87,6 +87,8 @@ class Step:
         self.ledger.settle()
         self._dt, self.start = dt, self.snapshot()
         self.ledger.begin(self.start, dt, overstress > 0, cycles)
+        if bodies := self.discretization.bodies.points:
+            bodies.begin()
         self._loading.spread()
         self.slow_down(overstress, cycles)
         try:
@@ -217,6 +219,7 @@ class Step:
         """Negative derivative of the residual by a parameter, by differences, and of the work."""
         now = self.discretization
         points = [active.snapshot() for active in now.active.values()]
+        bodies = now.bodies.points and now.bodies.points.state
         forces = now.forces.x.array.copy()
         mapped = all(active.values.update is not None for active in self._failing())
         rate = (forces[: now.owned] if mapped else self.assemble_residual(self._dt)).copy()
@@ -227,6 +230,8 @@ class Step:
         move(value)
         for active, state in zip(now.active.values(), points, strict=True):
             active.return_to(state)
+        if bodies:
+            now.bodies.points.return_to(bodies)
         now.update_means()
         now.forces.x.array[:] = forces
         return self._loading.balance(rate / change), -work / change
@@ -263,6 +268,8 @@ class Step:
         self.ledger.commit()
         for active in self.discretization.active.values():
             active.commit()
+        if bodies := self.discretization.bodies.points:
+            bodies.commit()
         self._repeats = 0
 
     def watch_sliding(self) -> float:
@@ -311,6 +318,7 @@ class Step:
             [active.snapshot() for active in now.active.values()],
             list(self.activation.open),
             self.ledger.works,
+            now.bodies.points and now.bodies.points.state,
         )
 
     def return_to(self, snapshot: Snapshot) -> None:
@@ -328,6 +336,8 @@ class Step:
         self.ledger.works = snapshot.works
         for active, interface in zip(now.active.values(), snapshot.interfaces, strict=True):
             active.return_to(interface)
+        if snapshot.bodies is not None:
+            now.bodies.points.return_to(snapshot.bodies)
         self._loading.move(snapshot.t)
 
     # Facets that open on demand

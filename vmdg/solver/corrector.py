@@ -500,17 +500,22 @@ class _Iteration:
         if size == 0 or global_max(self._comm, float(largest)) == 0:
             return 0.0
         parts, here, work = self._discretization, self._place(), 0.0
-        straight = parts.bodies.small and not self._loading.pressurised
+        straight = parts.bodies.linear and not self._loading.pressurised
         # If it is exact for any h, a direction is added at the size of the mesh: then rounding
         # depends neither on its length nor on the unit of the load factor.
         h = float(power_of_two(self._size / size)) if straight else INCREMENT * self._size / size
         with timer("rates"):
-            before = [active.total_in_frame() for active in self._failing]
+            before, state = [active.total_in_frame() for active in self._failing], None
             self._visit(_sum(here, direction, h))
+            if bodies := parts.bodies.points:
+                state = bodies.state
+                parts.update_bodies(self._dt, hold=True)
             for active, G, q in zip(self._failing, gradients, before, strict=True):
                 change = np.einsum("pi,pi->p", G, active.total_in_frame() - q) / h
                 work += active.quadrature.weights @ change
             self._visit(here)
+            if bodies:
+                bodies.return_to(state)
         return float(parts.geometry.thickness) * work
 
     # Forces

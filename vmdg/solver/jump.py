@@ -34,7 +34,7 @@ def jump(steps: Steps, t: float, most: float) -> tuple[Attempt, int]:
         state.
     """
     step, numbers, cuts_allowed = steps.problem.step, steps.options.path, steps.options.max_cuts
-    begun, small = step.snapshot(), steps.problem.discretization.bodies.small
+    begun, small = step.snapshot(), steps.problem.discretization.bodies.linear
     found, last, by, count, cuts, idle = Attempt(converged=False), None, Jump(t), 0, 0, 0
     s, lowest, work, least = numbers.overstress, math.inf, most, numbers.small * most
     while cuts <= cuts_allowed and idle <= numbers.idle:
