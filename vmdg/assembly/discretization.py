@@ -301,14 +301,18 @@ class Discretization:
         if self._at_points is not None:
             self._at_points.update(self._deformation(), dt, hold)
 
-    def update_points(self, dt: float, hold: bool = False) -> None:
+    def update_points(self, dt: float, hold: bool = False, anew: bool = False) -> None:
         """Return maps at the current displacement, see :meth:`assemble_residual`."""
-        self.update_bodies(dt, hold)
+        self.update_bodies(dt, hold and not anew)
         with timer("return map"):
             update_points(list(self.active.values()), dt, hold)
 
     def assemble_residual(
-        self, dt: float | None, hold: bool = False, loads: NDArray[np.float64] | None = None
+        self,
+        dt: float | None,
+        hold: bool = False,
+        loads: NDArray[np.float64] | None = None,
+        anew: bool = False,
     ) -> NDArray[np.float64]:
         """Return maps, then internal minus external forces at the current displacement: (46).
 
@@ -316,12 +320,14 @@ class Discretization:
             dt: Time step of the return maps [s]; None leaves the points unchanged.
             hold: Fix zeta at its converged value instead of a return map.
             loads: Load vector over local dofs, before ghosts are added to owners.
+            anew: If zeta is fixed, bodies at points have the moduli of their state at rest, not
+                those of the last evaluation.
 
         Returns:
             Owned dofs, including prescribed ones [N].
         """
         if dt is not None:
-            self.update_points(dt, hold)
+            self.update_points(dt, hold, anew)
         forces, forms = self.forces.x, self._residual_forms
         self._update_pressure()
         with timer("assemble residual"):

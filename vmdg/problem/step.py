@@ -112,29 +112,33 @@ class Step:
         for active in self.discretization.active.values():
             active.slow_down(overstress, cycles)
 
-    def assemble_residual(self, dt: float = 1.0, hold: bool = False) -> NDArray[np.float64]:
+    def assemble_residual(
+        self, dt: float = 1.0, hold: bool = False, anew: bool = False
+    ) -> NDArray[np.float64]:
         """Return maps, then internal minus external forces at the current displacement.
 
         Args:
             dt: Time step of the return maps [s].
             hold: Fix zeta at its converged value instead of a return map.
+            anew: As for :meth:`.Discretization.assemble_residual`.
 
         Returns:
             Owned dofs, including prescribed ones [N].
         """
-        return self.discretization.assemble_residual(dt, hold, self._loading.vector)
+        return self.discretization.assemble_residual(dt, hold, self._loading.vector, anew)
 
-    def hold(self, dt: float, sliding: bool) -> None:
+    def hold(self, dt: float, anew: bool) -> None:
         """Assemble the residual of the predictor, with zeta at its converged value.
 
         Args:
             dt: Time step of the return maps [s].
-            sliding: Whether sliding points are treated as sticking in the tangent.
+            anew: Whether the last step does not continue: in the tangent sliding points are treated
+                as sticking, and bodies at points as at rest.
         """
-        if sliding:
+        if anew:
             for active in self._failing():
                 hold_sliding_points(active)
-        self.assemble_residual(dt, hold=True)
+        self.assemble_residual(dt, hold=True, anew=anew)
         self.ledger.hold()
 
     def close(self, dt: float) -> bool:

@@ -277,7 +277,7 @@ class _Iteration:
     def _along_tangent(self, anew: bool) -> None:
         """Predict along the tangent; if crack faces overlap then, with closing points sticking."""
         step, limits = self._step, self._limits
-        step.hold(self._dt, sliding=anew)
+        step.hold(self._dt, anew)
         free = self._forces()
         step.scales = step.scales.with_forces(global_norm(self._comm, free))
         self._follow(self._start, self._correct(-free))
@@ -376,6 +376,8 @@ class _Iteration:
             return length
         limits, begun = self._limits, self._begun(start, way, length)
         passes = self._elastic and limits.work == math.inf
+        # A bond may begin before bodies flow that would spare it.
+        passes &= self._discretization.bodies.points is None
         if passes and begun.size == 1:
             return length
         self._end_at_onset()

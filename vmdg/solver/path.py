@@ -304,6 +304,9 @@ class Path:
         if not cuts and way > global_norm(self._problem.comm, found.ahead.u) / numbers.cut:
             way = math.inf
         work = max(growth * min(limits.work, step.scales.work), limits.onset)
+        if found.onset and self._problem.discretization.bodies.points:
+            # Bodies flow or bonds soften: a large step finds the second before its time.
+            work = limits.onset / numbers.rest
         # One step for the whole stage, far from the limit: load control is more efficient.
         whole = cuts == 0 and limits.start == stage.start and t == stage.target
         whole &= found.work * numbers.growth < limits.work
