@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 from mpi4py import MPI
 
 import numpy as np
@@ -122,7 +125,7 @@ FAILING = vmdg.Debonding(strength=70.0, critical_gap=0.1, friction=0.3)
 
 
 def pulled(comm, kinematics="finite", law=FAILING):
-    """Two metals that flow while their bond fails, pulled off the axis; facets of the pulled end."""
+    """Two metals that flow while their bond fails, and the facets of the end that is pulled."""
     scene = two_blocks(comm, "quadrilateral", n=2, distortion=0.03)
     soft = vmdg.J2(E, NU, 50.0, hardening=300.0)
     problem = joined(scene, law, (METAL, soft), kinematics=kinematics, degree=2)
@@ -258,8 +261,8 @@ def cylinder(comm, n, degree, kinematics, tied=True):
 def test_interface_in_the_plastic_zone(comm, degree, kinematics):
     """Force and traction converge like plain elements, and the force has their error within 2 %.
 
-    The reference has 96 cells of degree 2. At degree 2 the front between elastic and plastic points,
-    a kink somewhere in a cell, limits both: errors are 1e-4 with 6 cells, 5e-6 with 24.
+    The reference has 96 cells of degree 2. At degree 2 the front between elastic and plastic
+    points, a kink somewhere in a cell, limits both: errors are 1e-4 with 6 cells, 5e-6 with 24.
     """
     exact = cylinder(comm, 96, 2, kinematics)
     found = [cylinder(comm, n, degree, kinematics) for n in (6, 24)]
@@ -268,3 +271,24 @@ def test_interface_in_the_plastic_zone(comm, degree, kinematics):
     expected = np.abs(np.array(plain) / exact[0] - 1)
     assert errors[:, 0] == pytest.approx(expected, rel=0.02)
     assert (errors[1] < errors[0] / 4**1.8).all()
+
+
+def test_material_of_a_user(comm):
+    """That of the reference page: a sheared block relaxes as backward Euler says."""
+    page = (Path(vmdg.__file__).parent / "GUIDE.md").read_text()
+    (block,) = re.findall(r"```python\n(class Viscoelastic.*?)```", page, re.DOTALL)
+    scope = {"np": np, "vmdg": vmdg}
+    exec(block, scope)
+    relaxation, dt = 2.0, 0.5
+    material = scope["Viscoelastic"](E, NU, relaxation)
+    scene = two_blocks(comm, "quadrilateral", n=2)
+    problem = joined(scene, vmdg.Bonded(), (material, material), kinematics="small", degree=2)
+    everything = lambda x: np.full(x.shape[1], True)  # noqa: E731
+    problem.dirichlet(everything, lambda x, t: np.stack([0.01 * min(t, dt) / dt * x[1], 0 * x[0]]))
+    options = vmdg.SolveOptions(control="load")
+    G = E / (2 * (1 + NU))
+    for step in range(1, 5):
+        vmdg.solve(problem, [step * dt], options)
+        stress = problem.body_state(1).stress[:, 0, 1]
+        assert stress == pytest.approx(G * 0.01 / (1 + dt / relaxation) ** step, rel=1e-9)
+    assert problem.energy().plastic > 0.0

@@ -44,7 +44,7 @@ class CellTangents:
         )
         self._regions, self._dofs = bodies.regions, space.dofmap.list
         self._at_points = bodies.points
-        self._upper = np.triu_indices(len(geometry.entries(mesh.geometry.dim)))
+        self._rows, self._columns = np.triu_indices(len(geometry.entries(mesh.geometry.dim)))
         self._moduli = cell_moduli(u, bodies, range(len(bodies.regions)), points)
         self._map = GeometryMap(mesh, points)
         shape = basix.ufl.element("Lagrange", cell, degree)
@@ -91,4 +91,4 @@ class CellTangents:
         if self._regions[number].body.points is None:
             return self._moduli.in_region(number, cells)
         moduli = self._at_points.moduli_in(cells)
-        return np.ascontiguousarray(moduli[:, :, *self._upper])
+        return np.ascontiguousarray(moduli[:, :, self._rows, self._columns])

@@ -31,7 +31,14 @@ from ..interface.stabilization import Stabilization, Stabilizers
 from .cell_tangents import CellTangents
 from .dilatation import Dilatation
 from .means import MeanSpace
-from .point_matrices import add_flux, add_tangent, add_uniform, create_matrix, sparsity, uniform_flux
+from .point_matrices import (
+    add_flux,
+    add_tangent,
+    add_uniform,
+    create_matrix,
+    sparsity,
+    uniform_flux,
+)
 from .space import broken_space
 from .surface import Surface
 from .weak_form import WeakForm
@@ -115,8 +122,6 @@ class Discretization:
         self._dilatation = Dilatation(self.weak_form) if bodies.mean_dilatation else None
         self.surface = Surface(self.u, bodies)
         self._at_points = bodies.points
-        if bodies.points is not None:
-            self._deformation = bodies.points.deformation(self.u)
 
     def new_surface(self) -> Surface:
         """Remove all pressures and springs, and return an empty :class:`Surface`."""
@@ -290,20 +295,12 @@ class Discretization:
         if self._dilatation is not None:
             self._dilatation.update_pressure()
 
-    def update_bodies(self, dt: float, hold: bool = False) -> None:
-        """Means, and the stress of bodies at points, at the current displacement; collective.
-
-        Args:
-            dt: Time step of the return maps [s].
-            hold: Keep the moduli of bodies at points.
-        """
-        self.update_means()
-        if self._at_points is not None:
-            self._at_points.update(self._deformation(), dt, hold)
-
     def update_points(self, dt: float, hold: bool = False, anew: bool = False) -> None:
-        """Return maps at the current displacement, see :meth:`assemble_residual`."""
-        self.update_bodies(dt, hold and not anew)
+        """Return maps at the current displacement, of bodies and interfaces, see
+        :meth:`assemble_residual`."""
+        self.update_means()
+        if bodies := self._at_points:
+            bodies.update(bodies.deformation(self.u), dt, hold and not anew)
         with timer("return map"):
             update_points(list(self.active.values()), dt, hold)
 
@@ -410,8 +407,8 @@ class Discretization:
             failing: False omits interfaces that can fail: only ties connect the bodies.
         """
         with timer("tangent at points"):
-            found = [(active, *active.tangent(damage)) for active in self.active.values()]
-            parts = [(active, D) for active, D, _ in found]
+            found = [(active, active.tangent(damage)) for active in self.active.values()]
+            parts = [(active, tangent[0]) for active, tangent in found]
         if not failing:
             # Their entries stay in the pattern, as zeros.
             parts = [(active, D * (not active.law.inelastic)) for active, D in parts]
@@ -423,9 +420,9 @@ class Discretization:
                 fem_petsc.assemble_matrix(matrix, form)
             for active, D in parts:
                 add_tangent(matrix, active, D)
-            for flux, (active, _, T) in zip(self._point_fluxes, found, strict=True):
+            for flux, (active, (_, *changes)) in zip(self._point_fluxes, found, strict=True):
                 if failing or not active.law.inelastic:
-                    add_flux(matrix, flux, T, *active.changes(damage))
+                    add_flux(matrix, flux, *changes)
             if self.means is not None:
                 # Rows that belong to no cell, for the identity of prescribed dofs.
                 for dof in self.means.owned_rows:

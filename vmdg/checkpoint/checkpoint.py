@@ -165,7 +165,7 @@ def _write(problem: Problem, folder: Path, history: History | None) -> None:
     fields = {"u": parts.u.x.array, "forces": parts.forces.x.array}
     fields |= {_start(i): start for i, start in enumerate(problem.loading.given.starts)}
     points = parts.bodies.points
-    rows = {_POINTS: points.rows(snapshot.bodies)} if points else {}
+    rows = {_POINTS: points.rows(points.state)} if points else {}
     cells = cell_records(parts.space, fields, _places(parts), rows)
     write_files(comm, folder, about, {_CELLS: cells} | interfaces)
 

@@ -134,7 +134,7 @@ class Bodies:
                     parameters[name].x.array[cells] = cell_values(mesh, value, cells, what)
                 self.region[cells] = len(self.regions)
             cells = np.flatnonzero(self.region[:owned] == len(self.regions))
-            at_points = isinstance(representative, PointMaterial)
+            own = isinstance(representative, PointMaterial)
             body = Body(
                 representative,
                 parameters,
@@ -142,7 +142,7 @@ class Bodies:
                 self._eigenstrain,
                 self.mean_dilatation,
                 plane_stress=plane_stress,
-                points=self.points.fields if at_points and self.points else None,
+                points=self.points.fields if own and self.points else None,
             )
             self.regions.append(Region(body, cells.astype(np.int32)))
 

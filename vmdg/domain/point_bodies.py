@@ -40,6 +40,7 @@ class PointState:
         stored: Stored energy (cells, points) [MPa].
         dissipated: Dissipated energy in the step (cells, points) [MPa].
         next: History at the end of the step.
+        deformation: F, at small strain the strain, of these stresses (n, 3, 3).
     """
 
     history: tuple[Array, ...]
@@ -49,6 +50,7 @@ class PointState:
     stored: Array
     dissipated: Array
     next: tuple[Array, ...]
+    deformation: Array
 
 
 @dataclass(frozen=True)
@@ -103,6 +105,7 @@ class PointBodies:
     ):
         self._mesh, self._small, self._geometry = mesh, small, geometry
         self.materials = dict(materials)
+        self._deformed: PointDeformation | None = None
         self.symmetric = all(material.symmetric for material in materials.values())
         chosen = [cells_of[tag] for tag in materials]
         self.cells = np.concatenate(chosen).astype(np.int32)
@@ -143,25 +146,36 @@ class PointBodies:
             for material, start, stop in self._parts
         )
         grid = len(self.cells), len(self.points)
-        one = np.broadcast_to(np.eye(3) * (not small), (count, 3, 3))
+        one = np.tile(np.eye(3) * (not small), (count, 1, 1))
         empty = np.zeros((*grid, size, size))
         self.state = PointState(
-            history, np.zeros((*grid, 3, 3)), empty, empty, np.zeros(grid), np.zeros(grid), history
+            history,
+            np.zeros((*grid, 3, 3)),
+            empty,
+            empty,
+            np.zeros(grid),
+            np.zeros(grid),
+            history,
+            one,
         )
         self._take(self._evaluated(one, np.inf))
         self.begin()
 
     # Evaluation
 
-    def deformation(self, u: fem.Function) -> PointDeformation:
-        """Evaluates F, at small strain the strain, of a displacement."""
-        return PointDeformation(u, self._geometry, self.points, self.cells, self._small)
+    def deformation(self, u: fem.Function) -> Array:
+        """F, at small strain the strain, of a displacement at all points (n, 3, 3); collective
+        the first time."""
+        if self._deformed is None or self._deformed.u is not u:
+            given = self._geometry, self.points, self.cells, self._small
+            self._deformed = PointDeformation(u, *given)
+        return self._deformed()
 
     def update(self, deformation: Array, dt: float, hold: bool = False) -> None:
         """Stress and moduli for a deformation.
 
         Args:
-            deformation: From :class:`PointDeformation` (n, 3, 3).
+            deformation: From :meth:`deformation` (n, 3, 3).
             dt: Time step [s].
             hold: Keep the moduli of the last evaluation, for a predictor: those of the last
                 iteration are closer to those of the step than the elastic ones of a state at rest.
@@ -172,9 +186,23 @@ class PointBodies:
                 state = _with(state, moduli=self.state.moduli)
             self._take(state)
 
+    def extrapolate(self, deformation: Array) -> None:
+        """Stress on facets for a small change of the deformation, by the moduli.
+
+        For derivatives of tractions; :meth:`return_to` restores the stress.
+        """
+        rows, columns = np.array(self.entries).T
+        change = (deformation - self.state.deformation)[:, rows, columns]
+        change = change.reshape(*self.state.moduli.shape[:3])
+        stress = self.state.stress.copy()
+        stress[:, :, rows, columns] += (self.state.moduli @ change[..., None])[..., 0]
+        _write(self.fields.facet_stress, self.cells, self._on_facets(stress))
+
     def _evaluated(self, deformation: Array, dt: float) -> PointState:
         count, old = len(self.points), self.state
-        stress, stored, dissipated = (np.empty_like(a) for a in (old.stress, old.stored, old.stored))
+        stress, stored, dissipated = (
+            np.empty_like(a) for a in (old.stress, old.stored, old.stored)
+        )
         moduli, history = np.empty_like(old.moduli), []
         rows, columns = np.array(self.entries).T
         for (material, start, stop), before in zip(self._parts, old.history, strict=True):
@@ -190,7 +218,14 @@ class PointBodies:
                 after[own] = found.state
             history.append(after)
         return PointState(
-            old.history, stress, moduli, old.frozen, stored, dissipated, tuple(history)
+            old.history,
+            stress,
+            moduli,
+            old.frozen,
+            stored,
+            dissipated,
+            tuple(history),
+            deformation,
         )
 
     def _take(self, state: PointState) -> None:
@@ -245,7 +280,8 @@ class PointBodies:
         history = np.zeros((len(self.cells), count, size))
         for (material, start, stop), values in zip(self._parts, state.history, strict=True):
             history[start:stop, :, : material.size] = values.reshape(-1, count, material.size)
-        arrays = [history, state.stress, state.moduli, state.frozen, state.stored]
+        deformation = state.deformation.reshape(len(self.cells), count, 3, 3)
+        arrays = [history, state.stress, state.moduli, state.frozen, deformation, state.stored]
         values = np.concatenate([a.reshape(len(self.cells), -1) for a in arrays], axis=1)
         rows = np.zeros((self._local, values.shape[1]))
         rows[self.cells] = values
@@ -256,17 +292,19 @@ class PointBodies:
         now, count = self.state, len(self.points)
         size = max(material.size for material, *_ in self._parts)
         shapes = [(count, size), *(a.shape[1:] for a in (now.stress, now.moduli, now.frozen))]
-        shapes.append((count,))
+        shapes += [(count, 3, 3), (count,)]
         ends = np.cumsum([int(np.prod(shape)) for shape in shapes])
         blocks = np.split(rows[self.cells], ends[:-1], axis=1)
-        history, *others = (
-            block.reshape(-1, *shape) for block, shape in zip(blocks, shapes, strict=True)
+        history, stress, moduli, frozen, deformation, stored = (
+            block.reshape(-1, *shape).copy() for block, shape in zip(blocks, shapes, strict=True)
         )
         own = tuple(
             history[start:stop, :, : material.size].reshape(-1, material.size).copy()
             for material, start, stop in self._parts
         )
-        return PointState(own, *(a.copy() for a in others), np.zeros(history.shape[:2]), own)
+        still = np.zeros(history.shape[:2])
+        where = deformation.reshape(-1, 3, 3)
+        return PointState(own, stress, moduli, frozen, stored, still, own, where)
 
     # Integrals and values
 
@@ -313,6 +351,9 @@ class PointDeformation:
         points: Reference points in a cell.
         cells: Local cells.
         small: Whether the strain is wanted.
+
+    Attributes:
+        u: As given.
     """
 
     def __init__(
@@ -323,6 +364,7 @@ class PointDeformation:
         cells: NDArray[np.int32],
         small: bool,
     ):
+        self.u = u
         self._mesh, self._cells, self._small = u.function_space.mesh, cells, small
         F = geometry.deformation(u)
         self._n = n = F.ufl_shape[0]

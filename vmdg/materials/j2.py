@@ -9,9 +9,9 @@ of the trial b_e is that of small strain (Simo 1992; de Souza Neto, Peric and Ow
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from numbers import Real
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -83,7 +83,7 @@ class J2(PointMaterial):
             start at 0 or does not increase.
     """
 
-    fields = {"alpha": 1, "plastic strain": 6}
+    fields: Mapping[str, int] = {"alpha": 1, "plastic strain": 6}
 
     def __init__(
         self,
@@ -105,33 +105,34 @@ class J2(PointMaterial):
         if table is not None:
             _check_table(table, yield_stress, saturation)
             yield_stress = float(table[0, 1])
-        numbers = {
+        numbers: dict[str, Any] = {
             "yield_stress": yield_stress,
             "exponent": exponent,
             "kinematic": kinematic,
             "rate": rate,
         }
         if table is None:
-            numbers |= {"hardening": hardening}
+            numbers["hardening"] = hardening
         if saturation is not None:
             numbers |= {"saturation": saturation}
         for name, value in numbers.items():
             if not isinstance(value, Real):
                 raise TypeError(f"J2: {name} = {value!r} must be a number")
             least = 1e-300 if name in ("yield_stress", "saturation") else 0.0
-            if not least <= value < math.inf:
+            if not least <= float(value) < math.inf:
                 word = "positive" if least else "not negative"
                 raise ValueError(f"J2: {name} = {value!r} must be {word} and finite")
         if saturation is not None and exponent == 0:
             raise ValueError("J2: saturation needs its rate, exponent > 0")
-        if saturation is not None and saturation < yield_stress:
+        self._yield = float(numbers["yield_stress"])
+        if saturation is not None and saturation < self._yield:
             raise ValueError(
-                f"J2: saturation = {saturation} is below yield_stress = {yield_stress}: a body "
+                f"J2: saturation = {saturation} is below yield_stress = {self._yield}: a body "
                 "that softens localises in one row of cells, whatever their size; let an interface "
                 "soften instead"
             )
-        self._yield, self._table = float(yield_stress), table
-        self._hardening = 0.0 if table is not None else float(hardening)
+        self._table = table
+        self._hardening = float(numbers.get("hardening", 0.0))
         self._rise = 0.0 if saturation is None else float(saturation) - self._yield
         self._exponent, self._kinematic = float(exponent), float(kinematic)
         self._rate = float(rate)
@@ -143,7 +144,7 @@ class J2(PointMaterial):
     def yield_stress(self, alpha: Array) -> tuple[Array, Array, Array]:
         """sigma_y, its slope and its integral over alpha, (n,) each [MPa]."""
         if self._table is not None:
-            return self._of_table(alpha)
+            return _of_table(self._table[:, 0], self._table[:, 1], alpha)
         decay = np.exp(-self._exponent * alpha)
         stress = self._yield + self._hardening * alpha + self._rise * (1 - decay)
         slope = self._hardening + self._rise * self._exponent * decay
@@ -151,15 +152,6 @@ class J2(PointMaterial):
         if self._rise > 0:
             work += self._rise * (alpha + np.expm1(-self._exponent * alpha) / self._exponent)
         return stress, slope, work
-
-    def _of_table(self, alpha: Array) -> tuple[Array, Array, Array]:
-        x, y = self._table.T
-        slopes = np.append(np.diff(y) / np.diff(x), 0.0)
-        works = np.append(0.0, np.cumsum(np.diff(x) * (y[1:] + y[:-1]) / 2))
-        row = np.clip(np.searchsorted(x, alpha, side="right") - 1, 0, None)
-        ahead = alpha - x[row]
-        stress = y[row] + slopes[row] * ahead
-        return stress, slopes[row], works[row] + ahead * (y[row] + stress) / 2
 
     def __call__(self, deformation: Array, state: Array, dt: float, small: bool) -> Response:
         """The return map of the step, see :class:`.PointMaterial`."""
@@ -203,11 +195,13 @@ class J2(PointMaterial):
         strains = np.einsum("pki,pkl,pli->pi", axes, trial - change, axes)
         elastic = _spectral(np.exp(2 * strains), axes)
         metric = inverse @ elastic @ inverse.transpose(0, 2, 1) - _ONE
-        by_strain = np.einsum("pijkl,pklmn->pijmn", self._moduli(found), _by_b(values, axes))
-        # db_mn = dF_mK (FC)_nK + (FC)_mK dF_nK; by_strain is symmetric in mn.
-        by_F = 2 * np.einsum("pijmn,pnK->pijmK", by_strain, FC)
+        # Products of matrices, einsum is several times as slow.
+        n = len(F)
+        by_b = self._moduli(found).reshape(n, 9, 9) @ _by_b(values, axes)
+        # db_mn = dF_mK (FC)_nK + (FC)_mK dF_nK; by_b is symmetric in mn.
+        by_F = 2 * (by_b.reshape(n, 27, 3) @ FC)
         P = tau @ inverse.transpose(0, 2, 1)
-        moduli = np.einsum("pimkL,pJm->piJkL", by_F, inverse)
+        moduli = (inverse[:, None] @ by_F.reshape(n, 3, 3, 9)).reshape(n, 3, 3, 3, 3)
         moduli -= np.einsum("piL,pJk->piJkL", P, inverse)
         return Response(
             P,
@@ -277,6 +271,16 @@ def _check_table(table: Array, yield_stress: float | None, saturation: float | N
         )
 
 
+def _of_table(x: Array, y: Array, alpha: Array) -> tuple[Array, Array, Array]:
+    """sigma_y, its slope and its integral of a table with the abscissae ``x``."""
+    slopes = np.append(np.diff(y) / np.diff(x), 0.0)
+    works = np.append(0.0, np.cumsum(np.diff(x) * (y[1:] + y[:-1]) / 2))
+    row = np.clip(np.searchsorted(x, alpha, side="right") - 1, 0, None)
+    ahead = alpha - x[row]
+    stress = y[row] + slopes[row] * ahead
+    return stress, slopes[row], works[row] + ahead * (y[row] + stress) / 2
+
+
 def _deviator(tensor: Array) -> Array:
     return tensor - np.trace(tensor, axis1=1, axis2=2)[:, None, None] / 3 * _ONE
 
@@ -287,7 +291,7 @@ def _spectral(values: Array, axes: Array) -> Array:
 
 
 def _by_b(values: Array, axes: Array) -> Array:
-    """d(ln b / 2)/db (n, 3, 3, 3, 3) from eigenvalues and eigenvectors of b.
+    """d(ln b / 2)/db (n, 9, 9) from eigenvalues and eigenvectors of b.
 
     In the axes of b component ij is multiplied by (ln b_i - ln b_j)/(2 (b_i - b_j)), with its limit
     1/(2 b_i) for equal values.
@@ -297,6 +301,8 @@ def _by_b(values: Array, axes: Array) -> Array:
     ratio = np.where(near, 1 - x / 2, np.log1p(x) / np.where(near, 1.0, x))
     theta = ratio / (2 * values[:, None])
     theta = (theta + theta.transpose(0, 2, 1)) / 2
-    pairs = np.einsum("pia,pjb->pijab", axes, axes)
-    whole = np.einsum("pijab,pab,pklab->pijkl", pairs, theta, pairs, optimize=True)
-    return (whole + whole.transpose(0, 1, 2, 4, 3)) / 2
+    n = len(values)
+    pairs = axes[:, :, None, :, None] * axes[:, None, :, None, :]
+    turned = pairs.transpose(0, 2, 1, 3, 4).reshape(n, 9, 9)
+    pairs = pairs.reshape(n, 9, 9)
+    return (pairs * theta.reshape(n, 1, 9)) @ ((pairs + turned) / 2).transpose(0, 2, 1)

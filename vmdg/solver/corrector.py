@@ -507,17 +507,16 @@ class _Iteration:
         # depends neither on its length nor on the unit of the load factor.
         h = float(power_of_two(self._size / size)) if straight else INCREMENT * self._size / size
         with timer("rates"):
-            before, state = [active.total_in_frame() for active in self._failing], None
+            before = [active.total_in_frame() for active in self._failing]
             self._visit(_sum(here, direction, h))
             if bodies := parts.bodies.points:
-                state = bodies.state
-                parts.update_bodies(self._dt, hold=True)
+                bodies.extrapolate(bodies.deformation(self._problem.u))
             for active, G, q in zip(self._failing, gradients, before, strict=True):
                 change = np.einsum("pi,pi->p", G, active.total_in_frame() - q) / h
                 work += active.quadrature.weights @ change
             self._visit(here)
             if bodies:
-                bodies.return_to(state)
+                bodies.return_to(bodies.state)
         return float(parts.geometry.thickness) * work
 
     # Forces
