@@ -95,7 +95,8 @@ def add_flux(
     """
     if flux is None:
         return
-    couple = None if turning is None else turning[1].reshape(len(stabilized), -1, flux.d)
+    d = flux.d
+    couple = None if turning is None else turning[1].reshape(-1, d * d, d)
     for rows, columns, matrices in flux.matrices(stabilized, compliance, couple, _BATCH):
         matrix.setValuesBlockedLocalRCV(rows, columns, matrices, PETSc.InsertMode.ADD_VALUES)
 

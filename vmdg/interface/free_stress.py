@@ -61,7 +61,7 @@ def free_stress_factor(cell: str, degree: int, bulk: int) -> float:
     ratios = []
     for nodes in basix.topology(kind)[d - 1]:
         edges = corners[nodes[1:d]] - corners[nodes[0]]
-        x = corners[nodes[0]] + places @ edges
+        x = np.ascontiguousarray(corners[nodes[0]] + places @ edges)
         N = np.linalg.svd(edges)[2][-1]
         area = areas * np.sqrt(np.linalg.det(edges @ edges.T))
         flux = np.einsum("j,ijkl,pklm->pim", N, A, gradients(x)) @ modes

@@ -54,7 +54,8 @@ class PointFlux:
                 continue
             cells, local = facets.cells[rows, a], facets.local[rows, a]
             there = shapes.on_facets(cells, local).at(places[rows])
-            basis = self._bodies.element.tabulate(0, there.reference.reshape(-1, d))[0]
+            reference = np.ascontiguousarray(there.reference.reshape(-1, d))
+            basis = self._bodies.element.tabulate(0, reference)[0]
             basis = basis.reshape(*there.reference.shape[:2], -1)
             E = basis @ self._bodies.extrapolation
             self._sides.append((a, rows, cells, E, shapes.in_cells(cells)[0], there.gradients))
@@ -96,7 +97,7 @@ class PointFlux:
                 test = jets.displacement(chosen)
                 left = test.matrix.transpose(0, 1, 3, 2) @ L[points]
                 product = np.einsum("fpni,fpim->fnm", left, columns, optimize=True)
-                yield test.blocks, jets.nodes_of(of), product
+                yield test.blocks, jets.nodes_of(of), np.ascontiguousarray(product)
 
     def _flux_change(
         self, cells: NDArray[np.int32], E: Array, inside: Array, there: Array
