@@ -50,6 +50,7 @@ COMMANDS = {
     "tutorial_friction": ("tutorial_friction", "tutorial_friction.png"),
     "buckling": ("buckling", "buckling.png"),
     "fibre_matrix": ("fibre_matrix", "fibre_matrix.png"),
+    "ductile_matrix": ("ductile_matrix", "ductile_matrix.png"),
     "film": (f"{_FINE} --animate", "fibre_matrix.gif"),
     "fibres_many": (_MANY, "fibre_matrix.png=fibres_many.png"),
     "fibre_cell": ("fibre_cell", "fibre_cell.png"),

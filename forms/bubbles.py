@@ -82,6 +82,7 @@ def bubble_stiffness(body: Body, geometry: Geometry, u: Expr, bubble: Expr) -> E
 
     With mean dilatation A is that of W at F_bar: bubbles do not share the dilatation of their cell.
     """
+    body = body.elastic
     F = ufl.variable(body.effective(geometry.deformation(u)))
     A = acoustic_tensor(body.pointwise, F)
     return geometry.bubble_stiffness(A, bubble)

@@ -17,6 +17,63 @@ from .materials import Material, least
 
 
 @dataclass(frozen=True)
+class PointFields:
+    """Coefficients of a body whose stress is computed at points rather than from an energy.
+
+    In the cells they have the values at the quadrature points. On facets the stress is that of the
+    points extrapolated, P_a = sum_q E_pq P_q, so that facets need no history of their own: with
+    one, a facet could be elastic while its cell is plastic, and no tau_s would suffice. The moduli
+    of the adjoint term are those at the start of the step, since a residual must not jump where a
+    point yields.
+
+    Attributes:
+        stress: P at the points of the cells (n, n) [MPa].
+        moduli: Its derivative by F there (m, m), rows and columns the ``entries`` [MPa].
+        stored: Stored energy there [MPa].
+        facet_stress: P at any point of a cell (3, 3) [MPa].
+        facet_moduli: Moduli at the start of the step, at any point of a cell (m, m) [MPa].
+        entries: Entries of F by which it differs from I.
+    """
+
+    stress: Expr
+    moduli: Expr
+    stored: Expr
+    facet_stress: Expr
+    facet_moduli: Expr
+    entries: tuple[tuple[int, int], ...]
+
+    def __call__(self, side: str) -> PointFields:
+        """The same on ``side`` of a facet, where the values in the cells do not exist."""
+        return replace(
+            self, facet_stress=self.facet_stress(side), facet_moduli=self.facet_moduli(side)
+        )
+
+    def traction_moduli(self, N: Expr, v: Expr | None = None) -> Expr:
+        """(A.N)_mij of the moduli on facets, (d, n, n), or v.(A.N), (n, n)."""
+        d, n = len(N), 1 + max(i for i, _ in self.entries)
+
+        def component(m: int, i: int, j: int) -> Expr:
+            if (i, j) not in self.entries:
+                return ufl.as_ufl(0.0)
+            column = self.entries.index((i, j))
+            rows = ((self.entries.index((m, k)), k) for k in range(d))
+            return sum(self.facet_moduli[row, column] * N[k] for row, k in rows)
+
+        H = [[[component(m, i, j) for j in range(n)] for i in range(n)] for m in range(d)]
+        if v is None:
+            return ufl.as_tensor(H)
+        along = [[sum(v[m] * H[m][i][j] for m in range(d)) for j in range(n)] for i in range(n)]
+        return ufl.as_tensor(along)
+
+    def stiffness(self, eta: Expr, du: Expr) -> Expr:
+        """GRAD eta : A : GRAD du in a cell, of these gradients (n, n)."""
+        pairs = [(row, entry) for row, entry in enumerate(self.entries)]
+        return sum(
+            eta[p] * self.moduli[row, column] * du[q] for row, p in pairs for column, q in pairs
+        )
+
+
+@dataclass(frozen=True)
 class Body:
     """A material with its parameters at a point, as the forms use it on each side of an interface.
 
@@ -31,6 +88,11 @@ class Body:
         mean_dilatation: The energy is w(F, theta) of :mod:`forms.dilatation`, theta an entry of F.
         fluid: Fluid pressure p at a facet [MPa]: tractions are then those of W + p J, the part of
             P.N not due to the fluid. None for tractions P.N.
+        points: The stress if it is computed at points, see :class:`PointFields`; the material is
+            then the elastic one. None for hyperelastic bodies.
+        incremental: At finite strain W is the quadratic energy of the strain since the current
+            F_0, det F_0 W_lin(sym((F - F_0) F_0^-1)): its moduli are those of a body whose elastic
+            strains are small, however large the plastic ones.
     """
 
     material: Material
@@ -40,6 +102,8 @@ class Body:
     mean_dilatation: bool = False
     fluid: Expr | None = None
     plane_stress: bool = False
+    points: PointFields | None = None
+    incremental: bool = False
 
     def __call__(self, side: str) -> Body:
         """The same body with its parameters restricted to ``side`` ('+' or '-') of a facet."""
@@ -47,7 +111,17 @@ class Body:
         eigenstrain = None if self.eigenstrain is None else self.eigenstrain(side)
         # Facet quantities are not restricted to a side.
         fluid = None if self.fluid is None else self.fluid("+")
-        return replace(self, parameters=parameters, eigenstrain=eigenstrain, fluid=fluid)
+        points = None if self.points is None else self.points(side)
+        return replace(
+            self, parameters=parameters, eigenstrain=eigenstrain, fluid=fluid, points=points
+        )
+
+    @property
+    def elastic(self) -> Body:
+        """The body whose moduli bound those of this one, by which it is stabilized."""
+        if self.points is None:
+            return self
+        return replace(self, points=None, incremental=not self.small)
 
     def energy(self, F: Expr) -> Expr:
         """Strain energy W(F) per reference volume [MPa]; F 3 x 3, or 2 x 2 in plane strain.
@@ -55,6 +129,10 @@ class Body:
         With an eigenstrain: W = J_s W_e(F F_s^-1); small strains: W = W_lin(sym(F) - F_s).
         With mean dilatation F is diag(F, theta) and W that of F_bar.
         """
+        if self.points is not None:
+            return self.points.stored
+        if self.incremental:
+            return self._incremental_energy(F)
         if self.mean_dilatation:
             reduced = self.invariant_energy(F)
             return self.pointwise.energy(self.effective(F)) if reduced is None else reduced.energy
@@ -95,6 +173,14 @@ class Body:
             lambda e_33: self.material.linear_energy(with_entry(strain, e_33), self.parameters)
         )[0]
 
+    def _incremental_energy(self, F: Expr) -> Expr:
+        """:meth:`energy` of a variable F, relative to its value."""
+        F_0 = F.ufl_operands[0]
+        strain = ufl.sym((F - F_0) * ufl.inv(F_0))
+        if F.ufl_shape[0] == 2:
+            strain = with_entry(strain, 0)
+        return ufl.det(F_0) * self.material.linear_energy(strain, self.parameters)
+
     def thickness_stretch(self, F: Expr) -> Expr:
         """F_33 in plane stress at finite strain, of the plane F (2, 2)."""
         stretch = self.material.free_stretch(self._elastic(F), self.parameters)
@@ -126,7 +212,7 @@ class Body:
     def invariant_energy(self, F: Expr) -> Invariants | None:
         """:meth:`energy` as a function of a few invariants; None where the material does not define
         it."""
-        if self.small or self.plane_stress:
+        if self.small or self.plane_stress or self.incremental or self.points is not None:
             return None
         plane, more = without_entry(F) if self.mean_dilatation else F, {}
         n = plane.ufl_shape[0]
@@ -185,6 +271,9 @@ def first_piola(body: Body, F: Expr) -> Expr:
 
     With mean dilatation P = dw/dF + dw/dtheta dJ/dF.
     """
+    if body.points is not None:
+        n = range(F.ufl_shape[0])
+        return ufl.as_tensor([[body.points.facet_stress[i, j] for j in n] for i in n])
     P = _conjugate_stress(body, F)
     if not body.mean_dilatation:
         return P
@@ -258,6 +347,8 @@ class _TractionChain:
 
 def traction_moduli(body: Body, F: Expr, N: Expr) -> Expr:
     """H = (A.N), H_mij = d(P.N)_m/dF_ij with A of (19), (d, n, n) for F (n, n) [MPa]."""
+    if body.points is not None:
+        return body.points.traction_moduli(N)
     chain = _chain(body, F)
     if chain is None:
         return ufl.diff(traction(body, F, N), F)
@@ -270,6 +361,8 @@ def traction_moduli(body: Body, F: Expr, N: Expr) -> Expr:
 
 def projected_traction_moduli(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
     """v.(A.N), the derivative of v.P.N by F, (n, n) [MPa times the unit of v]."""
+    if body.points is not None:
+        return body.points.traction_moduli(N, v)
     chain = _chain(body, F)
     if chain is None:
         return ufl.diff(ufl.dot(v, traction(body, F, N)), F)
@@ -278,7 +371,12 @@ def projected_traction_moduli(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
 
 
 def projected_third_derivative(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
-    """K = Xi:(v (x) N) of (85): K_ijkl = d2(v.P.N)/dF_ij dF_kl, (n, n, n, n)."""
+    """K = Xi:(v (x) N) of (85): K_ijkl = d2(v.P.N)/dF_ij dF_kl, (n, n, n, n).
+
+    Zero for a body at points, whose moduli on facets are constant in a step.
+    """
+    if body.points is not None:
+        return ufl.zero(F.ufl_shape + F.ufl_shape)
     chain = _chain(body, F)
     if chain is None:
         return ufl.diff(projected_traction_moduli(body, F, N, v), F)
@@ -307,6 +405,8 @@ def bulk_stress(body: Body, geometry: Geometry, F: Expr) -> Expr:
 
     P; with mean dilatation diag(dw/dF + p dJ/dF, dw/dtheta).
     """
+    if body.points is not None:
+        return body.points.stress
     stress = _conjugate_stress(body, F)
     if not body.mean_dilatation:
         return stress
@@ -332,6 +432,8 @@ def volume_gradient(body: Body, F: Expr, entries: Entries) -> Expr:
 
 def stiffness(body: Body, geometry: Geometry, F: Expr, eta: Expr, du: Expr) -> Expr:
     """GRAD eta : A : GRAD du, the first term of (85) [N/mm2]."""
+    if body.points is not None:
+        return body.points.stiffness(geometry.gradient(eta), geometry.gradient(du))
     A = bulk_moduli(body, geometry, F)
     i, j, k, m = ufl.indices(4)
     return geometry.gradient(eta)[i, j] * A[i, j, k, m] * geometry.gradient(du)[k, m]

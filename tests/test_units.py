@@ -1,4 +1,4 @@
-"""Results do not depend on the units of length and force.
+"""Results do not depend on the units of length, force and load factor.
 
 Lengths times 2^a and stresses times 2^b leave the digits of every number as they are: what has the
 unit mm^p MPa^q is 2^(p a + q b) times as large, to the last bit.
@@ -298,6 +298,26 @@ def test_run_goes_on_in_any_unit(comm, out):
         np.testing.assert_array_equal(again.u.x.array, problem.u.x.array)
     np.testing.assert_array_equal(*rows)
     assert rows[0][0] > 0
+
+
+@pytest.mark.parametrize("kinematics", ["small", "finite"])
+def test_load_factor(comm, kinematics):
+    """A path along which points break one by one, to the last bit."""
+    law = vmdg.Debonding(vmdg.Weibull(30.0, 6.0, seed=2), 0.02, unloading="secant")
+
+    def path(factor: float) -> NDArray:
+        tagged, problem = two(Units(1.0, 1.0), comm, "quadrilateral", law, kinematics=kinematics)
+        right = tagged.facet_tags.find("right")
+        problem.dirichlet(right, lambda t: (t / factor, 0.0))
+        rows = []
+        loads = factor * np.linspace(0.01, 0.04, 4)
+        vmdg.solve(problem, loads, monitor=lambda p: rows.append([p.t / factor, *p.u.x.array]))
+        return np.array(rows)
+
+    expected = path(1.0)
+    assert len(expected) > 6
+    for power in (-9, 3, 40):
+        np.testing.assert_array_equal(path(2.0**power), expected)
 
 
 MESHES: dict[str, Callable[[float, MPI.Comm], TaggedMesh]] = {

@@ -7,6 +7,7 @@ from .checkpoint.checkpoint import discard_checkpoint as discard_checkpoint
 from .checkpoint.checkpoint import read_checkpoint as read_checkpoint
 from .checkpoint.checkpoint import write_checkpoint as write_checkpoint
 from .domain.orientation import misorientation as misorientation
+from .domain.point_bodies import BodyState as BodyState
 from .domain.tags import NamedTags as NamedTags
 from .domain.tags import split_cells as split_cells
 from .domain.weibull import Weibull as Weibull
@@ -32,6 +33,9 @@ from .laws import Mode as Mode
 from .laws import TrapezoidalDebonding as TrapezoidalDebonding
 from .linear.features import switchboard as switchboard
 from .linear.macroscopic import macroscopic_tangent as macroscopic_tangent
+from .materials.j2 import J2 as J2
+from .materials.point import PointMaterial as PointMaterial
+from .materials.point import Response as Response
 from .output.axial import AxialMotion as AxialMotion
 from .output.cell import PeriodicCell as PeriodicCell
 from .output.crack import CrackGrowth as CrackGrowth

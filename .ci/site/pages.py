@@ -58,6 +58,7 @@ ROOMS = {
     "interface": "Interfaces",
     "laws": "Interface laws",
     "forms": "Materials",
+    "materials": "Materials with a history",
     "domain": "Groups of cells, random properties, orientations",
     "solver": "Runs",
     "output": "Results",

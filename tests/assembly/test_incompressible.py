@@ -388,7 +388,7 @@ def test_no_negative_eigenvalue(cell, alone, count):
     configurations = random_cells.Case(cell, 1, alone, count).draw(4)
     problem = configurations.problem("mean", law=vmdg.Bonded())
     assert (configurations.lowest(problem) > -random_cells.ROUNDING).all()
-    assert (1 - margin(inelastic=False)) * problem.stabilization[0].safety.max() < 7.5
+    assert (1 - margin(vmdg.Bonded(), 1)) * problem.stabilization[0].safety.max() < 7.5
     derived = configurations.problem("mean", law=vmdg.Bonded(), safety=1.0)
     assert (configurations.lowest(derived) < -random_cells.ROUNDING).any()
 
@@ -398,7 +398,7 @@ def test_margin(cell):
     """1 - alpha times the factor suffices for all u."""
     configurations = random_cells.Case(cell, 1, True, 60).draw(5)
     auto = configurations.problem("mean", law=vmdg.Bonded())
-    safety = (1 - margin(inelastic=False)) * auto.stabilization[0].safety
+    safety = (1 - margin(vmdg.Bonded(), 1)) * auto.stabilization[0].safety
 
     def stabilization(tau1, tau2, context):
         bonded = np.linalg.inv(tau1 + tau2)

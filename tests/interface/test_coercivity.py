@@ -33,7 +33,7 @@ from vmdg.meshes import blocks
 # Coercivity
 
 #: 1 - alpha of a tie.
-USED = 1 - coercivity.margin(inelastic=False)
+USED = 1 - coercivity.margin(vmdg.Bonded(), 1)
 
 
 def multiplied(problem: vmdg.Problem, factor: float):
@@ -310,8 +310,10 @@ def test_accuracy_does_not_suffer(comm, cell, contrast, nu):
 def test_errors_are_those_of_continuous_elements(shape, cell, degree, contrast):
     """Two cells across a body, where nearly all error is in the normal derivatives: within 4 %.
 
-    With a quarter of the bulk energy as margin GRAD u is up to 31 % worse; bonds have it.
+    With a quarter of the bulk energy as margin GRAD u is up to 36 % worse; bonds of degree 1 have
+    it.
     """
-    (found,) = intact.measure(shape, cell, degree, 2, contrast, [intact.TIE])
-    assert found.l2 < 0.04
-    assert found.h1 < 0.04
+    laws = [intact.TIE, intact.BOND] if degree > 1 else [intact.TIE]
+    for found in intact.measure(shape, cell, degree, 2, contrast, laws):
+        assert found.l2 < 0.04
+        assert found.h1 < 0.04

@@ -190,7 +190,8 @@ def partly_damaged(comm, cell: str, degree: int, **options):
     """Second step of a state in which some points were damaged and go on, and others are whole."""
     options["degree"] = degree
     scene = two_blocks(comm, cell, n=2 if DIMENSION[cell] == 2 else 1, distortion=0.05)
-    fixed = {"safety": 4.0}  # the probe must have the r of the problem, whose H is another
+    # the probe must have the r of the problem, whose H is another
+    fixed = {"safety": 4.0, "frame": options.pop("frame", "reference")}
     probe = joined(scene, STRONG, interface=fixed, **options)
     displace(probe, scene, 1.0)
     probe.step.assemble_residual(hold=True)

@@ -10,6 +10,7 @@ from petsc4py import PETSc
 import basix.ufl
 import numpy as np
 from dolfinx import fem
+from numpy.typing import NDArray
 
 from ..base.kernels import compile_source
 from ..base.quadrature import bulk_degree
@@ -42,6 +43,8 @@ class CellTangents:
             cell, bulk_degree(mesh.topology.cell_name(), degree, geometry)
         )
         self._regions, self._dofs = bodies.regions, space.dofmap.list
+        self._at_points = bodies.points
+        self._rows, self._columns = np.triu_indices(len(geometry.entries(mesh.geometry.dim)))
         self._moduli = cell_moduli(u, bodies, range(len(bodies.regions)), points)
         self._map = GeometryMap(mesh, points)
         shape = basix.ufl.element("Lagrange", cell, degree)
@@ -70,7 +73,7 @@ class CellTangents:
             for start in range(0, len(region.cells), batch):
                 cells = region.cells[start : start + batch]
                 arrays = (
-                    self._moduli.in_region(number, cells),
+                    self._moduli_of(number, cells),
                     self._map.nodes(cells),
                     self._slopes,
                     self._map.slopes,
@@ -82,3 +85,10 @@ class CellTangents:
                 matrix.setValuesBlockedLocalRCV(
                     dofs, dofs, matrices[: len(cells)], PETSc.InsertMode.ADD_VALUES
                 )
+
+    def _moduli_of(self, number: int, cells: NDArray[np.int32]) -> NDArray[np.float64]:
+        """The independent moduli in some cells of a region (n, points, components)."""
+        if self._regions[number].body.points is None:
+            return self._moduli.in_region(number, cells)
+        moduli = self._at_points.moduli_in(cells)
+        return np.ascontiguousarray(moduli[:, :, self._rows, self._columns])

@@ -26,11 +26,19 @@ from ..forms.kinematics import Body
 from ..interface.active import ActiveInterface, recoverable_energy, update_points
 from ..interface.facets import InterfaceFacets
 from ..interface.interface import Interface
+from ..interface.point_flux import PointFlux
 from ..interface.stabilization import Stabilization, Stabilizers
 from .cell_tangents import CellTangents
 from .dilatation import Dilatation
 from .means import MeanSpace
-from .point_matrices import add_tangent, add_uniform, create_matrix, sparsity, uniform_flux
+from .point_matrices import (
+    add_flux,
+    add_tangent,
+    add_uniform,
+    create_matrix,
+    sparsity,
+    uniform_flux,
+)
 from .space import broken_space
 from .surface import Surface
 from .weak_form import WeakForm
@@ -113,6 +121,7 @@ class Discretization:
         self.weak_form = WeakForm(self.u, bodies, active)
         self._dilatation = Dilatation(self.weak_form) if bodies.mean_dilatation else None
         self.surface = Surface(self.u, bodies)
+        self._at_points = bodies.points
 
     def new_surface(self) -> Surface:
         """Remove all pressures and springs, and return an empty :class:`Surface`."""
@@ -144,7 +153,9 @@ class Discretization:
     def symmetric(self) -> bool:
         """Whether the tangent is symmetric: symmetric laws and no follower pressures."""
         laws = all(active.law.symmetric for active in self.active.values())
-        return laws and self.surface.symmetric
+        # The moduli of an adjoint term are frozen, those of the flux are current.
+        points = self._at_points is None or not self.active
+        return laws and points and self.surface.symmetric
 
     # Compiled forms
 
@@ -190,6 +201,13 @@ class Discretization:
         eta, du = ufl.TestFunction(self.space), ufl.TrialFunction(self.space)
         form = weak.compile(weak.bulk_tangent(eta, du), "bodies' tangent")
         return lambda matrix: fem_petsc.assemble_matrix(matrix, form)
+
+    @cached_property
+    def _point_fluxes(self) -> list[PointFlux | None]:
+        """Of every active interface; None without bodies at points."""
+        if self._at_points is None:
+            return [None] * len(self.active)
+        return [PointFlux(active, self.u, self.bodies) for active in self.active.values()]
 
     @cached_property
     def _uniform(self) -> tuple[list[fem.Constant], list[fem.Form]]:
@@ -277,14 +295,21 @@ class Discretization:
         if self._dilatation is not None:
             self._dilatation.update_pressure()
 
-    def update_points(self, dt: float, hold: bool = False) -> None:
-        """Return maps at the current displacement, see :meth:`assemble_residual`."""
+    def update_points(self, dt: float, hold: bool = False, anew: bool = False) -> None:
+        """Return maps at the current displacement, of bodies and interfaces, see
+        :meth:`assemble_residual`."""
         self.update_means()
+        if bodies := self._at_points:
+            bodies.update(bodies.deformation(self.u), dt, hold and not anew)
         with timer("return map"):
             update_points(list(self.active.values()), dt, hold)
 
     def assemble_residual(
-        self, dt: float | None, hold: bool = False, loads: NDArray[np.float64] | None = None
+        self,
+        dt: float | None,
+        hold: bool = False,
+        loads: NDArray[np.float64] | None = None,
+        anew: bool = False,
     ) -> NDArray[np.float64]:
         """Return maps, then internal minus external forces at the current displacement: (46).
 
@@ -292,12 +317,14 @@ class Discretization:
             dt: Time step of the return maps [s]; None leaves the points unchanged.
             hold: Fix zeta at its converged value instead of a return map.
             loads: Load vector over local dofs, before ghosts are added to owners.
+            anew: If zeta is fixed, bodies at points have the moduli of their state at rest, not
+                those of the last evaluation.
 
         Returns:
             Owned dofs, including prescribed ones [N].
         """
         if dt is not None:
-            self.update_points(dt, hold)
+            self.update_points(dt, hold, anew)
         forces, forms = self.forces.x, self._residual_forms
         self._update_pressure()
         with timer("assemble residual"):
@@ -380,7 +407,8 @@ class Discretization:
             failing: False omits interfaces that can fail: only ties connect the bodies.
         """
         with timer("tangent at points"):
-            parts = [(active, active.tangent(damage)[0]) for active in self.active.values()]
+            found = [(active, active.tangent(damage)) for active in self.active.values()]
+            parts = [(active, tangent[0]) for active, tangent in found]
         if not failing:
             # Their entries stay in the pattern, as zeros.
             parts = [(active, D * (not active.law.inelastic)) for active, D in parts]
@@ -392,6 +420,9 @@ class Discretization:
                 fem_petsc.assemble_matrix(matrix, form)
             for active, D in parts:
                 add_tangent(matrix, active, D)
+            for flux, (active, (_, *changes)) in zip(self._point_fluxes, found, strict=True):
+                if failing or not active.law.inelastic:
+                    add_flux(matrix, flux, *changes)
             if self.means is not None:
                 # Rows that belong to no cell, for the identity of prescribed dofs.
                 for dof in self.means.owned_rows:

@@ -14,7 +14,9 @@ from scipy.sparse import csr_array
 
 from .. import compat
 from ..interface.active import ActiveInterface
+from ..interface.frame import TurningTangent
 from ..interface.jets import Block, FacetJets
+from ..interface.point_flux import PointFlux
 
 Array = NDArray[np.float64]
 Field = Callable[[FacetJets, slice], Block]
@@ -73,6 +75,30 @@ def add_tangent(matrix: PETSc.Mat, active: ActiveInterface, D: Array) -> None:
         nodes = tangent.jets.nodes_at(rows)
         matrices = tangent.of_facets(D, rows)
         matrix.setValuesBlockedLocalRCV(nodes, nodes, matrices, PETSc.InsertMode.ADD_VALUES)
+
+
+def add_flux(
+    matrix: PETSc.Mat,
+    flux: PointFlux | None,
+    stabilized: Array,
+    compliance: Array | None,
+    turning: TurningTangent | None,
+) -> None:
+    """Add what the flux of bodies at points changes in the tangent of an interface.
+
+    Args:
+        matrix: The matrix.
+        flux: Of the interface; None without bodies at points.
+        stabilized: Tt dA (nq, d, jet).
+        compliance: C = d zeta/dT (nq, d, d) [mm3/N]; None fixes zeta.
+        turning: Changes by a rotating frame; None fixes the frame.
+    """
+    if flux is None:
+        return
+    d = flux.d
+    couple = None if turning is None else turning[1].reshape(-1, d * d, d)
+    for rows, columns, matrices in flux.matrices(stabilized, compliance, couple, _BATCH):
+        matrix.setValuesBlockedLocalRCV(rows, columns, matrices, PETSc.InsertMode.ADD_VALUES)
 
 
 def add_fields(

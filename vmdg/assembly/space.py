@@ -187,7 +187,8 @@ def node_pieces(
 def facet_pieces(
     space: fem.FunctionSpace, interfaces: Iterable[InterfaceFacets]
 ) -> list[NDArray[np.int64]]:
-    """Name of the connected piece of interfaces to which each of their facets belongs; collective.
+    """Name of the connected piece of some interfaces, at least one, to which each of their facets
+    belongs; collective.
 
     Facets are connected if they share a node of the space, on either side.
     """
@@ -196,7 +197,7 @@ def facet_pieces(
         np.hstack([dofs[one.cells[:, [a]], closure[one.local[:, a]]] for a in range(2)])
         for one in interfaces
     ]
-    edges = np.concatenate(nodes) if nodes else np.zeros((0, 2), dtype=np.int32)
+    edges = np.concatenate(nodes)
     starts = np.repeat(edges[:, 0], edges.shape[1] - 1)
     name = _connected(space, starts, edges[:, 1:].ravel())
     return [name[of_facet[:, 0]] for of_facet in nodes]

@@ -66,6 +66,8 @@ def _cauchy(body: kinematics.Body, F: Expr) -> Expr:
     stress = P * forward / J
     if own.ufl_shape[0] == 3:
         return stress
+    if body.points is not None:
+        return with_entry(stress, body.points.facet_stress[2, 2] / J)
     solid = ufl.variable(with_entry(body.effective(F), 1))
     out_of_plane = kinematics.first_piola(body.pointwise, solid)[2, 2] / J
     return with_entry(stress, out_of_plane)

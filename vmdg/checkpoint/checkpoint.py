@@ -46,12 +46,16 @@ from .records import (
     find_records,
     restore_fields,
     restore_interface,
+    restore_rows,
 )
 
 #: Changed whenever older files can no longer be read as they are.
-FORMAT = 7
+FORMAT = 8
 
 _CELLS = "cells"
+
+#: Name of the state of bodies at points in the records of cells.
+_POINTS = "points"
 
 
 def write_checkpoint(problem: Problem, folder: str | Path, history: History | None = None) -> None:
@@ -147,6 +151,7 @@ def _write(problem: Problem, folder: Path, history: History | None) -> None:
             "t": snapshot.t,
             "dissipated": global_sum(comm, snapshot.works.dissipated),
             "external": global_sum(comm, snapshot.works.external),
+            "plastic": global_sum(comm, snapshot.works.plastic),
         },
         "scales": asdict(problem.step.scales),
         "facets": {name: global_sum(comm, len(rows)) for name, rows in interfaces.items()},
@@ -159,7 +164,9 @@ def _write(problem: Problem, folder: Path, history: History | None) -> None:
         about["macroscopic"] = {"u": parts.u.x.array[dofs], "forces": parts.forces.x.array[dofs]}
     fields = {"u": parts.u.x.array, "forces": parts.forces.x.array}
     fields |= {_start(i): start for i, start in enumerate(problem.loading.given.starts)}
-    cells = cell_records(parts.space, fields, _places(parts))
+    points = parts.bodies.points
+    rows = {_POINTS: points.rows(points.state)} if points else {}
+    cells = cell_records(parts.space, fields, _places(parts), rows)
     write_files(comm, folder, about, {_CELLS: cells} | interfaces)
 
 
@@ -265,8 +272,12 @@ def _read_state(
             marks[i] = mark_everywhere(mesh, mesh.topology.dim - 1, facets.facets[positions])
     discretization = problem.step.discretization_of(marks)
     interfaces, fields, message = [], {}, None
+    points, bodies = discretization.bodies.points, None
     try:
-        fields = restore_fields(discretization.space, arrays[_CELLS], _places(discretization))
+        given = discretization.space, arrays[_CELLS], _places(discretization)
+        fields = restore_fields(*given, rows=[_POINTS])
+        if points is not None:
+            bodies = points.from_rows(restore_rows(mesh, arrays[_CELLS], _POINTS))
         for i, active in discretization.active.items():
             interfaces.append(restore_interface(active, records[i]))
     except ValueError as error:
@@ -284,7 +295,12 @@ def _read_state(
         fields["forces"],
         interfaces,
         marks,
-        Works(share * np.array(state["dissipated"]), share * np.array(state["external"])),
+        Works(
+            share * np.array(state["dissipated"]),
+            share * np.array(state["external"]),
+            plastic=share * state["plastic"],
+        ),
+        bodies,
     )
     return snapshot, [fields[_start(i)] for i in range(len(problem.loading.given.starts))]
 

@@ -12,6 +12,7 @@ from dolfinx.mesh import compute_midpoints
 from ..assembly.means import lattice_of
 from ..base.parallel import global_sum
 from ..interface.interface import Interface
+from ..materials.point import PointMaterial
 from ..problem.problem import Problem
 
 #: Relative tolerance for sums over the mesh between partitions.
@@ -47,7 +48,8 @@ def identity(problem: Problem) -> dict[str, Any]:
     if problem.loading.given.starts:
         result["supports with relative=True"] = len(problem.loading.given.starts)
     for tag, material in sorted(problem.materials.items()):
-        result[f"material {tag}"] = _described(material, material.parameters)
+        known = material.numbers if isinstance(material, PointMaterial) else material.parameters
+        result[f"material {tag}"] = _described(material, known)
     for i, interface in enumerate(problem.interfaces):
         count = int(global_sum(mesh.comm, len(problem.step.activation.facets[i].facets)))
         result[f"facets of interface {i}"] = count

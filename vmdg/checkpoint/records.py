@@ -13,7 +13,7 @@ All components are global or, in a rotating frame, relative to N.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import fields
 from typing import Any
 
@@ -41,7 +41,10 @@ _SHARE, _GRADIENT = "fluid.share", "gradient"
 
 
 def cell_records(
-    space: fem.FunctionSpace, arrays: Mapping[str, NDArray], places: fem.FunctionSpace
+    space: fem.FunctionSpace,
+    arrays: Mapping[str, NDArray],
+    places: fem.FunctionSpace,
+    rows: Mapping[str, NDArray] | None = None,
 ) -> NDArray:
     """Fields and node positions of every cell, in input order; collective.
 
@@ -49,6 +52,7 @@ def cell_records(
         space: Space of the fields.
         arrays: Their values at local dofs by name.
         places: The same space, for a periodic cell the one without merged opposite faces.
+        rows: Values of every local cell (cells, n) by name.
 
     Returns:
         This rank's part of the records, in rank order; the fields of a record, by their names and
@@ -58,8 +62,12 @@ def cell_records(
     cells = mesh.topology.index_map(mesh.topology.dim)
     values = {name: (array, space) for name, array in arrays.items()}
     values["place"] = _places(places), places
-    kind = np.dtype([(name, float, (space.dofmap.list.shape[1], d)) for name in values])
+    columns = [(name, float, (space.dofmap.list.shape[1], d)) for name in values]
+    columns += [(name, float, row.shape[1:]) for name, row in (rows or {}).items()]
+    kind = np.dtype(columns)
     records = np.empty(cells.size_local, dtype=kind)
+    for name, row in (rows or {}).items():
+        records[name] = row[: cells.size_local]
     for name, (array, own) in values.items():
         records[name] = array.reshape(-1, d)[own.dofmap.list[: cells.size_local]]
     width = kind.itemsize // np.dtype(float).itemsize
@@ -72,8 +80,16 @@ def cell_records(
     return records
 
 
+def restore_rows(mesh: Mesh, records: NDArray, name: str) -> NDArray[np.float64]:
+    """Values of every local cell, ghosts included, from the records of all cells."""
+    return records[name][_input_numbers(mesh)]
+
+
 def restore_fields(
-    space: fem.FunctionSpace, records: NDArray, places: fem.FunctionSpace
+    space: fem.FunctionSpace,
+    records: NDArray,
+    places: fem.FunctionSpace,
+    rows: Collection[str] = (),
 ) -> dict[str, NDArray[np.float64]]:
     """Fields by name, ghosts included, from the records of all cells.
 
@@ -81,13 +97,14 @@ def restore_fields(
         space: Space of the fields; dofs outside all cells are zero.
         records: Records of all cells.
         places: As for :func:`cell_records`.
+        rows: Names of values that are no fields.
 
     Raises:
         ValueError: a node has another position; on this rank only.
     """
     mine, present = records[_input_numbers(space.mesh)], _places(places)
     arrays = {}
-    for name in records.dtype.names or ():
+    for name in set(records.dtype.names or ()) - set(rows):
         own = places if name == "place" else space
         imap, bs = own.dofmap.index_map, own.dofmap.index_map_bs
         arrays[name] = np.zeros((imap.size_local + imap.num_ghosts) * bs)

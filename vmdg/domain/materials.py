@@ -21,6 +21,8 @@ from ..forms.geometry import Geometry
 from ..forms.kinematics import Body
 from ..forms.materials import FromOthers, Material
 from ..forms.rigid import Rigid
+from ..materials.point import PointMaterial
+from .point_bodies import PointBodies
 from .topology import UNTAGGED
 from .weibull import Weibull
 
@@ -63,6 +65,7 @@ class Bodies:
         small: Small-strain kinematics.
         eigenstrain: Stress-free strain by tag; None where there is none.
         geometry: Gradient and measure.
+        degree: Degree of the displacement.
         plane_stress: Zero stress out of the plane instead of zero strain.
 
     Attributes:
@@ -74,6 +77,7 @@ class Bodies:
         walls: Displacement of every tag that is a rigid wall.
         rigid: Marks of local cells that belong to a rigid wall.
         mean_dilatation: Whether J is constant in a cell, from the geometry.
+        points: Bodies whose stress is computed at points; None for none.
         regions: All regions.
         region: Region of every local cell.
 
@@ -90,6 +94,7 @@ class Bodies:
         small: bool,
         eigenstrain: Mapping[int, Strain] | None,
         geometry: Geometry,
+        degree: int,
         plane_stress: bool = False,
     ):
         _check_tags(mesh, tags, materials, eigenstrain)
@@ -103,6 +108,11 @@ class Bodies:
         self.rigid = np.isin(tags, list(self.walls))
         self.mean_dilatation = isinstance(geometry, MeanDilatation)
         self.cells_of = {tag: np.flatnonzero(tags == tag) for tag in materials}
+        at_points = {tag: m for tag, m in materials.items() if isinstance(m, PointMaterial)}
+        self.points = None
+        if at_points:
+            given = self.cells_of, at_points, small, geometry, degree
+            self.points = PointBodies(mesh, *given)
         self._eigenstrains = dict(eigenstrain or {})
         self._comm = mesh.comm
         self._tensor = any(strain.tensor for strain in self._eigenstrains.values())
@@ -124,6 +134,7 @@ class Bodies:
                     parameters[name].x.array[cells] = cell_values(mesh, value, cells, what)
                 self.region[cells] = len(self.regions)
             cells = np.flatnonzero(self.region[:owned] == len(self.regions))
+            own = isinstance(representative, PointMaterial)
             body = Body(
                 representative,
                 parameters,
@@ -131,8 +142,19 @@ class Bodies:
                 self._eigenstrain,
                 self.mean_dilatation,
                 plane_stress=plane_stress,
+                points=self.points.fields if own and self.points else None,
             )
             self.regions.append(Region(body, cells.astype(np.int32)))
+
+    @property
+    def linear(self) -> bool:
+        """Whether stress is proportional to strain: small strain, and no history of the bodies."""
+        return self.small and self.points is None
+
+    @property
+    def hyperelastic(self) -> bool:
+        """Whether the energy of the bodies is a function of F that is not quadratic."""
+        return not self.small and self.points is None
 
     @property
     def fields(self) -> list[fem.Function]:

@@ -68,11 +68,16 @@ class RegionExpressions:
 def cell_moduli(
     u: fem.Function, bodies: Bodies, regions: Iterable[int], points: NDArray[np.float64]
 ) -> RegionExpressions:
-    """The independent A_rc, r <= c, row by row [MPa]; rows and columns are entries of GRAD."""
+    """The independent A_rc, r <= c, row by row [MPa]; rows and columns are entries of GRAD.
+
+    Those of a body at points are elastic.
+    """
     geometry = bodies.geometry
     entries = geometry.entries(u.function_space.mesh.geometry.dim)
 
     def moduli(body: Body, F: Expr) -> Expr:
-        return kinematics.major_components(kinematics.bulk_moduli(body, geometry, F), entries)
+        return kinematics.major_components(
+            kinematics.bulk_moduli(body.elastic, geometry, F), entries
+        )
 
     return RegionExpressions(u, bodies, regions, moduli, points, "moduli")

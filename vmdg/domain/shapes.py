@@ -73,12 +73,14 @@ class FacetShapes(NamedTuple):
         weights: Quadrature weights (n, points).
         values: N (n, points, nodes).
         points: X (n, points, d) [mm].
+        reference: Positions in the reference cell (n, points, d).
     """
 
     gradients: Array
     weights: Array
     values: Array
     points: Array
+    reference: Array
 
     def at(self, positions: Array) -> FacetShapes:
         """The same with the points of each facet in the order of ``positions``.
@@ -154,6 +156,7 @@ class ShapeGradients:
             np.empty((len(cells), count)),
             np.empty((len(cells), count, self.nodes_of_cell)),
             np.empty((len(cells), count, d)),
+            np.empty((len(cells), count, d)),
         )
         for number, edges in enumerate(self._edges):
             chosen = np.flatnonzero(local == number)
@@ -165,4 +168,5 @@ class ShapeGradients:
             found.weights[chosen] = np.sqrt(determinants(metric)) * around * self._facet_weights
             found.values[chosen] = self._shape.tabulate(0, points)[0]
             found.points[chosen] = np.moveaxis(X, 0, -1)
+            found.reference[chosen] = points
         return found

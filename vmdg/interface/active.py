@@ -16,6 +16,7 @@ from ..laws import Mode
 from ..laws.base import joined_laws, same_law, work_gradient
 from .facets import InterfaceFacets
 from .fluid import Fluid
+from .frame import TurningTangent
 from .history import InterfaceSnapshot, PointHistory, with_rows, works
 from .interface import Interface
 from .points import InterfaceState, PointValues, joined, rows_of
@@ -183,14 +184,22 @@ class ActiveInterface:
             fluid=None if self.fluid is None else self.fluid.pressure,
         )
 
-    def tangent(self, damage: bool = True) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """D dA and Tt dA at the points, see :class:`.PointTangent`; collective.
+    def tangent(
+        self, damage: bool = True
+    ) -> tuple[
+        NDArray[np.float64],
+        NDArray[np.float64],
+        NDArray[np.float64] | None,
+        TurningTangent | None,
+    ]:
+        """D dA and Tt dA at the points, see :class:`.PointTangent`, and from what they are made:
+        C = d zeta/dT and the changes by a rotating frame; collective.
 
         Args:
-            damage: Include C = d zeta/dT; without it zeta is fixed.
+            damage: Include C; without it zeta is fixed.
         """
         changes = self._return_map.tangent(self.values) if damage else (None, None)
-        return self.point_tangent(self.stabilization, self.values, *changes)
+        return *self.point_tangent(self.stabilization, self.values, *changes), *changes
 
     def state(self) -> InterfaceState:
         """Public values at the points."""

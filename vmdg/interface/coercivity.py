@@ -78,10 +78,12 @@ from ..domain.shapes import ShapeGradients
 from ..forms import kinematics
 from ..forms.geometry import GeneralizedPlane
 from ..forms.kinematics import Body
+from ..laws.base import Law
 from .facets import InterfaceFacets
+from .free_stress import free_stress_factor
 
-#: alpha of :func:`margin`: of ties and of bonds.
-_TIED, _BONDED = 2 / 3, 1 / 4
+#: alpha of :func:`margin`: of ties, of bonds from degree 2 on, and of all others.
+_TIED, _BONDED, _LEAST = 2 / 3, 3 / 5, 1 / 4
 
 # Relative shifts that make semidefinite matrices factorizable: of A, whose rotations have no
 # energy, and of the square root of the cell energy, where rigid motions have none. Both are far
@@ -96,18 +98,23 @@ _MOST_PRESSED = 0.75
 _BATCH = 2**22
 
 
-def margin(inelastic: bool) -> float:
+def margin(law: Law, degree: int) -> float:
     """alpha: fraction of the bulk energy that the bonded form keeps at least.
 
     With 2/3, r is three times what coercivity requires, and errors are those of continuous elements
-    within 4 % from two cells across a body; with 1/4, r is four thirds of it, and GRAD u is up to a
-    third worse. But a larger r lets points of a failing bond break one by one, in more and smaller
-    steps, at degree 1 up to eight times as many. Hence bonds have 1/4.
+    within 4 % from two cells across a body; with 3/5, r is two and a half times it, and from degree
+    2 on they are within 3 %; with 1/4, r is four thirds of it, and GRAD u is up to a third worse.
+    But a larger r lets points of a failing bond break one by one, in more and smaller steps, at
+    degree 1 up to eight times as many. Hence bonds of degree 1 have 1/4, as has contact without a
+    bond, whose tractions and openings are no better with more.
 
     Args:
-        inelastic: Whether the law of the interface can fail.
+        law: Of the interface.
+        degree: Of the displacement.
     """
-    return _BONDED if inelastic else _TIED
+    if not law.inelastic:
+        return _TIED
+    return _BONDED if law.has_bond and degree > 1 else _LEAST
 
 
 def _contract(
@@ -164,6 +171,7 @@ class CellProblems:
         self._d = d = mesh.geometry.dim
         self._axial = isinstance(geometry, GeneralizedPlane)
         self._entries = entries = geometry.entries(d)
+        self._triangle = np.triu_indices(len(entries))
         shapes = ShapeGradients(mesh, geometry, space.ufl_element().degree)
         self._cells, self._first, self._cell_of_pair = np.unique(
             cells, return_index=True, return_inverse=True
@@ -201,7 +209,7 @@ class CellProblems:
             )
 
         def moduli(body: Body, F: Expr) -> Expr:
-            H = kinematics.traction_moduli(body, F, N)
+            H = kinematics.traction_moduli(body.elastic, F, N)
             return ufl.as_vector([H[k, i, j] for k in range(d) for i, j in entries])
 
         self._traction_moduli = RegionExpressions(
@@ -276,7 +284,7 @@ class CellProblems:
         gradients, volumes = (values[cells] for values in self._bulk)
         size = len(self._entries)
         A = self._moduli(self._region[cells], self._cells[cells])
-        first, second = np.triu_indices(size)
+        first, second = self._triangle
         full = np.empty((*A.shape[:2], size, size))
         full[..., first, second] = full[..., second, first] = A
         modulus = power_of_two(np.trace(full, axis1=2, axis2=3).max(axis=1))
@@ -305,7 +313,7 @@ class CellProblems:
         values, vectors = np.linalg.eigh(weights)
         compliance, area = power_of_two(values[:, -1]), power_of_two(areas.max(axis=1))
         root = vectors * np.sqrt(np.maximum(values / compliance[:, None], 0))[:, None]
-        H = np.einsum("pkm,pqke->pqem", root, H, optimize=True)
+        H = np.einsum("pqke,pkm->pqem", H, root)
         H *= np.sqrt(areas / area[:, None])[:, :, None, None]
         return self._columns(H, gradients, dilatations, self._length[cells]), compliance * area
 
@@ -375,6 +383,12 @@ class Coercivity:
         self._solved = np.flatnonzero(marks[: self._cell_map.size_local * self._facets_of_cell, 0])
         cells, local = np.divmod(self._solved, self._facets_of_cell)
         self._problems = CellProblems(u, bodies, cells.astype(np.int32), local.astype(np.int32))
+        # A body at points may have any moduli between zero and the elastic ones.
+        self._free = np.ones(len(cells))
+        if bodies.points is not None:
+            degree = u.function_space.ufl_element().degree
+            most = free_stress_factor(mesh.topology.cell_name(), degree, bodies.points.rule)
+            self._free[bodies.points.has(cells)] = most
 
     def _to_owners(self, values: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
         """Values (nf, 2, n) of the sides of facets, by cell and facet in it (slots, n)."""
@@ -405,7 +419,7 @@ class Coercivity:
         T = self._to_owners([value.reshape(-1, 2, d * d) for value in weights])
         T = T[self._solved].reshape(-1, d, d)
         vector = la.vector(self._cell_map, self._facets_of_cell)
-        vector.array[self._solved] = self._problems(T)
+        vector.array[self._solved] = self._free * self._problems(T)
         vector.scatter_forward()
         return [
             (share * vector.array[slots]).sum(axis=1)

@@ -72,12 +72,15 @@ class FacetJets:
         entries = [gradient[entry] for entry in self.entries]
         return np.concatenate([np.zeros(self._d), entries, entries])
 
-    def nodes_at(self, rows: slice) -> NDArray[np.int32]:
+    def nodes_at(self, rows: slice | NDArray[np.integer]) -> NDArray[np.int32]:
         """Local nodes of the two cells at some facets (f, 2 nodes)."""
-        cells = self._facets.cells[rows]
+        return self.nodes_of(self._facets.cells[rows])
+
+    def nodes_of(self, cells: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Local nodes of one or more cells in each row (f, nodes of all)."""
         return self._dofs[cells].reshape(len(cells), -1)
 
-    def displacement(self, rows: slice) -> Block:
+    def displacement(self, rows: slice | NDArray[np.integer]) -> Block:
         """B of the displacement on some facets."""
         d, values, gradients = self._d, self.values[rows], self.gradients[rows]
         count, points, _, nodes, _ = gradients.shape
@@ -87,11 +90,20 @@ class FacetJets:
             B[:, :, i, 1, :, i] = values[:, :, 1]
         for side in range(2):
             first = d + side * len(self.entries)
-            for n, (i, j) in enumerate(self.entries[: d * d]):
-                B[:, :, first + n, side, :, i] = gradients[:, :, side, :, j]
-            if self._hoop:
-                B[:, :, first + d * d, side, :, 0] = gradients[:, :, side, :, d]
+            entries = slice(first, first + len(self.entries))
+            B[:, :, entries, side] = self.gradient_entries(gradients[:, :, side])
         return Block(self.nodes_at(rows), B.reshape(count, points, self.size, -1))
+
+    def gradient_entries(self, gradients: Array) -> Array:
+        """Entries of GRAD w by the dofs of a cell, (..., entries, nodes, d), from the gradients of
+        its shape functions (..., nodes, d or d + 1)."""
+        d, nodes = self._d, gradients.shape[-2]
+        B = np.zeros((*gradients.shape[:-2], len(self.entries), nodes, d))
+        for n, (i, j) in enumerate(self.entries[: d * d]):
+            B[..., n, :, i] = gradients[..., j]
+        if self._hoop:
+            B[..., d * d, :, 0] = gradients[..., d]
+        return B
 
     def dilatation(self, rows: slice) -> Block:
         """B of the dilatation, one number per cell, the last entry of GRAD."""

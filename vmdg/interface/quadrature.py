@@ -14,6 +14,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
+from ufl.constantvalue import Zero
 from ufl.core.expr import Expr
 
 from .. import compat
@@ -127,6 +128,8 @@ class FacetQuadrature:
         test = ufl.TestFunction(space)
         forms = []
         for side, select, expression in parts:
+            if isinstance(expression, Zero):
+                continue
             rows = [(0, self.facets.side(side, select))]
             ds = ufl.Measure(
                 "ds",

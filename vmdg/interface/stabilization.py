@@ -164,7 +164,7 @@ class Stabilizer:
         self.interface = interface
         self.facets = facets = quadrature.facets
         self.automatic = interface.safety == AUTO and interface.stabilization is None
-        self.margin = margin(interface.law.inelastic)
+        self.margin = margin(interface.law, u.function_space.ufl_element().degree)
         self._quadrature = quadrature
         self._turns = turns(interface, bodies, facets.walled)
         self._stiffness = BubbleIntegrals(u, bodies, facets.cells.T.ravel(), facets.local.T.ravel())

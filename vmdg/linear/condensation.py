@@ -91,6 +91,8 @@ def _refusal(problem: Problem, petsc: Petsc | None) -> str:
 
 def _not_by_itself(problem: Problem, petsc: Petsc | None) -> str:
     """Why bonded bodies cannot be factorized separately; empty if they can."""
+    if problem.discretization.bodies.points is not None:
+        return "plastic bodies: their tangent changes"
     if problem.discretization.bodies.mean_dilatation:
         return "mean dilatation"
     if lattice_of(problem.discretization.means) is not None:

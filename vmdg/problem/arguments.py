@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import compat
 from ..base.kernels import compile_expression
-from ..base.parallel import raise_together
+from ..base.parallel import raise_together, warn_together
 from ..base.tables import rounded
 from ..domain.lattice import Lattice
 from ..domain.materials import Bodies, cell_values
@@ -31,6 +31,7 @@ from ..domain.topology import cells_inside, facet_cells
 from ..forms.materials import Material
 from ..interface.facets import InterfaceFacets
 from ..interface.interface import Interface, interface_names
+from ..materials.point import PointMaterial
 
 KINEMATICS = ("finite", "small")
 GENERALIZED = "generalized strain"
@@ -203,6 +204,58 @@ def check_plane(
                 "Material with free_stretch(F, parameters)"
             )
     return True
+
+
+def check_points(
+    mesh: Mesh,
+    materials: Mapping[int, Material],
+    interfaces: Sequence[Interface],
+    degree: int,
+    kinematics: str,
+    others: Mapping[str, bool],
+) -> None:
+    """Check what is given together with materials at points; warns of locking.
+
+    Args:
+        mesh: The mesh.
+        materials: By tag.
+        interfaces: The interfaces.
+        degree: Degree of the displacement.
+        kinematics: Of the problem.
+        others: Whether the problem has a feature, by what the user wrote for it.
+
+    Raises:
+        ValueError: a feature that materials at points do not have, or other kinematics than theirs.
+    """
+    at_points = {tag: m for tag, m in materials.items() if isinstance(m, PointMaterial)}
+    for tag, material in at_points.items():
+        what = f"Problem: the {type(material).__name__} of tag {tag}"
+        if kinematics not in material.kinematics:
+            raise ValueError(
+                f"{what} is defined for kinematics={' or '.join(map(repr, material.kinematics))}, "
+                f"not for {kinematics!r}"
+            )
+        if present := [name for name, given in others.items() if given]:
+            raise ValueError(
+                f"{what} is evaluated at points, which cannot be combined with {present[0]}; use a "
+                "hyperelastic material there, or omit it"
+            )
+        if any(interface.traction_jump for interface in interfaces):
+            raise ValueError(
+                f"{what} is evaluated at points, which cannot be combined with traction_jump=True "
+                "of an interface: its term uses energy of the cells that plastic flow removes"
+            )
+        if not material.symmetric and mesh.geometry.dim == 3:
+            raise ValueError(
+                f"{what} has unsymmetric moduli, which are possible in 2D only; use an associated "
+                "flow rule"
+            )
+    if at_points and degree == 1:
+        warn_together(
+            mesh.comm,
+            "plastic flow keeps the volume, and cells of degree 1 lock: once a body flows, forces "
+            "are too large, in a necking bar by 80 %; use degree=2",
+        )
 
 
 def check_walls(bodies: Bodies, strains: Mapping[int, Any], repeats: bool, axial: bool) -> None:

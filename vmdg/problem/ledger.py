@@ -104,7 +104,7 @@ class Ledger:
     def hold(self) -> None:
         """Record the last residual as that at the start of the step, with its tau_s and loads."""
         now = self.discretization
-        if not now.bodies.small:
+        if now.bodies.hyperelastic:
             residual = now.forces.x.array[: now.owned].copy()
             self._start.forces = _Forces(residual, self._loading.vector, self._gap_forces())
 
@@ -113,7 +113,10 @@ class Ledger:
         work, charged, within = self._external_work()
         done = work, self._start.added + self._relaxed()
         self._enter(done, self.dissipation() + charged)
-        self.works = replace(self.works, within=within)
+        plastic = self.works.plastic
+        if bodies := self.discretization.bodies.points:
+            plastic += bodies.dissipation()
+        self.works = replace(self.works, within=within, plastic=plastic)
 
     def complete(self, allowed: float = 0.0) -> None:
         """Compute the pending work of the last step, at its end; collective.
@@ -134,7 +137,7 @@ class Ledger:
         """Energies at the current state, with works as recorded; collective."""
         bulk, interface, springs = self.discretization.stored_energy()
         done = *self.works.dissipated, *self.works.external
-        values = [bulk, interface, *done, springs]
+        values = [bulk, interface, *done, springs, self.works.plastic]
         return Energy(*(float(value) for value in global_sum(self._comm, values)))
 
     def _enter(self, external: Sequence[float], dissipated: NDArray[np.float64]) -> None:
@@ -237,7 +240,7 @@ class Ledger:
         mean = sum(slopes) / 2
         rated = any(active.law.viscosity > 0 for active in now.active.values())
         at_rest = rated and held and not begun.slowed and begun.cycles == 0
-        if (at_rest or not held) and not (now.bodies.small or now.surface.fluids):
+        if (at_rest or not held) and now.bodies.hyperelastic and not now.surface.fluids:
             so_far, last = self.works.external[0] + mean + work, self.works.increment
             forces, lengths = ends[1] - ends[0], len(change) - 1
             increment, curved, told = next_increment(

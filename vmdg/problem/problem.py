@@ -27,7 +27,8 @@ from ..domain.cells import check_cells
 from ..domain.geometry import make_geometry
 from ..domain.lattice import make_lattice
 from ..domain.materials import Bodies
-from ..domain.tags import Group, by_tag, names_of
+from ..domain.point_bodies import BodyState
+from ..domain.tags import Group, by_tag, group_tag, names_of
 from ..domain.topology import Locator, facet_cells, tags_of_cells
 from ..forms.materials import Material
 from ..interface.activation import Activation
@@ -50,6 +51,7 @@ from .arguments import (
     check_mesh,
     check_overlap,
     check_plane,
+    check_points,
     check_rest,
     check_walls,
     checked_interfaces,
@@ -135,7 +137,7 @@ class Problem:
         check_mesh(mesh, cell_tags)
         check_approximation(mesh, degree, kinematics)
         repeats = checked_periodic(periodic) is not None
-        names = names_of(cell_tags)
+        self._names = names = names_of(cell_tags)
         materials = by_tag(checked_materials(materials), names, "materials")
         same_call(mesh.comm, "Problem", in_numbers(materials, self.interfaces))
         axial = generalized(plane)
@@ -149,12 +151,20 @@ class Problem:
         self.mesh = mesh
         self.comm = mesh.comm
         check_rest(mesh, materials)
+        others = {
+            'plane="stress"': stress_only,
+            f"plane={GENERALIZED!r}": axial is not None,
+            'volumetric="mean"': volumetric == "mean",
+            "a periodic cell": repeats,
+            "an eigenstrain": eigenstrain is not None,
+        }
+        check_points(mesh, materials, self.interfaces, degree, kinematics, others)
         self.materials = MappingProxyType(materials)
         tags = tags_of_cells(mesh, cell_tags)
         lattice = make_lattice(mesh, periodic.vectors) if repeats else None
         strains = checked_eigenstrains(mesh, tags, eigenstrain, names)
         small = kinematics == "small"
-        bodies = Bodies(mesh, tags, materials, small, strains, geometry, stress_only)
+        bodies = Bodies(mesh, tags, materials, small, strains, geometry, degree, stress_only)
         check_walls(bodies, strains, repeats, axial is not None)
         raise_together(mesh.comm, refusal(bodies, bodies.eigenstrains(0.0), 0.0))
         facets = [
@@ -432,6 +442,27 @@ class Problem:
         """
         empty = InterfaceState.empty(self.mesh.geometry.dim)
         return self._of_interfaces(lambda active: active.state(), empty)
+
+    def body_state(self, tag: Group) -> BodyState:
+        """Values at the points of a body whose material is evaluated at points, as :class:`J2`.
+
+        Local, like :attr:`state`.
+
+        Args:
+            tag: Cell tag or its name.
+
+        Raises:
+            ValueError: the tag has no such material.
+        """
+        number = group_tag(tag, self._names, "body_state")
+        bodies = self.discretization.bodies.points
+        if bodies is None or number not in bodies.materials:
+            kinds = {tag: type(m).__name__ for tag, m in self.materials.items()}
+            raise ValueError(
+                f"body_state: the material of tag {tag!r} has no values at points (materials "
+                f"{kinds}); the stress of a hyperelastic body is a field, see vmdg.FieldWriter"
+            )
+        return bodies.of_tag(number)
 
     def _of_interfaces(self, value: Callable[[ActiveInterface], T], empty: T) -> InterfaceList[T]:
         """A value of every active interface; ``empty`` of those without open facets."""

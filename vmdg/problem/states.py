@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..assembly.discretization import Discretization
+from ..domain.point_bodies import PointState
 from ..interface.history import InterfaceSnapshot
 from .work import Increment
 
@@ -31,6 +32,7 @@ class Energy:
         discretization: Added since the start by a tau_s that changes between steps, the change of
             (30) at fixed u and zeta, and by opening facets, minus the relaxation when they open.
         springs: Stored in springs.
+        plastic: Dissipated in the bodies since the start.
     """
 
     bulk: float
@@ -41,6 +43,7 @@ class Energy:
     external: float
     discretization: float = 0.0
     springs: float = 0.0
+    plastic: float = 0.0
 
     @property
     def stored(self) -> float:
@@ -49,8 +52,8 @@ class Energy:
 
     @property
     def dissipated(self) -> float:
-        """Damage, friction and viscosity together."""
-        return self.damage + self.friction + self.viscosity
+        """Damage, friction, viscosity and plastic work together."""
+        return self.damage + self.friction + self.viscosity + self.plastic
 
     @property
     def imbalance(self) -> float:
@@ -110,6 +113,7 @@ class Works:
             which a snap does not pass.
         increment: The last step along the path; None if the next one does not continue it.
         pending: Work of the last step that requires residuals to compute; None for none.
+        plastic: Dissipated in the bodies [N mm].
     """
 
     dissipated: NDArray[np.float64]
@@ -117,6 +121,7 @@ class Works:
     within: float = 0.0
     increment: Increment | None = None
     pending: Pending | None = None
+    plastic: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -131,6 +136,7 @@ class Snapshot:
         interfaces: State of every active interface.
         open: For every interface, a mask of its open facets.
         works: Works of the run up to there.
+        bodies: State of the bodies at points; None for none.
     """
 
     t: float
@@ -140,6 +146,7 @@ class Snapshot:
     interfaces: list[InterfaceSnapshot]
     open: list[NDArray[np.bool_]]
     works: Works
+    bodies: PointState | None = None
 
     def way_to(self, other: Snapshot) -> tuple[NDArray[np.float64], float] | None:
         """Change of the displacement of owned dofs [mm] and of the load factor to another state.

@@ -87,6 +87,8 @@ class Step:
         self.ledger.settle()
         self._dt, self.start = dt, self.snapshot()
         self.ledger.begin(self.start, dt, overstress > 0, cycles)
+        if bodies := self.discretization.bodies.points:
+            bodies.begin()
         self._loading.spread()
         self.slow_down(overstress, cycles)
         try:
@@ -110,29 +112,33 @@ class Step:
         for active in self.discretization.active.values():
             active.slow_down(overstress, cycles)
 
-    def assemble_residual(self, dt: float = 1.0, hold: bool = False) -> NDArray[np.float64]:
+    def assemble_residual(
+        self, dt: float = 1.0, hold: bool = False, anew: bool = False
+    ) -> NDArray[np.float64]:
         """Return maps, then internal minus external forces at the current displacement.
 
         Args:
             dt: Time step of the return maps [s].
             hold: Fix zeta at its converged value instead of a return map.
+            anew: As for :meth:`.Discretization.assemble_residual`.
 
         Returns:
             Owned dofs, including prescribed ones [N].
         """
-        return self.discretization.assemble_residual(dt, hold, self._loading.vector)
+        return self.discretization.assemble_residual(dt, hold, self._loading.vector, anew)
 
-    def hold(self, dt: float, sliding: bool) -> None:
+    def hold(self, dt: float, anew: bool) -> None:
         """Assemble the residual of the predictor, with zeta at its converged value.
 
         Args:
             dt: Time step of the return maps [s].
-            sliding: Whether sliding points are treated as sticking in the tangent.
+            anew: Whether the last step does not continue: in the tangent sliding points are treated
+                as sticking, and bodies at points as at rest.
         """
-        if sliding:
+        if anew:
             for active in self._failing():
                 hold_sliding_points(active)
-        self.assemble_residual(dt, hold=True)
+        self.assemble_residual(dt, hold=True, anew=anew)
         self.ledger.hold()
 
     def close(self, dt: float) -> bool:
@@ -217,6 +223,7 @@ class Step:
         """Negative derivative of the residual by a parameter, by differences, and of the work."""
         now = self.discretization
         points = [active.snapshot() for active in now.active.values()]
+        bodies = now.bodies.points and now.bodies.points.state
         forces = now.forces.x.array.copy()
         mapped = all(active.values.update is not None for active in self._failing())
         rate = (forces[: now.owned] if mapped else self.assemble_residual(self._dt)).copy()
@@ -227,6 +234,8 @@ class Step:
         move(value)
         for active, state in zip(now.active.values(), points, strict=True):
             active.return_to(state)
+        if bodies:
+            now.bodies.points.return_to(bodies)
         now.update_means()
         now.forces.x.array[:] = forces
         return self._loading.balance(rate / change), -work / change
@@ -263,6 +272,8 @@ class Step:
         self.ledger.commit()
         for active in self.discretization.active.values():
             active.commit()
+        if bodies := self.discretization.bodies.points:
+            bodies.commit()
         self._repeats = 0
 
     def watch_sliding(self) -> float:
@@ -311,6 +322,7 @@ class Step:
             [active.snapshot() for active in now.active.values()],
             list(self.activation.open),
             self.ledger.works,
+            now.bodies.points and now.bodies.points.state,
         )
 
     def return_to(self, snapshot: Snapshot) -> None:
@@ -328,6 +340,8 @@ class Step:
         self.ledger.works = snapshot.works
         for active, interface in zip(now.active.values(), snapshot.interfaces, strict=True):
             active.return_to(interface)
+        if snapshot.bodies is not None:
+            now.bodies.points.return_to(snapshot.bodies)
         self._loading.move(snapshot.t)
 
     # Facets that open on demand

@@ -123,7 +123,7 @@ def _moduli(problem: Problem, cells: NDArray[np.int32]) -> Array:
     )
 
     def means(body: Body, F: Expr) -> Expr:
-        A = kinematics.bulk_moduli(body, bodies.geometry, F)
+        A = kinematics.bulk_moduli(body.elastic, bodies.geometry, F)
         normal = sum(A[i, i, i, i] for i in range(d)) / d
         shear = sum(A[i, j, i, j] for i in range(d) for j in range(d) if i != j) / (d * d - d)
         return ufl.as_vector([normal, shear])

@@ -221,7 +221,7 @@ class _Newton:
     def _along_tangent(self, anew: bool) -> None:
         """Predict along the tangent; if crack faces overlap then, with closing points sticking."""
         step, iterate, limits = self._step, self._iterate, self._iterate.limits
-        step.hold(self._dt, sliding=anew)
+        step.hold(self._dt, anew)
         free = iterate.forces()
         step.scales = step.scales.with_forces(global_norm(self._comm, free))
         self._follow(iterate.start, self._correct(-free))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..base.parallel import global_any, global_max, global_norm, global_sum
 from ..base.timers import timer
+from ..base.units import power_of_two
 from ..linear.system import System
 from ..problem.problem import Problem
 from .limits import ROUNDING, Direction, Limits, Reach
@@ -133,8 +134,10 @@ class Iterate:
         begun = self._begun(start, way, length)
         self.limits = limits.ending_at_onset()
         onset = self._shorter(start, way, length)
-        if sound.elastic and limits.work == math.inf:
-            # Load control passes the onset if no piece begins before another.
+        bodies = self._discretization.bodies
+        if sound.elastic and limits.work == math.inf and bodies.points is None:
+            # Load control passes the onset if no piece begins before another; a bond may begin
+            # before bodies flow that would spare it.
             beyond = onset + self._numbers.small * (length - onset)
             if np.array_equal(self._begun(start, way, beyond), begun):
                 self.limits = limits
@@ -206,16 +209,22 @@ class Iterate:
         if size == 0 or global_max(self._comm, float(largest)) == 0:
             return 0.0
         parts, here, work = self._discretization, self.place(), 0.0
-        straight = parts.bodies.small and not self._loading.pressurised
-        h = 1.0 if straight else INCREMENT * self._size / size
+        straight = parts.bodies.linear and not self._loading.pressurised
+        # If it is exact for any h, a direction is added at the size of the mesh: then rounding
+        # depends neither on its length nor on the unit of the load factor.
+        h = float(power_of_two(self._size / size)) if straight else INCREMENT * self._size / size
         with timer("rates"):
             interfaces = self._pieces.interfaces
             before = [active.total_in_frame() for active in interfaces]
             self.visit(here.plus(direction, h))
+            if bodies := parts.bodies.points:
+                bodies.extrapolate(bodies.deformation(self._problem.u))
             for active, G, q in zip(interfaces, gradients, before, strict=True):
                 change = np.einsum("pi,pi->p", G, active.total_in_frame() - q) / h
                 work += active.quadrature.weights @ change
             self.visit(here)
+            if bodies:
+                bodies.return_to(bodies.state)
         return float(parts.geometry.thickness) * work
 
     def forces(self) -> Array:

@@ -55,10 +55,12 @@ class Pieces:
         self.interfaces = [one for one in active if one.law.inelastic]
         self._comm = discretization.mesh.comm
         self._thickness = float(discretization.geometry.thickness)
-        pieces = facet_pieces(discretization.space, [one.facets for one in self.interfaces])
-        self._names = [
-            piece[one.quadrature.facet] for one, piece in zip(self.interfaces, pieces, strict=True)
-        ]
+        self._names: list[NDArray[np.int64]] = []
+        if failing := self.interfaces:
+            pieces = facet_pieces(discretization.space, [one.facets for one in failing])
+            self._names = [
+                piece[one.quadrature.facet] for one, piece in zip(failing, pieces, strict=True)
+            ]
 
     def sound(self, small: float) -> Sound:
         """The pieces at the last converged state.
