@@ -307,6 +307,9 @@ class Path:
         if not cuts and way > global_norm(self._problem.comm, found.ahead.u) / numbers.cut:
             way = math.inf
         work = max(growth * min(limits.work, step.scales.work), limits.onset)
+        if found.onset and self._problem.discretization.bodies.points:
+            # Bodies flow or bonds soften: a large step finds the second before its time.
+            work = limits.onset / numbers.rest
         breaks = step.scales.breaking or found.onset or (cuts > 0 and stage.follows)
         work, breaks = min(work, stage.most or math.inf), breaks or self._by_work
         step.scales = replace(step.scales, work=work, breaking=breaks)
