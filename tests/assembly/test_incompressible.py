@@ -299,7 +299,7 @@ def test_blocks_are_ufl_derivatives(comm, kinematics):
     tangent_matrix(problem)
     weak_form, theta = problem.discretization.weak_form, problem.discretization.geometry.theta
     (active,) = weak_form.active
-    D, _ = active.tangent()
+    D = active.tangent()[0]
     fields = (problem.u, FacetJets.displacement), (theta, FacetJets.dilatation)
     for row, test in fields:
         eta = ufl.TestFunction(row.function_space)
