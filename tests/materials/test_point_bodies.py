@@ -285,10 +285,9 @@ def test_material_of_a_user(comm):
     problem = joined(scene, vmdg.Bonded(), (material, material), kinematics="small", degree=2)
     everything = lambda x: np.full(x.shape[1], True)  # noqa: E731
     problem.dirichlet(everything, lambda x, t: np.stack([0.01 * min(t, dt) / dt * x[1], 0 * x[0]]))
-    options = vmdg.SolveOptions(control="load")
     G = E / (2 * (1 + NU))
     for step in range(1, 5):
-        vmdg.solve(problem, [step * dt], options)
+        vmdg.solve(problem, [step * dt])
         stress = problem.body_state(1).stress[:, 0, 1]
         assert stress == pytest.approx(G * 0.01 / (1 + dt / relaxation) ** step, rel=1e-9)
     assert problem.energy().plastic > 0.0

@@ -151,10 +151,12 @@ class Discretization:
 
     @property
     def symmetric(self) -> bool:
-        """Whether the tangent is symmetric: symmetric laws and no follower pressures."""
+        """Whether the tangent is symmetric: symmetric laws, no follower pressures, and no bodies at
+        points next to interfaces."""
         laws = all(active.law.symmetric for active in self.active.values())
         # The moduli of an adjoint term are frozen, those of the flux are current.
-        points = self._at_points is None or not self.active
+        bodies = self._at_points
+        points = bodies is None or (bodies.symmetric and not self.active)
         return laws and points and self.surface.symmetric
 
     # Compiled forms

@@ -91,6 +91,7 @@ class PointBodies:
         extrapolation: Values of the points in a cell to coefficients of the facet fields (m, q).
         element: Scalar element of the facet fields.
         symmetric: Whether all moduli have major symmetry.
+        viscous: Whether a stress depends on the time step.
         state: Current state.
     """
 
@@ -107,6 +108,7 @@ class PointBodies:
         self.materials = dict(materials)
         self._deformed: PointDeformation | None = None
         self.symmetric = all(material.symmetric for material in materials.values())
+        self.viscous = any(material.viscous for material in materials.values())
         chosen = [cells_of[tag] for tag in materials]
         self.cells = np.concatenate(chosen).astype(np.int32)
         bounds = np.cumsum([0, *map(len, chosen)])

@@ -138,6 +138,7 @@ class J2(PointMaterial):
         self._rate = float(rate)
         given = numbers if table is None else numbers | {"hardening": table.tolist()}
         self.numbers = dict(elastic.parameters) | given
+        self.viscous = rate > 0
         if kinematic > 0:
             self.kinematics = ("small",)
 

@@ -53,6 +53,8 @@ class PointMaterial(Material):
             the columns of ``state``.
         symmetric: Whether the moduli have major symmetry, A_ijkl = A_klij, as those of an
             associated flow rule do.
+        viscous: Whether the stress depends on the time step; the path is then followed by load, as
+            with laws that depend on the rate.
         kinematics: Kinds of strain for which it is defined: "small", "finite".
         numbers: Values by which a checkpoint knows the material again.
 
@@ -62,6 +64,7 @@ class PointMaterial(Material):
 
     fields: Mapping[str, int] = {}
     symmetric = True
+    viscous = False
     kinematics: tuple[str, ...] = ("small", "finite")
 
     def __init__(self, elastic: Material):

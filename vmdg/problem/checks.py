@@ -269,7 +269,9 @@ def _moves_by_itself(problem: Problem) -> bool:
     """Whether a state may change under constant loads: by viscosity, cycles, or spreading
     fluids."""
     laws = [interface.law for interface in problem.interfaces]
-    return bool(problem.loading.given.filled) or any(law.fatigues or law.viscosity for law in laws)
+    bodies = problem.discretization.bodies.points
+    rated = any(law.fatigues or law.viscosity for law in laws) or bool(bodies and bodies.viscous)
+    return bool(problem.loading.given.filled) or rated
 
 
 # Proportions

@@ -29,7 +29,7 @@ class Steps:
     Attributes:
         problem: The problem.
         options: Options of the solver.
-        viscous: Whether the laws depend on the rate.
+        viscous: Whether laws or bodies depend on the rate.
         cyclic: Whether load cycles degrade bonds.
         krylov: Krylov iterations so far.
     """
@@ -44,7 +44,8 @@ class Steps:
         self.problem, self.options = problem, options
         self._progress, self._check = progress or Progress(problem, 0, options), check
         laws = [interface.law for interface in problem.interfaces]
-        self.viscous = any(law.viscosity > 0 for law in laws)
+        bodies = problem.discretization.bodies.points
+        self.viscous = any(law.viscosity > 0 for law in laws) or bool(bodies and bodies.viscous)
         self.cyclic, self.krylov = options.cycles > 0, 0
         if self.cyclic and not any(law.fatigues for law in laws):
             raise ValueError(
