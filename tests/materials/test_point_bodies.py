@@ -293,3 +293,26 @@ def test_material_of_a_user(comm):
         stress = problem.body_state(1).stress[:, 0, 1]
         assert stress == pytest.approx(G * 0.01 / (1 + dt / relaxation) ** step, rel=1e-9)
     assert problem.energy().plastic > 0.0
+
+
+class Wrong(vmdg.PointMaterial):
+    """Answers with moduli of another shape."""
+
+    def __call__(self, deformation, state, dt, small):
+        answer = METAL(deformation, np.zeros((len(deformation), 7)), dt, small)
+        return answer._replace(state=state, moduli=answer.moduli.reshape(-1, 9, 9))
+
+
+def test_wrong_answers(comm):
+    """Of a user's material: an error that names it, on every rank; an iteration that diverges
+    asks it nothing.
+    """
+    scene = two_blocks(comm, "quadrilateral")
+    with pytest.raises(ValueError, match="Wrong: moduli of"):
+        joined(scene, vmdg.Bonded(), (Wrong(vmdg.NeoHookean(E=E, nu=NU)),) * 2, degree=2)
+    problem, _ = pulled(comm)
+    problem.step.begin(1.0, 1.0)
+    problem.u.x.array[:] = np.nan
+    assert np.isnan(problem.step.assemble_residual()).any()
+    problem.step.cancel()
+    assert np.isfinite(problem.step.assemble_residual()).all()

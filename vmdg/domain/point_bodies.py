@@ -14,6 +14,7 @@ from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 
 from .. import compat
+from ..base.agreement import together
 from ..base.kernels import compile_expression
 from ..base.quadrature import bulk_degree
 from ..base.timers import timer
@@ -160,7 +161,7 @@ class PointBodies:
             history,
             one,
         )
-        self._take(self._evaluated(one, np.inf))
+        self._take(together(mesh.comm, lambda: self._evaluated(one, np.inf)))
         self.begin()
 
     # Evaluation
@@ -174,16 +175,19 @@ class PointBodies:
         return self._deformed()
 
     def update(self, deformation: Array, dt: float, hold: bool = False) -> None:
-        """Stress and moduli for a deformation.
+        """Stress and moduli for a deformation; collective.
 
         Args:
             deformation: From :meth:`deformation` (n, 3, 3).
             dt: Time step [s].
             hold: Keep the moduli of the last evaluation, for a predictor: those of the last
                 iteration are closer to those of the step than the elastic ones of a state at rest.
+
+        Raises:
+            ValueError: a material answers with arrays of the wrong shape, on every rank.
         """
         with timer("bodies at points"):
-            state = self._evaluated(deformation, dt)
+            state = together(self._mesh.comm, lambda: self._evaluated(deformation, dt))
             if hold:
                 state = _with(state, moduli=self.state.moduli)
             self._take(state)
@@ -212,7 +216,7 @@ class PointBodies:
             for first in range(start * count, stop * count, _BATCH):
                 batch = slice(first, min(first + _BATCH, stop * count))
                 own = slice(batch.start - start * count, batch.stop - start * count)
-                found: Response = material(deformation[batch], before[own], dt, self._small)
+                found = self._answer(material, deformation[batch], before[own], dt)
                 stress.reshape(-1, 3, 3)[batch] = found.stress
                 of_entries = found.moduli[:, rows, columns][:, :, rows, columns]
                 moduli.reshape(-1, len(rows), len(rows))[batch] = of_entries
@@ -229,6 +233,24 @@ class PointBodies:
             tuple(history),
             deformation,
         )
+
+    def _answer(
+        self, material: PointMaterial, deformation: Array, before: Array, dt: float
+    ) -> Response:
+        """What a material answers at some points, with checked shapes; not a number where an
+        iteration that diverges asks for it."""
+        n = len(deformation)
+        shapes = (n, 3, 3), (n, 3, 3, 3, 3), before.shape, (n,), (n,)
+        if not np.isfinite(deformation).all():
+            return Response(*(np.full(shape, np.nan) for shape in shapes))
+        found = material(deformation, before, dt, self._small)
+        for name, value, shape in zip(Response._fields, found, shapes, strict=True):
+            if np.shape(value) != shape:
+                raise ValueError(
+                    f"{type(material).__name__}: {name} of {n} points has shape "
+                    f"{np.shape(value)}, expected {shape}, see vmdg.Response"
+                )
+        return found
 
     def _take(self, state: PointState) -> None:
         """Make a state the current one, also in the forms."""
