@@ -98,7 +98,7 @@ _MOST_PRESSED = 0.75
 _BATCH = 2**22
 
 
-def margin(law: Law, degree: int) -> float:
+def margin(law: Law, degree: int, at_points: bool = False) -> float:
     """alpha: fraction of the bulk energy that the bonded form keeps at least.
 
     With 2/3, r is three times what coercivity requires, and errors are those of continuous elements
@@ -106,15 +106,17 @@ def margin(law: Law, degree: int) -> float:
     2 on they are within 3 %; with 1/4, r is four thirds of it, and GRAD u is up to a third worse.
     But a larger r lets points of a failing bond break one by one, in more and smaller steps, at
     degree 1 up to eight times as many. Hence bonds of degree 1 have 1/4, as has contact without a
-    bond, whose tractions and openings are no better with more.
+    bond, whose tractions and openings are no better with more. So have bonds of bodies at points:
+    while such a body is elastic, the factor of :mod:`vmdg.interface.free_stress` is a margin too.
 
     Args:
         law: Of the interface.
         degree: Of the displacement.
+        at_points: Whether bodies are evaluated at points.
     """
     if not law.inelastic:
         return _TIED
-    return _BONDED if law.has_bond and degree > 1 else _LEAST
+    return _BONDED if law.has_bond and degree > 1 and not at_points else _LEAST
 
 
 def _contract(

@@ -164,7 +164,8 @@ class Stabilizer:
         self.interface = interface
         self.facets = facets = quadrature.facets
         self.automatic = interface.safety == AUTO and interface.stabilization is None
-        self.margin = margin(interface.law, u.function_space.ufl_element().degree)
+        degree = u.function_space.ufl_element().degree
+        self.margin = margin(interface.law, degree, bodies.points is not None)
         self._quadrature = quadrature
         self._turns = turns(interface, bodies, facets.walled)
         self._stiffness = BubbleIntegrals(u, bodies, facets.cells.T.ravel(), facets.local.T.ravel())
