@@ -48,8 +48,8 @@ class PointFields:
             self, facet_stress=self.facet_stress(side), facet_moduli=self.facet_moduli(side)
         )
 
-    def traction_moduli(self, N: Expr, v: Expr | None = None) -> Expr:
-        """(A.N)_mij of the moduli on facets, (d, n, n), or v.(A.N), (n, n)."""
+    def traction_moduli(self, N: Expr) -> Expr:
+        """(A.N)_mij of the moduli on facets, (d, n, n)."""
         d, n = len(N), 1 + max(i for i, _ in self.entries)
 
         def component(m: int, i: int, j: int) -> Expr:
@@ -59,15 +59,13 @@ class PointFields:
             rows = ((self.entries.index((m, k)), k) for k in range(d))
             return sum(self.facet_moduli[row, column] * N[k] for row, k in rows)
 
-        H = [[[component(m, i, j) for j in range(n)] for i in range(n)] for m in range(d)]
-        if v is None:
-            return ufl.as_tensor(H)
-        along = [[sum(v[m] * H[m][i][j] for m in range(d)) for j in range(n)] for i in range(n)]
-        return ufl.as_tensor(along)
+        return ufl.as_tensor(
+            [[[component(m, i, j) for j in range(n)] for i in range(n)] for m in range(d)]
+        )
 
     def stiffness(self, eta: Expr, du: Expr) -> Expr:
         """GRAD eta : A : GRAD du in a cell, of these gradients (n, n)."""
-        pairs = [(row, entry) for row, entry in enumerate(self.entries)]
+        pairs = list(enumerate(self.entries))
         return sum(
             eta[p] * self.moduli[row, column] * du[q] for row, p in pairs for column, q in pairs
         )
@@ -362,7 +360,7 @@ def traction_moduli(body: Body, F: Expr, N: Expr) -> Expr:
 def projected_traction_moduli(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
     """v.(A.N), the derivative of v.P.N by F, (n, n) [MPa times the unit of v]."""
     if body.points is not None:
-        return body.points.traction_moduli(N, v)
+        return ufl.dot(v, body.points.traction_moduli(N))
     chain = _chain(body, F)
     if chain is None:
         return ufl.diff(ufl.dot(v, traction(body, F, N)), F)

@@ -262,13 +262,12 @@ def test_pressure_as_a_function_of_the_opening(comm):
     with pytest.raises(ValueError, match="share must return one finite number"):
         problem.pressure("bond", 1.0, share=lambda opening: np.full(len(opening) + 1, 0.5))
     problem.pressure("bond", lambda t: 150 * t, share=lambda opening: np.exp(-opening / 0.02))
-    history = vmdg.solve(problem, np.linspace(0.1, 2, 20), EXACT, monitor=bar.means).history
+    history = vmdg.solve(problem, np.linspace(0.1, 3, 30), EXACT, monitor=bar.means).history
     gap, T = history["gap"], history["traction"]
     before = np.append(0.0, gap[:-1])
     p = 150 * history["load"] * np.exp(-before / 0.02)
     assert T - p == pytest.approx(-STIFF * gap / 2, abs=1e-7)
-    # The share lags by a step, and which steps there are decides in which of them it opens last.
-    assert gap[-1] > 0.015
+    assert gap[-1] > 0.02
 
 
 def lateral(stretch):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import basix
 import basix.ufl
@@ -124,6 +125,7 @@ class PointBodies:
         self.points, self._weights = basix.make_quadrature(cell, order)
         self._n = geometry.size(d)
         self.entries = tuple(geometry.entries(d))
+        self._rows, self._columns = np.array(self.entries).T
         size = len(self.entries)
         self.element, self.extrapolation = extrapolation(cell, self.points)
 
@@ -161,7 +163,7 @@ class PointBodies:
             history,
             one,
         )
-        self._take(together(mesh.comm, lambda: self._evaluated(one, np.inf)))
+        self.take(together(mesh.comm, lambda: self._evaluated(one, np.inf)))
         self.begin()
 
     # Evaluation
@@ -190,14 +192,14 @@ class PointBodies:
             state = together(self._mesh.comm, lambda: self._evaluated(deformation, dt))
             if hold:
                 state = _with(state, moduli=self.state.moduli)
-            self._take(state)
+            self.take(state)
 
     def extrapolate(self, deformation: Array) -> None:
         """Stress on facets for a small change of the deformation, by the moduli.
 
-        For derivatives of tractions; :meth:`return_to` restores the stress.
+        For derivatives of tractions; :meth:`take` restores the stress.
         """
-        rows, columns = np.array(self.entries).T
+        rows, columns = self._rows, self._columns
         change = (deformation - self.state.deformation)[:, rows, columns]
         change = change.reshape(*self.state.moduli.shape[:3])
         stress = self.state.stress.copy()
@@ -210,7 +212,7 @@ class PointBodies:
             np.empty_like(a) for a in (old.stress, old.stored, old.stored)
         )
         moduli, history = np.empty_like(old.moduli), []
-        rows, columns = np.array(self.entries).T
+        rows, columns = self._rows, self._columns
         for (material, start, stop), before in zip(self._parts, old.history, strict=True):
             after = np.empty_like(before)
             for first in range(start * count, stop * count, _BATCH):
@@ -252,7 +254,7 @@ class PointBodies:
                 )
         return found
 
-    def _take(self, state: PointState) -> None:
+    def take(self, state: PointState) -> None:
         """Make a state the current one, also in the forms."""
         before, self.state, n = self.state, state, self._n
         _write(self.fields.stress, self.cells, state.stress[..., :n, :n])
@@ -284,17 +286,13 @@ class PointBodies:
 
     def begin(self) -> None:
         """Start a step: the moduli so far are those of the adjoint term."""
-        self._take(_with(self.state, frozen=self.state.moduli))
+        self.take(_with(self.state, frozen=self.state.moduli))
 
     def commit(self) -> None:
         """Accept the last evaluation as the converged history."""
         self.state = _with(
             self.state, history=self.state.next, dissipated=np.zeros_like(self.state.dissipated)
         )
-
-    def return_to(self, state: PointState) -> None:
-        """Return to a state."""
-        self._take(state)
 
     # Files
 
@@ -332,7 +330,8 @@ class PointBodies:
 
     # Integrals and values
 
-    def volumes(self) -> Array:
+    @cached_property
+    def _volumes(self) -> Array:
         """Reference volume of the points of owned cells (n, q), zero in ghosts [mm3]."""
         geometry_map = GeometryMap(self._mesh, self.points)
         nodes = geometry_map.nodes(self.cells)
@@ -345,7 +344,7 @@ class PointBodies:
         """Values at the points of a tag; its converged history."""
         number = list(self.materials).index(tag)
         material, start, stop = self._parts[number]
-        volumes = self.volumes()[start:stop].ravel()
+        volumes = self._volumes[start:stop].ravel()
         owned = volumes > 0
         geometry_map = GeometryMap(self._mesh, self.points)
         nodes = geometry_map.nodes(self.cells[start:stop])
@@ -363,7 +362,7 @@ class PointBodies:
 
     def dissipation(self) -> float:
         """Dissipated energy of this rank's cells in the step [N mm]."""
-        return float((self.volumes() * self.state.dissipated).sum())
+        return float((self._volumes * self.state.dissipated).sum())
 
 
 class PointDeformation:

@@ -268,10 +268,15 @@ def _check_gradient(problem: Problem, t: float) -> None:
 def _moves_by_itself(problem: Problem) -> bool:
     """Whether a state may change under constant loads: by viscosity, cycles, or spreading
     fluids."""
-    laws = [interface.law for interface in problem.interfaces]
+    worn = any(interface.law.fatigues for interface in problem.interfaces)
+    return bool(problem.loading.given.filled) or worn or rated(problem)
+
+
+def rated(problem: Problem) -> bool:
+    """Whether laws or bodies of a problem depend on the time step."""
     bodies = problem.discretization.bodies.points
-    rated = any(law.fatigues or law.viscosity for law in laws) or bool(bodies and bodies.viscous)
-    return bool(problem.loading.given.filled) or rated
+    laws = any(interface.law.viscosity > 0 for interface in problem.interfaces)
+    return laws or (bodies is not None and bodies.viscous)
 
 
 # Proportions

@@ -235,7 +235,7 @@ class Step:
         for active, state in zip(now.active.values(), points, strict=True):
             active.return_to(state)
         if bodies:
-            now.bodies.points.return_to(bodies)
+            now.bodies.points.take(bodies)
         now.update_means()
         now.forces.x.array[:] = forces
         return self._loading.balance(rate / change), -work / change
@@ -341,7 +341,7 @@ class Step:
         for active, interface in zip(now.active.values(), snapshot.interfaces, strict=True):
             active.return_to(interface)
         if snapshot.bodies is not None:
-            now.bodies.points.return_to(snapshot.bodies)
+            now.bodies.points.take(snapshot.bodies)
         self._loading.move(snapshot.t)
 
     # Facets that open on demand

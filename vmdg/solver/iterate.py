@@ -224,7 +224,7 @@ class Iterate:
                 work += active.quadrature.weights @ change
             self.visit(here)
             if bodies:
-                bodies.return_to(bodies.state)
+                bodies.take(bodies.state)
         return float(parts.geometry.thickness) * work
 
     def forces(self) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..assembly.discretization import carried
 from ..interface.activation import OPENS, REPEATS_STEP, Utilization
+from ..problem.checks import rated
 from ..problem.problem import Problem
 from .attempt import Attempt
 from .corrector import Corrector
@@ -44,8 +45,7 @@ class Steps:
         self.problem, self.options = problem, options
         self._progress, self._check = progress or Progress(problem, 0, options), check
         laws = [interface.law for interface in problem.interfaces]
-        bodies = problem.discretization.bodies.points
-        self.viscous = any(law.viscosity > 0 for law in laws) or bool(bodies and bodies.viscous)
+        self.viscous = rated(problem)
         self.cyclic, self.krylov = options.cycles > 0, 0
         if self.cyclic and not any(law.fatigues for law in laws):
             raise ValueError(
