@@ -106,8 +106,9 @@ def margin(law: Law, degree: int, at_points: bool = False) -> float:
     2 on they are within 3 %; with 1/4, r is four thirds of it, and GRAD u is up to a third worse.
     But a larger r lets points of a failing bond break one by one, in more and smaller steps, at
     degree 1 up to eight times as many. Hence bonds of degree 1 have 1/4, as has contact without a
-    bond, whose tractions and openings are no better with more. So have bonds of bodies at points:
-    while such a body is elastic, the factor of :mod:`vmdg.interface.free_stress` is a margin too.
+    bond, whose tractions and openings are no better with more. So have bonds of bodies at points,
+    whose points break one by one sooner; while such a body is elastic, the factor of
+    :mod:`vmdg.interface.free_stress` is a margin too, but 1 for triangles and tetrahedra.
 
     Args:
         law: Of the interface.
