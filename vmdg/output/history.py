@@ -89,9 +89,7 @@ class History:
         ]
 
     def __contains__(self, column: object) -> bool:
-        return isinstance(column, str) and not {column, split_unit(column)[0]}.isdisjoint(
-            self.columns
-        )
+        return isinstance(column, str) and self._name(column) is not None
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.columns)
@@ -101,10 +99,15 @@ class History:
         return dict.fromkeys(self.columns).keys()
 
     def __getitem__(self, column: str) -> NDArray:
-        name = column if column in self.columns else split_unit(column)[0]
-        if name not in self.columns:
+        name = self._name(column)
+        if name is None:
             raise KeyError(f"history has no column {column!r}; it has {self.columns}")
         return np.array([row.get(name, np.nan) for row in self.rows])
+
+    def _name(self, column: str) -> str | None:
+        """The name of a column that may be given with its unit; None if no row has it."""
+        names = column, split_unit(column)[0]
+        return next((name for name in names for row in self.rows if name in row), None)
 
     def envelope(self, column: str = "load") -> History:
         """The rows at which a column is larger than in all rows before.
