@@ -26,6 +26,7 @@ FLOORS = (
     ("output",),
     ("plot", "checkpoint", "linear"),
     ("solver",),
+    ("dynamics",),
     ("vmdg",),
     ("doctor",),
     ("__main__",),

@@ -11,6 +11,9 @@ from .domain.point_bodies import BodyState as BodyState
 from .domain.tags import NamedTags as NamedTags
 from .domain.tags import split_cells as split_cells
 from .domain.weibull import Weibull as Weibull
+from .dynamics.run import solve_dynamics as solve_dynamics
+from .dynamics.schemes import CentralDifferences as CentralDifferences
+from .dynamics.schemes import GeneralizedAlpha as GeneralizedAlpha
 from .forms.laminate import Laminate as Laminate
 from .forms.materials import Hyperelastic as Hyperelastic
 from .forms.materials import Material as Material

@@ -102,9 +102,11 @@ class AssembledSystem:
         norm: Infinity norm of the first tangent, prescribed rows included [N/mm].
         drag: Added to the diagonal of K, relative to the norm; at finite strain only.
         lags: Whether the last K is reused once, with all right-hand sides but the first.
+        inertia: Mass matrix and its factor, added to K; None for none.
     """
 
     drag, lags = 0.0, False
+    inertia: tuple[PETSc.Mat, float] | None = None
 
     def __init__(self, problem: Problem, petsc: Petsc | None):
         linear = linear_options(problem, petsc)
@@ -173,6 +175,9 @@ class AssembledSystem:
     def _assemble(self) -> None:
         """Assemble K at the current state, with a copy."""
         self._discretization.assemble_tangent(self._matrix)
+        if self.inertia is not None:
+            mass, factor = self.inertia
+            self._matrix.axpy(factor, mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         self.norm = self.norm or self._matrix.norm(PETSc.NormType.NORM_INFINITY)
         if self.drag:
             self._matrix.shift(self.drag * self.norm)

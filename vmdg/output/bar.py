@@ -50,7 +50,7 @@ def shown(history: History, wanted: Sequence[str] | str | None) -> list[str]:
 
 
 def row_in_words(history: History, wanted: Sequence[str] | str | None) -> list[str]:
-    """Load factor and chosen columns of the last row, with their units.
+    """Load factor, or time, and chosen columns of the last row, with their units.
 
     Args:
         history: The table.
@@ -58,7 +58,8 @@ def row_in_words(history: History, wanted: Sequence[str] | str | None) -> list[s
     """
     row, names = history.rows[-1], shown(history, wanted)
     columns = [f"{name} {_text(row[name])}{_unit(history, name)}" for name in names]
-    return [f"load {row['load']:.4g}", *columns]
+    where = "load" if "load" in row else "time"
+    return [f"{where} {row[where]:.4g}", *columns]
 
 
 def _text(value: Any) -> str:

@@ -25,6 +25,10 @@ from .work import chord_integral, next_increment
 SMALL = 1e-2
 
 
+#: Inertial forces at the start and at the end of a step, owned dofs [N].
+Inertia = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
 class _Forces(NamedTuple):
     """Internal forces, the derivative of the energy of bodies and interfaces.
 
@@ -108,11 +112,19 @@ class Ledger:
             residual = now.forces.x.array[: now.owned].copy()
             self._start.forces = _Forces(residual, self._loading.vector, self._gap_forces())
 
-    def commit(self) -> None:
-        """Record the step at its current state; collective."""
-        work, charged, within = self._external_work()
-        done = work, self._start.added + self._relaxed()
-        self._enter(done, self.dissipation() + charged)
+    def commit(self, inertia: Inertia | None = None) -> None:
+        """Record the step at its current state; collective.
+
+        Args:
+            inertia: Inertial forces at its start and its end, owned dofs; None in statics [N].
+        """
+        if inertia is None:
+            work, charged, within = self._external_work()
+            added = self._start.added + self._relaxed()
+        else:
+            work, charged, within = self._work_in_motion(inertia), np.zeros(3), 0.0
+            added = self._start.added
+        self._enter((work, added), self.dissipation() + charged)
         plastic = self.works.plastic
         if bodies := self.discretization.bodies.points:
             plastic += bodies.dissipation()
@@ -188,6 +200,10 @@ class Ledger:
         work = since.works.external[0] + at_owners(now.space, self._loading.vector) @ change
         self.works = replace(works, external=np.array([work, works.external[1]]))
 
+    def enter_kinetic(self, energy: float) -> None:
+        """Record the kinetic energy with which a run in time starts [N mm]."""
+        self._enter((energy * (self._comm.rank == 0), 0.0), np.zeros(3))
+
     def release(self, energy: float) -> None:
         """Add the energy released by a jump to the viscous work; `energy` of all ranks [N mm]."""
         self._enter((0.0, 0.0), np.array([0.0, 0.0, energy * (self._comm.rank == 0)]))
@@ -251,6 +267,24 @@ class Ledger:
             self.works = replace(self.works, increment=increment, pending=pending)
             self._enter_curvature(curved, at_rest)
         return mean + work, more, work - straight
+
+    def _work_in_motion(self, inertia: Inertia) -> float:
+        """Work of loads and eigenstrains in a step in time, and of supports, which carry internal
+        forces and inertia, by the trapezoidal rule; this rank's [N mm]."""
+        now, begun, start = self.discretization, self._start, self._start.state
+        prescribed, ends = self._loading.owned_prescribed, []
+        for vector, forces, moved in zip(
+            (begun.loads, self._loading.vector),
+            (start.forces, now.forces.x.array),
+            inertia,
+            strict=True,
+        ):
+            ends.append(at_owners(now.space, vector))
+            ends[-1][prescribed] += forces[prescribed] + moved[prescribed]
+        work = sum(ends) @ (now.u.x.array - start.u)[: now.owned]
+        rates = begun.rate + self._eigenstrain_rate(self._loading.t, start.t)
+        work += rates * (self._loading.t - start.t) * (self._comm.rank == 0)
+        return float(work) / 2
 
     def _pending(
         self, slopes: Sequence[float], gap: NDArray[np.float64], entered: float, at_rest: bool

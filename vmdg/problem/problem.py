@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from html import escape
 from types import MappingProxyType
@@ -61,6 +62,7 @@ from .arguments import (
 from .axial import GeneralizedStrain, generalized
 from .eigenstrain import checked_eigenstrains, refusal
 from .loading import Loading
+from .motion import Motion, checked_density
 from .periodic import Periodic, checked_periodic
 from .rigid_motion import RigidMotion
 from .states import Energy, InterfaceMean, Snapshot
@@ -132,6 +134,7 @@ class Problem:
         volumetric: str = "pointwise",
         periodic: Periodic | None = None,
         plane: str | GeneralizedStrain = "strain",
+        density: Mapping[Group, float] | None = None,
     ):
         self.interfaces = checked_interfaces(interfaces)
         check_mesh(mesh, cell_tags)
@@ -183,6 +186,13 @@ class Problem:
         drives += axial.drives(self.comm) if axial else []
         self.loading.drive_means(drives)
         self.step = Step(discretization, activation, self.loading)
+        self._motion: Motion | None = None
+        if density is not None:
+            tagged, deformable = (
+                by_tag(density, names, "density"),
+                set(materials) - set(bodies.walls),
+            )
+            self._motion = Motion(discretization, checked_density(tagged, deformable))
 
     @property
     def discretization(self) -> Discretization:
@@ -629,4 +639,26 @@ class Problem:
         every step.
         """
         self.step.ledger.complete()
-        return self.step.ledger.energy()
+        energy = self.step.ledger.energy()
+        if self._motion is None:
+            return energy
+        return replace(energy, kinetic=self._motion.kinetic_energy())
+
+    @property
+    def velocity(self) -> fem.Function:
+        """Velocity of a problem with a density [mm/s].
+
+        Raises:
+            ValueError: it has none.
+        """
+        return self.motion.velocity
+
+    @property
+    def motion(self) -> Motion:
+        """Mass and motion of a problem with a density, for solvers."""
+        if self._motion is None:
+            raise ValueError(
+                "the problem has no mass: give density={tag: mass per volume}, in t/mm3 with N, mm "
+                "and s"
+            )
+        return self._motion

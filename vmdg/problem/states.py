@@ -33,6 +33,7 @@ class Energy:
             (30) at fixed u and zeta, and by opening facets, minus the relaxation when they open.
         springs: Stored in springs.
         plastic: Dissipated in the bodies since the start.
+        kinetic: Of bodies with a density; that at the start of a run in time is in ``external``.
     """
 
     bulk: float
@@ -44,6 +45,7 @@ class Energy:
     discretization: float = 0.0
     springs: float = 0.0
     plastic: float = 0.0
+    kinetic: float = 0.0
 
     @property
     def stored(self) -> float:
@@ -57,8 +59,9 @@ class Energy:
 
     @property
     def imbalance(self) -> float:
-        """external + discretization - stored - dissipated."""
-        return self.external + self.discretization - self.stored - self.dissipated
+        """external + discretization - stored - dissipated - kinetic."""
+        spent = self.stored + self.dissipated + self.kinetic
+        return self.external + self.discretization - spent
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from ..interface.guess import (
     touching_points,
 )
 from ..interface.sliding import sliding
-from .ledger import Ledger
+from .ledger import Inertia, Ledger
 from .loading import Loading
 from .states import RunScales, Snapshot
 
@@ -72,7 +72,14 @@ class Step:
 
     # The course of a step
 
-    def begin(self, t: float, dt: float, overstress: float = 0.0, cycles: float = 0.0) -> None:
+    def begin(
+        self,
+        t: float,
+        dt: float,
+        overstress: float = 0.0,
+        cycles: float = 0.0,
+        renews: bool = True,
+    ) -> None:
         """Store the converged state, then set loads and stabilization for a step to ``t``.
 
         Args:
@@ -80,6 +87,7 @@ class Step:
             dt: Time step [s].
             overstress: At the start of a step in a jump, see :meth:`slow_down`.
             cycles: Load cycles that the step represents, for fatigue laws.
+            renews: Whether tau_s is that of the start of the step, otherwise it stays as it is.
 
         Raises:
             ValueError: r <= H on a facet; the converged state is kept.
@@ -92,7 +100,7 @@ class Step:
         self._loading.spread()
         self.slow_down(overstress, cycles)
         try:
-            added = self.discretization.update_stabilization()
+            added = self.discretization.update_stabilization() if renews else 0.0
         except ValueError:
             self.cancel()
             raise
@@ -267,9 +275,13 @@ class Step:
         self._repeats = repeats
         return True
 
-    def commit(self) -> None:
-        """Accept the current state as converged: history, dissipation and external work."""
-        self.ledger.commit()
+    def commit(self, inertia: Inertia | None = None) -> None:
+        """Accept the current state as converged: history, dissipation and external work.
+
+        Args:
+            inertia: Inertial forces at the start and at the end, owned dofs; None in statics [N].
+        """
+        self.ledger.commit(inertia)
         for active in self.discretization.active.values():
             active.commit()
         if bodies := self.discretization.bodies.points:

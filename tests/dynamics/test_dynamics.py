@@ -1,0 +1,345 @@
+"""Motion in time: order, spall, impact, friction, spin, energies, ranks, and what is refused."""
+
+from __future__ import annotations
+
+import re
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+from scipy.integrate import solve_ivp
+from support.scenes import EVERY_CELL, LEFT, RIGHT, SEVERAL_RANKS, two_blocks
+
+import vmdg
+from vmdg.meshes import blocks
+
+QUIET = vmdg.SolveOptions(energy=True)
+SCHEMES = [vmdg.GeneralizedAlpha(), vmdg.GeneralizedAlpha(1.0), vmdg.CentralDifferences()]
+EVERY_SCHEME = pytest.mark.parametrize("scheme", SCHEMES, ids=str)
+
+
+def bar(comm, n, law, cell="quadrilateral", kinematics="small", degree=1):
+    """Two bars of unit length, modulus and density, free everywhere, that meet at x = 1."""
+    scene = blocks(comm, cell, divisions=(n, 1, 1))
+    body = vmdg.NeoHookean(E=1.0, nu=0.0)
+    interface = vmdg.Interface(between=(1, 2), law=law)
+    problem = vmdg.Problem(
+        scene.mesh,
+        scene.cell_tags,
+        {1: body, 2: body},
+        [interface],
+        degree=degree,
+        kinematics=kinematics,
+        density={1: 1.0, 2: 1.0},
+    )
+    return problem, scene.facet_tags
+
+
+def apart(speed):
+    """Velocity of bars that are stretched at a rate."""
+
+    def velocity(x):
+        v = np.zeros((2, x.shape[1]))
+        v[0] = speed * (x[0] - 1)
+        return v
+
+    return velocity
+
+
+def standing(x):
+    """Velocity of the first mode of a free bar."""
+    return np.array([np.sin(np.pi * (x[0] - 1) / 2), 0 * x[0]])
+
+
+@EVERY_CELL
+def test_mass(comm, cell):
+    """Mass and moment of inertia of two blocks, also of the lumped masses."""
+    scene = two_blocks(comm, cell, 2)
+    body = vmdg.NeoHookean(E=1.0, nu=0.3)
+    problem = vmdg.Problem(
+        scene.mesh, scene.cell_tags, {1: body, 2: body}, [], density={1: 2.0, 2: 2.0}
+    )
+    d, owned = scene.mesh.geometry.dim, problem.discretization.owned
+    x = problem.space.tabulate_dof_coordinates()[: owned // d, :d]
+    motion = problem.motion
+    for i in range(d):
+        along = np.zeros_like(x)
+        along[:, i] = 1.0
+        assert comm.allreduce(along.ravel() @ motion.of(along.ravel())) == pytest.approx(4.0)
+        # int rho x_1 x_1 dV = 2 [x^3/3] from 0 to 2.
+        along[:, i] = x[:, 0]
+        assert comm.allreduce(along.ravel() @ motion.of(along.ravel())) == pytest.approx(16 / 3)
+    assert comm.allreduce(motion.lumped.sum()) == pytest.approx(4.0 * d)
+
+
+@EVERY_SCHEME
+def test_order(comm, scheme):
+    """A standing wave of a tied bar: the error falls with the square of the step."""
+    found = []
+    for steps in (16, 32, 512):
+        problem, _ = bar(comm, 4, vmdg.Bonded())
+        # All are stable: the explicit scheme takes these steps.
+        times = np.linspace(0.0, 1.2, steps + 1)[1:]
+        vmdg.solve_dynamics(problem, times, scheme, standing)
+        found.append(comm.allreduce(float(np.abs(problem.u.x.array).max()), MPI.MAX))
+    first, second = (abs(one - found[-1]) for one in found[:2])
+    assert first / second == pytest.approx(4.0, rel=0.15)
+
+
+@pytest.mark.parametrize("scheme", [SCHEMES[0], SCHEMES[2]], ids=str)
+def test_spall(comm, scheme):
+    """Bars that fly apart: T = V until the bond fails and V - zeta'/2 after it, continuous at the
+    onset, within 1 % of the strength with 80 cells; the bond dissipates its energy."""
+    speed, strength, gap = 2.4, 1.0, 0.3
+    problem, _ = bar(comm, 80, vmdg.Debonding(strength=strength, critical_gap=gap))
+
+    def monitor(problem):
+        return {"T": problem.mean(0).traction[0]}
+
+    times = np.linspace(0.0, 0.9, 73)[1:]
+    result = vmdg.solve_dynamics(problem, times, scheme, apart(speed), monitor, QUIET)
+
+    def opens(t, zeta):
+        return 2 * (speed * t - strength + strength * zeta / gap)
+
+    def open_(t, zeta):
+        return zeta[0] - gap
+
+    open_.terminal = True
+    begins = strength / speed
+    path = solve_ivp(opens, (begins, 2), [0.0], rtol=1e-10, events=open_, dense_output=True)
+    ends = path.t[-1]
+    zeta = path.sol(np.clip(times, begins, ends))[0]
+    exact = np.select(
+        [times < begins, times < ends], [speed * times, strength * (1 - zeta / gap)], 0.0
+    )
+    history = result.history
+    assert np.abs(history["T"] - exact).max() < 0.01 * strength
+    assert history["damage"][-1] == pytest.approx(strength * gap / 2, rel=1e-9)
+    # The initial kinetic energy, to rounding: no load does work.
+    assert history["external"] == pytest.approx(np.full(72, speed**2 / 3), rel=1e-3)
+    assert np.abs(history["imbalance"]).max() < 1e-3 * speed**2 / 3
+
+
+@EVERY_SCHEME
+def test_impact(comm, scheme):
+    """A bar hits another that is at rest: contact for twice the time of a wave through it, after
+    which the other has its momentum."""
+    problem, _ = bar(comm, 40, vmdg.Contact())
+    V, velocity = 0.01, fem.Function(problem.space)
+    nodes = problem.space.dofmap.list[problem.discretization.bodies.cells_of[1]]
+    velocity.x.array.reshape(-1, 2)[nodes, 0] = V
+
+    def momenta(problem):
+        owned = problem.discretization.owned
+        P = problem.motion.of(problem.velocity.x.array[:owned])[::2]
+        first = np.unique(nodes[nodes < owned // 2])
+        both = np.array([P[first].sum(), P.sum()])
+        one, all_ = problem.comm.allreduce(both)
+        return {"first": one, "all": all_, "force": -problem.mean(0).traction[0]}
+
+    times = np.linspace(0.0, 3.0, 121)[1:]
+    history = vmdg.solve_dynamics(problem, times, scheme, velocity, momenta, QUIET).history
+    assert history["all"] == pytest.approx(np.full(120, V), rel=1e-9)
+    assert abs(history["first"][-1]) < 0.02 * V
+    touching = history["force"] > 1e-6
+    assert times[touching][-1] == pytest.approx(2.0, abs=0.05)
+    steady = (times > 0.3) & (times < 1.7)
+    assert history["force"][steady].mean() == pytest.approx(V / 2, rel=0.02)
+    assert np.abs(history["imbalance"]).max() < 0.005 * history["kinetic"][0]
+
+
+def test_friction(comm):
+    """A block on a spring that rubs on a wall: peaks fall by twice mu N/k, then it sticks."""
+    E, N, mu, k, speed = 1e5, 100.0, 1e-3, 1.0, 0.5
+    scene = two_blocks(comm, "quadrilateral", 1)
+    x = scene.mesh.geometry.x
+    x[:, 0] = np.minimum(x[:, 0], 1 + 0.01 * (x[:, 0] - 1))
+    law = vmdg.Contact(friction=mu)
+    problem = vmdg.Problem(
+        scene.mesh,
+        scene.cell_tags,
+        {1: vmdg.NeoHookean(E=E, nu=0.0), 2: vmdg.Rigid()},
+        [vmdg.Interface(between=(1, 2), law=law, frame="reference")],
+        kinematics="small",
+        density={1: 1.0},
+    )
+    left = scene.facet_tags.find(LEFT)
+    problem.dirichlet(left, lambda t: N / E * min(t, 1.0), "x")
+    problem.spring(left, (0.0, k))
+    vmdg.solve(problem, [1.0])
+
+    owned = problem.discretization.owned // 2
+    free = problem.space.tabulate_dof_coordinates()[:owned, 0] < 0.5
+
+    def height(problem):
+        y = problem.u.x.array.reshape(-1, 2)[:owned, 1]
+        total, count = comm.allreduce(np.array([y[free].sum(), free.sum()]))
+        return {"y": total / count}
+
+    loss = mu * N / k
+    peaks = [np.hypot(loss, speed) - loss]
+    while peaks[-1] > loss:
+        peaks.append(peaks[-1] - 2 * loss)
+    times = 1 + np.linspace(0.0, np.pi * (len(peaks) + 0.5), 601)[1:]
+    start = lambda x: np.array([0 * x[0], speed * (x[0] < 1 + 1e-9)])  # noqa: E731
+    history = vmdg.solve_dynamics(problem, times, velocity=start, monitor=height).history
+    y = np.abs(history["y"])
+    tops = 1 + np.flatnonzero((y[1:-1] >= y[:-2]) & (y[1:-1] > y[2:]))
+    assert y[tops[: len(peaks)]] == pytest.approx(np.abs(peaks), abs=2e-3)
+    # It sticks at the last one.
+    assert y[tops[len(peaks) - 1] :] == pytest.approx(abs(peaks[-1]), abs=2e-3)
+
+
+@EVERY_SCHEME
+def test_spin(comm, scheme):
+    """Bonded blocks that turn freely, twice, at finite strain keep their momenta and energy."""
+    scene = two_blocks(comm, "quadrilateral", 2)
+    body = vmdg.NeoHookean(E=100.0, nu=0.3)
+    bond = vmdg.Debonding(strength=50.0, critical_gap=0.1)
+    problem = vmdg.Problem(
+        scene.mesh,
+        scene.cell_tags,
+        {1: body, 2: body},
+        [vmdg.Interface(between=(1, 2), law=bond)],
+        density={1: 1.0, 2: 1.0},
+    )
+    owned = problem.discretization.owned
+    X = problem.space.tabulate_dof_coordinates()[: owned // 2, :2] - [1.0, 0.5]
+
+    def momenta(problem):
+        v, u = (f.x.array[:owned] for f in (problem.velocity, problem.u))
+        lumps = problem.motion.lumps
+        P = (problem.motion.lumped * v if lumps else problem.motion.of(v)).reshape(-1, 2)
+        x = X + u.reshape(-1, 2)
+        turning = (x[:, 0] * P[:, 1] - x[:, 1] * P[:, 0]).sum()
+        P_x, L = comm.allreduce(np.array([P[:, 0].sum(), turning]))
+        return {"P": P_x, "L": L}
+
+    history = vmdg.solve_dynamics(
+        problem,
+        np.linspace(0.0, 4 * np.pi, 401)[1:],
+        scheme,
+        lambda x: np.array([0.5 - x[1], x[0] - 1]),
+        momenta,
+        QUIET,
+    ).history
+    assert np.abs(history["P"]).max() < 1e-9
+    assert history["L"] == pytest.approx(np.full(400, history["L"][0]), rel=1e-3)
+    assert np.abs(history["imbalance"]).max() < 2e-3 * history["kinetic"][0]
+
+
+@EVERY_SCHEME
+def test_static_state_stays(comm, scheme):
+    """From equilibrium under loads that are held nothing moves, and a support that moves on takes
+    the body with it: its work is the energy of both."""
+    problem, facets = bar(comm, 4, vmdg.Debonding(strength=1.0, critical_gap=1.0))
+    problem.dirichlet(facets.find(LEFT), 0.0)
+    problem.dirichlet(facets.find(RIGHT), lambda t: 0.02 * min(t, 1.0) + 0.1 * max(t - 2, 0), "x")
+    vmdg.solve(problem, [1.0])
+    still = problem.u.x.array.copy()
+    vmdg.solve_dynamics(problem, [1.5, 2.0], scheme)
+    assert problem.u.x.array == pytest.approx(still, abs=1e-9)
+    assert np.abs(problem.velocity.x.array).max() < 1e-9
+    times = 2 + np.linspace(0.0, 0.8, 81)[1:]
+    history = vmdg.solve_dynamics(problem, times, scheme, options=QUIET).history
+    assert history["kinetic"].max() > 1e-3
+    assert np.abs(history["imbalance"]).max() < 0.02 * history["external"].max()
+
+
+@SEVERAL_RANKS
+@EVERY_SCHEME
+def test_ranks(comm, scheme):
+    """Any number of ranks finds the same motion, energies and damage."""
+    rows = []
+    for ranks in (comm, MPI.COMM_SELF):
+        problem, _ = bar(ranks, 10, vmdg.Debonding(strength=1.0, critical_gap=0.3))
+        times = np.linspace(0.0, 0.8, 17)[1:]
+        history = vmdg.solve_dynamics(problem, times, scheme, apart(2.4), options=QUIET).history
+        rows.append([history[name] for name in ("bulk", "kinetic", "damage", "external")])
+    assert np.array(rows[0]) == pytest.approx(np.array(rows[1]), rel=1e-9, abs=1e-12)
+
+
+def test_several_runs_are_one(comm):
+    """A run that continues another is its continuation."""
+    times, found = np.linspace(0.0, 0.8, 17)[1:], []
+    for parts in ([times], [times[:5], times[5:]]):
+        problem, _ = bar(comm, 10, vmdg.Debonding(strength=1.0, critical_gap=0.3))
+        for number, some in enumerate(parts):
+            start = None if number else apart(2.4)
+            vmdg.solve_dynamics(problem, some, velocity=start)
+        found.append((problem.u.x.array.copy(), problem.energy()))
+    (u, energy), (other, energies) = found
+    # The acceleration is found anew from balance at the start of a run.
+    assert u == pytest.approx(other, abs=2e-3)
+    assert energy.external == pytest.approx(energies.external, rel=1e-6)
+
+
+def test_step_that_fails(comm):
+    """The state is that of the last step, and the message says which step failed and why."""
+    problem, facets = bar(comm, 2, vmdg.Bonded(), kinematics="finite")
+    problem.dirichlet(facets.find(LEFT), 0.0)
+    problem.dirichlet(facets.find(RIGHT), lambda t: -5.0 * t, "x")  # through the other side
+    options = vmdg.SolveOptions(max_cuts=2)
+    with pytest.raises(vmdg.StepFailure, match=re.escape("the step in time from")) as caught:
+        vmdg.solve_dynamics(problem, [0.1, 0.5], options=options)
+    assert problem.t < 0.5
+    assert caught.value.result.failures
+    assert np.isfinite(problem.u.x.array).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "words"),
+    [
+        ({"times": 1.0}, ValueError, "must be a list of times"),
+        ({"times": [0.0, 1.0]}, ValueError, "increase from problem.t = 0 on"),
+        ({"scheme": "explicit"}, TypeError, "must be vmdg.GeneralizedAlpha() or"),
+        ({"velocity": 1.0}, TypeError, "function of positions x"),
+        ({"velocity": lambda x: x}, ValueError, "velocity returned"),
+        ({"options": vmdg.SolveOptions(cycles=10.0)}, ValueError, "no motion for cycles"),
+        ({"options": vmdg.SolveOptions(checkpoint="run")}, ValueError, "omit options.checkpoint"),
+    ],
+)
+def test_refused(comm, arguments, error, words):
+    """Arguments that are wrong, and what has no motion yet, are refused in words."""
+    problem, _ = bar(comm, 1, vmdg.Bonded())
+    with pytest.raises(error, match=re.escape(words)):
+        vmdg.solve_dynamics(problem, **({"times": [1.0]} | arguments))
+
+
+@pytest.mark.parametrize(
+    ("density", "error", "words"),
+    [
+        (None, ValueError, "the problem has no mass"),
+        ({1: 1.0}, ValueError, "density has no value for tag 2"),
+        ({1: 1.0, 2: 1.0, 3: 1.0}, ValueError, "tag 3"),
+        ({1: 1.0, 2: -1.0}, ValueError, "must be positive and finite"),
+        ({1: 1.0, 2: "heavy"}, TypeError, "must be a number"),
+    ],
+)
+def test_density(comm, density, error, words):
+    """A density for every body, or the problem has no motion."""
+    scene = two_blocks(comm, "quadrilateral")
+    body = vmdg.NeoHookean(E=1.0, nu=0.0)
+    with pytest.raises(error, match=re.escape(words)):
+        problem = vmdg.Problem(scene.mesh, scene.cell_tags, {1: body, 2: body}, [], density=density)
+        vmdg.solve_dynamics(problem, [1.0])
+
+
+def test_lumped_masses_must_be_positive(comm):
+    """Triangles of degree 2 have none at their corners."""
+    problem, _ = bar(comm, 1, vmdg.Bonded(), cell="triangle", degree=2)
+    with pytest.raises(ValueError, match="use degree=1, quadrilaterals or hexahedra"):
+        vmdg.solve_dynamics(problem, [1.0], vmdg.CentralDifferences())
+
+
+@pytest.mark.parametrize("rho", [0.0, 1.1, -0.5, True, "0.8"])
+def test_parameters(rho):
+    """Parameters out of range."""
+    for scheme in (vmdg.GeneralizedAlpha, vmdg.CentralDifferences):
+        with pytest.raises(ValueError, match=r"must be a number in \(0, 1\]"):
+            scheme(rho)
+    with pytest.raises(ValueError, match="an integer >= 1"):
+        vmdg.CentralDifferences(renewal=0)

@@ -1,0 +1,1 @@
+"""Motion in time: schemes, their steps, and a run."""

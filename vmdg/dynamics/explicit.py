@@ -1,0 +1,134 @@
+"""Explicit steps in time, with lumped masses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.parallel import global_any, global_max, global_sum, raise_together
+from ..domain.topology import box_sides
+from ..problem.problem import Problem
+from ..solver.attempt import Attempt
+from .schemes import CentralDifferences
+from .supports import SupportMotion
+
+Array = NDArray[np.float64]
+
+#: Iterations of the power method, and change of the eigenvalue at which it ends.
+MOST_ITERATIONS, SETTLED = 200, 1e-4
+
+#: Waves of its first vector along the body.
+FAST = 1e4
+
+
+class ExplicitSteps:
+    """Steps of central differences, see :class:`.CentralDifferences`.
+
+    Args:
+        problem: The problem.
+        scheme: The parameters.
+        supports: Motion of supports.
+
+    Raises:
+        ValueError: lumped masses are not positive.
+    """
+
+    krylov = 0
+
+    def __init__(self, problem: Problem, scheme: CentralDifferences, supports: SupportMotion):
+        self._problem, self._scheme, self._supports = problem, scheme, supports
+        self._motion, self._comm = problem.motion, problem.comm
+        self._owned = problem.discretization.owned
+        self._masses = masses = self._motion.lumped.copy()
+        masses[problem.loading.owned_prescribed] = 1.0
+        least = 1e-12 * global_max(self._comm, float(masses.max(initial=0.0)))
+        message = (
+            "CentralDifferences: the lumped mass of a node is not positive, as at the corners of "
+            "triangles and tetrahedra of degree 2: use degree=1, quadrilaterals or hexahedra, or "
+            "GeneralizedAlpha"
+        )
+        bare = global_any(self._comm, bool((masses <= least).any()))
+        raise_together(self._comm, message if bare else None)
+        self._count, self._critical = 0, math.inf
+
+    def accelerate(self) -> None:
+        """Acceleration of a body that is let go in its current state: M.a = -R; collective."""
+        self._problem.step.assemble_residual(hold=True)
+        self._motion.acceleration = self._acceleration(np.zeros(0))
+
+    def advance(self, t: float) -> Iterator[Attempt]:
+        """Steps to a time, as one attempt; collective."""
+        problem, renewal = self._problem, self._scheme.renewal
+        while problem.t < t:
+            if self._count % renewal == 0:
+                self._critical = self.critical_step()
+            steps = math.ceil((t - problem.t) / (self._scheme.safety * self._critical))
+            steps, start, whole = max(steps, 1), problem.t, t - problem.t
+            some = min(steps, renewal - self._count % renewal)
+            for number in range(1, some + 1):
+                here = t if number == steps else start + number / steps * whole
+                self._step(here)
+                if not self._finite():
+                    yield Attempt(False, reason="DIVERGED_FNORM_NAN")
+                    return
+        yield Attempt(True, [0.0])
+
+    def critical_step(self) -> float:
+        """2/omega by the power method, with bonded interfaces; collective [s]."""
+        problem, masses, held = self._problem, self._masses, self._problem.loading.owned_prescribed
+        problem.step.assemble_residual(hold=True)
+        matrix, d = problem.discretization.create_matrix(), problem.mesh.geometry.dim
+        problem.discretization.assemble_tangent(matrix, damage=False)
+        x, y = matrix.createVecs()
+        # The highest mode alternates from node to node, as does a function of their positions that
+        # varies much faster, which no rank numbers in its own way.
+        places = problem.space.tabulate_dof_coordinates()
+        size = float(np.linalg.norm(box_sides(problem.mesh)))
+        waves = np.sin(FAST * places[:, :d] / size + np.arange(1, 4)[:d])
+        v = waves.ravel()[: self._owned]
+        last = largest = 0.0
+        for _ in range(MOST_ITERATIONS):
+            v[held] = 0
+            x.array[:] = v / math.sqrt(global_sum(self._comm, v @ (masses * v)))
+            matrix.mult(x, y)
+            largest = float(global_sum(self._comm, x.array @ y.array))
+            if abs(largest - last) <= SETTLED * largest:
+                break
+            v, last = y.array / masses, largest
+        for item in (matrix, x, y):
+            item.destroy()
+        return 2 / math.sqrt(largest) if largest > 0 else math.inf
+
+    def _step(self, t: float) -> None:
+        problem, motion, owned = self._problem, self._motion, self._owned
+        step, u, h = problem.step, problem.u.x, t - problem.t
+        v0, a0 = motion.velocity.x.array[:owned].copy(), motion.acceleration
+        step.begin(t, h, renews=self._count % self._scheme.renewal == 0)
+        moves = self._supports.at(t, h)
+        u.array[:owned] += h * v0 + h**2 / 2 * a0
+        u.scatter_forward()
+        u.array[problem.loading.prescribed] = problem.loading.prescribed_values(t)
+        step.assemble_residual(h)
+        a1 = self._acceleration(moves[1])
+        v1 = v0 + h / 2 * (a0 + a1)
+        v1[problem.loading.owned_prescribed] = moves[0]
+        step.commit((motion.lumped * a0, motion.lumped * a1))
+        motion.move(v1, a1)
+        self._count += 1
+
+    def _acceleration(self, of_supports: Array) -> Array:
+        """-R/m, of supports as given or zero."""
+        a = -self._problem.discretization.forces.x.array[: self._owned] / self._masses
+        a[self._problem.loading.owned_prescribed] = of_supports if of_supports.size else 0.0
+        return a
+
+    def _finite(self) -> bool:
+        """Whether the displacement is finite; collective."""
+        bad = not np.isfinite(self._problem.u.x.array).all()
+        return not global_any(self._comm, bad)
+
+    def free(self) -> None:
+        """Nothing to free."""

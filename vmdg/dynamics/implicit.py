@@ -1,0 +1,209 @@
+"""Implicit steps in time: PETSc SNES on the displacement."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from petsc4py import PETSc
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.parallel import global_max, global_norm
+from ..compat import SNES_REASONS, UNBOUNDED_SEARCH
+from ..domain.topology import box_sides
+from ..linear.ksp import (
+    MAX_RTOL,
+    destroy,
+    linear_options,
+    linear_tolerance,
+    matrix_kind,
+    set_options,
+)
+from ..linear.system import AssembledSystem
+from ..problem.problem import Problem
+from ..solver.attempt import Attempt
+from ..solver.limits import ROUNDING
+from ..solver.options import SolveOptions
+from .schemes import GeneralizedAlpha
+from .supports import SupportMotion
+
+Array = NDArray[np.float64]
+
+_REASONS = {value: name for name, value in SNES_REASONS.items()}
+
+
+class ImplicitSteps:
+    """Steps of the generalized alpha method, see :class:`.GeneralizedAlpha`.
+
+    Args:
+        problem: The problem.
+        scheme: The parameters.
+        options: Options of the solver.
+        supports: Motion of supports.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        scheme: GeneralizedAlpha,
+        options: SolveOptions,
+        supports: SupportMotion,
+    ):
+        self._problem, self._scheme, self._options = problem, scheme, options
+        self._motion, self._supports, self._comm = problem.motion, supports, problem.comm
+        self._owned = problem.discretization.owned
+        self._system = AssembledSystem(problem, options.petsc)
+        self._mass = self._motion.matrix(matrix_kind(linear_options(problem, options.petsc).solver))
+        self._size = float(np.linalg.norm(box_sides(problem.mesh)))
+        self._x = PETSc.Vec().createMPI((self._owned, None), comm=problem.comm)
+        self._residual = self._x.duplicate()
+        self._matrix = PETSc.Mat().create(problem.comm)
+        self._matrix.setSizes(((self._owned, None), (self._owned, None)))
+        self._matrix.setType(PETSc.Mat.Type.PYTHON)
+        self._matrix.setPythonContext(self)
+        self._matrix.setUp()
+        self._snes = PETSc.SNES().create(problem.comm)
+        ksp = self._snes.getKSP()
+        ksp.setType(PETSc.KSP.Type.PYTHON)
+        ksp.setPythonContext(self)
+        ksp.getPC().setType(PETSc.PC.Type.NONE)
+        least = float(np.finfo(float).tiny)
+        halves = {"type": "bt", "order": 1, "max_it": options.path.halvings, "minlambda": least}
+        search = {f"snes_linesearch_{name}": v for name, v in (halves | UNBOUNDED_SEARCH).items()}
+        own = {k: v for k, v in (options.petsc or {}).items() if k.startswith("snes_")}
+        set_options(self._snes, search | {"snes_stol": 0.0} | own)
+        self._snes.setFunction(self.residual, self._residual)
+        self._snes.setJacobian(lambda *_: None, self._matrix)
+        self._snes.setConvergenceTest(self.test)
+        self._forces = 0.0  # largest so far
+        self._norms: list[float] = []
+        self._goal, self._rtol, self._dt = 0.0, MAX_RTOL, 0.0
+
+    @property
+    def krylov(self) -> int:
+        """Krylov iterations so far."""
+        return self._system.iterations
+
+    def accelerate(self) -> None:
+        """Acceleration of a body that is let go in its current state: M.a = -R; collective."""
+        problem, motion, held = self._problem, self._motion, self._problem.loading.owned_prescribed
+        problem.step.assemble_residual(hold=True)
+        forces = -problem.discretization.forces.x.array[: self._owned]
+        forces[held] = 0
+        mass = motion.matrix()
+        x, b = mass.createVecs()
+        mass.zeroRowsColumnsLocal(held, 1.0)
+        ksp = PETSc.KSP().create(problem.comm)
+        # A mass matrix is well conditioned.
+        options = {"ksp_type": "cg", "pc_type": "jacobi", "ksp_rtol": 1e-14, "ksp_max_it": 500}
+        set_options(ksp, options)
+        ksp.setOperators(mass)
+        b.array[:] = forces
+        ksp.solve(b, x)
+        motion.acceleration = x.array.copy()
+        destroy(ksp)
+        for item in (mass, x, b):
+            item.destroy()
+
+    def advance(self, t: float) -> Iterator[Attempt]:
+        """Attempts of steps to a time, halved where one fails, until that fails; collective."""
+        problem, options, cuts = self._problem, self._options, 0
+        span = t - problem.t
+        while problem.t < t and cuts <= options.max_cuts:
+            h = span / 2**cuts
+            found = self._step(t if problem.t + (1 + ROUNDING) * h >= t else problem.t + h)
+            yield found
+            cuts = max(cuts - 1, 0) if found.converged else cuts + 1
+
+    def _step(self, t: float) -> Attempt:
+        """An attempt, committed if it converges and cancelled if not; collective."""
+        problem, scheme, motion = self._problem, self._scheme, self._motion
+        step, owned, held = problem.step, self._owned, problem.loading.owned_prescribed
+        h, beta, gamma = t - problem.t, scheme.beta, scheme.gamma
+        v0, a0 = motion.velocity.x.array[:owned].copy(), motion.acceleration
+        try:
+            step.begin(t, h)
+        except ValueError as error:
+            return Attempt(False, reason=str(error))
+        u0, R0 = step.start.u[:owned], step.start.forces[:owned]
+        self._dt, self._norms = h, []
+        # a_1 = (u_1 - away)/(beta h^2), and the equation is divided by 1 - alpha_f.
+        self._away = u0 + h * v0 + h**2 * (0.5 - beta) * a0
+        self._per_length, share = 1 / (beta * h**2), 1 - scheme.alpha_f
+        self._inertia = (1 - scheme.alpha_m) / share
+        self._known = (scheme.alpha_f * R0 + scheme.alpha_m * motion.of(a0)) / share
+        self._system.inertia = self._mass, self._inertia * self._per_length
+        self._moves = self._supports.at(t, h)
+        self._x.array[:] = u0 + h * v0 + h**2 * a0 / 2
+        self._snes.solve(None, self._x)
+        reason = self._snes.getConvergedReason()
+        word = "" if reason > 0 else _REASONS.get(reason, str(reason))
+        if not word and step.inverted():
+            word = "CELLS_INVERTED"
+        if not word and not step.stabilization_suffices():
+            word = "STABILIZATION_OUTGROWN"
+        found = Attempt(not word, self._norms, word, self._goal)
+        if word:
+            step.cancel()
+            return found
+        a1 = self._acceleration()
+        v1 = v0 + h * ((1 - gamma) * a0 + gamma * a1)
+        v1[held] = self._moves[0]
+        step.commit((motion.of(a0), motion.of(a1)))
+        motion.move(v1, a1)
+        return found
+
+    def _acceleration(self) -> Array:
+        """a_1 of the iterate, by Newmark's relation; of supports as given."""
+        u = self._problem.u.x.array[: self._owned]
+        a = (u - self._away) * self._per_length
+        a[self._problem.loading.owned_prescribed] = self._moves[1]
+        return a
+
+    # Called by PETSc
+
+    def residual(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
+        """The equilibrium of mean forces, divided by 1 - alpha_f, on free dofs."""
+        problem, u = self._problem, self._problem.u.x
+        u.array[: self._owned] = x.array_r
+        u.scatter_forward()
+        u.array[problem.loading.prescribed] = problem.loading.prescribed_values(problem.t)
+        R = problem.step.assemble_residual(self._dt)
+        f.array[:] = R + self._known + self._inertia * self._motion.of(self._acceleration())
+        self._loads = global_norm(self._comm, R)
+        problem.loading.balance(f.array)
+
+    def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """A correction; PETSc subtracts it."""
+        right = b.array_r.copy()
+        x.array[:] = self._system.solve([right], [np.zeros_like(right)], self._rtol)[0]
+        ksp.setConvergedReason(PETSc.KSP.ConvergedReason.CONVERGED_ITS)
+
+    def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """The tangent on free dofs, for the slope of a line search."""
+        y.array[:] = self._problem.loading.balance(self._system.product(x.array_r.copy()))
+
+    def test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
+        """Converged where forces balance to the tolerance, or to rounding."""
+        norm = norms[2]
+        self._norms.append(norm)
+        if not np.isfinite(norm):
+            return SNES_REASONS["DIVERGED_FNORM_NAN"]
+        self._forces = max(self._forces, norm, self._loads)
+        far = global_max(self._comm, float(np.abs(self._problem.u.x.array).max(initial=0.0)))
+        floor = float(np.finfo(float).eps) * (self._size + far) * self._system.norm
+        self._goal = max(self._options.relative_tolerance * self._forces, floor)
+        if norm <= self._goal:
+            return PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE
+        if iteration >= self._options.max_iterations:
+            return PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
+        self._rtol = linear_tolerance(self._norms, self._goal)
+        return PETSc.SNES.ConvergedReason.ITERATING
+
+    def free(self) -> None:
+        """Free the PETSc objects; collective."""
+        self._system.free()
+        destroy(self._snes)
+        for item in (self._x, self._residual, self._matrix, self._mass):
+            item.destroy()

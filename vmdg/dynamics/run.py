@@ -1,0 +1,216 @@
+"""A run in time: steps to given times, their history and energies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict
+
+import numpy as np
+from dolfinx import fem
+from numpy.typing import ArrayLike, NDArray
+
+from ..base.agreement import Interrupt, same_call, together
+from ..base.parallel import raise_together
+from ..base.timers import timer, timings, timings_since
+from ..linear.features import switchboard
+from ..output.history import History, HistoryFile
+from ..problem.problem import Problem
+from ..solver.attempt import Attempt
+from ..solver.monitors import Monitor, check_functions, watched_row
+from ..solver.options import SolveOptions
+from ..solver.progress import Progress
+from ..solver.reasons import explained
+from ..solver.result import Counts, Result, StepFailure
+from .explicit import ExplicitSteps
+from .implicit import ImplicitSteps
+from .schemes import CentralDifferences, GeneralizedAlpha
+from .supports import SupportMotion
+
+Array = NDArray[np.float64]
+Scheme = GeneralizedAlpha | CentralDifferences
+Velocity = Callable[[Array], Array] | fem.Function | None
+
+
+def solve_dynamics(
+    problem: Problem,
+    times: ArrayLike,
+    scheme: Scheme | None = None,
+    velocity: Velocity = None,
+    monitor: Monitor | None = None,
+    options: SolveOptions | None = None,
+) -> Result:
+    """Solve for the motion at a sequence of times.
+
+    The load factor is the time: loads and supports are functions of it, and viscous laws take its
+    steps. A run starts in the current state of the problem, at its time ``problem.t``: at rest,
+    after :func:`vmdg.solve` or after another run in time.
+
+    Args:
+        problem: A problem with a ``density``, changed in place.
+        times: Increasing times, each a row of the history [s]. With :class:`GeneralizedAlpha` they
+            are the steps, which are halved where one fails; with :class:`CentralDifferences` steps
+            in between are stable.
+        scheme: The scheme; None for ``GeneralizedAlpha()``.
+        velocity: Velocity at the start: a Function of :attr:`.Problem.space`, or a function of
+            positions x (3, n) with values (d, n); None for the current one, zero at first [mm/s].
+        monitor: As for :func:`vmdg.solve`.
+        options: As for :func:`vmdg.solve`; there is no path to follow, and checkpoints are not
+            written.
+
+    Returns:
+        History with time, iterations, residual, number of steps, energies if requested, and values
+        of the monitor. The imbalance of energies is what the scheme has damped or added.
+
+    Raises:
+        StepFailure: a step fails after ``max_cuts`` halvings.
+        ValueError: the problem has no density, or something that has no motion here: a periodic
+            cell, generalized plane strain, a rigid face, facets that open on demand, or a fluid in
+            a crack; times that do not increase; an initial velocity of the wrong size.
+        TypeError: an argument of the wrong type.
+    """
+    options, scheme = options or SolveOptions(), scheme or GeneralizedAlpha()
+    times = _checked(problem, times, scheme, options)
+    check_functions(monitor=monitor)
+    result = Result(history=History(), switches=switchboard(problem))
+    before, motion = timings(), problem.motion
+    motion.lumps = isinstance(scheme, CentralDifferences)
+    problem.loading.clear_ray()
+    with (
+        timer("solve"),
+        Interrupt(problem.comm) as interrupt,
+        HistoryFile(problem.comm, options.csv, result.history) as file,
+        Progress(problem, len(times), options) as progress,
+    ):
+        supports = SupportMotion(problem.comm, problem.loading, problem.t, float(times[-1]))
+        steps = _steps(problem, scheme, options, supports)
+        kinetic = motion.kinetic_energy()
+        _set_out(problem, velocity, supports.at(problem.t, float(times[0]) - problem.t)[0])
+        problem.step.ledger.enter_kinetic(motion.kinetic_energy() - kinetic)
+        steps.accelerate()
+        for number, t in enumerate(times):
+            start, found, cuts, count = problem.t, Attempt(), 0, 0
+            for found in steps.advance(float(t)):
+                interrupt.check()
+                if not found.converged:
+                    result.failures.append((problem.t, found.reason))
+                cuts, count = cuts + (not found.converged), count + found.converged
+            if problem.t < t:
+                raise StepFailure(_complaint(problem, float(t), found), result)
+            _add_row(problem, found, cuts, count, options, monitor, result)
+            file.update()
+            progress.advanced(number + 1, t - start, found, result.history)
+        steps.free()
+    result.timings = timings_since(before)
+    result.counts = Counts.from_timings(result.timings, steps.krylov)
+    if (options.progress or options.verbose) and problem.comm.rank == 0:
+        print(result.summary())
+    return result
+
+
+def _checked(problem: Problem, times: ArrayLike, scheme: Scheme, options: SolveOptions) -> Array:
+    """The times, after checks of all arguments; collective."""
+    if not isinstance(problem, Problem):
+        raise TypeError(f"solve_dynamics: problem = {problem!r} must be a vmdg.Problem")
+    if not isinstance(scheme, Scheme):
+        raise TypeError(
+            f"solve_dynamics: scheme = {scheme!r} must be vmdg.GeneralizedAlpha() or "
+            "vmdg.CentralDifferences()"
+        )
+    if not isinstance(options, SolveOptions):
+        raise TypeError(f"solve_dynamics: options = {options!r} must be SolveOptions(...)")
+    given = np.asarray(times)
+    same_call(problem.comm, "solve_dynamics", [f"times = {given.tolist()}"])
+    start, kinds = problem.t, "iuf"
+    if given.ndim != 1 or not given.size or given.dtype.kind not in kinds:
+        raise ValueError(
+            f"solve_dynamics: times = {times!r} must be a list of times, for example "
+            "numpy.linspace(0, 1e-3, 101)[1:]"
+        )
+    if not np.isfinite(given).all() or (np.diff(given, prepend=start) <= 0).any():
+        raise ValueError(
+            f"solve_dynamics: times must be finite and increase from problem.t = {start:.8g} on"
+        )
+    parts, loading = problem.discretization, problem.loading
+    refused = {
+        "the means of a periodic cell or of generalized plane strain": parts.means is not None,
+        "a rigid face; use a wall, vmdg.Rigid, or a stiff body": bool(loading.rigid),
+        "facets that open on demand; use activate='all'": bool(problem.step.activation),
+        "a fluid in a crack": bool(loading.given.filled),
+        "cycles": options.cycles > 0,
+        "checkpoints: omit options.checkpoint": options.checkpoint is not None,
+    }
+    for what, present in refused.items():
+        if present:
+            raise ValueError(f"solve_dynamics has no motion for {what}")
+    _ = problem.motion
+    return given.astype(float)
+
+
+def _set_out(problem: Problem, velocity: Velocity, of_supports: Array) -> None:
+    """Take an initial velocity, of supports as they move; collective."""
+    motion, d = problem.motion, problem.mesh.geometry.dim
+    v = motion.velocity.x.array
+    if isinstance(velocity, fem.Function):
+        if velocity.function_space != problem.space:
+            raise ValueError(
+                "solve_dynamics: velocity must be a Function of problem.space, or a function of x"
+            )
+        v = velocity.x.array
+    elif callable(velocity):
+        x = problem.space.tabulate_dof_coordinates().T
+        values = together(problem.comm, lambda: np.asarray(velocity(x), dtype=float))
+        shape = d, x.shape[1]
+        right = values.shape == shape and bool(np.isfinite(values).all())
+        message = f"solve_dynamics: velocity returned {values.shape}, expected {shape}, finite"
+        raise_together(problem.comm, None if right else message)
+        v = values.T.ravel()
+    elif velocity is not None:
+        raise TypeError(
+            f"solve_dynamics: velocity = {velocity!r} must be a Function of problem.space or a "
+            "function of positions x (3, n) with values (d, n)"
+        )
+    start = v[: problem.discretization.owned].copy()
+    start[problem.loading.owned_prescribed] = of_supports
+    motion.move(start, motion.acceleration)
+
+
+def _steps(
+    problem: Problem, scheme: Scheme, options: SolveOptions, supports: SupportMotion
+) -> ImplicitSteps | ExplicitSteps:
+    if isinstance(scheme, CentralDifferences):
+        return ExplicitSteps(problem, scheme, supports)
+    return ImplicitSteps(problem, scheme, options, supports)
+
+
+def _add_row(
+    problem: Problem,
+    found: Attempt,
+    cuts: int,
+    count: int,
+    options: SolveOptions,
+    monitor: Monitor | None,
+    result: Result,
+) -> None:
+    """Add the row of a time."""
+    row = {
+        "time [s]": problem.t,
+        "iterations [-]": found.iterations,
+        "residual [N]": found.norms[-1],
+        "cuts [-]": cuts,
+        "steps [-]": count,
+    }
+    if any(interface.law.inelastic for interface in problem.interfaces):
+        row["sliding [-]"] = problem.step.watch_sliding()
+    if options.energy:
+        energy = problem.energy()
+        energies = asdict(energy) | {"imbalance": energy.imbalance}
+        row |= {f"{name} [N mm]": value for name, value in energies.items()}
+    result.history.append(row | watched_row(problem, monitor))
+    result.residuals.append(found.norms)
+
+
+def _complaint(problem: Problem, t: float, found: Attempt) -> str:
+    return (
+        f"the step in time from {problem.t:.8g} to {t:.8g} s failed; the problem is in its state "
+        f"at {problem.t:.8g} s. In the last attempt {explained([found.reason])}."
+    )

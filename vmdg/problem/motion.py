@@ -1,0 +1,122 @@
+"""Mass and motion of the bodies: velocity, acceleration, kinetic energy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from numbers import Real
+
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from numpy.typing import NDArray
+
+from ..assembly.discretization import Discretization
+from ..base.parallel import global_sum
+from ..forms.geometry import Axisymmetric
+
+Array = NDArray[np.float64]
+
+
+def checked_density(density: Mapping[int, float], deformable: set[int]) -> dict[int, float]:
+    """Density by tag.
+
+    Args:
+        density: The user's, by tag.
+        deformable: Tags of the bodies that are not rigid walls.
+
+    Raises:
+        ValueError: a body has none, a wall has one, or one is not positive and finite.
+        TypeError: one is not a number.
+    """
+    for tag, rho in density.items():
+        if isinstance(rho, bool) or not isinstance(rho, Real):
+            raise TypeError(f"Problem: density of tag {tag} = {rho!r} must be a number")
+        if not 0 < rho < np.inf:
+            raise ValueError(f"Problem: density of tag {tag} = {rho!r} must be positive and finite")
+    if missing := sorted(deformable - set(density)):
+        raise ValueError(
+            f"Problem: density has no value for tag {missing[0]}: give one for every body"
+        )
+    if others := sorted(set(density) - deformable):
+        raise ValueError(
+            f"Problem: density has a value for tag {others[0]}, which is no deformable body"
+        )
+    return {tag: float(rho) for tag, rho in density.items()}
+
+
+class Motion:
+    """Mass and motion of the bodies.
+
+    Args:
+        discretization: The space; facets that open on demand would change it.
+        density: Mass per reference volume by tag, in units such that 1 is force times time squared
+            per length to the fourth: t/mm3 with N, mm and s.
+
+    Attributes:
+        density: As given.
+        velocity: [mm/s].
+        acceleration: Owned dofs [mm/s2].
+        lumps: Whether the kinetic energy is that of the lumped masses.
+    """
+
+    def __init__(self, discretization: Discretization, density: Mapping[int, float]):
+        self.density = dict(density)
+        self._discretization = discretization
+        self.velocity = fem.Function(discretization.space, name="velocity")
+        self.acceleration, self.lumps = np.zeros(discretization.owned), False
+
+    @cached_property
+    def _form(self) -> fem.Form:
+        """int rho v.w dV, with a rule that is exact on affine cells."""
+        parts = self._discretization
+        mesh, geometry = parts.mesh, parts.geometry
+        rho = fem.Function(fem.functionspace(mesh, ("DG", 0)))
+        for tag, value in self.density.items():
+            rho.x.array[parts.bodies.cells_of[tag]] = value
+        v, w = ufl.TrialFunction(parts.space), ufl.TestFunction(parts.space)
+        order = 2 * parts.degree + isinstance(geometry, Axisymmetric)
+        dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": order})
+        return parts.weak_form.compile(geometry.weight * rho * ufl.inner(v, w) * dx, "mass")
+
+    def matrix(self, kind: PETSc.Mat.Type = PETSc.Mat.Type.AIJ) -> PETSc.Mat:
+        """A new consistent mass matrix, with the pattern of the tangent; collective."""
+        matrix = self._discretization.create_matrix(kind)
+        fem_petsc.assemble_matrix(matrix, self._form)
+        matrix.assemble()
+        return matrix
+
+    @cached_property
+    def mass(self) -> PETSc.Mat:
+        """The consistent mass matrix [N s2/mm]."""
+        return self.matrix()
+
+    @cached_property
+    def lumped(self) -> Array:
+        """Masses of owned dofs, the row sums of the mass matrix [N s2/mm]; collective."""
+        ones, sums = self.mass.createVecs()
+        ones.set(1.0)
+        self.mass.mult(ones, sums)
+        return sums.array.copy()
+
+    def of(self, values: Array) -> Array:
+        """Consistent mass matrix times values of owned dofs; collective."""
+        x, y = self.mass.createVecs()
+        x.array[:] = values
+        self.mass.mult(x, y)
+        return y.array.copy()
+
+    def kinetic_energy(self) -> float:
+        """Kinetic energy at the current velocity; collective [N mm]."""
+        v = self.velocity.x.array[: self._discretization.owned]
+        momentum = self.lumped * v if self.lumps else self.of(v)
+        return float(global_sum(self._discretization.mesh.comm, v @ momentum / 2))
+
+    def move(self, velocity: Array, acceleration: Array) -> None:
+        """Take velocity and acceleration of owned dofs; collective."""
+        self.velocity.x.array[: self._discretization.owned] = velocity
+        self.velocity.x.scatter_forward()
+        self.acceleration = acceleration
