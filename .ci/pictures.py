@@ -51,6 +51,7 @@ COMMANDS = {
     "buckling": ("buckling", "buckling.png"),
     "fibre_matrix": ("fibre_matrix", "fibre_matrix.png"),
     "ductile_matrix": ("ductile_matrix", "ductile_matrix.png"),
+    "spall": ("spall", "spall.png"),
     "film": (f"{_FINE} --animate", "fibre_matrix.gif"),
     "fibres_many": (_MANY, "fibre_matrix.png=fibres_many.png"),
     "fibre_cell": ("fibre_cell", "fibre_cell.png"),

@@ -63,7 +63,7 @@ def test_mass(comm, cell):
     )
     d, owned = scene.mesh.geometry.dim, problem.discretization.owned
     x = problem.space.tabulate_dof_coordinates()[: owned // d, :d]
-    motion = problem.motion
+    motion = problem.step.motion
     for i in range(d):
         along = np.zeros_like(x)
         along[:, i] = 1.0
@@ -134,7 +134,7 @@ def test_impact(comm, scheme):
 
     def momenta(problem):
         owned = problem.discretization.owned
-        P = problem.motion.of(problem.velocity.x.array[:owned])[::2]
+        P = problem.step.motion.of(problem.velocity.x.array[:owned])[::2]
         first = np.unique(nodes[nodes < owned // 2])
         both = np.array([P[first].sum(), P.sum()])
         one, all_ = problem.comm.allreduce(both)
@@ -211,8 +211,8 @@ def test_spin(comm, scheme):
 
     def momenta(problem):
         v, u = (f.x.array[:owned] for f in (problem.velocity, problem.u))
-        lumps = problem.motion.lumps
-        P = (problem.motion.lumped * v if lumps else problem.motion.of(v)).reshape(-1, 2)
+        lumps = problem.step.motion.lumps
+        P = (problem.step.motion.lumped * v if lumps else problem.step.motion.of(v)).reshape(-1, 2)
         x = X + u.reshape(-1, 2)
         turning = (x[:, 0] * P[:, 1] - x[:, 1] * P[:, 0]).sum()
         P_x, L = comm.allreduce(np.array([P[:, 0].sum(), turning]))

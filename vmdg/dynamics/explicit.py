@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from petsc4py import PETSc
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.parallel import global_any, global_max, global_sum, raise_together
+from ..base.parallel import global_any, global_max, raise_together
 from ..domain.topology import box_sides
+from ..linear.ksp import destroy, set_options
+from ..problem.motion import moving
 from ..problem.problem import Problem
 from ..solver.attempt import Attempt
 from .schemes import CentralDifferences
@@ -17,11 +21,8 @@ from .supports import SupportMotion
 
 Array = NDArray[np.float64]
 
-#: Iterations of the power method, and change of the eigenvalue at which it ends.
-MOST_ITERATIONS, SETTLED = 200, 1e-4
-
-#: Waves of its first vector along the body.
-FAST = 1e4
+#: Iterations of Lanczos's method, and waves of its first vector along the body.
+ITERATIONS, FAST = 60, 1e4
 
 
 class ExplicitSteps:
@@ -40,7 +41,7 @@ class ExplicitSteps:
 
     def __init__(self, problem: Problem, scheme: CentralDifferences, supports: SupportMotion):
         self._problem, self._scheme, self._supports = problem, scheme, supports
-        self._motion, self._comm = problem.motion, problem.comm
+        self._motion, self._comm = moving(problem.step.motion), problem.comm
         self._owned = problem.discretization.owned
         self._masses = masses = self._motion.lumped.copy()
         masses[problem.loading.owned_prescribed] = 1.0
@@ -77,30 +78,40 @@ class ExplicitSteps:
         yield Attempt(True, [0.0])
 
     def critical_step(self) -> float:
-        """2/omega by the power method, with bonded interfaces; collective [s]."""
-        problem, masses, held = self._problem, self._masses, self._problem.loading.owned_prescribed
+        """2/omega of the bonded interfaces, by Lanczos's method; collective [s].
+
+        Conjugate gradients for K.x = b with the masses as preconditioner find the largest
+        eigenvalue of M^-1.K on their way.
+        """
+        problem, held = self._problem, self._problem.loading.owned_prescribed
         problem.step.assemble_residual(hold=True)
-        matrix, d = problem.discretization.create_matrix(), problem.mesh.geometry.dim
+        matrix = problem.discretization.create_matrix()
         problem.discretization.assemble_tangent(matrix, damage=False)
-        x, y = matrix.createVecs()
-        # The highest mode alternates from node to node, as does a function of their positions that
-        # varies much faster, which no rank numbers in its own way.
-        places = problem.space.tabulate_dof_coordinates()
+        matrix.zeroRowsColumnsLocal(held, 0.0)
+        x, b = matrix.createVecs()
+        # The highest modes alternate from node to node, as does a function of their positions that
+        # varies much faster, whichever rank numbers them.
+        places, d = problem.space.tabulate_dof_coordinates(), problem.mesh.geometry.dim
         size = float(np.linalg.norm(box_sides(problem.mesh)))
         waves = np.sin(FAST * places[:, :d] / size + np.arange(1, 4)[:d])
-        v = waves.ravel()[: self._owned]
-        last = largest = 0.0
-        for _ in range(MOST_ITERATIONS):
-            v[held] = 0
-            x.array[:] = v / math.sqrt(global_sum(self._comm, v @ (masses * v)))
-            matrix.mult(x, y)
-            largest = float(global_sum(self._comm, x.array @ y.array))
-            if abs(largest - last) <= SETTLED * largest:
-                break
-            v, last = y.array / masses, largest
-        for item in (matrix, x, y):
+        x.array[:] = waves.ravel()[: self._owned]
+        matrix.mult(x, b)
+        ksp = PETSc.KSP().create(self._comm)
+        set_options(ksp, {"ksp_type": "cg", "ksp_rtol": 1e-12, "ksp_max_it": ITERATIONS})
+        ksp.setOperators(matrix)
+        ksp.getPC().setType(PETSc.PC.Type.PYTHON)
+        ksp.getPC().setPythonContext(self)
+        ksp.setComputeSingularValues(True)
+        ksp.solve(b, x)
+        largest = ksp.computeExtremeSingularValues()[0]
+        destroy(ksp)
+        for item in (matrix, x, b):
             item.destroy()
         return 2 / math.sqrt(largest) if largest > 0 else math.inf
+
+    def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """M^-1.x, called by PETSc."""
+        y.array[:] = x.array_r / self._masses
 
     def _step(self, t: float) -> None:
         problem, motion, owned = self._problem, self._motion, self._owned

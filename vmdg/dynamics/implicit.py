@@ -14,6 +14,7 @@ from ..compat import SNES_REASONS, UNBOUNDED_SEARCH
 from ..domain.topology import box_sides
 from ..linear.ksp import (
     MAX_RTOL,
+    Petsc,
     destroy,
     linear_options,
     linear_tolerance,
@@ -21,6 +22,7 @@ from ..linear.ksp import (
     set_options,
 )
 from ..linear.system import AssembledSystem
+from ..problem.motion import moving
 from ..problem.problem import Problem
 from ..solver.attempt import Attempt
 from ..solver.limits import ROUNDING
@@ -51,7 +53,11 @@ class ImplicitSteps:
         supports: SupportMotion,
     ):
         self._problem, self._scheme, self._options = problem, scheme, options
-        self._motion, self._supports, self._comm = problem.motion, supports, problem.comm
+        self._motion, self._supports, self._comm = (
+            moving(problem.step.motion),
+            supports,
+            problem.comm,
+        )
         self._owned = problem.discretization.owned
         self._system = AssembledSystem(problem, options.petsc)
         self._mass = self._motion.matrix(matrix_kind(linear_options(problem, options.petsc).solver))
@@ -69,8 +75,9 @@ class ImplicitSteps:
         ksp.setPythonContext(self)
         ksp.getPC().setType(PETSc.PC.Type.NONE)
         least = float(np.finfo(float).tiny)
-        halves = {"type": "bt", "order": 1, "max_it": options.path.halvings, "minlambda": least}
-        search = {f"snes_linesearch_{name}": v for name, v in (halves | UNBOUNDED_SEARCH).items()}
+        halves: dict[str, str | float] = {"type": "bt", "order": 1, "minlambda": least}
+        halves.update({"max_it": options.path.halvings}, **UNBOUNDED_SEARCH)
+        search = {f"snes_linesearch_{name}": value for name, value in halves.items()}
         own = {k: v for k, v in (options.petsc or {}).items() if k.startswith("snes_")}
         set_options(self._snes, search | {"snes_stol": 0.0} | own)
         self._snes.setFunction(self.residual, self._residual)
@@ -96,7 +103,12 @@ class ImplicitSteps:
         mass.zeroRowsColumnsLocal(held, 1.0)
         ksp = PETSc.KSP().create(problem.comm)
         # A mass matrix is well conditioned.
-        options = {"ksp_type": "cg", "pc_type": "jacobi", "ksp_rtol": 1e-14, "ksp_max_it": 500}
+        options: Petsc = {
+            "ksp_type": "cg",
+            "pc_type": "jacobi",
+            "ksp_rtol": 1e-14,
+            "ksp_max_it": 500,
+        }
         set_options(ksp, options)
         ksp.setOperators(mass)
         b.array[:] = forces

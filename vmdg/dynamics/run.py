@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict
+from typing import TypeAlias
 
 import numpy as np
 from dolfinx import fem
@@ -12,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.agreement import Interrupt, same_call, together
 from ..base.parallel import raise_together
 from ..base.timers import timer, timings, timings_since
-from ..linear.features import switchboard
 from ..output.history import History, HistoryFile
+from ..problem.motion import moving
 from ..problem.problem import Problem
 from ..solver.attempt import Attempt
 from ..solver.monitors import Monitor, check_functions, watched_row
@@ -27,8 +28,8 @@ from .schemes import CentralDifferences, GeneralizedAlpha
 from .supports import SupportMotion
 
 Array = NDArray[np.float64]
-Scheme = GeneralizedAlpha | CentralDifferences
-Velocity = Callable[[Array], Array] | fem.Function | None
+Scheme: TypeAlias = GeneralizedAlpha | CentralDifferences
+Velocity: TypeAlias = Callable[[Array], Array] | fem.Function | None
 
 
 def solve_dynamics(
@@ -71,8 +72,8 @@ def solve_dynamics(
     options, scheme = options or SolveOptions(), scheme or GeneralizedAlpha()
     times = _checked(problem, times, scheme, options)
     check_functions(monitor=monitor)
-    result = Result(history=History(), switches=switchboard(problem))
-    before, motion = timings(), problem.motion
+    result = Result(history=History())
+    before, motion = timings(), moving(problem.step.motion)
     motion.lumps = isinstance(scheme, CentralDifferences)
     problem.loading.clear_ray()
     with (
@@ -142,13 +143,13 @@ def _checked(problem: Problem, times: ArrayLike, scheme: Scheme, options: SolveO
     for what, present in refused.items():
         if present:
             raise ValueError(f"solve_dynamics has no motion for {what}")
-    _ = problem.motion
+    moving(problem.step.motion)
     return given.astype(float)
 
 
 def _set_out(problem: Problem, velocity: Velocity, of_supports: Array) -> None:
     """Take an initial velocity, of supports as they move; collective."""
-    motion, d = problem.motion, problem.mesh.geometry.dim
+    motion, d = moving(problem.step.motion), problem.mesh.geometry.dim
     v = motion.velocity.x.array
     if isinstance(velocity, fem.Function):
         if velocity.function_space != problem.space:

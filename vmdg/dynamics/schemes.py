@@ -8,7 +8,7 @@ from numbers import Real
 
 def _check(scheme: object, name: str, least: float, most: float) -> None:
     value = getattr(scheme, name)
-    if isinstance(value, bool) or not isinstance(value, Real) or not least < value <= most:
+    if isinstance(value, bool) or not isinstance(value, Real) or not least < float(value) <= most:
         raise ValueError(
             f"{type(scheme).__name__}: {name} = {value!r} must be a number in ({least:g}, {most:g}]"
         )
@@ -71,12 +71,12 @@ class CentralDifferences:
 
         u_1 = u_0 + h v_0 + h^2 a_0/2,   M.a_1 = -R_1,   v_1 = v_0 + h (a_0 + a_1)/2.
 
-    It is stable up to the critical step 2/omega, omega^2 the largest eigenvalue of M^-1.K, by power
-    iteration with the tangent of the whole problem, interfaces included.
+    It is stable up to the critical step 2/omega, omega^2 the largest eigenvalue of M^-1.K with the
+    tangent of the whole problem, interfaces included.
 
     Args:
         safety: Step relative to the critical one.
-        renewal: Number of steps after which tau_s and the critical step are computed anew.
+        renewal: Number of steps after which tau_s and the critical step are computed again.
 
     Raises:
         ValueError: ``safety`` is not in (0, 1], or ``renewal`` is no positive integer.

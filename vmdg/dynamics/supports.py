@@ -37,12 +37,11 @@ class SupportMotion:
         here = self._values(t)
         if before == after:
             return np.zeros_like(here), np.zeros_like(here)
-        first = (here - self._values(before)) / (t - before) if t > before else None
-        last = (self._values(after) - here) / (after - t) if after > t else None
-        if first is None or last is None:
-            only = last if first is None else first
-            return only, np.zeros_like(here)
         a, b = t - before, after - t
+        first = (here - self._values(before)) / a if a > 0 else np.zeros(0)
+        last = (self._values(after) - here) / b if b > 0 else np.zeros(0)
+        if a == 0 or b == 0:
+            return (last if a == 0 else first), np.zeros_like(here)
         return (b * first + a * last) / (a + b), 2 * (last - first) / (a + b)
 
     def _values(self, t: float) -> Array:

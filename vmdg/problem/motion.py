@@ -120,3 +120,16 @@ class Motion:
         self.velocity.x.array[: self._discretization.owned] = velocity
         self.velocity.x.scatter_forward()
         self.acceleration = acceleration
+
+
+def moving(motion: Motion | None) -> Motion:
+    """The motion of a problem.
+
+    Raises:
+        ValueError: it has no density.
+    """
+    if motion is None:
+        raise ValueError(
+            "the problem has no mass: give density={tag: mass per volume}, in t/mm3 with N, mm and s"
+        )
+    return motion

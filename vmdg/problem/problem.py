@@ -62,7 +62,7 @@ from .arguments import (
 from .axial import GeneralizedStrain, generalized
 from .eigenstrain import checked_eigenstrains, refusal
 from .loading import Loading
-from .motion import Motion, checked_density
+from .motion import Motion, checked_density, moving
 from .periodic import Periodic, checked_periodic
 from .rigid_motion import RigidMotion
 from .states import Energy, InterfaceMean, Snapshot
@@ -103,6 +103,8 @@ class Problem:
             for thin sheets, in the bodies and in the tractions of their interfaces: F_33 is such
             that P_33 vanishes. At finite strain materials need a ``free_stretch`` for that
             (:class:`NeoHookean` and :class:`Orthotropic` have one).
+        density: Mass per reference volume by tag, for :func:`vmdg.solve_dynamics`; with N, mm and s
+            in t/mm3. None for statics.
 
     Attributes:
         mesh: As given.
@@ -186,7 +188,6 @@ class Problem:
         drives += axial.drives(self.comm) if axial else []
         self.loading.drive_means(drives)
         self.step = Step(discretization, activation, self.loading)
-        self._motion: Motion | None = None
         if density is not None:
             tagged, deformable = (
                 by_tag(density, names, "density"),
@@ -640,9 +641,8 @@ class Problem:
         """
         self.step.ledger.complete()
         energy = self.step.ledger.energy()
-        if self._motion is None:
-            return energy
-        return replace(energy, kinetic=self._motion.kinetic_energy())
+        motion = self.step.motion
+        return energy if motion is None else replace(energy, kinetic=motion.kinetic_energy())
 
     @property
     def velocity(self) -> fem.Function:
@@ -651,14 +651,4 @@ class Problem:
         Raises:
             ValueError: it has none.
         """
-        return self.motion.velocity
-
-    @property
-    def motion(self) -> Motion:
-        """Mass and motion of a problem with a density, for solvers."""
-        if self._motion is None:
-            raise ValueError(
-                "the problem has no mass: give density={tag: mass per volume}, in t/mm3 with N, mm "
-                "and s"
-            )
-        return self._motion
+        return moving(self.step.motion).velocity

@@ -23,6 +23,7 @@ from ..interface.guess import (
 from ..interface.sliding import sliding
 from .ledger import Inertia, Ledger
 from .loading import Loading
+from .motion import Motion
 from .states import RunScales, Snapshot
 
 #: Relative step for finite differences of the residual by the load factor.
@@ -50,6 +51,7 @@ class Step:
         start: State at the start of the last step.
         ledger: Works of all steps so far.
         sliding: Largest slip of points in contact so far, relative to the size of their facets.
+        motion: Mass, velocity and acceleration of bodies with a density; None without.
         rests_on_contact: Whether a body is constrained by contact alone; otherwise points without
             bond and pressure start every step open.
     """
@@ -65,6 +67,7 @@ class Step:
         # Number of repetitions of the current step with a larger tau_s.
         self._repeats = 0
         self.rests_on_contact = False
+        self.motion: Motion | None = None
         activation.follow(discretization.u)
         loading.move(0.0)
         discretization.update_stabilization()
