@@ -130,6 +130,7 @@ def moving(motion: Motion | None) -> Motion:
     """
     if motion is None:
         raise ValueError(
-            "the problem has no mass: give density={tag: mass per volume}, in t/mm3 with N, mm and s"
+            "the problem has no mass: give density={tag: mass per volume}, in t/mm3 with N, mm "
+            "and s"
         )
     return motion

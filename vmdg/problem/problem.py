@@ -187,13 +187,12 @@ class Problem:
         drives = periodic.drives(self.comm, mesh.geometry.dim, bodies.small) if repeats else []
         drives += axial.drives(self.comm) if axial else []
         self.loading.drive_means(drives)
-        self.step = Step(discretization, activation, self.loading)
+        motion = None
         if density is not None:
-            tagged, deformable = (
-                by_tag(density, names, "density"),
-                set(materials) - set(bodies.walls),
-            )
-            self._motion = Motion(discretization, checked_density(tagged, deformable))
+            deformable = set(materials) - set(bodies.walls)
+            density = checked_density(by_tag(density, names, "density"), deformable)
+            motion = Motion(discretization, density)
+        self.step = Step(discretization, activation, self.loading, motion)
 
     @property
     def discretization(self) -> Discretization:

@@ -43,6 +43,7 @@ class Step:
         discretization: For the open facets.
         activation: Which facets are open.
         loading: Loads and prescribed displacements.
+        motion: Mass, velocity and acceleration of bodies with a density; None without.
 
     Attributes:
         discretization: For the currently open facets; replaced when facets open.
@@ -51,12 +52,18 @@ class Step:
         start: State at the start of the last step.
         ledger: Works of all steps so far.
         sliding: Largest slip of points in contact so far, relative to the size of their facets.
-        motion: Mass, velocity and acceleration of bodies with a density; None without.
+        motion: As given.
         rests_on_contact: Whether a body is constrained by contact alone; otherwise points without
             bond and pressure start every step open.
     """
 
-    def __init__(self, discretization: Discretization, activation: Activation, loading: Loading):
+    def __init__(
+        self,
+        discretization: Discretization,
+        activation: Activation,
+        loading: Loading,
+        motion: Motion | None = None,
+    ):
         self.discretization = discretization
         self.activation = activation
         self._loading = loading
@@ -67,7 +74,7 @@ class Step:
         # Number of repetitions of the current step with a larger tau_s.
         self._repeats = 0
         self.rests_on_contact = False
-        self.motion: Motion | None = None
+        self.motion = motion
         activation.follow(discretization.u)
         loading.move(0.0)
         discretization.update_stabilization()
