@@ -36,6 +36,7 @@ from .laws import Mode as Mode
 from .laws import TrapezoidalDebonding as TrapezoidalDebonding
 from .linear.features import switchboard as switchboard
 from .linear.macroscopic import macroscopic_tangent as macroscopic_tangent
+from .materials.drucker_prager import DruckerPrager as DruckerPrager
 from .materials.j2 import J2 as J2
 from .materials.point import PointMaterial as PointMaterial
 from .materials.point import Response as Response

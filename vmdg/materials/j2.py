@@ -1,65 +1,43 @@
 """Plasticity of metals: von Mises yield stress with isotropic and kinematic hardening.
 
-Small strain: radial return (Simo and Hughes 1998, Box 3.2). Finite strain: F = F_e F_p with
-Hencky's energy of ln U_e and an exponential map for F_p, for which the return in the principal axes
-of the trial b_e is that of small strain (Simo 1992; de Souza Neto, Peric and Owen 2008, section
-14.5). Both share :meth:`J2._return`.
+Radial return (Simo and Hughes 1998, Box 3.2), also with a back stress that fades (Armstrong and
+Frederick 1966); :mod:`.plasticity` makes both kinds of strain of it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from numbers import Real
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from ..forms.materials import NeoHookean
 from ..laws.roots import increasing_root
-from .point import Array, PointMaterial, Response
-
-_ONE = np.eye(3)
-_SPHERE = np.einsum("ij,kl->ijkl", _ONE, _ONE)
-_SYMMETRIC = (np.einsum("ik,jl->ijkl", _ONE, _ONE) + np.einsum("il,jk->ijkl", _ONE, _ONE)) / 2
-_DEVIATOR = _SYMMETRIC - _SPHERE / 3
-
-#: Components of a symmetric tensor in the history.
-_ROWS, _COLUMNS = [0, 1, 2, 0, 1, 2], [0, 1, 2, 1, 2, 0]
-
-
-def pack(tensor: Array) -> Array:
-    """The six components 11, 22, 33, 12, 23, 13 of symmetric tensors, (n, 6)."""
-    return tensor[:, _ROWS, _COLUMNS]
+from .plasticity import (
+    Plastic,
+    Returned,
+    check_numbers,
+    components,
+    deviatoric,
+    dot,
+    isotropic,
+    vector,
+    with_mean,
+)
+from .point import Array
 
 
-def unpack(components: Array) -> Array:
-    """Symmetric tensors (n, 3, 3) from their six components."""
-    tensor = np.empty((len(components), 3, 3))
-    tensor[:, _ROWS, _COLUMNS] = components
-    tensor[:, _COLUMNS, _ROWS] = components
-    return tensor
-
-
-class _Return(NamedTuple):
-    """A return of the deviator: dgamma and the flow direction with its derivative.
-
-    Attributes:
-        increment: dgamma (n,).
-        flow: sqrt(3/2) n with d eps_p = dgamma flow (n, 3, 3).
-        slope: d eps_p/d eps (n, 3, 3, 3, 3).
-    """
-
-    increment: Array
-    flow: Array
-    slope: Array
-
-
-class J2(PointMaterial):
+class J2(Plastic):
     """An elastoplastic metal with the yield stress of von Mises.
 
     sqrt(3/2) |dev sigma - beta| = sigma_y(alpha) + rate dalpha/dt, with the equivalent plastic
-    strain alpha, and beta = 2/3 kinematic eps_p (Prager). The yield stress is
+    strain alpha. The back stress beta begins at zero and follows
+
+        d beta = 2/3 kinematic d eps_p - recovery beta d alpha,
+
+    without ``recovery`` that of Prager, with it that of Armstrong and Frederick, whose equivalent
+    stress tends towards kinematic/recovery. The yield stress is
 
         sigma_y = yield_stress + hardening alpha
                   + (saturation - yield_stress) (1 - exp(-exponent alpha)),
@@ -74,7 +52,8 @@ class J2(PointMaterial):
             alpha = 0 on, linear in between and constant beyond; it replaces ``yield_stress``.
         saturation: Stress towards which the exponential part tends; None for none [MPa].
         exponent: Its rate.
-        kinematic: Modulus of linear kinematic hardening, at small strain [MPa].
+        kinematic: Modulus of kinematic hardening, at small strain [MPa].
+        recovery: Rate at which the back stress fades; the moduli are then unsymmetric.
         rate: Perzyna viscosity [MPa s].
 
     Raises:
@@ -82,8 +61,6 @@ class J2(PointMaterial):
         ValueError: a parameter out of range, a yield stress that vanishes, or a table that does not
             start at 0 or does not increase.
     """
-
-    fields: Mapping[str, int] = {"alpha": 1, "plastic strain": 6}
 
     def __init__(
         self,
@@ -95,12 +72,10 @@ class J2(PointMaterial):
         saturation: float | None = None,
         exponent: float = 0.0,
         kinematic: float = 0.0,
+        recovery: float = 0.0,
         rate: float = 0.0,
     ):
-        elastic = NeoHookean(E=E, nu=nu)
-        super().__init__(elastic)
-        self._G = elastic.parameters["mu"]
-        self._K = elastic.parameters["lmbda"] + 2 * self._G / 3
+        super().__init__(E, nu)
         table = None if isinstance(hardening, Real) else np.array(hardening, dtype=float)
         if table is not None:
             _check_table(table, yield_stress, saturation)
@@ -109,19 +84,16 @@ class J2(PointMaterial):
             "yield_stress": yield_stress,
             "exponent": exponent,
             "kinematic": kinematic,
+            "recovery": recovery,
             "rate": rate,
         }
         if table is None:
             numbers["hardening"] = hardening
         if saturation is not None:
             numbers |= {"saturation": saturation}
-        for name, value in numbers.items():
-            if not isinstance(value, Real):
-                raise TypeError(f"J2: {name} = {value!r} must be a number")
-            least = 1e-300 if name in ("yield_stress", "saturation") else 0.0
-            if not least <= float(value) < math.inf:
-                word = "positive" if least else "not negative"
-                raise ValueError(f"J2: {name} = {value!r} must be {word} and finite")
+        check_numbers("J2", numbers, positive=("yield_stress", "saturation"))
+        if recovery > 0 and kinematic == 0:
+            raise ValueError("J2: recovery needs a back stress that fades, kinematic > 0")
         if saturation is not None and exponent == 0:
             raise ValueError("J2: saturation needs its rate, exponent > 0")
         self._yield = float(numbers["yield_stress"])
@@ -135,12 +107,16 @@ class J2(PointMaterial):
         self._hardening = float(numbers.get("hardening", 0.0))
         self._rise = 0.0 if saturation is None else float(saturation) - self._yield
         self._exponent, self._kinematic = float(exponent), float(kinematic)
-        self._rate = float(rate)
+        self._recovery, self._rate = float(recovery), float(rate)
         given = numbers if table is None else numbers | {"hardening": table.tolist()}
-        self.numbers = dict(elastic.parameters) | given
+        self._curved = recovery > 0 or self._rise > 0 or table is not None
+        self.numbers = dict(self.parameters) | given
         self.viscous = rate > 0
         if kinematic > 0:
             self.kinematics = ("small",)
+        if recovery > 0:
+            self.symmetric = False
+            self.fields = {**self.fields, "back strain": 6}
 
     def yield_stress(self, alpha: Array) -> tuple[Array, Array, Array]:
         """sigma_y, its slope and its integral over alpha, (n,) each [MPa]."""
@@ -154,107 +130,95 @@ class J2(PointMaterial):
             work += self._rise * (alpha + np.expm1(-self._exponent * alpha) / self._exponent)
         return stress, slope, work
 
-    def __call__(self, deformation: Array, state: Array, dt: float, small: bool) -> Response:
-        """The return map of the step, see :class:`.PointMaterial`."""
-        given = deformation, state[:, 0], unpack(state[:, 1:]), dt
-        return self._small(*given) if small else self._finite(*given)
-
-    def _small(self, strain: Array, alpha: Array, plastic: Array, dt: float) -> Response:
-        """At small strain; ``plastic`` is eps_p."""
-        trial = strain - plastic
-        back = 2 / 3 * self._kinematic * plastic
-        found = self._return(trial, alpha, back, dt)
-        change = found.increment[:, None, None] * found.flow
-        plastic, alpha_new = plastic + change, alpha + found.increment
-        stress, stored = self._elastic(trial - change)
-        stored += self._kinematic / 3 * np.einsum("pij,pij->p", plastic, plastic)
-        return Response(
-            stress,
-            self._moduli(found),
-            np.column_stack([alpha_new, pack(plastic)]),
-            stored,
-            self._dissipated(alpha, found.increment, dt),
-        )
-
-    def _finite(self, F: Array, alpha: Array, metric: Array, dt: float) -> Response:
-        """At finite strain; ``metric`` is C_p^-1 - I.
-
-        With tau = tau(eps), eps = ln(b)/2, b = F C_p^-1 F^T of the trial, P = tau F^-T and
-
-            dP = (dtau - tau F^-T dF^T) F^-T,  dtau = dtau/deps : deps/db : db.
-        """
-        C = _ONE + metric
-        FC = F @ C
-        b = FC @ F.transpose(0, 2, 1)
-        values, axes = np.linalg.eigh(b)
-        trial = _spectral(np.log(values) / 2, axes)
-        found = self._return(trial, alpha, np.zeros_like(trial), dt)
-        change = found.increment[:, None, None] * found.flow
-        tau, stored = self._elastic(trial - change)
-        inverse = np.linalg.inv(F)
-        # C_p^-1 = F^-1 b_e F^-T with b_e = exp(2 (eps - d eps_p)), coaxial with b.
-        strains = np.einsum("pki,pkl,pli->pi", axes, trial - change, axes)
-        elastic = _spectral(np.exp(2 * strains), axes)
-        metric = inverse @ elastic @ inverse.transpose(0, 2, 1) - _ONE
-        # Products of matrices, einsum is several times as slow.
-        n = len(F)
-        by_b = self._moduli(found).reshape(n, 9, 9) @ _by_b(values, axes)
-        # db_mn = dF_mK (FC)_nK + (FC)_mK dF_nK; by_b is symmetric in mn.
-        by_F = 2 * (by_b.reshape(n, 27, 3) @ FC)
-        P = tau @ inverse.transpose(0, 2, 1)
-        moduli = (inverse[:, None] @ by_F.reshape(n, 3, 3, 9)).reshape(n, 3, 3, 3, 3)
-        moduli -= np.einsum("piL,pJk->piJkL", P, inverse)
-        return Response(
-            P,
-            moduli,
-            np.column_stack([alpha + found.increment, pack(metric)]),
-            stored,
-            self._dissipated(alpha, found.increment, dt),
-        )
-
-    def _return(self, trial: Array, alpha: Array, back: Array, dt: float) -> _Return:
-        """Radial return from an elastic trial strain."""
-        xi = 2 * self._G * _deviator(trial) - back
-        size = np.sqrt(np.einsum("pij,pij->p", xi, xi))
-        q, G3 = math.sqrt(1.5) * size, 3 * self._G
-        viscosity = self._rate / dt if self._rate > 0 else 0.0
-        start, slope, _ = self.yield_stress(alpha)
+    def _return(self, trial: Array, state: Array, dt: float) -> Returned:
+        """Radial return; the back strain is a = 3/2 beta/kinematic."""
+        G, C, R = self._G, self._kinematic, self._recovery
+        alpha = state[:, 0]
+        volume, strain = deviatoric(trial)
+        pull, past = 2 * G * strain, np.zeros_like(trial)
+        if C > 0:
+            past = vector(state[:, 7:13] if R > 0 else state[:, 1:7])
+        xi = pull - 2 / 3 * C * past
+        q = np.sqrt(1.5 * dot(xi, xi))
+        start, slope, before = self.yield_stress(alpha)
+        straight = 3 * G + (self._rate / dt if self._rate > 0 else 0.0)
         flows = q > start
-        increment, rate = np.zeros_like(q), np.zeros_like(q)
+        increment = np.zeros_like(q)
         if flows.any():
-            of, load = alpha[flows], q[flows]
-            straight = G3 + self._kinematic + viscosity
+            over, back = q[flows] - start[flows], C - R * C * dot(xi, past)[flows] / q[flows]
+            root = over / (straight + back + slope[flows])
+            if self._curved:
+                excess = self._excess(alpha[flows], pull[flows], past[flows], straight)
+                root = increasing_root(excess, np.zeros_like(root), over / straight, root)
+            increment[flows] = root
+        end, slope, work = self.yield_stress(alpha + increment)
+        left, grown = self._faded(increment)
+        if R > 0:
+            xi = pull - 2 / 3 * C * left[:, None] * past
+            q = np.sqrt(1.5 * dot(xi, xi))
+        safe = np.where(flows, q, 1.0)
+        N = 1.5 / safe[:, None] * xi
+        change, turn = increment[:, None] * N, 3 * G * increment / safe
+        # With d increment = rate 2 G N.d eps; the share of flow that follows the strain at once,
+        # and what of the back stress that fades turns N.
+        along, fading = dot(N, past), 2 / 3 * C * R * left
+        rate = np.where(flows, 1 / (straight + C * left + slope - fading * along), 0.0)
+        column = ((3 * G * rate - turn) / 1.5)[:, None] * N
+        if R > 0:
+            column += (turn * fading * rate)[:, None] * (past - (along / 1.5)[:, None] * N)
+        dissipated = work - before
+        if self._rate > 0:
+            dissipated += self._rate * increment**2 / dt
+        if R > 0:
+            dissipated += 2 / 3 * C * R * self._faded_work(past, N, increment, grown)
+        elastic, back = strain - change, left[:, None] * past + grown[:, None] * N
+        history = [(alpha + increment)[:, None], *([components(back)] if R > 0 else ())]
+        secant = 2 * G * (1 - turn)
+        return Returned(
+            with_mean(2 * G * elastic, self._K * volume),
+            isotropic(self._K, secant, trial.shape[1]) - (2 * G * column)[:, :, None] @ N[:, None],
+            secant,
+            change,
+            np.concatenate(history, axis=1),
+            self._K / 2 * volume**2 + G * dot(elastic, elastic) + C / 3 * dot(back, back),
+            dissipated,
+        )
 
-            def excess(gamma: Array) -> tuple[Array, Array]:
-                stress, slope, _ = self.yield_stress(of + gamma)
-                return straight * gamma + stress - load, straight + slope
+    def _excess(
+        self, alpha: Array, pull: Array, past: Array, straight: float
+    ) -> Callable[[Array], tuple[Array, Array]]:
+        """The yield condition as an increasing function of dalpha.
 
-            first = (load - start[flows]) / (straight + slope[flows])
-            most = (load - start[flows]) / straight
-            increment[flows] = increasing_root(excess, np.zeros_like(most), most, first)
-            rate[flows] = 1 / (straight + self.yield_stress(of + increment[flows])[1])
-        n = xi / np.where(flows, size, 1.0)[:, None, None]
-        turn = G3 * increment / np.where(flows, q, 1.0)
-        along = (G3 * rate - turn)[:, None, None, None, None]
-        slope4 = turn[:, None, None, None, None] * _DEVIATOR
-        slope4 = slope4 + along * np.einsum("pij,pkl->pijkl", n, n)
-        return _Return(increment, math.sqrt(1.5) * n, slope4)
+        |past| is at most sqrt(3/2)/recovery, so that q grows no more than the back stress does.
+        """
+        C, R = self._kinematic, self._recovery
+        squares, crossed, own = dot(pull, pull), dot(pull, past), dot(past, past)
 
-    def _elastic(self, strain: Array) -> tuple[Array, Array]:
-        """Stress and stored energy of an elastic strain."""
-        volume, deviator = np.trace(strain, axis1=1, axis2=2), _deviator(strain)
-        stress = self._K * volume[:, None, None] * _ONE + 2 * self._G * deviator
-        energy = self._K * volume**2 / 2
-        return stress, energy + self._G * np.einsum("pij,pij->p", deviator, deviator)
+        def excess(x: Array) -> tuple[Array, Array]:
+            stress, slope, _ = self.yield_stress(alpha + x)
+            left, grown = self._faded(x)
+            k = 2 / 3 * C * left
+            q = np.sqrt(1.5 * np.maximum(squares - 2 * k * crossed + k**2 * own, 0.0))
+            turns = R * C * left * (crossed - k * own) / np.maximum(q, self._yield)
+            return straight * x + C * grown + stress - q, straight + C * left + slope - turns
 
-    def _moduli(self, found: _Return) -> Array:
-        """d stress/d strain of a return."""
-        return self._K * _SPHERE + 2 * self._G * (_DEVIATOR - found.slope)
+        return excess
 
-    def _dissipated(self, alpha: Array, increment: Array, dt: float) -> Array:
-        """Plastic and viscous work of the step: the integral of sigma_y, exact for any size."""
-        work = self.yield_stress(alpha + increment)[2] - self.yield_stress(alpha)[2]
-        return work + self._rate * increment**2 / dt if self._rate > 0 else work
+    def _faded(self, increment: Array) -> tuple[Array, Array]:
+        """w = exp(-recovery dalpha) and (1 - w)/recovery: a = w a + (1 - w)/recovery N, exactly
+        where N = d eps_p/dalpha stays.
+        """
+        if self._recovery == 0:
+            return np.ones_like(increment), increment
+        x = -self._recovery * increment
+        return np.exp(x), -np.expm1(x) / self._recovery
+
+    def _faded_work(self, past: Array, N: Array, increment: Array, grown: Array) -> Array:
+        """The integral of a:a over alpha, of the a of :meth:`_faded`."""
+        R = self._recovery
+        first = grown - R * grown**2 / 2
+        last = np.maximum(increment - grown - R * grown**2 / 2, 0.0) / R**2
+        return first * dot(past, past) + grown**2 * dot(past, N) + last * dot(N, N)
 
 
 def _check_table(table: Array, yield_stress: float | None, saturation: float | None) -> None:
@@ -280,30 +244,3 @@ def _of_table(x: Array, y: Array, alpha: Array) -> tuple[Array, Array, Array]:
     ahead = alpha - x[row]
     stress = y[row] + slopes[row] * ahead
     return stress, slopes[row], works[row] + ahead * (y[row] + stress) / 2
-
-
-def _deviator(tensor: Array) -> Array:
-    return tensor - np.trace(tensor, axis1=1, axis2=2)[:, None, None] / 3 * _ONE
-
-
-def _spectral(values: Array, axes: Array) -> Array:
-    """Symmetric tensors with these eigenvalues (n, 3) and eigenvectors in columns (n, 3, 3)."""
-    return (axes * values[:, None]) @ axes.transpose(0, 2, 1)
-
-
-def _by_b(values: Array, axes: Array) -> Array:
-    """d(ln b / 2)/db (n, 9, 9) from eigenvalues and eigenvectors of b.
-
-    In the axes of b component ij is multiplied by (ln b_i - ln b_j)/(2 (b_i - b_j)), with its limit
-    1/(2 b_i) for equal values.
-    """
-    x = (values[:, :, None] - values[:, None]) / values[:, None]
-    near = np.abs(x) < 1e-8
-    ratio = np.where(near, 1 - x / 2, np.log1p(x) / np.where(near, 1.0, x))
-    theta = ratio / (2 * values[:, None])
-    theta = (theta + theta.transpose(0, 2, 1)) / 2
-    n = len(values)
-    pairs = axes[:, :, None, :, None] * axes[:, None, :, None, :]
-    turned = pairs.transpose(0, 2, 1, 3, 4).reshape(n, 9, 9)
-    pairs = pairs.reshape(n, 9, 9)
-    return (pairs * theta.reshape(n, 1, 9)) @ ((pairs + turned) / 2).transpose(0, 2, 1)
