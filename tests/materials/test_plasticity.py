@@ -43,28 +43,32 @@ def test_dissipation(name, small, first, second):
         assert alpha >= before
         assert answer.dissipated[0] >= 0
         assert answer.stored[0] >= 0
-        assert (answer.dissipated[0] > 0) == (alpha > before)
+        if alpha == before:
+            assert answer.dissipated[0] < 1e-14 * E
+        elif alpha > before + 1e-9:
+            assert answer.dissipated[0] > 0
         before = alpha
 
 
 @EVERY
-@given(first=TENSORS, second=TENSORS)
-def test_energies_balance(name, small, first, second):
+def test_energies_balance(name, small):
     """What is stored and dissipated is the work of the stress, the better the more steps."""
-    errors, works = [], []
-    for steps in (20, 80):
-        s = np.linspace(0.0, 1.0, steps + 1)[1:, None, None]
-        path = [*(s * first), *(first + s * (second - first))]
-        material, found = after(name, small, *path)
-        P = np.array([np.zeros((3, 3)), *(answer.stress[0] for answer in found)])
-        F = np.array([0 * first, *(deformed(H, small)[0] for H in path)])
-        F[1:] -= 0 if small else np.eye(3)
-        work = ((P[1:] + P[:-1]) * np.diff(F, axis=0)).sum() / 2
-        spent = sum(answer.dissipated[0] for answer in found)
-        errors.append(abs(work - spent - found[-1].stored[0]))
-        works.append(spent + found[-1].stored[0])
-    assert errors[1] <= 0.02 * works[1] + 1e-9
-    assert errors[1] <= 0.5 * errors[0] + 2e-3 * works[1] + 1e-9
+    rng, errors = np.random.default_rng(5), []
+    corners = rng.uniform(-0.04, 0.04, (20, 3, 3, 3))
+    corners[:, 0] = 0
+    for steps in (10, 40):
+        material = MATERIALS[name]
+        state, spent, work = material.start(len(corners)), 0.0, 0.0
+        P, H = 0 * corners[:, 0], 0 * corners[:, 0]
+        for s in np.arange(1, 2 * steps + 1) / steps:
+            before, i = (P, H), int(np.ceil(s)) - 1
+            H = corners[:, i] + (s - i) * (corners[:, i + 1] - corners[:, i])
+            F = (H + H.transpose(0, 2, 1)) / 2 if small else np.eye(3) + H
+            P, _, state, stored, dissipated = material(F, state, DT, small)
+            spent = spent + dissipated
+            work = work + ((P + before[0]) * (H - before[1])).sum(axis=(1, 2)) / 2
+        errors.append(np.linalg.norm(work - spent - stored) / np.linalg.norm(work))
+    assert errors[1] < 0.5 * errors[0] < 0.02
 
 
 @pytest.mark.parametrize("name", FINITE)

@@ -166,7 +166,7 @@ class J2(Plastic):
         column = ((3 * G * rate - turn) / 1.5)[:, None] * N
         if R > 0:
             column += (turn * fading * rate)[:, None] * (past - (along / 1.5)[:, None] * N)
-        dissipated = work - before
+        dissipated = np.maximum(work - before, 0.0)  # but for rounding it is
         if self._rate > 0:
             dissipated += self._rate * increment**2 / dt
         if R > 0:
