@@ -36,7 +36,7 @@ def test_tangent(name, small, first, second, direction):
 @given(first=TENSORS, second=TENSORS)
 def test_dissipation(name, small, first, second):
     """Is not negative, and neither is the energy stored; where nothing flows, nothing is lost."""
-    material, found = after(name, small, first, second)
+    _, found = after(name, small, first, second)
     before = 0.0
     for answer in found:
         alpha = answer.state[0, 0]

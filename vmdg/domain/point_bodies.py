@@ -220,7 +220,9 @@ class PointBodies:
                 own = slice(batch.start - start * count, batch.stop - start * count)
                 found = self._answer(material, deformation[batch], before[own], dt)
                 stress.reshape(-1, 3, 3)[batch] = found.stress
-                of_entries = found.moduli[:, rows, columns][:, :, rows, columns]
+                of_entries = found.moduli.reshape(-1, 9, 9)
+                if len(rows) < 9:
+                    of_entries = of_entries[:, (3 * rows + columns)[:, None], 3 * rows + columns]
                 moduli.reshape(-1, len(rows), len(rows))[batch] = of_entries
                 stored.reshape(-1)[batch], dissipated.reshape(-1)[batch] = found[3:]
                 after[own] = found.state
@@ -268,7 +270,7 @@ class PointBodies:
     def _on_facets(self, values: Array) -> Array:
         """Coefficients (cells, m, ...) of values at the points (cells, q, ...)."""
         flat = values.reshape(*values.shape[:2], -1)
-        return np.einsum("mq,cqk->cmk", self.extrapolation, flat)
+        return self.extrapolation @ flat
 
     def moduli_in(self, cells: NDArray[np.integer]) -> Array:
         """Current moduli in some of the cells (n, q, entries, entries) [MPa]."""

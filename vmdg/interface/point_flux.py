@@ -95,9 +95,10 @@ class PointFlux:
                 )
                 columns = flux @ change
                 test = jets.displacement(chosen)
-                left = test.matrix.transpose(0, 1, 3, 2) @ L[points]
-                product = np.einsum("fpni,fpim->fnm", left, columns, optimize=True)
-                yield test.blocks, jets.nodes_of(of), np.ascontiguousarray(product)
+                left = L[points].transpose(0, 1, 3, 2) @ test.matrix
+                count, size = len(of), columns.shape[1] * d
+                left, columns = (a.reshape(count, size, -1) for a in (left, columns))
+                yield test.blocks, jets.nodes_of(of), left.transpose(0, 2, 1) @ columns
 
     def _flux_change(
         self, cells: NDArray[np.int32], E: Array, inside: Array, there: Array
@@ -106,11 +107,17 @@ class PointFlux:
         jets, bodies = self._active.point_tangent.jets, self._bodies
         G = jets.gradient_entries(inside)
         G = G.reshape(*G.shape[:3], -1)
-        current = np.einsum("fpq,fqen->fpen", E, bodies.moduli_in(cells) @ G, optimize=True)
+        current = _combined(E, bodies.moduli_in(cells) @ G)
         G = jets.gradient_entries(there)
         G = G.reshape(*G.shape[:3], -1)
-        frozen = np.einsum("fpq,fqek->fpek", E, bodies.frozen_in(cells), optimize=True)
+        frozen = _combined(E, bodies.frozen_in(cells))
         return current - frozen @ G
+
+
+def _combined(E: Array, values: Array) -> Array:
+    """sum_q E_pq X_q (f, p, ...); as one product of matrices, several times as fast as einsum."""
+    count, points = values.shape[:2]
+    return (E @ values.reshape(count, points, -1)).reshape(count, -1, *values.shape[2:])
 
 
 def _normal_rows(N: Array, entries: list[tuple[int, int]]) -> Array:

@@ -6,7 +6,6 @@ Frederick 1966); :mod:`.plasticity` makes both kinds of strain of it.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from numbers import Real
 from typing import Any
@@ -151,7 +150,7 @@ class J2(Plastic):
                 excess = self._excess(alpha[flows], pull[flows], past[flows], straight)
                 root = increasing_root(excess, np.zeros_like(root), over / straight, root)
             increment[flows] = root
-        end, slope, work = self.yield_stress(alpha + increment)
+        _, slope, work = self.yield_stress(alpha + increment)
         left, grown = self._faded(increment)
         if R > 0:
             xi = pull - 2 / 3 * C * left[:, None] * past

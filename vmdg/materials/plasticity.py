@@ -169,9 +169,10 @@ class Plastic(PointMaterial):
         # C_p^-1 = F^-1 b_e F^-T with b_e = b exp(-2 d eps_p), coaxial with b.
         elastic = squares * np.exp(-2 * found.change)
         metric = (inner * elastic[:, None]) @ inner.transpose(0, 2, 1) - _ONE
-        pairs = axes.transpose(0, 2, 1)[:, _FIRST, :, None] * inner.transpose(0, 2, 1)[
-            :, _SECOND, None, :
-        ]
+        pairs = (
+            axes.transpose(0, 2, 1)[:, _FIRST, :, None]
+            * inner.transpose(0, 2, 1)[:, _SECOND, None, :]
+        )
         pairs = pairs.reshape(n, 9, 9)
         first, second = _FIRST[3:], _SECOND[3:]
         shear = found.turning[:, None] * _log_slopes(squares)

@@ -10,7 +10,18 @@ from mpi4py import MPI
 from matplotlib.figure import Figure
 
 from parts.bars import progress
-from parts.benchmark import condensed, cost, intact, peers, precision, ratio, step, switches, zone
+from parts.benchmark import (
+    condensed,
+    cost,
+    intact,
+    peers,
+    plastic,
+    precision,
+    ratio,
+    step,
+    switches,
+    zone,
+)
 from parts.benchmark.common import DIMENSION, table
 
 #: What was found, its table, and what draws it.
@@ -45,6 +56,24 @@ def ratio_part(coarse: bool, repeats: int) -> Outcome:
     shown = MPI.COMM_WORLD.rank == 0
     rows = [ratio.measure(*c[:3], repeats, c[3]) for c in progress(cases, "case", shown)]
     return rows, table(ratio.HEAD, map(ratio.row, rows)), None
+
+
+def plastic_part(coarse: bool, repeats: int) -> Outcome:
+    """Points a second, and Newton iterations of plastic bodies against those of elastic ones."""
+    speeds = {
+        name: [plastic.points_a_second(material, small, repeats) for small in (True, False)]
+        for name, material in plastic.METALS.items()
+    }
+    cases = [
+        (small, direct, 2 if coarse else 10, repeats, tied)
+        for tied in (False, True)
+        for direct in (True, False)
+        for small in (True, False)
+    ]
+    costs = [plastic.measure(*case) for case in progress(cases, "case")]
+    points = table(plastic.HEAD_POINTS, [(name, *speed) for name, speed in speeds.items()])
+    text = f"{points}\n\n{table(plastic.HEAD, [list(cost.row()) for cost in costs])}"
+    return (speeds, costs), text, None
 
 
 def zone_part(coarse: bool, repeats: int) -> Outcome:
@@ -110,6 +139,7 @@ PARTS: dict[str, Callable[[bool, int], Outcome]] = {
     "precision": precision_part,
     "intact": intact_part,
     "ratio": ratio_part,
+    "plastic": plastic_part,
     "zone": zone_part,
     "step": step_part,
     "peers": peers_part,

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.random import Generator
 
-from parts.stability import cases
+from parts.stability import cases, plastic
 from parts.stability.links import bundles, rows
 from parts.stability.pieces import films, loose
 from parts.stability.programmes import coatings, directions, friction, programmes, rates
@@ -40,6 +40,7 @@ FAMILIES: dict[int, tuple[Family, ...]] = {
     ),
     540: (cases.on_demand, cases.ogden, cases.viscous),
     630: (programmes, directions, coatings, rates, friction, bundles, rows, films, loose, units),
+    930: (plastic.bars, plastic.cells),
 }
 
 
