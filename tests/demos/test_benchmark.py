@@ -53,6 +53,18 @@ def test_iterations_have_equal_parts(out):
         assert row.active == ("damage" in row.name), row.name
 
 
+def test_plastic_bodies_flow_in_their_iteration(out):
+    """The same unknowns; every point flows, and a tie makes the tangent unsymmetric."""
+    speeds, costs = benchmark.main(["plastic"], coarse=True, repeats=1, out=str(out))["plastic"]
+    assert min(min(speed) for speed in speeds.values()) > 0
+    assert len(costs) == 8
+    for row in costs:
+        assert row.flowing == 1.0
+        assert row.size == (375 if "one body" in row.name else 450)
+        if "direct" in row.name:
+            assert (row.efforts[1] > 1.2 * row.efforts[0]) == ("tied" in row.name)
+
+
 def test_a_step_costs_in_proportion(out):
     """What interfaces hold goes with their facets; their history needs less than tau_s."""
     actions = {a.name: a for a in benchmark.main(["step"], True, 1, out=str(out))["step"]}

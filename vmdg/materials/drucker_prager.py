@@ -27,7 +27,7 @@ class DruckerPrager(Plastic):
 
     where eta and xi are those of friction angle and cohesion of Mohr and Coulomb. Flow is that of
     the potential sqrt(s:s/2) + etab p, with etab of the dilatancy angle as eta of the friction
-    angle, and d alpha = xi dgamma. At the apex p = xi c/eta the rest of the volumetric flow, beside
+    angle, and d alpha = xi dgamma. At the apex p = xi c/eta the rest of the volumetric flow, after
     etab of the deviatoric one, adds xi/eta of itself to alpha: this is the associated rule, leaves
     the stress continuous for any dilatancy, and lets bodies without dilatancy reach the apex (there
     the book differs). In uniaxial stress the cone is reached at 3 xi c/(sqrt(3) + eta) in tension
@@ -88,7 +88,7 @@ class DruckerPrager(Plastic):
         self.numbers = {**self.parameters, **numbers, "fit": fit}
 
     def cohesion(self, alpha: Array) -> Array:
-        """c (n,) [MPa]."""
+        """c after an accumulated flow ``alpha``, (n,) each [MPa]."""
         return self._cohesion + self._hardening * alpha
 
     def _return(self, trial: Array, state: Array, dt: float) -> Returned:
@@ -104,7 +104,7 @@ class DruckerPrager(Plastic):
         gamma = np.maximum(j + eta * p - xi * start, 0.0) / resists
         flows, apex = gamma > 0, G * gamma > j
         gamma = np.minimum(gamma, j / G)
-        # What is left of the deviator, and what of the volumetric flow there is beside etab gamma.
+        # What is left of the deviator, and the volumetric flow that etab gamma leaves out.
         share = np.where(apex, 0.0, 1 - G * gamma / np.where(j > 0, j, 1.0))
         ratio = xi / eta
         stiff = K + H * ratio**2

@@ -144,8 +144,8 @@ class J2(Plastic):
         flows = q > start
         increment = np.zeros_like(q)
         if flows.any():
-            over, back = q[flows] - start[flows], C - R * C * dot(xi, past)[flows] / q[flows]
-            root = over / (straight + back + slope[flows])
+            over, fades = q[flows] - start[flows], R * C * dot(xi, past)[flows] / q[flows]
+            root = over / (straight + C - fades + slope[flows])
             if self._curved:
                 excess = self._excess(alpha[flows], pull[flows], past[flows], straight)
                 root = increasing_root(excess, np.zeros_like(root), over / straight, root)

@@ -42,7 +42,7 @@ class PointMaterial(Material):
 
     The stabilization does not use the moduli that it returns: tau_s follows from ``elastic`` and
     suffices for every state whose moduli lie between zero and those (see
-    :mod:`vmdg.interface.coercivity`), as those of a plastic body do.
+    :mod:`vmdg.interface.coercivity`), as those of a plastic body with an associated flow rule do.
 
     Args:
         elastic: Its elastic part, a hyperelastic material: moduli at small elastic strains.

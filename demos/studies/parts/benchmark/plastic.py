@@ -16,7 +16,7 @@ import numpy as np
 
 import vmdg
 from parts.benchmark.common import BOTTOM, LOWER, TOP, UPPER, layers, least_times
-from parts.benchmark.ratio import STEPS, _Direct, _Multigrid
+from parts.benchmark.ratio import STEPS, Direct, Multigrid
 from vmdg.linear.ksp import CG_GAMG, GMRES_GAMG, LDLT, LU, set_rigid_modes
 
 E, NU, YIELD = 1000.0, 0.3, 8.0  # MPa
@@ -166,10 +166,10 @@ def _actions(problem: vmdg.Problem, direct: bool) -> tuple[Callable, ...]:
     parts.assemble_tangent(matrix)
     matrix.zeroRowsColumnsLocal(held, 1.0)
     if direct:
-        solver = _Direct(matrix, LDLT if parts.symmetric else LU, right)
+        solver = Direct(matrix, LDLT if parts.symmetric else LU, right)
     else:
         set_rigid_modes(problem.space, parts.geometry, matrix)
-        solver = _Multigrid(matrix, CG_GAMG if parts.symmetric else GMRES_GAMG, right)
+        solver = Multigrid(matrix, CG_GAMG if parts.symmetric else GMRES_GAMG, right)
     return (
         problem.step.assemble_residual,
         lambda: parts.assemble_tangent(matrix),

@@ -129,11 +129,11 @@ def measure(dimension: str, damage: bool, direct: bool, repeats: int, refine: fl
     residual = problem.step.assemble_residual().copy()
     problem.discretization.assemble_tangent(matrix)
     residual[problem.loading.owned_prescribed] = 0
-    solvers: list[_Direct | _Multigrid]
+    solvers: list[Direct | Multigrid]
     if direct:
         options = LDLT if problem.discretization.symmetric else LU
         solvers = [
-            _Direct(A, options, b)
+            Direct(A, options, b)
             for A, b in ((plain.matrix, plain.assemble_residual()), (matrix, residual))
         ]
     else:
@@ -147,9 +147,9 @@ def measure(dimension: str, damage: bool, direct: bool, repeats: int, refine: fl
         options = CG_GAMG if problem.discretization.symmetric else GMRES_GAMG
         forces = plain.assemble_residual()
         solvers = [
-            _Multigrid(plain.matrix, CG_GAMG, forces),
-            _Multigrid(matrix, options, residual),
-            _Multigrid(plain.matrix, CG_GAMG | {"pc_gamg_reuse_interpolation": False}, forces),
+            Multigrid(plain.matrix, CG_GAMG, forces),
+            Multigrid(matrix, options, residual),
+            Multigrid(plain.matrix, CG_GAMG | {"pc_gamg_reuse_interpolation": False}, forces),
         ]
     steps = {
         "plain": (
@@ -226,7 +226,7 @@ def _problem(tagged: TaggedMesh, damage: bool) -> vmdg.Problem:
     return problem
 
 
-class _Direct:
+class Direct:
     """Solves with the present values of a matrix, from scratch."""
 
     def __init__(self, matrix: PETSc.Mat, options: Petsc, b: np.ndarray):
@@ -244,7 +244,7 @@ class _Direct:
         return 1e-9 * self._ksp.getPC().getFactorMatrix().getMumpsRinfog(3)
 
 
-class _Multigrid:
+class Multigrid:
     """The same by the solver of vmdg, its interpolation from the first values of the matrix.
 
     Attributes:

@@ -420,25 +420,25 @@ def irreversible(run: Run) -> list[str]:
 
 
 def yielding(run: Run) -> list[str]:
-    """No point of a plastic body is beyond its yield surface, but for what the rate bears."""
+    """No point of a plastic body is beyond its yield surface, but for what its rate carries."""
     bodies = run.problem.discretization.bodies.points
     if bodies is None or run.unsettled:
         return []
-    found, points = [], len(bodies.points)
-    for number, (material, start, stop) in enumerate(bodies._parts):
-        history = bodies.state.history[number]
-        tau = bodies.state.stress[start:stop].reshape(-1, 3, 3)
+    found, F = [], bodies.deformation(run.problem.u)
+    for tag, material in bodies.materials.items():
+        state = run.problem.body_state(tag)
+        tau, history = state.stress, state.history
+        own, F = np.split(F, [len(tau)])
         if run.case.kinematics == "finite":
-            F = bodies.state.deformation[start * points : stop * points]
-            tau = tau @ F.transpose(0, 2, 1)
-        alpha, given = history[:, 0], material.numbers
+            tau = tau @ own.transpose(0, 2, 1)
+        alpha, given = history["alpha"], material.numbers
         p = np.trace(tau, axis1=1, axis2=2) / 3
         s = tau - p[:, None, None] * np.eye(3)
         if isinstance(material, vmdg.DruckerPrager):
             size = np.sqrt((s**2).sum(axis=(1, 2)) / 2) + material.eta * p
             allowed = material.xi * material.cohesion(alpha)
         else:
-            strain = unpack(history[:, 7:] if given["recovery"] else history[:, 1:7])
+            strain = unpack(history["back strain" if given["recovery"] else "plastic strain"])
             xi = s - 2 / 3 * given["kinematic"] * strain
             size = np.sqrt(1.5 * (xi**2).sum(axis=(1, 2)))
             allowed = material.yield_stress(alpha)[0] if not given["rate"] else size

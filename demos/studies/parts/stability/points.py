@@ -17,6 +17,9 @@ from scipy.optimize import brentq
 import vmdg
 from parts.stability.scenes import Array
 
+#: Share of the strength below which a bond does not fail.
+ONSET = 1e-9
+
 
 def resistance(law: vmdg.Law, length: float) -> float:
     """R after a gap of this length, for linear and exponential softening and contact [MPa]."""
@@ -138,7 +141,8 @@ class Point:
                 return carried(gap) - resistance(self.law, gap)
 
         free = _free(carried, start)
-        if carried(start) > 0 and excess(start) > 0:
+        # A step ends where the bond begins to fail; from there plastic bodies could relax instead.
+        if carried(start) > 0 and excess(start) > ONSET * self.law.strength:
             gap = brentq(excess, start, free, xtol=1e-16 * free) if excess(free) < 0 else free
             self.length = base + gap - start
         elif self.plastic:
