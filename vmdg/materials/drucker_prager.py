@@ -31,7 +31,8 @@ class DruckerPrager(Plastic):
     etab of the deviatoric one, adds xi/eta of itself to alpha: this is the associated rule, leaves
     the stress continuous for any dilatancy, and lets bodies without dilatancy reach the apex (there
     the book differs). In uniaxial stress the cone is reached at 3 xi c/(sqrt(3) + eta) in tension
-    and 3 xi c/(sqrt(3) - eta) in compression.
+    and 3 xi c/(sqrt(3) - eta) in compression. Without hardening a point at the apex has no
+    stiffness in any direction.
 
     Args:
         E: Young's modulus [MPa].
