@@ -52,6 +52,26 @@ def test_proportional_paths(name, strain):
     assert total == pytest.approx(once.dissipated[0], rel=1e-9, abs=1e-12)
 
 
+@pytest.mark.parametrize("small", [True, False])
+@given(first=TENSORS, second=TENSORS)
+def test_function_of_hardening(small, first, second):
+    """Voce hardening as a function of one's own: the same stress, work, history and moduli."""
+    own = vmdg.J2(
+        *ELASTIC, hardening=lambda a: 20.0 + 40.0 * a + 10.0 * (1 - np.exp(-15.0 * a)), rate=None
+    )
+    _, found = after("voce", small, first, second)
+    state = own.start(1)
+    for gradient, other in zip((first, second), found, strict=True):
+        before, one = state, own(deformed(gradient, small), state, small=small)
+        state = one.state
+        assert one.stress == pytest.approx(other.stress, abs=1e-9 * E)
+        assert one.state == pytest.approx(other.state, abs=1e-11)
+        assert one.dissipated == pytest.approx(other.dissipated, abs=1e-10)
+        # Where a point is about to flow, rounding decides.
+        if one.state[0, 0] > before[0, 0] + 1e-9:
+            assert one.moduli == pytest.approx(other.moduli, abs=1e-7 * E)
+
+
 C, R, YIELD = 900.0, 40.0, 20.0
 
 
@@ -109,6 +129,9 @@ def test_refused_parameters():
         ({"yield_stress": 2.0, "saturation": 1.0, "exponent": 1.0}, "soften"),
         ({"yield_stress": 2.0, "recovery": 1.0}, "fades"),
         ({"yield_stress": 2.0, "hardening": [(0, 1.0), (1, 2.0)]}, "begins with"),
+        ({"hardening": lambda a: 20.0 - a}, "not decreasing"),
+        ({"hardening": lambda a: 20.0}, "must return the yield stress of an array"),
+        ({"yield_stress": 2.0, "hardening": lambda a: 20.0 + a}, "begins with"),
         ({"hardening": [(0.1, 1.0), (1, 2.0)]}, "start at alpha = 0"),
         ({"hardening": [(0, 2.0), (1, 1.0)]}, "does not decrease"),
     ):

@@ -7,6 +7,7 @@ Frederick 1966); :mod:`.plasticity` makes both kinds of strain of it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from numbers import Real
 from typing import Any
 
@@ -26,6 +27,11 @@ from .plasticity import (
 )
 from .point import Array
 
+Curve = Callable[[Array], tuple[Array, Array, Array]]
+
+#: Where a function of hardening is checked, and known again by a checkpoint.
+_SAMPLES = np.concatenate([[0.0], np.geomspace(1e-4, 10.0, 21)])
+
 
 class J2(Plastic):
     """An elastoplastic metal with the yield stress of von Mises.
@@ -41,24 +47,25 @@ class J2(Plastic):
         sigma_y = yield_stress + hardening alpha
                   + (saturation - yield_stress) (1 - exp(-exponent alpha)),
 
-    linear and Voce hardening together, or a table.
+    linear and Voce hardening together, or a table, or a function.
 
     Args:
         E: Young's modulus [MPa].
         nu: Poisson's ratio, -1 < nu < 0.5.
         yield_stress: Initial yield stress [MPa].
         hardening: Linear hardening modulus [MPa], or a table of pairs (alpha, sigma_y) from
-            alpha = 0 on, linear in between and constant beyond; it replaces ``yield_stress``.
+            alpha = 0 on, linear in between and constant beyond, or a smooth function of arrays,
+            sigma_y(alpha); both replace ``yield_stress``.
         saturation: Stress towards which the exponential part tends; None for none [MPa].
         exponent: Its rate.
         kinematic: Modulus of kinematic hardening, at small strain [MPa].
         recovery: Rate at which the back stress fades; the moduli are then unsymmetric.
-        rate: Perzyna viscosity [MPa s].
+        rate: Perzyna viscosity; None or 0 for none [MPa s].
 
     Raises:
         TypeError: a parameter is not a number.
-        ValueError: a parameter out of range, a yield stress that vanishes, or a table that does not
-            start at 0 or does not increase.
+        ValueError: a parameter out of range, a yield stress that vanishes, a table that does not
+            start at 0, or a table or function that decreases.
     """
 
     def __init__(
@@ -67,18 +74,24 @@ class J2(Plastic):
         nu: float,
         yield_stress: float | None = None,
         *,
-        hardening: float | Sequence[tuple[float, float]] = 0.0,
+        hardening: float | Sequence[tuple[float, float]] | Callable[[Array], Array] = 0.0,
         saturation: float | None = None,
-        exponent: float = 0.0,
+        exponent: float | None = None,
         kinematic: float = 0.0,
         recovery: float = 0.0,
-        rate: float = 0.0,
+        rate: float | None = None,
     ):
         super().__init__(E, nu)
-        table = None if isinstance(hardening, Real) else np.array(hardening, dtype=float)
-        if table is not None:
-            _check_table(table, yield_stress, saturation)
-            yield_stress = float(table[0, 1])
+        exponent, rate = (0.0 if value is None else value for value in (exponent, rate))
+        curve = None if isinstance(hardening, float | Real) else _curve(hardening)
+        if curve is not None:
+            first = float(curve(np.zeros(1))[0][0])
+            if saturation is not None or yield_stress not in (None, first):
+                raise ValueError(
+                    f"J2: a table or function of hardening begins with the yield stress, {first:g} "
+                    "here: give neither yield_stress nor saturation with it"
+                )
+            yield_stress = first
         numbers: dict[str, Any] = {
             "yield_stress": yield_stress,
             "exponent": exponent,
@@ -86,7 +99,7 @@ class J2(Plastic):
             "recovery": recovery,
             "rate": rate,
         }
-        if table is None:
+        if curve is None:
             numbers["hardening"] = hardening
         if saturation is not None:
             numbers |= {"saturation": saturation}
@@ -102,14 +115,15 @@ class J2(Plastic):
                 "that softens localises in one row of cells, whatever their size; let an interface "
                 "soften instead"
             )
-        self._table = table
+        self._curve = curve
         self._hardening = float(numbers.get("hardening", 0.0))
         self._rise = 0.0 if saturation is None else float(saturation) - self._yield
         self._exponent, self._kinematic = float(exponent), float(kinematic)
         self._recovery, self._rate = float(recovery), float(rate)
-        given = numbers if table is None else numbers | {"hardening": table.tolist()}
-        self._curved = recovery > 0 or self._rise > 0 or table is not None
-        self.numbers = dict(self.parameters) | given
+        self._curved = recovery > 0 or self._rise > 0 or curve is not None
+        self.numbers = dict(self.parameters) | numbers
+        if curve is not None:
+            self.numbers["hardening"] = curve(_SAMPLES)[0].tolist()
         self.viscous = rate > 0
         if kinematic > 0:
             self.kinematics = ("small",)
@@ -119,8 +133,8 @@ class J2(Plastic):
 
     def yield_stress(self, alpha: Array) -> tuple[Array, Array, Array]:
         """sigma_y, its slope and its integral over alpha, (n,) each [MPa]."""
-        if self._table is not None:
-            return _of_table(self._table[:, 0], self._table[:, 1], alpha)
+        if self._curve is not None:
+            return self._curve(alpha)
         decay = np.exp(-self._exponent * alpha)
         stress = self._yield + self._hardening * alpha + self._rise * (1 - decay)
         slope = self._hardening + self._rise * self._exponent * decay
@@ -220,19 +234,42 @@ class J2(Plastic):
         return first * dot(past, past) + grown**2 * dot(past, N) + last * dot(N, N)
 
 
-def _check_table(table: Array, yield_stress: float | None, saturation: float | None) -> None:
-    if yield_stress is not None or saturation is not None:
-        raise ValueError(
-            "J2: a table of hardening begins with the yield stress: give neither yield_stress nor "
-            "saturation with it"
-        )
+def _curve(given: Sequence[tuple[float, float]] | Callable[[Array], Array]) -> Curve:
+    """sigma_y, its slope and its integral by alpha, of a table or a function.
+
+    Raises:
+        ValueError: it is neither, a table does not start at alpha = 0 or its alpha does not
+            increase, or the yield stress is not finite or decreases.
+    """
+    if callable(given):
+        values = np.asarray(given(_SAMPLES), dtype=float)
+        if values.shape != _SAMPLES.shape or not (np.diff(values) >= 0).all():
+            raise ValueError(
+                "J2: a function of hardening must return the yield stress of an array of alpha, "
+                "finite and not decreasing up to alpha = 10"
+            )
+        return partial(_of_function, given)
+    table = np.array(given, dtype=float)
     if table.ndim != 2 or table.shape[1] != 2 or not np.isfinite(table).all():
-        raise ValueError("J2: hardening must be a number or a table of pairs (alpha, sigma_y)")
+        raise ValueError(
+            "J2: hardening must be a number, a table of pairs (alpha, sigma_y), or a function"
+        )
     if table[0, 0] != 0 or (np.diff(table[:, 0]) <= 0).any() or (np.diff(table[:, 1]) < 0).any():
         raise ValueError(
             "J2: the table of hardening must start at alpha = 0, with increasing alpha and a "
             "yield stress that does not decrease"
         )
+    return partial(_of_table, table[:, 0], table[:, 1])
+
+
+def _of_function(given: Callable[[Array], Array], alpha: Array) -> tuple[Array, Array, Array]:
+    """sigma_y of a smooth function, its slope by differences, its integral by Gauss's rule."""
+    h = 1e-4 * (alpha + 1e-2)
+    first, last = np.maximum(alpha - h, 0.0), alpha + h
+    slope = (given(last) - given(first)) / (last - first)
+    x, weights = np.polynomial.legendre.leggauss(24)
+    inside = given((alpha[:, None] * (1 + x) / 2).ravel()).reshape(len(alpha), -1)
+    return np.asarray(given(alpha), dtype=float), slope, alpha / 2 * (inside @ weights)
 
 
 def _of_table(x: Array, y: Array, alpha: Array) -> tuple[Array, Array, Array]:

@@ -135,7 +135,9 @@ class Plastic(PointMaterial):
         """
         raise NotImplementedError
 
-    def __call__(self, deformation: Array, state: Array, dt: float, small: bool) -> Response:
+    def __call__(
+        self, deformation: Array, state: Array, dt: float = math.inf, small: bool = False
+    ) -> Response:
         """The return map of the step, see :class:`.PointMaterial`."""
         return (self._small if small else self._finite)(deformation, state, dt)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Mapping
 from typing import Any, NamedTuple
 
@@ -91,7 +92,9 @@ class PointMaterial(Material):
         """The history of n points before loading, (n, m)."""
         return np.zeros((n, self.size))
 
-    def __call__(self, deformation: Array, state: Array, dt: float, small: bool) -> Response:
+    def __call__(
+        self, deformation: Array, state: Array, dt: float = math.inf, small: bool = False
+    ) -> Response:
         """Stress and moduli at the end of a step.
 
         Args:
