@@ -1,0 +1,1 @@
+"""Plastic bodies with interfaces: published values, closed forms, and what vmdg computes."""

@@ -1,0 +1,80 @@
+"""Plastic bodies with interfaces at coarse sizes: one body, closed forms, a published membrane."""
+
+from __future__ import annotations
+
+import numpy as np
+import plasticity
+import pytest
+from parts.plasticity import arms, shells
+
+
+def rows_of(case, out):
+    """Rows of a coarse case by name, quantity and source."""
+    rows = plasticity.main(case=case, coarse=True, out=str(out), plot=False)
+    assert (out / "plasticity.md").exists()
+    return {(row.case, row.quantity, row.source): row for row in rows}
+
+
+def test_necking(comm, out):
+    """Halves joined at the neck carry what one body does: far beyond the peak within 0.3 %."""
+    rows = rows_of("necking", out)
+    for (case, quantity, source), row in rows.items():
+        if source == "one body, same mesh":
+            assert abs(row.error) < 3e-3, (case, quantity)
+    peak = rows["necking, tied", "largest force [kN]", "one body, refined"]
+    assert peak.computed == pytest.approx(77.25, rel=2e-3)
+    last = rows["necking, tied", "force at 7 mm [kN]", "one body, refined"]
+    assert last.computed < 0.4 * peak.computed
+
+
+def test_membrane(comm, out):
+    """A tie across the membrane changes nothing; 8 x 8 cells miss the published rise by 4 %."""
+    for (_, quantity, source), row in rows_of("cook", out).items():
+        if source == "one body, same mesh":
+            assert abs(row.error) < 1e-3, quantity
+        elif source == "code_aster ssnp179a":
+            assert abs(row.error) < 0.05, quantity
+
+
+def test_shells(comm):
+    """Errors of the displacement are those of one body within 5 % and fall by the order 3."""
+    shape, front = shells.Shell(True, 0.3), (shells.M + shells.B) / 2
+    errors = np.array(
+        [[shells.press(shape, n, tied, front).error for tied in (True, False)] for n in (4, 8)]
+    )
+    assert errors[1, 0] == pytest.approx(errors[1, 1], rel=0.05)
+    assert (errors[1] < errors[0] / 2**2.9).all()
+
+
+def test_closed_form_of_shells():
+    """Displacements meet at the front; Lame's shell when flow begins, the limit load when all has
+    flown: 2/sqrt(3) ln 2 of the yield stress for a tube of ratio 2."""
+    sphere, tube = shells.Shell(True, 0.3), shells.Shell(False, 0.4999)
+    for shape in (sphere, tube):
+        inside, outside = shape.displacement(np.array([1.5 - 1e-9, 1.5 + 1e-9]), 1.5)
+        assert inside == pytest.approx(outside, rel=1e-8)
+    a, b, nu, p = shells.A, shells.B, sphere.nu, sphere.pressure(shells.A)
+    lame = p * a**4 / (shells.E * (b**3 - a**3)) * (1 - 2 * nu + (1 + nu) / 2 * (b / a) ** 3)
+    assert sphere.displacement(np.array(a), a) == pytest.approx(lame, rel=1e-12)
+    assert tube.pressure(b) == pytest.approx(0.8004 * shells.Y, rel=1e-4)
+
+
+def test_inclusion(comm):
+    """Traction and gap while a plastic matrix debonds, until half of the bond is lost."""
+    gaps = shells.BOND.critical_gap * np.array([0.1, 0.2, 0.3, 0.4])
+    traction, opening, _ = shells.pull_off(8, gaps)
+    assert traction == pytest.approx([shells.debonding(gap)[1] for gap in gaps], rel=2e-3)
+    assert opening == pytest.approx(gaps, rel=1e-2)
+
+
+def test_arms(comm, out):
+    """Plastic arms are parted by the moment of J, less than elastic ones need by a quarter."""
+    (row,) = rows_of("arms", out).values()
+    assert abs(row.error) < 0.01
+    assert row.reference < 0.8 * arms.elastic_moment()
+
+
+def test_unknown_case():
+    """Names what there is."""
+    with pytest.raises(ValueError, match="necking, cook, shells"):
+        plasticity.main(case="peel")
