@@ -52,6 +52,9 @@ COMMANDS = {
     "fibre_matrix": ("fibre_matrix", "fibre_matrix.png"),
     "ductile_matrix": ("ductile_matrix", "ductile_matrix.png"),
     "spall": ("spall", "spall.png"),
+    "ductile_grains": ("ductile_grains", "ductile_grains.png"),
+    "plastic_peel": ("plastic_peel", "plastic_peel.png"),
+    "plasticity": ("plasticity", "plasticity.png plasticity.md"),
     "film": (f"{_FINE} --animate", "fibre_matrix.gif"),
     "fibres_many": (_MANY, "fibre_matrix.png=fibres_many.png"),
     "fibre_cell": ("fibre_cell", "fibre_cell.png"),
@@ -103,6 +106,11 @@ TABLES = {
         "Closed forms",
         "Scenes with closed-form solutions, with default options. Of a field the largest deviation "
         "is shown, relative to the largest value.",
+    ),
+    "plasticity.md": (
+        "Plastic bodies",
+        "Bodies of J2 plasticity with interfaces, with default options, against one body on the "
+        "same mesh, closed forms and published values.",
     ),
     "delamination.md": (
         "Delamination tests",

@@ -192,3 +192,29 @@ def test_delamination_in_the_text():
     assert f"force within {worst('peel-90 peel-180', 'force', theory)} of the closed" in accuracy
     slope, growth = worst("fatigue", "slope", theory), worst("fatigue", "da/dN", theory)
     assert f"Paris line within {slope}, growth rate {growth} above" in accuracy
+
+
+def test_plastic_bodies_in_the_text():
+    """Largest deviations of every case, by what it is compared with."""
+    table, accuracy = rows(named_tables()["plasticity"]), text("demos/ACCURACY.md")
+
+    def worst(case: str, quantity: str, source: str) -> str:
+        found = [
+            abs(float(row[4].removesuffix(" %")))
+            for row in table
+            if re.match(case, row[0]) and re.match(quantity, row[1]) and re.match(source, row[5])
+        ]
+        assert found
+        return f"{float(f'{max(found):.2g}'):g} %"
+
+    assert f"within {worst('necking', '.*force', 'one body, same')} of one body" in accuracy
+    assert f"within {worst('necking', '.*', 'one body, refined')} of a mesh" in accuracy
+    aster = worst("Cook", ".*", "code_aster")
+    reference = worst("Cook", ".*", "its reference")
+    assert f"{aster} of code_aster" in accuracy and f"{reference} of the values" in accuracy
+    assert f"sphere {worst('sphere', 'error', 'one body')} above" in accuracy
+    assert f"tube {worst('tube', 'error', 'one body')} below" in accuracy
+    assert f"limit pressure within {worst('tube', 'limit', '.*')}" in accuracy
+    traction, gap = worst("inclusion", "traction", ".*"), worst("inclusion", "opening", ".*")
+    assert f"traction within {traction} and gap within {gap} of the closed form" in accuracy
+    assert f"moment within {worst('plastic arms', '.*', '.*')} of the J integral" in accuracy

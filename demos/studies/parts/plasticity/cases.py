@@ -22,7 +22,8 @@ def bar(coarse: bool) -> Result:
     def draw(ax: plt.Axes) -> None:
         styles = {"one body": "k-", "tied": "C0o", "bonded": "C1.", "refined": "k:"}
         for name, history in runs.items():
-            ax.plot(history["load"], history["force"], styles[name], ms=3, mfc="none", label=name)
+            motion, force = (np.append(0.0, history[column]) for column in ("load", "force"))
+            ax.plot(motion, force, styles[name], ms=3, mfc="none", label=name)
         ax.set(xlabel="motion of each end [mm]", ylabel="force [kN]")
 
     return rows, {"Necking bar of two halves": draw}
@@ -43,20 +44,24 @@ def tubes(coarse: bool) -> Result:
     counts = (2, 4) if coarse else (2, 4, 8, 16)
     rows, errors = [], {}
     for name, shape in shapes.items():
-        found = {
+        runs = {
             tied: [shells.press(shape, n, tied, front) for n in counts] for tied in (True, False)
         }
         for tied, label in ((True, "tied"), (False, "one body")):
-            errors[f"{name.partition(',')[0]}, {label}"] = [run.error for run in found[tied]]
-        ours, plain = found[True][-1], found[False][-1]
+            errors[f"{name.partition(',')[0]}, {label}"] = [run.error for run in runs[tied]]
+        ours, plain = runs[True][-1], runs[False][-1]
         end = float(shape.displacement(np.array(shape.inner), front))
         rows += [
             Row(name, "widening [mm]", ours.widening, end, "Hill 1950", ours.mesh),
             Row(name, "plastic radius [mm]", ours.front, front, "Hill 1950", ours.mesh),
             Row(name, "error of u [-]", ours.error, plain.error, "one body, same mesh", ours.mesh),
         ]
-        rates = [log2(runs[-2].error / runs[-1].error) for runs in found.values()]
+        rates = [log2(run[-2].error / run[-1].error) for run in runs.values()]
         rows.append(Row(name, "order of u [-]", *rates, "one body, same meshes", ours.mesh))
+    shape = shells.Shell(False, 0.3)
+    found, mesh = shells.limit(shape, 8)
+    exact, source = shape.pressure(shape.outer), "2 Y/sqrt(3) ln(b/a)"
+    rows.append(Row("tube, nu = 0.3", "limit pressure [MPa]", found, exact, source, mesh))
 
     def draw(ax: plt.Axes) -> None:
         for i, (name, values) in enumerate(errors.items()):
@@ -65,7 +70,7 @@ def tubes(coarse: bool) -> Result:
         ax.set_xticks([], minor=True)
         ax.set(xlabel="cells across a ring", ylabel="error of the displacement")
 
-    return rows, {"Shells under pressure, plastic to the middle of the outer ring": draw}
+    return rows, {"Shells under pressure": draw}
 
 
 def void(coarse: bool) -> Result:
@@ -90,6 +95,7 @@ def void(coarse: bool) -> Result:
         other = ax.twinx()
         other.plot(motion, front, "C1--", lw=1)
         other.set_ylabel("plastic radius [mm]", color="C1")
+        other.set_ylim(top=3.5)
 
     return rows, {"A plastic matrix debonds from a rigid sphere": draw}
 

@@ -30,7 +30,7 @@ from scipy.optimize import brentq
 
 import vmdg
 from parts.verification.checks import describe
-from vmdg.base.parallel import global_sum
+from vmdg.base.parallel import global_max, global_sum
 from vmdg.meshes import blocks
 from vmdg.meshes.two_blocks import BOTTOM, LEFT, RIGHT, TOP
 
@@ -107,15 +107,16 @@ class Found:
     mesh: str
 
 
-def press(shape: Shell, n: int, tied: bool, front: float, steps: int = 8) -> Found:
-    """Put the bore under the pressure at which the closed form flows up to ``front``.
+def build(
+    shape: Shell, n: int, tied: bool, pressure: float
+) -> tuple[vmdg.Problem, Callable[[NDArray], NDArray]]:
+    """A quarter of the shell, and radii of points; the load factor is a share of a pressure.
 
     Args:
         shape: Closed form.
         n: Cells across each of two rings, between which an interface may lie.
         tied: Whether they are two bodies, else one.
-        front: Radius of the plastic zone [mm].
-        steps: Equal steps of the pressure.
+        pressure: In the bore at the load factor 1 [MPa].
     """
     tagged, radius = quarter((shape.inner, M, shape.outer), n, 2 * n)
     mesh, cells, facets = tagged
@@ -129,9 +130,40 @@ def press(shape: Shell, n: int, tied: bool, front: float, steps: int = 8) -> Fou
         kinematics="small",
         symmetry="axisymmetric" if shape.sphere else None,
     )
-    problem.pressure(facets.find(LEFT), lambda t: t * shape.pressure(front))
+    problem.pressure(facets.find(LEFT), lambda t: t * pressure)
     problem.dirichlet(facets.find(BOTTOM), 0.0, "y")
     problem.dirichlet(facets.find(TOP), 0.0, "x")
+    return problem, radius
+
+
+def limit(shape: Shell, n: int) -> tuple[float, str]:
+    """Largest pressure of a tied shell on the way to ten times its elastic widening [MPa]; mesh."""
+    problem, _ = build(shape, n, True, shape.pressure(shape.outer))
+    first = 10 * Y / E * shape.inner
+
+    def widening(problem: vmdg.Problem) -> float:
+        return global_max(problem.comm, np.abs(problem.u.x.array).max(initial=0.0))
+
+    history = vmdg.solve(
+        problem,
+        [0.8, 0.9, 1.2],
+        vmdg.SolveOptions(unstable="trace"),
+        until=lambda problem: widening(problem) > first,
+    ).history
+    return shape.pressure(shape.outer) * float(history["load"].max()), describe(problem, 2)
+
+
+def press(shape: Shell, n: int, tied: bool, front: float, steps: int = 8) -> Found:
+    """Put the bore under the pressure at which the closed form flows up to ``front``.
+
+    Args:
+        shape: Closed form.
+        n: As for :func:`build`.
+        tied: Likewise.
+        front: Radius of the plastic zone [mm].
+        steps: Equal steps of the pressure.
+    """
+    problem, radius = build(shape, n, tied, shape.pressure(front))
     vmdg.solve(problem, steps, vmdg.SolveOptions(relative_tolerance=1e-10))
     flown = sum(
         state.weights[state.history["alpha"] > 0].sum() for state in map(problem.body_state, (1, 2))
