@@ -78,6 +78,7 @@ def main(
         loads = np.linspace(0.0, end, steps + 1)[1:]
         histories[name] = history = vmdg.solve(problem, loads, options, monitor).history
         vmdg.plot.stress(problem, "xx", 10.0, axes[name], limits=(0, 1.2 * strength), edges=0)
+        axes[name].locator_params(nbins=4)
         axes[name].set_title(name, size=10)
         strain = 100 * np.append(0.0, history["load"])
         axes["curve"].plot(strain, np.append(0.0, history["stress"]), ".-", label=name)

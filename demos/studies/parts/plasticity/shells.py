@@ -54,7 +54,7 @@ class Shell:
     inner: float = A
 
     def pressure(self, c: float) -> float:
-        """Pressure in the bore [MPa]."""
+        """Pressure inside [MPa]."""
         if self.sphere:
             return 2 * Y * log(c / self.inner) + 2 / 3 * Y * (1 - (c / self.outer) ** 3)
         return Y / sqrt(3) * (2 * log(c / self.inner) + 1 - (c / self.outer) ** 2)
@@ -95,9 +95,10 @@ class Found:
     """What one run of a shell gives.
 
     Attributes:
-        widening: Mean radial displacement of the bore [mm].
+        widening: Mean radial displacement of the inner surface [mm].
         front: Radius of the volume that has flown [mm].
-        error: Of the radial displacement, root mean square of the nodes, relative to the bore's.
+        error: Of the radial displacement, root mean square of the nodes, relative to that of
+            the inner surface.
         mesh: Cells and degree.
     """
 
@@ -116,7 +117,7 @@ def build(
         shape: Closed form.
         n: Cells across each of two rings, between which an interface may lie.
         tied: Whether they are two bodies, else one.
-        pressure: In the bore at the load factor 1 [MPa].
+        pressure: Inside, at the load factor 1 [MPa].
     """
     tagged, radius = quarter((shape.inner, M, shape.outer), n, 2 * n)
     mesh, cells, facets = tagged
@@ -137,24 +138,23 @@ def build(
 
 
 def limit(shape: Shell, n: int) -> tuple[float, str]:
-    """Largest pressure of a tied shell on the way to ten times its elastic widening [MPa]; mesh."""
-    problem, _ = build(shape, n, True, shape.pressure(shape.outer))
-    first = 10 * Y / E * shape.inner
+    """Largest pressure of a tied shell that is widened by a tenth of its radius [MPa]; mesh.
 
-    def widening(problem: vmdg.Problem) -> float:
-        return global_max(problem.comm, np.abs(problem.u.x.array).max(initial=0.0))
+    The load factor is the pressure over Y: that of the closed form is no multiple of a step.
+    """
+    problem, _ = build(shape, n, True, Y)
 
-    history = vmdg.solve(
-        problem,
-        [0.8, 0.9, 1.2],
-        vmdg.SolveOptions(unstable="trace"),
-        until=lambda problem: widening(problem) > first,
-    ).history
-    return shape.pressure(shape.outer) * float(history["load"].max()), describe(problem, 2)
+    def wide(problem: vmdg.Problem) -> bool:
+        widening = global_max(problem.comm, np.abs(problem.u.x.array).max(initial=0.0))
+        return widening > 0.1 * shape.inner
+
+    options = vmdg.SolveOptions(unstable="trace")
+    history = vmdg.solve(problem, [0.6, 0.7, 0.78, 1.0], options, until=wide).history
+    return Y * float(history["load"].max()), describe(problem, 2)
 
 
 def press(shape: Shell, n: int, tied: bool, front: float, steps: int = 8) -> Found:
-    """Put the bore under the pressure at which the closed form flows up to ``front``.
+    """Put a shell under the inner pressure at which the closed form flows up to ``front``.
 
     Args:
         shape: Closed form.
@@ -175,8 +175,8 @@ def press(shape: Shell, n: int, tied: bool, front: float, steps: int = 8) -> Fou
     r = radius(x)
     radial = np.sum(problem.u.x.array.reshape(-1, 2)[own].T * x[:2], axis=0) / r
     squares = np.sum((radial - shape.displacement(r, front)) ** 2)
-    bore = np.isclose(r, shape.inner)
-    sums = [squares, len(r), radial[bore].sum(), np.count_nonzero(bore)]
+    inside = np.isclose(r, shape.inner)
+    sums = [squares, len(r), radial[inside].sum(), np.count_nonzero(inside)]
     total, count, widening, nodes = global_sum(problem.comm, sums)
     end = float(shape.displacement(np.array(shape.inner), front))
     return Found(
@@ -196,7 +196,7 @@ def debonding(gap: float) -> tuple[float, float, float]:
     """Motion of the outer surface [mm], traction of the bond [MPa] and plastic radius at a gap.
 
     The matrix under tractions T inside and S outside is in a hydrostatic state S and in that of a
-    shell under the pressure S - T, whose bore moves by the gap g:
+    shell under the pressure S - T, whose inner surface moves by the gap g:
 
         u(r) = (1 - 2 nu) S r/E + u_shell(r, c),   S = T(g) + p(c),   u(a) = g.
 
