@@ -51,7 +51,7 @@ def build(
 
 def main(
     grains: int = 12,
-    cells: float = 3.0,
+    cells: float = 2.5,
     seed: int = 1,
     strength: float = 300.0,
     end: float = 0.01,
@@ -95,7 +95,7 @@ if __name__ == "__main__":
         description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
     command.add_argument("--grains", type=int, default=12, help="number of grains")
-    command.add_argument("--cells", type=float, default=3.0, help="elements per grain [-]")
+    command.add_argument("--cells", type=float, default=2.5, help="elements per grain [-]")
     command.add_argument("--seed", type=int, default=1, help="seed of the grains")
     command.add_argument("--strength", type=float, default=300.0, help="of boundaries [MPa]")
     command.add_argument("--end", type=float, default=0.01, help="strain at the end [-]")

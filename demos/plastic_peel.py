@@ -11,7 +11,6 @@ straightens the strip, and make it flow once more.)
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from mpi4py import MPI
 
@@ -21,28 +20,25 @@ from dolfinx.mesh import CellType, GhostMode, create_rectangle
 
 import vmdg
 
-E, NU, YIELD, HARDENING = 110e3, 0.34, 150.0, 1000.0  # MPa, -, MPa, MPa
-COPPER = vmdg.J2(E, NU, YIELD, hardening=HARDENING)
-G_C, STRENGTH = 0.02, 30.0  # N/mm, MPa
+E, NU = 110e3, 0.34  # MPa, -
+COPPER = vmdg.J2(E, NU, yield_stress=150.0, hardening=1000.0)
+G_C, STRENGTH, GROWTH = 0.02, 15.0, 1.5  # N/mm; MPa; of the crack, in lengths of its process zone
 SHARES = {"damage": "bond", "bulk": "elastic energy", "plastic": "plastic flow"}
 
 
-def peel(
-    thickness: float, facet: float, growth: float, out: str
-) -> tuple[vmdg.Problem, vmdg.History]:
-    """Peel a strip by a moment, the load factor [N], over ``growth`` lengths of its process zone.
+def build(thickness: float, facet: float) -> tuple[vmdg.Problem, float]:
+    """A strip, bent by the load factor [N], and the length of its process zone [mm].
 
     Args:
         thickness: Of the strip [mm].
-        facet: Relative to the process zone [-].
-        growth: Likewise [-].
-        out: Folder for the table.
+        facet: Length of facets, relative to the process zone [-].
     """
     zone = (E / (1 - NU**2) * thickness**3 * G_C / STRENGTH**2) ** 0.25
-    count = round((growth + 6) / facet)
-    corners = ((0.0, -thickness / 2), (count * facet * zone, thickness))
-    kind, ghosts = CellType.quadrilateral, GhostMode.shared_facet
-    mesh = create_rectangle(MPI.COMM_WORLD, corners, (count, 3), kind, ghost_mode=ghosts)
+    count = round((GROWTH + 6) / facet)
+    length = count * facet * zone
+    box, ghosts = ((0.0, -thickness / 2), (length, thickness)), GhostMode.shared_facet
+    kind = CellType.quadrilateral
+    mesh = create_rectangle(MPI.COMM_WORLD, box, (count, 3), kind, ghost_mode=ghosts)
     cells = vmdg.split_cells(mesh, lambda x: -x[1], "strip")
     bond = vmdg.Interface(
         between=("outside", "strip"),
@@ -57,51 +53,42 @@ def peel(
         return np.stack([stress, 0 * stress])
 
     problem.traction(lambda x: np.isclose(x[0], 0.0) & (x[1] > -1e-9), moment)
-    problem.dirichlet(lambda x: np.isclose(x[0], corners[1][0]) & (x[1] > -1e-9), 0.0)
+    problem.dirichlet(lambda x: np.isclose(x[0], length) & (x[1] > -1e-9), 0.0)
+    return problem, zone
+
+
+def peel(problem: vmdg.Problem, zone: float, thickness: float, out: str) -> dict[str, float]:
+    """Work per area of the crack, in the second half of its growth, relative to the toughness."""
     crack = vmdg.CrackGrowth(problem, 0)
-    end = np.sqrt(E / (1 - NU**2) * thickness**3 * G_C / 6)  # of an elastic strip
-    options = vmdg.SolveOptions(
-        unstable="trace",
-        energy=True,
-        progress=True,
-        show=("moment", "crack"),
-        csv=Path(out) / f"{thickness:g}.csv",
-    )
+    elastic = np.sqrt(E / (1 - NU**2) * thickness**3 * G_C / 6)  # moment [N]
+    shown = {"progress": True, "show": ("crack",), "csv": f"{out}/{thickness:g}.csv"}
     history = vmdg.solve(
         problem,
-        end * np.array([0.3, 0.6, 2.0]),
-        options,
+        elastic * np.array([0.3, 0.6, 2.0]),
+        vmdg.SolveOptions(unstable="trace", energy=True, **shown),
         lambda problem: {"moment [N]": problem.t} | crack(),
-        until=lambda problem: crack.length > (growth + 1) * zone,
+        until=lambda problem: crack.length > (GROWTH + 1) * zone,
     ).history
-    return problem, history
-
-
-def shares(history: vmdg.History) -> dict[str, float]:
-    """Work per area of the crack, in the second half of its growth, relative to the toughness."""
-    crack = history["crack"]
-    half = int(np.searchsorted(crack, (crack[0] + crack[-1]) / 2))
-    area = crack[-1] - crack[half]
-    names = ("external", *SHARES)
-    return {name: float(np.ptp(history[name][[half, -1]])) / area / G_C for name in names}
+    grown = history["crack"]
+    half = int(np.searchsorted(grown, (grown[0] + grown[-1]) / 2))
+    works = {name: history[name][-1] - history[name][half] for name in ("external", *SHARES)}
+    return {name: work / (grown[-1] - grown[half]) / G_C for name, work in works.items()}
 
 
 def main(
     thicknesses: tuple[float, ...] = (0.15, 0.2, 0.25, 0.3, 0.4, 0.5),
     facet: float = 0.34,
-    growth: float = 1.5,
     out: str = "results/plastic_peel",
 ) -> dict[float, dict[str, float]]:
     """Peel strips of several thicknesses; the shares of the work of each."""
     figure, (strip, bars) = plt.subplots(2, 1, figsize=(7, 6), layout="constrained")
-    found = {}
+    found, below = {}, np.zeros(len(thicknesses))
     for thickness in thicknesses:
-        problem, history = peel(thickness, facet, growth, out)
-        found[thickness] = shares(history)
+        problem, zone = build(thickness, facet)
+        found[thickness] = peel(problem, zone, thickness, out)
         if thickness == thicknesses[0]:
             vmdg.plot.stress(problem, "xx", 3.0, strip, edges=0.2)
             strip.set_title(f"{1000 * thickness:g} µm, displacements x 3", size=10)
-    below = np.zeros(len(found))
     for name, label in SHARES.items():
         height = np.array([shares[name] for shares in found.values()])
         bars.bar([f"{1000 * t:g}" for t in found], height, 0.6, below, label=label)
@@ -110,7 +97,7 @@ def main(
     bars.set(xlabel="thickness [µm]", ylabel="work per area / toughness")
     bars.legend()
     if MPI.COMM_WORLD.rank == 0:
-        figure.savefig(Path(out) / "plastic_peel.png", dpi=110)
+        figure.savefig(f"{out}/plastic_peel.png", dpi=110)
         print(f"the picture and the tables are in {out}")
     return found
 
@@ -120,17 +107,7 @@ if __name__ == "__main__":
         description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
     command.add_argument(
-        "--thicknesses",
-        type=float,
-        nargs="+",
-        default=(0.15, 0.2, 0.25, 0.3, 0.4, 0.5),
-        help="of the strips [mm]",
-    )
-    command.add_argument(
         "--facet", type=float, default=0.34, help="facets, relative to the process zone [-]"
-    )
-    command.add_argument(
-        "--growth", type=float, default=1.5, help="of the crack, relative to the process zone [-]"
     )
     command.add_argument("--out", default="results/plastic_peel", help="folder for the results")
     main(**vars(command.parse_args()))
