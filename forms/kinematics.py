@@ -27,11 +27,13 @@ class PointFields:
     point yields.
 
     Attributes:
-        stress: P at the points of the cells (n, n) [MPa].
+        stress: P at the points of the cells (n, n) [MPa]; with mean dilatation what is conjugate to
+            diag(F, theta).
         moduli: Its derivative by F there (m, m), rows and columns the ``entries`` [MPa].
         stored: Stored energy there [MPa].
         facet_stress: P at any point of a cell (3, 3) [MPa].
-        facet_moduli: Moduli at the start of the step, at any point of a cell (m, m) [MPa].
+        facet_moduli: dP/dF at the start of the step, at any point of a cell (m, m) [MPa].
+        facet_stretch: F_33 at any point of a cell, at small strain the strain.
         entries: Entries of F by which it differs from I.
     """
 
@@ -40,6 +42,7 @@ class PointFields:
     stored: Expr
     facet_stress: Expr
     facet_moduli: Expr
+    facet_stretch: Expr
     entries: tuple[tuple[int, int], ...]
 
     def __call__(self, side: str) -> PointFields:
@@ -130,7 +133,7 @@ class Body:
         if self.points is not None:
             return self.points.stored
         if self.incremental:
-            return self._incremental_energy(F)
+            return self._incremental_energy(self.effective(F), self.effective(F.ufl_operands[0]))
         if self.mean_dilatation:
             reduced = self.invariant_energy(F)
             return self.pointwise.energy(self.effective(F)) if reduced is None else reduced.energy
@@ -171,16 +174,21 @@ class Body:
             lambda e_33: self.material.linear_energy(with_entry(strain, e_33), self.parameters)
         )[0]
 
-    def _incremental_energy(self, F: Expr) -> Expr:
-        """:meth:`energy` of a variable F, relative to its value."""
-        F_0 = F.ufl_operands[0]
+    def _incremental_energy(self, F: Expr, F_0: Expr) -> Expr:
+        """:meth:`energy` of F relative to its value F_0."""
         strain = ufl.sym((F - F_0) * ufl.inv(F_0))
-        if F.ufl_shape[0] == 2:
-            strain = with_entry(strain, 0)
-        return ufl.det(F_0) * self.material.linear_energy(strain, self.parameters)
+
+        def energy(e_33: Expr | float) -> Expr:
+            whole = with_entry(strain, e_33) if F.ufl_shape[0] == 2 else strain
+            return self.material.linear_energy(whole, self.parameters)
+
+        # In plane stress F_33 is not known here: det F_0 = 1, as elastic strains are small.
+        return least(energy)[0] if self.plane_stress else ufl.det(F_0) * energy(0)
 
     def thickness_stretch(self, F: Expr) -> Expr:
         """F_33 in plane stress at finite strain, of the plane F (2, 2)."""
+        if self.points is not None:
+            return self.points.facet_stretch
         stretch = self.material.free_stretch(self._elastic(F), self.parameters)
         if self.eigenstrain is None:
             return stretch
@@ -270,7 +278,7 @@ def first_piola(body: Body, F: Expr) -> Expr:
     With mean dilatation P = dw/dF + dw/dtheta dJ/dF.
     """
     if body.points is not None:
-        n = range(F.ufl_shape[0])
+        n = range(F.ufl_shape[0] - body.mean_dilatation)
         return ufl.as_tensor([[body.points.facet_stress[i, j] for j in n] for i in n])
     P = _conjugate_stress(body, F)
     if not body.mean_dilatation:
@@ -403,9 +411,7 @@ def bulk_stress(body: Body, geometry: Geometry, F: Expr) -> Expr:
 
     P; with mean dilatation diag(dw/dF + p dJ/dF, dw/dtheta).
     """
-    if body.points is not None:
-        return body.points.stress
-    stress = _conjugate_stress(body, F)
+    stress = _conjugate_stress(body, F) if body.points is None else body.points.stress
     if not body.mean_dilatation:
         return stress
     assert isinstance(geometry, MeanDilatation)
@@ -415,11 +421,15 @@ def bulk_stress(body: Body, geometry: Geometry, F: Expr) -> Expr:
 def bulk_moduli(body: Body, geometry: Geometry, F: Expr) -> Expr:
     """Derivative of :func:`bulk_stress` by F: A, with mean dilatation d2(w + p J) [MPa]."""
     A = acoustic_tensor(body, F)
-    if not body.mean_dilatation:
-        return A
+    # The incremental body has no stress.
+    stressed = body.mean_dilatation and not body.incremental
+    return A + _pressure_moduli(body, geometry, F) if stressed else A
+
+
+def _pressure_moduli(body: Body, geometry: Geometry, F: Expr) -> Expr:
+    """d2(p J) at constant p, with mean dilatation [MPa]."""
     assert isinstance(geometry, MeanDilatation)
-    dJ = ufl.diff(body.volume_ratio(F), F)
-    return A + geometry.pressure * ufl.diff(dJ, F)
+    return geometry.pressure * ufl.diff(ufl.diff(body.volume_ratio(F), F), F)
 
 
 def volume_gradient(body: Body, F: Expr, entries: Entries) -> Expr:
@@ -430,8 +440,15 @@ def volume_gradient(body: Body, F: Expr, entries: Entries) -> Expr:
 
 def stiffness(body: Body, geometry: Geometry, F: Expr, eta: Expr, du: Expr) -> Expr:
     """GRAD eta : A : GRAD du, the first term of (85) [N/mm2]."""
-    if body.points is not None:
-        return body.points.stiffness(geometry.gradient(eta), geometry.gradient(du))
-    A = bulk_moduli(body, geometry, F)
+    gradients = geometry.gradient(eta), geometry.gradient(du)
+    if body.points is None:
+        return _contracted(bulk_moduli(body, geometry, F), *gradients)
+    K = body.points.stiffness(*gradients)
+    if not body.mean_dilatation or body.small:
+        return K
+    return K + _contracted(_pressure_moduli(body, geometry, F), *gradients)
+
+
+def _contracted(A: Expr, eta: Expr, du: Expr) -> Expr:
     i, j, k, m = ufl.indices(4)
-    return geometry.gradient(eta)[i, j] * A[i, j, k, m] * geometry.gradient(du)[k, m]
+    return eta[i, j] * A[i, j, k, m] * du[k, m]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import vmdg
 from support.checks import gather
-from support.scenes import DIMENSION, LEFT, RIGHT, two_blocks
+from support.scenes import DIMENSION, LEFT, RIGHT, tag_cells, two_blocks, unit_box
 from vmdg.meshes import TaggedMesh, blocks
 
 #: Two different materials, and the two laws; the softening is far below every penalty here.
@@ -25,6 +25,8 @@ FRICTION = vmdg.Debonding(strength=50.0, critical_gap=0.2, friction=0.5)
 PRECISE = vmdg.SolveOptions(relative_tolerance=1e-12)
 STRETCH = np.array([[0.06, 0.03, -0.02], [0.02, -0.03, 0.04], [-0.03, 0.02, 0.05]])
 PUSH = np.array([0.03, 0.008, -0.006])
+#: Means of the gradient, of as many as a body has.
+MEANS = np.array([0.03, 0.01, -0.02, -0.02, 0.015, 0.01, 0.02, -0.01, 0.02])
 
 
 def joined(
@@ -134,6 +136,9 @@ def displace(problem, scene, factor: float) -> None:
         return u
 
     set_displacement(problem.u, scene.cell_tags, field)
+    means = problem.discretization.means
+    if means is not None:
+        problem.u.x.array[means.dofs] = factor * means.length * MEANS[: len(means.dofs)]
 
 
 def rotation(d: int, angle: float) -> NDArray:
@@ -189,9 +194,19 @@ def through(problem: vmdg.Problem, *motions: Callable[[], None]) -> vmdg.Problem
 def partly_damaged(comm, cell: str, degree: int, **options):
     """Second step of a state in which some points were damaged and go on, and others are whole."""
     options["degree"] = degree
-    scene = two_blocks(comm, cell, n=2 if DIMENSION[cell] == 2 else 1, distortion=0.05)
     # the probe must have the r of the problem, whose H is another
     fixed = {"safety": 4.0, "frame": options.pop("frame", "reference")}
+    if options.get("periodic"):
+        mesh = unit_box(comm, cell, 2)
+        scene = TaggedMesh(
+            mesh, tag_cells(mesh, {1: lambda x: x[0] < 0.5, 2: lambda x: x[0] > 0.5}), None
+        )
+        # the bodies also meet on the boundary
+        fixed |= {"between": None, "facets": lambda x: np.isclose(x[0], 0.5)}
+    else:
+        scene = two_blocks(comm, cell, n=2 if DIMENSION[cell] == 2 else 1, distortion=0.05)
+    if options.get("symmetry"):
+        scene.mesh.geometry.x[:, 0] += 0.5
     probe = joined(scene, STRONG, interface=fixed, **options)
     displace(probe, scene, 1.0)
     probe.step.assemble_residual(hold=True)

@@ -2,10 +2,11 @@
 
    As a form it has a product of every test with every trial function for each of 81 moduli. Here A
    meets the trial functions first, which leaves 2.5 times fewer products, A and the matrix are
-   symmetric, which spares a third of these, and the shape functions of a cell are done at a time.
+   symmetric but for non-associated flow, which spares a third of these, and the shape functions of a
+   cell are done at a time.
 
-   Compiled with NODES, of a displacement, MAP_NODES, of the geometry, POINTS, and ENTRIES, of GRAD in
-   A; those of the displacement are the first nine. */
+   Compiled with NODES, of a displacement, MAP_NODES, of the geometry, POINTS, ENTRIES, of GRAD in A,
+   those of the displacement are the first nine, and SYMMETRIC, 0 or 1. */
 
 #include <string.h>
 
@@ -15,11 +16,12 @@ enum
 {
   DIM = 3,
   SIZE = DIM * NODES,
-  COMPONENTS = ENTRIES * (ENTRIES + 1) / 2
+  COMPONENTS = SYMMETRIC ? ENTRIES * (ENTRIES + 1) / 2 : ENTRIES * ENTRIES
 };
 
-/* Place of A_rc, r <= c, in the upper half of A, row by row. */
+/* Place of A_rc, r <= c, in the upper half of A, row by row, and of any A_rc in A. */
 #define UPPER(r, c) ((r) * (2 * ENTRIES - (r) - 1) / 2 + (c))
+#define PLACE(r, c) (!SYMMETRIC ? (r) * ENTRIES + (c) : (r) < (c) ? UPPER(r, c) : UPPER(c, r))
 
 /* J^-T of the map from the reference cell at a point, and |det J|. */
 static double invert(const double J[DIM][DIM], double inverse[DIM][DIM])
@@ -56,7 +58,7 @@ static double gradients(const double x[MAP_NODES][DIM], const double map_slopes[
   return volume;
 }
 
-/* Adds what a point has of the components i of test and k >= i of trial functions. */
+/* Adds what a point has of the components i of test and k of trial functions. */
 static void add_block(int i, int k, const double A[COMPONENTS], shapes g[DIM], double dV,
                       shapes K[NODES])
 {
@@ -64,10 +66,7 @@ static void add_block(int i, int k, const double A[COMPONENTS], shapes g[DIM], d
   {
     double moduli[DIM];
     for (int l = 0; l < DIM; ++l)
-    {
-      int r = DIM * i + j, c = DIM * k + l;
-      moduli[l] = dV * A[r < c ? UPPER(r, c) : UPPER(c, r)];
-    }
+      moduli[l] = dV * A[PLACE(DIM * i + j, DIM * k + l)];
     const double* test = (const double*)g[j];
     for (int c = 0; c < CHUNKS; ++c)
     {
@@ -95,7 +94,7 @@ void cell_tangents(long count, const double A[][POINTS][COMPONENTS], const doubl
     for (int q = 0; q < POINTS; ++q)
       dV[q] = gradients(x[cell], map_slopes, filled, q, weights[q], g[q]);
     for (int i = 0; i < DIM; ++i)
-      for (int k = i; k < DIM; ++k)
+      for (int k = SYMMETRIC ? i : 0; k < DIM; ++k)
       {
         shapes K[NODES] = {{{0}}};
         for (int q = 0; q < POINTS; ++q)
@@ -105,7 +104,8 @@ void cell_tangents(long count, const double A[][POINTS][COMPONENTS], const doubl
           {
             double value = ((const double*)K[n])[m];
             matrices[cell][DIM * n + i][DIM * m + k] = value;
-            matrices[cell][DIM * m + k][DIM * n + i] = value;
+            if (SYMMETRIC)
+              matrices[cell][DIM * m + k][DIM * n + i] = value;
           }
       }
   }

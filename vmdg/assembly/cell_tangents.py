@@ -44,7 +44,13 @@ class CellTangents:
         )
         self._regions, self._dofs = bodies.regions, space.dofmap.list
         self._at_points = bodies.points
-        self._rows, self._columns = np.triu_indices(len(geometry.entries(mesh.geometry.dim)))
+        size = len(geometry.entries(mesh.geometry.dim))
+        self._rows, self._columns = np.triu_indices(size)
+        # Place of every A_rc among the independent ones.
+        self._places = np.empty((size, size), dtype=int)
+        self._places[self._rows, self._columns] = np.arange(len(self._rows))
+        self._places[self._columns, self._rows] = np.arange(len(self._rows))
+        self._symmetric = bodies.points is None or bodies.points.symmetric
         self._moduli = cell_moduli(u, bodies, range(len(bodies.regions)), points)
         self._map = GeometryMap(mesh, points)
         shape = basix.ufl.element("Lagrange", cell, degree)
@@ -57,7 +63,8 @@ class CellTangents:
                 "NODES": shape.dim,
                 "MAP_NODES": self._map.slopes.shape[2],
                 "POINTS": len(points),
-                "ENTRIES": len(geometry.entries(mesh.geometry.dim)),
+                "ENTRIES": size,
+                "SYMMETRIC": int(self._symmetric),
             },
             mesh.comm,
             name="bodies' tangent",
@@ -89,6 +96,9 @@ class CellTangents:
     def _moduli_of(self, number: int, cells: NDArray[np.int32]) -> NDArray[np.float64]:
         """The independent moduli in some cells of a region (n, points, components)."""
         if self._regions[number].body.points is None:
-            return self._moduli.in_region(number, cells)
-        moduli = self._at_points.moduli_in(cells)
+            moduli = self._moduli.in_region(number, cells)
+            return moduli if self._symmetric else np.ascontiguousarray(moduli[..., self._places])
+        moduli = np.ascontiguousarray(self._at_points.moduli_in(cells))
+        if not self._symmetric:
+            return moduli
         return np.ascontiguousarray(moduli[:, :, self._rows, self._columns])

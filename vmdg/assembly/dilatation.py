@@ -32,7 +32,8 @@ from numpy.typing import NDArray
 from ..base.timers import timer
 from ..interface.active import ActiveInterface
 from ..interface.jets import FacetJets
-from .point_matrices import add_fields, create_matrix, sparsity
+from ..interface.point_flux import FluxChange
+from .point_matrices import add_fields, add_flux, create_matrix, sparsity
 from .weak_form import WeakForm
 
 Array = NDArray[np.float64]
@@ -110,12 +111,18 @@ class Dilatation:
         values.array[:] /= self._volume.x.array
         values.scatter_forward()
 
-    def add_to(self, matrix: PETSc.Mat, parts: Sequence[tuple[ActiveInterface, Array]]) -> None:
+    def add_to(
+        self,
+        matrix: PETSc.Mat,
+        parts: Sequence[tuple[ActiveInterface, Array]],
+        changes: Sequence[FluxChange],
+    ) -> None:
         """Add A_ut.D + D^T.(A_tu + A_tt.D) to d2Pi/du2 + p d2J/du2; collective.
 
         Args:
             matrix: The matrix.
             parts: The interfaces, with D of :func:`.point_matrices.add_fields`.
+            changes: What bodies at points change in them.
         """
         u, theta = FacetJets.displacement, FacetJets.dilatation
         fields = None, (u, theta), (theta, u), (theta, theta)
@@ -124,8 +131,11 @@ class Dilatation:
             for (form, block), pair in zip(blocks, fields, strict=True):
                 block.zeroEntries()
                 fem_petsc.assemble_matrix(block, form)
-                for active, values in parts if pair else ():
-                    add_fields(block, active, values, *pair)
+                if pair:
+                    for active, values in parts:
+                        add_fields(block, active, values, *pair)
+                    for change in changes:
+                        add_flux(block, change, *pair)
                 block.assemble()
             D, A_ut, A_tu, A_tt = (block for _, block in blocks)
             inverse_volume = D.createVecLeft()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 from petsc4py import PETSc
@@ -26,13 +26,15 @@ from ..forms.kinematics import Body
 from ..interface.active import ActiveInterface, recoverable_energy, update_points
 from ..interface.facets import InterfaceFacets
 from ..interface.interface import Interface
-from ..interface.point_flux import PointFlux
+from ..interface.jets import FacetJets
+from ..interface.point_flux import FluxChange, PointFlux
 from ..interface.stabilization import Stabilization, Stabilizers
 from .cell_tangents import CellTangents
 from .dilatation import Dilatation
 from .means import MeanSpace
 from .point_matrices import (
     add_flux,
+    add_forces,
     add_tangent,
     add_uniform,
     create_matrix,
@@ -118,6 +120,7 @@ class Discretization:
         active = list(self.active.values())
         self._stabilizers = Stabilizers([one.stabilizer for one in active], self.u, bodies)
         self._point_tangents: list[tuple[ActiveInterface, NDArray[np.float64]]] = []
+        self._changes: list[FluxChange] = []
         self.weak_form = WeakForm(self.u, bodies, active)
         self._dilatation = Dilatation(self.weak_form) if bodies.mean_dilatation else None
         self.surface = Surface(self.u, bodies)
@@ -212,9 +215,9 @@ class Discretization:
         return [PointFlux(active, self.u, self.bodies) for active in self.active.values()]
 
     @cached_property
-    def _uniform(self) -> tuple[list[fem.Constant], list[fem.Form]]:
+    def _uniform(self) -> tuple[list[fem.Constant], list[fem.Form], list[fem.Form]]:
         """A uniform gradient, in the plane or in space (d, d) and of F_33, and the forces
-        GRAD eta : A : E of the bodies, on nodes and on F_33."""
+        GRAD eta : A : E and E : A : GRAD eta of the bodies, on nodes and on F_33."""
         weak, d = self.weak_form, self.mesh.geometry.dim
         E = [fem.Constant(self.mesh, np.zeros((d, d)))]
         fields = [ufl.dot(E[0], ufl.SpatialCoordinate(self.mesh))]
@@ -223,8 +226,15 @@ class Discretization:
             E.append(fem.Constant(self.mesh, 0.0))
             fields.append(E[1])
             tests.append(self._axial_test)
-        forms = [sum((weak.bulk_tangent(eta, du) for du in fields), ufl.Form([])) for eta in tests]
-        return E, [weak.compile(form, "bodies' tangent along a gradient") for form in forms]
+
+        def compiled(tangent: Callable[[Expr, Expr], ufl.Form]) -> list[fem.Form]:
+            sums = [sum((tangent(eta, du) for du in fields), ufl.Form([])) for eta in tests]
+            return [weak.compile(form, "bodies' tangent along a gradient") for form in sums]
+
+        forms = compiled(weak.bulk_tangent)
+        if self._at_points is None or self._at_points.symmetric:
+            return E, forms, forms
+        return E, forms, compiled(lambda eta, du: weak.bulk_tangent(du, eta))
 
     @cached_property
     def _energy_forms(self) -> list[fem.Form]:
@@ -380,7 +390,7 @@ class Discretization:
         Returns:
             Owned dofs [N].
         """
-        E, forms = self._uniform
+        E, forms = self._uniform[0], self._uniform[1 + adjoint]
         d, axial = self.mesh.geometry.dim, 0.0
         E[0].value[:] = gradient[:d, :d]
         total = fem.Function(self.space).x
@@ -389,11 +399,23 @@ class Discretization:
             E[1].value = gradient[2, 2]
             axial = self._axial_force(forms[1])
         fem.assemble_vector(forces, forms[0])
-        for active, D in self._point_tangents:
-            flux = uniform_flux(active, D.transpose(0, 2, 1) if adjoint else D, gradient)
-            add_uniform(forces, self._test_space.dofmap.list, active, flux)
+        dofs, along_z = self._test_space.dofmap.list, np.diag([0, 0, 1])
+        fluxes = [
+            (active, uniform_flux(active, D.transpose(0, 2, 1) if adjoint else D, gradient))
+            for active, D in self._point_tangents
+        ]
+        if not adjoint:
+            fluxes += [(change.of.active, change.along(gradient)) for change in self._changes]
+        for active, flux in fluxes:
+            add_uniform(forces, dofs, active, flux)
             if self._axial:
-                axial += active.point_tangent.jets.of_gradient(np.diag([0, 0, 1])) @ flux.sum(0)
+                axial += active.point_tangent.jets.of_gradient(along_z) @ flux.sum(0)
+        for change in self._changes if adjoint else ():
+            for cells, values in change.adjoint_along(gradient, FacetJets.displacement):
+                add_forces(forces, dofs[cells], d, values)
+            if self._axial:
+                unit = partial(FacetJets.uniform, gradient=along_z)
+                axial += sum(values.sum() for _, values in change.adjoint_along(gradient, unit))
         self._add_nodal_forces(forces, axial, total.array)
         total.scatter_reverse(InsertMode.add)
         return total.array[: self.owned]
@@ -411,6 +433,11 @@ class Discretization:
         with timer("tangent at points"):
             found = [(active, active.tangent(damage)) for active in self.active.values()]
             parts = [(active, tangent[0]) for active, tangent in found]
+        changes = [
+            flux(*tangent[1:])
+            for flux, (active, tangent) in zip(self._point_fluxes, found, strict=True)
+            if flux and (failing or not active.law.inelastic)
+        ]
         if not failing:
             # Their entries stay in the pattern, as zeros.
             parts = [(active, D * (not active.law.inelastic)) for active, D in parts]
@@ -422,17 +449,17 @@ class Discretization:
                 fem_petsc.assemble_matrix(matrix, form)
             for active, D in parts:
                 add_tangent(matrix, active, D)
-            for flux, (active, (_, *changes)) in zip(self._point_fluxes, found, strict=True):
-                if failing or not active.law.inelastic:
-                    add_flux(matrix, flux, *changes)
+            for change in changes:
+                add_flux(matrix, change)
             if self.means is not None:
                 # Rows that belong to no cell, for the identity of prescribed dofs.
                 for dof in self.means.owned_rows:
                     matrix.setValueLocal(dof, dof, 0.0, PETSc.InsertMode.ADD_VALUES)
             matrix.assemble()
-            self._point_tangents = parts if self.means is not None else []
+            if self.means is not None:
+                self._point_tangents, self._changes = parts, changes
             if self._dilatation is not None:
-                self._dilatation.add_to(matrix, parts)
+                self._dilatation.add_to(matrix, parts, changes)
 
     def stored_energy(self) -> NDArray[np.float64]:
         """This rank's energy of the bodies, of the interfaces (30) and of springs (3,) [N mm]."""

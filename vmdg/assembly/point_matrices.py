@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -14,12 +14,10 @@ from scipy.sparse import csr_array
 
 from .. import compat
 from ..interface.active import ActiveInterface
-from ..interface.frame import TurningTangent
-from ..interface.jets import Block, FacetJets
-from ..interface.point_flux import PointFlux
+from ..interface.jets import FacetJets, Field
+from ..interface.point_flux import FluxChange
 
 Array = NDArray[np.float64]
-Field = Callable[[FacetJets, slice], Block]
 
 #: Number of matrix entries per batch of facets: they fit in a core's cache.
 _BATCH = 60_000
@@ -79,25 +77,18 @@ def add_tangent(matrix: PETSc.Mat, active: ActiveInterface, D: Array) -> None:
 
 def add_flux(
     matrix: PETSc.Mat,
-    flux: PointFlux | None,
-    stabilized: Array,
-    compliance: Array | None,
-    turning: TurningTangent | None,
+    change: FluxChange,
+    test: Field = FacetJets.displacement,
+    trial: Field = FacetJets.displacement,
 ) -> None:
     """Add what the flux of bodies at points changes in the tangent of an interface.
 
     Args:
         matrix: The matrix.
-        flux: Of the interface; None without bodies at points.
-        stabilized: Tt dA (nq, d, jet).
-        compliance: C = d zeta/dT (nq, d, d) [mm3/N]; None fixes zeta.
-        turning: Changes by a rotating frame; None fixes the frame.
+        change: The change.
+        test, trial: The fields of rows and columns.
     """
-    if flux is None:
-        return
-    d = flux.d
-    couple = None if turning is None else turning[1].reshape(-1, d * d, d)
-    for rows, columns, matrices in flux.matrices(stabilized, compliance, couple, _BATCH):
+    for rows, columns, matrices in change.matrices(_BATCH, test, trial):
         matrix.setValuesBlockedLocalRCV(rows, columns, matrices, PETSc.InsertMode.ADD_VALUES)
 
 
@@ -150,8 +141,13 @@ def add_uniform(
     for rows in _batches(active):
         B = jets.displacement(rows).matrix
         forces = np.einsum("fpjn,fpj->fn", B, flux[points[rows]])
-        nodes = dofs[active.facets.cells[rows]][..., None] * d + np.arange(d)
-        np.add.at(vector, nodes.reshape(forces.shape), forces)
+        add_forces(vector, dofs[active.facets.cells[rows]], d, forces)
+
+
+def add_forces(vector: Array, nodes: NDArray[np.int32], d: int, forces: Array) -> None:
+    """Add forces (f, n) on the nodes of cells (f, ...) to a vector over local dofs."""
+    places = nodes[..., None] * d + np.arange(d)
+    np.add.at(vector, places.reshape(forces.shape), forces)
 
 
 def traction_matrix(active: ActiveInterface) -> csr_array:

@@ -109,10 +109,6 @@ class Bodies:
         self.mean_dilatation = isinstance(geometry, MeanDilatation)
         self.cells_of = {tag: np.flatnonzero(tags == tag) for tag in materials}
         at_points = {tag: m for tag, m in materials.items() if isinstance(m, PointMaterial)}
-        self.points = None
-        if at_points:
-            given = self.cells_of, at_points, small, geometry, degree
-            self.points = PointBodies(mesh, *given)
         self._eigenstrains = dict(eigenstrain or {})
         self._comm = mesh.comm
         self._tensor = any(strain.tensor for strain in self._eigenstrains.values())
@@ -120,6 +116,10 @@ class Bodies:
         if self._eigenstrains:
             shape = ((3, 3),) if self._tensor else ()
             self._eigenstrain = fem.Function(fem.functionspace(mesh, ("DG", 0, *shape)))
+        self.points = None
+        if at_points:
+            given = self.cells_of, at_points, small, geometry, degree, plane_stress
+            self.points = PointBodies(mesh, *given, self._eigenstrain)
         self.regions: list[Region] = []
         self.region = np.full(len(tags), -1, dtype=np.int32)
         owned = mesh.topology.index_map(mesh.topology.dim).size_local

@@ -19,9 +19,12 @@ from ..base.agreement import together
 from ..base.kernels import compile_expression
 from ..base.quadrature import bulk_degree
 from ..base.timers import timer
-from ..forms.geometry import Geometry
+from ..forms.dilatation import MeanDilatation
+from ..forms.geometry import Cartesian, Geometry
 from ..forms.kinematics import PointFields
-from ..materials.point import PointMaterial, Response
+from ..materials.point import PointMaterial
+from .mean_points import MeanPoints
+from .point_answers import Question
 from .shapes import GeometryMap, determinants
 
 Array = NDArray[np.float64]
@@ -34,11 +37,14 @@ _BATCH = 2048
 class PointState:
     """State of the bodies at points; its arrays are never modified.
 
+    With mean dilatation F is diag(F, theta) (4, 4), at small strain diag(strain, theta - 1), and
+    stress and moduli are those of :class:`.MeanPoints`.
+
     Attributes:
         history: History of the points of every material (n, m).
-        stress: P (cells, points, 3, 3) [MPa].
-        moduli: dP/dF (cells, points, entries, entries) [MPa].
-        frozen: Those at the start of the step [MPa].
+        stress: Conjugate to F (cells, points, 3, 3) [MPa].
+        moduli: Its derivative by F (cells, points, entries, entries) [MPa].
+        frozen: Derivative of P at the start of the step, likewise [MPa].
         stored: Stored energy (cells, points) [MPa].
         dissipated: Dissipated energy in the step (cells, points) [MPa].
         next: History at the end of the step.
@@ -84,6 +90,8 @@ class PointBodies:
         small: Small-strain kinematics.
         geometry: Gradient and measure.
         degree: Degree of the displacement.
+        plane_stress: Zero stress out of the plane instead of zero strain.
+        eigenstrain: Stress-free strain of the cells, a number or a tensor (3, 3); None for none.
 
     Attributes:
         cells: Local cells, by tag in the order of ``materials``, (n,).
@@ -105,8 +113,11 @@ class PointBodies:
         small: bool,
         geometry: Geometry,
         degree: int,
+        plane_stress: bool = False,
+        eigenstrain: fem.Function | None = None,
     ):
         self._mesh, self._small, self._geometry = mesh, small, geometry
+        self._plane_stress, self._eigenstrain = plane_stress, eigenstrain
         self.materials = dict(materials)
         self._deformed: PointDeformation | None = None
         self.symmetric = all(material.symmetric for material in materials.values())
@@ -123,10 +134,18 @@ class PointBodies:
         self.rule = order = bulk_degree(name, degree, geometry)
         cell = mesh.basix_cell()
         self.points, self._weights = basix.make_quadrature(cell, order)
-        self._n = geometry.size(d)
+        n = geometry.size(d)
         self.entries = tuple(geometry.entries(d))
-        self._rows, self._columns = np.array(self.entries).T
         size = len(self.entries)
+        # Axes of the forms among those of F in space, after which theta comes.
+        self._axes, self._mean = np.arange(n), None
+        if isinstance(geometry, MeanDilatation):
+            self._axes[-1], self._pressure = 3, geometry.pressure
+            self._mean = MeanPoints(geometry.entries(d)[:-1], n - 1, small)
+        self._rows, self._columns = self._axes[np.array(self.entries).T]
+        # In space the tangent of the displacement is no form, those of means are.
+        periodic = isinstance(geometry, Cartesian) and geometry.macroscopic is not None
+        self._in_forms = d == 2 or periodic or self._mean is not None
         self.element, self.extrapolation = extrapolation(cell, self.points)
 
         def at_points(shape: tuple[int, ...]) -> fem.Function:
@@ -138,11 +157,12 @@ class PointBodies:
             return fem.Function(fem.functionspace(mesh, element))
 
         self.fields = PointFields(
-            at_points((self._n, self._n)),
+            at_points((n, n)),
             at_points((size, size)),
             at_points(()),
             in_cells((3, 3)),
             in_cells((size, size)),
+            in_cells(()),
             self.entries,
         )
         count = len(self.cells) * len(self.points)
@@ -151,11 +171,12 @@ class PointBodies:
             for material, start, stop in self._parts
         )
         grid = len(self.cells), len(self.points)
-        one = np.tile(np.eye(3) * (not small), (count, 1, 1))
+        dimension = 4 if self._mean else 3
+        one = np.tile(np.eye(dimension) * (not small), (count, 1, 1))
         empty = np.zeros((*grid, size, size))
         self.state = PointState(
             history,
-            np.zeros((*grid, 3, 3)),
+            np.zeros((*grid, dimension, dimension)),
             empty,
             empty,
             np.zeros(grid),
@@ -169,10 +190,10 @@ class PointBodies:
     # Evaluation
 
     def deformation(self, u: fem.Function) -> Array:
-        """F, at small strain the strain, of a displacement at all points (n, 3, 3); collective
-        the first time."""
+        """F, at small strain the strain, of a displacement at all points (n, 3, 3), see
+        :class:`PointState`; collective the first time."""
         if self._deformed is None or self._deformed.u is not u:
-            given = self._geometry, self.points, self.cells, self._small
+            given = self._geometry, self.points, self.cells, self._small, self._axes
             self._deformed = PointDeformation(u, *given)
         return self._deformed()
 
@@ -180,7 +201,7 @@ class PointBodies:
         """Stress and moduli for a deformation; collective.
 
         Args:
-            deformation: From :meth:`deformation` (n, 3, 3).
+            deformation: From :meth:`deformation`.
             dt: Time step [s].
             hold: Keep the moduli of the last evaluation, for a predictor: those of the last
                 iteration are closer to those of the step than the elastic ones of a state at rest.
@@ -204,7 +225,8 @@ class PointBodies:
         change = change.reshape(*self.state.moduli.shape[:3])
         stress = self.state.stress.copy()
         stress[:, :, rows, columns] += (self.state.moduli @ change[..., None])[..., 0]
-        _write(self.fields.facet_stress, self.cells, self._on_facets(stress))
+        changed = _with(self.state, stress=stress, deformation=deformation)
+        _write(self.fields.facet_stress, self.cells, self._on_facets(self._piola(changed)))
 
     def _evaluated(self, deformation: Array, dt: float) -> PointState:
         count, old = len(self.points), self.state
@@ -212,18 +234,30 @@ class PointBodies:
             np.empty_like(a) for a in (old.stress, old.stored, old.stored)
         )
         moduli, history = np.empty_like(old.moduli), []
-        rows, columns = self._rows, self._columns
+        deformation, strain = deformation.copy(), self._strain()
+        if self._plane_stress:
+            deformation[:, 2, 2] = old.deformation[:, 2, 2]
+        # Entries of F alone, as the material knows them.
+        count_F = len(self.entries) - (self._mean is not None)
+        rows, columns = self._rows[:count_F], self._columns[:count_F]
         for (material, start, stop), before in zip(self._parts, old.history, strict=True):
             after = np.empty_like(before)
+            ask = Question(material, dt, self._small, self._plane_stress)
             for first in range(start * count, stop * count, _BATCH):
                 batch = slice(first, min(first + _BATCH, stop * count))
                 own = slice(batch.start - start * count, batch.stop - start * count)
-                found = self._answer(material, deformation[batch], before[own], dt)
-                stress.reshape(-1, 3, 3)[batch] = found.stress
-                of_entries = found.moduli.reshape(-1, 9, 9)
+                F, e = deformation[batch], None if strain is None else strain[batch]
+                effective = F if self._mean is None else self._mean.effective(F)
+                found, reached = ask(effective, before[own], e)
+                S, A = found.stress, found.moduli.reshape(-1, 9, 9)
                 if len(rows) < 9:
-                    of_entries = of_entries[:, (3 * rows + columns)[:, None], 3 * rows + columns]
-                moduli.reshape(-1, len(rows), len(rows))[batch] = of_entries
+                    A = A[:, (3 * rows + columns)[:, None], 3 * rows + columns]
+                if self._mean is not None:
+                    S, A = self._mean.conjugate(F, S, A)
+                elif self._plane_stress:
+                    F[:] = reached
+                stress.reshape(-1, *S.shape[1:])[batch] = S
+                moduli.reshape(-1, *A.shape[1:])[batch] = A
                 stored.reshape(-1)[batch], dissipated.reshape(-1)[batch] = found[3:]
                 after[own] = found.state
             history.append(after)
@@ -238,32 +272,27 @@ class PointBodies:
             deformation,
         )
 
-    def _answer(
-        self, material: PointMaterial, deformation: Array, before: Array, dt: float
-    ) -> Response:
-        """What a material answers at some points, with checked shapes; not a number where an
-        iteration that diverges asks for it."""
-        n = len(deformation)
-        shapes = (n, 3, 3), (n, 3, 3, 3, 3), before.shape, (n,), (n,)
-        if not np.isfinite(deformation).all():
-            return Response(*(np.full(shape, np.nan) for shape in shapes))
-        found = material(deformation, before, dt, self._small)
-        for name, value, shape in zip(Response._fields, found, shapes, strict=True):
-            if np.shape(value) != shape:
-                raise ValueError(
-                    f"{type(material).__name__}: {name} of {n} points has shape "
-                    f"{np.shape(value)}, expected {shape}, see vmdg.Response"
-                )
-        return found
+    def _strain(self) -> Array | None:
+        """Eigenstrain of all points (n, 3, 3); None for none."""
+        if self._eigenstrain is None:
+            return None
+        function = self._eigenstrain
+        rows = function.function_space.dofmap.list[self.cells, 0]
+        values = function.x.array.reshape(-1, *function.ufl_shape)[rows]
+        tensors = values if function.ufl_shape else values[:, None, None] * np.eye(3)
+        return np.repeat(tensors, len(self.points), axis=0)
 
     def take(self, state: PointState) -> None:
         """Make a state the current one, also in the forms."""
-        before, self.state, n = self.state, state, self._n
-        _write(self.fields.stress, self.cells, state.stress[..., :n, :n])
+        before, self.state, axes = self.state, state, self._axes
+        _write(self.fields.stress, self.cells, state.stress[..., axes[:, None], axes])
         _write(self.fields.stored, self.cells, state.stored)
-        if state.moduli is not before.moduli and self._mesh.topology.dim == 2:
+        if state.moduli is not before.moduli and self._in_forms:
             _write(self.fields.moduli, self.cells, state.moduli)
-        _write(self.fields.facet_stress, self.cells, self._on_facets(state.stress))
+        _write(self.fields.facet_stress, self.cells, self._on_facets(self._piola(state)))
+        if self._plane_stress:
+            stretch = state.deformation[:, 2, 2].reshape(state.stored.shape)
+            _write(self.fields.facet_stretch, self.cells, self._on_facets(stretch))
         if state.frozen is not before.frozen:
             _write(self.fields.facet_moduli, self.cells, self._on_facets(state.frozen))
 
@@ -272,12 +301,49 @@ class PointBodies:
         flat = values.reshape(*values.shape[:2], -1)
         return self.extrapolation @ flat
 
+    def _piola(self, state: PointState) -> Array:
+        """P at the points, that of tractions (cells, points, 3, 3) [MPa]."""
+        if self._mean is None:
+            return state.stress
+        P = self._mean.stress(state.deformation, state.stress.reshape(-1, 4, 4))
+        return P.reshape(*state.stress.shape[:2], 3, 3)
+
+    def _piola_moduli(self, state: PointState, rows: NDArray[np.integer] | slice) -> Array:
+        """Derivative of P in some rows of cells (n, points, entries, entries) [MPa]."""
+        if self._mean is None:
+            return state.moduli[rows]
+        moduli, stress = state.moduli[rows], state.stress[rows]
+        deformation = state.deformation.reshape(state.stress.shape)[rows]
+        size = moduli.shape[-1]
+        return self._mean.stress_moduli(
+            deformation.reshape(-1, 4, 4),
+            stress.reshape(-1, 4, 4),
+            moduli.reshape(-1, size, size),
+        ).reshape(moduli.shape)
+
     def moduli_in(self, cells: NDArray[np.integer]) -> Array:
-        """Current moduli in some of the cells (n, q, entries, entries) [MPa]."""
-        return self.state.moduli[self._row[cells]]
+        """Current derivative of the stress of the forms in some of the cells (n, q, entries,
+        entries), with mean dilatation also that of p J [MPa]."""
+        rows = self._row[cells]
+        moduli = self.state.moduli[rows]
+        if self._mean is None:
+            return moduli
+        deformation = self.state.deformation.reshape(self.state.stress.shape)[rows]
+        size = moduli.shape[-1] - 1
+        d2J = self._mean.volume_moduli(deformation.reshape(-1, 4, 4))
+        d2J = d2J.reshape(*moduli.shape[:2], size, size)
+        pressure = self._pressure
+        p = pressure.x.array[pressure.function_space.dofmap.list[cells, 0]]
+        moduli = moduli.copy()
+        moduli[..., :size, :size] += p[:, None, None, None] * d2J
+        return moduli
+
+    def flux_moduli_in(self, cells: NDArray[np.integer]) -> Array:
+        """Current derivative of P in some of the cells, likewise."""
+        return self._piola_moduli(self.state, self._row[cells])
 
     def frozen_in(self, cells: NDArray[np.integer]) -> Array:
-        """Moduli at the start of the step, likewise."""
+        """That at the start of the step."""
         return self.state.frozen[self._row[cells]]
 
     def has(self, cells: NDArray[np.integer]) -> NDArray[np.bool_]:
@@ -288,7 +354,7 @@ class PointBodies:
 
     def begin(self) -> None:
         """Start a step: the moduli so far are those of the adjoint term."""
-        self.take(_with(self.state, frozen=self.state.moduli))
+        self.take(_with(self.state, frozen=self._piola_moduli(self.state, slice(None))))
 
     def commit(self) -> None:
         """Accept the last evaluation as the converged history."""
@@ -304,7 +370,7 @@ class PointBodies:
         history = np.zeros((len(self.cells), count, size))
         for (material, start, stop), values in zip(self._parts, state.history, strict=True):
             history[start:stop, :, : material.size] = values.reshape(-1, count, material.size)
-        deformation = state.deformation.reshape(len(self.cells), count, 3, 3)
+        deformation = state.deformation.reshape(state.stress.shape)
         arrays = [history, state.stress, state.moduli, state.frozen, deformation, state.stored]
         values = np.concatenate([a.reshape(len(self.cells), -1) for a in arrays], axis=1)
         rows = np.zeros((self._local, values.shape[1]))
@@ -316,7 +382,7 @@ class PointBodies:
         now, count = self.state, len(self.points)
         size = max(material.size for material, *_ in self._parts)
         shapes = [(count, size), *(a.shape[1:] for a in (now.stress, now.moduli, now.frozen))]
-        shapes += [(count, 3, 3), (count,)]
+        shapes += [now.stress.shape[1:], (count,)]
         ends = np.cumsum([int(np.prod(shape)) for shape in shapes])
         blocks = np.split(rows[self.cells], ends[:-1], axis=1)
         history, stress, moduli, frozen, deformation, stored = (
@@ -327,7 +393,7 @@ class PointBodies:
             for material, start, stop in self._parts
         )
         still = np.zeros(history.shape[:2])
-        where = deformation.reshape(-1, 3, 3)
+        where = deformation.reshape(now.deformation.shape)
         return PointState(own, stress, moduli, frozen, stored, still, own, where)
 
     # Integrals and values
@@ -359,7 +425,7 @@ class PointBodies:
             name: column[owned, 0] if size == 1 else column[owned]
             for name, size, column in zip(names, sizes, columns, strict=True)
         }
-        stress = self.state.stress[start:stop].reshape(-1, 3, 3)
+        stress = self._piola(self.state)[start:stop].reshape(-1, 3, 3)
         return BodyState(places[owned], volumes[owned], stress[owned], history)
 
     def dissipation(self) -> float:
@@ -368,7 +434,7 @@ class PointBodies:
 
 
 class PointDeformation:
-    """F, at small strain the strain, at the points of cells.
+    """F, at small strain the strain, at the points of cells; with mean dilatation diag(F, theta).
 
     Args:
         u: Displacement.
@@ -376,6 +442,7 @@ class PointDeformation:
         points: Reference points in a cell.
         cells: Local cells.
         small: Whether the strain is wanted.
+        axes: Place in the result of every axis of the forms.
 
     Attributes:
         u: As given.
@@ -388,11 +455,13 @@ class PointDeformation:
         points: Array,
         cells: NDArray[np.int32],
         small: bool,
+        axes: NDArray[np.integer],
     ):
         self.u = u
         self._mesh, self._cells, self._small = u.function_space.mesh, cells, small
         F = geometry.deformation(u)
-        self._n = n = F.ufl_shape[0]
+        n = F.ufl_shape[0]
+        self._axes = axes
         vector = ufl.as_vector([F[i, j] for i in range(n) for j in range(n)])
         self._count = len(points)
         self._expression = compile_expression(
@@ -400,14 +469,12 @@ class PointDeformation:
         )
 
     def __call__(self) -> Array:
-        """(n, 3, 3), n all points of all cells."""
-        values = np.zeros((len(self._cells) * self._count, 3, 3))
-        values[:] = np.eye(3)
+        """(n, 3, 3), n all points of all cells; (n, 4, 4) with mean dilatation."""
+        axes, one = self._axes, np.eye(max(3, self._axes[-1] + 1))
+        values = np.tile(one, (len(self._cells) * self._count, 1, 1))
         found = compat.evaluate(self._expression, self._mesh, self._cells)
-        values[:, : self._n, : self._n] = found.reshape(-1, self._n, self._n)
-        if not self._small:
-            return values
-        return (values + values.transpose(0, 2, 1)) / 2 - np.eye(3)
+        values[:, axes[:, None], axes] = found.reshape(-1, len(axes), len(axes))
+        return values if not self._small else (values + values.transpose(0, 2, 1)) / 2 - one
 
 
 def _with(state: PointState, **changes: object) -> PointState:

@@ -108,7 +108,8 @@ def margin(law: Law, degree: int, at_points: bool = False) -> float:
     degree 1 up to eight times as many. Hence bonds of degree 1 have 1/4, as has contact without a
     bond, whose tractions and openings are no better with more. So have bonds of bodies at points,
     whose points break one by one sooner; while such a body is elastic, the factor of
-    :mod:`vmdg.interface.free_stress` is a margin too, but 1 for triangles and tetrahedra.
+    :mod:`vmdg.interface.free_stress` is a margin too, but 1 for triangles and tetrahedra: where
+    bodies flow, u is up to 14 % worse on triangles, and GRAD u 1 %.
 
     Args:
         law: Of the interface.
@@ -390,7 +391,8 @@ class Coercivity:
         self._free = np.ones(len(cells))
         if bodies.points is not None:
             degree = u.function_space.ufl_element().degree
-            most = free_stress_factor(mesh.topology.cell_name(), degree, bodies.points.rule)
+            name, rule = mesh.topology.cell_name(), bodies.points.rule
+            most = free_stress_factor(name, degree, rule, bodies.mean_dilatation)
             self._free[bodies.points.has(cells)] = most
 
     def _to_owners(self, values: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:

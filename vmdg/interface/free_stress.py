@@ -10,7 +10,7 @@ sigma_q = A_q : GRAD u, and since A_q^-1 >= A^-1,
 over all stresses at the points, in which A and E separate: the largest squared singular value of
 sqrt(w_p) E_pq / sqrt(w_q) times the largest eigenvalue of N.A.N. It depends on no state, however
 small A_q: a facet with a history of its own could be elastic while its cell is plastic, and the
-ratio would be unbounded.
+ratio would be unbounded. With mean dilatation it holds for the gradients of u_bar.
 """
 
 from __future__ import annotations
@@ -26,17 +26,21 @@ from ..domain.point_bodies import extrapolation
 
 
 @cache
-def free_stress_factor(cell: str, degree: int, bulk: int) -> float:
+def free_stress_factor(cell: str, degree: int, bulk: int, mean: bool = False) -> float:
     """The largest such maximum over that of the elastic flux of a facet, on the reference cell.
 
     For A of Poisson's ratio zero, which gives the largest ratio: 1 for triangles and tetrahedra of
     degrees 1 and 2, where any stress at the points is that of a displacement, 2.8 and 2.1 for
     quadrilaterals and 2.5 and 2.1 for hexahedra of these degrees.
 
+    With mean dilatation the elastic flux of a nearly incompressible cell has no more than that of
+    uniform strains, of which the largest eigenvalue is that of N.A.N times area over volume: 4.
+
     Args:
         cell: Name of the cell.
         degree: Degree of the displacement.
         bulk: Quadrature degree in the cell.
+        mean: Whether the cells have a mean dilatation.
     """
     kind = basix.CellType[cell]
     corners, d = basix.geometry(kind), basix.geometry(kind).shape[1]
@@ -65,10 +69,12 @@ def free_stress_factor(cell: str, degree: int, bulk: int) -> float:
         N = np.linalg.svd(edges)[2][-1]
         area = areas * np.sqrt(np.linalg.det(edges @ edges.T))
         flux = np.einsum("j,ijkl,pklm->pim", N, A, gradients(x)) @ modes
-        elastic = np.linalg.eigvalsh(np.einsum("p,pim,pin->mn", area, flux, flux))[-1]
+        most = np.linalg.eigvalsh(np.einsum("j,ijkl,l->ik", N, A, N))[-1]
+        if mean:
+            elastic = most * area.sum() / weights.sum()
+        else:
+            elastic = np.linalg.eigvalsh(np.einsum("p,pim,pin->mn", area, flux, flux))[-1]
         E = element.tabulate(0, x)[0] @ coefficients
         size = np.linalg.norm(np.sqrt(area)[:, None] * E / np.sqrt(weights), ord=2)
-        ratios.append(
-            size**2 * np.linalg.eigvalsh(np.einsum("j,ijkl,l->ik", N, A, N))[-1] / elastic
-        )
+        ratios.append(size**2 * most / elastic)
     return max(1.0, *ratios)

@@ -10,6 +10,7 @@ dofs w of the two cells at a facet, a bilinear form of jets j(eta).D.j(du) has t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -72,6 +73,12 @@ class FacetJets:
         entries = [gradient[entry] for entry in self.entries]
         return np.concatenate([np.zeros(self._d), entries, entries])
 
+    def uniform(self, rows: slice | NDArray[np.integer], gradient: Array) -> Block:
+        """B of the field E.X, one number on which no block depends."""
+        jet, (count, points) = self.of_gradient(gradient), self.values[rows].shape[:2]
+        B = np.broadcast_to(jet[:, None], (count, points, self.size, 1))
+        return Block(np.zeros((count, 0), dtype=np.int32), B)
+
     def nodes_at(self, rows: slice | NDArray[np.integer]) -> NDArray[np.int32]:
         """Local nodes of the two cells at some facets (f, 2 nodes)."""
         return self.nodes_of(self._facets.cells[rows])
@@ -112,3 +119,7 @@ class FacetJets:
         for side in range(2):
             B[:, :, self._d + (side + 1) * len(self.entries) - 1, side] = 1.0
         return Block(cells, B)
+
+
+#: A field by its jets on some facets: :meth:`FacetJets.displacement`, :meth:`FacetJets.dilatation`.
+Field = Callable[[FacetJets, slice], Block]

@@ -16,6 +16,8 @@ frame,
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from dolfinx import fem
@@ -24,8 +26,77 @@ from numpy.typing import NDArray
 from ..domain.materials import Bodies
 from ..domain.shapes import ShapeGradients
 from .active import ActiveInterface
+from .frame import TurningTangent
+from .jets import FacetJets, Field
 
 Array = NDArray[np.float64]
+
+#: Number of matrix entries per batch of facets along a gradient.
+_MOST = 60_000
+
+
+class _Piece(NamedTuple):
+    """Change of {P.N} on some facets by the dofs of one side.
+
+    Attributes:
+        facets: The facets (f,).
+        cells: Their cells on that side (f,).
+        points: Points of the facets (f, p).
+        blocks: Local blocks of the dofs (f, n).
+        flux: Change of {P.N} (f, p, d, n).
+    """
+
+    facets: NDArray[np.integer]
+    cells: NDArray[np.int32]
+    points: NDArray[np.integer]
+    blocks: NDArray[np.int32]
+    flux: Array
+
+
+class FluxChange(NamedTuple):
+    """What the flux of bodies at points changes in the tangent of an interface.
+
+    Attributes:
+        of: The flux.
+        load: L dA (nq, jet, d).
+    """
+
+    of: PointFlux
+    load: Array
+
+    def matrices(
+        self, most: int, test: Field, trial: Field
+    ) -> Iterator[tuple[NDArray[np.int32], NDArray[np.int32], Array]]:
+        """Blocks of the rows and of the columns and matrices of batches of facets.
+
+        Args:
+            most: Largest number of entries of the matrices of a batch.
+            test, trial: The fields of rows and columns.
+        """
+        jets = self.of.active.point_tangent.jets
+        for piece in self.of.pieces(trial, most):
+            rows = test(jets, piece.facets)
+            left = self.load[piece.points].transpose(0, 1, 3, 2) @ rows.matrix
+            # Sums over the points of a facet and its tractions in one product.
+            count, size = len(left), left.shape[1] * left.shape[2]
+            left, flux = (a.reshape(count, size, -1) for a in (left, piece.flux))
+            yield rows.blocks, piece.blocks, left.transpose(0, 2, 1) @ flux
+
+    def along(self, gradient: Array) -> Array:
+        """The change times E.X, conjugate to jets at the points (nq, jet)."""
+        result = np.zeros(self.load.shape[:2])
+        for piece in self.of.pieces(partial(FacetJets.uniform, gradient=gradient), _MOST):
+            result[piece.points] += (self.load[piece.points] @ piece.flux)[..., 0]
+        return result
+
+    def adjoint_along(
+        self, gradient: Array, trial: Field
+    ) -> Iterator[tuple[NDArray[np.int32], Array]]:
+        """Cells and forces (f, n) on a field in them: the transposed change times E.X."""
+        tractions = self.of.active.point_tangent.jets.of_gradient(gradient) @ self.load
+        for piece in self.of.pieces(trial, _MOST):
+            forces = np.einsum("fpi,fpin->fn", tractions[piece.points], piece.flux, optimize=True)
+            yield piece.cells, forces
 
 
 class PointFlux:
@@ -37,11 +108,12 @@ class PointFlux:
         bodies: Materials, some of them at points.
 
     Attributes:
+        active: As given.
         d: Dimension.
     """
 
     def __init__(self, active: ActiveInterface, u: fem.Function, bodies: Bodies):
-        self._active, self._bodies = active, bodies.points
+        self.active, self._bodies = active, bodies.points
         quadrature, space = active.quadrature, u.function_space
         facets, d = quadrature.facets, quadrature.d
         self.d = d
@@ -60,58 +132,68 @@ class PointFlux:
             E = basis @ self._bodies.extrapolation
             self._sides.append((a, rows, cells, E, shapes.in_cells(cells)[0], there.gradients))
 
-    def matrices(
-        self, stabilized: Array, compliance: Array | None, couple: Array | None, most: int
-    ) -> Iterator[tuple[NDArray[np.int32], NDArray[np.int32], Array]]:
-        """Nodes of the rows, nodes of the columns and matrices of batches of facets.
+    def __call__(
+        self, stabilized: Array, compliance: Array | None, turning: TurningTangent | None
+    ) -> FluxChange:
+        """The change at the state of a tangent.
 
         Args:
             stabilized: Tt dA (nq, d, jet).
             compliance: C = d zeta/dT (nq, d, d) [mm3/N]; None fixes zeta.
-            couple: dM/dT of a rotating frame (nq, d d, d); None fixes the frame.
-            most: Largest number of entries of the matrices of a batch.
+            turning: Changes by a rotating frame; None fixes the frame.
         """
-        active, quadrature = self._active, self._active.quadrature
-        tangent, d = active.point_tangent, quadrature.d
+        tangent, d = self.active.point_tangent, self.d
         jets, areas = tangent.jets, tangent.areas
         L = np.zeros((len(areas), jets.size, d))
         L[:, :d] = areas[:, None, None] * np.eye(d)
         if compliance is not None:
             L -= stabilized.transpose(0, 2, 1) @ compliance
-        if couple is not None:
+        if turning is not None:
+            couple = turning[1].reshape(-1, d * d, d)
             for side in range(2):
                 first = d + side * len(jets.entries)
                 L[:, first : first + d * d] -= areas[:, None, None] * couple
-        batch = max(most // (2 * (jets.nodes * d) ** 2), 1)
+        return FluxChange(self, L)
+
+    def pieces(self, trial: Field, most: int) -> Iterator[_Piece]:
+        """{P.N} by a field, of batches of facets whose side is at points.
+
+        Args:
+            trial: Displacements, or a field whose gradients are uniform in a cell.
+            most: Largest number of entries of the matrices of a batch.
+        """
+        quadrature, jets = self.active.quadrature, self.active.point_tangent.jets
+        batch = max(most // (2 * (jets.nodes * self.d) ** 2), 1)
         for a, rows, cells, E, inside, there in self._sides:
+            first = self.d + a * len(jets.entries)
             for start in range(0, len(rows), batch):
                 some = slice(start, start + batch)
                 chosen, of = rows[some], cells[some]
                 points = quadrature.points_of_facet[chosen]
-                weights = active.stabilization.weights[chosen, a]
-                change = self._flux_change(of, E[some], inside[some], there[some])
-                flux = np.einsum(
-                    "fij,fpje->fpie", weights, _normal_rows(quadrature.normal[points], jets.entries)
-                )
-                columns = flux @ change
-                test = jets.displacement(chosen)
-                left = L[points].transpose(0, 1, 3, 2) @ test.matrix
-                count, size = len(of), columns.shape[1] * d
-                left, columns = (a.reshape(count, size, -1) for a in (left, columns))
-                yield test.blocks, jets.nodes_of(of), left.transpose(0, 2, 1) @ columns
+                if trial is FacetJets.displacement:
+                    blocks = jets.nodes_of(of)
+                    inner, outer = (self._gradient_entries(G[some]) for G in (inside, there))
+                else:
+                    blocks, B = trial(jets, chosen)
+                    inner = outer = B[:, :1, first : first + len(jets.entries)]
+                change = self._flux_change(of, E[some], inner, outer)
+                weights = self.active.stabilization.weights[chosen, a]
+                normal = _normal_rows(quadrature.normal[points], jets.entries)
+                flux = np.einsum("fij,fpje->fpie", weights, normal) @ change
+                yield _Piece(chosen, of, points, blocks, flux)
+
+    def _gradient_entries(self, gradients: Array) -> Array:
+        """Entries of GRAD w by the dofs of cells (f, points, entries, n)."""
+        G = self.active.point_tangent.jets.gradient_entries(gradients)
+        return G.reshape(*G.shape[:3], -1)
 
     def _flux_change(
         self, cells: NDArray[np.int32], E: Array, inside: Array, there: Array
     ) -> Array:
-        """sum_q E_pq C_q : GRAD w(X_q) - A_p : GRAD w(X_p) by dofs (f, p, entries, n)."""
-        jets, bodies = self._active.point_tangent.jets, self._bodies
-        G = jets.gradient_entries(inside)
-        G = G.reshape(*G.shape[:3], -1)
-        current = _combined(E, bodies.moduli_in(cells) @ G)
-        G = jets.gradient_entries(there)
-        G = G.reshape(*G.shape[:3], -1)
-        frozen = _combined(E, bodies.frozen_in(cells))
-        return current - frozen @ G
+        """sum_q E_pq C_q : GRAD w(X_q) - A_p : GRAD w(X_p) by dofs (f, p, entries, n), from entries
+        of GRAD w in the cells and on the facets."""
+        current = _combined(E, self._bodies.flux_moduli_in(cells) @ inside)
+        return current - _combined(E, self._bodies.frozen_in(cells)) @ there
 
 
 def _combined(E: Array, values: Array) -> Array:

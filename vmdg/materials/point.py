@@ -74,7 +74,7 @@ class PointMaterial(Material):
                 f"{type(self).__name__}: elastic = {elastic!r} must be a hyperelastic material, "
                 "for example vmdg.NeoHookean(E=..., nu=...)"
             )
-        self.elastic = elastic
+        self.elastic, self.mirrored = elastic, elastic.mirrored
         self.parameters = dict(elastic.parameters)
         self.numbers: Mapping[str, Any] = dict(elastic.parameters)
 

@@ -196,7 +196,8 @@ def check_plane(
                 "plane='stress' requires an axis along z: rotate the material by angle=, or mesh "
                 "the sheet in 3D"
             )
-        if kinematics == "finite" and type(material).free_stretch is Material.free_stretch:
+        closed = type(material).free_stretch is not Material.free_stretch
+        if kinematics == "finite" and not closed and not isinstance(material, PointMaterial):
             raise ValueError(
                 f"Problem: the {type(material).__name__} of tag {tag} has no closed form of the "
                 "thickness stretch, which plane='stress' requires at finite strain; use NeoHookean "
@@ -210,9 +211,8 @@ def check_points(
     mesh: Mesh,
     materials: Mapping[int, Material],
     interfaces: Sequence[Interface],
-    degree: int,
     kinematics: str,
-    others: Mapping[str, bool],
+    locks: bool,
 ) -> None:
     """Check what is given together with materials at points; warns of locking.
 
@@ -220,12 +220,11 @@ def check_points(
         mesh: The mesh.
         materials: By tag.
         interfaces: The interfaces.
-        degree: Degree of the displacement.
         kinematics: Of the problem.
-        others: Whether the problem has a feature, by what the user wrote for it.
+        locks: Whether cells lock if the volume is kept.
 
     Raises:
-        ValueError: a feature that materials at points do not have, or other kinematics than theirs.
+        ValueError: other kinematics than those of a material, or the traction jump.
     """
     at_points = {tag: m for tag, m in materials.items() if isinstance(m, PointMaterial)}
     for tag, material in at_points.items():
@@ -235,26 +234,18 @@ def check_points(
                 f"{what} is defined for kinematics={' or '.join(map(repr, material.kinematics))}, "
                 f"not for {kinematics!r}"
             )
-        if present := [name for name, given in others.items() if given]:
-            raise ValueError(
-                f"{what} is evaluated at points, which cannot be combined with {present[0]}; use a "
-                "hyperelastic material there, or omit it"
-            )
         if any(interface.traction_jump for interface in interfaces):
             raise ValueError(
                 f"{what} is evaluated at points, which cannot be combined with traction_jump=True "
                 "of an interface: its term uses energy of the cells that plastic flow removes"
             )
-        if not material.symmetric and mesh.geometry.dim == 3:
-            raise ValueError(
-                f"{what} has unsymmetric moduli, which are possible in 2D only; use an associated "
-                "flow rule"
-            )
-    if at_points and degree == 1:
+    if at_points and locks:
+        bricks = mesh.topology.cell_name() in ("quadrilateral", "hexahedron")
+        cure = "volumetric='mean' or degree=2" if bricks else "degree=2"
         warn_together(
             mesh.comm,
             "plastic flow keeps the volume, and cells of degree 1 lock: once a body flows, forces "
-            "are too large, in a necking bar by 80 %; use degree=2",
+            f"are too large, in a necking bar by 80 %; use {cure}",
         )
 
 

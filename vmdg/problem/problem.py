@@ -101,8 +101,8 @@ class Problem:
         plane: "strain"; "generalized strain", in which F_33 is one number for the whole body,
             without force along z, or with a load given by :class:`GeneralizedStrain`; or "stress"
             for thin sheets, in the bodies and in the tractions of their interfaces: F_33 is such
-            that P_33 vanishes. At finite strain materials need a ``free_stretch`` for that
-            (:class:`NeoHookean` and :class:`Orthotropic` have one).
+            that P_33 vanishes. At finite strain hyperelastic materials need a ``free_stretch`` for
+            that (:class:`NeoHookean` and :class:`Orthotropic` have one).
         density: Mass per reference volume by tag, for :func:`vmdg.solve_dynamics`; with N, mm and s
             in t/mm3. None for statics.
 
@@ -156,14 +156,8 @@ class Problem:
         self.mesh = mesh
         self.comm = mesh.comm
         check_rest(mesh, materials)
-        others = {
-            'plane="stress"': stress_only,
-            f"plane={GENERALIZED!r}": axial is not None,
-            'volumetric="mean"': volumetric == "mean",
-            "a periodic cell": repeats,
-            "an eigenstrain": eigenstrain is not None,
-        }
-        check_points(mesh, materials, self.interfaces, degree, kinematics, others)
+        locks = degree == 1 and volumetric == "pointwise" and not stress_only
+        check_points(mesh, materials, self.interfaces, kinematics, locks)
         self.materials = MappingProxyType(materials)
         tags = tags_of_cells(mesh, cell_tags)
         lattice = make_lattice(mesh, periodic.vectors) if repeats else None
