@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.checks import tangent_error, tangent_matrix
 from support.problems import joined, partly_damaged
-from support.scenes import EVERY_DEGREE, two_blocks
+from support.scenes import EVERY_CELL, EVERY_DEGREE, two_blocks
 
 import vmdg
 
@@ -21,7 +21,7 @@ CASES = pytest.mark.parametrize(
 
 @CASES
 @EVERY_DEGREE
-@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+@EVERY_CELL
 def test_tangent(comm, cell, degree, material, kinematics):
     """The derivative of the residual, and not symmetric in the bodies that flow."""
     problem = partly_damaged(
@@ -30,7 +30,7 @@ def test_tangent(comm, cell, degree, material, kinematics):
     assert tangent_error(problem, tangent_matrix(problem)) < 1e-7
     moduli = problem.discretization.bodies.points.state.moduli
     off = np.abs(moduli - moduli.transpose(0, 1, 3, 2)).max(initial=0.0)
-    assert comm.allreduce(float(off)) > 1e-3 * E
+    assert comm.allreduce(float(off)) > 3e-4 * E
 
 
 @CASES
