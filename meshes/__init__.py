@@ -6,6 +6,7 @@ API in ``with model(name) as gmsh_model`` on rank 0 and becomes such a mesh by :
 Files of gmsh, Neper, Abaqus, Salome, meshio and others are read by :func:`read_mesh`.
 """
 
+from .apart import apart
 from .beams import beams
 from .discs import core_and_ring
 from .fibre_cell import fibre_cell
@@ -24,6 +25,7 @@ from .walls import with_wall
 
 __all__ = [
     "TaggedMesh",
+    "apart",
     "beams",
     "blocks",
     "core_and_ring",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 
@@ -48,6 +50,17 @@ def test_patch_shear(comm, out):
     assert np.all(np.diff(history["slip"]) >= 0)
     assert (out / "patch_shear.png").stat().st_size > 10_000
     assert list(out.glob("**/*.bp"))
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="meshes that do not match run on one rank")
+def test_lap_joint(out):
+    """The glue between two meshes shears off at the force of the closed form."""
+    import lap_joint
+
+    history = lap_joint.main(element_size=2.0, steps=10, out=str(out))
+    assert history["force"].max() == pytest.approx(lap_joint.critical_force(), rel=2e-3)
+    assert 0.1 < history["off"][-1] < 0.6
+    assert (out / "lap_joint.png").stat().st_size > 10_000
 
 
 def test_load_cycle(comm, out):

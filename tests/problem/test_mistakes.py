@@ -272,7 +272,7 @@ def tie(**options) -> vmdg.Interface:
 WRONG_VALUES = {
     "nothing selected": (
         lambda s: tie(),
-        r"exactly one of facets=, between=\(tag, tag\), within=tag, level_set=phi; given: none",
+        r"exactly one of facets=, surfaces=.*, between=.*, within=tag, level_set=phi; given: none",
     ),
     "selected twice": (
         lambda s: tie(between=(1, 2), within=1),
@@ -718,7 +718,7 @@ def test_names_without_names(comm):
 
 
 def test_bodies_meshed_separately(comm):
-    """Two rectangles that only touch in space share no facet."""
+    """Two rectangles that only touch in space share no facet: one rank pairs their surfaces."""
     with model("apart") as gmsh_model:
         if comm.rank == 0:
             for tag in (1, 2):
@@ -728,8 +728,13 @@ def test_bodies_meshed_separately(comm):
                 gmsh_model.addPhysicalGroup(2, [tag], tag)
             gmsh_model.mesh.generate(2)
         mesh, cell_tags, _ = distribute(gmsh_model, comm, 2)
+    bodies = {1: STEEL, 2: STEEL}
+    if comm.size == 1:
+        problem = vmdg.Problem(mesh, cell_tags, bodies, [TIE])
+        assert problem.state[0].weights.sum() == pytest.approx(1.0, abs=1e-14)
+        return
     with pytest.raises(ValueError, match=r"meshed separately .* gmsh.model.occ.fragment"):
-        vmdg.Problem(mesh, cell_tags, {1: STEEL, 2: STEEL}, [TIE])
+        vmdg.Problem(mesh, cell_tags, bodies, [TIE])
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,13 @@ from ..domain.lattice import Lattice
 from ..domain.materials import Bodies
 from ..forms.geometry import GeneralizedPlane
 from ..forms.kinematics import Body
-from ..interface.active import ActiveInterface, recoverable_energy, update_points
+from ..interface.active import (
+    ActiveInterface,
+    pair_energy,
+    pair_forces,
+    recoverable_energy,
+    update_points,
+)
 from ..interface.facets import InterfaceFacets
 from ..interface.interface import Interface
 from ..interface.jets import FacetJets
@@ -54,7 +60,7 @@ class _Compiled(NamedTuple):
 
     Attributes:
         bulk: The bodies.
-        interfaces: Every active interface.
+        interfaces: Every active interface between meshes that match.
     """
 
     bulk: fem.Form
@@ -100,7 +106,7 @@ class Discretization:
         self.bodies = bodies
         self.degree = degree
         self.geometry = bodies.geometry
-        cut = np.concatenate([f.everywhere for f in facets] or [np.zeros(0, dtype=np.int32)])
+        cut = np.concatenate([f.cut for f in facets] or [np.zeros(0, dtype=np.int32)])
         broken = broken_space(mesh, degree, cut.astype(np.int32))
         self._axial = isinstance(self.geometry, GeneralizedPlane)
         unknown = lattice is not None or self._axial
@@ -177,7 +183,8 @@ class Discretization:
     @cached_property
     def _residual_forms(self) -> _Compiled:
         weak, eta = self.weak_form, ufl.TestFunction(self._test_space)
-        interfaces = [weak.interface_residual(eta, [active]) for active in self.active.values()]
+        matching = [one for one in self.active.values() if not one.facets.paired]
+        interfaces = [weak.interface_residual(eta, [active]) for active in matching]
         return _Compiled(
             weak.compile(weak.bulk_residual(eta), "bodies' residual"),
             [weak.compile(form, "interface's residual") for form in interfaces],
@@ -344,6 +351,10 @@ class Discretization:
             vector, axial = self._nodal_forces(forces.array), 0.0
             for form in (forms.bulk, *forms.interfaces):
                 fem.assemble_vector(vector, form)
+            for active in self.active.values():
+                if (at_nodes := pair_forces(active)) is not None:
+                    nodes = self._test_space.dofmap.list[active.facets.cells]
+                    add_forces(vector, nodes, at_nodes.shape[2], at_nodes)
             if self._axial:
                 axial = self._axial_force(self._axial_residual)
             self._add_nodal_forces(vector, axial, forces.array)
@@ -468,7 +479,7 @@ class Discretization:
         for i, form in enumerate(self._energy_forms):
             stored[i] = fem.assemble_scalar(form)
         stored[1] += float(self.geometry.thickness) * sum(
-            recoverable_energy(active) for active in self.active.values()
+            recoverable_energy(active) + pair_energy(active) for active in self.active.values()
         )
         stored[2] = self.surface.spring_energy()
         return stored

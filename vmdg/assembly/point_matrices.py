@@ -137,15 +137,13 @@ def add_uniform(
         flux: With dA, at its points (nq, jet).
     """
     quadrature, jets = active.quadrature, active.point_tangent.jets
-    points, d = quadrature.points_of_facet, quadrature.d
-    for rows in _batches(active):
-        B = jets.displacement(rows).matrix
-        forces = np.einsum("fpjn,fpj->fn", B, flux[points[rows]])
-        add_forces(vector, dofs[active.facets.cells[rows]], d, forces)
+    forces = jets.forces(flux[quadrature.points_of_facet])
+    add_forces(vector, dofs[active.facets.cells], quadrature.d, forces)
 
 
 def add_forces(vector: Array, nodes: NDArray[np.int32], d: int, forces: Array) -> None:
-    """Add forces (f, n) on the nodes of cells (f, ...) to a vector over local dofs."""
+    """Add forces (f, n) on the nodes of cells (f, ...), or (f, nodes, d), to a vector over local
+    dofs."""
     places = nodes[..., None] * d + np.arange(d)
     np.add.at(vector, places.reshape(forces.shape), forces)
 

@@ -103,7 +103,7 @@ class WeakForm:
     ) -> ufl.Form:
         """Sum over all interfaces, or over these, of ``integrand(terms, pair)``."""
         chosen = self.active if interfaces is None else interfaces
-        pairs = [(active.terms, pair) for active in chosen for pair in active.terms.pairs]
+        pairs = [(terms, pair) for terms in _of_facets(chosen) for pair in terms.pairs]
         dS = ufl.Measure(
             "dS",
             domain=self._mesh,
@@ -115,6 +115,11 @@ class WeakForm:
 
     def compile(self, form: ufl.Form, name: str = "form") -> fem.Form:
         """Compile a form with possible interface coefficients; collective."""
-        submeshes = [active.terms.submesh for active in self.active]
+        submeshes = [terms.submesh for terms in _of_facets(self.active)]
         options = VECTORIZED if self._mesh.topology.dim == 3 else JIT_OPTIONS
         return compile_form(form, submeshes, self._mesh.comm, options, name)
+
+
+def _of_facets(active: Sequence[ActiveInterface]) -> list[InterfaceTerms]:
+    """Integrands of the interfaces whose meshes match; the others are sums over points."""
+    return [one.terms for one in active if isinstance(one.terms, InterfaceTerms)]

@@ -1,4 +1,4 @@
-"""Connected components."""
+"""Connected components, and equal entries of arrays."""
 
 from __future__ import annotations
 
@@ -20,3 +20,11 @@ def components(
     ones = np.ones(len(first), dtype=np.int8)
     graph = coo_array((ones, (first, second)), shape=(count, count))
     return connected_components(graph, directed=False)[1]
+
+
+def occurrences(values: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Number of earlier occurrences of each entry."""
+    order = np.argsort(values, kind="stable")
+    result = np.empty(len(values), dtype=np.int64)
+    result[order] = np.arange(len(values)) - np.searchsorted(values[order], values[order])
+    return result

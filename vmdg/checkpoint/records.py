@@ -24,11 +24,12 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 
+from ..base.graph import occurrences
 from ..interface.active import ActiveInterface
 from ..interface.facets import InterfaceFacets
 from ..interface.history import HISTORY_ARRAYS, InterfaceSnapshot, PointHistory
 from ..interface.points import VALUE_ARRAYS, PointValues
-from ..interface.quadrature import FacetQuadrature
+from ..interface.quadrature import InterfaceQuadrature
 from ..interface.stabilization import Stabilization
 
 #: Tolerance for node positions, relative to the size of the mesh.
@@ -168,11 +169,20 @@ def restore_interface(active: ActiveInterface, records: NDArray) -> InterfaceSna
 
 
 def facet_keys(mesh: Mesh, facets: InterfaceFacets) -> NDArray[np.int64]:
-    """Keys of the facets (nf,), independent of the partition of the mesh."""
+    """Keys of the facets (nf,), independent of the partition of the mesh.
+
+    Where meshes do not match, of the segments: by facets of both sides, then by their order.
+    """
     mesh.topology.create_connectivity(mesh.topology.dim, mesh.topology.dim - 1)
     connectivity = mesh.topology.connectivity(mesh.topology.dim, mesh.topology.dim - 1)
     facets_of_cell = len(connectivity.links(0)) if connectivity.num_nodes else 1
-    return _input_numbers(mesh)[facets.cells[:, 0]] * facets_of_cell + facets.local[:, 0]
+    sides = _input_numbers(mesh)[facets.cells] * facets_of_cell + facets.local
+    if not facets.paired:
+        return sides[:, 0]
+    count = mesh.topology.index_map(mesh.topology.dim).size_global * facets_of_cell
+    pairs = sides[:, 0] * count + sides[:, 1]
+    # Both facets have at most four corners: their intersection has at most eight.
+    return 8 * pairs + occurrences(pairs)
 
 
 def _input_numbers(mesh: Mesh) -> NDArray[np.int64]:
@@ -199,7 +209,7 @@ def _at_points(active: ActiveInterface) -> dict[str, NDArray]:
     return arrays | {name: array for name, array in values.items() if array is not None}
 
 
-def _same_points(quadrature: FacetQuadrature, places: NDArray[np.float64]) -> NDArray[np.intp]:
+def _same_points(quadrature: InterfaceQuadrature, places: NDArray[np.float64]) -> NDArray[np.intp]:
     """Stored point (nf, points per facet) at the position of every point of the facets."""
     mine = quadrature.points[quadrature.points_of_facet]
     distance = np.linalg.norm(mine[:, :, None] - places[:, None], axis=3)

@@ -29,6 +29,15 @@ def determinants(A: Array) -> Array:
     return (A[..., 0, :] * np.cross(A[..., 1, :], A[..., 2, :])).sum(axis=-1)
 
 
+def reference_facets(mesh: Mesh) -> tuple[Array, Array]:
+    """A corner of every reference facet of a cell (facets, d), and the edges from there that span
+    it (facets, d - 1, d)."""
+    cell, d = mesh.basix_cell(), mesh.geometry.dim
+    corners, facets = basix.geometry(cell), basix.topology(cell)[d - 1]
+    origins = np.array([corners[nodes[0]] for nodes in facets])
+    return origins, np.array([corners[nodes[1:d]] - corners[nodes[0]] for nodes in facets])
+
+
 class GeometryMap:
     """The map X(xi) from the reference cell to the cells of a mesh, at some points.
 
@@ -63,6 +72,23 @@ class GeometryMap:
     def jacobians(self, nodes: Array) -> Array:
         """dX/dxi of the points (cells, points, d, t) [mm]."""
         return np.einsum("tqn,cni->cqit", self.slopes, nodes, optimize=True)
+
+
+def places_in_cells(mesh: Mesh, cells: NDArray[np.int32], places: Array) -> tuple[Array, Array]:
+    """X (n, points, d) [mm] and dX/dxi (n, points, d, t) at reference points of each cell.
+
+    Args:
+        mesh: The mesh.
+        cells: Local cells (n,).
+        places: Positions in the reference cell (n, points, t).
+    """
+    count, points, t = places.shape
+    geometry_map = GeometryMap(mesh, places.reshape(-1, t))
+    nodes = geometry_map.nodes(cells)
+    values = geometry_map.values.reshape(count, points, -1)
+    slopes = geometry_map.slopes.reshape(t, count, points, -1)
+    X = np.einsum("cqn,cni->cqi", values, nodes)
+    return X, np.einsum("tcqn,cni->cqit", slopes, nodes, optimize=True)
 
 
 class FacetShapes(NamedTuple):
@@ -125,10 +151,7 @@ class ShapeGradients:
         self._shape = basix.ufl.element("Lagrange", cell, degree)
         self.nodes_of_cell = self._shape.dim
         self._hoop = isinstance(geometry, Axisymmetric)
-        corners, facets = basix.geometry(cell), basix.topology(cell)[d - 1]
-        #: Edges that span every reference facet (local facets, d - 1, d).
-        self._edges = np.array([corners[nodes[1:d]] - corners[nodes[0]] for nodes in facets])
-        self._origins = np.array([corners[nodes[0]] for nodes in facets])
+        self._origins, self._edges = reference_facets(mesh)
 
     def _at(self, cells: NDArray[np.int32], points: Array) -> tuple[Array, Array, Array]:
         """GRAD of the shape functions (cells, points, nodes, d or d + 1), dX/dxi and X."""
@@ -141,6 +164,19 @@ class ShapeGradients:
             hoop = (shape / X[0][..., None])[..., None]
             gradients = np.concatenate([gradients, hoop], axis=3)
         return gradients, J, X
+
+    def in_places(self, cells: NDArray[np.int32], places: Array) -> tuple[Array, Array]:
+        """The shape functions (cells, points, nodes) and their GRAD at reference points of each
+        cell (cells, points, d)."""
+        X, J = places_in_cells(self._mesh, cells, places)
+        shape, *slopes = self._shape.tabulate(1, places.reshape(-1, places.shape[2]))
+        values = shape.reshape(*places.shape[:2], -1)
+        of_reference = np.array(slopes).reshape(len(slopes), *values.shape)
+        gradients = np.einsum("tcqn,cqti->cqni", of_reference, np.linalg.inv(J), optimize=True)
+        if self._hoop:
+            hoop = (values / X[..., :1])[..., None]
+            gradients = np.concatenate([gradients, hoop], axis=3)
+        return values, gradients
 
     def in_cells(self, cells: NDArray[np.int32]) -> tuple[Array, Array]:
         """GRAD of the shape functions and weights (cells, points) in cells."""

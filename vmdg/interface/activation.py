@@ -17,7 +17,7 @@ from ..domain.topology import mark_everywhere, refuse_facets
 from ..forms import kinematics
 from .facets import InterfaceFacets
 from .interface import Interface, InterfaceList
-from .quadrature import FacetQuadrature, SideEvaluators, side_evaluators
+from .quadrature import FacetQuadrature, SideEvaluators
 from .stabilization import Stabilizer
 
 #: Utilization above which a facet is opened before the next step; above which others open with it,
@@ -62,8 +62,7 @@ class PotentialFacets:
             stabilizer = Stabilizer(self.interface, self._quadrature, u, self._bodies)
             self._delta = stabilizer.derive().delta
         d = self._quadrature.d
-        self._tractions = side_evaluators(
-            self._quadrature,
+        self._tractions = self._quadrature.side_evaluators(
             u,
             self._bodies,
             (d,),

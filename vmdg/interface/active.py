@@ -8,10 +8,12 @@ from functools import cached_property
 
 import numpy as np
 from dolfinx import fem
+from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 
 from ..base.quadrature import facet_degree
 from ..domain.materials import Bodies
+from ..forms.geometry import Geometry
 from ..laws import Mode
 from ..laws.base import joined_laws, same_law, work_gradient
 from .facets import InterfaceFacets
@@ -19,12 +21,23 @@ from .fluid import Fluid
 from .frame import TurningTangent
 from .history import InterfaceSnapshot, PointHistory, with_rows, works
 from .interface import Interface
+from .pair_quadrature import PairQuadrature
+from .pairing import PairedFacets
+from .point_residual import PointResidual
 from .points import InterfaceState, PointValues, joined, rows_of
-from .quadrature import FacetQuadrature
+from .quadrature import FacetQuadrature, InterfaceQuadrature
 from .return_map import ReturnMap, Trial, apply, evaluate
 from .stabilization import Stabilization, Stabilizer
 from .tangent import PointTangent
 from .terms import InterfaceTerms
+
+
+def _quadrature(
+    mesh: Mesh, facets: InterfaceFacets, degree: int, geometry: Geometry
+) -> InterfaceQuadrature:
+    if isinstance(facets, PairedFacets):
+        return PairQuadrature(mesh, facets, degree, geometry)
+    return FacetQuadrature(mesh, facets, degree, geometry)
 
 
 class ActiveInterface:
@@ -43,7 +56,7 @@ class ActiveInterface:
         quadrature: Its quadrature points.
         turns: Whether the law works in a frame that rotates with the interface.
         stabilizer: Derives and scales tau_s.
-        terms: Its integrands.
+        terms: Its integrands, or where meshes do not match its terms of (27) at the points.
         stabilization: Stabilization in the forms; None before the first :meth:`apply`.
         floor: Largest r so far (nf,) [MPa/mm], a lower bound for the next step.
         history: Converged history of the points.
@@ -57,7 +70,7 @@ class ActiveInterface:
         space = u.function_space
         self.interface = interface
         self.facets = facets
-        self.quadrature = FacetQuadrature(
+        self.quadrature = _quadrature(
             space.mesh, facets, facet_degree(space.ufl_element().degree), bodies.geometry
         )
         self.law = facets.law.at(self.quadrature.facet)
@@ -65,7 +78,11 @@ class ActiveInterface:
         self.stabilizer = Stabilizer(interface, self.quadrature, u, bodies)
         self._return_map = ReturnMap(interface, self.quadrature, u, bodies)
         self.turns = self._return_map.turns
-        self.terms = InterfaceTerms(interface, self.quadrature, u, bodies, self.turns)
+        self.terms: InterfaceTerms | PointResidual
+        if isinstance(self.quadrature, FacetQuadrature):
+            self.terms = InterfaceTerms(interface, self.quadrature, u, bodies, self.turns)
+        else:
+            self.terms = PointResidual(self.quadrature, u, bodies)
         self.stabilization: Stabilization | None = None
         self.floor = np.zeros(len(facets.facets))
         damage = facets.damage[self.quadrature.facet] if self.law.inelastic else np.zeros(0)
@@ -79,15 +96,16 @@ class ActiveInterface:
 
     def take_fluid(self) -> None:
         """Add a fluid between the crack faces, at zero pressure; the forms must be rebuilt."""
+        assert isinstance(self.quadrature, FacetQuadrature)
         given = self.quadrature, self._u, self._bodies
         self.fluid = Fluid(*given)
         pressure = self.fluid.pressure
         self._return_map = ReturnMap(self.interface, *given, pressure)
-        self.terms = InterfaceTerms(self.interface, *given, self.turns, pressure)
+        self.terms = terms = InterfaceTerms(self.interface, *given, self.turns, pressure)
         self.__dict__.pop("point_tangent", None)
-        self.terms.set_gap(self.values)
+        terms.set_gap(self.values)
         if self.stabilization is not None:
-            self.terms.set_stabilization(self.stabilization)
+            terms.set_stabilization(self.stabilization)
 
     # At the current displacement
 
@@ -116,7 +134,7 @@ class ActiveInterface:
         q, values = self.quadrature, self.values
         s, jump = values.elastic_opening, values.jump
         weights = (after.weights - before.weights)[q.facet, 0]
-        if self.law.inelastic:
+        if self.law.inelastic or self.turns:
             penalty = (after.norm - before.norm)[q.facet, None] * s
         else:
             penalty = apply((after.tau - before.tau)[q.facet], s)
@@ -144,7 +162,12 @@ class ActiveInterface:
 
     def _set_stabilization(self, stabilization: Stabilization) -> None:
         self.stabilization, self.floor = stabilization, stabilization.norm
-        self.terms.set_stabilization(stabilization)
+        if isinstance(self.terms, InterfaceTerms):
+            self.terms.set_stabilization(stabilization)
+
+    def _set_gap(self) -> None:
+        if isinstance(self.terms, InterfaceTerms):
+            self.terms.set_gap(self.values)
 
     def trial(self) -> Trial:
         """Input of the return map of the step at the current displacement."""
@@ -170,7 +193,7 @@ class ActiveInterface:
     def take(self, values: PointValues) -> None:
         """Store the result of a return map at the points; sets zeta of the residual."""
         self.values = values
-        self.terms.set_gap(values)
+        self._set_gap()
 
     @cached_property
     def point_tangent(self) -> PointTangent:
@@ -179,7 +202,7 @@ class ActiveInterface:
             self.quadrature,
             self._u,
             self._bodies,
-            inelastic=self.law.inelastic,
+            scalar=self.law.inelastic or self.turns,
             jump=self.interface.traction_jump,
             fluid=None if self.fluid is None else self.fluid.pressure,
         )
@@ -260,7 +283,7 @@ class ActiveInterface:
         self.history, self.values = snapshot.history, snapshot.values
         if snapshot.gradient is not None:
             self._resumed = snapshot.gradient
-        self.terms.set_gap(self.values)
+        self._set_gap()
         self._set_stabilization(snapshot.stabilization)
         if self.fluid is not None and snapshot.share is not None:
             self.fluid.share = snapshot.share
@@ -268,7 +291,7 @@ class ActiveInterface:
     def continue_from(self, other: ActiveInterface) -> None:
         """Copy history, floor and fluid of the facets of ``other``; new facets have none."""
         theirs = other.quadrature.points_of_facet
-        position = np.searchsorted(self.facets.facets, other.facets.facets)
+        position = self.facets.rows_of(other.facets)
         mine = self.quadrature.points_of_facet[position]
         points, others = self.quadrature.points[mine], other.quadrature.points[theirs]
         apart = np.linalg.norm(points[:, :, None] - others[:, None], axis=3)
@@ -277,7 +300,7 @@ class ActiveInterface:
         self.floor = np.zeros(len(self.facets.facets))
         self.floor[position] = other.floor
         self.values = with_rows(self.values, mine, other.values, theirs)
-        self.terms.set_gap(self.values)
+        self._set_gap()
         if self.law.inelastic:
             self.history = with_rows(self.history, mine, other.history, theirs)
         if self.fluid is not None:
@@ -359,6 +382,24 @@ def damage_work(active: ActiveInterface, points: NDArray[np.bool_] | slice = sli
     return 0.0 if update is None else float(update.damage_work[points] @ weights[points])
 
 
+def pair_forces(active: ActiveInterface) -> NDArray[np.float64] | None:
+    """Forces on the nodes of both cells of every pair of facets (ns, 2 nodes, d) [N], the interface
+    terms of (27) where meshes do not match; None where they match."""
+    if isinstance(active.terms, InterfaceTerms):
+        return None
+    tangent, points = active.point_tangent, active.quadrature.points_of_facet
+    flux = active.terms(active.stabilization, active.values) * tangent.areas[:, None]
+    return tangent.jets.forces(flux[points])
+
+
+def pair_energy(active: ActiveInterface) -> float:
+    """Energy (30) at this rank's points where meshes do not match [N mm; N in plane strain]; zero
+    where they match."""
+    if isinstance(active.terms, InterfaceTerms):
+        return 0.0
+    return active.terms.energy(active.stabilization, active.values)
+
+
 def recoverable_energy(active: ActiveInterface) -> float:
     """Recoverable work in the gap at this rank's points [N mm]."""
     if not active.law.inelastic:
@@ -367,12 +408,17 @@ def recoverable_energy(active: ActiveInterface) -> float:
     return float(q.weights @ active.law.stored_energy(history.gap, q.normal, history.softening))
 
 
+def _starts_apart(active: ActiveInterface) -> bool:
+    return active.quadrature.initial_gap is not None
+
+
 def _with_equal_laws(interfaces: Sequence[ActiveInterface]) -> list[list[ActiveInterface]]:
     groups: list[list[ActiveInterface]] = []
     for active in interfaces:
         for group in groups:
             one = group[0]
-            if same_law(one.interface.law, active.interface.law) and one.turns == active.turns:
+            alike = one.turns == active.turns and _starts_apart(one) == _starts_apart(active)
+            if alike and same_law(one.interface.law, active.interface.law):
                 group.append(active)
                 break
         else:

@@ -24,6 +24,15 @@ cell divides its energy among its facets in proportion to what each would need a
 the largest eigenvalue of facet f alone and m that of sum_f 1/lambda_f int_f h.T_f.h, (*) holds for
 m lambda_f.
 
+Where meshes do not match, a facet has several partners, of other tau and delta. Its share of the
+energy of the cell is then that of sum_f 1/c_f int_f h.h <= E_K(u), c_f in MPa/mm, which knows the
+cell alone, and
+
+    int 2 g.delta_a.h_a + c_a |delta_a^T.g|^2 >= -1/c_a int h_a.h_a,
+
+so that tau = (c_1 delta_1.delta_1^T + c_2 delta_2.delta_2^T) / (1 - alpha) suffices for every
+pair: r = (c_1 delta_1^2 + c_2 delta_2^2) / (1 - alpha) for scalars.
+
 alpha decides how near the solution is to that of continuous elements. The flux of the best
 approximation in the cells misses that of the solution by f, of order h^k, whatever the shape of the
 interface, and the form answers by opening. With r_c the r of alpha = 0, a gap g to which the cells
@@ -362,6 +371,21 @@ def _square_root(
         return vectors * np.sqrt(np.abs(values) + regular)[..., None, :], pressed
 
 
+def _of_pairs(
+    tau: NDArray[np.float64], delta: NDArray[np.float64], c: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Smallest factors s with s tau >= sum_a c_a delta_a.delta_a^T (n,).
+
+    Args:
+        tau: Penalties (n, d, d) [MPa/mm].
+        delta: Flux weights (n, 2, d, d).
+        c: c_a of both facets (n, 2) [MPa/mm].
+    """
+    least = np.einsum("fa,faik,fajk->fij", c, delta, delta)
+    # Of tau^-1.least, whose eigenvalues are those of a symmetric matrix.
+    return np.linalg.eigvals(np.linalg.solve(tau, least)).real.max(axis=1)
+
+
 class Coercivity:
     """Factors on the penalties of all interfaces of a problem that keep the bonded form coercive.
 
@@ -381,6 +405,7 @@ class Coercivity:
         cell = basix.CellType[mesh.topology.cell_name()]
         self._facets_of_cell = len(basix.topology(cell)[self._d - 1])
         self._slots = [f.cells * self._facets_of_cell + f.local for f in interfaces]
+        self._paired = [f.paired for f in interfaces]
         # Cells of a rigid wall have no energy; tau is chosen for the deformable side.
         soft = ~bodies.rigid
         marks = self._to_owners([1.0 * soft[f.cells][:, :, None] for f in interfaces])
@@ -417,16 +442,23 @@ class Coercivity:
         d = self._d
         shares = [np.trace(delta, axis1=2, axis2=3) / d for delta in deltas]
         weights = [
-            np.einsum("faki,fakj->faij", delta, np.linalg.solve(tau[:, None], delta))
+            np.tile(np.eye(d), (*share.shape, 1, 1))
+            if paired
+            else np.einsum("faki,fakj->faij", delta, np.linalg.solve(tau[:, None], delta))
             / np.where(share == 0.0, 1.0, share)[:, :, None, None]
-            for tau, delta, share in zip(penalties, deltas, shares, strict=True)
+            for paired, tau, delta, share in zip(
+                self._paired, penalties, deltas, shares, strict=True
+            )
         ]
         T = self._to_owners([value.reshape(-1, 2, d * d) for value in weights])
         T = T[self._solved].reshape(-1, d, d)
         vector = la.vector(self._cell_map, self._facets_of_cell)
         vector.array[self._solved] = self._free * self._problems(T)
         vector.scatter_forward()
+        found = zip(self._paired, self._slots, penalties, deltas, shares, strict=True)
         return [
-            (share * vector.array[slots]).sum(axis=1)
-            for slots, share in zip(self._slots, shares, strict=True)
+            _of_pairs(tau, delta, vector.array[slots])
+            if paired
+            else (share * vector.array[slots]).sum(axis=1)
+            for paired, slots, tau, delta, share in found
         ]

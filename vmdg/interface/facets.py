@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -56,19 +56,38 @@ class InterfaceFacets:
     label: str
     walled: bool = False
 
+    @property
+    def cut(self) -> NDArray[np.int32]:
+        """Facets across which the space may jump, ghosts included."""
+        return self.everywhere
+
+    @property
+    def distinct(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Rows of distinct facets, ascending (n,), and for every row its number among these."""
+        rows = np.arange(len(self.facets))
+        return rows, rows
+
+    def rows_of(self, other: InterfaceFacets) -> NDArray[np.intp]:
+        """Rows here of the facets of ``other``, a part of these."""
+        return np.searchsorted(self.facets, other.facets)
+
+    @property
+    def paired(self) -> bool:
+        """Whether segments of facets of two surfaces take the place of facets."""
+        return False
+
     def among(self, mark: NDArray[np.bool_]) -> InterfaceFacets:
         """The marked facets, with ``mark`` over all local facets of the mesh."""
         keep = mark[self.facets]
-        return InterfaceFacets(
-            self.facets[keep],
-            self.cells[keep],
-            self.local[keep],
-            self.tags[keep],
-            self.everywhere[mark[self.everywhere]],
-            self.damage[keep],
-            self.law.at(keep),
-            self.label,
-            self.walled,
+        return replace(
+            self,
+            facets=self.facets[keep],
+            cells=self.cells[keep],
+            local=self.local[keep],
+            tags=self.tags[keep],
+            everywhere=self.everywhere[mark[self.everywhere]],
+            damage=self.damage[keep],
+            law=self.law.at(keep),
         )
 
     def rows(self, select: NDArray[np.bool_]) -> NDArray[np.int32]:
@@ -167,11 +186,30 @@ def find_facets(
     cells = pairs[facets]
     cells = np.where(_reversed(mesh, cell_tags, cells, inside)[:, None], cells[:, ::-1], cells)
     local = np.column_stack([local_facets(mesh, cells[:, a], facets) for a in range(2)])
+    tags = cell_tags[cells]
+    given = facet_properties(mesh, interface, facets, cells, tags, walls, label)
+    return InterfaceFacets(facets, cells, local, tags, everywhere, *given)
+
+
+def facet_properties(
+    mesh: Mesh,
+    interface: Interface,
+    facets: NDArray[np.int32],
+    cells: NDArray[np.int32],
+    tags: NDArray[np.int32],
+    walls: Collection[int],
+    label: str,
+) -> tuple[NDArray[np.float64], Law, str, bool]:
+    """Initial damage, law, label, and whether one side is a rigid wall, as in
+    :class:`InterfaceFacets`; collective.
+
+    Raises:
+        ValueError: some facets lie on a rigid wall and others do not, or the initial damage or a
+            parameter of the law is missing or out of range on a facet.
+    """
     damage = _initial_damage(mesh, interface, facets, cells, label)
     law = _law_on(mesh, interface, facets, cells, label)
-    tags = cell_tags[cells]
-    walled = _on_walls(mesh, tags, walls, label)
-    return InterfaceFacets(facets, cells, local, tags, everywhere, damage, law, label, walled)
+    return damage, law, label, _on_walls(mesh, tags, walls, label)
 
 
 def _on_walls(mesh: Mesh, tags: NDArray[np.int32], walls: Collection[int], label: str) -> bool:
@@ -246,8 +284,8 @@ def _why_empty(interface: Interface) -> str:
     if callable(interface.between):
         return "the function is true for no two adjacent groups"
     return (
-        "the tags are not adjacent, or their bodies are meshed separately (make the mesh "
-        "conforming, for example by gmsh.model.occ.fragment)"
+        "the tags are not adjacent; bodies that were meshed separately run on one rank, or make "
+        "the mesh conforming, for example by gmsh.model.occ.fragment"
     )
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ..domain.materials import Bodies
 from ..forms import kinematics
 from .points import PointValues
-from .quadrature import FacetQuadrature, side_evaluators
+from .quadrature import InterfaceQuadrature
 from .return_map import apply
 from .stabilization import Stabilization
 
@@ -27,14 +27,13 @@ class Fluid:
         share: Fraction of the pressure that acts at the points (nq,); never modified in place.
     """
 
-    def __init__(self, quadrature: FacetQuadrature, u: fem.Function, bodies: Bodies):
+    def __init__(self, quadrature: InterfaceQuadrature, u: fem.Function, bodies: Bodies):
         self.pressure = fem.Function(quadrature.space(()), name="fluid")
         self.share = np.ones(len(quadrature.weights))
         self._quadrature = quadrature
         self._area = None
         if not bodies.small:
-            self._area = side_evaluators(
-                quadrature,
+            self._area = quadrature.side_evaluators(
                 u,
                 bodies,
                 (quadrature.d,),

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..base.kernels import call, compile_source
 from ..domain.materials import Bodies
 from .interface import Interface
+from .quadrature import InterfaceQuadrature
 
 Array = NDArray[np.float64]
 
@@ -36,11 +37,12 @@ _EPSILON[[0, 1, 2], [1, 2, 0], [2, 0, 1]] = 1
 _EPSILON[[0, 2, 1], [2, 1, 0], [1, 0, 2]] = -1
 
 
-def turns(interface: Interface, bodies: Bodies, walled: bool) -> bool:
-    """Whether the law of an interface works in a rotating frame: not for ties, at small strain, nor
-    where one side is a rigid wall, ``walled``."""
-    fixed = bodies.small or walled
-    return interface.law.inelastic and interface.frame == "corotating" and not fixed
+def turns(interface: Interface, bodies: Bodies, quadrature: InterfaceQuadrature) -> bool:
+    """Whether the law of an interface works in a rotating frame: not at small strain, nor where one
+    side is a rigid wall, nor for ties without an initial gap, which turns with the bodies."""
+    fixed = bodies.small or quadrature.facets.walled
+    anything = interface.law.inelastic or quadrature.initial_gap is not None
+    return anything and interface.frame == "corotating" and not fixed
 
 
 class Frame:

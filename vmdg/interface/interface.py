@@ -57,17 +57,22 @@ class StabilizationContext:
 class Interface:
     """A set of interior facets across which the displacement may jump, with its law.
 
-    Give exactly one of ``facets``, ``between``, ``within`` and ``level_set``. A group of cells is
-    given by its tag, or by its name where the problem has :class:`vmdg.NamedTags`. An interface is
-    immutable.
+    Give exactly one of ``facets``, ``surfaces``, ``between``, ``within`` and ``level_set``. A group
+    of cells is given by its tag, or by its name where the problem has :class:`vmdg.NamedTags`. An
+    interface is immutable.
 
     Args:
         facets: Local facet indices, for example ``facet_tags.find("crack")``, where each of several
             ranks gives those it knows; or a predicate on coordinates (3, n), true at all vertices
             of an interior facet.
-        between: The facets that separate cells of these two groups; with "all" those between any
-            two groups, such as all grain boundaries; or those for which a function of the tags a <
-            b, (n,) and (n,), is true, such as classes of grain boundaries, see
+        surfaces: Facets of the surfaces of two bodies that share no nodes and whose meshes need not
+            match, side 1 first, as ``facet_tags.find`` gives them. Parts of them that lie opposite
+            each other are paired once, in the reference configuration, where the bodies count as
+            touching: sliding stays small, and initial gaps are those of the mesh.
+        between: The facets that separate cells of these two groups, or, where the groups share no
+            nodes, the parts of their surfaces that lie opposite each other; with "all" those
+            between any two groups, such as all grain boundaries; or those for which a function of
+            the tags a < b, (n,) and (n,), is true, such as classes of grain boundaries, see
             :func:`vmdg.misorientation`.
         within: All interior facets of this group (cracks through a region).
         level_set: The facets between cells where phi(x), x (3, n) [mm], is negative at the midpoint
@@ -105,6 +110,7 @@ class Interface:
         self,
         facets: ArrayLike | Locator | None = None,
         *,
+        surfaces: tuple[ArrayLike, ArrayLike] | None = None,
         between: tuple[Group, Group] | str | PairRule | None = None,
         within: Group | None = None,
         level_set: LevelSet | None = None,
@@ -119,12 +125,19 @@ class Interface:
         initial_damage: float | ArrayLike | LevelSet | None = None,
         name: str | None = None,
     ):
-        places = {"facets": facets, "between": between, "within": within, "level_set": level_set}
+        places = {
+            "facets": facets,
+            "surfaces": surfaces,
+            "between": between,
+            "within": within,
+            "level_set": level_set,
+        }
         given = [name for name, value in places.items() if value is not None]
         if len(given) != 1:
             raise ValueError(
-                "Interface needs exactly one of facets=, between=(tag, tag), within=tag, "
-                f"level_set=phi; given: {', '.join(given) or 'none'}"
+                "Interface needs exactly one of facets=, surfaces=(facets, facets), "
+                "between=(tag, tag), within=tag, level_set=phi; given: "
+                f"{', '.join(given) or 'none'}"
             )
         if isinstance(law, type) and issubclass(law, Law):
             raise TypeError(
@@ -181,6 +194,7 @@ class Interface:
                 _check_one_a_facet(value, facets, f"{parameter} of the law")
         indices = facets is not None and not callable(facets)
         self.facets = _local_indices(facets) if indices else facets
+        self.surfaces = None if surfaces is None else _two_surfaces(surfaces)
         self.between = between
         self.within = within
         self.level_set = level_set
@@ -209,6 +223,9 @@ class Interface:
         """Description of its location."""
         if callable(self.between):
             return "between=<function>"
+        if self.surfaces is not None:
+            one, two = map(len, self.surfaces)
+            return f"surfaces=(<{one}>, <{two}>)"
         if self.between is not None:
             return f"between={self.between!r}"
         if self.within is not None:
@@ -220,6 +237,8 @@ class Interface:
     @property
     def _first_side(self) -> str:
         """Which of two groups is side 1, as text; empty where it depends on the facet."""
+        if self.surfaces is not None:
+            return " <side 1: the first>"
         if not isinstance(self.between, Sequence) or self.between == ALL:
             return ""
         if all(isinstance(group, int | np.integer) for group in self.between):
@@ -235,7 +254,22 @@ class Interface:
         return f"Interface({self.place}{self._first_side}, law={self.law}{name})"
 
 
-def _local_indices(given: ArrayLike) -> NDArray[np.int32]:
+def _two_surfaces(given: Any) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Facets of two surfaces given by a user.
+
+    Raises:
+        TypeError: they are not two arrays of facets.
+    """
+    if not isinstance(given, Sequence) or isinstance(given, str) or len(given) != 2:
+        raise TypeError(
+            f"Interface: surfaces = {given!r} must be two arrays of local facets, for example "
+            "(facet_tags.find(3), facet_tags.find(4))"
+        )
+    one, two = (_local_indices(facets, "surfaces") for facets in given)
+    return one, two
+
+
+def _local_indices(given: ArrayLike, what: str = "facets") -> NDArray[np.int32]:
     """Facets given by a user.
 
     Raises:
@@ -244,7 +278,7 @@ def _local_indices(given: ArrayLike) -> NDArray[np.int32]:
     facets = np.asarray(given)
     if facets.ndim != 1 or (facets.size and facets.dtype.kind not in "iu"):
         raise TypeError(
-            f"Interface: facets = {given!r} must be an array of local facets, as "
+            f"Interface: {what} = {given!r} must be an array of local facets, as "
             "facet_tags.find(group) gives them (np.flatnonzero(mask) of a mask), or a predicate "
             "on coordinates"
         )

@@ -17,9 +17,8 @@ import numpy as np
 from dolfinx import fem
 from numpy.typing import NDArray
 
-from ..domain.shapes import ShapeGradients
 from ..forms.geometry import Axisymmetric
-from .quadrature import FacetQuadrature
+from .quadrature import InterfaceQuadrature
 
 Array = NDArray[np.float64]
 
@@ -52,7 +51,7 @@ class FacetJets:
         gradients: Their gradients (nf, points, 2 sides, nodes, d or d + 1), N/r last.
     """
 
-    def __init__(self, quadrature: FacetQuadrature, space: fem.FunctionSpace):
+    def __init__(self, quadrature: InterfaceQuadrature, space: fem.FunctionSpace):
         geometry, self._d = quadrature.geometry, quadrature.d
         self._dofs, self._facets = space.dofmap.list, quadrature.facets
         self.index_map = space.dofmap.index_map
@@ -60,13 +59,8 @@ class FacetJets:
         self.entries = geometry.entries(self._d)
         self.size = self._d + 2 * len(self.entries)
         self._hoop = isinstance(geometry, Axisymmetric)
-        shapes = ShapeGradients(quadrature.mesh, geometry, space.ufl_element().degree)
-        points = quadrature.points[quadrature.points_of_facet][..., : self._d]
-        sides = []
-        for cells, local in zip(self._facets.cells.T, self._facets.local.T, strict=True):
-            sides.append(shapes.on_facets(cells, local).at(points))
-        self.values = np.stack([side.values for side in sides], axis=2)
-        self.gradients = np.stack([side.gradients for side in sides], axis=2)
+        values, gradients = zip(*quadrature.shapes(space.ufl_element().degree), strict=True)
+        self.values, self.gradients = np.stack(values, axis=2), np.stack(gradients, axis=2)
 
     def of_gradient(self, gradient: Array) -> Array:
         """The uniform jet of E.X: no opening, and E (n, n) on both sides."""
@@ -111,6 +105,36 @@ class FacetJets:
         if self._hoop:
             B[..., d * d, :, 0] = gradients[..., d]
         return B
+
+    def of_field(self, values: Array) -> tuple[Array, Array]:
+        """A displacement on both sides (nf, points, 2, d) [mm], and its entries of GRAD (nf,
+        points, 2, entries), at all facets, from its values at the nodes (nodes, d)."""
+        d, at_nodes = self._d, values[self._dofs[self._facets.cells]]
+        u = np.einsum("fpan,fani->fpai", self.values, at_nodes, optimize=True)
+        G = np.einsum("fani,fpanj->fpaij", at_nodes, self.gradients[..., :d], optimize=True)
+        G = G.reshape(*G.shape[:3], d * d)
+        if self._hoop:
+            around = np.einsum("fan,fpan->fpa", at_nodes[..., 0], self.gradients[..., d])
+            G = np.concatenate([G, around[..., None]], axis=3)
+        return u, G
+
+    def forces(self, flux: Array) -> Array:
+        """Sums of B^T.flux over the points of all facets, forces on the nodes of their cells (nf,
+        2 nodes, d).
+
+        Args:
+            flux: Conjugate to jets (nf, points, jet).
+        """
+        d, count = self._d, len(self.entries)
+        opening = flux[:, :, None, :d] * np.array([[-1.0], [1.0]])
+        forces = np.einsum("fpan,fpai->fani", self.values, opening, optimize=True)
+        G = flux[:, :, d:].reshape(*flux.shape[:2], 2, count)
+        section = G[..., : d * d].reshape(*G.shape[:3], d, d)
+        slopes = self.gradients[..., :d]
+        forces += np.einsum("fpanj,fpaij->fani", slopes, section, optimize=True)
+        if self._hoop:
+            forces[..., 0] += np.einsum("fpan,fpa->fan", self.gradients[..., d], G[..., d * d])
+        return forces.reshape(len(forces), -1, d)
 
     def dilatation(self, rows: slice) -> Block:
         """B of the dilatation, one number per cell, the last entry of GRAD."""

@@ -19,11 +19,12 @@ class InterfaceState:
     The gap is zeta, the inelastic part of the opening g; in contact mechanics the gap is g.
 
     Attributes:
-        points: Reference positions (nq, 3) [mm].
+        points: Reference positions, those of side 1 where meshes do not match (nq, 3) [mm].
         weights: Reference area of the points (nq,) [mm2; mm in plane strain], of the full circle in
             axisymmetry.
         normal: Reference normal N outward from side 1 (nq, d).
-        opening: g = phi_2 - phi_1, positive along N (nq, d) [mm].
+        opening: g = phi_2 - phi_1, positive along N (nq, d) [mm]; less the initial gap where meshes
+            do not match.
         gap: Inelastic gap zeta (nq, d) [mm].
         softening: Q (nq,) [MPa].
         traction: T = {P.N} + tau_s.(g - zeta) (nq, d) [MPa]; with a fluid the effective traction on

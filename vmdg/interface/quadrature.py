@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 from mpi4py import MPI
 
@@ -20,7 +21,8 @@ from ufl.core.expr import Expr
 from .. import compat
 from ..base.kernels import compile_form
 from ..domain.materials import Bodies
-from ..domain.shapes import GeometryMap, determinants
+from ..domain.shapes import GeometryMap, ShapeGradients, determinants
+from ..forms import kinematics
 from ..forms.geometry import CARTESIAN, Geometry
 from ..forms.kinematics import Body
 from .facets import InterfaceFacets
@@ -28,21 +30,119 @@ from .facets import InterfaceFacets
 #: Returns values at the facet points of one side (number of points, number of components).
 Evaluator = Callable[[], NDArray[np.float64]]
 
+#: Of side 1 and side 2.
+SideEvaluators = tuple[Evaluator, Evaluator]
 
-class FacetQuadrature:
-    """The facet submesh of an interface and its quadrature points.
+#: expression(body, F, N, side).
+SideExpression = Callable[[Body, Expr, Expr, int], Expr]
 
-    Points are numbered like the dofs of the quadrature space; all arrays have one row per point on
-    the facets this rank owns, so history needs no communication.
+
+class InterfaceQuadrature:
+    """The points of an interface; all arrays have one row per point.
 
     Attributes:
-        points: Reference positions (nq, 3) [mm].
+        mesh: The mesh.
+        facets: Facets of the interface, or the segments that take their place.
+        d: Dimension.
+        geometry: Gradient and measure.
+        points: Reference positions, of side 1 (nq, 3) [mm].
         weights: Reference area of the points (nq,) [mm2; mm in plane strain]; of the full circle, 2
             pi r ds, in axisymmetry.
         normal: Reference normal outward from side 1 (nq, d).
         facet: Index of the point's facet in ``facets.facets`` (nq,).
+        points_of_facet: Points of every facet (nf, points per facet).
         area: Sum of the weights of every facet (nf,).
         extent: Length of the facets, in 3D the square root of their area (nf,) [mm].
+        initial_gap: Position on side 2 minus that on side 1 (nq, d) [mm]; None where they coincide.
+    """
+
+    mesh: Mesh
+    facets: InterfaceFacets
+    d: int
+    geometry: Geometry
+    points: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    facet: NDArray[np.int32]
+    points_of_facet: NDArray[np.int32]
+    area: NDArray[np.float64]
+    extent: NDArray[np.float64]
+    initial_gap: NDArray[np.float64] | None = None
+
+    @cached_property
+    def by_facet(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """Points of all segments of every distinct facet (n, most points of one), and their
+        weights, zero where a facet has fewer."""
+        rows, where = self.facets.distinct
+        facet = where[self.facet]
+        order = np.argsort(facet, kind="stable").astype(np.int32)
+        counts = np.bincount(facet, minlength=len(rows))
+        slots = np.arange(counts.max(initial=0))
+        exists = slots < counts[:, None]
+        points = np.zeros(exists.shape, dtype=np.int32)
+        points[exists] = order
+        return points, np.where(exists, self.weights[points], 0.0)
+
+    def facet_means(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Means over the distinct facets, (n, ...) of values at the points (nq, ...), weighted by
+        area."""
+        points, weights = self.by_facet
+        integral = np.einsum("fp,fp...->f...", weights, values[points])
+        return (integral.T / weights.sum(axis=1)).T
+
+    def space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
+        """Space of values of the given shape at every point, (44)-(45); its dofs are numbered like
+        the points."""
+        raise NotImplementedError
+
+    def shapes(self, degree: int) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        """On both sides the shape functions (nf, points, nodes) and their gradients (nf, points,
+        nodes, d or d + 1), N/r last."""
+        raise NotImplementedError
+
+    def side_evaluators(
+        self,
+        u: fem.Function,
+        bodies: Bodies,
+        shape: tuple[int, ...],
+        expression: SideExpression,
+        name: str,
+        fluid: fem.Function | None = None,
+    ) -> SideEvaluators:
+        """Evaluators of ``expression(body, F, N, side)`` on both sides.
+
+        N is the outward normal of each side; where the areas of the sides differ, that of side 2 is
+        its area per area of side 1.
+
+        Args:
+            u: Displacement, changed by the solver.
+            bodies: Materials.
+            shape: Shape of the expression.
+            expression: Of the body, F, N and the side, 0 or 1.
+            name: Its purpose.
+            fluid: Fluid pressure at the points; None for none.
+        """
+        raise NotImplementedError
+
+    def flux_evaluators(
+        self, u: fem.Function, bodies: Bodies, turns: bool, fluid: fem.Function | None
+    ) -> SideEvaluators:
+        """Evaluators of P.N, u and, where the frame of the law turns, of GRAD u in the section."""
+        raise NotImplementedError
+
+    def bubble_factors(self) -> NDArray[np.float64]:
+        """(int_gamma b_s dA)^2 / meas(gamma) of (21) on the facets of both sides (2, nf).
+
+        [mm2; mm in plane strain].
+        """
+        raise NotImplementedError
+
+
+class FacetQuadrature(InterfaceQuadrature):
+    """The facet submesh of an interface and its quadrature points.
+
+    Points are numbered like the dofs of the quadrature space; all arrays have one row per point on
+    the facets this rank owns, so history needs no communication.
     """
 
     def __init__(
@@ -101,12 +201,6 @@ class FacetQuadrature:
         size = dofmap.index_map_bs  # not -1: a rank may have no facet
         function.x.array.reshape(-1, size)[dofs] = values.reshape(-1, size)
 
-    def facet_means(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Means over the facets, (nf, ...) of values at the points (nq, ...), weighted by area."""
-        points = self.points_of_facet
-        integral = np.einsum("fp,fp...->f...", self.weights[points], values[points])
-        return (integral.T / self.area).T
-
     def evaluator(
         self,
         shape: tuple[int, ...],
@@ -151,43 +245,64 @@ class FacetQuadrature:
 
         return evaluate
 
+    def shapes(self, degree: int) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        """See the base class."""
+        facets, shapes = self.facets, ShapeGradients(self.mesh, self.geometry, degree)
+        places = self.points[self.points_of_facet][..., : self.d]
+        sides = zip(facets.cells.T, facets.local.T, strict=True)
+        found = [shapes.on_facets(*side).at(places) for side in sides]
+        return [(side.values, side.gradients) for side in found]
 
-SideEvaluators = tuple[Evaluator, Evaluator]
+    def side_evaluators(
+        self,
+        u: fem.Function,
+        bodies: Bodies,
+        shape: tuple[int, ...],
+        expression: SideExpression,
+        name: str,
+        fluid: fem.Function | None = None,
+    ) -> SideEvaluators:
+        """See the base class."""
+        N = ufl.FacetNormal(self.mesh)
+        pairs = region_pairs(self.facets, bodies, self.mesh.comm)
+
+        def one_side(a: int) -> Evaluator:
+            parts = []
+            for number in np.unique(pairs[:, a]):
+                F = ufl.variable(self.geometry.deformation(u))
+                select = bodies.region[self.facets.cells[:, a]] == number
+                body = replace(bodies.regions[number].body, fluid=fluid)
+                parts.append((a, select, expression(body, F, N, a)))
+            return self.evaluator(shape, parts, name=name)
+
+        return one_side(0), one_side(1)
+
+    def flux_evaluators(
+        self, u: fem.Function, bodies: Bodies, turns: bool, fluid: fem.Function | None
+    ) -> SideEvaluators:
+        """See the base class."""
+        d = self.d
+        size = 2 * d + d * d if turns else 2 * d
+
+        def flux(body: Body, F: Expr, N: Expr, a: int) -> Expr:
+            values = [*kinematics.traction(body, F, N), *u]
+            if turns:
+                gradient = self.geometry.section_gradient(u)
+                values += [gradient[i, j] for i in range(d) for j in range(d)]
+            return ufl.as_vector(values)
+
+        return self.side_evaluators(u, bodies, (size,), flux, "flux", fluid=fluid)
+
+    def bubble_factors(self) -> NDArray[np.float64]:
+        """See the base class."""
+        factor = bubble_integrals(self) ** 2 / self.area
+        return np.stack([factor, factor])
 
 
 def region_pairs(facets: InterfaceFacets, bodies: Bodies, comm: MPI.Comm) -> NDArray[np.int32]:
     """Pairs of material regions on the two sides of a facet on any rank, (number of pairs, 2)."""
     pairs = comm.allgather(np.unique(bodies.region[facets.cells], axis=0))
     return np.unique(np.concatenate(pairs), axis=0)
-
-
-def side_evaluators(
-    quadrature: FacetQuadrature,
-    u: fem.Function,
-    bodies: Bodies,
-    shape: tuple[int, ...],
-    expression: Callable[[Body, Expr, Expr, int], Expr],
-    name: str,
-    fluid: fem.Function | None = None,
-) -> SideEvaluators:
-    """Evaluators of ``expression(body, F, N, side)`` on both sides, N outward from each.
-
-    ``fluid`` is the fluid pressure at the points; None for none.
-    """
-    mesh, facets = quadrature.mesh, quadrature.facets
-    N = ufl.FacetNormal(mesh)
-    pairs = region_pairs(facets, bodies, mesh.comm)
-
-    def one_side(a: int) -> Evaluator:
-        parts = []
-        for number in np.unique(pairs[:, a]):
-            F = ufl.variable(quadrature.geometry.deformation(u))
-            select = bodies.region[facets.cells[:, a]] == number
-            body = replace(bodies.regions[number].body, fluid=fluid)
-            parts.append((a, select, expression(body, F, N, a)))
-        return quadrature.evaluator(shape, parts, name=name)
-
-    return one_side(0), one_side(1)
 
 
 def bubble_integrals(quadrature: FacetQuadrature) -> NDArray[np.float64]:
@@ -199,13 +314,17 @@ def bubble_integrals(quadrature: FacetQuadrature) -> NDArray[np.float64]:
     sub = quadrature.submesh.mesh
     cell = sub.basix_cell()
     points, weights = basix.make_quadrature(cell, 3 + 2 * compat.coordinate_element(sub).degree)
-    if cell == basix.CellType.triangle:
-        bubble = 27 * points[:, 0] * points[:, 1] * (1 - points.sum(axis=1))
-    else:
-        bubble = np.prod(4 * points * (1 - points), axis=1)
+    bubble = bubble_values(cell, points)
     geometry_map = GeometryMap(sub, points)
     nodes = geometry_map.nodes(quadrature.cell_of_facet)
     tangents = np.einsum("tqn,fnd->fqdt", geometry_map.slopes, nodes)
     metric = np.einsum("fqds,fqdt->fqst", tangents, tangents)
     around = quadrature.geometry.circumference(geometry_map.positions(nodes))
     return (np.sqrt(determinants(metric)) * around) @ (weights * bubble)
+
+
+def bubble_values(cell: basix.CellType, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """b_s at reference points (n, d - 1) of a facet (n,)."""
+    if cell == basix.CellType.triangle:
+        return 27 * points[:, 0] * points[:, 1] * (1 - points.sum(axis=1))
+    return np.prod(4 * points * (1 - points), axis=1)

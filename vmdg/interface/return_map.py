@@ -6,20 +6,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
-from ufl.core.expr import Expr
 
 from ..domain.materials import Bodies
-from ..forms import kinematics
-from ..forms.kinematics import Body
 from ..laws import Law, Update
 from .frame import Frame, TurningTangent, cross_matrix, turns
 from .history import PointHistory
 from .interface import Interface
 from .points import PointValues
-from .quadrature import FacetQuadrature, side_evaluators
+from .quadrature import InterfaceQuadrature
 from .stabilization import Stabilization
 
 Array = NDArray[np.float64]
@@ -42,6 +38,8 @@ class Trial:
         F: Mean deformation gradient (nq, d, d); this and the following are None where the frame is
             fixed.
         R, W: Rotation and spin of the frame, see :meth:`.Frame.at`.
+        initial_gap: Position on side 2 minus that on side 1, which turns with the frame (nq, d)
+            [mm]; None where they coincide.
     """
 
     total: Array
@@ -56,6 +54,7 @@ class Trial:
     F: Array | None = None
     R: Array | None = None
     W: Array | None = None
+    initial_gap: Array | None = None
 
 
 class ReturnMap:
@@ -75,7 +74,7 @@ class ReturnMap:
     def __init__(
         self,
         interface: Interface,
-        quadrature: FacetQuadrature,
+        quadrature: InterfaceQuadrature,
         u: fem.Function,
         bodies: Bodies,
         fluid: fem.Function | None = None,
@@ -83,21 +82,9 @@ class ReturnMap:
         self._law = interface.law
         self._quadrature = quadrature
         self._d = d = quadrature.d
-        self._u = u
-        self.turns = turns(interface, bodies, quadrature.facets.walled)
+        self.turns = turns(interface, bodies, quadrature)
         self._frame = Frame(d, quadrature.mesh.comm) if self.turns else None
-        size = 2 * d + d * d if self.turns else 2 * d
-        self._flux = side_evaluators(
-            quadrature, u, bodies, (size,), self._flux_of, "flux", fluid=fluid
-        )
-
-    def _flux_of(self, body: Body, F: Expr, N: Expr, a: int) -> Expr:
-        """P.N, u and, for a rotating frame, GRAD u of one side."""
-        values = [*kinematics.traction(body, F, N), *self._u]
-        if self.turns:
-            gradient = self._quadrature.geometry.section_gradient(self._u)
-            values += [gradient[i, j] for i in range(self._d) for j in range(self._d)]
-        return ufl.as_vector(values)
+        self._flux = quadrature.flux_evaluators(u, bodies, self.turns, fluid)
 
     def start(self) -> PointValues:
         """The values for undeformed bodies."""
@@ -105,7 +92,9 @@ class ReturnMap:
         zero, tensor = np.zeros((count, d)), np.zeros((count, d, d))
         values = PointValues(zero, zero, None, zero)
         if self._law.inelastic:
-            values = replace(values, gap=zero, compliance=tensor)
+            values = replace(values, gap=zero)
+        if self._law.inelastic or self.turns:
+            values = replace(values, compliance=tensor)
         if self.turns:
             one = np.tile(np.eye(d), (count, 1, 1))
             values = replace(
@@ -141,9 +130,15 @@ class ReturnMap:
         mean = apply(delta[:, 0], flux1[:, :d]) - apply(delta[:, 1], flux2[:, :d])
         jump = flux1[:, :d] + flux2[:, :d]
         opening = flux2[:, d : 2 * d] - flux1[:, d : 2 * d]
-        N = self._quadrature.normal
-        if not self._law.inelastic:
+        N, initial_gap = self._quadrature.normal, self._quadrature.initial_gap
+        if not self._law.inelastic and self._frame is None:
             return Trial(mean + apply(stabilization.tau[facet], opening), opening, jump, N)
+        F, frame = None, ()
+        if self._frame is not None:
+            F = np.eye(d) + (flux1[:, 2 * d :] + flux2[:, 2 * d :]).reshape(-1, d, d) / 2
+            frame = self._frame.at(F, N)
+            if initial_gap is not None:
+                opening += initial_gap - apply(frame[0], initial_gap)
         r = stabilization.norm[facet]
         total = mean + r[:, None] * opening
         known = (
@@ -157,10 +152,7 @@ class ReturnMap:
             overstress_modulus,
             cycles,
         )
-        if self._frame is None:
-            return Trial(*known)
-        F = np.eye(d) + (flux1[:, 2 * d :] + flux2[:, 2 * d :]).reshape(-1, d, d) / 2
-        return Trial(*known, F, *self._frame.at(F, N))
+        return Trial(*known) if F is None else Trial(*known, F, *frame, initial_gap)
 
     def tangent(self, values: PointValues) -> tuple[Array | None, TurningTangent | None]:
         """C = d zeta/dT (nq, d, d) [mm3/N], and the contributions of the rotating frame.
@@ -188,13 +180,15 @@ def evaluate(law: Law, trial: Trial, dt: float, last: PointValues | None = None)
         last: Values of the last residual, with the tangent of its return map; if given, zeta is
             zeta_n. None for a return map.
     """
-    if not law.inelastic:
+    if not law.inelastic and trial.F is None:
         return PointValues(trial.opening, trial.jump, None, trial.total)
 
     def mapped(total: Array) -> PointValues:
         """Values for {P.N} + r g in the frame of the law."""
-        load = total - trial.r[:, None] * trial.gap
         new = {"opening": trial.opening, "jump": trial.jump}
+        if not law.inelastic:
+            return PointValues(**new, gap=None, traction=total, compliance=np.zeros_like(trial.F))
+        load = total - trial.r[:, None] * trial.gap
         if last is not None:
             return replace(last, **new, gap=trial.gap, traction=load, update=None)
         update = map_back(law, load, trial, dt)
@@ -235,25 +229,31 @@ def _in_frame(trial: Trial, mapped: Callable[[Array], PointValues]) -> PointValu
     """The return map in the rotating frame R: zeta = R.zeta~, T~ = R^T.T, N fixed.
 
     The couple c = zeta~ x T~ gives M = c_k W_k / 2 of ``forms.residual.frame_couple``, with
-    omega = W:dF the axial vector of R^T.dR.
+    omega = W:dF the axial vector of R^T.dR. With an initial gap g_0 the opening is
+    x_2 - x_1 - R.g_0, so that what turns is R.(zeta~ + g_0) in place of R.zeta~, in the couple and,
+    with r g_0 added to q, in the tangent.
     """
     R = trial.R
     q = np.einsum("pji,pj->pi", R, trial.total)
     inside = mapped(q)
+    gap = np.zeros_like(q) if inside.gap is None else inside.gap
+    if trial.initial_gap is not None:
+        gap = gap + trial.initial_gap
+        q = q + trial.r[:, None] * trial.initial_gap
     values = replace(
         inside,
-        gap=apply(R, inside.gap),
+        gap=None if inside.gap is None else apply(R, inside.gap),
         traction=apply(R, inside.traction),
         rotation=R,
-        moment=np.einsum("pk,pkab->pab", _couple(inside.gap, inside.traction), trial.W) / 2,
+        moment=np.einsum("pk,pkab->pab", _couple(gap, inside.traction), trial.W) / 2,
     )
-    if inside.update is None:
+    if inside.gap is not None and inside.update is None:
         return values
     return replace(
         values,
         frame_gradient=trial.F,
         frame_total=q,
-        frame_gap=inside.gap,
+        frame_gap=gap,
         frame_traction=inside.traction,
     )
 

@@ -10,6 +10,7 @@ import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
 
+from ..base.graph import occurrences
 from ..base.kernels import compile_form
 from ..base.parallel import global_any, global_max, raise_together
 from ..base.quadrature import bubble_degree
@@ -19,7 +20,7 @@ from ..forms import bubbles
 from .coercivity import Coercivity, margin
 from .frame import turns
 from .interface import AUTO, Interface, StabilizationContext
-from .quadrature import FacetQuadrature, bubble_integrals
+from .quadrature import InterfaceQuadrature
 
 #: Least r / H of "auto": a return map, dgamma = f / (r - H), magnifies its trial by at most 2.
 GOOD_RATIO = 2.0
@@ -84,7 +85,7 @@ class BubbleIntegrals:
         self._cells = cells
         self._bubble = fem.Function(fem.functionspace(mesh, bubbles.element(cell_name)))
         self._selected = self._bubble.function_space.dofmap.list[cells, local_facets]
-        self._pass_of = _occurrence(cells)
+        self._pass_of = occurrences(cells)
         space = fem.functionspace(mesh, ("DG", 0, (self._d, self._d)))
         self._dofs = space.dofmap.list[cells, 0]
         index_map = space.dofmap.index_map
@@ -121,12 +122,10 @@ class BubbleIntegrals:
         return result
 
 
-def _occurrence(values: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Number of earlier occurrences of each entry."""
-    order = np.argsort(values, kind="stable")
-    result = np.empty(len(values), dtype=np.int64)
-    result[order] = np.arange(len(values)) - np.searchsorted(values[order], values[order])
-    return result
+def _distinct(rows: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
+    """Columns of the distinct rows of an array (n, 2), and where each row is among them (n,)."""
+    found, where = np.unique(rows, axis=0, return_inverse=True)
+    return np.ascontiguousarray(found.T), where.ravel()
 
 
 class Stabilizer:
@@ -159,7 +158,7 @@ class Stabilizer:
     """
 
     def __init__(
-        self, interface: Interface, quadrature: FacetQuadrature, u: fem.Function, bodies: Bodies
+        self, interface: Interface, quadrature: InterfaceQuadrature, u: fem.Function, bodies: Bodies
     ):
         self.interface = interface
         self.facets = facets = quadrature.facets
@@ -167,11 +166,14 @@ class Stabilizer:
         degree = u.function_space.ufl_element().degree
         self.margin = margin(interface.law, degree, bodies.points is not None)
         self._quadrature = quadrature
-        self._turns = turns(interface, bodies, facets.walled)
-        self._stiffness = BubbleIntegrals(u, bodies, facets.cells.T.ravel(), facets.local.T.ravel())
-        area = quadrature.area
+        self._turns = turns(interface, bodies, quadrature)
+        # A facet may be that of several segments.
+        sides = np.column_stack([facets.cells.T.ravel(), facets.local.T.ravel()])
+        (cells, local), self._side = _distinct(sides)
+        self._stiffness = BubbleIntegrals(u, bodies, cells, local)
         self._rigid = bodies.rigid[facets.cells.T]
-        self._factor = bubble_integrals(quadrature) ** 2 / area
+        self._factor = quadrature.bubble_factors()
+        area = quadrature.area
         N = np.zeros((len(area), quadrature.d))
         np.add.at(N, quadrature.facet, quadrature.normal * quadrature.weights[:, None])
         N /= np.linalg.norm(N, axis=1, keepdims=True)
@@ -183,10 +185,9 @@ class Stabilizer:
         Raises:
             ValueError: the user's function returns arrays of the wrong shape.
         """
-        number = len(self._factor)
-        stiffness = self._stiffness()
-        d = stiffness.shape[-1]
-        both = self._factor[:, None, None] * np.linalg.inv(stiffness).reshape(2, number, d, d)
+        number, d = len(self.facets.facets), self._quadrature.d
+        inverse = np.linalg.inv(self._stiffness())[self._side].reshape(2, number, d, d)
+        both = self._factor[:, :, None, None] * inverse
         both[self._rigid] = 0.0
         tau1, tau2 = both
         bonded = np.linalg.inv(tau1 + tau2)
@@ -215,8 +216,9 @@ class Stabilizer:
         return Stabilization(tau, delta, weights, delta_s, norm, np.full(number, float(safety)))
 
     def penalty(self, stabilization: Stabilization) -> NDArray[np.float64]:
-        """The penalty of the forms as a tensor (nf, d, d) [MPa/mm]: r I where the law can fail."""
-        if not self.interface.law.inelastic:
+        """The penalty of the forms as a tensor (nf, d, d) [MPa/mm]: r I where the law can fail or
+        its frame turns."""
+        if not (self.interface.law.inelastic or self._turns):
             return stabilization.tau
         return stabilization.norm[:, None, None] * np.eye(self._quadrature.d)
 

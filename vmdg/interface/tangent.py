@@ -23,7 +23,7 @@ from ..forms.kinematics import Body
 from .frame import TurningTangent
 from .jets import FacetJets
 from .points import PointValues
-from .quadrature import FacetQuadrature, side_evaluators
+from .quadrature import InterfaceQuadrature
 from .stabilization import Stabilization
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ class PointTangent:
         quadrature: Facet points.
         u: Displacement.
         bodies: Materials.
-        inelastic: The law has a gap, and hence the scalar r for tau_s.
+        scalar: The form has the scalar r for tau_s, since the law has a gap or its frame turns.
         jump: The form is (26), with the traction jump.
         fluid: Pressure at the points; None for none.
 
@@ -53,15 +53,15 @@ class PointTangent:
 
     def __init__(
         self,
-        quadrature: FacetQuadrature,
+        quadrature: InterfaceQuadrature,
         u: fem.Function,
         bodies: Bodies,
         *,
-        inelastic: bool,
+        scalar: bool,
         jump: bool,
         fluid: fem.Function | None = None,
     ):
-        evaluators = partial(side_evaluators, quadrature, u, bodies, fluid=fluid)
+        evaluators = partial(quadrature.side_evaluators, u, bodies, fluid=fluid)
         d, geometry = quadrature.d, quadrature.geometry
         n = geometry.size(d)
         self.jets = FacetJets(quadrature, u.function_space)
@@ -70,7 +70,7 @@ class PointTangent:
         # All entries of GRAD in order need no copy.
         columns = [i * n + j for i, j in self._entries]
         self._columns = slice(None) if columns == list(range(n * n)) else columns
-        self._quadrature, self._inelastic, self._jump = quadrature, inelastic, jump
+        self._quadrature, self._scalar, self._jump = quadrature, scalar, jump
         self._module = compile_source(
             Path(__file__).with_suffix(".c"),
             _DECLARATIONS,
@@ -130,7 +130,7 @@ class PointTangent:
         """
         quadrature = self._quadrature
         facet, d, size = quadrature.facet, quadrature.d, self.jets.size
-        if self._inelastic:
+        if self._scalar:
             tau = stabilization.norm[facet, None, None] * np.eye(d)
         else:
             tau = stabilization.tau[facet]

@@ -49,7 +49,8 @@ def copy_displacement(problem: Problem, function: fem.Function) -> None:
 
 
 class InterfaceFields:
-    """An interface's state as fields on a mesh of all its facets, one value per facet.
+    """An interface's state as fields on a mesh of all its facets, one value per facet; where meshes
+    do not match, on the facets of side 1.
 
     Scalars are those of :func:`vmdg.output.values.facet_scalar`, vectors facet means. Closed facets
     have zeros. The displacement is that of side 1, at the corners, so the interface can be warped
@@ -68,9 +69,10 @@ class InterfaceFields:
     def __init__(self, problem: Problem, interface: Which, names: Sequence[str]):
         self._problem, self._i = problem, number_of(problem.interfaces, interface)
         self._facets = problem.step.activation.facets[interface]
-        submesh = compat.facet_submesh(problem.mesh, self._facets.facets)
+        self._rows, _ = self._facets.distinct
+        submesh = compat.facet_submesh(problem.mesh, self._facets.facets[self._rows])
         self._mesh = submesh.mesh
-        self.cell_of_facet = np.argsort(submesh.facets[: len(self._facets.facets)])
+        self.cell_of_facet = np.argsort(submesh.facets[: len(self._rows)])
         vector = fem.functionspace(self._mesh, ("DG", 1, (problem.mesh.geometry.dim,)))
         scalar = fem.functionspace(self._mesh, ("DG", 1))
         self.functions = {
@@ -85,7 +87,8 @@ class InterfaceFields:
             if name == DISPLACEMENT:
                 self._set(function, self.cell_of_facet, self._displacement())
             elif active is not None:
-                position = np.searchsorted(self._facets.facets, active.facets.facets)
+                shown = active.facets.facets[active.facets.distinct[0]]
+                position = np.searchsorted(self._facets.facets[self._rows], shown)
                 values = self._facet_values(name)
                 self._set(function, self.cell_of_facet[position], values[:, None])
 
@@ -100,7 +103,7 @@ class InterfaceFields:
         """Displacement of side 1 at the corners of all facets, in the order of their cells (nf,
         corners, d)."""
         mesh = self._problem.mesh
-        cells, local = self._facets.cells[:, 0], self._facets.local[:, 0]
+        cells, local = (a[self._rows, 0] for a in (self._facets.cells, self._facets.local))
         corners = corners_of_local(mesh, local)
         X, u = positions_and_displacements(self._problem, cells, corners)
         nodes = compat.geometry_dofmap(self._mesh)[self.cell_of_facet][:, : corners.shape[1]]

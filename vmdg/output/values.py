@@ -149,5 +149,6 @@ def facet_scalar(problem: Problem, interface: Which, name: str) -> NDArray[np.fl
     if name == "fine_scale":
         return np.sqrt(q.facet_means(values**2))
     if name == "mode":
-        return facet_modes(values[q.points_of_facet], q.weights[q.points_of_facet])
+        points, weights = q.by_facet
+        return facet_modes(values[points], weights)
     return q.facet_means(values)

@@ -203,8 +203,9 @@ def _open_facets(
     if active is None:
         return np.zeros((0, d, 3)), np.zeros((0, d)), np.zeros(0)
     facets, quadrature = active.facets, active.quadrature
-    corners = corners_of_local(problem.mesh, facets.local[:, 0])
-    X, _ = positions_and_displacements(problem, facets.cells[:, 0], corners)
+    rows, _ = facets.distinct
+    corners = corners_of_local(problem.mesh, facets.local[rows, 0])
+    X, _ = positions_and_displacements(problem, facets.cells[rows, 0], corners)
     normals = quadrature.facet_means(quadrature.normal)
     gathered = problem.comm.allgather((X, normals, facet_scalar(problem, i, quantity)))
     corners, normals, values = (np.concatenate(parts) for parts in zip(*gathered, strict=True))

@@ -31,11 +31,15 @@ from ..domain.topology import cells_inside, facet_cells
 from ..forms.materials import Material
 from ..interface.facets import InterfaceFacets
 from ..interface.interface import Interface, interface_names
+from ..interface.pairing import NONMATCHING, PairedFacets
 from ..materials.point import PointMaterial
 
 KINEMATICS = ("finite", "small")
 GENERALIZED = "generalized strain"
 PLANES = ("strain", GENERALIZED, "stress")
+#: Fraction of a facet in pairs with others above which some part of it is in two: next to a kink of
+#: a curved surface it may exceed 1 a little.
+TWICE = 1.5
 #: Stress at F = I relative to the moduli that counts as rounding.
 RESTS = 1e-9
 
@@ -394,15 +398,47 @@ def check_rigid_face(
         raise ValueError(f"rigid_face: at = {at!r} must be a point of {d} finite coordinates")
 
 
+def check_pairs(facets: Sequence[InterfaceFacets], others: Mapping[str, bool]) -> None:
+    """Check what is given together with interfaces whose meshes do not match.
+
+    Args:
+        facets: Facets of the interfaces.
+        others: Whether the problem has a feature, by what the user wrote for it.
+
+    Raises:
+        ValueError: a feature that they do not have.
+    """
+    present = [name for name, given in others.items() if given]
+    for selected in facets:
+        if selected.paired and present:
+            raise ValueError(
+                f"{selected.label} is {NONMATCHING}, which cannot be combined with {present[0]}; "
+                "omit it, or make the meshes match (gmsh.model.occ.fragment)"
+            )
+
+
 def check_overlap(mesh: Mesh, facets: Sequence[InterfaceFacets]) -> None:
-    """Check that every facet belongs to one interface; collective.
+    """Check that every facet belongs to one interface, or each part of it that lies opposite a
+    mesh that does not match; collective.
 
     Raises:
         ValueError: a facet belongs to two.
     """
     taken = np.full(len(facet_cells(mesh)), -1)
-    message = None
+    covered, message = np.zeros(len(taken)), None
     for number, selected in enumerate(facets):
+        if isinstance(selected, PairedFacets):
+            for side, share in zip(
+                (selected.facets, selected.others), selected.shares.T, strict=True
+            ):
+                covered += np.bincount(side, share, minlength=len(covered))
+            twice = np.flatnonzero(covered > TWICE)
+            if len(twice) and message is None:
+                message = (
+                    f"facet {twice[0]} belongs twice to {selected.label}, or to it and to another "
+                    "interface; give every part of a surface one interface"
+                )
+            continue
         twice = selected.everywhere[taken[selected.everywhere] >= 0]
         if len(twice) and message is None:
             message = (

@@ -34,6 +34,7 @@ from ..domain.topology import Locator, facet_cells, refuse_facets
 from ..forms.geometry import Axisymmetric, GeneralizedPlane
 from ..interface.activation import Activation
 from ..interface.interface import Interface, number_of
+from ..interface.pairing import NONMATCHING
 from .arguments import check_condition, check_rigid_face
 from .eigenstrain import refusal
 
@@ -529,6 +530,12 @@ class Loading:
             raise ValueError(
                 f"pressure: {label} opens on demand, and closed facets admit no fluid; give "
                 "debonded=True"
+            )
+
+        if self._activation.facets[number].paired:
+            raise ValueError(
+                f"pressure: {label} is {NONMATCHING}, which has no fluid between its faces; make "
+                "the meshes match (gmsh.model.occ.fragment)"
             )
 
         def impose(loading: Loading) -> None:

@@ -34,7 +34,7 @@ from ..domain.topology import Locator, facet_cells, tags_of_cells
 from ..forms.materials import Material
 from ..interface.activation import Activation
 from ..interface.active import ActiveInterface, fine_scales
-from ..interface.facets import check_ghosts, find_facets
+from ..interface.facets import check_ghosts
 from ..interface.interface import (
     Interface,
     InterfaceList,
@@ -43,14 +43,17 @@ from ..interface.interface import (
     label_of,
     number_of,
 )
+from ..interface.pairing import place
 from ..interface.points import InterfaceState
 from ..interface.stabilization import Stabilization
+from ..materials.point import PointMaterial
 from .arguments import (
     GENERALIZED,
     check_approximation,
     check_faces,
     check_mesh,
     check_overlap,
+    check_pairs,
     check_plane,
     check_points,
     check_rest,
@@ -167,9 +170,17 @@ class Problem:
         check_walls(bodies, strains, repeats, axial is not None)
         raise_together(mesh.comm, refusal(bodies, bodies.eigenstrains(0.0), 0.0))
         facets = [
-            find_facets(mesh, tags, interface, names, label_of(self.interfaces, i), bodies.walls)
+            place(mesh, tags, interface, names, label_of(self.interfaces, i), bodies.walls)
             for i, interface in enumerate(self.interfaces)
         ]
+        points = any(isinstance(one, PointMaterial) for one in materials.values())
+        others = {
+            f"plane={GENERALIZED!r}": axial is not None,
+            'volumetric="mean"': volumetric == "mean",
+            "a periodic cell": repeats,
+            "a material at points such as J2": points,
+        }
+        check_pairs(facets, others)
         check_overlap(mesh, facets)
         if lattice is not None:
             check_faces(mesh, tags, lattice, self.interfaces, facets)
@@ -345,8 +356,8 @@ class Problem:
 
         Raises:
             TypeError: a tag instead of its facets.
-            ValueError: nothing selected, facets inside the mesh, an interface that is a tie, a UFL
-                expression or a value of the wrong shape.
+            ValueError: nothing selected, facets inside the mesh, an interface that is a tie, or
+                whose meshes do not match, a UFL expression or a value of the wrong shape.
         """
         self.loading.add_pressure(facets, value, debonded, share)
 

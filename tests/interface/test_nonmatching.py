@@ -1,0 +1,664 @@
+"""Interfaces between meshes that share no nodes: the form, its tangent, patch tests, refusals."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import compute_midpoints, meshtags
+from support.apart import block, order_of_dofs, rings, separated, stack
+from support.checks import integral, tangent_error, tangent_matrix
+from support.problems import (
+    FRICTION,
+    PRECISE,
+    SAME,
+    displace,
+    joined,
+    put,
+    rotation,
+    set_displacement,
+    through,
+)
+from support.scenes import DIMENSION, EVERY_CELL, EVERY_DEGREE, SEVERAL_RANKS, two_blocks
+
+import vmdg
+from vmdg import Mode, NamedTags
+from vmdg.interface.active import pair_forces
+from vmdg.interface.coercivity import margin
+from vmdg.meshes import apart, blocks
+from vmdg.output.values import facet_scalar, scalar
+
+RATIOS = [(3, 4), (7, 5), (4, 13), (2, 20)]
+KINEMATICS = pytest.mark.parametrize("kinematics", ["small", "finite"])
+#: Radii of two rings [mm], and their bodies.
+RADII = (0.5, 1.0, 2.0)
+RING = vmdg.NeoHookean(E=1000.0, nu=0.3), vmdg.NeoHookean(E=1e5, nu=0.2)
+STRAIN = np.array([[0.3, 0.2, 0.05], [0.05, -0.12, -0.1], [0.1, 0.0, 0.08]])
+
+
+# The form
+
+
+@EVERY_CELL
+@EVERY_DEGREE
+@KINEMATICS
+@pytest.mark.parametrize("law", [vmdg.Bonded(), FRICTION], ids=["tie", "bond"])
+def test_equals_the_symbolic_form(cell, degree, kinematics, law):
+    """On meshes that match: (27) in UFL on interior facets and at points of segments are one."""
+    scene = two_blocks(MPI.COMM_SELF, cell, n=2 if DIMENSION[cell] == 2 else 1, distortion=0.05)
+    vectors, matrices, energies = [], [], []
+    for one in (scene, separated(scene)):
+        given = {"safety": 3.0, "frame": "corotating"}
+        problem = joined(one, law, interface=given, degree=degree, kinematics=kinematics)
+        if kinematics == "small":
+            through(problem, *(lambda s=s, p=problem, m=one: displace(p, m, s) for s in (0.2, 0.3)))
+        else:
+            moves = [((0.004, 0.01, 0.0), 0.4), ((0.008, 0.02, 0.0), 0.5)]
+            through(problem, *(lambda s=s, p=problem, m=one: put(p, m, *s) for s in moves))
+        order = order_of_dofs(problem)
+        vectors.append(problem.step.assemble_residual()[order])
+        matrices.append(dense(tangent_matrix(problem))[np.ix_(order, order)])
+        energies.append(problem.discretization.stored_energy())
+    if law.inelastic:
+        assert (problem.state[0].softening > 0).any()
+    for first, second in (vectors, matrices, energies):
+        assert np.abs(first - second).max() < 1e-11 * np.abs(first).max()
+
+
+def dense(matrix):
+    start, columns, values = matrix.getValuesCSR()
+    rows = np.repeat(np.arange(len(start) - 1), np.diff(start))
+    array = np.zeros(matrix.getSize())
+    array[rows, columns] = values
+    return array
+
+
+#: Large bodies: differences of residuals reach across few switches of points [mm].
+SIZE = 50.0
+
+
+def wavy(x):
+    """A curved interface, on which polygons of different meshes do not coincide."""
+    x[-1] += 0.1 * np.sin(2 * x[0] + 0.5) * (1 - np.abs(x[-1]))
+    return SIZE * x
+
+
+def bent(problem, scene, opening, angle):
+    """Bend both bodies, open the interface, and turn everything."""
+    d = scene.mesh.geometry.dim
+
+    def field(x, tag):
+        y = x[:d] + 0.03 * SIZE * np.sin(2 / SIZE * x[:d][::-1] + tag)
+        y[d - 1] += SIZE * opening * (tag == 2)
+        y[0] += 0.5 * SIZE * opening * (tag == 2)
+        return rotation(d, angle) @ y - x[:d]
+
+    set_displacement(problem.u, scene.cell_tags, field)
+
+
+@EVERY_CELL
+@EVERY_DEGREE
+@pytest.mark.parametrize("frame", ["corotating", "reference"])
+@pytest.mark.parametrize("law", [vmdg.Bonded(), FRICTION, vmdg.Contact(friction=0.3)], ids=type)
+def test_tangent(cell, degree, frame, law):
+    """With initial gaps, open, damaged and sliding points: the derivative of the residual."""
+    scene = stack(cell, *((3, 4) if DIMENSION[cell] == 2 else (1, 2)), (1, 1), move=wavy)
+    if law is FRICTION:
+        law = vmdg.Debonding(strength=50.0, critical_gap=0.2 * SIZE, friction=0.5)
+    problem = joined(scene, law, interface={"frame": frame}, degree=degree)
+    assert problem.discretization.active[0].quadrature.initial_gap is not None
+    angle = 0.4 if frame == "corotating" else 0.0
+    through(problem, *(lambda s=s: bent(problem, scene, s, angle) for s in (0.02, 0.025)))
+    matrix = tangent_matrix(problem)
+    assert tangent_error(problem, matrix) < 1e-7
+    if not law.inelastic:
+        assert matrix.isSymmetric(1e-12 * matrix.norm())
+        return
+    modes = set(problem.discretization.active[0].values.update.mode.tolist())
+    assert len(modes) > 1
+    assert modes != {Mode.ELASTIC}
+
+
+@pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
+@pytest.mark.parametrize("law", [vmdg.Bonded(), FRICTION], ids=["tie", "bond"])
+def test_rigid_rotation(cell, law):
+    """Initial gaps turn with the bodies: nothing happens."""
+    scene = stack(cell, 2, 3, (1, 1), move=wavy)
+    problem = joined(scene, law, interface={"frame": "corotating"})
+    gaps = problem.discretization.active[0].quadrature.initial_gap
+    assert np.linalg.norm(gaps, axis=1).max() > 0.02 * SIZE
+    d = scene.mesh.geometry.dim
+    through(
+        problem,
+        lambda: set_displacement(
+            problem.u, scene.cell_tags, lambda x, tag: rotation(d, 0.7) @ x[:d] - x[:d]
+        ),
+    )
+    assert np.abs(problem.state[0].traction).max() < 1e-9
+    assert np.abs(problem.state[0].opening).max() < 1e-14 * SIZE
+    assert np.abs(problem.step.assemble_residual()).max() < 1e-11 * SIZE**2
+
+
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+@pytest.mark.parametrize("law", [vmdg.Bonded(), FRICTION], ids=["tie", "bond"])
+def test_balance(cell, law):
+    """Forces and moments of the interface balance, about any point of the deformed bodies."""
+    scene = stack(cell, 2, 3, (1, 1), move=wavy)
+    problem = joined(scene, law, interface={"frame": "corotating"}, degree=2)
+    through(problem, *(lambda s=s: bent(problem, scene, s, 0.4) for s in (0.002, 0.004)))
+    active = problem.discretization.active[0]
+    problem.step.assemble_residual()
+    d = scene.mesh.geometry.dim
+    nodes = problem.space.dofmap.list[active.facets.cells].reshape(len(active.facets.cells), -1)
+    forces = pair_forces(active).reshape(-1, d)
+    x = problem.space.tabulate_dof_coordinates()[:, :d] + problem.u.x.array.reshape(-1, d)
+    x = x[nodes].reshape(-1, d)
+    scale = np.abs(forces).sum()
+    assert scale > 1.0
+    assert np.abs(forces.sum(axis=0)).max() < 1e-14 * scale
+    moments = np.einsum("ni,nj->ij", x, forces)
+    assert np.abs(moments - moments.T).max() < 1e-13 * scale
+
+
+# Patch tests
+
+
+def stretched(scene, law, degree, kinematics, **options):
+    """Two blocks of one material whose outer surface is deformed uniformly."""
+    problem = joined(
+        scene,
+        law,
+        SAME,
+        {"frame": "corotating"},
+        degree=degree,
+        kinematics=kinematics,
+        **options,
+    )
+    d = scene.mesh.geometry.dim
+    H = STRAIN[:d, :d]
+    outside = np.concatenate([scene.facet_tags.find(tag) for tag in (10, 11, 20, 22)])
+    problem.dirichlet(outside, lambda x, t: t * H @ x[:d])
+    vmdg.solve(problem, [0.5, 1.0], vmdg.SolveOptions(relative_tolerance=1e-13))
+    X = problem.space.tabulate_dof_coordinates()[:, :d]
+    error = np.abs(problem.u.x.array.reshape(-1, d) - X @ H.T).max() / np.abs(H).max()
+    return problem, error
+
+
+@EVERY_CELL
+@EVERY_DEGREE
+@KINEMATICS
+@pytest.mark.parametrize("law", [vmdg.Bonded(), vmdg.Debonding(1e5, 1e3)], ids=["tie", "bond"])
+def test_uniform_strain(cell, degree, kinematics, law):
+    """Bonded blocks at 30 % strain: exact on every pair of meshes."""
+    for ratio in RATIOS if DIMENSION[cell] == 2 else [(2, 3)]:
+        problem, error = stretched(stack(cell, *ratio), law, degree, kinematics)
+        assert error < 1e-11
+        assert np.ptp(problem.state[0].traction, axis=0).max() < 1e-8
+
+
+@EVERY_CELL
+@EVERY_DEGREE
+@KINEMATICS
+@pytest.mark.parametrize(
+    "law",
+    [vmdg.Contact(friction=0.3), vmdg.Debonding(1.0, 1e-2, friction=0.3)],
+    ids=["contact", "bond"],
+)
+def test_pressed(cell, degree, kinematics, law):
+    """Different blocks pressed together, free to expand laterally without friction of the walls:
+    the pressure is uniform, though the bond has no part in it."""
+    scene = stack(cell, *((3, 4) if DIMENSION[cell] == 2 else (2, 3)))
+    soft = vmdg.NeoHookean(E=1000.0, nu=0.0)
+    hard = vmdg.NeoHookean(E=3000.0, nu=0.0)
+    problem = joined(
+        scene, law, (soft, hard), {"frame": "corotating"}, degree=degree, kinematics=kinematics
+    )
+    d = scene.mesh.geometry.dim
+    last = d - 1
+    problem.dirichlet(scene.facet_tags.find(11), 0.0)
+    problem.dirichlet(scene.facet_tags.find(22), lambda t: -0.3 * t, last)
+    for component in range(last):
+        problem.dirichlet(scene.facet_tags.find(22), 0.0, component)
+    vmdg.solve(problem, [0.5, 1.0], vmdg.SolveOptions(relative_tolerance=1e-13))
+    pressure = problem.state[0].traction
+    expected = -problem.reaction(scene.facet_tags.find(11))[last] / 2.0**last
+    assert expected < -100.0
+    assert np.abs(pressure[:, last] - expected).max() < 1e-11 * abs(expected)
+    assert np.abs(pressure[:, :last]).max() < 1e-10 * abs(expected)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"symmetry": "axisymmetric"},
+        {"plane": "stress"},
+        {"plane": "stress", "kinematics": "small"},
+        {"symmetry": "axisymmetric", "kinematics": "small"},
+    ],
+    ids=str,
+)
+@EVERY_DEGREE
+def test_other_geometries(options, degree):
+    """Bodies of revolution and sheets at uniform strain."""
+    scene = stack("quadrilateral", 3, 4)
+    problem = joined(scene, vmdg.Bonded(), SAME, degree=degree, **options)
+    H = np.diag([0.3, -0.1])
+    outside = np.concatenate([scene.facet_tags.find(tag) for tag in (10, 11, 20, 22)])
+    problem.dirichlet(outside, lambda x, t: t * H @ x[:2])
+    vmdg.solve(problem, [0.5, 1.0], PRECISE)
+    X = problem.space.tabulate_dof_coordinates()[:, :2]
+    assert np.abs(problem.u.x.array.reshape(-1, 2) - X @ H.T).max() < 1e-12
+    area = np.pi * 2.0**2 if "symmetry" in options else 2.0
+    assert problem.state[0].weights.sum() == pytest.approx(area, rel=1e-14)
+
+
+@pytest.mark.parametrize("strain", [0.02, np.diag([0.02, 0.03, -0.01])], ids=["number", "tensor"])
+@KINEMATICS
+def test_free_swelling(strain, kinematics):
+    """An eigenstrain of both bodies that grows with t, free in the plane: no traction."""
+    scene = stack("triangle", 3, 4)
+    given = {tag: lambda t: t * strain for tag in (1, 2)}
+    problem = joined(
+        scene, vmdg.Debonding(50.0, 0.2), SAME, kinematics=kinematics, eigenstrain=given, degree=2
+    )
+    problem.dirichlet(lambda x: np.isclose(x[1], -1.0), 0.0, "y")
+    problem.dirichlet(lambda x: np.isclose(x[0], 0.0), 0.0, "x")
+    vmdg.solve(problem, [0.5, 1.0], PRECISE)
+    F = problem.u.x.array.reshape(-1, 2)
+    X = problem.space.tabulate_dof_coordinates()[:, :2] - [0.0, -1.0]
+    stretch = F[np.argmax(X[:, 0])][0] / 2.0, F[np.argmax(X[:, 1])][1] / 2.0
+    assert np.abs(F - X * stretch).max() < 1e-12
+    assert min(stretch) > 0.01
+    assert np.abs(problem.state[0].traction).max() < 1e-8
+
+
+def test_several_bodies():
+    """A facet that lies opposite two bodies is divided between them."""
+    parts = [
+        block("quadrilateral", (5, 2), (0.0, -1.0), (2.0, 0.0), 1),
+        block("quadrilateral", (3, 2), (0.0, 0.0), (0.9, 1.0), 2),
+        block("quadrilateral", (4, 3), (0.9, 0.0), (2.0, 1.0), 3),
+    ]
+    scene = apart(parts)
+    body = vmdg.NeoHookean(E=1000.0, nu=0.3)
+    pairs = ((1, 2), (1, 3), (2, 3))
+    interfaces = [vmdg.Interface(between=pair, law=vmdg.Bonded()) for pair in pairs]
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, dict.fromkeys((1, 2, 3), body), interfaces)
+    areas = [problem.state[i].weights.sum() for i in range(3)]
+    assert areas == pytest.approx([0.9, 1.1, 1.0], abs=1e-14)
+    H = STRAIN[:2, :2]
+
+    def outside(x):
+        return (np.abs(x[0] - 1) > 1 - 1e-9) | (np.abs(x[1]) > 1 - 1e-9)
+
+    problem.dirichlet(outside, lambda x, t: t * H @ x[:2])
+    vmdg.solve(problem, [0.5, 1.0], PRECISE)
+    X = problem.space.tabulate_dof_coordinates()[:, :2]
+    assert np.abs(problem.u.x.array.reshape(-1, 2) - X @ H.T).max() < 1e-12
+    again = [*interfaces, vmdg.Interface(between=(1, 2), law=vmdg.Bonded())]
+    with pytest.raises(ValueError, match="belongs twice to interface 3"):
+        vmdg.Problem(scene.mesh, scene.cell_tags, dict.fromkeys((1, 2, 3), body), again)
+
+
+# Coercivity
+
+
+@pytest.mark.parametrize("law", [vmdg.Bonded(), vmdg.Debonding(1e12, 1e12)], ids=["tie", "bond"])
+@pytest.mark.parametrize(("nu", "contrast"), [(0.0, 1.0), (0.499, 1e3)])
+@EVERY_CELL
+@EVERY_DEGREE
+def test_coercive(cell, degree, nu, contrast, law):
+    """The bonded form keeps the fraction alpha of the bulk energy, for all displacements."""
+    materials = vmdg.NeoHookean(E=1000.0, nu=nu), vmdg.NeoHookean(E=1000.0 * contrast, nu=0.3)
+    alpha = margin(law, degree)
+    flat = DIMENSION[cell] == 2
+    for ratio in ((1, 1), (3, 4), (2, 20), (20, 2)) if flat else ((1, 1), (1, 2), (2, 1)):
+        scene = stack(cell, *ratio, (1, 1), move=wavy)
+        problem = joined(scene, law, materials, degree=degree, kinematics="small")
+        K = dense(tangent_matrix(problem))
+        weak = problem.discretization.weak_form
+        w = ufl.TestFunction(problem.space), ufl.TrialFunction(problem.space)
+        bulk = fem.assemble_matrix(weak.compile(weak.bulk_tangent(*w))).to_dense()
+        lowest = np.linalg.eigvalsh(K - alpha * bulk)[0]
+        assert lowest > -1e-11 * np.abs(K).max()
+        assert np.abs(K - K.T).max() < 1e-12 * np.abs(K).max()
+
+
+# Rates
+
+
+def ring_errors(cell, cells, order, kinematics="small"):
+    """Relative errors of u, GRAD u and T of a soft ring in a hard one, by the closed form."""
+    scene = rings(cell, cells, RADII, order)
+    find = scene.facet_tags.find
+    lame = [(m["lmbda"], m["mu"]) for m in (body.parameters for body in RING)]
+    # u_r = a r + b / r: zero inside, .01 outside, u_r and the radial stress continuous.
+    inner, middle, outer = RADII
+    stress = [np.array([2 * (lmbda + mu), -2 * mu / middle**2]) for lmbda, mu in lame]
+    rows = [
+        [inner, 1 / inner, 0, 0],
+        [0, 0, outer, 1 / outer],
+        [middle, 1 / middle, -middle, -1 / middle],
+        [*stress[0], *-stress[1]],
+    ]
+    a = np.linalg.solve(rows, [0.0, 0.01, 0.0, 0.0]).reshape(2, 2)
+    interface = vmdg.Interface(surfaces=(find(12), find(21)), law=vmdg.Bonded())
+    bodies = dict(enumerate(RING, start=1))
+    problem = vmdg.Problem(
+        scene.mesh, scene.cell_tags, bodies, [interface], degree=order, kinematics=kinematics
+    )
+
+    def exact(x, k):
+        x = np.round(x, 12)
+        return (a[k, 0] + a[k, 1] / (x[0] ** 2 + x[1] ** 2)) * x[:2]
+
+    problem.dirichlet(find(11), lambda x, t: t * exact(x, 0))
+    problem.dirichlet(find(22), lambda x, t: t * exact(x, 1))
+    for k, axis in enumerate("xy"):
+        inside = partial(on_plane, k=k)
+        problem.dirichlet(inside, 0.0, axis)
+    vmdg.solve(problem, [1.0], PRECISE)
+    X, sums = ufl.SpatialCoordinate(scene.mesh), np.zeros(4)
+    for k in range(2):
+        dx = ufl.Measure(
+            "dx",
+            scene.mesh,
+            subdomain_data=[(0, np.sort(scene.cell_tags.find(k + 1)))],
+            subdomain_id=0,
+            metadata={"quadrature_degree": 8},
+        )
+        u = (a[k, 0] + a[k, 1] / ufl.dot(X, X)) * X
+        squares = [ufl.inner(f, f) * dx for w in (problem.u - u, u) for f in (w, ufl.grad(w))]
+        sums += [integral(MPI.COMM_SELF, square) for square in squares]
+    state = problem.state[0]
+    away = state.points[:, :2] / np.linalg.norm(state.points[:, :2], axis=1)[:, None]
+    expected = stress[0] @ a[0]
+    traction = ((state.traction - expected * away) ** 2).sum(axis=1) @ state.weights
+    errors = np.sqrt(sums[:2] / sums[2:])
+    return np.array([*errors, np.sqrt(traction / state.weights.sum()) / abs(expected)])
+
+
+def on_plane(x, k):
+    return np.isclose(x[k], 0.0)
+
+
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+@EVERY_DEGREE
+def test_rates(cell, degree):
+    """Rings with 2:3 cells around, the cells of degree 2 curved: rates and errors of those that
+    match."""
+    coarse, fine = (16, 24), (32, 48)
+    for swap in (1, -1):
+        first, second = (ring_errors(cell, cells[::swap], degree) for cells in (coarse, fine))
+        rates = np.log2(first / second)
+        assert (
+            rates > np.array([degree + 1, degree, degree - 0.5 if degree == 1 else degree]) - 0.15
+        ).all()
+        # Of meshes that match, with the fewer cells of both.
+        assert (second < 1.5 * ring_errors(cell, (min(fine),) * 2, degree)).all()
+
+
+# Runs
+
+
+def test_friction():
+    """Two blocks pressed together and sheared: the whole interface slides at last, F = mu N."""
+    scene = stack("quadrilateral", 5, 7)
+    problem = joined(scene, vmdg.Contact(friction=0.3), kinematics="small", degree=2)
+    problem.dirichlet(scene.facet_tags.find(11), 0.0)
+    top = scene.facet_tags.find(22)
+    problem.dirichlet(top, lambda t: (max(t - 1.0, 0.0) * 0.05, -0.02 * min(t, 1.0)))
+    result = vmdg.solve(problem, [1.0, 1.5, 2.0], PRECISE)
+    state = problem.state[0]
+    assert not result.failures
+    assert (state.mode == Mode.FRICTION).all()
+    force = problem.reaction(top)
+    assert force[0] == pytest.approx(-0.3 * force[1], rel=1e-9)
+    assert problem.reaction(scene.facet_tags.find(11)) == pytest.approx(-force, rel=1e-9)
+
+
+def test_against_a_wall():
+    """A wall that moves presses a body whose mesh is another one: forces balance."""
+    scene = stack("triangle", 3, 4)
+    body = vmdg.NeoHookean(E=1000.0, nu=0.3)
+    wall = vmdg.Rigid(lambda t: (0.0, 0.05 * t))
+    problem = joined(scene, vmdg.Contact(friction=0.2), (wall, body), {"frame": "corotating"})
+    problem.dirichlet(scene.facet_tags.find(22), 0.0)
+    vmdg.solve(problem, [0.5, 1.0], PRECISE)
+    one, two = (problem.reaction(scene.facet_tags.find(tag)) for tag in (22, 11))
+    assert one[1] < -100.0
+    assert np.abs(one + two).max() < 1e-9 * abs(one[1])
+
+
+def cantilever(lower, upper, degree):
+    """Force at 24 openings of a double cantilever whose arms have other numbers of cells."""
+    parts = [
+        block("quadrilateral", (lower, 2), (0.0, -1.0), (20.0, 0.0), 1),
+        block("quadrilateral", (upper, 2), (0.0, 0.0), (20.0, 1.0), 2),
+    ]
+    scene = apart(parts)
+    law = vmdg.Debonding(strength=3.0, critical_gap=0.05)
+    cracked = {"initial_damage": lambda x: np.where(x[0] < 6.0, 1.0, 0.0)}
+    body = vmdg.NeoHookean(E=1000.0, nu=0.3)
+    problem = joined(scene, law, (body, body), cracked, degree=degree, kinematics="small")
+
+    def tip(x, y):
+        return np.isclose(x[0], 0.0) & np.isclose(x[1], y)
+
+    for y in (1.0, -1.0):
+        problem.dirichlet_points(partial(tip, y=y), lambda t, y=y: y * t / 2, "y")
+        problem.dirichlet_points(partial(tip, y=y), 0.0, "x")
+    problem.dirichlet(lambda x: np.isclose(x[0], 20.0), 0.0)
+    loads = np.linspace(0.0, 2.4, 25)[1:]
+    result = vmdg.solve(
+        problem, loads, monitor=lambda p: {"force": p.reaction_points(partial(tip, y=1.0))[1]}
+    )
+    return np.interp(loads, result.history["load"], result.history["force"]), problem.debonded(0)
+
+
+def test_double_cantilever():
+    """Arms with 2:3 cells: within 1 % of those that match."""
+    expected, share = cantilever(60, 60, 2)
+    found, other = cantilever(40, 60, 2)
+    assert share > 0.5
+    assert other == pytest.approx(share, abs=0.01)
+    assert np.abs(found - expected).max() < 0.01 * expected.max()
+
+
+@pytest.mark.parametrize("scheme", [vmdg.GeneralizedAlpha(), vmdg.CentralDifferences()], ids=str)
+def test_in_time(scheme):
+    """Two bars fly apart: with segments in the place of facets the same motion."""
+    scene, found = blocks(MPI.COMM_SELF, "quadrilateral", (5, 1)), []
+    for one in (scene, separated(scene)):
+        body = vmdg.NeoHookean(E=1.0, nu=0.2)
+        law = vmdg.Debonding(strength=0.01, critical_gap=0.02)
+        problem = vmdg.Problem(
+            one.mesh,
+            one.cell_tags,
+            {1: body, 2: body},
+            [vmdg.Interface(between=(1, 2), law=law, safety=3.0)],
+            density={1: 1.0, 2: 1.0},
+        )
+        vmdg.solve_dynamics(
+            problem,
+            np.linspace(0.0, 2.0, 41)[1:],
+            scheme,
+            velocity=lambda x: np.array([0.05 * (x[0] - 1), 0 * x[0]]),
+        )
+        assert problem.state[0].softening.max() > 0.005
+        found.append(problem.u.x.array[order_of_dofs(problem)])
+    assert np.abs(found[0] - found[1]).max() < 1e-9 * np.abs(found[0]).max()
+
+
+def test_opens_on_demand_elsewhere():
+    """Facets of another interface open one after the other: pairs keep their history."""
+    scene = stack("triangle", 3, 4, (1, 1))
+    bond = vmdg.Interface(between=(1, 2), law=vmdg.Debonding(40.0, 0.2))
+    cracks = vmdg.Interface(within=2, law=vmdg.Debonding(45.0, 0.2), activate="on-demand")
+    body = vmdg.NeoHookean(E=1000.0, nu=0.3)
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, {1: body, 2: body}, [bond, cracks])
+    problem.dirichlet(scene.facet_tags.find(11), 0.0)
+    problem.dirichlet(scene.facet_tags.find(22), lambda t: (0.0, t))
+    lost, opened = [], []
+    for load in (0.02, 0.04, 0.06, 0.08, 0.1):
+        vmdg.solve(problem, [load])
+        lost.append(problem.state[0].softening.copy())
+        opened.append(len(problem.state[1].weights))
+    assert opened[0] < opened[-1]
+    assert lost[-1].max() > 1.0
+    assert (np.diff(lost, axis=0) >= 0).all()
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+def test_checkpoint_and_output(cell, tmp_path):
+    """A run goes on from a checkpoint to the last bit; fields and values of facets of side 1."""
+    scene = stack(cell, 2, 3, (1, 2))
+    d = scene.mesh.geometry.dim
+
+    def make():
+        law = vmdg.Debonding(20.0, 0.2, friction=0.3)
+        given = {"frame": "corotating", "name": "bond"}
+        problem = joined(scene, law, SAME, given)
+        problem.dirichlet(scene.facet_tags.find(11), 0.0)
+        move = np.array([0.5, 0.0, 1.0])[-d:] if d == 3 else np.array([0.5, 1.0])
+        problem.dirichlet(scene.facet_tags.find(22), lambda t: t * move)
+        return problem
+
+    first, second = make(), make()
+    history = vmdg.solve(first, [0.02, 0.04]).history
+    vmdg.write_checkpoint(first, tmp_path / "state", history)
+    vmdg.read_checkpoint(second, tmp_path / "state")
+    for problem in (first, second):
+        vmdg.solve(problem, [0.06, 0.08])
+    assert (first.state[0].softening > 0).any()
+    assert np.array_equal(first.u.x.array, second.u.x.array)
+    assert np.array_equal(first.state[0].traction, second.state[0].traction)
+    with vmdg.FieldWriter(first, tmp_path / "fields") as writer:
+        writer.write(first.t)
+    facets = first.discretization.active[0].facets
+    assert len(facets.distinct[0]) == len(np.unique(facets.facets)) < len(facets.facets)
+    state, means = first.state[0], facet_scalar(first, "bond", "traction")
+    areas = first.discretization.active[0].quadrature.by_facet[1].sum(axis=1)
+    assert areas @ means == pytest.approx(state.weights @ scalar(first, "bond", "traction"))
+    if d == 2:
+        rows = vmdg.profile(first, "bond", "opening")
+        assert [len(piece) for piece in rows] == [len(state.weights)]
+        assert (np.diff(rows[0][:, 0]) > 0).all()
+
+
+# Refusals
+
+
+def with_interface(scene, interface=None, materials=SAME, **options):
+    given = {"between": (1, 2), "law": vmdg.Bonded(), **(interface or {})}
+    bodies = dict(enumerate(materials, start=1))
+    return vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [vmdg.Interface(**given)], **options)
+
+
+@pytest.mark.parametrize(
+    ("interface", "options", "words"),
+    [
+        ({"traction_jump": True}, {}, "cannot have traction_jump=True"),
+        ({"stabilization": lambda a, b, c: (a, b)}, {}, "stabilization= of its own"),
+        ({"law": FRICTION, "activate": "on-demand"}, {}, "cannot open on demand"),
+        ({}, {"volumetric": "mean"}, 'volumetric="mean"'),
+        ({}, {"plane": "generalized strain"}, "generalized strain"),
+        ({}, {"materials": (vmdg.J2(1e3, 0.3, 10.0), SAME[1]), "degree": 2}, "J2"),
+    ],
+    ids=["jump", "rule", "on demand", "mean", "plane", "points"],
+)
+def test_refused(interface, options, words):
+    """What interfaces between meshes that do not match cannot have, in words."""
+    with pytest.raises(ValueError, match="meshes do not match") as error:
+        with_interface(stack("quadrilateral", 2, 3), interface, **options)
+    assert words in str(error.value)
+
+
+def test_refused_places():
+    """Surfaces that do not meet, that are inside or given twice, and periodic cells, fluids."""
+    scene = stack("quadrilateral", 2, 3)
+    find = scene.facet_tags.find
+    law = {"between": None, "law": vmdg.Bonded()}
+    for surfaces, words in (
+        ((find(11), find(22)), "opposite each other on 0 %"),
+        ((find(12), find(12)), "in both of the surfaces"),
+        ((find(12), find(99)), "has no facet on side 2"),
+        ((find(12), np.array([0, 1, 2, 3, 4])), "lies inside the mesh"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            with_interface(scene, {**law, "surfaces": surfaces})
+    for surfaces in (find(12), (find(12), 3.5), "both", (find(12),)):
+        with pytest.raises(TypeError, match="surfaces"):
+            vmdg.Interface(surfaces=surfaces, law=vmdg.Bonded())
+    far = [
+        block("quadrilateral", (2, 2), (0.0, -1.0), (2.0, 0.0), 1),
+        block("quadrilateral", (3, 2), (0.0, 5.0), (2.0, 6.0), 2),
+    ]
+    with pytest.raises(ValueError, match=r"has no facet: .* units and origins"):
+        with_interface(apart(far))
+    periodic = vmdg.Periodic(gradient={"xx": 1.0})
+    with pytest.raises(ValueError, match="combined with a periodic cell"):
+        with_interface(scene, periodic=periodic)
+    problem = with_interface(scene, {"law": vmdg.Contact()})
+    with pytest.raises(ValueError, match="no fluid between its faces"):
+        problem.pressure(problem.interfaces[0], 1.0)
+
+
+@SEVERAL_RANKS
+@pytest.mark.parametrize("by", ["tags", "surfaces"])
+def test_refused_on_several_ranks(comm, by):
+    """In words, on every rank."""
+    scene = rings("triangle", (8, 12), RADII, comm=comm)
+    given = {"between": (1, 2)}
+    if by == "surfaces":
+        given = {"surfaces": tuple(map(scene.facet_tags.find, (12, 21)))}
+    interface = vmdg.Interface(**given, law=vmdg.Bonded())
+    bodies = dict(enumerate(RING, start=1))
+    words = {"tags": "run on one rank", "surfaces": f"to {comm.size} ranks; run it on one"}
+    with pytest.raises(ValueError, match=words[by]):
+        vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [interface])
+    with pytest.raises(ValueError, match="put together on one rank"):
+        apart([scene, scene])
+
+
+def test_parts_put_together():
+    """Tags and their names stay; what does not fit together is refused."""
+    one, two = (rings("triangle", (4, 4), radii) for radii in (RADII, (3.0, 4.0, 5.0)))
+    with pytest.raises(ValueError, match="cell tag 1 is in two parts"):
+        apart([one, two])
+    with pytest.raises(ValueError, match="several types and degrees"):
+        apart([one, rings("quadrilateral", (4, 4), RADII)])
+    low, high = (blocks(MPI.COMM_SELF, "triangle", (2, 2)) for _ in range(2))
+    shifted = meshtags(high.mesh, 2, high.cell_tags.indices, high.cell_tags.values + 2)
+    both = apart([low, (high.mesh, shifted, high.facet_tags)])
+    assert both.cell_tags.names == {"left": 1, "right": 2}
+    assert both.facet_tags.names == low.facet_tags.names
+    for tag in (1, 4):
+        found = compute_midpoints(both.mesh, 1, both.facet_tags.find(tag))
+        given = compute_midpoints(low.mesh, 1, low.facet_tags.find(tag))
+        assert len(found) == 2 * len(given)
+        assert {*map(tuple, np.round(found, 9))} == {*map(tuple, np.round(given, 9))}
+    for tag in (1, 2, 3, 4):
+        assert len(both.cell_tags.find(tag)) == len(low.cell_tags.find((tag + 1) % 2 + 1))
+    renamed = NamedTags(shifted, {"left": 3})
+    with pytest.raises(ValueError, match="'left' is tag 1 in one part and 3 in another"):
+        apart([low, (high.mesh, renamed, high.facet_tags)])
+
+
+def test_both_ways_to_give_it():
+    """``surfaces=`` or ``between=``: the same pairs; with surfaces the first is side 1."""
+    scene = stack("hexahedron", 2, 3, (1, 1))
+    find = scene.facet_tags.find
+    one = with_interface(scene)
+    for sides in ((12, 21), (21, 12)):
+        given = {"between": None, "surfaces": tuple(map(find, sides))}
+        other = with_interface(scene, given)
+        assert other.state[0].weights.sum() == pytest.approx(one.state[0].weights.sum())
+        assert np.allclose(other.state[0].normal[:, 2], 1.0 if sides[0] == 12 else -1.0)
+        assert "<side 1: the first>" in repr(other.interfaces[0])
+    assert np.allclose(one.state[0].normal[:, 2], 1.0)

@@ -1,0 +1,117 @@
+"""Facets of two surfaces cut into segments: exact areas, whatever their ratio."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vmdg.interface.segments import FlatFacets, clipped, cut
+
+RATIOS = [(3, 4), (7, 5), (4, 13), (2, 20)]
+
+
+def line(count: int, up: bool, length: float = 1.0, slope: float = 0.0) -> FlatFacets:
+    """Facets of a straight line whose body is below or above it."""
+    x = np.linspace(0.0, length, count + 1)
+    points = np.stack([x, slope * x], axis=1)
+    corners = np.stack([points[:-1], points[1:]], axis=1)
+    return FlatFacets.of(corners, corners.mean(axis=1) + [0.0, 1.0 if up else -1.0])
+
+
+def plane(count: int, up: bool, triangles: bool, turn: float = 0.0) -> FlatFacets:
+    """Facets of the unit square, turned about its centre, at the height 0."""
+    x = np.linspace(-0.5, 0.5, count + 1)
+    a, b = (g[:-1, :-1].ravel() for g in np.meshgrid(x, x, indexing="ij"))
+    h = 1 / count
+    corners = np.stack(
+        [np.stack([a + h * i, b + h * j], axis=1) for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))],
+        axis=1,
+    )
+    if triangles:
+        corners = np.concatenate([corners[:, :3], corners[:, [0, 2, 3]]])
+    c, s = np.cos(turn), np.sin(turn)
+    corners = corners @ np.array([[c, s], [-s, c]])
+    corners = np.concatenate([corners, np.zeros((*corners.shape[:2], 1))], axis=2)
+    return FlatFacets.of(corners, corners.mean(axis=1) + [0.0, 0.0, 1.0 if up else -1.0])
+
+
+@pytest.mark.parametrize("ratio", RATIOS)
+@pytest.mark.parametrize("slope", [0.0, 0.3])
+def test_lines(ratio, slope):
+    """Every facet of both sides is covered once."""
+    first, second = line(ratio[0], False, slope=slope), line(ratio[1], True, slope=slope)
+    found = cut(first, second)
+    # Ends of facets that coincide are counted once.
+    assert len(found.first) == ratio[0] + ratio[1] - np.gcd(*ratio)
+    for one, rows in ((first, found.first), (second, found.second)):
+        lengths = np.bincount(rows, found.measures)
+        assert np.abs(lengths - one.measures).max() < 3e-16
+
+
+@pytest.mark.parametrize("ratio", RATIOS[:3])
+@pytest.mark.parametrize("kinds", [(True, True), (False, False), (True, False), (False, True)])
+def test_planes(ratio, kinds):
+    """Triangles and quadrilaterals on either side: areas of the facets add up."""
+    first, second = plane(ratio[0], False, kinds[0]), plane(ratio[1], True, kinds[1])
+    found = cut(first, second)
+    for one, rows in ((first, found.first), (second, found.second)):
+        areas = np.bincount(rows, found.measures)
+        assert np.abs(areas - one.measures).max() < 3e-16
+
+
+@pytest.mark.parametrize("turn", [0.1, 0.7])
+def test_turned_planes(turn):
+    """A square turned over another one: the area of their intersection, an octagon."""
+    found = cut(plane(3, False, True), plane(4, True, False, turn))
+    # What a half plane at the distance 1/2 cuts from a corner of the square, eight right triangles.
+    c, s = np.cos(turn), np.sin(turn)
+    corner = (c + s - 1) ** 2 / (2 * c * s) / 4
+    assert found.measures.sum() == pytest.approx(1 - 4 * corner, abs=1e-14)
+
+
+def test_curved_line():
+    """Two polygons along one circle: those of side 1 are covered whole, along their normals."""
+
+    def polygon(count, inner):
+        angle = np.linspace(0, 2 * np.pi, count + 1)
+        points = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        corners = np.stack([points[:-1], points[1:]], axis=1)
+        return FlatFacets.of(corners, corners.mean(axis=1) * (0.5 if inner else 1.5))
+
+    for count, other in ((8, 12), (12, 8), (9, 40), (40, 9)):
+        first, second = polygon(count, True), polygon(other, False)
+        found = cut(first, second)
+        lengths = np.bincount(found.first, found.measures, minlength=count)
+        assert np.abs(lengths - first.measures).max() < 1e-15
+
+
+def test_clipping():
+    """Polygons inside, outside, around and across a window."""
+    window = np.tile([[0.0, 0], [1, 0], [1, 1], [0, 1]], (5, 1, 1))
+    square = window[0]
+    others = [
+        0.5 * square + 0.25,
+        square + 2.0,
+        3 * square - 1.0,
+        square + [0.5, 0.25],
+        square[[0, 1, 2, 2]] - [0.5, 0.0],
+    ]
+    corners, counts = clipped(window, np.array(others))
+    areas = []
+    for polygon, count in zip(corners, counts, strict=True):
+        x, y = polygon[:count].T
+        areas.append(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2)
+    assert areas == pytest.approx([0.25, 0.0, 1.0, 0.375, 0.375], abs=1e-15)
+
+
+def test_not_opposite():
+    """Neither far surfaces, nor those with parallel normals, nor perpendicular ones."""
+    first = line(3, False)
+    for second in (
+        line(4, False),
+        FlatFacets.of(line(4, True).corners + [0.0, 0.2], line(4, True).centres + [0.0, 2.0]),
+        FlatFacets.of(
+            line(4, True).corners[..., ::-1], line(4, True).centres[:, ::-1] - [1.0, 0.0]
+        ),
+    ):
+        assert not len(cut(first, second).first)

@@ -1,0 +1,367 @@
+"""Quadrature points on the segments of two surfaces, each with a place in both cells."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+from mpi4py import MPI
+
+import basix
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import Mesh, create_interval
+from numpy.typing import NDArray
+from ufl.constantvalue import Zero
+from ufl.core.expr import Expr
+
+from .. import compat
+from ..base.kernels import compile_expression
+from ..domain.materials import Bodies
+from ..domain.shapes import (
+    GeometryMap,
+    ShapeGradients,
+    determinants,
+    places_in_cells,
+    reference_facets,
+)
+from ..forms import kinematics
+from ..forms.geometry import CARTESIAN, Geometry
+from ..forms.kinematics import Body
+from .jets import FacetJets
+from .pairing import PairedFacets
+from .quadrature import (
+    Evaluator,
+    InterfaceQuadrature,
+    SideEvaluators,
+    SideExpression,
+    bubble_values,
+)
+
+Array = NDArray[np.float64]
+
+#: Kinds of segments by their number of corners.
+_KINDS = {
+    2: basix.CellType.interval,
+    3: basix.CellType.triangle,
+    4: basix.CellType.quadrilateral,
+}
+
+#: Newton's method that finds a place on a facet: largest number of iterations, and the correction
+#: relative to the facet at which it ends.
+_MOST, _FOUND = 20, 1e-14
+
+#: Initial gaps below this, relative to the facet, are rounding.
+_NO_GAP = 1e-10
+
+
+class FacetPlaces(NamedTuple):
+    """Places of the points on one of the two facets of their segment.
+
+    Attributes:
+        reference: Positions in the reference cell (ns, points, d).
+        positions: X (ns, points, d) [mm].
+        normals: Unit normal, outward (ns, points, d).
+        stretch: Area per area in the plane of the segment (ns, points).
+    """
+
+    reference: Array
+    positions: Array
+    normals: Array
+    stretch: Array
+
+
+class PairQuadrature(InterfaceQuadrature):
+    """The segments of an interface and their quadrature points.
+
+    Point p of side 1 and its partner on side 2 have one projection into the plane of the segment,
+    along the normal of the facet of side 1. On quadrilaterals, some of which are triangles with a
+    repeated corner, the rule is one of Gauss in each direction.
+
+    Args:
+        mesh: The mesh.
+        facets: The pairs of facets.
+        degree: Degree of the rule.
+        geometry: Gradient and measure.
+
+    Attributes:
+        outward: Outward normals N_1, and N_2 dS_2/dS_1 = -M_2 (2, nq, d).
+    """
+
+    facets: PairedFacets
+
+    def __init__(
+        self, mesh: Mesh, facets: PairedFacets, degree: int, geometry: Geometry = CARTESIAN
+    ):
+        self.mesh, self.facets, self.geometry = mesh, facets, geometry
+        self.d = d = mesh.geometry.dim
+        self._degree = degree
+        segments = facets.segments
+        corners = segments.corners
+        kind = _KINDS[corners.shape[1]]
+        if kind == basix.CellType.quadrilateral:
+            corners = corners[:, [0, 1, 3, 2]]
+        rule, weights = basix.make_quadrature(kind, degree)
+        values, *slopes = basix.ufl.element("Lagrange", kind, 1).tabulate(1, rule)
+        plane = values @ corners
+        edges = np.einsum("tqc,sck->sqtk", np.array(slopes), corners)
+        areas = np.abs(determinants(edges)) * weights
+        one, two = (
+            _on_facets(mesh, facets.cells[:, a], facets.local[:, a], facets, plane)
+            for a in range(2)
+        )
+        around = [geometry.circumference(np.moveaxis(s.positions, 2, 0)) for s in (one, two)]
+        self._places = one.reference, two.reference
+        count = areas.size
+        self.points = np.zeros((count, 3))
+        self.points[:, :d] = one.positions.reshape(-1, d)
+        self.weights = (areas * one.stretch * around[0]).ravel()
+        self.normal = one.normals.reshape(-1, d)
+        ratio = two.stretch * around[1] / (one.stretch * around[0])
+        other = two.normals * np.broadcast_to(ratio, areas.shape)[..., None]
+        self.outward = np.stack([self.normal, other.reshape(-1, d)])
+        self.points_of_facet = np.arange(count, dtype=np.int32).reshape(areas.shape)
+        self.facet = np.repeat(np.arange(len(areas), dtype=np.int32), areas.shape[1])
+        self.area = self.weights.reshape(areas.shape).sum(axis=1)
+        self.extent = facets.extent
+        gap = (two.positions - one.positions).reshape(-1, d)
+        large = np.abs(gap).max(initial=0.0) > _NO_GAP * self.extent.max(initial=0.0)
+        self.initial_gap = gap if large else None
+        # One cell for every point: kernels are evaluated there with its F and N as coefficients.
+        self._cells_of_points = create_interval(MPI.COMM_SELF, count, [0.0, 1.0])
+        self._jets: FacetJets | None = None
+        self._last: tuple[Array, tuple[Array, Array]] | None = None
+
+    def space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
+        """See the base class."""
+        return fem.functionspace(self._cells_of_points, ("DG", 0, shape))
+
+    def shapes(self, degree: int) -> list[tuple[Array, Array]]:
+        """See the base class."""
+        shapes = ShapeGradients(self.mesh, self.geometry, degree)
+        sides = zip(self.facets.cells.T, self._places, strict=True)
+        return [shapes.in_places(*side) for side in sides]
+
+    def field(self, u: fem.Function) -> tuple[Array, Array]:
+        """The current displacement on both sides (ns, points, 2, d) [mm], and its entries of GRAD
+        (ns, points, 2, entries).
+
+        Computed once for all evaluators.
+
+        Args:
+            u: The displacement, always the same function.
+        """
+        if self._jets is None:
+            self._jets = FacetJets(self, u.function_space)
+        if self._last is None or not np.array_equal(self._last[0], u.x.array):
+            found = self._jets.of_field(u.x.array.reshape(-1, self.d))
+            self._last = u.x.array.copy(), found
+        return self._last[1]
+
+    def side_evaluators(
+        self,
+        u: fem.Function,
+        bodies: Bodies,
+        shape: tuple[int, ...],
+        expression: SideExpression,
+        name: str,
+        fluid: fem.Function | None = None,
+    ) -> SideEvaluators:
+        """See the base class; there are no fluids."""
+        assert fluid is None
+
+        def one_side(a: int) -> Evaluator:
+            return _PointExpressions(self, u, bodies, a, shape, expression, name)
+
+        return one_side(0), one_side(1)
+
+    def flux_evaluators(
+        self, u: fem.Function, bodies: Bodies, turns: bool, fluid: fem.Function | None
+    ) -> SideEvaluators:
+        """See the base class."""
+        d = self.d
+        tractions = self.side_evaluators(
+            u,
+            bodies,
+            (d,),
+            lambda body, F, N, a: kinematics.traction(body, F, N),
+            "flux",
+            fluid=fluid,
+        )
+
+        def one_side(a: int) -> Evaluator:
+            def evaluate() -> Array:
+                displacement, gradient = self.field(u)
+                values = [tractions[a](), displacement[:, :, a].reshape(-1, d)]
+                if turns:
+                    values.append(gradient[:, :, a, : d * d].reshape(-1, d * d))
+                return np.hstack(values)
+
+            return evaluate
+
+        return one_side(0), one_side(1)
+
+    def bubble_factors(self) -> Array:
+        """See the base class."""
+        sides = zip(self.facets.cells.T, self.facets.local.T, strict=True)
+        given = self.mesh, self.geometry, self._degree
+        return np.stack([_bubble_factors(*given, *side) for side in sides])
+
+
+class _PointExpressions:
+    """An expression of the body, F and N at the points of one side, by a kernel for every region.
+
+    Args:
+        quadrature: The points.
+        u: Displacement, changed by the solver.
+        bodies: Materials.
+        a: The side, 0 or 1.
+        shape: Shape of the expression.
+        expression: Of the body, F, N and the side.
+        name: Its purpose.
+    """
+
+    def __init__(
+        self,
+        quadrature: PairQuadrature,
+        u: fem.Function,
+        bodies: Bodies,
+        a: int,
+        shape: tuple[int, ...],
+        expression: SideExpression,
+        name: str,
+    ):
+        self._quadrature, self._u, self._a = quadrature, u, a
+        d = quadrature.d
+        n = quadrature.geometry.size(d)
+        self._entries = quadrature.geometry.entries(d)
+        self._F, N = (fem.Function(quadrature.space(s)) for s in ((n, n), (d,)))
+        N.x.array[:] = quadrature.outward[a].ravel()
+        self._cells = quadrature.facets.cells[quadrature.facet, a]
+        region_of = bodies.region[self._cells]
+        self._size = int(np.prod(shape, dtype=int))
+        self._fields: list[tuple[fem.Function, fem.Function]] = []
+        self._parts: list[tuple[NDArray[np.int32], fem.Expression]] = []
+        mesh, middle = self._F.function_space.mesh, np.array([[0.5]])
+        dofs = self._F.function_space.dofmap.list[:, 0]
+        for number in np.unique(region_of):
+            body = self._at_points(bodies.regions[number].body)
+            value = expression(body, ufl.variable(self._F), N, a)
+            if isinstance(value, Zero):
+                continue
+            entries = [value[i] for i in np.ndindex(*shape)] if shape else [value]
+            compiled = compile_expression(
+                ufl.as_vector(entries), middle, quadrature.mesh.comm, name=name
+            )
+            cells = np.flatnonzero(region_of[dofs] == number).astype(np.int32)
+            self._parts.append((cells, compiled))
+        self._mesh, self._dofs = mesh, dofs
+
+    def _at_points(self, body: Body) -> Body:
+        """The body with its parameters and eigenstrain at the points."""
+
+        def there(field: Expr) -> fem.Function:
+            function = fem.Function(self._quadrature.space(field.ufl_shape))
+            self._fields.append((field, function))
+            return function
+
+        parameters: Mapping[str, Expr] = {k: there(v) for k, v in body.parameters.items()}
+        strain = None if body.eigenstrain is None else there(body.eigenstrain)
+        return replace(body, parameters=parameters, eigenstrain=strain)
+
+    def __call__(self) -> Array:
+        """Values at the points (nq, components)."""
+        n = self._F.ufl_shape[0]
+        _, gradients = self._quadrature.field(self._u)
+        F = np.tile(np.eye(n), (len(self._cells), 1, 1))
+        rows, columns = zip(*self._entries, strict=True)
+        F[:, rows, columns] += gradients[:, :, self._a].reshape(len(F), -1)
+        self._F.x.array[:] = F.ravel()
+        for field, function in self._fields:
+            size = max(int(np.prod(field.ufl_shape, dtype=int)), 1)
+            function.x.array[:] = field.x.array.reshape(-1, size)[self._cells].ravel()
+        result = np.zeros((len(self._cells), self._size))
+        for cells, expression in self._parts:
+            values = compat.evaluate(expression, self._mesh, cells)
+            result[self._dofs[cells]] = values.reshape(len(cells), self._size)
+        return result
+
+
+def _on_facets(
+    mesh: Mesh,
+    cells: NDArray[np.int32],
+    local: NDArray[np.int32],
+    facets: PairedFacets,
+    plane: Array,
+) -> FacetPlaces:
+    """Places on facets whose projections into the plane of each segment are given.
+
+    Args:
+        mesh: The mesh.
+        cells: Cells of the facets (ns,).
+        local: Their numbers in them (ns,).
+        facets: The pairs.
+        plane: Coordinates in the planes (ns, points, d - 1) [mm].
+    """
+    origins, edges = (array[local] for array in reference_facets(mesh))
+    axes, centres = facets.segments.axes, facets.segments.origins
+    d = edges.shape[2]
+    # In the reference facet, from the middle of a triangle, or of a quadrilateral or an interval.
+    triangle = mesh.topology.cell_name() == "tetrahedron"
+    eta = np.full(plane.shape, 1 / 3 if triangle else 0.5)
+    for _ in range(_MOST):
+        reference = origins[:, None] + eta @ edges
+        X, J = places_in_cells(mesh, cells, reference)
+        tangents = J @ edges.transpose(0, 2, 1)[:, None]
+        along = axes[:, None] @ tangents
+        away = plane - np.einsum("skd,sqd->sqk", axes, X - centres[:, None])
+        change = np.linalg.solve(along, away[..., None])[..., 0]
+        if np.abs(change).max(initial=0.0) < _FOUND:
+            break
+        eta = eta + change
+    metric = tangents.transpose(0, 1, 3, 2) @ tangents
+    stretch = np.sqrt(determinants(metric)) / np.abs(determinants(along))
+    outward = basix.cell.facet_outward_normals(mesh.basix_cell())[local]
+    normals = np.einsum("sqji,sj->sqi", np.linalg.inv(J), outward)
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    return FacetPlaces(reference, X, normals.reshape(*plane.shape[:2], d), stretch)
+
+
+def _bubble_factors(
+    mesh: Mesh,
+    geometry: Geometry,
+    degree: int,
+    cells: NDArray[np.int32],
+    local: NDArray[np.int32],
+) -> Array:
+    """(int b_s dA)^2 / int dA of facets ``local`` of cells (n,), see :func:`.bubble_integrals`; the
+    area by a rule of this degree."""
+    cell = basix.cell.subentity_types(mesh.basix_cell())[mesh.topology.dim - 1][0]
+    points, weights = basix.make_quadrature(cell, 3 + 2 * compat.coordinate_element(mesh).degree)
+    bubble = bubble_values(cell, points)
+    measure = _facet_integrals(mesh, geometry, cells, local, *basix.make_quadrature(cell, degree))
+    return _facet_integrals(mesh, geometry, cells, local, points, weights * bubble) ** 2 / measure
+
+
+def _facet_integrals(
+    mesh: Mesh,
+    geometry: Geometry,
+    cells: NDArray[np.int32],
+    local: NDArray[np.int32],
+    points: Array,
+    weights: Array,
+) -> Array:
+    """Integrals over facets of cells (n,), by reference points of a facet and their weights."""
+    found = np.zeros(len(cells))
+    for number, (origin, edges) in enumerate(zip(*reference_facets(mesh), strict=True)):
+        chosen = np.flatnonzero(local == number)
+        geometry_map = GeometryMap(mesh, origin + points @ edges)
+        nodes = geometry_map.nodes(cells[chosen])
+        tangents = geometry_map.jacobians(nodes) @ edges.T
+        metric = tangents.transpose(0, 1, 3, 2) @ tangents
+        around = geometry.circumference(geometry_map.positions(nodes))
+        found[chosen] = (np.sqrt(determinants(metric)) * around) @ weights
+    return found

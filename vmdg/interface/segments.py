@@ -1,0 +1,245 @@
+"""Where the facets of two surfaces that share no nodes lie opposite each other, cut into segments.
+
+Every facet of the first surface has a plane, through its centre and along its corners, into which
+both facets of a pair are projected along its normal. Their intersection, an interval in 2D and a
+convex polygon in 3D that is cut into triangles or quadrilaterals, is where a quadrature rule has
+polynomials on both sides: the points of one surface alone would integrate those of the other one
+across their kinks.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.intp]
+
+#: Cosine of the largest angle between a normal and the reversed normal of a facet opposite to it.
+_OPPOSITE = 0.5
+
+#: Largest distance of facets that lie opposite each other, relative to the larger one's radius.
+_REACH = 0.5
+
+#: Smallest measure of a segment relative to that of the smaller facet, and smallest distance of its
+#: corners relative to their largest coordinate: less is rounding.
+_SLIVER, _SAME = 1e-12, 1e-13
+
+
+class FlatFacets(NamedTuple):
+    """Facets by their corners.
+
+    Attributes:
+        corners: In order around each facet (n, c, d) [mm].
+        normals: Unit normals, outward (n, d).
+    """
+
+    corners: Array
+    normals: Array
+
+    @classmethod
+    def of(cls, corners: Array, inside: Array) -> FlatFacets:
+        """Facets with these corners, of cells with points ``inside`` (n, d).
+
+        Warped quadrilaterals have the normal of their diagonals.
+        """
+        if corners.shape[2] == 2:
+            edge = corners[:, 1] - corners[:, 0]
+            normals = np.stack([edge[:, 1], -edge[:, 0]], axis=1)
+        else:
+            one, two = ((2, 0), (3, 1)) if corners.shape[1] == 4 else ((1, 0), (2, 0))
+            edges = [corners[:, end] - corners[:, start] for end, start in (one, two)]
+            normals = np.cross(*edges)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        outward = corners.mean(axis=1) - inside
+        normals *= np.sign(np.einsum("fi,fi->f", normals, outward))[:, None]
+        return cls(corners, normals)
+
+    @property
+    def centres(self) -> Array:
+        """Means of the corners (n, d) [mm]."""
+        return self.corners.mean(axis=1)
+
+    @property
+    def radii(self) -> Array:
+        """Distances of the farthest corners from the centre (n,) [mm]."""
+        return np.linalg.norm(self.corners - self.centres[:, None], axis=2).max(axis=1)
+
+    @property
+    def measures(self) -> Array:
+        """Lengths, or areas (n,) [mm; mm2]."""
+        axes = plane_axes(self)
+        return np.abs(_measures(_projected(self.corners, self.centres, axes)))
+
+
+class Segments(NamedTuple):
+    """Intersections of facets of two surfaces in planes of the first surface.
+
+    Those of quadrilaterals are quadrilaterals, in order around; with a repeated corner triangles.
+
+    Attributes:
+        first: Facet of the first surface (n,).
+        second: Facet of the second one (n,).
+        corners: Corners in the plane (n, c, d - 1) [mm].
+        origins: Origin of the plane (n, d) [mm].
+        axes: Its orthonormal axes (n, d - 1, d).
+    """
+
+    first: Numbers
+    second: Numbers
+    corners: Array
+    origins: Array
+    axes: Array
+
+    @property
+    def measures(self) -> Array:
+        """Lengths, or areas (n,) [mm; mm2]."""
+        return np.abs(_measures(self.corners))
+
+    def rows(self, select: NDArray) -> Segments:
+        """Some of them."""
+        return Segments(*(array[select] for array in self))
+
+
+def cut(first: FlatFacets, second: FlatFacets) -> Segments:
+    """The segments of two surfaces, by facets of the first one.
+
+    Facets lie opposite each other where their normals do, within 60 degrees, and their distance is
+    at most half the radius of the larger one: more than that of two polygons along one curve.
+
+    Args:
+        first: Facets whose planes are used.
+        second: Those of the other surface.
+    """
+    i, j = _candidates(first, second)
+    d = first.corners.shape[2]
+    axes, centres = plane_axes(first), first.centres
+    one = _projected(first.corners[i], centres[i], axes[i])
+    two = _projected(second.corners[j], centres[i], axes[i])
+    pair, corners = (_intervals if d == 2 else _polygons)(one, two)
+    i, j = i[pair], j[pair]
+    found = Segments(i, j, corners, centres[i], axes[i])
+    least = _SLIVER * np.minimum(first.measures[i], second.measures[j])
+    # The distance along the normal, at the middle of the segment.
+    middle = centres[i] + np.einsum("sk,skd->sd", corners.mean(axis=1), axes[i])
+    away = np.einsum("sd,sd->s", second.centres[j] - middle, second.normals[j])
+    away /= np.einsum("sd,sd->s", first.normals[i], second.normals[j])
+    reach = _REACH * np.maximum(first.radii[i], second.radii[j])
+    return found.rows((found.measures > least) & (np.abs(away) <= reach))
+
+
+def plane_axes(facets: FlatFacets) -> Array:
+    """Orthonormal axes of the planes of facets (n, d - 1, d)."""
+    normals = facets.normals
+    if normals.shape[1] == 2:
+        return np.stack([-normals[:, 1], normals[:, 0]], axis=1)[:, None]
+    edge = facets.corners[:, 1] - facets.corners[:, 0]
+    edge -= np.einsum("fi,fi->f", edge, normals)[:, None] * normals
+    edge /= np.linalg.norm(edge, axis=1, keepdims=True)
+    return np.stack([edge, np.cross(normals, edge)], axis=1)
+
+
+def _projected(points: Array, origins: Array, axes: Array) -> Array:
+    """Coordinates of points (n, c, d) in planes (n, c, d - 1)."""
+    return np.einsum("nkd,ncd->nck", axes, points - origins[:, None])
+
+
+def _measures(corners: Array) -> Array:
+    """Lengths of intervals (n, 2, 1), areas of polygons (n, c, 2), positive counterclockwise."""
+    if corners.shape[2] == 1:
+        return corners[:, 1, 0] - corners[:, 0, 0]
+    x, y = np.moveaxis(corners - corners[:, :1], 2, 0)
+    return (x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1) / 2
+
+
+def _candidates(first: FlatFacets, second: FlatFacets) -> tuple[Numbers, Numbers]:
+    """Pairs of facets with opposite normals whose spheres meet."""
+    if not len(first.corners) or not len(second.corners):
+        return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
+    one, two = first.radii, second.radii
+    most = one + two.max() + _REACH * np.maximum(one, two.max())
+    near = cKDTree(second.centres).query_ball_point(first.centres, most)
+    i = np.repeat(np.arange(len(near)), [len(found) for found in near])
+    j = np.concatenate(near).astype(np.intp)
+    apart = np.linalg.norm(first.centres[i] - second.centres[j], axis=1)
+    meet = apart <= one[i] + two[j] + _REACH * np.maximum(one[i], two[j])
+    cosine = np.einsum("pd,pd->p", first.normals[i], second.normals[j])
+    keep = meet & (cosine < -_OPPOSITE)
+    return i[keep], j[keep]
+
+
+def _intervals(one: Array, two: Array) -> tuple[Numbers, Array]:
+    """Intersections of intervals (n, 2, 1): numbers of the pairs, and ends (m, 2, 1)."""
+    low = np.maximum(one.min(axis=1), two.min(axis=1))
+    high = np.minimum(one.max(axis=1), two.max(axis=1))
+    pairs = np.flatnonzero(high[:, 0] > low[:, 0])
+    return pairs, np.stack([low, high], axis=1)[pairs]
+
+
+def _polygons(one: Array, two: Array) -> tuple[Numbers, Array]:
+    """Intersections of convex polygons (n, c, 2), cut into triangles or quadrilaterals as they are:
+    numbers of the pairs, and corners (m, c, 2)."""
+    size = one.shape[1]
+    polygons, counts = clipped(_counterclockwise(one), _counterclockwise(two))
+    pairs, corners = [np.zeros(0, dtype=np.intp)], [np.zeros((0, size, 2))]
+    for k in range(1, polygons.shape[1] - 1, size - 2):
+        pairs.append(np.flatnonzero(counts > k + 1))
+        fan = np.minimum([0, *range(k, k + size - 1)], counts[pairs[-1], None] - 1)
+        corners.append(np.take_along_axis(polygons[pairs[-1]], fan[..., None], axis=1))
+    order = np.argsort(np.concatenate(pairs), kind="stable")
+    return np.concatenate(pairs)[order], np.concatenate(corners)[order]
+
+
+def _counterclockwise(polygons: Array) -> Array:
+    clockwise = _measures(polygons) < 0
+    return np.where(clockwise[:, None, None], polygons[:, ::-1], polygons)
+
+
+def clipped(window: Array, polygons: Array) -> tuple[Array, Numbers]:
+    """Intersections of convex polygons, by Sutherland and Hodgman.
+
+    Args:
+        window: Counterclockwise polygons (n, c, 2).
+        polygons: Others (n, k, 2).
+
+    Returns:
+        Corners of the intersections (n, most corners, 2), and their numbers (n,), possibly zero;
+        corners beyond these are meaningless.
+    """
+    counts = np.full(len(polygons), polygons.shape[1])
+    for a in range(window.shape[1]):
+        start, edge = window[:, a], np.roll(window, -1, axis=1)[:, a] - window[:, a]
+        slots = np.arange(polygons.shape[1])
+        exists = slots < counts[:, None]
+        following = np.where(slots + 1 < counts[:, None], slots + 1, 0)
+        ends = np.take_along_axis(polygons, following[..., None], axis=1)
+
+        def inside(points: Array, start: Array = start, edge: Array = edge) -> Array:
+            x, y = np.moveaxis(points - start[:, None], 2, 0)
+            return edge[:, :1] * y - edge[:, 1:] * x
+
+        here, there = inside(polygons), inside(ends)
+        crosses = exists & ((here >= 0) != (there >= 0))
+        share = here / np.where(crosses, here - there, 1.0)
+        # Each side gives its start, if that is inside, and where it crosses the edge.
+        points = np.stack([polygons, polygons + share[..., None] * (ends - polygons)], axis=2)
+        kept = np.stack([exists & (here >= 0), crosses], axis=2).reshape(
+            len(polygons), 2 * len(slots)
+        )
+        polygons, counts = _compacted(points.reshape(*kept.shape, 2), kept)
+    slots = np.arange(polygons.shape[1])
+    following = np.where(slots + 1 < counts[:, None], slots + 1, 0)
+    away = np.abs(np.take_along_axis(polygons, following[..., None], axis=1) - polygons)
+    size = np.abs(window).max(axis=(1, 2), initial=0.0)[:, None]
+    differ = away.max(axis=2, initial=0.0) > _SAME * size
+    return _compacted(polygons, differ & (slots < counts[:, None]))
+
+
+def _compacted(points: Array, kept: NDArray[np.bool_]) -> tuple[Array, Numbers]:
+    """The kept points (n, k, 2) of every row first, in their order, and their numbers (n,)."""
+    counts = kept.sum(axis=1)
+    order = np.argsort(~kept, axis=1, kind="stable")[:, : counts.max(initial=0)]
+    return np.take_along_axis(points, order[..., None], axis=1), counts
