@@ -23,8 +23,8 @@ class PointFields:
     In the cells they have the values at the quadrature points. On facets the stress is that of the
     points extrapolated, P_a = sum_q E_pq P_q, so that facets need no history of their own: with
     one, a facet could be elastic while its cell is plastic, and no tau_s would suffice. The moduli
-    of the adjoint term are those at the start of the step, since a residual must not jump where a
-    point yields.
+    of the adjoint term are those of the last given load factor, since a residual must not jump
+    where a point yields.
 
     Attributes:
         stress: P at the points of the cells (n, n) [MPa]; with mean dilatation what is conjugate to
@@ -32,7 +32,7 @@ class PointFields:
         moduli: Its derivative by F there (m, m), rows and columns the ``entries`` [MPa].
         stored: Stored energy there [MPa].
         facet_stress: P at any point of a cell (3, 3) [MPa].
-        facet_moduli: dP/dF at the start of the step, at any point of a cell (m, m) [MPa].
+        facet_moduli: dP/dF of the adjoint term, at any point of a cell (m, m) [MPa].
         facet_stretch: F_33 at any point of a cell, at small strain the strain.
         entries: Entries of F by which it differs from I.
     """

@@ -44,7 +44,7 @@ class PointState:
         history: History of the points of every material (n, m).
         stress: Conjugate to F (cells, points, 3, 3) [MPa].
         moduli: Its derivative by F (cells, points, entries, entries) [MPa].
-        frozen: Derivative of P at the start of the step, likewise [MPa].
+        frozen: Derivative of P in the adjoint term, likewise [MPa].
         stored: Stored energy (cells, points) [MPa].
         dissipated: Dissipated energy in the step (cells, points) [MPa].
         next: History at the end of the step.
@@ -185,7 +185,7 @@ class PointBodies:
             one,
         )
         self.take(together(mesh.comm, lambda: self._evaluated(one, np.inf)))
-        self.begin()
+        self.renew()
 
     # Evaluation
 
@@ -343,7 +343,7 @@ class PointBodies:
         return self._piola_moduli(self.state, self._row[cells])
 
     def frozen_in(self, cells: NDArray[np.integer]) -> Array:
-        """That at the start of the step."""
+        """That of the adjoint term."""
         return self.state.frozen[self._row[cells]]
 
     def has(self, cells: NDArray[np.integer]) -> NDArray[np.bool_]:
@@ -352,8 +352,8 @@ class PointBodies:
 
     # Steps
 
-    def begin(self) -> None:
-        """Start a step: the moduli so far are those of the adjoint term."""
+    def renew(self) -> None:
+        """The current moduli are those of the adjoint term from now on."""
         self.take(_with(self.state, frozen=self._piola_moduli(self.state, slice(None))))
 
     def commit(self) -> None:

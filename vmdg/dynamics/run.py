@@ -90,6 +90,7 @@ def solve_dynamics(
         steps.accelerate()
         for number, t in enumerate(times):
             start, found, cuts, count = problem.t, Attempt(), 0, 0
+            problem.step.set_out()
             for found in steps.advance(float(t)):
                 interrupt.check()
                 if not found.converged:

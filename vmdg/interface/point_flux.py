@@ -6,7 +6,7 @@ P_a.N = sum_q E_pq P_q.N, and depends on u through the strain of all points q of
     d(P_a.N) = sum_q E_pq (C_q : GRAD du(X_q)).N.
 
 :mod:`vmdg.interface.tangent` has (A_p : GRAD du(X_p)).N in its place, with the moduli of the
-adjoint term, A_p = sum_q E_pq A_q of the start of the step. The difference multiplies
+adjoint term, A_p = sum_q E_pq A_q of the last given load factor. The difference multiplies
 the derivative of the residual by {P.N}: with d zeta = C.dT of (84) and the couple M of a rotating
 frame,
 

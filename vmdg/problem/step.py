@@ -105,8 +105,6 @@ class Step:
         self.ledger.settle()
         self._dt, self.start = dt, self.snapshot()
         self.ledger.begin(self.start, dt, overstress > 0, cycles)
-        if bodies := self.discretization.bodies.points:
-            bodies.begin()
         self._loading.spread()
         self.slow_down(overstress, cycles)
         try:
@@ -119,6 +117,16 @@ class Step:
                 open_free_points(active)
         self.ledger.set_out(added, t)
         self._loading.move(t)
+
+    def set_out(self) -> None:
+        """Start the way to a given load factor or time: adjoint terms take the current moduli of
+        bodies at points.
+
+        They keep them on the way: with those of every step the residual would jump where points
+        begin or cease to flow, however short the steps, and so would the path.
+        """
+        if bodies := self.discretization.bodies.points:
+            bodies.renew()
 
     def slow_down(self, overstress: float, cycles: float = 0.0) -> None:
         """Set the overstress of the step and the number of cycles that it represents.

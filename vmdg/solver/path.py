@@ -187,6 +187,7 @@ class Path:
         """The stage to a load factor."""
         problem, loading, options = self._problem, self._problem.loading, self._options
         start, step, steps = problem.t, problem.step, self._steps
+        step.set_out()
         most = options.max_share * bonds(problem)[0]
         by_load = options.control == "load" or steps.viscous or steps.cyclic
         # Bonds may break or bodies buckle; before facets open nothing is known about bonds.
