@@ -61,7 +61,7 @@ def peel(problem: vmdg.Problem, zone: float, thickness: float, out: str) -> dict
     """Work per area of the crack, in the second half of its growth, relative to the toughness."""
     crack = vmdg.CrackGrowth(problem, 0)
     elastic = np.sqrt(E / (1 - NU**2) * thickness**3 * G_C / 6)  # moment [N]
-    shown = {"progress": True, "show": ("crack",), "csv": f"{out}/{thickness:g}.csv"}
+    shown = {"progress": True, "show": ("crack",), "csv": f"{out}/{thickness:.3f}.csv"}
     history = vmdg.solve(
         problem,
         elastic * np.array([0.3, 0.6, 2.0]),
@@ -76,22 +76,24 @@ def peel(problem: vmdg.Problem, zone: float, thickness: float, out: str) -> dict
 
 
 def main(
-    thicknesses: tuple[float, ...] = (0.15, 0.2, 0.25, 0.3, 0.4, 0.5),
+    thinnest: float = 0.15,
+    thickest: float = 0.5,
+    count: int = 6,
     facet: float = 0.34,
     out: str = "results/plastic_peel",
 ) -> dict[float, dict[str, float]]:
     """Peel strips of several thicknesses; the shares of the work of each."""
     figure, (strip, bars) = plt.subplots(2, 1, figsize=(7, 6), layout="constrained")
-    found, below = {}, np.zeros(len(thicknesses))
-    for thickness in thicknesses:
+    found, below = {}, np.zeros(count)
+    for thickness in np.geomspace(thinnest, thickest, count):
         problem, zone = build(thickness, facet)
         found[thickness] = peel(problem, zone, thickness, out)
-        if thickness == thicknesses[0]:
+        if thickness == thinnest:
             vmdg.plot.stress(problem, "xx", 3.0, strip, edges=0.2)
             strip.set_title(f"{1000 * thickness:g} µm, displacements x 3", size=10)
     for name, label in SHARES.items():
         height = np.array([shares[name] for shares in found.values()])
-        bars.bar([f"{1000 * t:g}" for t in found], height, 0.6, below, label=label)
+        bars.bar([f"{1000 * t:.0f}" for t in found], height, 0.6, below, label=label)
         below += height
     bars.axhline(2.0, color="k", ls="--", lw=1, label="elastic strip")
     bars.set(xlabel="thickness [µm]", ylabel="work per area / toughness")
@@ -106,6 +108,9 @@ if __name__ == "__main__":
     command = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
+    command.add_argument("--thinnest", type=float, default=0.15, help="thickness [mm]")
+    command.add_argument("--thickest", type=float, default=0.5, help="thickness [mm]")
+    command.add_argument("--count", type=int, default=6, help="strips")
     command.add_argument(
         "--facet", type=float, default=0.34, help="facets, relative to the process zone [-]"
     )

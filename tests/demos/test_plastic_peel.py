@@ -9,7 +9,7 @@ import pytest
 def test_example(comm, out):
     """The bond takes its toughness whatever the strip does; a thick strip stays elastic and stores
     as much, a thin one flows and takes several times as much."""
-    found = plastic_peel.main(thicknesses=(0.2, 0.5), facet=0.34, out=str(out))
+    found = plastic_peel.main(thinnest=0.2, thickest=0.5, count=2, facet=0.34, out=str(out))
     thin, thick = found.values()
     for shares in found.values():
         assert shares["damage"] == pytest.approx(1.0, abs=0.05)

@@ -73,11 +73,17 @@ def write_checkpoint(problem: Problem, folder: str | Path, history: History | No
     Raises:
         OSError: the folder is not writable, another run writes there, or the disk is full; on all
             ranks, and the previous checkpoint remains valid.
-        ValueError: the state is not finite, or the history has values that cannot be stored;
-            likewise.
+        ValueError: the state is not finite, the history has values that cannot be stored, or the
+            bodies move: velocities are not written; likewise.
         TypeError: the problem or the folder is of the wrong type.
     """
     _check_problem(problem)
+    motion = problem.step.motion
+    if motion is not None and motion.kinetic_energy() > 0:
+        raise ValueError(
+            "checkpoint: the bodies move, and checkpoints hold no velocities; write "
+            "problem.u and problem.velocity yourself, or bring the bodies to rest by vmdg.solve"
+        )
     with claim_checkpoint(problem.comm, folder):
         _write(problem, Path(folder), history)
 

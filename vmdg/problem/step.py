@@ -128,6 +128,14 @@ class Step:
         if bodies := self.discretization.bodies.points:
             bodies.renew()
 
+    def come_to_rest(self) -> None:
+        """Stop bodies in motion, for statics; their kinetic energy counts as viscous work;
+        collective."""
+        if self.motion is not None and (energy := self.motion.kinetic_energy()) > 0:
+            self.ledger.release(energy)
+            rest = np.zeros(self.discretization.owned)
+            self.motion.move(rest, rest.copy())
+
     def slow_down(self, overstress: float, cycles: float = 0.0) -> None:
         """Set the overstress of the step and the number of cycles that it represents.
 

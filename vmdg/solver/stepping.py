@@ -42,7 +42,8 @@ def solve(
     """Solve for a sequence of load factors.
 
     Args:
-        problem: Changed in place; ends in the state of the last load factor.
+        problem: Changed in place; ends in the state of the last load factor. Bodies that move after
+            :func:`vmdg.solve_dynamics` are brought to rest.
         loads: Load factors to reach in sequence; an int is a number of equal steps to 1.
         options: See :class:`SolveOptions`; those of rank 0 apply on all ranks.
         monitor: Called after every converged step, on all ranks; it returns numbers for the history
@@ -85,6 +86,7 @@ def solve(
     result = Result(
         history=History() if history is None else history, switches=switchboard(problem, options)
     )
+    problem.step.come_to_rest()
     if loads.size:
         problem.step.rests_on_contact = check_model(problem, loads, options.unstable == "trace")
     if options.checkpoint is not None and history is None:
