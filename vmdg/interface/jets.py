@@ -134,7 +134,7 @@ class FacetJets:
         forces += np.einsum("fpanj,fpaij->fani", slopes, section, optimize=True)
         if self._hoop:
             forces[..., 0] += np.einsum("fpan,fpa->fan", self.gradients[..., d], G[..., d * d])
-        return forces.reshape(len(forces), -1, d)
+        return forces.reshape(len(forces), 2 * self.nodes, d)
 
     def dilatation(self, rows: slice) -> Block:
         """B of the dilatation, one number per cell, the last entry of GRAD."""
