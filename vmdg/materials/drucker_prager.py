@@ -32,7 +32,8 @@ class DruckerPrager(Plastic):
     the stress continuous for any dilatancy, and lets bodies without dilatancy reach the apex (there
     the book differs). In uniaxial stress the cone is reached at 3 xi c/(sqrt(3) + eta) in tension
     and 3 xi c/(sqrt(3) - eta) in compression. Without hardening a point at the apex has no
-    stiffness in any direction.
+    stiffness in any direction. With less dilatancy than friction a confined body may soften, and
+    then flows in one part only, in one row of cells, whatever their size.
 
     Args:
         E: Young's modulus [MPa].

@@ -123,7 +123,8 @@ class J2(Plastic):
         self._curved = recovery > 0 or self._rise > 0 or curve is not None
         self.numbers = dict(self.parameters) | numbers
         if curve is not None:
-            self.numbers["hardening"] = curve(_SAMPLES)[0].tolist()
+            known = curve(_SAMPLES)[0] if callable(hardening) else np.array(hardening, dtype=float)
+            self.numbers["hardening"] = known.tolist()
         self.viscous = rate > 0
         if kinematic > 0:
             self.kinematics = ("small",)

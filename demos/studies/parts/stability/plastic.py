@@ -32,8 +32,10 @@ from parts.stability.points import Point
 from parts.stability.programmes import few_steps, opening, piecewise, stable_law, turning
 from parts.stability.scenes import Bond, Case, Support, distorted
 
-#: The answer to moduli that are not symmetric in space.
-REFUSAL = "unsymmetric moduli"
+
+#: Plastic strain along a body, of the deviator and of the volume; equivalent back stress; alpha;
+#: whether it is at the apex.
+History = tuple[float, float, float, float, bool]
 
 
 class Confined:
@@ -45,6 +47,7 @@ class Confined:
 
     Attributes:
         alpha: Of its history.
+        at_apex: Whether it is at the apex of a cone, where it has no stiffness but that of volume.
     """
 
     def __init__(self, material: vmdg.J2 | vmdg.DruckerPrager, finite: bool):
@@ -54,8 +57,8 @@ class Confined:
         self._cone = (
             (material.eta, material.dilation, material.xi) if "friction" in self.numbers else None
         )
-        # Plastic strain along the body, of the deviator and of the volume; equivalent back stress.
         self._plastic, self._volume, self._back, self.alpha = 0.0, 0.0, 0.0, 0.0
+        self.at_apex = False
 
     def __call__(self, e: float, dt: float) -> float:
         """Stress along the body after a step to e [MPa]."""
@@ -63,9 +66,10 @@ class Confined:
 
     def commit(self, e: float, dt: float) -> None:
         """End the step."""
-        _, (self._plastic, self._volume, self._back, self.alpha) = self._step(e, dt)
+        _, history = self._step(e, dt)
+        self._plastic, self._volume, self._back, self.alpha, self.at_apex = history
 
-    def _step(self, e: float, dt: float) -> tuple[float, tuple[float, float, float, float]]:
+    def _step(self, e: float, dt: float) -> tuple[float, History]:
         strain = np.log1p(e) if self._finite else e
         stress, history = (self._metal if self._cone is None else self._soil)(strain, dt)
         return stress / (1 + e) if self._finite else stress, history
@@ -78,7 +82,7 @@ class Confined:
         linear = given["yield_stress"] + given["hardening"] * alpha
         return linear + rise * (1 - np.exp(-given["exponent"] * alpha))
 
-    def _metal(self, strain: float, dt: float) -> tuple[float, tuple[float, float, float, float]]:
+    def _metal(self, strain: float, dt: float) -> tuple[float, History]:
         """q = 2 G strain - 3 G plastic, with a sign."""
         q = 2 * self._G * strain - 3 * self._G * self._plastic
         sign = np.sign(q - self._back)
@@ -97,10 +101,10 @@ class Confined:
         if excess(0.0) > 0:
             x = brentq(excess, 0.0, abs(q - self._back) / self._G, xtol=1e-18, rtol=1e-14)
         q -= 3 * self._G * sign * x
-        history = self._plastic + sign * x, 0.0, back(x), self.alpha + x
+        history = self._plastic + sign * x, 0.0, back(x), self.alpha + x, False
         return self._K * strain + 2 / 3 * q, history
 
-    def _soil(self, strain: float, dt: float) -> tuple[float, tuple[float, float, float, float]]:
+    def _soil(self, strain: float, dt: float) -> tuple[float, History]:
         """j = sqrt(3) G |d| with d = 2/3 strain - plastic, p = K (strain - volume)."""
         G, K, (eta, etab, xi) = self._G, self._K, self._cone
         d, volume = 2 / 3 * strain - self._plastic, strain - self._volume
@@ -127,7 +131,8 @@ class Confined:
                 gamma = brentq(excess, 0.0, gamma, xtol=1e-18, rtol=1e-14)
         grown = etab * gamma + more
         plastic = self._plastic + sign * gamma / np.sqrt(3)
-        history = plastic, self._volume + grown, 0.0, self.alpha + xi * gamma + xi / eta * more
+        alpha = self.alpha + xi * gamma + xi / eta * more
+        history = plastic, self._volume + grown, 0.0, alpha, more > 0
         return p - K * grown + 2 * G * (2 / 3 * strain - plastic), history
 
 
@@ -199,9 +204,18 @@ def bars(rng: Generator) -> Case:
     way = piecewise(sense * reach * turning(rng, count, rng.choice([0.0, -0.5])))
 
     def judge(run: Run) -> list[str]:
+        def faults(expected: list[float]) -> list[str]:
+            # Where a contact opens, nothing is carried.
+            size = max([1e-3 * K * reach, *map(abs, expected)])
+            for record, T in zip(run.records[1:], expected, strict=False):
+                off = np.abs(record.traction[0] - T * np.eye(mesh.d)[0]).max() / size
+                if not off < EXACT:
+                    return [f"the row at t = {record.t:.6g} is off by {off:.1e}"]
+            return []
+
         point = Point(law, mesh.d) if law.inelastic else None
         one = Confined(body, not small)
-        expected = []
+        expected, e = [], 0.0
         for before, after in pairwise(run.records):
             dt = (after.t - before.t) or np.inf
 
@@ -209,14 +223,16 @@ def bars(rng: Generator) -> Case:
                 return one(way(t) - gap, dt)
 
             T = point.pull(carried, dt) if point else carried(0.0)
-            one.commit(way(after.t) - (point.gap[0] if point else 0.0), dt)
+            start, e = e, way(after.t) - (point.gap[0] if point else 0.0)
+            between = np.array([one(x, dt) for x in np.linspace(start, e, 50)])
+            one.commit(e, dt)
+            if one.at_apex or (np.diff(between) * np.sign(e - start) < 0).any():
+                # Without shear stiffness the cells may take any shape, and a cone that softens, as
+                # one without dilatancy may, flows in one part of the bar.
+                return faults(expected)
             expected.append(T)
-        # Where a contact opens, nothing is carried.
-        size = max([1e-3 * K * reach, *map(abs, expected)])
-        for record, T in zip(run.records[1:], expected, strict=True):
-            off = np.abs(record.traction[0] - T * np.eye(mesh.d)[0]).max() / size
-            if not off < EXACT:
-                return [f"the row at t = {record.t:.6g} is off by {off:.1e}"]
+        if found := faults(expected):
+            return found
         state = run.problem.body_state(1)
         if (off := np.abs(state.history["alpha"] - one.alpha).max()) > EXACT * max(one.alpha, 1e-3):
             return [f"alpha is off by {off:.1e} of {one.alpha:.1e}"]
@@ -236,7 +252,6 @@ def bars(rng: Generator) -> Case:
         ),
         "loads": few_steps(rng, count),
         "judge": judge,
-        "refusal": REFUSAL,
     }
     bond = described(law) if law.strength else type(law).__name__
     return Case("plastic bars", f"{named(body)}, {count} legs, {bond}", **inputs)
@@ -264,7 +279,6 @@ def cells(rng: Generator) -> Case:
         "mesh": distorted(mesh, rng, rng.uniform(0.4, 0.9), planes),
         "degree": degree,
         "kinematics": "small" if small else "finite",
-        "refusal": REFUSAL,
     }
     plastic = [m for m in materials.values() if isinstance(m, vmdg.PointMaterial)]
     bond = described(tied) if tied.strength else type(tied).__name__
