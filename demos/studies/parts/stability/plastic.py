@@ -32,7 +32,6 @@ from parts.stability.points import Point
 from parts.stability.programmes import few_steps, opening, piecewise, stable_law, turning
 from parts.stability.scenes import Bond, Case, Support, distorted
 
-
 #: Plastic strain along a body, of the deviator and of the volume; equivalent back stress; alpha;
 #: whether it is at the apex.
 History = tuple[float, float, float, float, bool]
