@@ -45,7 +45,8 @@ def test_dissipation(name, small, first, second):
         assert answer.stored[0] >= 0
         if alpha == before:
             assert answer.dissipated[0] < 1e-14 * E
-        elif alpha > before + 1e-9:
+        elif alpha > before + 1e-9 and name != "isochoric":
+            # At its apex a cone without dilatancy may flow against no stress.
             assert answer.dissipated[0] > 0
         before = alpha
 

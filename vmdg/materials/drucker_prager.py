@@ -111,7 +111,8 @@ class DruckerPrager(Plastic):
         ratio = xi / eta
         stiff = K + H * ratio**2
         more = p - K * etab * gamma - ratio * (start + H * xi * gamma)
-        more = np.where(apex, more / stiff, 0.0)
+        # Not negative but for rounding.
+        more = np.where(apex, np.maximum(more / stiff, 0.0), 0.0)
         grown = etab * gamma + more
         change = with_mean((1 - share)[:, None] * strain, grown / 3)
         increment = xi * gamma + ratio * more
