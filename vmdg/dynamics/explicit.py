@@ -51,14 +51,13 @@ class ExplicitSteps:
             "triangles and tetrahedra of degree 2: use degree=1, quadrilaterals or hexahedra, or "
             "GeneralizedAlpha"
         )
-        bare = global_any(self._comm, bool((masses <= least).any()))
-        raise_together(self._comm, message if bare else None)
+        raise_together(self._comm, message if (masses <= least).any() else None)
         self._count, self._critical = 0, math.inf
 
     def accelerate(self) -> None:
         """Acceleration of a body that is let go in its current state: M.a = -R; collective."""
         self._problem.step.assemble_residual(hold=True)
-        self._motion.acceleration = self._acceleration(np.zeros(0))
+        self._motion.acceleration = self._acceleration(0.0)
 
     def advance(self, t: float) -> Iterator[Attempt]:
         """Steps to a time, as one attempt; collective."""
@@ -130,10 +129,10 @@ class ExplicitSteps:
         motion.move(v1, a1)
         self._count += 1
 
-    def _acceleration(self, of_supports: Array) -> Array:
-        """-R/m, of supports as given or zero."""
+    def _acceleration(self, of_supports: Array | float) -> Array:
+        """-R/m, of supports as given."""
         a = -self._problem.discretization.forces.x.array[: self._owned] / self._masses
-        a[self._problem.loading.owned_prescribed] = of_supports if of_supports.size else 0.0
+        a[self._problem.loading.owned_prescribed] = of_supports
         return a
 
     def _finite(self) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict
 from typing import TypeAlias
 
 import numpy as np
@@ -17,7 +16,7 @@ from ..output.history import History, HistoryFile
 from ..problem.motion import moving
 from ..problem.problem import Problem
 from ..solver.attempt import Attempt
-from ..solver.monitors import Monitor, check_functions, watched_row
+from ..solver.monitors import Monitor, check_functions, energy_columns, sliding_column, watched_row
 from ..solver.options import SolveOptions
 from ..solver.progress import Progress
 from ..solver.reasons import explained
@@ -201,12 +200,9 @@ def _add_row(
         "cuts [-]": cuts,
         "steps [-]": count,
     }
-    if any(interface.law.inelastic for interface in problem.interfaces):
-        row["sliding [-]"] = problem.step.watch_sliding()
+    row |= sliding_column(problem)
     if options.energy:
-        energy = problem.energy()
-        energies = asdict(energy) | {"imbalance": energy.imbalance}
-        row |= {f"{name} [N mm]": value for name, value in energies.items()}
+        row |= energy_columns(problem)
     result.history.append(row | watched_row(problem, monitor))
     result.residuals.append(found.norms)
 

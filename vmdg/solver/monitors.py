@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from reprlib import repr as short
 from typing import Any, TypeVar
 
@@ -40,6 +41,21 @@ def watched_row(problem: Problem, monitor: Monitor | None) -> dict[str, Any]:
         message = next(filter(None, others), None)
     raise_together(problem.comm, problem.comm.bcast(message))
     return row
+
+
+def sliding_column(problem: Problem) -> dict[str, float]:
+    """The largest slip of points in contact, for a row; nothing where no interface can fail;
+    collective."""
+    if not any(interface.law.inelastic for interface in problem.interfaces):
+        return {}
+    return {"sliding [-]": problem.step.watch_sliding()}
+
+
+def energy_columns(problem: Problem) -> dict[str, float]:
+    """The energies and their imbalance, for a row; collective."""
+    energy = problem.energy()
+    energies = asdict(energy) | {"imbalance": energy.imbalance}
+    return {f"{name} [N mm]": value for name, value in energies.items()}
 
 
 def check_functions(**functions: Monitor | Until | None) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import asdict
 from weakref import WeakSet
 
 from petsc4py import PETSc
@@ -20,7 +19,15 @@ from ..output.cell import PeriodicCell
 from ..output.history import History, HistoryFile
 from ..problem.checks import check_model, checked_loads
 from ..problem.problem import Problem
-from .monitors import Monitor, Until, check_functions, ends, watched_row
+from .monitors import (
+    Monitor,
+    Until,
+    check_functions,
+    ends,
+    energy_columns,
+    sliding_column,
+    watched_row,
+)
 from .options import SolveOptions
 from .path import Part, Path
 from .progress import Progress
@@ -200,15 +207,12 @@ def _add_row(
         "jump_steps [-]": part.jumps,
         "krylov [-]": part.attempt.krylov,
     }
-    if any(interface.law.inelastic for interface in problem.interfaces):
-        row["sliding [-]"] = problem.step.watch_sliding()
+    row |= sliding_column(problem)
     if lattice_of(problem.discretization.means) is not None:
         row |= PeriodicCell(problem).row()
     elif problem.discretization.means is not None:
         row |= AxialMotion(problem).row()
     if options.energy:
-        energy = problem.energy()
-        energies = asdict(energy) | {"imbalance": energy.imbalance}
-        row |= {f"{name} [N mm]": value for name, value in energies.items()}
+        row |= energy_columns(problem)
     result.history.append(row | watched_row(problem, monitor))
     result.residuals.append(part.attempt.norms)
