@@ -17,7 +17,7 @@ import sys
 from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -70,7 +70,7 @@ def run_one(file: Path, demo: str, options: list[str]) -> None:
     solve, runs = vmdg.solve, []
 
     def recorded(*arguments: Any, **others: Any) -> vmdg.Result:
-        result, before = None, perf_counter()
+        result, before = None, process_time()
         try:
             result = solve(*arguments, **others)
         except vmdg.StepFailure as failure:
@@ -87,7 +87,7 @@ def run_one(file: Path, demo: str, options: list[str]) -> None:
                         "failures": [str(why) for _, why in result.failures],
                         "counts": asdict(result.counts),
                         "imbalance": _imbalance(arguments[0], result),
-                        "seconds": perf_counter() - before,
+                        "seconds": process_time() - before,
                     }
                 )
         return result
@@ -97,9 +97,9 @@ def run_one(file: Path, demo: str, options: list[str]) -> None:
     places = (DEMOS / f"{demo}.py", DEMOS / "studies" / f"{demo}.py")
     script = next(place for place in places if place.is_file())
     sys.path.insert(0, str(script.parent))
-    start = perf_counter()
+    start = process_time()
     runpy.run_path(str(script), run_name="__main__")
-    file.write_text(json.dumps({"seconds": perf_counter() - start, "calls": runs}))
+    file.write_text(json.dumps({"seconds": process_time() - start, "calls": runs}))
 
 
 def _imbalance(problem: vmdg.Problem, result: vmdg.Result) -> float:

@@ -66,7 +66,7 @@ def test_plastic_bodies_flow_in_their_iteration(out):
 
 
 def test_a_step_costs_in_proportion(out):
-    """What interfaces hold goes with their facets; their history needs less than tau_s."""
+    """What interfaces hold goes with their facets; what a commit keeps, with their points."""
     actions = {a.name: a for a in benchmark.main(["step"], True, 1, out=str(out))["step"]}
     memory = {name: action.shares(action.memory) for name, action in actions.items()}
     for name in ("of it return map", "tau_s and its coercivity"):
@@ -76,8 +76,8 @@ def test_a_step_costs_in_proportion(out):
     # Bodies are done in batches of cells, and these meshes are smaller than one.
     facet, cell = memory["tangent"]
     assert facet > 1e3 and cell * actions["tangent"].cells[1] < 1e6
-    # Return maps at points of the way that the step has gone, for those that have moved.
-    assert memory["commit, works"][0] < 0.5 * memory["tau_s and its coercivity"][0]
+    # Return maps at points of the way that the step has gone, for those that have moved [bytes].
+    assert memory["commit, works"][0] < 60e3
     assert memory["checkpoint, files"][1] > 24 * 8 * 2
 
 

@@ -85,7 +85,7 @@ from ..domain.materials import Bodies
 from ..domain.moduli import RegionExpressions, cell_moduli
 from ..domain.shapes import ShapeGradients
 from ..forms import kinematics
-from ..forms.geometry import GeneralizedPlane
+from ..forms.geometry import Axisymmetric, GeneralizedPlane
 from ..forms.kinematics import Body
 from ..laws.base import Law
 from .facets import InterfaceFacets
@@ -94,11 +94,10 @@ from .free_stress import free_stress_factor
 #: alpha of :func:`margin`: of ties, of bonds from degree 2 on, and of all others.
 _TIED, _BONDED, _LEAST = 2 / 3, 3 / 5, 1 / 4
 
-# Relative shifts that make semidefinite matrices factorizable: of A, whose rotations have no
-# energy, and of the square root of the cell energy, where rigid motions have none. Both are far
-# above rounding and far below the softest deformation, bending of a nearly incompressible cell with
-# an aspect ratio of 1000.
-_REGULAR_MODULI, _REGULAR_CELL = 1e-13, 1e-10
+# Relative shift that makes A factorizable, whose rotations have no energy: far above rounding and
+# far below the softest deformation, bending of a nearly incompressible cell with an aspect ratio of
+# 1000.
+_REGULAR = 1e-13
 
 #: Largest gamma: above it a body buckles cell by cell, whatever the interface.
 _MOST_PRESSED = 0.75
@@ -193,6 +192,10 @@ class CellProblems:
         # F_33 - 1 times this length has the unit of the other unknowns.
         self._length = power_of_two(np.sqrt(self._bulk[1].sum(axis=1)))
         self._free = d * (d - 1) // 2 + bodies.mean_dilatation
+        # In axisymmetry a translation along r strains the cell.
+        self._free_dofs: slice | list[int] = slice(d, None)
+        if isinstance(geometry, Axisymmetric):
+            self._free_dofs = [0, *range(d, d * shapes.nodes_of_cell)]
         self._pairs = np.column_stack([cells, local]).astype(np.int32)
         positions = compile_expression(
             ufl.SpatialCoordinate(mesh), shapes.facet_points, mesh.comm, name="facet points"
@@ -305,8 +308,6 @@ class CellProblems:
         L, pressed = _square_root(full / modulus[:, None, None, None], self._free)
         L *= np.sqrt(volumes / volume[:, None])[:, :, None, None]
         Y = self._columns(L, gradients, dilatations, self._length[cells])
-        scale = _REGULAR_CELL * np.abs(Y).max(axis=(1, 2))
-        Y = np.concatenate([Y, scale[:, None, None] * np.eye(Y.shape[2])], axis=1)
         return np.linalg.qr(Y, mode="r"), modulus * volume, pressed
 
     def _flux_factor(
@@ -339,15 +340,21 @@ class CellProblems:
     ) -> NDArray[np.float64]:
         """tensor : GRAD by the dofs of a cell (cells, rows, n), see :func:`_contract`.
 
-        In generalized plane strain F_33 - 1 times the ``length`` (cells,) is an additional dof, in
-        the last column.
+        The first node is fixed, as translations change neither energy nor fluxes. In generalized
+        plane strain F_33 - 1 times the ``length`` (cells,) is an additional dof, in the last
+        column.
         """
         count, size = len(tensor), gradients.shape[2] * self._d
+        if self._axial:
+            tensor, axial = tensor[:, :, :-1], tensor[:, :, -1]
+        columns = _contract(tensor, gradients, dilatations).reshape(count, -1, size)[
+            ..., self._free_dofs
+        ]
         if not self._axial:
-            return _contract(tensor, gradients, dilatations).reshape(count, -1, size)
-        plane = _contract(tensor[:, :, :-1], gradients).reshape(count, -1, size)
-        axial = tensor[:, :, -1].reshape(count, -1, 1) / length[:, None, None]
-        return np.concatenate([plane, axial], axis=2)
+            return columns
+        return np.concatenate(
+            [columns, axial.reshape(count, -1, 1) / length[:, None, None]], axis=2
+        )
 
 
 def _square_root(
@@ -360,7 +367,7 @@ def _square_root(
         free: Number of eigenvalues that vanish at rest.
     """
     size = np.trace(A, axis1=2, axis2=3).max(axis=1)
-    regular = (_REGULAR_MODULI * size)[:, None, None]
+    regular = (_REGULAR * size)[:, None, None]
     try:
         return np.linalg.cholesky(A + regular[..., None] * np.eye(A.shape[-1])), np.ones(len(A))
     except np.linalg.LinAlgError:

@@ -367,10 +367,11 @@ class _Newton:
             return reasons.DIVERGED_LOCAL_MIN
         self._rtol = linear_tolerance(self._norms, goal)
         # Reusing the last tangent multiplies the residual by about twice the ratio of the last two,
-        # since convergence is quadratic; it is reused if that ends far below the goal.
+        # since convergence is quadratic; it is reused if two corrections with it end far below the
+        # goal.
         first = self._norms[-2] if len(self._norms) > 1 else self._balanced
         surely = self._numbers.missed * goal
-        self._system.lags = goal < norm and 2 * norm**2 <= surely * first
+        self._system.lags = goal < norm and 4 * norm**3 <= surely * first**2
         return reasons.ITERATING
 
     def _goal_of(self, scales: RunScales) -> float:

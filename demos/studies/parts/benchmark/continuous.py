@@ -136,12 +136,20 @@ class Plain:
         """Take the prescribed dofs out of the matrix."""
         self.matrix.zeroRowsColumnsLocal(self.prescribed, 1.0)
 
-    def solve(self, options: Petsc, tolerance: float, most: int = 20) -> None:
+    def solve(
+        self,
+        options: Petsc,
+        tolerance: float,
+        given: NDArray[np.float64] | None = None,
+        most: int = 20,
+    ) -> None:
         """Newton's method from the present displacement, on one rank.
 
         Args:
             options: Of the linear solver.
             tolerance: Of the residual relative to all forces on prescribed dofs.
+            given: Displacement of the prescribed dofs, to which the first correction moves them;
+                None leaves them where they are [mm].
             most: Iterations.
 
         Raises:
@@ -149,15 +157,25 @@ class Plain:
         """
         ksp = make_ksp(self.matrix, options)
         x, b = self.matrix.createVecs()
+        moved = np.zeros(len(self.prescribed))
+        if given is not None:
+            moved += given - self.u.x.array[self.prescribed]
         self.iterations = 0
         while True:
             free = self.assemble_residual()
             reaction = np.linalg.norm(self.forces[self.prescribed])
-            if np.linalg.norm(free) <= tolerance * reaction:
+            if not moved.any() and np.linalg.norm(free) <= tolerance * reaction:
                 break
             if self.iterations == most:
                 raise RuntimeError(f"no convergence in {most} iterations")
             self.assemble_tangent()
+            if moved.any():
+                x.array[:] = 0
+                x.array[self.prescribed] = moved
+                self.matrix.mult(x, b)
+                free += b.array_r
+                free[self.prescribed] = -moved
+                moved[:] = 0
             self.hold()
             b.array[:] = -free
             ksp.setOperators(self.matrix)
