@@ -83,9 +83,7 @@ BUDGETS = {
         solves=120,
     ),
     # Newton's method
-    "block of known solution": Budget(
-        "one more than plain elements, in one step from rest", solves=5
-    ),
+    "block of known solution": Budget("as of plain elements", solves=4),
     "cracked plate": Budget(
         "small strain: corrections change the states of points only, K_0 is factorized once",
         mean=4,

@@ -363,15 +363,15 @@ class _Newton:
             return reasons.DIVERGED_MAX_IT
         patience, little = self._numbers.patience, self._numbers.rest
         before, last = self._norms[:-patience], self._norms[-patience:]
-        if norm > goal and before and min(last) > (1 - little) * min(before):
+        # Equilibria may lie beyond the target only.
+        if before and max(min(last), goal) > (1 - little) * max(min(before), goal):
             return reasons.DIVERGED_LOCAL_MIN
         self._rtol = linear_tolerance(self._norms, goal)
         # Reusing the last tangent multiplies the residual by about twice the ratio of the last two,
-        # since convergence is quadratic; it is reused if two corrections with it end far below the
-        # goal.
+        # since convergence is quadratic; it is reused if that ends far below the goal.
         first = self._norms[-2] if len(self._norms) > 1 else self._balanced
         surely = self._numbers.missed * goal
-        self._system.lags = goal < norm and 4 * norm**3 <= surely * first**2
+        self._system.lags = goal < norm and 2 * norm**2 <= surely * first
         return reasons.ITERATING
 
     def _goal_of(self, scales: RunScales) -> float:
