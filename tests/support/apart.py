@@ -148,3 +148,46 @@ def rings(
         gmsh_model.mesh.generate(2)
         gmsh_model.mesh.setOrder(order)
         return distribute(gmsh_model, comm, 2)
+
+
+def full_rings(
+    cell: str,
+    cells: tuple[int, int],
+    radii: tuple[tuple[float, float], tuple[float, float]],
+    order: int = 1,
+) -> TaggedMesh:
+    """Two concentric rings with radii of their own, which may overlap, and facet tags as those of
+    :func:`rings`."""
+    with model("full rings") as gmsh_model:
+        geo, groups = gmsh_model.geo, []
+        for k, (around, (low, high)) in enumerate(zip(cells, radii, strict=True), 1):
+            centre, angles = geo.addPoint(0, 0, 0), np.pi / 2 * np.arange(4)
+            circles = []
+            for r in (low, high):
+                corners = [geo.addPoint(r * np.cos(a), r * np.sin(a), 0) for a in angles]
+                ends = zip(corners, corners[1:] + corners[:1], strict=True)
+                circles.append((corners, [geo.addCircleArc(a, centre, b) for a, b in ends]))
+            (inside, inner), (outside, outer) = circles
+            spokes = [geo.addLine(a, b) for a, b in zip(inside, outside, strict=True)]
+            faces = [
+                geo.addPlaneSurface(
+                    [geo.addCurveLoop([spokes[j], outer[j], -spokes[(j + 1) % 4], -inner[j]])]
+                )
+                for j in range(4)
+            ]
+            for lines, count in ((inner + outer, around // 4), (spokes, max(around // 12, 2))):
+                for line in lines:
+                    geo.mesh.setTransfiniteCurve(line, count + 1)
+            for face in faces:
+                geo.mesh.setTransfiniteSurface(face)
+                if cell == "quadrilateral":
+                    geo.mesh.setRecombine(2, face)
+            groups.append((k, faces, inner, outer))
+        geo.synchronize()
+        for k, faces, inner, outer in groups:
+            gmsh_model.addPhysicalGroup(2, faces, k)
+            gmsh_model.addPhysicalGroup(1, inner, 10 * k + 1)
+            gmsh_model.addPhysicalGroup(1, outer, 10 * k + 2)
+        gmsh_model.mesh.generate(2)
+        gmsh_model.mesh.setOrder(order)
+        return distribute(gmsh_model, MPI.COMM_SELF, 2)

@@ -33,12 +33,14 @@ from ..interface.active import (
 from ..interface.facets import InterfaceFacets
 from ..interface.interface import Interface
 from ..interface.jets import FacetJets
+from ..interface.moving import MovingInterface
 from ..interface.point_flux import FluxChange, PointFlux
 from ..interface.stabilization import Stabilization, Stabilizers
 from .cell_tangents import CellTangents
 from .dilatation import Dilatation
 from .means import MeanSpace
 from .point_matrices import (
+    add_couplings,
     add_flux,
     add_forces,
     add_tangent,
@@ -116,9 +118,9 @@ class Discretization:
         self._test_space = broken
         self.u = fem.Function(self.space, name="displacement")
         self.forces = fem.Function(self.space, name="forces")
-        sizes = global_sum(mesh.comm, [len(f.facets) for f in facets]) if facets else []
+        sizes = global_sum(mesh.comm, [f.size for f in facets]) if facets else []
         self.active = {
-            i: ActiveInterface(interface, f, self.u, bodies)
+            i: (MovingInterface if f.slides else ActiveInterface)(interface, f, self.u, bodies)
             for i, (interface, f, size) in enumerate(zip(interfaces, facets, sizes, strict=True))
             if size
         }
@@ -127,6 +129,7 @@ class Discretization:
         self._stabilizers = Stabilizers([one.stabilizer for one in active], self.u, bodies)
         self._point_tangents: list[tuple[ActiveInterface, NDArray[np.float64]]] = []
         self._changes: list[FluxChange] = []
+        self._patterns = 0
         self.weak_form = WeakForm(self.u, bodies, active)
         self._dilatation = Dilatation(self.weak_form) if bodies.mean_dilatation else None
         self.surface = Surface(self.u, bodies)
@@ -159,14 +162,19 @@ class Discretization:
         return any(active.law.inelastic for active in self.active.values())
 
     @property
+    def slides(self) -> bool:
+        """Whether surfaces slide, which are paired anew in every state."""
+        return any(active.facets.slides for active in self.active.values())
+
+    @property
     def symmetric(self) -> bool:
-        """Whether the tangent is symmetric: symmetric laws, no follower pressures, and no bodies at
-        points next to interfaces."""
+        """Whether the tangent is symmetric: symmetric laws, no follower pressures, no surfaces that
+        slide, and no bodies at points next to interfaces."""
         laws = all(active.law.symmetric for active in self.active.values())
         # The moduli of an adjoint term are frozen, those of the flux are current.
         bodies = self._at_points
         points = bodies is None or (bodies.symmetric and not self.active)
-        return laws and points and self.surface.symmetric
+        return laws and points and self.surface.symmetric and not self.slides
 
     # Compiled forms
 
@@ -292,7 +300,7 @@ class Discretization:
         tau_s is too small there.
         """
         with timer("stabilization"):
-            applied = [active.stabilization for active in self.active.values()]
+            applied = [active.applied for active in self.active.values()]
             return self._stabilizers.suffice(applied)
 
     def update_means(self, pressure: bool = False) -> None:
@@ -318,6 +326,10 @@ class Discretization:
         """Return maps at the current displacement, of bodies and interfaces, see
         :meth:`assemble_residual`."""
         self.update_means()
+        if self.slides:
+            with timer("pairs"):
+                for active in self.active.values():
+                    active.pair_anew()
         if bodies := self._at_points:
             bodies.update(bodies.deformation(self.u), dt, hold and not anew)
         with timer("return map"):
@@ -381,11 +393,23 @@ class Discretization:
         Args:
             kind: AIJ, or BAIJ in nodal blocks, for which PETSc inserts nine entries per look-up.
         """
+        self.couple()
         return create_matrix(self.mesh.comm, self._pattern, kind)
 
     @cached_property
     def _pattern(self) -> cpp.la.SparsityPattern:
         return sparsity(self.space, self.space, list(self.active.values()))
+
+    def couple(self) -> int:
+        """Number of the pattern of :meth:`create_matrix`, another one each time when surfaces that
+        slide have pairs which it lacks."""
+        missing = [active for active in self.active.values() if not active.coupled]
+        for active in missing:
+            active.couple()
+        if missing:
+            self.__dict__.pop("_pattern", None)
+            self._patterns += 1
+        return self._patterns
 
     def uniform_forces(
         self, gradient: NDArray[np.float64], adjoint: bool = False
@@ -460,6 +484,7 @@ class Discretization:
                 fem_petsc.assemble_matrix(matrix, form)
             for active, D in parts:
                 add_tangent(matrix, active, D)
+                add_couplings(matrix, active)
             for change in changes:
                 add_flux(matrix, change)
             if self.means is not None:

@@ -42,8 +42,7 @@ def sparsity(
     """
     tdim = test.mesh.topology.dim
     cells = np.arange(test.mesh.topology.index_map(tdim).size_local, dtype=np.int32)
-    everything = [one.facets.rows(np.ones(len(one.facets.facets), bool)) for one in active]
-    facets = np.concatenate([np.zeros(0, dtype=np.int32), *everything])
+    facets = np.concatenate([np.zeros(0, dtype=np.int32), *(one.couplings for one in active)])
     return compat.sparsity(test, trial, cells, facets)
 
 
@@ -73,6 +72,17 @@ def add_tangent(matrix: PETSc.Mat, active: ActiveInterface, D: Array) -> None:
         nodes = tangent.jets.nodes_at(rows)
         matrices = tangent.of_facets(D, rows)
         matrix.setValuesBlockedLocalRCV(nodes, nodes, matrices, PETSc.InsertMode.ADD_VALUES)
+
+
+def add_couplings(matrix: PETSc.Mat, active: ActiveInterface) -> None:
+    """Add zeros where surfaces that slide may be paired soon: PETSc drops entries of the pattern
+    that are not set before the first assembly."""
+    if active.facets.slides:
+        cells = active.couplings.reshape(-1, 4)[:, [0, 2]]
+        nodes = active.point_tangent.jets.nodes_of(cells)
+        size = nodes.shape[1] * active.quadrature.d
+        zeros = np.zeros((len(nodes), size, size))
+        matrix.setValuesBlockedLocalRCV(nodes, nodes, zeros, PETSc.InsertMode.ADD_VALUES)
 
 
 def add_flux(

@@ -137,6 +137,11 @@ def _check_problem(problem: Problem) -> None:
 
 def _write(problem: Problem, folder: Path, history: History | None) -> None:
     comm, snapshot = problem.comm, problem.step.snapshot()
+    if problem.discretization.slides:
+        raise ValueError(
+            "write_checkpoint: an interface slides, and its pairs are not in a checkpoint: omit "
+            "sliding, or run without checkpoints"
+        )
     finite = np.isfinite(snapshot.u).all() and np.isfinite(snapshot.forces).all()
     message = (
         f"the checkpoint in {folder} cannot be written: displacement or forces of the problem are "

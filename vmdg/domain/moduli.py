@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+import basix
 import numpy as np
 import ufl
 from dolfinx import fem
+from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
@@ -81,3 +83,17 @@ def cell_moduli(
         )
 
     return RegionExpressions(u, bodies, regions, moduli, points, "moduli")
+
+
+def mean_modulus(mesh: Mesh, bodies: Bodies, cells: NDArray[np.int32]) -> float:
+    """Mean of the diagonal of A over cells of undeformed bodies [MPa]; infinite for a rigid wall;
+    collective."""
+    if bodies.rigid[cells].all():
+        return np.inf
+    u = fem.Function(fem.functionspace(mesh, ("Lagrange", 1, (mesh.geometry.dim,))))
+    middle = basix.geometry(mesh.basix_cell()).mean(axis=0)[None]
+    region = bodies.region[cells]
+    A = cell_moduli(u, bodies, np.unique(region), middle)(region, cells)
+    size = len(bodies.geometry.entries(mesh.geometry.dim))
+    rows, columns = np.triu_indices(size)
+    return float(A[..., rows == columns].mean())

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import basix
 import basix.ufl
 import numpy as np
+from dolfinx import fem
 from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 
@@ -38,6 +39,20 @@ def reference_facets(mesh: Mesh) -> tuple[Array, Array]:
     return origins, np.array([corners[nodes[1:d]] - corners[nodes[0]] for nodes in facets])
 
 
+def coordinate_shapes(mesh: Mesh) -> basix.ufl._ElementBase:
+    """The shape functions of the positions."""
+    coordinates = compat.coordinate_element(mesh)
+    variant = basix.LagrangeVariant(coordinates.variant)
+    return basix.ufl.element(
+        "Lagrange", mesh.basix_cell(), coordinates.degree, lagrange_variant=variant
+    )
+
+
+def cell_nodes(mesh: Mesh, cells: NDArray[np.int32] | slice) -> Array:
+    """Positions of the nodes of cells (cells, nodes, d) [mm]."""
+    return mesh.geometry.x[compat.geometry_dofmap(mesh)[cells]][:, :, : mesh.geometry.dim]
+
+
 class GeometryMap:
     """The map X(xi) from the reference cell to the cells of a mesh, at some points.
 
@@ -52,18 +67,12 @@ class GeometryMap:
 
     def __init__(self, mesh: Mesh, points: Array):
         self._mesh = mesh
-        coordinates = compat.coordinate_element(mesh)
-        variant = basix.LagrangeVariant(coordinates.variant)
-        element = basix.ufl.element(
-            "Lagrange", mesh.basix_cell(), coordinates.degree, lagrange_variant=variant
-        )
-        self.values, *slopes = element.tabulate(1, points)
+        self.values, *slopes = coordinate_shapes(mesh).tabulate(1, points)
         self.slopes = np.array(slopes)
 
     def nodes(self, cells: NDArray[np.int32] | slice) -> Array:
         """Positions of the nodes of cells (cells, nodes, d) [mm]."""
-        nodes = compat.geometry_dofmap(self._mesh)[cells]
-        return self._mesh.geometry.x[nodes][:, :, : self._mesh.geometry.dim]
+        return cell_nodes(self._mesh, cells)
 
     def positions(self, nodes: Array) -> Array:
         """X of the points, components first (d, cells, points) [mm]."""
@@ -82,13 +91,38 @@ def places_in_cells(mesh: Mesh, cells: NDArray[np.int32], places: Array) -> tupl
         cells: Local cells (n,).
         places: Positions in the reference cell (n, points, t).
     """
-    count, points, t = places.shape
-    geometry_map = GeometryMap(mesh, places.reshape(-1, t))
-    nodes = geometry_map.nodes(cells)
-    values = geometry_map.values.reshape(count, points, -1)
-    slopes = geometry_map.slopes.reshape(t, count, points, -1)
+    values, slopes = _tabulated(coordinate_shapes(mesh), places)
+    nodes = cell_nodes(mesh, cells)
     X = np.einsum("cqn,cni->cqi", values, nodes)
     return X, np.einsum("tcqn,cni->cqit", slopes, nodes, optimize=True)
+
+
+def _tabulated(element: basix.ufl._ElementBase, places: Array) -> tuple[Array, Array]:
+    """Shape functions (n, points, nodes) and derivatives (t, n, points, nodes) at reference points
+    of n cells (n, points, t), possibly none."""
+    count, points, t = places.shape
+    if not count:
+        return np.zeros((0, points, element.dim)), np.zeros((t, 0, points, element.dim))
+    values, *slopes = element.tabulate(1, places.reshape(-1, t))
+    shape = count, points, element.dim
+    return values.reshape(shape), np.array(slopes).reshape(t, *shape)
+
+
+def displacements_in_cells(
+    u: fem.Function, cells: NDArray[np.int32], places: Array
+) -> tuple[Array, Array]:
+    """u (n, points, d) [mm] and du/dxi (n, points, d, t) at reference points of each cell.
+
+    Args:
+        u: A displacement.
+        cells: Local cells (n,).
+        places: Positions in the reference cell (n, points, t).
+    """
+    space = u.function_space
+    cell, degree = space.mesh.topology.cell_name(), space.ufl_element().degree
+    values, slopes = _tabulated(basix.ufl.element("Lagrange", cell, degree), places)
+    at_nodes = u.x.array.reshape(-1, space.dofmap.index_map_bs)[space.dofmap.list[cells]]
+    return values @ at_nodes, np.einsum("tcqn,cni->cqit", slopes, at_nodes)
 
 
 class FacetShapes(NamedTuple):
@@ -169,9 +203,7 @@ class ShapeGradients:
         """The shape functions (cells, points, nodes) and their GRAD at reference points of each
         cell (cells, points, d)."""
         X, J = places_in_cells(self._mesh, cells, places)
-        shape, *slopes = self._shape.tabulate(1, places.reshape(-1, places.shape[2]))
-        values = shape.reshape(*places.shape[:2], -1)
-        of_reference = np.array(slopes).reshape(len(slopes), *values.shape)
+        values, of_reference = _tabulated(self._shape, places)
         gradients = np.einsum("tcqn,cqti->cqni", of_reference, np.linalg.inv(J), optimize=True)
         if self._hoop:
             hoop = (values / X[..., :1])[..., None]

@@ -75,24 +75,36 @@ class ActiveInterface:
         )
         self.law = facets.law.at(self.quadrature.facet)
         self._u, self._bodies = u, bodies
-        self.stabilizer = Stabilizer(interface, self.quadrature, u, bodies)
-        self._return_map = ReturnMap(interface, self.quadrature, u, bodies)
-        self.turns = self._return_map.turns
+        self.stabilizer = self._make_stabilizer()
         self.terms: InterfaceTerms | PointResidual
-        if isinstance(self.quadrature, FacetQuadrature):
-            self.terms = InterfaceTerms(interface, self.quadrature, u, bodies, self.turns)
-        else:
-            self.terms = PointResidual(self.quadrature, u, bodies)
+        self._make_evaluators()
         self.stabilization: Stabilization | None = None
         self.floor = np.zeros(len(facets.facets))
         damage = facets.damage[self.quadrature.facet] if self.law.inelastic else np.zeros(0)
         self.history = PointHistory.start(self.law.strength * damage, self.quadrature.d)
+        if self.quadrature.distance is not None:
+            given = self.quadrature.distance, self.quadrature.normal
+            self.history = self.history.apart(*given)
         self.values = self._return_map.start()
         # For a resumed run, the work gradient of the last step before.
         self._resumed: NDArray[np.float64] | None = None
         self._overstress_modulus: NDArray[np.float64] | None = None
         self._cycles: NDArray[np.float64] | None = None
         self.fluid: Fluid | None = None
+
+    def _make_stabilizer(self) -> Stabilizer:
+        return Stabilizer(self.interface, self.quadrature, self._u, self._bodies)
+
+    def _make_evaluators(self) -> None:
+        """Make what evaluates expressions at the points."""
+        given = self.quadrature, self._u, self._bodies
+        self._return_map = ReturnMap(self.interface, *given)
+        self.turns = self._return_map.turns
+        if isinstance(self.quadrature, FacetQuadrature):
+            self.terms = InterfaceTerms(self.interface, *given, self.turns)
+        else:
+            self.terms = PointResidual(*given)
+        self.__dict__.pop("point_tangent", None)
 
     def take_fluid(self) -> None:
         """Add a fluid between the crack faces, at zero pressure; the forms must be rebuilt."""
@@ -168,6 +180,29 @@ class ActiveInterface:
     def _set_gap(self) -> None:
         if isinstance(self.terms, InterfaceTerms):
             self.terms.set_gap(self.values)
+
+    @property
+    def applied(self) -> Stabilization:
+        """That of the step, by what the stabilizer derives it for."""
+        return self.stabilization
+
+    # Surfaces that slide
+
+    #: Whether the pattern of matrices has all pairs.
+    coupled = True
+
+    @property
+    def couplings(self) -> NDArray[np.int32]:
+        """Rows (cell 1, facet in it, cell 2, facet in it) that are coupled in matrices, flat."""
+        return self.facets.rows(np.ones(len(self.facets.facets), dtype=bool))
+
+    def couple(self) -> None:
+        """Couple all facets that are near each other, from now on."""
+
+    def pair_anew(self) -> None:
+        """Pair the surfaces in the configuration of the current displacement."""
+
+    # Return maps
 
     def trial(self) -> Trial:
         """Input of the return map of the step at the current displacement."""

@@ -67,6 +67,13 @@ class InterfaceFacets:
         rows = np.arange(len(self.facets))
         return rows, rows
 
+    @property
+    def first_side(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
+        """Distinct facets of side 1, ascending, that are or may be open, their cells, and their
+        numbers in them (n,)."""
+        rows, _ = self.distinct
+        return self.facets[rows], self.cells[rows, 0], self.local[rows, 0]
+
     def rows_of(self, other: InterfaceFacets) -> NDArray[np.intp]:
         """Rows here of the facets of ``other``, a part of these."""
         return np.searchsorted(self.facets, other.facets)
@@ -75,6 +82,16 @@ class InterfaceFacets:
     def paired(self) -> bool:
         """Whether segments of facets of two surfaces take the place of facets."""
         return False
+
+    @property
+    def slides(self) -> bool:
+        """Whether these change with the displacement."""
+        return False
+
+    @property
+    def size(self) -> int:
+        """Number of facets on this rank, for surfaces that slide of side 1."""
+        return len(self.facets)
 
     def among(self, mark: NDArray[np.bool_]) -> InterfaceFacets:
         """The marked facets, with ``mark`` over all local facets of the mesh."""

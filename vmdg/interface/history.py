@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,13 @@ class PointHistory:
         gap, traction = np.zeros((2, len(softening), d))
         return cls(gap, softening, np.zeros(len(softening), dtype=np.int8), traction)
 
+    def apart(self, distance: Array, normal: Array) -> PointHistory:
+        """The same for points at a distance g (nq, d) [mm] along and across N (nq, d): they carry
+        nothing, unless they overlap."""
+        along = np.einsum("pi,pi->p", distance, normal)
+        gap = distance + (np.maximum(along, 0.0) - along)[:, None] * normal
+        return replace(self, gap=gap)
+
     def after(self, update: Update | None) -> PointHistory:
         """After a return map; None where there was none."""
         if update is None:
@@ -62,6 +69,7 @@ class InterfaceSnapshot:
         stabilization: tau_s and the flux weights of the forms.
         share: Fraction of a fluid's pressure that acted in the last step; None for none.
         gradient: Work gradient of that step, for a resumed run; None where it can be computed.
+        pairs: Pairs of surfaces that slide; None for others.
     """
 
     history: PointHistory
@@ -69,6 +77,7 @@ class InterfaceSnapshot:
     stabilization: Stabilization
     share: NDArray[np.float64] | None = None
     gradient: NDArray[np.float64] | None = None
+    pairs: Any = None
 
 
 def with_rows(record: Record, rows: NDArray, other: Record, theirs: NDArray) -> Record:

@@ -20,6 +20,7 @@ NORMS = ("frobenius", "spectral")
 FRAMES = ("corotating", "reference")
 ACTIVATIONS = ("all", "on-demand")
 AUTO = "auto"
+IGNORE, KEEP = "ignore", "keep"
 ALL = "all"
 _NAME = re.compile(r"\w[\w .+-]*")
 
@@ -67,8 +68,8 @@ class Interface:
             of an interior facet.
         surfaces: Facets of the surfaces of two bodies that share no nodes and whose meshes need not
             match, side 1 first, as ``facet_tags.find`` gives them. Parts of them that lie opposite
-            each other are paired once, in the reference configuration, where the bodies count as
-            touching: sliding stays small, and initial gaps are those of the mesh.
+            each other are paired, once in the reference configuration or, with ``sliding``, in
+            every state.
         between: The facets that separate cells of these two groups, or, where the groups share no
             nodes, the parts of their surfaces that lie opposite each other; with "all" those
             between any two groups, such as all grain boundaries; or those for which a function of
@@ -98,6 +99,14 @@ class Interface:
             the facets [mm], or a Function, averaged over both sides at the midpoint. Parameters of
             the law that vary are given in the same way. It does not count as work. Damaged facets
             that open on demand are open from the start. None for an intact bond.
+        sliding: Let two bodies that share no nodes slide along each other by any distance, at
+            finite strain, without a bond: points meet other facets, leave the other body, and come
+            back. With ``between`` side 1 is then the stiffer body, else the one whose surface is
+            flatter, else the one with the longer facets; ``surfaces`` gives it.
+        gap: What the distance of surfaces that share no nodes means, in the reference
+            configuration: with "ignore" the bodies touch, as two polygons along one curve do; with
+            "keep" it is a gap, or where they overlap an interference that the first step relaxes.
+            None for "keep" if they slide, else "ignore".
         name: Name of the interface in messages, files and pictures; None for its number in the
             problem, "interface_0".
 
@@ -123,6 +132,8 @@ class Interface:
         activate_at: float = 0.4,
         stabilization: StabilizationRule | None = None,
         initial_damage: float | ArrayLike | LevelSet | None = None,
+        sliding: bool = False,
+        gap: str | None = None,
         name: str | None = None,
     ):
         places = {
@@ -182,6 +193,7 @@ class Interface:
                 f"Interface: stabilization = {stabilization!r} must be a function of tau1, tau2 "
                 "and the context; a number that multiplies tau_s is safety="
             )
+        _check_sliding(sliding, gap, between, surfaces, law, frame)
         usable = name is None or (isinstance(name, str) and _NAME.fullmatch(name))
         if not usable or name == "bodies":
             raise ValueError(
@@ -207,6 +219,8 @@ class Interface:
         self.activate_at = float(activate_at)
         self.stabilization = stabilization
         self.initial_damage = damage
+        self.sliding = bool(sliding)
+        self.gap = gap or (KEEP if sliding else IGNORE)
         self.name = name
         self._complete = True
 
@@ -238,9 +252,11 @@ class Interface:
     def _first_side(self) -> str:
         """Which of two groups is side 1, as text; empty where it depends on the facet."""
         if self.surfaces is not None:
-            return " <side 1: the first>"
+            return " <sliding, side 1: the first>" if self.sliding else " <side 1: the first>"
         if not isinstance(self.between, Sequence) or self.between == ALL:
             return ""
+        if self.sliding:
+            return " <sliding, side 1: the stiffer, flatter or coarser>"
         if all(isinstance(group, int | np.integer) for group in self.between):
             return f" <side 1: {min(self.between)}>"
         return " <side 1: the lower tag>"
@@ -252,6 +268,48 @@ class Interface:
     def __repr__(self) -> str:
         name = "" if self.name is None else f", name={self.name!r}"
         return f"Interface({self.place}{self._first_side}, law={self.law}{name})"
+
+
+def _check_sliding(
+    sliding: bool, gap: str | None, between: Any, surfaces: Any, law: Law, frame: str
+) -> None:
+    """Raises:
+    ValueError: an interface that slides, or has gaps, is not between two bodies, or has a law, a
+        frame or gaps of another kind.
+    """
+    if gap not in (None, IGNORE, KEEP):
+        raise ValueError(
+            f'Interface: gap = {gap!r} must be "{IGNORE}" or "{KEEP}": whether the distance of '
+            "surfaces that share no nodes counts"
+        )
+    several = callable(between) or between == ALL
+    if (sliding or gap == KEEP) and (several or (between is None and surfaces is None)):
+        what = "sliding = True" if sliding else f'gap = "{KEEP}"'
+        raise ValueError(
+            f"Interface: {what} is for two bodies that share no nodes: between=(tag, tag) or "
+            "surfaces=(facets, facets)"
+        )
+    if gap == KEEP and not sliding and (law.has_bond or not law.inelastic):
+        raise ValueError(
+            f'Interface: {law} holds the bodies together, across any gap: gap = "{KEEP}" is for '
+            "contact, vmdg.Contact(friction=...)"
+        )
+    if not sliding:
+        return
+    if law.has_bond or not law.inelastic:
+        raise ValueError(
+            f"Interface: {law} holds the bodies together, so that they cannot slide: "
+            "sliding = True is for contact, vmdg.Contact(friction=...)"
+        )
+    if frame != FRAMES[0]:
+        raise ValueError(
+            f'Interface: frame = {frame!r} does not follow bodies that slide; use "{FRAMES[0]}"'
+        )
+    if gap == IGNORE:
+        raise ValueError(
+            f'Interface: gap = "{IGNORE}" has no meaning for bodies that slide, whose points meet '
+            f'others; omit it or give "{KEEP}"'
+        )
 
 
 def _two_surfaces(given: Any) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

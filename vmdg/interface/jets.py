@@ -79,7 +79,7 @@ class FacetJets:
 
     def nodes_of(self, cells: NDArray[np.int32]) -> NDArray[np.int32]:
         """Local nodes of one or more cells in each row (f, nodes of all)."""
-        return self._dofs[cells].reshape(len(cells), -1)
+        return self._dofs[cells].reshape(len(cells), int(np.prod(cells.shape[1:])) * self.nodes)
 
     def displacement(self, rows: slice | NDArray[np.integer]) -> Block:
         """B of the displacement on some facets."""
@@ -93,7 +93,7 @@ class FacetJets:
             first = d + side * len(self.entries)
             entries = slice(first, first + len(self.entries))
             B[:, :, entries, side] = self.gradient_entries(gradients[:, :, side])
-        return Block(self.nodes_at(rows), B.reshape(count, points, self.size, -1))
+        return Block(self.nodes_at(rows), B.reshape(count, points, self.size, 2 * nodes * d))
 
     def gradient_entries(self, gradients: Array) -> Array:
         """Entries of GRAD w by the dofs of a cell, (..., entries, nodes, d), from the gradients of

@@ -25,6 +25,7 @@ from ..domain.shapes import (
     GeometryMap,
     ShapeGradients,
     determinants,
+    displacements_in_cells,
     places_in_cells,
     reference_facets,
 )
@@ -52,7 +53,10 @@ _KINDS = {
 
 #: Newton's method that finds a place on a facet: largest number of iterations, and the correction
 #: relative to the facet at which it ends.
-_MOST, _FOUND = 20, 1e-14
+_MOST, _FOUND = 20, 1e-13
+
+#: Room for points of surfaces that slide, relative to their number, and least number.
+_ROOM, _FEW = 2.0, 256
 
 #: Initial gaps below this, relative to the facet, are rounding.
 _NO_GAP = 1e-10
@@ -92,28 +96,46 @@ class PairQuadrature(InterfaceQuadrature):
     """
 
     facets: PairedFacets
+    outward: Array
 
     def __init__(
         self, mesh: Mesh, facets: PairedFacets, degree: int, geometry: Geometry = CARTESIAN
     ):
-        self.mesh, self.facets, self.geometry = mesh, facets, geometry
-        self.d = d = mesh.geometry.dim
+        self.mesh, self.geometry = mesh, geometry
+        self.d = mesh.geometry.dim
         self._degree = degree
-        segments = facets.segments
-        corners = segments.corners
-        kind = _KINDS[corners.shape[1]]
-        if kind == basix.CellType.quadrilateral:
-            corners = corners[:, [0, 1, 3, 2]]
-        rule, weights = basix.make_quadrature(kind, degree)
-        values, *slopes = basix.ufl.element("Lagrange", kind, 1).tabulate(1, rule)
-        plane = values @ corners
-        edges = np.einsum("tqc,sck->sqtk", np.array(slopes), corners)
-        areas = np.abs(determinants(edges)) * weights
+        corners = facets.segments.corners.shape[1]
+        kind = _KINDS[corners]
+        self._order = [0, 1, 3, 2] if corners == 4 else list(range(corners))
+        rule, self._rule = basix.make_quadrature(kind, degree)
+        self._corners, *slopes = basix.ufl.element("Lagrange", kind, 1).tabulate(1, rule)
+        self._slopes = np.array(slopes)
+        self.leads = facets.slides
+        self._room = -1
+        self.take(facets)
+
+    def take(self, facets: PairedFacets, u: fem.Function | None = None) -> bool:
+        """Take other pairs.
+
+        Args:
+            facets: The pairs.
+            u: Displacement in whose configuration they are; None for the reference configuration.
+
+        Returns:
+            Whether evaluators and functions of points must be made anew: there are more points than
+            room.
+        """
+        self.facets, segments, d = facets, facets.segments, self.d
+        corners = segments.corners[:, self._order]
+        plane = self._corners @ corners
+        edges = np.einsum("tqc,sck->sqtk", self._slopes, corners)
+        areas = np.abs(determinants(edges)) * self._rule
         one, two = (
-            _on_facets(mesh, facets.cells[:, a], facets.local[:, a], facets, plane)
+            _on_facets(self.mesh, facets.cells[:, a], facets.local[:, a], facets, plane, u)
             for a in range(2)
         )
-        around = [geometry.circumference(np.moveaxis(s.positions, 2, 0)) for s in (one, two)]
+        circumference = self.geometry.circumference
+        around = [circumference(np.moveaxis(side.positions, 2, 0)) for side in (one, two)]
         self._places = one.reference, two.reference
         count = areas.size
         self.points = np.zeros((count, 3))
@@ -128,12 +150,20 @@ class PairQuadrature(InterfaceQuadrature):
         self.area = self.weights.reshape(areas.shape).sum(axis=1)
         self.extent = facets.extent
         gap = (two.positions - one.positions).reshape(-1, d)
-        large = np.abs(gap).max(initial=0.0) > _NO_GAP * self.extent.max(initial=0.0)
-        self.initial_gap = gap if large else None
-        # One cell for every point: kernels are evaluated there with its F and N as coefficients.
-        self._cells_of_points = create_interval(MPI.COMM_SELF, count, [0.0, 1.0])
+        if facets.surfaces.gaps:
+            self.distance = gap
+        elif np.abs(gap).max(initial=0.0) > _NO_GAP * self.extent.max(initial=0.0):
+            self.initial_gap = gap
+        self.__dict__.pop("by_facet", None)
         self._jets: FacetJets | None = None
         self._last: tuple[Array, tuple[Array, Array]] | None = None
+        full = count > self._room
+        if full:
+            self._room = max(int(_ROOM * count), _FEW) if facets.slides else count
+            # One cell for every point: kernels are evaluated there with its F and N as
+            # coefficients.
+            self._cells_of_points = create_interval(MPI.COMM_SELF, self._room, [0.0, 1.0])
+        return full
 
     def space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
         """See the base class."""
@@ -145,6 +175,12 @@ class PairQuadrature(InterfaceQuadrature):
         sides = zip(self.facets.cells.T, self._places, strict=True)
         return [shapes.in_places(*side) for side in sides]
 
+    def jets(self, space: fem.FunctionSpace) -> FacetJets:
+        """B at the points, for a space, always the same."""
+        if self._jets is None:
+            self._jets = FacetJets(self, space)
+        return self._jets
+
     def field(self, u: fem.Function) -> tuple[Array, Array]:
         """The current displacement on both sides (ns, points, 2, d) [mm], and its entries of GRAD
         (ns, points, 2, entries).
@@ -154,10 +190,8 @@ class PairQuadrature(InterfaceQuadrature):
         Args:
             u: The displacement, always the same function.
         """
-        if self._jets is None:
-            self._jets = FacetJets(self, u.function_space)
         if self._last is None or not np.array_equal(self._last[0], u.x.array):
-            found = self._jets.of_field(u.x.array.reshape(-1, self.d))
+            found = self.jets(u.function_space).of_field(u.x.array.reshape(-1, self.d))
             self._last = u.x.array.copy(), found
         return self._last[1]
 
@@ -207,8 +241,11 @@ class PairQuadrature(InterfaceQuadrature):
     def bubble_factors(self) -> Array:
         """See the base class."""
         sides = zip(self.facets.cells.T, self.facets.local.T, strict=True)
-        given = self.mesh, self.geometry, self._degree
-        return np.stack([_bubble_factors(*given, *side) for side in sides])
+        return np.stack([self.bubble_factors_of(*side) for side in sides])
+
+    def bubble_factors_of(self, cells: NDArray[np.int32], local: NDArray[np.int32]) -> Array:
+        """The same for facets ``local`` of cells (n,)."""
+        return _bubble_factors(self.mesh, self.geometry, self._degree, cells, local)
 
 
 class _PointExpressions:
@@ -238,27 +275,23 @@ class _PointExpressions:
         d = quadrature.d
         n = quadrature.geometry.size(d)
         self._entries = quadrature.geometry.entries(d)
-        self._F, N = (fem.Function(quadrature.space(s)) for s in ((n, n), (d,)))
-        N.x.array[:] = quadrature.outward[a].ravel()
-        self._cells = quadrature.facets.cells[quadrature.facet, a]
-        region_of = bodies.region[self._cells]
+        self._F, self._N = (fem.Function(quadrature.space(s)) for s in ((n, n), (d,)))
+        self._region = bodies.region
         self._size = int(np.prod(shape, dtype=int))
         self._fields: list[tuple[fem.Function, fem.Function]] = []
-        self._parts: list[tuple[NDArray[np.int32], fem.Expression]] = []
-        mesh, middle = self._F.function_space.mesh, np.array([[0.5]])
-        dofs = self._F.function_space.dofmap.list[:, 0]
-        for number in np.unique(region_of):
+        self._parts: list[tuple[int, fem.Expression]] = []
+        self._mesh, middle = self._F.function_space.mesh, np.array([[0.5]])
+        self._cell_of_point = np.argsort(self._F.function_space.dofmap.list[:, 0]).astype(np.int32)
+        for number in np.unique(bodies.region[quadrature.facets.surfaces.sides[a].cells]):
             body = self._at_points(bodies.regions[number].body)
-            value = expression(body, ufl.variable(self._F), N, a)
+            value = expression(body, ufl.variable(self._F), self._N, a)
             if isinstance(value, Zero):
                 continue
             entries = [value[i] for i in np.ndindex(*shape)] if shape else [value]
             compiled = compile_expression(
                 ufl.as_vector(entries), middle, quadrature.mesh.comm, name=name
             )
-            cells = np.flatnonzero(region_of[dofs] == number).astype(np.int32)
-            self._parts.append((cells, compiled))
-        self._mesh, self._dofs = mesh, dofs
+            self._parts.append((int(number), compiled))
 
     def _at_points(self, body: Body) -> Body:
         """The body with its parameters and eigenstrain at the points."""
@@ -274,19 +307,22 @@ class _PointExpressions:
 
     def __call__(self) -> Array:
         """Values at the points (nq, components)."""
-        n = self._F.ufl_shape[0]
-        _, gradients = self._quadrature.field(self._u)
-        F = np.tile(np.eye(n), (len(self._cells), 1, 1))
+        quadrature, n = self._quadrature, self._F.ufl_shape[0]
+        cells = quadrature.facets.cells[quadrature.facet, self._a]
+        _, gradients = quadrature.field(self._u)
+        F = np.tile(np.eye(n), (len(cells), 1, 1))
         rows, columns = zip(*self._entries, strict=True)
-        F[:, rows, columns] += gradients[:, :, self._a].reshape(len(F), -1)
-        self._F.x.array[:] = F.ravel()
+        F[:, rows, columns] += gradients[:, :, self._a].reshape(len(F), len(rows))
+        quadrature.write(self._F, F)
+        quadrature.write(self._N, quadrature.outward[self._a])
         for field, function in self._fields:
             size = max(int(np.prod(field.ufl_shape, dtype=int)), 1)
-            function.x.array[:] = field.x.array.reshape(-1, size)[self._cells].ravel()
-        result = np.zeros((len(self._cells), self._size))
-        for cells, expression in self._parts:
-            values = compat.evaluate(expression, self._mesh, cells)
-            result[self._dofs[cells]] = values.reshape(len(cells), self._size)
+            quadrature.write(function, field.x.array.reshape(-1, size)[cells])
+        result, region = np.zeros((len(cells), self._size)), self._region[cells]
+        for number, expression in self._parts:
+            points = np.flatnonzero(region == number)
+            values = compat.evaluate(expression, self._mesh, self._cell_of_point[points])
+            result[points] = values.reshape(len(points), self._size)
         return result
 
 
@@ -296,6 +332,7 @@ def _on_facets(
     local: NDArray[np.int32],
     facets: PairedFacets,
     plane: Array,
+    u: fem.Function | None = None,
 ) -> FacetPlaces:
     """Places on facets whose projections into the plane of each segment are given.
 
@@ -305,6 +342,7 @@ def _on_facets(
         local: Their numbers in them (ns,).
         facets: The pairs.
         plane: Coordinates in the planes (ns, points, d - 1) [mm].
+        u: Displacement in whose configuration the planes are; None for the reference configuration.
     """
     origins, edges = (array[local] for array in reference_facets(mesh))
     axes, centres = facets.segments.axes, facets.segments.origins
@@ -316,8 +354,12 @@ def _on_facets(
         reference = origins[:, None] + eta @ edges
         X, J = places_in_cells(mesh, cells, reference)
         tangents = J @ edges.transpose(0, 2, 1)[:, None]
-        along = axes[:, None] @ tangents
-        away = plane - np.einsum("skd,sqd->sqk", axes, X - centres[:, None])
+        x, along = X, tangents
+        if u is not None:
+            moved, slopes = displacements_in_cells(u, cells, reference)
+            x, along = X + moved, tangents + slopes @ edges.transpose(0, 2, 1)[:, None]
+        along = axes[:, None] @ along
+        away = plane - np.einsum("skd,sqd->sqk", axes, x - centres[:, None])
         change = np.linalg.solve(along, away[..., None])[..., 0]
         if np.abs(change).max(initial=0.0) < _FOUND:
             break

@@ -1,16 +1,22 @@
-"""Interfaces between surfaces that share no nodes: their facets in pairs, segment by segment."""
+"""Interfaces between surfaces that share no nodes: their facets in pairs, segment by segment.
+
+Surfaces that slide are paired anew in every state, see :meth:`Surfaces.pairs`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import basix
 import numpy as np
+from dolfinx import fem
 from dolfinx.mesh import Mesh, exterior_facet_indices
 from numpy.typing import NDArray
 
 from .. import compat
+from ..domain.shapes import displacements_in_cells
 from ..domain.tags import group_tag
 from ..domain.topology import (
     UNTAGGED,
@@ -19,9 +25,10 @@ from ..domain.topology import (
     local_facets,
     refuse_facets,
 )
+from ..laws import Law
 from .facets import InterfaceFacets, facet_properties, find_facets
-from .interface import Interface
-from .segments import FlatFacets, Segments, cut
+from .interface import KEEP, Interface
+from .segments import FAR_REACH, REACH, FlatFacets, Segments, cut, near_pairs
 
 #: Least share of the smaller surface that must lie opposite the other one.
 _LEAST_SHARE = 0.01
@@ -29,8 +36,96 @@ _LEAST_SHARE = 0.01
 #: By how much the segments of a facet may exceed it, relative to its area.
 _TWICE = 1e-6
 
+#: Ratio of moduli above which one body is the stiffer one, difference of angles from which one
+#: surface is the flatter one, and rounding of lengths.
+_STIFFER, _FLATTER, _ROUNDING = 1.5, 0.01, 1e-9
+
+#: Mean modulus of cells [MPa].
+Stiffness = Callable[[NDArray[np.int32]], float]
+
 #: What an interface between meshes that do not match cannot have.
 NONMATCHING = "an interface whose meshes do not match"
+
+
+class Surface(NamedTuple):
+    """Facets of one body, possibly none of which lies opposite the other one.
+
+    Attributes:
+        facets: Local facets, ascending (n,).
+        cells: Their cells (n,).
+        local: Their numbers in these (n,).
+    """
+
+    facets: NDArray[np.int32]
+    cells: NDArray[np.int32]
+    local: NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Surfaces:
+    """Two surfaces that share no nodes, side 1 first.
+
+    Attributes:
+        mesh: The mesh.
+        sides: The surfaces.
+        tags: Tag of every local cell.
+        damage: Initial damage of the bond, by facets of side 1 (n,).
+        law: The law on these facets.
+        label: Name of the interface in messages.
+        walled: Whether one side is a rigid wall.
+        gaps: Whether their distance counts as a gap.
+        slides: Whether they are paired anew in every state.
+    """
+
+    mesh: Mesh
+    sides: tuple[Surface, Surface]
+    tags: NDArray[np.int32]
+    damage: NDArray[np.float64]
+    law: Law
+    label: str
+    walled: bool
+    gaps: bool
+    slides: bool
+
+    @property
+    def reach(self) -> float:
+        """Largest distance of a pair, relative to the larger facet's radius."""
+        return FAR_REACH if self.gaps else REACH
+
+    def flat(self, u: fem.Function | None = None) -> tuple[FlatFacets, FlatFacets]:
+        """Both in the configuration of a displacement; None for the reference configuration."""
+        one, two = self.sides
+        return _flat_facets(self.mesh, one, u), _flat_facets(self.mesh, two, u)
+
+    def pairs(self, u: fem.Function | None = None) -> PairedFacets:
+        """The pairs in the configuration of a displacement; None for the reference one."""
+        flat = self.flat(u)
+        segments = cut(*flat, self.reach)
+        both = list(zip(self.sides, (segments.first, segments.second), strict=True))
+        cells = np.column_stack([side.cells[rows] for side, rows in both])
+        areas = [one.measures[rows] for one, (_, rows) in zip(flat, both, strict=True)]
+        measures = np.column_stack(areas)
+        everywhere = np.unique(np.concatenate([side.facets[rows] for side, rows in both]))
+        return PairedFacets(
+            both[0][0].facets[segments.first],
+            cells,
+            np.column_stack([side.local[rows] for side, rows in both]),
+            self.tags[cells],
+            everywhere.astype(np.int32),
+            self.damage[segments.first],
+            self.law.at(segments.first) if self.slides else self.law,
+            self.label,
+            self.walled,
+            others=both[1][0].facets[segments.second],
+            shares=segments.measures[:, None] / measures,
+            segments=segments,
+            extent=measures.max(axis=1, initial=0.0) ** (1 / (self.mesh.topology.dim - 1)),
+            surfaces=self,
+        )
+
+    def near(self, u: fem.Function) -> NDArray[np.intp]:
+        """Rows of the two surfaces whose facets are or may soon be paired (n, 2)."""
+        return np.column_stack(near_pairs(*self.flat(u), self.reach))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,12 +139,14 @@ class PairedFacets(InterfaceFacets):
         shares: Fraction of each of the two facets that the segment covers (ns, 2).
         segments: The segments.
         extent: Length of the larger facet of a pair, in 3D the square root of its area (ns,) [mm].
+        surfaces: Where they come from.
     """
 
     others: NDArray[np.int32]
     shares: NDArray[np.float64]
     segments: Segments
     extent: NDArray[np.float64]
+    surfaces: Surfaces
 
     @property
     def cut(self) -> NDArray[np.int32]:
@@ -62,6 +159,11 @@ class PairedFacets(InterfaceFacets):
         _, rows, where = np.unique(self.facets, return_index=True, return_inverse=True)
         return rows, where.ravel()
 
+    @property
+    def first_side(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
+        """See the base class; of surfaces that slide all facets of side 1."""
+        return tuple(self.surfaces.sides[0]) if self.slides else super().first_side
+
     def rows_of(self, other: InterfaceFacets) -> NDArray[np.intp]:
         """All: the pairs do not change."""
         return np.arange(len(self.facets))
@@ -70,6 +172,16 @@ class PairedFacets(InterfaceFacets):
     def paired(self) -> bool:
         """Always."""
         return True
+
+    @property
+    def slides(self) -> bool:
+        """Whether the pairs change with the displacement."""
+        return self.surfaces.slides
+
+    @property
+    def size(self) -> int:
+        """Number of pairs, for surfaces that slide of facets of side 1."""
+        return len(self.surfaces.sides[0].facets) if self.slides else len(self.facets)
 
     def among(self, mark: NDArray[np.bool_]) -> PairedFacets:
         """All: such an interface is open from the start."""
@@ -83,12 +195,14 @@ def place(
     names: Mapping[str, int] | None = None,
     label: str | None = None,
     walls: Collection[int] = (),
+    stiffness: Stiffness | None = None,
 ) -> InterfaceFacets:
     """The facets of an interface, or the pairs of facets where its bodies share no nodes;
     collective.
 
     Args:
         mesh, cell_tags, interface, names, label, walls: As for :func:`.find_facets`.
+        stiffness: Of cells [MPa], to choose side 1 of surfaces that slide.
 
     Raises:
         ValueError: as in :func:`.find_facets`; the surfaces do not lie opposite each other, a facet
@@ -96,7 +210,6 @@ def place(
             meshes that do not match do not have.
     """
     label = label or str(interface)
-    fdim = mesh.topology.dim - 1
     if interface.surfaces is not None:
         surfaces = [np.unique(checked_facets(mesh, given, label)) for given in interface.surfaces]
         inside = (facet_cells(mesh) >= 0).all(axis=1)
@@ -112,6 +225,12 @@ def place(
         refuse_facets(mesh, surfaces[0], shared, label, reason)
     else:
         surfaces = _apart(mesh, cell_tags, interface, names or {}, label)
+        if surfaces is None and (interface.sliding or interface.gap == KEEP):
+            what = "sliding=True" if interface.sliding else f'gap="{KEEP}"'
+            raise ValueError(
+                f"{label}: {what} needs two bodies that share no nodes, on one rank: mesh them "
+                "separately and put them together by vmdg.meshes.apart"
+            )
         if surfaces is None:
             return find_facets(mesh, cell_tags, interface, names, label, walls)
     _check_options(mesh, interface, label)
@@ -120,31 +239,29 @@ def place(
             f"{label} has no facet on side {1 if not len(surfaces[0]) else 2}: surfaces= has an "
             "empty array; does the mesh have facets with this tag?"
         )
-    cells, local, flat = zip(*(_flat_facets(mesh, surface) for surface in surfaces), strict=True)
-    segments = cut(*flat)
-    _check_overlap(label, flat, segments, interface.surfaces is None)
-    rows = segments.first, segments.second
-    of_cells, of_local = (
-        np.column_stack([side[row] for side, row in zip(sides, rows, strict=True)])
-        for sides in (cells, local)
+    one, two = (_surface(mesh, facets) for facets in surfaces)
+    if interface.sliding and interface.surfaces is None and stiffness is not None:
+        one, two = (one, two) if _before(mesh, one, two, stiffness) else (two, one)
+    gaps, damage = interface.gap == KEEP, np.zeros(len(one.facets))
+    found = Surfaces(
+        mesh, (one, two), cell_tags, damage, interface.law, label, False, gaps, interface.sliding
     )
-    both = [surface[row] for surface, row in zip(surfaces, rows, strict=True)]
-    areas = np.column_stack([one.measures[row] for one, row in zip(flat, rows, strict=True)])
-    tags = cell_tags[of_cells]
-    properties = facet_properties(mesh, interface, both[0], of_cells, tags, walls, label)
-    everywhere = np.unique(np.concatenate(both)).astype(np.int32)
-    return PairedFacets(
-        both[0],
-        of_cells,
-        of_local,
-        tags,
-        everywhere,
-        *properties,
-        others=both[1],
-        shares=segments.measures[:, None] / areas,
-        segments=segments,
-        extent=areas.max(axis=1) ** (1 / fdim),
-    )
+    given = mesh, interface
+    if found.slides:
+        # The partners of a facet are not known in advance.
+        tags = [cell_tags[side.cells] for side in (one, two)]
+        each = [
+            np.column_stack([tags[0], np.full(len(tags[0]), tags[1][0])]),
+            np.column_stack([np.full(len(tags[1]), tags[0][0]), tags[1]]),
+        ]
+        both, sides = np.concatenate(each), np.column_stack([one.cells, one.cells])
+        damage, law, _, walled = facet_properties(*given, one.facets, sides, both, walls, label)
+        return replace(found, damage=damage, law=law, walled=walled).pairs()
+    pairs = found.pairs()
+    _check_overlap(label, found.flat(), pairs.segments, interface.surfaces is None)
+    given = *given, pairs.facets, pairs.cells, pairs.tags, walls, label
+    damage, law, _, walled = facet_properties(*given)
+    return replace(pairs, damage=damage, law=law, walled=walled)
 
 
 def _apart(
@@ -193,21 +310,50 @@ def _check_options(mesh: Mesh, interface: Interface, label: str) -> None:
         )
 
 
-def _flat_facets(
-    mesh: Mesh, facets: NDArray[np.int32]
-) -> tuple[NDArray[np.int32], NDArray[np.int32], FlatFacets]:
-    """Cells of boundary facets, their numbers in them, and the facets by their corners."""
+def _surface(mesh: Mesh, facets: NDArray[np.int32]) -> Surface:
+    """Boundary facets with their cells."""
     cells = facet_cells(mesh)[facets, 0]
-    local = local_facets(mesh, cells, facets)
+    return Surface(facets, cells, local_facets(mesh, cells, facets))
+
+
+def _before(mesh: Mesh, one: Surface, two: Surface, stiffness: Stiffness) -> bool:
+    """Whether a surface is to be side 1 rather than another: that of the stiffer body, else the
+    flatter one, else that with the longer facets."""
+    stiff = [stiffness(side.cells) for side in (one, two)]
+    bends = [_bend(mesh, side) for side in (one, two)]
+    sizes = [_flat_facets(mesh, side, None).radii.mean() for side in (one, two)]
+    if max(stiff) > _STIFFER * min(stiff):
+        return stiff[0] > stiff[1]
+    if abs(bends[0] - bends[1]) > _FLATTER:
+        return bends[0] < bends[1]
+    return sizes[0] >= (1 - _ROUNDING) * sizes[1]
+
+
+def _bend(mesh: Mesh, surface: Surface) -> float:
+    """Median of the angles between facets and the mean normals at their corners."""
+    normals = _flat_facets(mesh, surface, None).normals
+    d, cell = mesh.topology.dim, mesh.basix_cell()
+    corners = np.array(basix.topology(cell)[d - 1])[surface.local]
+    nodes = np.take_along_axis(compat.geometry_dofmap(mesh)[surface.cells], corners, axis=1)
+    mean = np.zeros((len(mesh.geometry.x), d))
+    np.add.at(mean, nodes, np.repeat(normals[:, None], nodes.shape[1], axis=1))
+    edge = np.einsum("fni,fi->fn", mean[nodes], normals) / np.linalg.norm(mean[nodes], axis=2)
+    return float(np.median(np.arccos(np.clip(edge.mean(axis=1), -1.0, 1.0))))
+
+
+def _flat_facets(mesh: Mesh, surface: Surface, u: fem.Function | None) -> FlatFacets:
+    """The facets by their corners, moved by a displacement."""
     d, cell = mesh.topology.dim, mesh.basix_cell()
     corners = np.array(basix.topology(cell)[d - 1], dtype=np.int32)
     if corners.shape[1] == 4:
         corners = corners[:, [0, 1, 3, 2]]
-    nodes = compat.geometry_dofmap(mesh)[cells]
-    x = mesh.geometry.x[:, :d]
     count = len(basix.topology(cell)[0])
-    inside = x[nodes[:, :count]].mean(axis=1)
-    return cells, local, FlatFacets.of(x[np.take_along_axis(nodes, corners[local], axis=1)], inside)
+    x = mesh.geometry.x[compat.geometry_dofmap(mesh)[surface.cells][:, :count], :d]
+    if u is not None:
+        at = np.broadcast_to(basix.geometry(cell), (len(x), count, d))
+        x = x + displacements_in_cells(u, surface.cells, at)[0]
+    on_facet = np.take_along_axis(x, corners[surface.local][..., None], axis=1)
+    return FlatFacets.of(on_facet, x.mean(axis=1))
 
 
 def _check_overlap(label: str, flat: Sequence[FlatFacets], segments: Segments, whole: bool) -> None:

@@ -61,11 +61,13 @@ class PointResidual:
         for a, sign in enumerate((1.0, -1.0)):
             weights = stabilization.weights[facet, a]
             direction = np.einsum("pji,pj->pi", weights, values.elastic_opening)
-            self._directions[a].x.array[:] = (sign * direction).ravel()
+            self._quadrature.write(self._directions[a], sign * direction)
             flux = self._adjoint[a]()[:, self._columns]
             if values.moment is not None:
-                moment = values.moment.reshape(len(flux), -1)
-                flux[:, : moment.shape[1]] -= moment
+                moment = values.moment.reshape(len(flux), self._quadrature.d**2)
+                # M is half of the couple of a frame that turns with the mean of both sides.
+                share = 2.0 * (a == 0) if self._quadrature.leads else 1.0
+                flux[:, : moment.shape[1]] -= share * moment
             parts.append(flux)
         return np.concatenate(parts, axis=1)
 

@@ -53,7 +53,10 @@ class InterfaceQuadrature:
         points_of_facet: Points of every facet (nf, points per facet).
         area: Sum of the weights of every facet (nf,).
         extent: Length of the facets, in 3D the square root of their area (nf,) [mm].
-        initial_gap: Position on side 2 minus that on side 1 (nq, d) [mm]; None where they coincide.
+        initial_gap: Position on side 2 minus that on side 1 where it is no opening (nq, d) [mm];
+            None where they coincide.
+        distance: The same where it is one; None for no such points.
+        leads: Whether the frame of the law is that of side 1, not the mean of both.
     """
 
     mesh: Mesh
@@ -68,6 +71,8 @@ class InterfaceQuadrature:
     area: NDArray[np.float64]
     extent: NDArray[np.float64]
     initial_gap: NDArray[np.float64] | None = None
+    distance: NDArray[np.float64] | None = None
+    leads: bool = False
 
     @cached_property
     def by_facet(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
@@ -94,6 +99,11 @@ class InterfaceQuadrature:
         """Space of values of the given shape at every point, (44)-(45); its dofs are numbered like
         the points."""
         raise NotImplementedError
+
+    @staticmethod
+    def write(function: fem.Function, values: NDArray[np.float64]) -> None:
+        """Set a function of :meth:`space` to values at the points (nq, ...)."""
+        function.x.array[: values.size] = values.ravel()
 
     def shapes(self, degree: int) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
         """On both sides the shape functions (nf, points, nodes) and their gradients (nf, points,

@@ -131,11 +131,16 @@ class ReturnMap:
         jump = flux1[:, :d] + flux2[:, :d]
         opening = flux2[:, d : 2 * d] - flux1[:, d : 2 * d]
         N, initial_gap = self._quadrature.normal, self._quadrature.initial_gap
+        if self._quadrature.distance is not None:
+            opening += self._quadrature.distance
         if not self._law.inelastic and self._frame is None:
             return Trial(mean + apply(stabilization.tau[facet], opening), opening, jump, N)
         F, frame = None, ()
         if self._frame is not None:
-            F = np.eye(d) + (flux1[:, 2 * d :] + flux2[:, 2 * d :]).reshape(-1, d, d) / 2
+            gradient = flux1[:, 2 * d :]
+            if not self._quadrature.leads:
+                gradient = (gradient + flux2[:, 2 * d :]) / 2
+            F = np.eye(d) + gradient.reshape(-1, d, d)
             frame = self._frame.at(F, N)
             if initial_gap is not None:
                 opening += initial_gap - apply(frame[0], initial_gap)
@@ -153,6 +158,11 @@ class ReturnMap:
             cycles,
         )
         return Trial(*known) if F is None else Trial(*known, F, *frame, initial_gap)
+
+    def frame(self, gradient: Array) -> tuple[Array, Array]:
+        """R and W of :meth:`.Frame.at` for a frame of side 1, GRAD u in the section (nq, d, d)."""
+        assert self._frame is not None
+        return self._frame.at(np.eye(self._d) + gradient, self._quadrature.normal)
 
     def tangent(self, values: PointValues) -> tuple[Array | None, TurningTangent | None]:
         """C = d zeta/dT (nq, d, d) [mm3/N], and the contributions of the rotating frame.

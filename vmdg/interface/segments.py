@@ -21,12 +21,16 @@ Numbers = NDArray[np.intp]
 #: Cosine of the largest angle between a normal and the reversed normal of a facet opposite to it.
 _OPPOSITE = 0.5
 
-#: Largest distance of facets that lie opposite each other, relative to the larger one's radius.
-_REACH = 0.5
+#: Largest distance of facets that lie opposite each other, relative to the larger one's radius: of
+#: polygons along one curve, and of bodies that may be apart or overlap.
+REACH, FAR_REACH = 0.5, 2.0
 
 #: Smallest measure of a segment relative to that of the smaller facet, and smallest distance of its
 #: corners relative to their largest coordinate: less is rounding.
 _SLIVER, _SAME = 1e-12, 1e-13
+
+#: Share of a facet that need not be covered before others behind are left out.
+_COVERED = 1e-9
 
 
 class FlatFacets(NamedTuple):
@@ -104,7 +108,7 @@ class Segments(NamedTuple):
         return Segments(*(array[select] for array in self))
 
 
-def cut(first: FlatFacets, second: FlatFacets) -> Segments:
+def cut(first: FlatFacets, second: FlatFacets, reach: float = REACH) -> Segments:
     """The segments of two surfaces, by facets of the first one.
 
     Facets lie opposite each other where their normals do, within 60 degrees, and their distance is
@@ -113,8 +117,10 @@ def cut(first: FlatFacets, second: FlatFacets) -> Segments:
     Args:
         first: Facets whose planes are used.
         second: Those of the other surface.
+        reach: Another largest distance, relative to the radius of the larger facet. Where a facet
+            then has several others opposite it, one behind the other, the nearest ones count.
     """
-    i, j = _candidates(first, second)
+    i, j = near_pairs(first, second, reach)
     d = first.corners.shape[2]
     axes, centres = plane_axes(first), first.centres
     one = _projected(first.corners[i], centres[i], axes[i])
@@ -127,8 +133,25 @@ def cut(first: FlatFacets, second: FlatFacets) -> Segments:
     middle = centres[i] + np.einsum("sk,skd->sd", corners.mean(axis=1), axes[i])
     away = np.einsum("sd,sd->s", second.centres[j] - middle, second.normals[j])
     away /= np.einsum("sd,sd->s", first.normals[i], second.normals[j])
-    reach = _REACH * np.maximum(first.radii[i], second.radii[j])
-    return found.rows((found.measures > least) & (np.abs(away) <= reach))
+    most = reach * np.maximum(first.radii[i], second.radii[j])
+    found = found.rows(keep := (found.measures > least) & (np.abs(away) <= most))
+    if reach == REACH:
+        return found
+    return found.rows(_nearest(found, np.abs(away[keep]), first.measures))
+
+
+def _nearest(segments: Segments, away: Array, measures: Array) -> NDArray[np.bool_]:
+    """Which segments remain if every facet of the first surface, with its measure, is covered once,
+    by those at the least distance (n,)."""
+    order = np.lexsort((away, segments.first))
+    covered = np.cumsum(segments.measures[order])
+    facet = segments.first[order]
+    begins = np.flatnonzero(np.diff(facet, prepend=-1))
+    before = covered - segments.measures[order]
+    before -= np.repeat(before[begins], np.diff(np.append(begins, len(facet))))
+    kept = np.zeros(len(facet), dtype=bool)
+    kept[order] = before < (1 - _COVERED) * measures[facet]
+    return kept
 
 
 def plane_axes(facets: FlatFacets) -> Array:
@@ -155,17 +178,18 @@ def _measures(corners: Array) -> Array:
     return (x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1) / 2
 
 
-def _candidates(first: FlatFacets, second: FlatFacets) -> tuple[Numbers, Numbers]:
-    """Pairs of facets with opposite normals whose spheres meet."""
+def near_pairs(first: FlatFacets, second: FlatFacets, reach: float) -> tuple[Numbers, Numbers]:
+    """Pairs of facets with opposite normals whose spheres are no farther apart than the radius of
+    the larger one times ``reach``."""
     if not len(first.corners) or not len(second.corners):
         return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
     one, two = first.radii, second.radii
-    most = one + two.max() + _REACH * np.maximum(one, two.max())
+    most = one + two.max() + reach * np.maximum(one, two.max())
     near = cKDTree(second.centres).query_ball_point(first.centres, most)
     i = np.repeat(np.arange(len(near)), [len(found) for found in near])
     j = np.concatenate(near).astype(np.intp)
     apart = np.linalg.norm(first.centres[i] - second.centres[j], axis=1)
-    meet = apart <= one[i] + two[j] + _REACH * np.maximum(one[i], two[j])
+    meet = apart <= one[i] + two[j] + reach * np.maximum(one[i], two[j])
     cosine = np.einsum("pd,pd->p", first.normals[i], second.normals[j])
     keep = meet & (cosine < -_OPPOSITE)
     return i[keep], j[keep]

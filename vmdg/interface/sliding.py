@@ -29,13 +29,14 @@ class Sliding(NamedTuple):
 
 
 def sliding(active: ActiveInterface) -> Sliding:
-    """The point in contact on this rank with the largest slip relative to its facet.
+    """The point in contact on this rank with the largest slip relative to its facet, if it keeps
+    its partner.
 
     Args:
         active: An interface in a converged state.
     """
     q, history = active.quadrature, active.history
-    if not active.law.inelastic or not len(q.weights):
+    if not active.law.inelastic or not len(q.weights) or active.facets.slides:
         return Sliding(0.0)
     N, zeta = q.normal, history.gap
     slip = np.linalg.norm(zeta - np.einsum("pi,pi->p", zeta, N)[:, None] * N, axis=1)

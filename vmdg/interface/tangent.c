@@ -46,10 +46,10 @@ static void apply(int rows, const double A[][DIM], const double B[DIM][JET], dou
     }
 }
 
-/* Adds what depends on S = GRAD w_1 + GRAD w_2 of the section to rows of jets. */
-static void add_section(int rows, const double A[][SECTION], double B[][JET])
+/* Adds what depends on GRAD w_1 of the section, or on S = GRAD w_1 + GRAD w_2, to rows of jets. */
+static void add_section(int rows, const double A[][SECTION], long sides, double B[][JET])
 {
-  for (int side = 0; side < 2; ++side)
+  for (int side = 0; side < sides; ++side)
     for (int m = 0; m < rows; ++m)
       for (int c = 0; c < SECTION; ++c)
         B[m][DIM + side * ENTRIES + c] += A[m][c];
@@ -59,14 +59,15 @@ static void add_section(int rows, const double A[][SECTION], double B[][JET])
 
    delta, tau: weights of both sides, and tau_s; H: (A.N) of both sides, each with its own normal;
    K: independent components of both sides; C: d zeta/dT; Z, MT, MS: changes of zeta with S and of the
-   couple M with T and S; delta_s: of the traction jump. Null where the interface has none. */
+   couple M with T and S; turned: number of sides in S; delta_s: of the traction jump. Null where the
+   interface has none. */
 void point_tangents(long count, const double area[], const double delta[][2][DIM][DIM],
                     const double tau[][DIM][DIM], const double H1[][DIM][ENTRIES],
                     const double H2[][DIM][ENTRIES], const double K1[][COMPONENTS],
                     const double K2[][COMPONENTS], const double C[][DIM][DIM],
                     const double Z[][DIM][SECTION], const double MT[][SECTION][DIM],
-                    const double MS[][SECTION][SECTION], const double delta_s[][DIM][DIM],
-                    double D[][JET][JET], double T[][DIM][JET])
+                    const double MS[][SECTION][SECTION], const long turned[1],
+                    const double delta_s[][DIM][DIM], double D[][JET][JET], double T[][DIM][JET])
 {
   memset(D, 0, count * sizeof(*D));
   for (long p = 0; p < count; ++p)
@@ -115,9 +116,9 @@ void point_tangents(long count, const double area[], const double delta[][2][DIM
       {
         double couple[SECTION][JET];
         apply(SECTION, MT[p], T[p], couple);
-        add_section(DIM, Z[p], change);
-        add_section(SECTION, MS[p], couple);
-        for (int side = 0; side < 2; ++side)
+        add_section(DIM, Z[p], turned[0], change);
+        add_section(SECTION, MS[p], turned[0], couple);
+        for (int side = 0; side < turned[0]; ++side)
           for (int r = 0; r < SECTION; ++r)
             for (int c = 0; c < JET; ++c)
               D[p][DIM + side * ENTRIES + r][c] -= couple[r][c];

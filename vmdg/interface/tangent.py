@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 #: Number of points or facets, and the arrays of tangent.c.
 _DECLARATIONS = f"""
-void point_tangents(long{", void *" * 14});
+void point_tangents(long{", void *" * 15});
 void facet_tangents(long{", void *" * 5});
 """
 
@@ -45,10 +45,6 @@ class PointTangent:
         scalar: The form has the scalar r for tau_s, since the law has a gap or its frame turns.
         jump: The form is (26), with the traction jump.
         fluid: Pressure at the points; None for none.
-
-    Attributes:
-        jets: B at the points.
-        areas: dA (nq,) [mm2; times the thickness in plane strain].
     """
 
     def __init__(
@@ -64,13 +60,13 @@ class PointTangent:
         evaluators = partial(quadrature.side_evaluators, u, bodies, fluid=fluid)
         d, geometry = quadrature.d, quadrature.geometry
         n = geometry.size(d)
-        self.jets = FacetJets(quadrature, u.function_space)
-        self.areas = quadrature.weights * float(geometry.thickness)
+        self._quadrature, self._space = quadrature, u.function_space
+        self._known = quadrature.facets, FacetJets(quadrature, u.function_space)
         self._entries = self.jets.entries
         # All entries of GRAD in order need no copy.
         columns = [i * n + j for i, j in self._entries]
         self._columns = slice(None) if columns == list(range(n * n)) else columns
-        self._quadrature, self._scalar, self._jump = quadrature, scalar, jump
+        self._scalar, self._jump = scalar, jump
         self._module = compile_source(
             Path(__file__).with_suffix(".c"),
             _DECLARATIONS,
@@ -94,6 +90,18 @@ class PointTangent:
             count = len(self._entries)
             components = count * (count + 1) // 2
             self._evaluate_third = evaluators((components,), self._third_derivative, "K")
+
+    @property
+    def jets(self) -> FacetJets:
+        """B at the points."""
+        if self._known[0] is not self._quadrature.facets:
+            self._known = self._quadrature.facets, FacetJets(self._quadrature, self._space)
+        return self._known[1]
+
+    @property
+    def areas(self) -> Array:
+        """dA (nq,) [mm2; times the thickness in plane strain]."""
+        return self._quadrature.weights * float(self._quadrature.geometry.thickness)
 
     def _third_derivative(self, body: Body, F: Expr, N: Expr, a: int) -> Expr:
         K = kinematics.projected_third_derivative(body, F, N, self._directions[a])
@@ -139,13 +147,17 @@ class PointTangent:
         H = [side().reshape(shape)[..., self._columns] for side in self._evaluate_moduli]
         K = self._geometric_term(stabilization, values) if self._finite else (None, None)
         changes = (None, None, None) if compliance is None or turning is None else turning
+        # A frame of side 1 turns by GRAD w_1, where that of both turns by S/2.
+        turned = np.array([1 if quadrature.leads else 2])
+        if quadrature.leads and changes[0] is not None:
+            changes = 2 * changes[0], 2 * changes[1], 4 * changes[2]
         delta_s = stabilization.delta_s[facet] if self._jump else None
         D, traction = np.empty((len(facet), size, size)), np.empty((len(facet), d, size))
         call(
             self._module,
             "point_tangents",
             *(self.areas, stabilization.weights[facet], tau, *H, *K),
-            *(compliance, *changes, delta_s, D, traction),
+            *(compliance, *changes, turned, delta_s, D, traction),
         )
         return D, traction
 
@@ -173,6 +185,6 @@ class PointTangent:
             directions += np.stack([-more, more], axis=1)
         found = []
         for a, sign in enumerate((1, -1)):
-            self._directions[a].x.array[:] = (sign * directions[:, a]).ravel()
+            self._quadrature.write(self._directions[a], sign * directions[:, a])
             found.append(self._evaluate_third[a]())
         return found

@@ -95,6 +95,8 @@ def _not_by_itself(problem: Problem, petsc: Petsc | None) -> str:
         return "plastic bodies: their tangent changes"
     if problem.discretization.bodies.mean_dilatation:
         return "mean dilatation"
+    if problem.discretization.slides:
+        return "surfaces that slide"
     if lattice_of(problem.discretization.means) is not None:
         return "periodic cell"
     if problem.discretization.means is not None:

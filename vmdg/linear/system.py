@@ -109,22 +109,15 @@ class AssembledSystem:
     inertia: tuple[PETSc.Mat, float] | None = None
 
     def __init__(self, problem: Problem, petsc: Petsc | None):
-        linear = linear_options(problem, petsc)
-        self._automatic = linear.automatic
+        self._options = linear_options(problem, petsc)
+        self._automatic = self._options.automatic
         self._comm, self._discretization = problem.comm, problem.discretization
-        kind = matrix_kind(linear.solver)
-        self._matrix = matrix = problem.discretization.create_matrix(kind)
-        matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         # K as assembled; in the matrix, rows and columns of prescribed dofs are replaced.
         self._tangent: PETSc.Mat | None = None
-        self.norm, self._apart = 0.0, False
-        self._unit = 1.0
-        self._linear = LinearSolver(matrix, linear.solver, linear.fallback)
-        if self._linear.multigrid:
-            parts = problem.discretization
-            set_rigid_modes(parts.space, parts.geometry, matrix, parts.means)
-            self._apart = pieces_apart(problem) > 0
-        self._x, self._b = matrix.createVecs()
+        self.norm, self._unit = 0.0, 1.0
+        self._make_matrix()
+        self._apart = self._linear.multigrid and pieces_apart(problem) > 0
+        self._x, self._b = self._matrix.createVecs()
         loading = problem.loading
         self._means = problem.discretization.means
         # Rigid faces have few unknown motions, solved for last, like means that are not prescribed.
@@ -138,6 +131,30 @@ class AssembledSystem:
         # K times the motions, their responses, and the last solutions.
         self._works = self._moving = self._motions
         self._found: list[Array] = []
+
+    def _make_matrix(self) -> None:
+        """The matrix with the present pattern, and its solver."""
+        parts, options = self._discretization, self._options
+        self._pattern = parts.couple()
+        self._matrix = matrix = parts.create_matrix(matrix_kind(options.solver))
+        matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        self._linear = LinearSolver(matrix, options.solver, options.fallback)
+        if self._linear.multigrid:
+            set_rigid_modes(parts.space, parts.geometry, matrix, parts.means)
+
+    def _renew_matrix(self) -> None:
+        """Make matrix and solver anew where surfaces that slide have other pairs."""
+        iterations = self._linear.iterations
+        self._free_matrix()
+        self._make_matrix()
+        self._linear.iterations = iterations
+
+    def _free_matrix(self) -> None:
+        self._linear.free()
+        self._matrix.destroy()
+        if self._tangent is not None:
+            self._tangent.destroy()
+            self._tangent = None
 
     def _release_means(self, prescribed: NDArray[np.int32]) -> None:
         """Add the means that are not prescribed to the motions of rigid faces."""
@@ -162,6 +179,8 @@ class AssembledSystem:
             first = self._solve_held(forces[:1], moved[:1], rtol)
             self._found = self._release(np.array(forces[:1]), first) + self._found[1:]
             return self._found
+        if self._discretization.couple() != self._pattern:
+            self._renew_matrix()
         if not self._linear.coarsened and self._apart:
             self._coarsen()
         self._assemble()
@@ -318,8 +337,6 @@ class AssembledSystem:
 
     def free(self) -> None:
         """Free the PETSc objects; collective."""
-        self._linear.free()
-        for item in (self._matrix, self._x, self._b):
+        self._free_matrix()
+        for item in (self._x, self._b):
             item.destroy()
-        if self._tangent is not None:
-            self._tangent.destroy()

@@ -69,10 +69,10 @@ class InterfaceFields:
     def __init__(self, problem: Problem, interface: Which, names: Sequence[str]):
         self._problem, self._i = problem, number_of(problem.interfaces, interface)
         self._facets = problem.step.activation.facets[interface]
-        self._rows, _ = self._facets.distinct
-        submesh = compat.facet_submesh(problem.mesh, self._facets.facets[self._rows])
+        self._shown, self._cells, self._local = self._facets.first_side
+        submesh = compat.facet_submesh(problem.mesh, self._shown)
         self._mesh = submesh.mesh
-        self.cell_of_facet = np.argsort(submesh.facets[: len(self._rows)])
+        self.cell_of_facet = np.argsort(submesh.facets[: len(self._shown)])
         vector = fem.functionspace(self._mesh, ("DG", 1, (problem.mesh.geometry.dim,)))
         scalar = fem.functionspace(self._mesh, ("DG", 1))
         self.functions = {
@@ -88,8 +88,9 @@ class InterfaceFields:
                 self._set(function, self.cell_of_facet, self._displacement())
             elif active is not None:
                 shown = active.facets.facets[active.facets.distinct[0]]
-                position = np.searchsorted(self._facets.facets[self._rows], shown)
+                position = np.searchsorted(self._shown, shown)
                 values = self._facet_values(name)
+                function.x.array[:] = 0.0
                 self._set(function, self.cell_of_facet[position], values[:, None])
 
     def _facet_values(self, name: str) -> NDArray[np.float64]:
@@ -103,8 +104,7 @@ class InterfaceFields:
         """Displacement of side 1 at the corners of all facets, in the order of their cells (nf,
         corners, d)."""
         mesh = self._problem.mesh
-        cells, local = (a[self._rows, 0] for a in (self._facets.cells, self._facets.local))
-        corners = corners_of_local(mesh, local)
+        cells, corners = self._cells, corners_of_local(mesh, self._local)
         X, u = positions_and_displacements(self._problem, cells, corners)
         nodes = compat.geometry_dofmap(self._mesh)[self.cell_of_facet][:, : corners.shape[1]]
         apart = np.linalg.norm(self._mesh.geometry.x[nodes][:, :, None] - X[:, None], axis=-1)

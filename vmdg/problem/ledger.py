@@ -256,7 +256,9 @@ class Ledger:
         mean = sum(slopes) / 2
         rated = any(active.law.viscosity > 0 for active in now.active.values())
         at_rest = rated and held and not begun.slowed and begun.cycles == 0
-        if (at_rest or not held) and now.bodies.hyperelastic and not now.surface.fluids:
+        # Surfaces that slide have other pairs, and so another energy, at the start of each step.
+        kept = not now.surface.fluids and not now.slides
+        if (at_rest or not held) and now.bodies.hyperelastic and kept:
             so_far, last = self.works.external[0] + mean + work, self.works.increment
             forces, lengths = ends[1] - ends[0], len(change) - 1
             increment, curved, told = next_increment(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from html import escape
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -28,6 +28,7 @@ from ..domain.cells import check_cells
 from ..domain.geometry import make_geometry
 from ..domain.lattice import make_lattice
 from ..domain.materials import Bodies
+from ..domain.moduli import mean_modulus
 from ..domain.point_bodies import BodyState
 from ..domain.tags import Group, by_tag, group_tag, names_of
 from ..domain.topology import Locator, facet_cells, tags_of_cells
@@ -57,6 +58,7 @@ from .arguments import (
     check_plane,
     check_points,
     check_rest,
+    check_sliding,
     check_walls,
     checked_interfaces,
     checked_materials,
@@ -169,8 +171,11 @@ class Problem:
         bodies = Bodies(mesh, tags, materials, small, strains, geometry, degree, stress_only)
         check_walls(bodies, strains, repeats, axial is not None)
         raise_together(mesh.comm, refusal(bodies, bodies.eigenstrains(0.0), 0.0))
+        stiffness = partial(mean_modulus, mesh, bodies)
         facets = [
-            place(mesh, tags, interface, names, label_of(self.interfaces, i), bodies.walls)
+            place(
+                mesh, tags, interface, names, label_of(self.interfaces, i), bodies.walls, stiffness
+            )
             for i, interface in enumerate(self.interfaces)
         ]
         points = any(isinstance(one, PointMaterial) for one in materials.values())
@@ -181,6 +186,13 @@ class Problem:
             "a material at points such as J2": points,
         }
         check_pairs(facets, others)
+        unsuited = {
+            'kinematics="small"': "sliding far is finite strain; omit kinematics or sliding"
+        }
+        in_time = {"bodies with a density": "motion in time needs pairs that stay; omit sliding"}
+        check_sliding(
+            facets, (unsuited if small else {}) | (in_time if density is not None else {})
+        )
         check_overlap(mesh, facets)
         if lattice is not None:
             check_faces(mesh, tags, lattice, self.interfaces, facets)

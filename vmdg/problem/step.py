@@ -78,7 +78,19 @@ class Step:
         activation.follow(discretization.u)
         loading.move(0.0)
         discretization.update_stabilization()
-        self._dt, self.start = 1.0, self.snapshot()
+        self._dt = 1.0
+        self._overlap()
+        self.start = self.snapshot()
+
+    def _overlap(self) -> None:
+        """Enter forces and energy of surfaces that overlap at the start."""
+        now = self.discretization
+        apart = [one for one in self._failing() if one.quadrature.distance is not None]
+        if apart:
+            self.assemble_residual(hold=True)
+            for active in apart:
+                active.take_traction()
+            self.ledger.enter_opening(now.stored_energy().sum())
 
     # The course of a step
 

@@ -19,7 +19,7 @@ from ..base.parallel import global_any, global_sum
 from ..interface.active import damage_work
 from ..laws import Mode
 
-#: A mask of the points of every interface that can fail.
+#: A mask of the points of every interface with a bond.
 Points = Sequence[NDArray[np.bool_]]
 
 Names = NDArray[np.int64]
@@ -41,18 +41,18 @@ class Sound(NamedTuple):
 
 
 class Pieces:
-    """The connected pieces of the interfaces that can fail; all methods are collective.
+    """The connected pieces of the interfaces with a bond; all methods are collective.
 
     Args:
         discretization: The open facets.
 
     Attributes:
-        interfaces: The interfaces that can fail.
+        interfaces: The interfaces with a bond.
     """
 
     def __init__(self, discretization: Discretization):
         active = discretization.active.values()
-        self.interfaces = [one for one in active if one.law.inelastic]
+        self.interfaces = [one for one in active if one.law.has_bond]
         self._comm = discretization.mesh.comm
         self._thickness = float(discretization.geometry.thickness)
         self._names: list[NDArray[np.int64]] = []

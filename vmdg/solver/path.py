@@ -303,7 +303,8 @@ class Path:
         """Size of the next step."""
         numbers, options, size = self._numbers, self._options, self._size
         step, t = self._problem.step, self._problem.t
-        growth = numbers.growth_after(found.iterations)
+        slides = self._problem.discretization.slides
+        growth = numbers.growth_after(found.iterations, slides)
         way = growth * limits.way
         if not cuts and way > global_norm(self._problem.comm, found.ahead.u) / numbers.cut:
             way = math.inf

@@ -1,0 +1,429 @@
+"""Surfaces that slide far: forces, moments, energies, and closed forms of contact."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx.mesh import compute_midpoints
+from support.apart import block, full_rings, moved, rings, stack
+from support.checks import tangent_error, tangent_matrix
+from support.problems import rotation, set_displacement, through
+from support.scenes import DIMENSION
+
+import vmdg
+from vmdg import Mode, compat
+from vmdg.interface.moving import MovingInterface
+from vmdg.meshes import apart, blocks
+
+MU = 0.3
+TIGHT = vmdg.SolveOptions(relative_tolerance=1e-8)
+SOFT, HARD = vmdg.NeoHookean(E=1000.0, nu=0.3), vmdg.NeoHookean(E=1e6, nu=0.3)
+
+
+def body_and_base(cell, cells, base, slope=0.0, start=0.6, gap=0.0):
+    """A block of 1 mm on a base of 4 mm, body 1 and 2, both on a slope."""
+    d = DIMENSION[cell]
+    wide, deep = ([0.4], [0.0]) if d == 3 else ([], [])
+    parts = [
+        block(
+            cell, cells, [start, *wide, gap], [start + 1.0, *(w + 1 for w in wide), gap + 0.6], 1
+        ),
+        block(cell, base, [0.0, *deep, -0.6], [4.0, *(2.0 for _ in deep), 0.0], 2),
+    ]
+
+    def incline(x):
+        x[-1] += slope * x[0]
+        return x
+
+    return apart([moved(part, incline) for part in parts])
+
+
+def contact(scene, materials, law, **options):
+    """The problem of two bodies whose surfaces slide."""
+    interface = vmdg.Interface(between=(1, 2), law=law, sliding=True, **options)
+    return vmdg.Problem(
+        scene.mesh, scene.cell_tags, dict(enumerate(materials, start=1)), [interface]
+    )
+
+
+def moment(problem):
+    """Sum of the moments of all forces, which supports carry, in the current configuration."""
+    d = problem.mesh.geometry.dim
+    x = problem.space.tabulate_dof_coordinates()[:, :d] + problem.u.x.array.reshape(-1, d)
+    forces = problem.discretization.forces.x.array.reshape(-1, d)
+    moments = np.einsum("ni,nj->ij", x, forces)
+    return np.abs(moments - moments.T).max()
+
+
+def slide(scene, materials, law, way, loads, **options):
+    """Press the block by .02 mm up to t = 1, then move it along ``way``(t); the history."""
+    problem = contact(scene, materials, law, **options)
+    find, d = scene.facet_tags.find, problem.mesh.geometry.dim
+    problem.dirichlet(find(21), 0.0)
+    down = np.zeros(d)
+    down[-1] = -0.02
+    problem.dirichlet(find(12), lambda t: min(t, 1.0) * down + way(max(t - 1.0, 0.0)))
+
+    def monitor(problem):
+        force, energy = problem.reaction(find(12)), problem.energy()
+        return {
+            **{"F" + axis: f for axis, f in zip("xyz", force, strict=False)},
+            "moment": moment(problem),
+            "imbalance": energy.imbalance,
+            "work": energy.external,
+            "points": len(problem.state[0].weights),
+        }
+
+    result = vmdg.solve(problem, loads, TIGHT, monitor)
+    return problem, result
+
+
+def along_x(d, direction=(1.0, 0.0)):
+    way = np.zeros(d)
+    way[: d - 1] = np.array(direction[: d - 1]) / np.linalg.norm(direction[: d - 1])
+    return lambda s: s * way
+
+
+STEPS = np.concatenate([[0.5], np.arange(1.0, 1.1, 0.02), np.arange(1.1, 2.05, 0.1)])
+
+
+@pytest.mark.parametrize(
+    ("cell", "cells", "base"),
+    [("quadrilateral", (5, 3), (28, 3)), ("triangle", (10, 3), (28, 3))],
+)
+def test_block_over_facets(cell, cells, base):
+    """Over seven facets of a rigid base: N is constant, F = mu N, moments and energies balance."""
+    scene = body_and_base(cell, cells, base)
+    problem, result = slide(scene, (SOFT, HARD), vmdg.Contact(friction=MU), along_x(2), STEPS)
+    history = result.history
+    moves = history["load"] > 1.1
+    N, F = -history["Fy"][moves], history["Fx"][moves]
+    assert not result.failures
+    assert np.ptp(N) < 1e-4 * N.mean()
+    assert np.abs(F - MU * N).max() < 1e-3 * F.mean()
+    assert history["moment"].max() < 1e-9 * N.mean()
+    work = history["work"][moves]
+    assert np.ptp(history["imbalance"][moves]) < 1e-3 * np.ptp(work)
+    assert np.abs(history["imbalance"]).max() < 2e-3 * work[-1]
+    assert history["iterations"][moves].mean() <= 8
+    assert "side 1: the stiffer" in repr(problem.interfaces[0])
+    # The stiffer body is side 1: its normal points up.
+    assert np.allclose(problem.state[0].normal, [0.0, 1.0])
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_block_in_space(cell):
+    """Sliding across the facets at an angle."""
+    scene = body_and_base(cell, (2, 2, 2), (8, 4, 2))
+    way, loads = along_x(3, (1.0, 0.3)), [0.5, 1.0, 1.05, 1.15, 1.25, 1.35]
+    _, result = slide(scene, (SOFT, HARD), vmdg.Contact(friction=MU), way, loads)
+    history = result.history
+    moves = history["load"] > 1.1
+    N = -history["Fz"][moves]
+    along = way(1.0)[:2]
+    F = along[0] * history["Fx"][moves] + along[1] * history["Fy"][moves]
+    across = along[1] * history["Fx"][moves] - along[0] * history["Fy"][moves]
+    assert np.ptp(N) < 2e-4 * N.mean()
+    assert np.abs(F - MU * N).max() < 1e-3 * F.mean()
+    assert np.abs(across).max() < 1e-3 * F.mean()
+    assert history["moment"].max() < 1e-9 * N.mean()
+    assert history["iterations"].mean() <= 8
+
+
+def test_wedge():
+    """Up a slope of .115 with mu = .2 the forces are in the ratio tan(alpha + phi)."""
+    slope, mu = 0.115, 0.2
+    scene = body_and_base("quadrilateral", (5, 3), (28, 3), slope)
+    way, loads = (lambda s: s * np.array([1.0, slope])), [0.5, 1.0, 1.05, 1.2, 1.4, 1.6]
+    _, result = slide(scene, (SOFT, HARD), vmdg.Contact(friction=mu), way, loads)
+    ratio = -(result.history["Fx"] / result.history["Fy"])[result.history["load"] > 1.1]
+    expected = (slope + mu) / (1 - slope * mu)
+    assert np.abs(ratio - expected).max() < 1e-3 * expected
+
+
+def test_off_the_edge_and_back():
+    """Points leave the base and come back, with friction the other way."""
+    scene = body_and_base("quadrilateral", (4, 2), (14, 2), start=2.6)
+    loads = np.concatenate([[0.5, 1.0], np.arange(1.1, 3.05, 0.1)])
+
+    def way(s):
+        return np.array([0.9 * np.sin(np.pi / 2 * s), 0.0])
+
+    _, result = slide(scene, (SOFT, HARD), vmdg.Contact(friction=MU), way, loads)
+    table = result.history
+    at = {t: np.flatnonzero(np.isclose(table["load"], t))[0] for t in (1.1, 2.0, 3.0)}
+    points, N = table["points"], -table["Fy"]
+    assert points[at[2.0]] < min(points[at[1.1]], points[at[3.0]])
+    assert N[at[2.0]] < 0.8 * N[at[1.1]]
+    assert N[at[3.0]] == pytest.approx(N[at[1.1]], rel=2e-3)
+    ratio = table["Fx"] / N
+    assert [ratio[at[1.1]], ratio[at[3.0]]] == pytest.approx([MU, -MU], rel=5e-3)
+
+
+def test_bodies_start_apart():
+    """No pair at the start: the bodies meet, and the force is that of bodies that touch."""
+    found = []
+    for gap in (0.5, 0.0):
+        scene = body_and_base("quadrilateral", (5, 3), (14, 3), gap=gap)
+        problem = contact(scene, (SOFT, HARD), vmdg.Contact())
+        assert len(problem.state[0].weights) == 0 or gap == 0.0
+        problem.dirichlet(scene.facet_tags.find(21), 0.0)
+        problem.dirichlet(scene.facet_tags.find(12), lambda t, g=gap: (0.0, -(g + 0.02) * t))
+        result = vmdg.solve(problem, [0.25, 0.5, 0.75, 1.0], TIGHT)
+        assert not result.failures
+        found.append(problem.reaction(scene.facet_tags.find(12))[1])
+    assert found[0] == pytest.approx(found[1], rel=1e-5)
+
+
+@pytest.mark.parametrize("first", [1, 2])
+def test_turning_ring(first):
+    """A ring turns in another one, pressed by interference: torques and energies balance."""
+    scene = full_rings("quadrilateral", (24, 32), ((0.4, 1.02), (1.0, 1.6)), 2)
+    find = scene.facet_tags.find
+    sides = (find(12), find(21))
+    interface = vmdg.Interface(
+        surfaces=sides if first == 1 else sides[::-1], law=vmdg.Contact(friction=MU), sliding=True
+    )
+    hard = vmdg.NeoHookean(E=3000.0, nu=0.3)
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, {1: SOFT, 2: hard}, [interface], degree=2)
+    problem.dirichlet(find(11), lambda x, t: rotation(2, np.deg2rad(t)) @ x[:2] - x[:2])
+    problem.dirichlet(find(22), 0.0)
+    radius = np.linalg.norm(problem.space.tabulate_dof_coordinates(), axis=1)
+
+    def torques(problem):
+        x = problem.space.tabulate_dof_coordinates()[:, :2] + problem.u.x.array.reshape(-1, 2)
+        f = problem.discretization.forces.x.array.reshape(-1, 2)
+        torque = x[:, 0] * f[:, 1] - x[:, 1] * f[:, 0]
+        energy = problem.energy()
+        given = {"imbalance": energy.imbalance, "work": energy.external}
+        return {"hub": torque[radius < 0.41].sum(), "out": torque[radius > 1.59].sum(), **given}
+
+    result = vmdg.solve(problem, [0.0, 5.0, 10.0, 20.0, 30.0, 40.0], TIGHT, torques)
+    table = result.history
+    hub, turns = table["hub"], table["load"] >= 10.0
+    assert not result.failures
+    assert np.abs(hub + table["out"]).max() < 1e-8 * hub.max()
+    assert np.ptp(hub[turns]) < 1e-3 * hub.max()
+    state = problem.state[0]
+    N = -np.einsum("pij,pj,pi,p->", state.rotation, state.normal, state.traction, state.weights)
+    assert hub[-1] == pytest.approx(MU * N, rel=0.01)
+    assert np.ptp(table["imbalance"][turns]) < 1e-3 * np.ptp(table["work"][turns])
+    assert table["iterations"].mean() <= 8
+
+
+# Initial gaps and interference
+
+
+def fitted(order, delta, kinematics, sliding, cells):
+    """Mean pressure of a ring shrunk onto another one, relative to Lame's, and the imbalance."""
+    radii = (0.5, 1.0, 2.0)
+    scene = rings("quadrilateral", cells, radii, order)
+    find, mesh = scene.facet_tags.find, scene.mesh
+    nodes = np.unique(compat.geometry_dofmap(mesh)[scene.cell_tags.find(1)])
+    mesh.geometry.x[nodes] *= 1 + delta
+    interface = vmdg.Interface(
+        surfaces=(find(12), find(21)), law=vmdg.Contact(), sliding=sliding, gap="keep"
+    )
+    E, nu = (1000.0, 3000.0), (0.3, 0.2)
+    bodies = {k + 1: vmdg.NeoHookean(E=E[k], nu=nu[k]) for k in range(2)}
+    problem = vmdg.Problem(
+        mesh, scene.cell_tags, bodies, [interface], degree=order, kinematics=kinematics
+    )
+    for k, axis in enumerate("xy"):
+        problem.dirichlet(lambda x, k=k: np.isclose(x[k], 0.0), 0.0, axis)
+    vmdg.solve(problem, [1.0], TIGHT)
+    inner, outer = (radii[0] * (1 + delta), 1 + delta), radii[1:]
+    plane = [(e / (1 - n**2), n / (1 - n)) for e, n in zip(E, nu, strict=True)]
+    soft = []
+    for (low, high), (e, n), at, sign in zip(
+        (inner, outer), plane, (inner[1], outer[0]), (-1, 1), strict=True
+    ):
+        soft.append(at / e * ((high**2 + low**2) / (high**2 - low**2) + sign * n))
+    state = problem.state[0]
+    away = state.points[:, :2] / np.linalg.norm(state.points[:, :2], axis=1)[:, None]
+    pressure = -(np.einsum("pi,pi->p", state.traction, away) @ state.weights)
+    energy = problem.energy()
+    stored = energy.bulk + energy.interface
+    return pressure / state.weights.sum() / (delta / sum(soft)), energy.imbalance / stored
+
+
+@pytest.mark.filterwarnings("ignore:there is no load")
+@pytest.mark.parametrize(("kinematics", "sliding"), [("small", False), ("finite", True)])
+def test_shrink_fit(kinematics, sliding):
+    """The pressure of a given interference is that of Lame."""
+    pressure, imbalance = fitted(2, 1e-3, kinematics, sliding, (24, 32))
+    assert pressure == pytest.approx(1.0, rel=1e-3)
+    assert abs(imbalance) < 1e-3
+
+
+def graded(n, fine, total):
+    """n equal cells up to ``fine``, then growing ones."""
+    x, size = list(np.linspace(0.0, fine, n + 1)), fine / n
+    while x[-1] < total:
+        size *= 1.3
+        x.append(min(x[-1] + size, total))
+    return np.array(x)
+
+
+def rectangle(xs, ys, tag, move):
+    """A block with these coordinates of nodes, moved."""
+    part = block("quadrilateral", (len(xs) - 1, len(ys) - 1), (0.0, 0.0), (1.0, 1.0), tag)
+    unit = [np.linspace(0.0, 1.0, len(grid)) for grid in (xs, ys)]
+
+    def placed(x):
+        return np.stack(move(np.interp(x[0], unit[0], xs), np.interp(x[1], unit[1], ys)))
+
+    return moved(part, placed)
+
+
+@pytest.mark.parametrize(("kinematics", "sliding"), [("small", False), ("finite", True)])
+def test_hertz(kinematics, sliding):
+    """A cylinder of R = 50 mm on a block, as in the benchmark of NAFEMS at 35 kN/mm."""
+    R, tall, deep, fine = 50.0, 60.0, 150.0, 9.0
+
+    def bottom(x):
+        return R - np.sqrt(R**2 - x**2)
+
+    one, two = graded(18, fine, 40.0), graded(25, fine, deep)
+    scene = apart(
+        [
+            rectangle(
+                one, graded(18, fine, tall), 1, lambda X, Y: (X, bottom(X) * (1 - Y / tall) + Y)
+            ),
+            rectangle(two, -two[::-1], 2, lambda X, Y: (X, Y)),
+        ]
+    )
+    find = scene.facet_tags.find
+    sides = [f[compute_midpoints(scene.mesh, 1, f)[:, 0] < 15.0] for f in (find(11), find(22))]
+    interface = vmdg.Interface(
+        surfaces=tuple(sides), law=vmdg.Contact(), sliding=sliding, gap="keep"
+    )
+    E, nu = (210e3, 70e3), 0.3
+    bodies = {k + 1: vmdg.NeoHookean(E=E[k], nu=nu) for k in range(2)}
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [interface], kinematics=kinematics)
+    problem.dirichlet(lambda x: np.isclose(x[0], 0.0), 0.0, "x")
+    problem.dirichlet(find(21), 0.0, "y")
+    problem.dirichlet(find(12), lambda t: -1.48 * t, "y")
+    result = vmdg.solve(problem, 3)
+    assert not result.failures
+    state = problem.state[0]
+    n = np.einsum("pij,pj->pi", state.rotation, state.normal)
+    pressure, x = -np.einsum("pi,pi->p", state.traction, n), state.points[:, 0]
+    shares = pressure * state.weights
+    force = 2 * shares.sum()
+    assert force == pytest.approx(35e3, rel=0.02)
+    stiffness = 1 / sum((1 - nu**2) / e for e in E)
+    half = np.sqrt(4 * force * R / (np.pi * stiffness))
+    assert half == pytest.approx(6.21, rel=0.02)
+    # <x^2> = a^2/4 for an elliptic pressure, whose square is linear in x^2.
+    assert 2 * np.sqrt(shares @ x**2 / shares.sum()) == pytest.approx(half, rel=0.01)
+    inside = x < 0.8 * half
+    peak = np.sqrt(np.polyfit(x[inside] ** 2, pressure[inside] ** 2, 1)[1])
+    assert peak == pytest.approx(2 * force / (np.pi * half), rel=0.01)
+    assert peak == pytest.approx(3585.0, rel=0.03)
+
+
+# The form
+
+
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron"])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_tangent_of_fixed_pairs(cell, degree, monkeypatch):
+    """With pairs and partners fixed: the derivative of the residual, in the frame of side 1."""
+    scene = stack(cell, *((3, 4) if DIMENSION[cell] == 2 else (1, 2)), (1, 1))
+    find, d = scene.facet_tags.find, DIMENSION[cell]
+    interface = vmdg.Interface(
+        surfaces=(find(12), find(21)), law=vmdg.Contact(friction=MU), sliding=True
+    )
+    problem = vmdg.Problem(
+        scene.mesh, scene.cell_tags, {1: SOFT, 2: HARD}, [interface], degree=degree
+    )
+
+    def press(depth, shift):
+        def field(x, tag):
+            y = x[:d] + 0.02 * np.sin(2 * x[:d][::-1] + tag)
+            y[d - 1] -= depth * (tag == 2)
+            y[0] += shift * (tag == 2)
+            return rotation(d, 0.4) @ y - x[:d]
+
+        set_displacement(problem.u, scene.cell_tags, field)
+
+    through(problem, partial(press, 0.06, 0.0), partial(press, 0.06, 0.03))
+    active = problem.discretization.active[0]
+    assert Mode.FRICTION in active.values.update.mode
+    monkeypatch.setattr(MovingInterface, "pair_anew", lambda self: None)
+    monkeypatch.setattr(MovingInterface, "_add_partners", lambda self, *given: None)
+    assert tangent_error(problem, tangent_matrix(problem)) < 1e-6
+
+
+def test_frictionless_bodies_turn_together():
+    """A rigid rotation of bodies under pressure turns tractions and leaves forces in balance."""
+    scene = stack("quadrilateral", 3, 4)
+    problem = vmdg.Problem(
+        scene.mesh,
+        scene.cell_tags,
+        {1: SOFT, 2: HARD},
+        [vmdg.Interface(between=(1, 2), law=vmdg.Contact(), sliding=True)],
+    )
+    find = scene.facet_tags.find
+
+    def turned(x, t, shift):
+        moved = x[:2] + np.array([[0.0], [shift]]) * min(t, 1.0)
+        return rotation(2, max(t - 3.0, 0.0)) @ moved - x[:2]
+
+    problem.dirichlet(find(11), partial(turned, shift=0.0))
+    problem.dirichlet(find(22), partial(turned, shift=-0.03))
+    # tau_s follows the strain of the steps before.
+    loads = [1.0, 2.0, 3.0, 3.2, 3.4, 3.8]
+    found = []
+
+    def monitor(problem):
+        state = problem.state[0]
+        turned = np.einsum("pji,pj->pi", state.rotation, state.traction)
+        found.append(state.weights @ turned)
+        return {}
+
+    vmdg.solve(problem, loads, TIGHT, monitor)
+    assert np.abs(np.diff(found[2:], axis=0)).max() < 1e-8 * abs(found[0][1])
+
+
+# Refusals
+
+
+def test_refused():
+    """What slides is contact of two bodies that share no nodes, at finite strain."""
+    scene = stack("quadrilateral", 2, 3)
+    contact_law = vmdg.Contact()
+    for given, words in (
+        ({"law": vmdg.Bonded()}, "holds the bodies together"),
+        ({"law": vmdg.Debonding(1.0, 1.0)}, "holds the bodies together"),
+        ({"law": contact_law, "frame": "reference"}, "does not follow bodies"),
+        ({"law": contact_law, "gap": "ignore"}, "has no meaning for bodies that slide"),
+        ({"law": contact_law, "gap": "closed"}, 'must be "ignore" or "keep"'),
+        ({"law": contact_law, "between": None, "within": 1}, "two bodies that share no nodes"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            vmdg.Interface(**{"between": (1, 2), "sliding": True, **given})
+    with pytest.raises(ValueError, match="across any gap"):
+        vmdg.Interface(between=(1, 2), law=vmdg.Bonded(), gap="keep")
+    interface = vmdg.Interface(between=(1, 2), law=contact_law, sliding=True)
+    given = scene.mesh, scene.cell_tags, {1: SOFT, 2: HARD}, [interface]
+    with pytest.raises(ValueError, match='kinematics="small"'):
+        vmdg.Problem(*given, kinematics="small")
+    with pytest.raises(ValueError, match="motion in time"):
+        vmdg.Problem(*given, density={1: 1.0, 2: 1.0})
+    with pytest.raises(ValueError, match="its pairs are not in a checkpoint"):
+        vmdg.write_checkpoint(vmdg.Problem(*given), "unused")
+
+
+def test_refused_where_bodies_share_nodes():
+    """Sliding and gaps need bodies that were meshed separately."""
+    scene = blocks(MPI.COMM_SELF, "triangle", (2, 2))
+    for given in ({"sliding": True}, {"gap": "keep"}):
+        interface = vmdg.Interface(between=(1, 2), law=vmdg.Contact(), **given)
+        with pytest.raises(ValueError, match="share no nodes"):
+            vmdg.Problem(scene.mesh, scene.cell_tags, {1: SOFT, 2: HARD}, [interface])

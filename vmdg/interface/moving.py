@@ -1,0 +1,431 @@
+"""An interface of surfaces that slide: its points are paired anew in every state.
+
+A point of side 1 and its partner are those that lie opposite each other in the current
+configuration, so that both change with the displacement. What a point has undergone is counted by
+pairs: its slip so far is such that the relative displacement of the present pair in the step is
+what slides,
+
+    zeta_T,n = [R^T.(x_2 - x_1)]_T(u_n) - s_n,    zeta_N,n >= 0,
+
+with s_n the elastic opening that the nearest point of the facet had at the end of the last step.
+(Carrying zeta itself from point to point is a ratchet: a block without friction would lose half of
+its normal force within 1.2 of its lengths.) The tangent is that of fixed pairs. tau_s of a pair
+follows from its facets, for which it is derived once a step.
+
+The frame is that of side 1, so that moments balance for any pair.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from dolfinx import fem
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ..domain.materials import Bodies
+from ..laws import Mode
+from .active import ActiveInterface
+from .coercivity import margin
+from .frame import TurningTangent, cross_matrix
+from .history import InterfaceSnapshot, PointHistory
+from .interface import AUTO, Interface
+from .pair_quadrature import PairQuadrature
+from .pairing import PairedFacets
+from .points import PointValues
+from .stabilization import BubbleIntegrals, Stabilization, Stabilizer
+
+Array = NDArray[np.float64]
+
+#: Distance of points of two facets, relative to the size of the surface, by which points find the
+#: nearest one of their own facet.
+_FAR = 1e3
+
+
+@dataclass(frozen=True)
+class SurfaceStabilization(Stabilization):
+    """By facets of both surfaces, those of side 1 first: c of :mod:`.coercivity` in ``norm``.
+
+    Attributes:
+        own: tau_1 or tau_2 of (21) (n, d, d) [MPa/mm].
+    """
+
+    own: Array
+
+
+class EachFacet(NamedTuple):
+    """Facets of both surfaces, in their column; the other column is any facet of the other one.
+
+    Attributes:
+        cells: Cells (n, 2).
+        local: Numbers of the facets in them (n, 2).
+        paired: As for :class:`.PairedFacets`.
+    """
+
+    cells: NDArray[np.int32]
+    local: NDArray[np.int32]
+    paired: bool = True
+
+
+class SurfaceStabilizer(Stabilizer):
+    """Derives what the stabilization of any pair follows from, on all facets of two surfaces.
+
+    Args:
+        interface, quadrature, u, bodies: As for :class:`.Stabilizer`.
+    """
+
+    def __init__(
+        self, interface: Interface, quadrature: PairQuadrature, u: fem.Function, bodies: Bodies
+    ):
+        self.interface, self._quadrature = interface, quadrature
+        self.automatic = interface.safety == AUTO
+        degree = u.function_space.ufl_element().degree
+        self.margin = margin(interface.law, degree, bodies.points is not None)
+        one, two = quadrature.facets.surfaces.sides
+        self._first = first = len(one.facets)
+        count = first + len(two.facets)
+        cells, local = np.empty((2, count, 2), dtype=np.int32)
+        for array, mine, other in ((cells, one.cells, two.cells), (local, one.local, two.local)):
+            array[:first, 0], array[first:, 0] = mine, mine[0]
+            array[:first, 1], array[first:, 1] = other[0], other
+        self.facets = EachFacet(cells, local)
+        side = (np.arange(count) >= first).astype(np.intp)[:, None]
+        own = [np.take_along_axis(array, side, axis=1)[:, 0] for array in (cells, local)]
+        self._stiffness = BubbleIntegrals(u, bodies, *own)
+        self._factor = quadrature.bubble_factors_of(*own)
+        self._rigid = bodies.rigid[own[0]]
+
+    def derive(self) -> SurfaceStabilization:
+        """tau_a of (21) of all facets at the current displacement."""
+        count, d = len(self._factor), self._quadrature.d
+        own = self._factor[:, None, None] * np.linalg.inv(self._stiffness())
+        own[self._rigid] = 0.0
+        delta = np.zeros((count, 2, d, d))
+        delta[: self._first, 0] = delta[self._first :, 1] = np.eye(d)
+        one, tau = np.ones(count), np.tile(np.eye(d), (count, 1, 1))
+        return SurfaceStabilization(tau, delta, delta, np.zeros_like(tau), one, one, own)
+
+    def scaled(self, derived: Stabilization, factor: Array, floor: Array) -> Stabilization:
+        """c of all facets, not below ``floor``."""
+        return derived.with_norm(np.maximum(factor, floor)) if self.automatic else derived
+
+    def of_pairs(self, known: SurfaceStabilization, facets: PairedFacets) -> Stabilization:
+        """The stabilization of pairs: r = c_1 delta_1^2 + c_2 delta_2^2."""
+        d, rows = self._quadrature.d, facets.segments
+        i, j = rows.first, self._first + rows.second
+        tau1, tau2 = known.own[i], known.own[j]
+        bonded = np.linalg.inv(tau1 + tau2)
+        delta1 = bonded @ tau1
+        delta = np.stack([delta1, np.eye(d) - delta1], axis=1)
+        share = np.trace(delta, axis1=2, axis2=3) / d
+        order = "fro" if self.interface.norm == "frobenius" else 2
+        size = np.linalg.norm(bonded, ord=order, axis=(1, 2))
+        if self.automatic:
+            r = known.norm[i] * share[:, 0] ** 2 + known.norm[j] * share[:, 1] ** 2
+        else:
+            r = self.interface.safety * size
+        one = np.eye(d)
+        weights, tau = share[:, :, None, None] * one, r[:, None, None] * one
+        return Stabilization(tau, delta, weights, tau1 @ bonded @ tau2, r, r / size)
+
+    def check_softening(self, stabilization: Stabilization) -> None:
+        """Nothing softens."""
+
+
+@dataclass(frozen=True)
+class CommittedPoints:
+    """Points at the end of the last step.
+
+    Attributes:
+        u: Displacement there, local dofs [mm].
+        places: X of the points, and the number of their facet of side 1, as in :func:`_places`.
+        rows: That number (nq,).
+        normal: Of side 1 (nq, d).
+        elastic: s in the frame of the law (nq, d) [mm].
+        history: Of the points.
+        pressed: Integral of the pressure [N; N/mm in plane strain].
+    """
+
+    u: Array
+    places: Array
+    rows: NDArray[np.intp]
+    normal: Array
+    elastic: Array
+    history: PointHistory
+    pressed: float
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """For the nearest of the points, if there is one on the same facet."""
+        return cKDTree(self.places)
+
+    @cached_property
+    def nearby(self) -> cKDTree:
+        """For the nearest of the points on any facet."""
+        return cKDTree(self.places[:, :-1])
+
+
+class MovingPairs(NamedTuple):
+    """Pairs in a snapshot.
+
+    Attributes:
+        facets: The pairs.
+        paired: The displacement in whose configuration they are, local dofs [mm].
+        committed: Points at the end of the last step; None before the first one.
+        surfaces: Stabilization of the facets.
+    """
+
+    facets: PairedFacets
+    paired: Array
+    committed: CommittedPoints | None
+    surfaces: SurfaceStabilization
+
+
+class MovingInterface(ActiveInterface):
+    """An interface of surfaces that slide, with its present pairs.
+
+    Args:
+        interface, facets, u, bodies: As for :class:`.ActiveInterface`.
+    """
+
+    facets: PairedFacets
+    quadrature: PairQuadrature
+    stabilizer: SurfaceStabilizer
+
+    def __init__(self, interface: Interface, facets: PairedFacets, u: fem.Function, bodies: Bodies):
+        super().__init__(interface, facets, u, bodies)
+        sides = facets.surfaces.sides
+        self._size = float(np.ptp(facets.surfaces.mesh.geometry.x, axis=0).max())
+        self.floor = np.zeros(sum(len(side.facets) for side in sides))
+        self._paired = u.x.array.copy()
+        self._committed: CommittedPoints | None = None
+        self._surfaces: SurfaceStabilization | None = None
+        self._near = np.zeros((0, 2), dtype=np.intp)
+        self.history = self._carried_history()
+
+    def _make_stabilizer(self) -> SurfaceStabilizer:
+        return SurfaceStabilizer(self.interface, self.quadrature, self._u, self._bodies)
+
+    # Pairs
+
+    @property
+    def coupled(self) -> bool:
+        """Whether the pattern of matrices has all pairs."""
+        return bool(np.isin(self._numbers(self._rows), self._numbers(self._near)).all())
+
+    @property
+    def couplings(self) -> NDArray[np.int32]:
+        """Rows (cell 1, facet in it, cell 2, facet in it) that are coupled in matrices, flat."""
+        sides = zip(self.facets.surfaces.sides, self._near.T, strict=True)
+        return np.column_stack(
+            [array[rows] for side, rows in sides for array in (side.cells, side.local)]
+        ).ravel()
+
+    def couple(self) -> None:
+        """Couple all facets that are near each other, from now on."""
+        self._near = self.facets.surfaces.near(self._u)
+
+    @property
+    def _rows(self) -> NDArray[np.intp]:
+        """Rows of the two surfaces of all pairs (ns, 2)."""
+        return np.column_stack([self.facets.segments.first, self.facets.segments.second])
+
+    def _numbers(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+        return rows[:, 0] * len(self.facets.surfaces.sides[1].facets) + rows[:, 1]
+
+    def pair_anew(self) -> None:
+        """Pair the surfaces in the configuration of the current displacement."""
+        if np.array_equal(self._u.x.array, self._paired):
+            return
+        values, tree, rows = self.values, cKDTree(self._places()), self._first()
+        self._take(self.facets.surfaces.pairs(self._u))
+        nearest, same = _nearest(tree, rows, self._places(), self._first())
+        self.history = self._carried_history()
+        self.values = self._carried_values(values, nearest, same)
+
+    def _take(self, facets: PairedFacets) -> None:
+        """Take pairs in the configuration of the current displacement."""
+        full = self.quadrature.take(facets, self._u)
+        self.facets, self._paired = facets, self._u.x.array.copy()
+        self.law = facets.law.at(self.quadrature.facet)
+        if full:
+            self._make_evaluators()
+        if self._surfaces is not None:
+            self.stabilization = self.stabilizer.of_pairs(self._surfaces, facets)
+
+    # What points carry
+
+    def _first(self) -> NDArray[np.intp]:
+        """Number of the facet of side 1 of every point (nq,)."""
+        return self.facets.segments.first[self.quadrature.facet]
+
+    def _places(self) -> Array:
+        """X of the points, and how far the facet of side 1 is from others (nq, d + 1) [mm]."""
+        q = self.quadrature
+        return np.column_stack([q.points[:, : q.d], _FAR * self._size * self._first()])
+
+    def _carried_history(self) -> PointHistory:
+        """History of the present points at the end of the last step, see the module."""
+        q, d, before = self.quadrature, self.quadrature.d, self._committed
+        N, count = q.normal, len(q.weights)
+        u = np.zeros_like(self._u.x.array) if before is None else before.u
+        moved, gradients = q.jets(self._u.function_space).of_field(u.reshape(-1, d))
+        opening = (moved[:, :, 1] - moved[:, :, 0]).reshape(-1, d) + q.distance
+        F = gradients[:, :, 0, : d * d].reshape(-1, d, d)
+        gap = np.einsum("pji,pj->pi", self._return_map.frame(F)[0], opening)
+        normal = np.einsum("pi,pi->p", gap, N)
+        softening = np.array(np.broadcast_to(self.law.strength, count), dtype=float)
+        mode, traction = np.full(count, Mode.OPEN, dtype=np.int8), np.zeros((count, d))
+        if before is not None and len(before.rows):
+            nearest, same = _nearest(before.tree, before.rows, self._places(), self._first())
+            old, at = before.history, nearest[same]
+            turn = before.normal[at], N[same]
+            gap[same] -= _turned(before.elastic[at], *turn)
+            normal[same] = np.einsum("pi,pi->p", old.gap[at], turn[0])
+            mode[same] = old.mode[at]
+            # For the works of the step: a facet that had no partner counts as loaded like those
+            # nearby, and the sum of the pressures stays as it was.
+            nearby = before.nearby.query(q.points[:, :d])[1]
+            traction = _turned(old.traction[nearby], before.normal[nearby], N)
+            pressed = float(self._pressure(traction) @ q.weights)
+            traction *= before.pressed / pressed if pressed > 0 else 1.0
+        along = np.einsum("pi,pi->p", gap, N)
+        gap += (np.maximum(normal, 0.0) - along)[:, None] * N
+        return PointHistory(gap, softening, mode, traction)
+
+    def _carried_values(
+        self, values: PointValues, nearest: NDArray[np.intp], same: NDArray[np.bool_]
+    ) -> PointValues:
+        """The values of the last points at the present ones; new ones are open."""
+        count, d = len(self.quadrature.weights), self.quadrature.d
+        fresh = self._return_map.start()
+        r = self.stabilization.norm[self.quadrature.facet]
+        fresh = replace(fresh, compliance=np.eye(d) / r[:, None, None])
+        carried = {}
+        for field in fields(PointValues):
+            mine, theirs = getattr(fresh, field.name), getattr(values, field.name)
+            if isinstance(mine, np.ndarray):
+                carried[field.name] = mine.copy()
+                carried[field.name][same] = theirs[nearest[same]]
+        assert all(len(array) == count for array in carried.values())
+        return replace(fresh, **carried)
+
+    # The tangent
+
+    def tangent(
+        self, damage: bool = True
+    ) -> tuple[Array, Array, Array | None, TurningTangent | None]:
+        """As in the base class, with the change of the partners, see :meth:`_add_partners`."""
+        D, traction, C, turning = super().tangent(damage)
+        self._add_partners(D, traction, C)
+        return D, traction, C, turning
+
+    def _add_partners(self, D: Array, traction: Array, C: Array | None) -> None:
+        """Add to D dA what the motion of the partners along side 2 changes.
+
+        With the current normals n of side 1 and m of side 2, a partner stays on the normal of its
+        point where it moves by -Pi.g relative to its body, Pi = I - n (x) m / (m.n). Then
+
+        * the distance changes by n m.g / (m.n) instead of g, but not what slides, which is counted
+          by pairs: E.g = n (m / (m.n) - n).g is added to the opening,
+        * the force on side 2 acts at another point: T.GRAD eta_2.F_2^-1.(-Pi.g),
+        * zeta of the couple does not grow by the slip.
+        """
+        q, d, values = self.quadrature, self.quadrature.d, self.values
+        one, areas = np.eye(d), self.point_tangent.areas
+        gradients = q.field(self._u)[1][..., : d * d]
+        G1, G2 = (gradients[:, :, a].reshape(-1, d, d) for a in range(2))
+        R, W = self._return_map.frame(G1)
+        n = np.einsum("pij,pj->pi", R, q.normal)
+        inverse = np.linalg.inv(one + G2)
+        m = np.einsum("pji,pj->pi", inverse, q.outward[1])
+        m /= np.einsum("pi,pi->p", m, n)[:, None]
+        E = n[:, :, None] * (m - n)[:, None, :]
+        if C is not None:
+            E = E - self.stabilization.norm[q.facet, None, None] * (C @ E)
+        D[:, :, :d] += np.einsum("pmj,pmk->pjk", traction, E)
+        T = areas[:, None] * values.traction
+        moved = inverse @ (one - n[:, :, None] * m[:, None, :])
+        start = d + len(self.point_tangent.jets.entries)
+        D[:, start : start + d * d, :d] -= np.einsum("pi,pjk->pijk", T, moved).reshape(-1, d * d, d)
+        along = np.einsum("pji,pjk->pik", R, one - n[:, :, None] * n[:, None, :])
+        local = np.einsum("pji,pj->pi", R, T)
+        for k in range(d):
+            couple = np.einsum("pmk,pm->pk", cross_matrix(along[:, :, k]), local)
+            D[:, d : d + d * d, k] += np.einsum("pk,pkab->pab", couple, W).reshape(-1, d * d)
+
+    # Steps
+
+    @property
+    def applied(self) -> Stabilization:
+        """That of the step, by facets of the surfaces."""
+        return self._surfaces
+
+    def apply(self, stabilization: Stabilization) -> float:
+        """As in the base class, for the stabilization of the facets of the surfaces."""
+        assert isinstance(stabilization, SurfaceStabilization)
+        self._surfaces = stabilization
+        return super().apply(self.stabilizer.of_pairs(stabilization, self.facets))
+
+    def _set_stabilization(self, stabilization: Stabilization) -> None:
+        self.stabilization, self.floor = stabilization, self._surfaces.norm
+
+    def _pressure(self, traction: Array) -> Array:
+        """-T_N >= 0 (nq,), of a traction in the frame of the law."""
+        return np.maximum(-np.einsum("pi,pi->p", traction, self.quadrature.normal), 0.0)
+
+    def commit(self) -> None:
+        """Accept the last return map as the converged history."""
+        s = self.values.elastic_opening
+        if (R := self.values.rotation) is not None:
+            s = np.einsum("pji,pj->pi", R, s)
+        super().commit()
+        pressed = float(self._pressure(self.history.traction) @ self.quadrature.weights)
+        given = self._u.x.array.copy(), self._places(), self._first(), self.quadrature.normal
+        self._committed = CommittedPoints(*given, s, self.history, pressed)
+
+    def snapshot(self) -> InterfaceSnapshot:
+        """The current state; its arrays are never modified."""
+        pairs = MovingPairs(self.facets, self._paired, self._committed, self._surfaces)
+        return replace(super().snapshot(), pairs=pairs)
+
+    def return_to(self, snapshot: InterfaceSnapshot) -> None:
+        """Return to a state; the displacement is there already."""
+        pairs = snapshot.pairs
+        self._committed, self._surfaces = pairs.committed, pairs.surfaces
+        if pairs.facets is not self.facets:
+            self._take(pairs.facets)
+        super().return_to(snapshot)
+
+    def continue_from(self, other: ActiveInterface) -> None:
+        """The state of the same interface in another discretization."""
+        assert isinstance(other, MovingInterface)
+        self.return_to(other.snapshot())
+
+
+def _turned(vectors: Array, start: Array, end: Array) -> Array:
+    """Vectors (n, d) in the rotation that takes unit vectors to others (n, d) the shortest way."""
+    both = start + end
+    along = np.einsum("pi,pi->p", both, vectors) / (1 + np.einsum("pi,pi->p", start, end))
+    through = 2 * np.einsum("pi,pi->p", start, vectors)
+    return vectors - along[:, None] * both + through[:, None] * end
+
+
+def _nearest(
+    tree: cKDTree, rows: NDArray[np.intp], places: Array, mine: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """The nearest of other points, and whether it is on the same facet of side 1 (nq,).
+
+    Args:
+        tree: Of the other points.
+        rows: Numbers of their facets.
+        places: The points, as in :meth:`MovingInterface._places`.
+        mine: Numbers of their facets.
+    """
+    if not len(rows) or not len(mine):
+        return np.zeros(len(mine), dtype=np.intp), np.zeros(len(mine), dtype=bool)
+    nearest = tree.query(places)[1]
+    return nearest, rows[nearest] == mine
