@@ -145,6 +145,40 @@ def test_wedge():
     assert np.abs(ratio - expected).max() < 1e-3 * expected
 
 
+def test_debonds_and_slides():
+    """A bond breaks, from both ends, with pairs that stay; then its facets slide over others."""
+    strength, gap = 15.0, 0.02
+    scene = body_and_base("quadrilateral", (5, 3), (28, 3))
+    law = vmdg.Debonding(strength=strength, critical_gap=gap, friction=MU)
+    problem = contact(scene, (SOFT, HARD), law)
+    find = scene.facet_tags.find
+    problem.dirichlet(find(21), 0.0)
+    problem.dirichlet(find(12), lambda t: (max(t - 1.0, 0.0), -0.02 * min(t, 1.0)))
+    pairs, released = [], []
+
+    def monitor(problem):
+        facets, energy = problem.discretization.active[0].facets, problem.energy()
+        pairs.append(np.column_stack([facets.facets, facets.others])[: facets.bonded])
+        released.append(problem.debonded(0))
+        force = problem.reaction(find(12))
+        given = {"imbalance": energy.imbalance, "work": energy.external, "damage": energy.damage}
+        return {"F": force[0], "N": -force[1], **given}
+
+    loads = [1.0, 1.05, 1.1, 1.2, 1.3, 1.4, 1.5]
+    history = vmdg.solve(problem, loads, TIGHT, monitor).history
+    assert len(pairs[0]) == 11
+    for mine in pairs:
+        assert {*map(tuple, mine)} <= {*map(tuple, pairs[0])}
+    assert any(0.0 < share < 1.0 for share in released)
+    assert not len(pairs[-1])
+    assert history["damage"][-1] == pytest.approx(strength * gap / 2, rel=1e-6)
+    moves = history["load"] > 1.05
+    assert np.abs(history["F"] / history["N"] - MU)[moves].max() < 1e-3 * MU
+    assert history["F"].max() > 1.1 * history["F"][-1]
+    assert np.abs(history["imbalance"]).max() < 2e-3 * history["work"][-1]
+    assert history["iterations"].mean() <= 8
+
+
 def test_off_the_edge_and_back():
     """Points leave the base and come back, with friction the other way."""
     scene = body_and_base("quadrilateral", (4, 2), (14, 2), start=2.6)
@@ -400,7 +434,7 @@ def test_refused():
     contact_law = vmdg.Contact()
     for given, words in (
         ({"law": vmdg.Bonded()}, "holds the bodies together"),
-        ({"law": vmdg.Debonding(1.0, 1.0)}, "holds the bodies together"),
+        ({"law": vmdg.Debonding(1.0, 1.0), "safety": 4.0}, "is not for a bond of bodies that"),
         ({"law": contact_law, "frame": "reference"}, "does not follow bodies"),
         ({"law": contact_law, "gap": "ignore"}, "has no meaning for bodies that slide"),
         ({"law": contact_law, "gap": "closed"}, 'must be "ignore" or "keep"'),

@@ -188,6 +188,11 @@ class ActiveInterface:
 
     # Surfaces that slide
 
+    @property
+    def kept(self) -> slice:
+        """The points that stay in a step."""
+        return slice(None)
+
     #: Whether the pattern of matrices has all pairs.
     coupled = True
 
@@ -198,6 +203,9 @@ class ActiveInterface:
 
     def couple(self) -> None:
         """Couple all facets that are near each other, from now on."""
+
+    def release(self) -> None:
+        """Pair facets anew from now on whose bond is broken everywhere."""
 
     def pair_anew(self) -> None:
         """Pair the surfaces in the configuration of the current displacement."""
@@ -411,10 +419,13 @@ def fine_scales(active: ActiveInterface) -> NDArray[np.float64]:
 
 
 def damage_work(active: ActiveInterface, points: NDArray[np.bool_] | slice = slice(None)) -> float:
-    """Damage work of some of this rank's points in the step, the first of
+    """Damage work of some of this rank's points that stay in the step, the first of
     :meth:`.ActiveInterface.works` [N mm; N in plane strain]."""
-    update, weights = active.values.update, active.quadrature.weights
-    return 0.0 if update is None else float(update.damage_work[points] @ weights[points])
+    if active.values.update is None:
+        return 0.0
+    kept = active.kept
+    work, weights = active.values.update.damage_work[kept], active.quadrature.weights[kept]
+    return float(work[points] @ weights[points])
 
 
 def pair_forces(active: ActiveInterface) -> NDArray[np.float64] | None:

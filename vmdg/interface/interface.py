@@ -100,9 +100,10 @@ class Interface:
             the law that vary are given in the same way. It does not count as work. Damaged facets
             that open on demand are open from the start. None for an intact bond.
         sliding: Let two bodies that share no nodes slide along each other by any distance, at
-            finite strain, without a bond: points meet other facets, leave the other body, and come
-            back. With ``between`` side 1 is then the stiffer body, else the one whose surface is
-            flatter, else the one with the longer facets; ``surfaces`` gives it.
+            finite strain, where there is no bond or it is broken: points meet other facets, leave
+            the other body, and come back. With ``between`` side 1 is then the stiffer body, else
+            the one whose surface is flatter, else the one with the longer facets; ``surfaces``
+            gives it.
         gap: What the distance of surfaces that share no nodes means, in the reference
             configuration: with "ignore" the bodies touch, as two polygons along one curve do; with
             "keep" it is a gap, or where they overlap an interference that the first step relaxes.
@@ -193,7 +194,7 @@ class Interface:
                 f"Interface: stabilization = {stabilization!r} must be a function of tau1, tau2 "
                 "and the context; a number that multiplies tau_s is safety="
             )
-        _check_sliding(sliding, gap, between, surfaces, law, frame)
+        _check_sliding(sliding, gap, between, surfaces, law, frame, safety)
         usable = name is None or (isinstance(name, str) and _NAME.fullmatch(name))
         if not usable or name == "bodies":
             raise ValueError(
@@ -271,7 +272,13 @@ class Interface:
 
 
 def _check_sliding(
-    sliding: bool, gap: str | None, between: Any, surfaces: Any, law: Law, frame: str
+    sliding: bool,
+    gap: str | None,
+    between: Any,
+    surfaces: Any,
+    law: Law,
+    frame: str,
+    safety: float | str,
 ) -> None:
     """Raises:
     ValueError: an interface that slides, or has gaps, is not between two bodies, or has a law, a
@@ -296,10 +303,14 @@ def _check_sliding(
         )
     if not sliding:
         return
-    if law.has_bond or not law.inelastic:
+    if not law.inelastic:
         raise ValueError(
             f"Interface: {law} holds the bodies together, so that they cannot slide: "
-            "sliding = True is for contact, vmdg.Contact(friction=...)"
+            "sliding = True is for contact and for bonds that may break"
+        )
+    if law.has_bond and safety != AUTO:
+        raise ValueError(
+            f'Interface: safety = {safety!r} is not for a bond of bodies that slide; use "{AUTO}"'
         )
     if frame != FRAMES[0]:
         raise ValueError(

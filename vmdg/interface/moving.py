@@ -13,6 +13,9 @@ its normal force within 1.2 of its lengths.) The tangent is that of fixed pairs.
 follows from its facets, for which it is derived once a step.
 
 The frame is that of side 1, so that moments balance for any pair.
+
+A facet of side 1 keeps its pairs of the reference configuration while a point of it is bonded: a
+surface may debond in one place and slide in another.
 """
 
 from __future__ import annotations
@@ -31,12 +34,12 @@ from ..laws import Mode
 from .active import ActiveInterface
 from .coercivity import margin
 from .frame import TurningTangent, cross_matrix
-from .history import InterfaceSnapshot, PointHistory
+from .history import InterfaceSnapshot, PointHistory, with_rows
 from .interface import AUTO, Interface
 from .pair_quadrature import PairQuadrature
 from .pairing import PairedFacets
 from .points import PointValues
-from .stabilization import BubbleIntegrals, Stabilization, Stabilizer
+from .stabilization import GOOD_RATIO, BubbleIntegrals, Stabilization, Stabilizer
 
 Array = NDArray[np.float64]
 
@@ -125,6 +128,7 @@ class SurfaceStabilizer(Stabilizer):
         size = np.linalg.norm(bonded, ord=order, axis=(1, 2))
         if self.automatic:
             r = known.norm[i] * share[:, 0] ** 2 + known.norm[j] * share[:, 1] ** 2
+            r = np.maximum(r, GOOD_RATIO * facets.law.softening_modulus)
         else:
             r = self.interface.safety * size
         one = np.eye(d)
@@ -132,7 +136,7 @@ class SurfaceStabilizer(Stabilizer):
         return Stabilization(tau, delta, weights, tau1 @ bonded @ tau2, r, r / size)
 
     def check_softening(self, stabilization: Stabilization) -> None:
-        """Nothing softens."""
+        """Not needed: r is automatic where there is a bond."""
 
 
 @dataclass(frozen=True)
@@ -175,12 +179,14 @@ class MovingPairs(NamedTuple):
         facets: The pairs.
         paired: The displacement in whose configuration they are, local dofs [mm].
         committed: Points at the end of the last step; None before the first one.
+        bonded: Facets of side 1 whose bond holds.
         surfaces: Stabilization of the facets.
     """
 
     facets: PairedFacets
     paired: Array
     committed: CommittedPoints | None
+    bonded: NDArray[np.bool_]
     surfaces: SurfaceStabilization
 
 
@@ -204,12 +210,19 @@ class MovingInterface(ActiveInterface):
         self._committed: CommittedPoints | None = None
         self._surfaces: SurfaceStabilization | None = None
         self._near = np.zeros((0, 2), dtype=np.intp)
+        self._bonded = facets.surfaces.intact()
+        self._damage = facets.damage[self.quadrature.facet]
         self.history = self._carried_history()
 
     def _make_stabilizer(self) -> SurfaceStabilizer:
         return SurfaceStabilizer(self.interface, self.quadrature, self._u, self._bodies)
 
     # Pairs
+
+    @property
+    def kept(self) -> slice:
+        """The points of the bond: others have no damage, and are paired anew."""
+        return slice(self.facets.bonded * self.quadrature.points_of_facet.shape[1])
 
     @property
     def coupled(self) -> bool:
@@ -236,12 +249,23 @@ class MovingInterface(ActiveInterface):
     def _numbers(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
         return rows[:, 0] * len(self.facets.surfaces.sides[1].facets) + rows[:, 1]
 
+    def release(self) -> None:
+        """Pair facets anew from now on whose bond is broken everywhere."""
+        bonded = np.zeros_like(self._bonded)
+        intact = (self.history.softening < self.law.strength)[self.kept]
+        bonded[self._first()[self.kept][intact]] = True
+        if not np.array_equal(bonded, self._bonded):
+            self._bonded = bonded
+            self._pair()
+
     def pair_anew(self) -> None:
         """Pair the surfaces in the configuration of the current displacement."""
-        if np.array_equal(self._u.x.array, self._paired):
-            return
+        if not np.array_equal(self._u.x.array, self._paired):
+            self._pair()
+
+    def _pair(self) -> None:
         values, tree, rows = self.values, cKDTree(self._places()), self._first()
-        self._take(self.facets.surfaces.pairs(self._u))
+        self._take(self.facets.surfaces.pairs(self._u, self._bonded))
         nearest, same = _nearest(tree, rows, self._places(), self._first())
         self.history = self._carried_history()
         self.values = self._carried_values(values, nearest, same)
@@ -279,7 +303,12 @@ class MovingInterface(ActiveInterface):
         normal = np.einsum("pi,pi->p", gap, N)
         softening = np.array(np.broadcast_to(self.law.strength, count), dtype=float)
         mode, traction = np.full(count, Mode.OPEN, dtype=np.int8), np.zeros((count, d))
-        if before is not None and len(before.rows):
+        if before is None:
+            bonded = np.flatnonzero(q.facet < self.facets.bonded)
+            gap[bonded] = normal[bonded] = 0.0
+            softening[bonded] = (self.law.strength * self._damage)[bonded]
+            mode[bonded] = Mode.ELASTIC
+        elif len(before.rows):
             nearest, same = _nearest(before.tree, before.rows, self._places(), self._first())
             old, at = before.history, nearest[same]
             turn = before.normal[at], N[same]
@@ -294,7 +323,12 @@ class MovingInterface(ActiveInterface):
             traction *= before.pressed / pressed if pressed > 0 else 1.0
         along = np.einsum("pi,pi->p", gap, N)
         gap += (np.maximum(normal, 0.0) - along)[:, None] * N
-        return PointHistory(gap, softening, mode, traction)
+        found = PointHistory(gap, softening, mode, traction)
+        if before is None or not self.facets.bonded:
+            return found
+        # Points of a bond are the same as before.
+        bonded = np.flatnonzero(q.facet < self.facets.bonded)
+        return with_rows(found, bonded, before.history, nearest[bonded])
 
     def _carried_values(
         self, values: PointValues, nearest: NDArray[np.intp], same: NDArray[np.bool_]
@@ -333,6 +367,8 @@ class MovingInterface(ActiveInterface):
           by pairs: E.g = n (m / (m.n) - n).g is added to the opening,
         * the force on side 2 acts at another point: T.GRAD eta_2.F_2^-1.(-Pi.g),
         * zeta of the couple does not grow by the slip.
+
+        Points of a bond keep their partners.
         """
         q, d, values = self.quadrature, self.quadrature.d, self.values
         one, areas = np.eye(d), self.point_tangent.areas
@@ -344,10 +380,12 @@ class MovingInterface(ActiveInterface):
         m = np.einsum("pji,pj->pi", inverse, q.outward[1])
         m /= np.einsum("pi,pi->p", m, n)[:, None]
         E = n[:, :, None] * (m - n)[:, None, :]
+        free = q.facet >= self.facets.bonded
+        E *= free[:, None, None]
         if C is not None:
             E = E - self.stabilization.norm[q.facet, None, None] * (C @ E)
         D[:, :, :d] += np.einsum("pmj,pmk->pjk", traction, E)
-        T = areas[:, None] * values.traction
+        T = (areas * free)[:, None] * values.traction
         moved = inverse @ (one - n[:, :, None] * m[:, None, :])
         start = d + len(self.point_tangent.jets.entries)
         D[:, start : start + d * d, :d] -= np.einsum("pi,pjk->pijk", T, moved).reshape(-1, d * d, d)
@@ -389,13 +427,13 @@ class MovingInterface(ActiveInterface):
 
     def snapshot(self) -> InterfaceSnapshot:
         """The current state; its arrays are never modified."""
-        pairs = MovingPairs(self.facets, self._paired, self._committed, self._surfaces)
-        return replace(super().snapshot(), pairs=pairs)
+        given = self._committed, self._bonded, self._surfaces
+        return replace(super().snapshot(), pairs=MovingPairs(self.facets, self._paired, *given))
 
     def return_to(self, snapshot: InterfaceSnapshot) -> None:
         """Return to a state; the displacement is there already."""
         pairs = snapshot.pairs
-        self._committed, self._surfaces = pairs.committed, pairs.surfaces
+        self._committed, self._bonded, self._surfaces = pairs[2:]
         if pairs.facets is not self.facets:
             self._take(pairs.facets)
         super().return_to(snapshot)

@@ -41,6 +41,7 @@ from .quadrature import (
     SideExpression,
     bubble_values,
 )
+from .segments import Segments
 
 Array = NDArray[np.float64]
 
@@ -130,10 +131,7 @@ class PairQuadrature(InterfaceQuadrature):
         plane = self._corners @ corners
         edges = np.einsum("tqc,sck->sqtk", self._slopes, corners)
         areas = np.abs(determinants(edges)) * self._rule
-        one, two = (
-            _on_facets(self.mesh, facets.cells[:, a], facets.local[:, a], facets, plane, u)
-            for a in range(2)
-        )
+        one, two = (self._places_of(facets, plane, a, u) for a in range(2))
         circumference = self.geometry.circumference
         around = [circumference(np.moveaxis(side.positions, 2, 0)) for side in (one, two)]
         self._places = one.reference, two.reference
@@ -151,7 +149,11 @@ class PairQuadrature(InterfaceQuadrature):
         self.extent = facets.extent
         gap = (two.positions - one.positions).reshape(-1, d)
         if facets.surfaces.gaps:
-            self.distance = gap
+            # Where surfaces slide, a bond spans their distance, as if they touched.
+            bonded = (self.facet < facets.bonded)[:, None]
+            self.distance = np.where(bonded, 0.0, gap)
+            if facets.surfaces.law.has_bond:
+                self.initial_gap = np.where(bonded, gap, 0.0)
         elif np.abs(gap).max(initial=0.0) > _NO_GAP * self.extent.max(initial=0.0):
             self.initial_gap = gap
         self.__dict__.pop("by_facet", None)
@@ -164,6 +166,17 @@ class PairQuadrature(InterfaceQuadrature):
             # coefficients.
             self._cells_of_points = create_interval(MPI.COMM_SELF, self._room, [0.0, 1.0])
         return full
+
+    def _places_of(
+        self, facets: PairedFacets, plane: Array, a: int, u: fem.Function | None
+    ) -> FacetPlaces:
+        """Places on side ``a`` of all points, of leading pairs in the reference configuration."""
+        parts = []
+        for rows, given in ((slice(0, facets.bonded), None), (slice(facets.bonded, None), u)):
+            where = facets.segments.rows(rows)
+            sides = facets.cells[rows, a], facets.local[rows, a]
+            parts.append(_on_facets(self.mesh, *sides, where, plane[rows], given))
+        return FacetPlaces(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
     def space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
         """See the base class."""
@@ -330,7 +343,7 @@ def _on_facets(
     mesh: Mesh,
     cells: NDArray[np.int32],
     local: NDArray[np.int32],
-    facets: PairedFacets,
+    segments: Segments,
     plane: Array,
     u: fem.Function | None = None,
 ) -> FacetPlaces:
@@ -340,12 +353,12 @@ def _on_facets(
         mesh: The mesh.
         cells: Cells of the facets (ns,).
         local: Their numbers in them (ns,).
-        facets: The pairs.
+        segments: Of the pairs.
         plane: Coordinates in the planes (ns, points, d - 1) [mm].
         u: Displacement in whose configuration the planes are; None for the reference configuration.
     """
     origins, edges = (array[local] for array in reference_facets(mesh))
-    axes, centres = facets.segments.axes, facets.segments.origins
+    axes, centres = segments.axes, segments.origins
     d = edges.shape[2]
     # In the reference facet, from the middle of a triangle, or of a quadrilateral or an interval.
     triangle = mesh.topology.cell_name() == "tetrahedron"

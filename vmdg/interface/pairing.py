@@ -97,10 +97,34 @@ class Surfaces:
         one, two = self.sides
         return _flat_facets(self.mesh, one, u), _flat_facets(self.mesh, two, u)
 
-    def pairs(self, u: fem.Function | None = None) -> PairedFacets:
-        """The pairs in the configuration of a displacement; None for the reference one."""
+    def pairs(
+        self, u: fem.Function | None = None, bonded: NDArray[np.bool_] | None = None
+    ) -> PairedFacets:
+        """The pairs in the configuration of a displacement.
+
+        Args:
+            u: The displacement; None for the reference configuration.
+            bonded: Facets of side 1 whose bond holds, (n,): their pairs, the first ones, are those
+                of the reference configuration. None for none.
+        """
         flat = self.flat(u)
-        segments = cut(*flat, self.reach)
+        if bonded is None or not bonded.any():
+            return self._from(flat, cut(*flat, self.reach), 0)
+        reference = self.flat()
+        parts = []
+        for one, chosen, reach in (
+            (reference, bonded, REACH),
+            (flat, ~bonded, self.reach),
+        ):
+            rows = np.flatnonzero(chosen)
+            found = cut(FlatFacets(*(array[rows] for array in one[0])), one[1], reach)
+            parts.append(found._replace(first=rows[found.first]))
+        return self._from(reference, Segments.joined(parts), len(parts[0].first))
+
+    def _from(
+        self, flat: tuple[FlatFacets, FlatFacets], segments: Segments, bonded: int
+    ) -> PairedFacets:
+        """The pairs of some segments; areas are those of ``flat``."""
         both = list(zip(self.sides, (segments.first, segments.second), strict=True))
         cells = np.column_stack([side.cells[rows] for side, rows in both])
         areas = [one.measures[rows] for one, (_, rows) in zip(flat, both, strict=True)]
@@ -121,7 +145,12 @@ class Surfaces:
             segments=segments,
             extent=measures.max(axis=1, initial=0.0) ** (1 / (self.mesh.topology.dim - 1)),
             surfaces=self,
+            bonded=bonded,
         )
+
+    def intact(self) -> NDArray[np.bool_]:
+        """Facets of side 1 that are bonded at the start (n,)."""
+        return (self.damage < 1.0) & self.law.has_bond
 
     def near(self, u: fem.Function) -> NDArray[np.intp]:
         """Rows of the two surfaces whose facets are or may soon be paired (n, 2)."""
@@ -140,6 +169,8 @@ class PairedFacets(InterfaceFacets):
         segments: The segments.
         extent: Length of the larger facet of a pair, in 3D the square root of its area (ns,) [mm].
         surfaces: Where they come from.
+        bonded: Number of leading rows that keep the pairs of the reference configuration, though
+            surfaces slide.
     """
 
     others: NDArray[np.int32]
@@ -147,6 +178,7 @@ class PairedFacets(InterfaceFacets):
     segments: Segments
     extent: NDArray[np.float64]
     surfaces: Surfaces
+    bonded: int = 0
 
     @property
     def cut(self) -> NDArray[np.int32]:
@@ -256,7 +288,8 @@ def place(
         ]
         both, sides = np.concatenate(each), np.column_stack([one.cells, one.cells])
         damage, law, _, walled = facet_properties(*given, one.facets, sides, both, walls, label)
-        return replace(found, damage=damage, law=law, walled=walled).pairs()
+        found = replace(found, damage=damage, law=law, walled=walled)
+        return found.pairs(bonded=found.intact())
     pairs = found.pairs()
     _check_overlap(label, found.flat(), pairs.segments, interface.surfaces is None)
     given = *given, pairs.facets, pairs.cells, pairs.tags, walls, label

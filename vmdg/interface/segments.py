@@ -9,6 +9,7 @@ across their kinks.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -106,6 +107,11 @@ class Segments(NamedTuple):
     def rows(self, select: NDArray) -> Segments:
         """Some of them."""
         return Segments(*(array[select] for array in self))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Segments]) -> Segments:
+        """All of these, in their order."""
+        return cls(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
 def cut(first: FlatFacets, second: FlatFacets, reach: float = REACH) -> Segments:

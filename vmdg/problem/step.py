@@ -117,6 +117,8 @@ class Step:
         self.ledger.settle()
         self._dt, self.start = dt, self.snapshot()
         self.ledger.begin(self.start, dt, overstress > 0, cycles)
+        for active in self.discretization.active.values():
+            active.release()
         self._loading.spread()
         self.slow_down(overstress, cycles)
         try:

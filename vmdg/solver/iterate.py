@@ -199,7 +199,9 @@ class Iterate:
         """Derivative of the damage work along a direction, from the gradients of the laws."""
         size = global_norm(self._comm, direction.u)
         gradients = [
-            before if active.values.update is None else active.work_gradient(self._dt)
+            (before if active.values.update is None else active.work_gradient(self._dt))[
+                active.kept
+            ]
             for active, before in zip(self._pieces.interfaces, self._gradients, strict=True)
         ]
         if limited := self._limited:
@@ -220,8 +222,9 @@ class Iterate:
             if bodies := parts.bodies.points:
                 bodies.extrapolate(bodies.deformation(self._problem.u))
             for active, G, q in zip(interfaces, gradients, before, strict=True):
-                change = np.einsum("pi,pi->p", G, active.total_in_frame() - q) / h
-                work += active.quadrature.weights @ change
+                kept = active.kept
+                change = np.einsum("pi,pi->p", G, (active.total_in_frame() - q)[kept]) / h
+                work += active.quadrature.weights[kept] @ change
             self.visit(here)
             if bodies:
                 bodies.take(bodies.state)

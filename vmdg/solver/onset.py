@@ -19,7 +19,7 @@ from ..base.parallel import global_any, global_sum
 from ..interface.active import damage_work
 from ..laws import Mode
 
-#: A mask of the points of every interface with a bond.
+#: A mask of the points of every interface with a bond that stay in a step.
 Points = Sequence[NDArray[np.bool_]]
 
 Names = NDArray[np.int64]
@@ -55,12 +55,16 @@ class Pieces:
         self.interfaces = [one for one in active if one.law.has_bond]
         self._comm = discretization.mesh.comm
         self._thickness = float(discretization.geometry.thickness)
-        self._names: list[NDArray[np.int64]] = []
-        if failing := self.interfaces:
-            pieces = facet_pieces(discretization.space, [one.facets for one in failing])
-            self._names = [
-                piece[one.quadrature.facet] for one, piece in zip(failing, pieces, strict=True)
-            ]
+        self._space = discretization.space
+        self._names = self._pieces()
+
+    def _pieces(self) -> list[NDArray[np.int64]]:
+        """Name of the piece of every point that stays in a step."""
+        if not self.interfaces:
+            return []
+        pieces = facet_pieces(self._space, [one.facets for one in self.interfaces])
+        found = zip(self.interfaces, pieces, strict=True)
+        return [piece[one.quadrature.facet[one.kept]] for one, piece in found]
 
     def sound(self, small: float) -> Sound:
         """The pieces at the last converged state.
@@ -69,9 +73,12 @@ class Pieces:
             small: Fraction of the strength above which what is lost is not the onset.
         """
         fails, grown = [], []
+        if any(one.facets.slides for one in self.interfaces):
+            self._names = self._pieces()
         for one in self.interfaces:
-            lost, strength = one.history.softening, one.law.strength
-            fails.append((one.history.mode != Mode.ELASTIC) & (lost < strength))
+            lost, mode = one.history.softening[one.kept], one.history.mode[one.kept]
+            strength = np.broadcast_to(one.law.strength, len(one.quadrature.weights))[one.kept]
+            fails.append((mode != Mode.ELASTIC) & (lost < strength))
             grown.append(fails[-1] & (lost > small * strength))
         if not global_any(self._comm, any(mask.any() for mask in fails)):
             return Sound(True, [~mask for mask in fails])
@@ -84,7 +91,7 @@ class Pieces:
 
     def begun(self, points: Points) -> Names:
         """Names of the pieces of some points in which damage begins in the step so far."""
-        works = [one.values.update.damage_work > 0 for one in self.interfaces]
+        works = [one.values.update.damage_work[one.kept] > 0 for one in self.interfaces]
         return self._of([mask & work for mask, work in zip(points, works, strict=True)])
 
     def work(self, points: Points) -> float:
