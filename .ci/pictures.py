@@ -38,6 +38,7 @@ COMMANDS = {
     "unloading": (".ci/unloading.py OUT/unloading.png", "unloading.png"),
     "weak_links": ("weak_links", "weak_links.png"),
     "lap_joint": ("lap_joint", "lap_joint.png"),
+    "push_through": ("push_through", "push_through.png"),
     "patch_tension": ("patch_tension", "patch_tension.png"),
     "patch_shear": ("patch_shear", "patch_shear.png"),
     "load_cycle": ("load_cycle", "load_cycle.png"),

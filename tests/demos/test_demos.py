@@ -63,6 +63,23 @@ def test_lap_joint(out):
     assert (out / "lap_joint.png").stat().st_size > 10_000
 
 
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="meshes that do not match run on one rank")
+def test_push_through(out):
+    """The largest force is that of one mesh, 412.2 N; friction fades as the fibre leaves."""
+    import push_through
+
+    history = push_through.main(layers=15, steps=4, end=0.8, out=str(out))
+    punch, force = history["punch"], history["force"]
+    assert force.max() == pytest.approx(412.2, rel=0.01)
+    # With points that keep their partners it stays at 105.5 N.
+    slides = punch > 0.13
+    assert force[slides][0] == pytest.approx(105.5, rel=0.02)
+    assert (np.diff(force[slides]) < 0).all()
+    assert history["iterations"][slides].mean() <= 8
+    assert force[-1] < 0.85 * force[slides][0]
+    assert (out / "push_through.png").stat().st_size > 10_000
+
+
 def test_load_cycle(comm, out):
     """All branches of the law in one run: damage never heals, the energies balance.
 

@@ -163,7 +163,7 @@ class Discretization:
 
     @property
     def slides(self) -> bool:
-        """Whether surfaces slide, which are paired anew in every state."""
+        """Whether surfaces slide, which are paired again in every state."""
         return any(active.facets.slides for active in self.active.values())
 
     @property
@@ -300,7 +300,7 @@ class Discretization:
         tau_s is too small there.
         """
         with timer("stabilization"):
-            applied = [active.applied for active in self.active.values()]
+            applied = [active.stabilization for active in self.active.values()]
             return self._stabilizers.suffice(applied)
 
     def update_means(self, pressure: bool = False) -> None:
@@ -329,7 +329,7 @@ class Discretization:
         if self.slides:
             with timer("pairs"):
                 for active in self.active.values():
-                    active.pair_anew()
+                    active.pair()
         if bodies := self._at_points:
             bodies.update(bodies.deformation(self.u), dt, hold and not anew)
         with timer("return map"):
@@ -403,10 +403,7 @@ class Discretization:
     def couple(self) -> int:
         """Number of the pattern of :meth:`create_matrix`, another one each time when surfaces that
         slide have pairs which it lacks."""
-        missing = [active for active in self.active.values() if not active.coupled]
-        for active in missing:
-            active.couple()
-        if missing:
+        if any([active.couple() for active in self.active.values()]):
             self.__dict__.pop("_pattern", None)
             self._patterns += 1
         return self._patterns

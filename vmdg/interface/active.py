@@ -181,34 +181,24 @@ class ActiveInterface:
         if isinstance(self.terms, InterfaceTerms):
             self.terms.set_gap(self.values)
 
-    @property
-    def applied(self) -> Stabilization:
-        """That of the step, by what the stabilizer derives it for."""
-        return self.stabilization
-
     # Surfaces that slide
-
-    @property
-    def kept(self) -> slice:
-        """The points that stay in a step."""
-        return slice(None)
-
-    #: Whether the pattern of matrices has all pairs.
-    coupled = True
 
     @property
     def couplings(self) -> NDArray[np.int32]:
         """Rows (cell 1, facet in it, cell 2, facet in it) that are coupled in matrices, flat."""
         return self.facets.rows(np.ones(len(self.facets.facets), dtype=bool))
 
-    def couple(self) -> None:
-        """Couple all facets that are near each other, from now on."""
+    def couple(self) -> bool:
+        """If pairs are not coupled, couple all facets near each other from now on; return whether
+        this was needed."""
+        return False
 
-    def release(self) -> None:
-        """Pair facets anew from now on whose bond is broken everywhere."""
+    def pair(self, release: bool = False) -> None:
+        """Pair the surfaces in the configuration of the current displacement.
 
-    def pair_anew(self) -> None:
-        """Pair the surfaces in the configuration of the current displacement."""
+        Args:
+            release: Also facets whose bond is broken everywhere, from now on.
+        """
 
     # Return maps
 
@@ -423,7 +413,7 @@ def damage_work(active: ActiveInterface, points: NDArray[np.bool_] | slice = sli
     :meth:`.ActiveInterface.works` [N mm; N in plane strain]."""
     if active.values.update is None:
         return 0.0
-    kept = active.kept
+    kept = active.quadrature.kept
     work, weights = active.values.update.damage_work[kept], active.quadrature.weights[kept]
     return float(work[points] @ weights[points])
 

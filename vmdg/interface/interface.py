@@ -104,7 +104,7 @@ class Interface:
             the other body, and come back. With ``between`` side 1 is then the stiffer body, else
             the one whose surface is flatter, else the one with the longer facets; ``surfaces``
             gives it.
-        gap: What the distance of surfaces that share no nodes means, in the reference
+        gap: What the distance of surfaces that share no nodes [mm] means, in the reference
             configuration: with "ignore" the bodies touch, as two polygons along one curve do; with
             "keep" it is a gap, or where they overlap an interference that the first step relaxes.
             None for "keep" if they slide, else "ignore".

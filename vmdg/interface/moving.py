@@ -1,4 +1,4 @@
-"""An interface of surfaces that slide: its points are paired anew in every state.
+"""An interface of surfaces that slide: its points are paired again in every state.
 
 A point of side 1 and its partner are those that lie opposite each other in the current
 configuration, so that both change with the displacement. What a point has undergone is counted by
@@ -59,6 +59,17 @@ class SurfaceStabilization(Stabilization):
     own: Array
 
 
+@dataclass(frozen=True)
+class PairStabilization(Stabilization):
+    """Of pairs.
+
+    Attributes:
+        surfaces: That of the facets, from which it follows.
+    """
+
+    surfaces: SurfaceStabilization
+
+
 class EachFacet(NamedTuple):
     """Facets of both surfaces, in their column; the other column is any facet of the other one.
 
@@ -115,7 +126,12 @@ class SurfaceStabilizer(Stabilizer):
         """c of all facets, not below ``floor``."""
         return derived.with_norm(np.maximum(factor, floor)) if self.automatic else derived
 
-    def of_pairs(self, known: SurfaceStabilization, facets: PairedFacets) -> Stabilization:
+    def suffices(self, applied: Stabilization, derived: Stabilization, factor: Array) -> bool:
+        """As in the base class, for the facets of the surfaces."""
+        assert isinstance(applied, PairStabilization)
+        return super().suffices(applied.surfaces, derived, factor)
+
+    def of_pairs(self, known: SurfaceStabilization, facets: PairedFacets) -> PairStabilization:
         """The stabilization of pairs: r = c_1 delta_1^2 + c_2 delta_2^2."""
         d, rows = self._quadrature.d, facets.segments
         i, j = rows.first, self._first + rows.second
@@ -133,7 +149,8 @@ class SurfaceStabilizer(Stabilizer):
             r = self.interface.safety * size
         one = np.eye(d)
         weights, tau = share[:, :, None, None] * one, r[:, None, None] * one
-        return Stabilization(tau, delta, weights, tau1 @ bonded @ tau2, r, r / size)
+        both = tau1 @ bonded @ tau2
+        return PairStabilization(tau, delta, weights, both, r, r / size, known)
 
     def check_softening(self, stabilization: Stabilization) -> None:
         """Not needed: r is automatic where there is a bond."""
@@ -180,14 +197,12 @@ class MovingPairs(NamedTuple):
         paired: The displacement in whose configuration they are, local dofs [mm].
         committed: Points at the end of the last step; None before the first one.
         bonded: Facets of side 1 whose bond holds.
-        surfaces: Stabilization of the facets.
     """
 
     facets: PairedFacets
     paired: Array
     committed: CommittedPoints | None
     bonded: NDArray[np.bool_]
-    surfaces: SurfaceStabilization
 
 
 class MovingInterface(ActiveInterface):
@@ -208,7 +223,6 @@ class MovingInterface(ActiveInterface):
         self.floor = np.zeros(sum(len(side.facets) for side in sides))
         self._paired = u.x.array.copy()
         self._committed: CommittedPoints | None = None
-        self._surfaces: SurfaceStabilization | None = None
         self._near = np.zeros((0, 2), dtype=np.intp)
         self._bonded = facets.surfaces.intact()
         self._damage = facets.damage[self.quadrature.facet]
@@ -220,16 +234,6 @@ class MovingInterface(ActiveInterface):
     # Pairs
 
     @property
-    def kept(self) -> slice:
-        """The points of the bond: others have no damage, and are paired anew."""
-        return slice(self.facets.bonded * self.quadrature.points_of_facet.shape[1])
-
-    @property
-    def coupled(self) -> bool:
-        """Whether the pattern of matrices has all pairs."""
-        return bool(np.isin(self._numbers(self._rows), self._numbers(self._near)).all())
-
-    @property
     def couplings(self) -> NDArray[np.int32]:
         """Rows (cell 1, facet in it, cell 2, facet in it) that are coupled in matrices, flat."""
         sides = zip(self.facets.surfaces.sides, self._near.T, strict=True)
@@ -237,9 +241,13 @@ class MovingInterface(ActiveInterface):
             [array[rows] for side, rows in sides for array in (side.cells, side.local)]
         ).ravel()
 
-    def couple(self) -> None:
-        """Couple all facets that are near each other, from now on."""
-        self._near = self.facets.surfaces.near(self._u)
+    def couple(self) -> bool:
+        """See the base class."""
+        if np.isin(self._numbers(self._rows), self._numbers(self._near)).all():
+            return False
+        near = [self.facets.surfaces.near(self._u), self._rows]
+        self._near = np.unique(np.concatenate(near), axis=0)
+        return True
 
     @property
     def _rows(self) -> NDArray[np.intp]:
@@ -249,21 +257,17 @@ class MovingInterface(ActiveInterface):
     def _numbers(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
         return rows[:, 0] * len(self.facets.surfaces.sides[1].facets) + rows[:, 1]
 
-    def release(self) -> None:
-        """Pair facets anew from now on whose bond is broken everywhere."""
-        bonded = np.zeros_like(self._bonded)
-        intact = (self.history.softening < self.law.strength)[self.kept]
-        bonded[self._first()[self.kept][intact]] = True
-        if not np.array_equal(bonded, self._bonded):
-            self._bonded = bonded
-            self._pair()
-
-    def pair_anew(self) -> None:
-        """Pair the surfaces in the configuration of the current displacement."""
-        if not np.array_equal(self._u.x.array, self._paired):
-            self._pair()
-
-    def _pair(self) -> None:
+    def pair(self, release: bool = False) -> None:
+        """See the base class."""
+        bonded, kept = self._bonded, self.quadrature.kept
+        if release:
+            bonded = np.zeros_like(bonded)
+            intact = (self.history.softening < self.law.strength)[kept]
+            bonded[self._first()[kept][intact]] = True
+        same = np.array_equal(bonded, self._bonded)
+        if same and np.array_equal(self._u.x.array, self._paired):
+            return
+        self._bonded = bonded
         values, tree, rows = self.values, cKDTree(self._places()), self._first()
         self._take(self.facets.surfaces.pairs(self._u, self._bonded))
         nearest, same = _nearest(tree, rows, self._places(), self._first())
@@ -277,8 +281,8 @@ class MovingInterface(ActiveInterface):
         self.law = facets.law.at(self.quadrature.facet)
         if full:
             self._make_evaluators()
-        if self._surfaces is not None:
-            self.stabilization = self.stabilizer.of_pairs(self._surfaces, facets)
+        if isinstance(self.stabilization, PairStabilization):
+            self.stabilization = self.stabilizer.of_pairs(self.stabilization.surfaces, facets)
 
     # What points carry
 
@@ -397,19 +401,14 @@ class MovingInterface(ActiveInterface):
 
     # Steps
 
-    @property
-    def applied(self) -> Stabilization:
-        """That of the step, by facets of the surfaces."""
-        return self._surfaces
-
     def apply(self, stabilization: Stabilization) -> float:
         """As in the base class, for the stabilization of the facets of the surfaces."""
         assert isinstance(stabilization, SurfaceStabilization)
-        self._surfaces = stabilization
         return super().apply(self.stabilizer.of_pairs(stabilization, self.facets))
 
     def _set_stabilization(self, stabilization: Stabilization) -> None:
-        self.stabilization, self.floor = stabilization, self._surfaces.norm
+        assert isinstance(stabilization, PairStabilization)
+        self.stabilization, self.floor = stabilization, stabilization.surfaces.norm
 
     def _pressure(self, traction: Array) -> Array:
         """-T_N >= 0 (nq,), of a traction in the frame of the law."""
@@ -427,13 +426,13 @@ class MovingInterface(ActiveInterface):
 
     def snapshot(self) -> InterfaceSnapshot:
         """The current state; its arrays are never modified."""
-        given = self._committed, self._bonded, self._surfaces
+        given = self._committed, self._bonded
         return replace(super().snapshot(), pairs=MovingPairs(self.facets, self._paired, *given))
 
     def return_to(self, snapshot: InterfaceSnapshot) -> None:
         """Return to a state; the displacement is there already."""
         pairs = snapshot.pairs
-        self._committed, self._bonded, self._surfaces = pairs[2:]
+        self._committed, self._bonded = pairs.committed, pairs.bonded
         if pairs.facets is not self.facets:
             self._take(pairs.facets)
         super().return_to(snapshot)

@@ -123,8 +123,8 @@ class PairQuadrature(InterfaceQuadrature):
             u: Displacement in whose configuration they are; None for the reference configuration.
 
         Returns:
-            Whether evaluators and functions of points must be made anew: there are more points than
-            room.
+            Whether evaluators and functions of points must be made again: there are more points
+            than room.
         """
         self.facets, segments, d = facets, facets.segments, self.d
         corners = segments.corners[:, self._order]
@@ -187,6 +187,13 @@ class PairQuadrature(InterfaceQuadrature):
         shapes = ShapeGradients(self.mesh, self.geometry, degree)
         sides = zip(self.facets.cells.T, self._places, strict=True)
         return [shapes.in_places(*side) for side in sides]
+
+    @property
+    def kept(self) -> slice:
+        """The points that stay in a step: where surfaces slide those of the bond."""
+        if not self.facets.slides:
+            return slice(None)
+        return slice(self.facets.bonded * self.points_of_facet.shape[1])
 
     def jets(self, space: fem.FunctionSpace) -> FacetJets:
         """B at the points, for a space, always the same."""

@@ -1,6 +1,6 @@
 """Interfaces between surfaces that share no nodes: their facets in pairs, segment by segment.
 
-Surfaces that slide are paired anew in every state, see :meth:`Surfaces.pairs`.
+Surfaces that slide are paired again in every state, see :meth:`Surfaces.pairs`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import NamedTuple
 import basix
 import numpy as np
 from dolfinx import fem
-from dolfinx.mesh import Mesh, exterior_facet_indices
+from dolfinx.mesh import Mesh, compute_midpoints, exterior_facet_indices
 from numpy.typing import NDArray
 
 from .. import compat
@@ -25,6 +25,7 @@ from ..domain.topology import (
     local_facets,
     refuse_facets,
 )
+from ..forms.geometry import CARTESIAN, Geometry
 from ..laws import Law
 from .facets import InterfaceFacets, facet_properties, find_facets
 from .interface import KEEP, Interface
@@ -74,7 +75,7 @@ class Surfaces:
         label: Name of the interface in messages.
         walled: Whether one side is a rigid wall.
         gaps: Whether their distance counts as a gap.
-        slides: Whether they are paired anew in every state.
+        slides: Whether they are paired again in every state.
     """
 
     mesh: Mesh
@@ -228,6 +229,7 @@ def place(
     label: str | None = None,
     walls: Collection[int] = (),
     stiffness: Stiffness | None = None,
+    geometry: Geometry = CARTESIAN,
 ) -> InterfaceFacets:
     """The facets of an interface, or the pairs of facets where its bodies share no nodes;
     collective.
@@ -235,6 +237,7 @@ def place(
     Args:
         mesh, cell_tags, interface, names, label, walls: As for :func:`.find_facets`.
         stiffness: Of cells [MPa], to choose side 1 of surfaces that slide.
+        geometry: Whose axis is no surface.
 
     Raises:
         ValueError: as in :func:`.find_facets`; the surfaces do not lie opposite each other, a facet
@@ -271,6 +274,10 @@ def place(
             f"{label} has no facet on side {1 if not len(surfaces[0]) else 2}: surfaces= has an "
             "empty array; does the mesh have facets with this tag?"
         )
+    fdim = mesh.topology.dim - 1
+    middles = [compute_midpoints(mesh, fdim, facets).T for facets in surfaces]
+    off = [np.abs(geometry.circumference(x) + 0 * x[0]) for x in middles]
+    surfaces = [f[a > _ROUNDING * a.max()] for f, a in zip(surfaces, off, strict=True)]
     one, two = (_surface(mesh, facets) for facets in surfaces)
     if interface.sliding and interface.surfaces is None and stiffness is not None:
         one, two = (one, two) if _before(mesh, one, two, stiffness) else (two, one)

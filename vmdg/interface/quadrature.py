@@ -74,6 +74,11 @@ class InterfaceQuadrature:
     distance: NDArray[np.float64] | None = None
     leads: bool = False
 
+    @property
+    def kept(self) -> slice:
+        """The points that stay in a step."""
+        return slice(None)
+
     @cached_property
     def by_facet(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
         """Points of all segments of every distinct facet (n, most points of one), and their

@@ -143,7 +143,7 @@ class AssembledSystem:
             set_rigid_modes(parts.space, parts.geometry, matrix, parts.means)
 
     def _renew_matrix(self) -> None:
-        """Make matrix and solver anew where surfaces that slide have other pairs."""
+        """Make matrix and solver again where surfaces that slide have other pairs."""
         iterations = self._linear.iterations
         self._free_matrix()
         self._make_matrix()

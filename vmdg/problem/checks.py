@@ -225,7 +225,11 @@ def _check_programme(problem: Problem, loads: NDArray[np.float64]) -> None:
     loaded = global_any(problem.comm, any(part.any() for part, _ in pairs))
     changes = global_any(problem.comm, any((part != first).any() for part, first in pairs))
     message = None
-    if not loaded and not global_any(problem.comm, bool(problem.u.x.array.any())):
+    # Bodies that overlap push each other apart.
+    moved = problem.u.x.array.any() or any(
+        one.history.traction.any() for one in problem.discretization.active.values()
+    )
+    if not loaded and not global_any(problem.comm, bool(moved)):
         message = (
             "there is no load: all prescribed displacements, loads and eigenstrains are zero at "
             f"load factors {loads[0]:.6g} to {loads[-1]:.6g}. Give a load that depends on the load "

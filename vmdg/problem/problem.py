@@ -174,7 +174,14 @@ class Problem:
         stiffness = partial(mean_modulus, mesh, bodies)
         facets = [
             place(
-                mesh, tags, interface, names, label_of(self.interfaces, i), bodies.walls, stiffness
+                mesh,
+                tags,
+                interface,
+                names,
+                label_of(self.interfaces, i),
+                bodies.walls,
+                stiffness,
+                geometry,
             )
             for i, interface in enumerate(self.interfaces)
         ]

@@ -118,7 +118,7 @@ class Step:
         self._dt, self.start = dt, self.snapshot()
         self.ledger.begin(self.start, dt, overstress > 0, cycles)
         for active in self.discretization.active.values():
-            active.release()
+            active.pair(release=True)
         self._loading.spread()
         self.slow_down(overstress, cycles)
         try:

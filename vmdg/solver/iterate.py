@@ -200,7 +200,7 @@ class Iterate:
         size = global_norm(self._comm, direction.u)
         gradients = [
             (before if active.values.update is None else active.work_gradient(self._dt))[
-                active.kept
+                active.quadrature.kept
             ]
             for active, before in zip(self._pieces.interfaces, self._gradients, strict=True)
         ]
@@ -222,7 +222,7 @@ class Iterate:
             if bodies := parts.bodies.points:
                 bodies.extrapolate(bodies.deformation(self._problem.u))
             for active, G, q in zip(interfaces, gradients, before, strict=True):
-                kept = active.kept
+                kept = active.quadrature.kept
                 change = np.einsum("pi,pi->p", G, (active.total_in_frame() - q)[kept]) / h
                 work += active.quadrature.weights[kept] @ change
             self.visit(here)

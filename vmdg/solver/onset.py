@@ -64,7 +64,7 @@ class Pieces:
             return []
         pieces = facet_pieces(self._space, [one.facets for one in self.interfaces])
         found = zip(self.interfaces, pieces, strict=True)
-        return [piece[one.quadrature.facet[one.kept]] for one, piece in found]
+        return [piece[one.quadrature.facet[one.quadrature.kept]] for one, piece in found]
 
     def sound(self, small: float) -> Sound:
         """The pieces at the last converged state.
@@ -76,8 +76,13 @@ class Pieces:
         if any(one.facets.slides for one in self.interfaces):
             self._names = self._pieces()
         for one in self.interfaces:
-            lost, mode = one.history.softening[one.kept], one.history.mode[one.kept]
-            strength = np.broadcast_to(one.law.strength, len(one.quadrature.weights))[one.kept]
+            lost, mode = (
+                one.history.softening[one.quadrature.kept],
+                one.history.mode[one.quadrature.kept],
+            )
+            strength = np.broadcast_to(one.law.strength, len(one.quadrature.weights))[
+                one.quadrature.kept
+            ]
             fails.append((mode != Mode.ELASTIC) & (lost < strength))
             grown.append(fails[-1] & (lost > small * strength))
         if not global_any(self._comm, any(mask.any() for mask in fails)):
@@ -91,7 +96,7 @@ class Pieces:
 
     def begun(self, points: Points) -> Names:
         """Names of the pieces of some points in which damage begins in the step so far."""
-        works = [one.values.update.damage_work[one.kept] > 0 for one in self.interfaces]
+        works = [one.values.update.damage_work[one.quadrature.kept] > 0 for one in self.interfaces]
         return self._of([mask & work for mask, work in zip(points, works, strict=True)])
 
     def work(self, points: Points) -> float:

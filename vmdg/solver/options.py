@@ -108,8 +108,12 @@ class PathOptions:
             _check(self, one.name, *_POSITIVE)
 
     def growth_after(self, corrections: int, slides: bool = False) -> float:
-        """Growth factor of the next step, from the number of corrections of the last one, and
-        whether surfaces slide."""
+        """Growth factor of the next step.
+
+        Args:
+            corrections: Their number in the last step.
+            slides: Whether surfaces slide.
+        """
         aim = self.aim_sliding if slides else self.aim
         return min(aim / max(corrections, 1), self.growth)
 
