@@ -249,6 +249,47 @@ def test_turning_ring(first):
     assert table["iterations"].mean() <= 8
 
 
+@pytest.mark.filterwarnings("ignore:only contact constrains")
+def test_belt_on_a_drum():
+    """A drum turns under a belt over a right angle: its tensions are in the ratio e^(mu theta)."""
+    mu, theta, thickness, pull = 0.2, np.pi / 2, 0.02, 5.0
+
+    def arc(cells, radii, angles, tag):
+        part = block("quadrilateral", cells, *zip(angles, radii, strict=True), tag)
+        return moved(part, lambda x: np.stack([x[1] * np.sin(x[0]), x[1] * np.cos(x[0])]))
+
+    scene = apart(
+        [
+            arc((64, 3), (0.7, 1.0), (-0.6, theta + 0.6), 1),
+            arc((48, 1), (1.0, 1.0 + thickness), (0.0, theta), 2),
+        ]
+    )
+    find = scene.facet_tags.find
+    interface = vmdg.Interface(
+        surfaces=(find(12), find(21)), law=vmdg.Contact(friction=mu), sliding=True
+    )
+    belt = vmdg.NeoHookean(E=1e4, nu=0.0)
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, {1: HARD, 2: belt}, [interface], degree=2)
+    problem.dirichlet(
+        find(11), lambda x, t: rotation(2, -np.deg2rad(max(t - 1.0, 0.0))) @ x[:2] - x[:2]
+    )
+    ends = find(20)
+    angle = np.arctan2(*compute_midpoints(scene.mesh, 1, ends)[:, :2].T)
+    held = ends[angle < 1e-6]
+    problem.dirichlet(held, 0.0, "x")
+    problem.traction(ends[angle > theta - 1e-6], lambda t: (0.0, -pull * min(t, 1.0)))
+
+    def monitor(problem):
+        return {"ratio": -problem.reaction(held)[0] / (pull * thickness)}
+
+    loads = [0.5, 1.0, 1.1, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0]
+    table = vmdg.solve(problem, loads, monitor=monitor).history
+    # Friction acts at the radius of the drum, the tension at that of the middle of the belt.
+    expected = np.exp(mu * theta / (1 + thickness / 2))
+    assert expected == pytest.approx(np.exp(mu * theta), rel=0.005)
+    assert table["ratio"][table["load"] >= 2.0] == pytest.approx(expected, rel=0.01)
+
+
 # Initial gaps and interference
 
 
