@@ -68,6 +68,11 @@ class InterfaceFacets:
         return rows, rows
 
     @property
+    def chosen_side(self) -> int | None:
+        """Tag of side 1 where surfaces slide; None elsewhere."""
+        return None
+
+    @property
     def first_side(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
         """Distinct facets of side 1, ascending, that are or may be open, their cells, and their
         numbers in them (n,)."""

@@ -193,6 +193,12 @@ class PairedFacets(InterfaceFacets):
         return rows, where.ravel()
 
     @property
+    def chosen_side(self) -> int | None:
+        """See the base class."""
+        surfaces = self.surfaces
+        return int(surfaces.tags[surfaces.sides[0].cells[0]]) if self.slides else None
+
+    @property
     def first_side(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
         """See the base class; of surfaces that slide all facets of side 1."""
         return tuple(self.surfaces.sides[0]) if self.slides else super().first_side
@@ -370,7 +376,8 @@ def _before(mesh: Mesh, one: Surface, two: Surface, stiffness: Stiffness) -> boo
 
 
 def _bend(mesh: Mesh, surface: Surface) -> float:
-    """Median of the angles between facets and the mean normals at their corners."""
+    """Lower quartile of the angles between facets and the mean normals at their corners, which the
+    corners of a body do not change."""
     normals = _flat_facets(mesh, surface, None).normals
     d, cell = mesh.topology.dim, mesh.basix_cell()
     corners = np.array(basix.topology(cell)[d - 1])[surface.local]
@@ -378,7 +385,7 @@ def _bend(mesh: Mesh, surface: Surface) -> float:
     mean = np.zeros((len(mesh.geometry.x), d))
     np.add.at(mean, nodes, np.repeat(normals[:, None], nodes.shape[1], axis=1))
     edge = np.einsum("fni,fi->fn", mean[nodes], normals) / np.linalg.norm(mean[nodes], axis=2)
-    return float(np.median(np.arccos(np.clip(edge.mean(axis=1), -1.0, 1.0))))
+    return float(np.quantile(np.arccos(np.clip(edge.mean(axis=1), -1.0, 1.0)), 0.25))
 
 
 def _flat_facets(mesh: Mesh, surface: Surface, u: fem.Function | None) -> FlatFacets:

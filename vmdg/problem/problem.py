@@ -250,7 +250,10 @@ class Problem:
         cells = f"{topology.index_map(topology.dim).size_global} cells ({topology.cell_name()})"
         dofs = dofmap.index_map.size_global * dofmap.index_map_bs
         bodies = ", ".join(f"{tag}: {type(m).__name__}" for tag, m in self.materials.items())
-        names = ", ".join(interface_names(self.interfaces)) or "none"
+        facets, named = self.step.activation.facets, interface_names(self.interfaces)
+        sides = (one.chosen_side for one in facets)
+        told = ("" if tag is None else f" (side 1: {tag})" for tag in sides)
+        names = ", ".join(map("".join, zip(named, told, strict=True))) or "none"
         return (
             f"<Problem: {cells}, {dofs} dofs; materials {bodies}; interfaces {names}; "
             f"t = {self.t:.6g}>"
