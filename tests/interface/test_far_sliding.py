@@ -16,6 +16,7 @@ from support.scenes import DIMENSION
 
 import vmdg
 from vmdg import Mode, compat
+from vmdg.interface import pair_quadrature
 from vmdg.interface.moving import MovingInterface
 from vmdg.meshes import apart, blocks
 from vmdg.output.fields import InterfaceFields
@@ -151,7 +152,8 @@ def test_debonds_and_slides():
     """A bond breaks, from both ends, with pairs that stay; then its facets slide over others."""
     strength, gap = 15.0, 0.02
     scene = body_and_base("quadrilateral", (5, 3), (28, 3))
-    law = vmdg.Debonding(strength=strength, critical_gap=gap, friction=MU)
+    # A strength that varies is one of the facets of side 1.
+    law = vmdg.Debonding(strength=lambda x: strength + 0.0 * x[0], critical_gap=gap, friction=MU)
     problem = contact(scene, (SOFT, HARD), law)
     find = scene.facet_tags.find
     problem.dirichlet(find(21), 0.0)
@@ -233,8 +235,11 @@ def test_output(tmp_path):
     assert vmdg.plot.mode_map(problem, 0) is not None
 
 
-def test_bodies_start_apart():
+def test_bodies_start_apart(monkeypatch):
     """No pair at the start: the bodies meet, and the force is that of bodies that touch."""
+    # No room for more points than there were.
+    monkeypatch.setattr(pair_quadrature, "_ROOM", 1.0)
+    monkeypatch.setattr(pair_quadrature, "_FEW", 1)
     found = []
     for gap in (0.5, 0.0):
         scene = body_and_base("quadrilateral", (5, 3), (14, 3), gap=gap)

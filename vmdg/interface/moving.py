@@ -310,7 +310,7 @@ class MovingInterface(ActiveInterface):
         if before is None:
             bonded = np.flatnonzero(q.facet < self.facets.bonded)
             gap[bonded] = normal[bonded] = 0.0
-            softening[bonded] = (self.law.strength * self._damage)[bonded]
+            softening[bonded] *= self._damage[bonded]
             mode[bonded] = Mode.ELASTIC
         elif len(before.rows):
             nearest, same = _nearest(before.tree, before.rows, self._places(), self._first())
