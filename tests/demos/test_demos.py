@@ -71,9 +71,9 @@ def test_push_through(out):
     history = push_through.main(layers=15, steps=4, end=0.8, out=str(out))
     punch, force = history["punch"], history["force"]
     assert force.max() == pytest.approx(412.2, rel=0.01)
-    # With points that keep their partners it stays at 105.5 N.
+    # With points that keep their partners it stays at 105.5 N; here some of the fibre has left.
     slides = punch > 0.13
-    assert force[slides][0] == pytest.approx(105.5, rel=0.02)
+    assert 0.95 * 105.5 < force[slides][0] < 105.5
     assert (np.diff(force[slides]) < 0).all()
     assert history["iterations"][slides].mean() <= 8
     assert force[-1] < 0.85 * force[slides][0]

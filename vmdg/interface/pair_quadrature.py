@@ -171,11 +171,13 @@ class PairQuadrature(InterfaceQuadrature):
         self, facets: PairedFacets, plane: Array, a: int, u: fem.Function | None
     ) -> FacetPlaces:
         """Places on side ``a`` of all points, of leading pairs in the reference configuration."""
-        parts = []
+        parts, whole = [], (facets.cells[:, a], facets.local[:, a])
+        if not facets.bonded:
+            return _on_facets(self.mesh, *whole, facets.segments, plane, u)
         for rows, given in ((slice(0, facets.bonded), None), (slice(facets.bonded, None), u)):
             where = facets.segments.rows(rows)
-            sides = facets.cells[rows, a], facets.local[rows, a]
-            parts.append(_on_facets(self.mesh, *sides, where, plane[rows], given))
+            side = (array[rows] for array in whole)
+            parts.append(_on_facets(self.mesh, *side, where, plane[rows], given))
         return FacetPlaces(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
     def space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:

@@ -22,6 +22,7 @@ from ..forms import kinematics
 from ..forms.kinematics import Body
 from .frame import TurningTangent
 from .jets import FacetJets
+from .pair_quadrature import PairQuadrature
 from .points import PointValues
 from .quadrature import InterfaceQuadrature
 from .stabilization import Stabilization
@@ -61,7 +62,7 @@ class PointTangent:
         d, geometry = quadrature.d, quadrature.geometry
         n = geometry.size(d)
         self._quadrature, self._space = quadrature, u.function_space
-        self._known = quadrature.facets, FacetJets(quadrature, u.function_space)
+        self._jets: FacetJets | None = None
         self._entries = self.jets.entries
         # All entries of GRAD in order need no copy.
         columns = [i * n + j for i, j in self._entries]
@@ -94,9 +95,11 @@ class PointTangent:
     @property
     def jets(self) -> FacetJets:
         """B at the points."""
-        if self._known[0] is not self._quadrature.facets:
-            self._known = self._quadrature.facets, FacetJets(self._quadrature, self._space)
-        return self._known[1]
+        if isinstance(self._quadrature, PairQuadrature):
+            return self._quadrature.jets(self._space)
+        if self._jets is None:
+            self._jets = FacetJets(self._quadrature, self._space)
+        return self._jets
 
     @property
     def areas(self) -> Array:
