@@ -57,7 +57,7 @@ _KINDS = {
 _MOST, _FOUND = 20, 1e-13
 
 #: Room for points of surfaces that slide, relative to their number, and least number.
-_ROOM, _FEW = 2.0, 256
+_ROOM, _FEW = 2.0, 64
 
 #: Initial gaps below this, relative to the facet, are rounding.
 _NO_GAP = 1e-10
