@@ -9,8 +9,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.parallel import global_max, global_norm
-from ..compat import SNES_REASONS, UNBOUNDED_SEARCH
+from ..base.parallel import global_norm
 from ..domain.topology import box_sides
 from ..linear.ksp import (
     MAX_RTOL,
@@ -27,12 +26,11 @@ from ..problem.problem import Problem
 from ..solver.attempt import Attempt
 from ..solver.limits import ROUNDING
 from ..solver.options import SolveOptions
+from ..solver.snes import Snes, rounding_of_forces, verdict
 from .schemes import GeneralizedAlpha
 from .supports import SupportMotion
 
 Array = NDArray[np.float64]
-
-_REASONS = {value: name for name, value in SNES_REASONS.items()}
 
 
 class ImplicitSteps:
@@ -62,27 +60,7 @@ class ImplicitSteps:
         self._system = AssembledSystem(problem, options.petsc)
         self._mass = self._motion.matrix(matrix_kind(linear_options(problem, options.petsc).solver))
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))
-        self._x = PETSc.Vec().createMPI((self._owned, None), comm=problem.comm)
-        self._residual = self._x.duplicate()
-        self._matrix = PETSc.Mat().create(problem.comm)
-        self._matrix.setSizes(((self._owned, None), (self._owned, None)))
-        self._matrix.setType(PETSc.Mat.Type.PYTHON)
-        self._matrix.setPythonContext(self)
-        self._matrix.setUp()
-        self._snes = PETSc.SNES().create(problem.comm)
-        ksp = self._snes.getKSP()
-        ksp.setType(PETSc.KSP.Type.PYTHON)
-        ksp.setPythonContext(self)
-        ksp.getPC().setType(PETSc.PC.Type.NONE)
-        least = float(np.finfo(float).tiny)
-        halves: dict[str, str | float] = {"type": "bt", "order": 1, "minlambda": least}
-        halves.update({"max_it": options.path.halvings}, **UNBOUNDED_SEARCH)
-        search = {f"snes_linesearch_{name}": value for name, value in halves.items()}
-        own = {k: v for k, v in (options.petsc or {}).items() if k.startswith("snes_")}
-        set_options(self._snes, search | {"snes_stol": 0.0} | own)
-        self._snes.setFunction(self.residual, self._residual)
-        self._snes.setJacobian(lambda *_: None, self._matrix)
-        self._snes.setConvergenceTest(self.test)
+        self._snes = Snes(problem.comm, self._owned, options)
         self._forces = 0.0  # largest so far
         self._norms: list[float] = []
         self._goal, self._rtol, self._dt = 0.0, MAX_RTOL, 0.0
@@ -147,10 +125,9 @@ class ImplicitSteps:
         self._known = (scheme.alpha_f * R0 + scheme.alpha_m * motion.of(a0)) / share
         self._system.inertia = self._mass, self._inertia * self._per_length
         self._moves = self._supports.at(t, h)
-        self._x.array[:] = u0 + h * v0 + h**2 * a0 / 2
-        self._snes.solve(None, self._x)
-        reason = self._snes.getConvergedReason()
-        word = "" if reason > 0 else _REASONS.get(reason, str(reason))
+        self._snes.x.array[:] = u0 + h * v0 + h**2 * a0 / 2
+        converged, reason = self._snes.solve(self, searches=True)
+        word = "" if converged else reason
         if not word and step.inverted():
             word = "CELLS_INVERTED"
         if not word and not step.stabilization_suffices():
@@ -200,22 +177,14 @@ class ImplicitSteps:
         """Converged where forces balance to the tolerance, or to rounding."""
         norm = norms[2]
         self._norms.append(norm)
-        if not np.isfinite(norm):
-            return SNES_REASONS["DIVERGED_FNORM_NAN"]
         self._forces = max(self._forces, norm, self._loads)
-        far = global_max(self._comm, float(np.abs(self._problem.u.x.array).max(initial=0.0)))
-        floor = float(np.finfo(float).eps) * (self._size + far) * self._system.norm
+        floor = rounding_of_forces(self._problem, self._size, self._system.norm)
         self._goal = max(self._options.relative_tolerance * self._forces, floor)
-        if norm <= self._goal:
-            return PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE
-        if iteration >= self._options.max_iterations:
-            return PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
         self._rtol = linear_tolerance(self._norms, self._goal)
-        return PETSc.SNES.ConvergedReason.ITERATING
+        return verdict(self._norms, self._goal, True, self._options)
 
     def free(self) -> None:
         """Free the PETSc objects; collective."""
         self._system.free()
-        destroy(self._snes)
-        for item in (self._x, self._residual, self._matrix, self._mass):
-            item.destroy()
+        self._snes.free()
+        self._mass.destroy()

@@ -24,11 +24,11 @@ from numpy.typing import NDArray
 
 from ..base.parallel import global_max, global_norm, warn_together
 from ..base.timers import timer
-from ..compat import SNES_REASONS, UNBOUNDED_SEARCH
+from ..compat import SNES_REASONS
 from ..domain.topology import box_sides
 from ..linear.capacitance import solve_contact
 from ..linear.condensation import closes_points
-from ..linear.ksp import MAX_RTOL, destroy, linear_tolerance, set_options, warn_of_unused
+from ..linear.ksp import MAX_RTOL, linear_tolerance
 from ..linear.system import System, make_system
 from ..problem.problem import Problem
 from ..problem.states import RunScales
@@ -38,15 +38,10 @@ from .limits import Direction, Limits, Reach
 from .onset import Pieces
 from .options import SolveOptions
 from .parameter import Rate
+from .snes import Snes, rounding_of_forces, verdict
 from .turn import turn
 
 Array = NDArray[np.float64]
-
-#: The line search is chosen in every attempt: backtracking by halves if the load factor is the only
-#: limit, otherwise full steps, which perform better with limited work.
-KIND = "snes_linesearch_type"
-
-_REASONS = {value: name for name, value in SNES_REASONS.items()}
 
 
 class Corrector:
@@ -66,25 +61,10 @@ class Corrector:
         self._system = make_system(problem, options.condensed, options.petsc)
         # lambda is the last unknown of the first rank.
         local = problem.discretization.owned + (problem.comm.rank == 0)
-        self._x = PETSc.Vec().createMPI((local, None), comm=problem.comm)
-        self._residual = self._x.duplicate()
-        self._matrix = PETSc.Mat().create(problem.comm)
-        self._matrix.setSizes(((local, None), (local, None)))
-        self._matrix.setType(PETSc.Mat.Type.PYTHON)
-        self._snes = PETSc.SNES().create(problem.comm)
-        self._snes.getKSP().setType(PETSc.KSP.Type.PYTHON)
-        self._snes.getKSP().getPC().setType(PETSc.PC.Type.NONE)
-        self._own = {k: v for k, v in (options.petsc or {}).items() if k.startswith("snes_")}
-        self._kind = ""  # of the line search so far
+        self._snes = Snes(problem.comm, local, options)
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))
         self._rounds, self._softest = False, 0.0
         self._pieces = Pieces(problem.discretization)
-        # By halves, independently of the norm of the correction.
-        least = float(np.finfo(float).tiny)
-        halves = {"order": 1, "max_it": options.path.halvings, "minlambda": least}
-        halves |= UNBOUNDED_SEARCH
-        search = {f"snes_linesearch_{name}": value for name, value in halves.items()}
-        set_options(self._snes, search | {"snes_stol": 0.0} | self._own)
 
     @property
     def rounding(self) -> float:
@@ -106,32 +86,19 @@ class Corrector:
         newton = _Newton(problem, self._options, self._system, iterate, self._size, dt)
         with timer("predictor"):
             newton.predict(last)
-        self._snes.setFunction(newton.residual, self._residual)
-        self._snes.setJacobian(lambda *_: None, self._matrix)
-        self._snes.setLineSearchPreCheck(newton.draw_back)
-        self._snes.setConvergenceTest(newton.test)
-        self._snes.getKSP().setPythonContext(newton)
-        self._matrix.setPythonContext(newton)
-        self._matrix.setUp()
-        kind = self._own.get(KIND, "bt" if limits.by_load_alone else "basic")
-        if kind != self._kind:
-            PETSc.Options(self._snes.getOptionsPrefix())[KIND] = self._kind = kind
-            self._snes.setFromOptions()
-        newton.show(self._x)
-        self._snes.solve(None, self._x)
-        if self._own:
-            warn_of_unused(self._snes)
-        reason = self._snes.getConvergedReason()
+        self._snes.snes.setLineSearchPreCheck(newton.draw_back)
+        newton.show(self._snes.x)
+        converged, reason = self._snes.solve(newton, searches=limits.by_load_alone)
         found = newton.attempt()
         # The forces of a failed attempt do not count for the run.
-        if reason > 0:
+        if converged:
             scales = problem.step.scales.with_forces(reaction=iterate.reaction())
             self._warn_of_rounding(found.norms[-1], scales.reaction)
         problem.step.scales = scales
         return replace(
             found,
-            converged=reason > 0,
-            reason=_REASONS.get(reason, str(reason)),
+            converged=converged,
+            reason=reason,
             krylov=self._system.iterations - krylov,
             unstable=self._system.unstable,
         )
@@ -166,9 +133,7 @@ class Corrector:
     def free(self) -> None:
         """Free the PETSc objects; collective."""
         self._system.free()
-        destroy(self._snes)
-        for item in (self._x, self._residual, self._matrix):
-            item.destroy()
+        self._snes.free()
 
 
 class _Newton:
@@ -352,27 +317,21 @@ class _Newton:
 
     def test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         """Test for convergence at the end of the step, or for stagnation."""
-        reasons, norm, reaction = PETSc.SNES.ConvergedReason, norms[2], self._iterate.reaction()
+        norm, reaction = norms[2], self._iterate.reaction()
         self._norms.append(norm)
         if not np.isfinite(norm + reaction):
             return SNES_REASONS["DIVERGED_FNORM_NAN"]
         self._goal = goal = self._goal_of(self._step.scales.with_forces(reaction=reaction))
-        if norm <= goal and self._met():
-            return reasons.CONVERGED_FNORM_RELATIVE
-        if len(self._norms) > self._options.max_iterations + 1:
-            return reasons.DIVERGED_MAX_IT
-        patience, little = self._numbers.patience, self._numbers.rest
-        before, last = self._norms[:-patience], self._norms[-patience:]
-        # Equilibria may lie beyond the target only.
-        if before and max(min(last), goal) > (1 - little) * max(min(before), goal):
-            return reasons.DIVERGED_LOCAL_MIN
+        reason = verdict(self._norms, goal, norm > goal or self._met(), self._options)
+        if reason != PETSc.SNES.ConvergedReason.ITERATING:
+            return reason
         self._rtol = linear_tolerance(self._norms, goal)
         # Reusing the last tangent multiplies the residual by about twice the ratio of the last two,
         # since convergence is quadratic; it is reused if that ends far below the goal.
         first = self._norms[-2] if len(self._norms) > 1 else self._balanced
         surely = self._numbers.missed * goal
         self._system.lags = goal < norm and 2 * norm**2 <= surely * first
-        return reasons.ITERATING
+        return reason
 
     def _goal_of(self, scales: RunScales) -> float:
         """Norm of the residual on the free dofs at which the step has converged [N].
@@ -381,11 +340,9 @@ class _Newton:
         step starts with), a scale that remains when the body has separated. The imbalance of a step
         that loads a weak bond far beyond its strength may exceed any force that it can carry by
         orders of magnitude, so the residual must also be small relative to actual forces. It cannot
-        fall below the rounding error of nodal positions, for nodes that may have moved far, times
-        stiffness.
+        fall below rounding.
         """
-        far = global_max(self._comm, float(np.abs(self._problem.u.x.array).max(initial=0.0)))
-        floor = float(np.finfo(float).eps) * (self._size + far) * self._system.norm
+        floor = rounding_of_forces(self._problem, self._size, self._system.norm)
         goal = self._options.relative_tolerance * scales.force
         return max(min(goal, self._numbers.small * scales.reaction), floor)
 
