@@ -53,6 +53,15 @@ def test_iterations_have_equal_parts(out):
         assert row.active == ("damage" in row.name), row.name
 
 
+def test_explicit_steps_damage_every_point(out):
+    """Every row of the table is measured; where a bond softens, it does at all points."""
+    costs = benchmark.main(["explicit"], coarse=True, repeats=1, out=str(out))["explicit"]
+    assert len(costs) == 3 * 2 * 3 + 2
+    for cost in costs:
+        assert cost.seconds > 0
+        assert cost.softening == (cost.law == "softening"), cost
+
+
 def test_plastic_bodies_flow_in_their_iteration(out):
     """The same unknowns; every point flows, and a tie makes the tangent unsymmetric."""
     speeds, costs = benchmark.main(["plastic"], coarse=True, repeats=1, out=str(out))["plastic"]

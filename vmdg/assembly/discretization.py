@@ -17,6 +17,7 @@ from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
+from ..base.kernels import UNROLLED
 from ..base.parallel import global_sum
 from ..base.timers import timer
 from ..domain.lattice import Lattice
@@ -194,7 +195,7 @@ class Discretization:
         matching = [one for one in self.active.values() if not one.facets.paired]
         interfaces = [weak.interface_residual(eta, [active]) for active in matching]
         return _Compiled(
-            weak.compile(weak.bulk_residual(eta), "bodies' residual"),
+            weak.compile(weak.bulk_residual(eta), "bodies' residual", UNROLLED),
             [weak.compile(form, "interface's residual") for form in interfaces],
         )
 

@@ -113,10 +113,11 @@ class WeakForm:
         terms = [self.geometry.weight * integrand(*pair) * dS(i) for i, pair in enumerate(pairs)]
         return sum(terms, start=ufl.Form([]))
 
-    def compile(self, form: ufl.Form, name: str = "form") -> fem.Form:
+    def compile(self, form: ufl.Form, name: str = "form", options: dict | None = None) -> fem.Form:
         """Compile a form with possible interface coefficients; collective."""
         submeshes = [terms.submesh for terms in _of_facets(self.active)]
-        options = VECTORIZED if self._mesh.topology.dim == 3 else JIT_OPTIONS
+        if options is None:
+            options = VECTORIZED if self._mesh.topology.dim == 3 else JIT_OPTIONS
         return compile_form(form, submeshes, self._mesh.comm, options, name)
 
 

@@ -163,6 +163,11 @@ class Bodies:
         mean = [geometry.theta, geometry.pressure] if isinstance(geometry, MeanDilatation) else []
         return mean if self._eigenstrain is None else [self._eigenstrain, *mean]
 
+    @property
+    def grow(self) -> bool:
+        """Whether a body has an eigenstrain."""
+        return self._eigenstrain is not None
+
     def eigenstrains(self, t: float) -> NDArray[np.float64]:
         """The given eigenstrains at load factor ``t``, of all local cells, flat."""
         if self._eigenstrain is None:

@@ -22,7 +22,7 @@ from .supports import SupportMotion
 Array = NDArray[np.float64]
 
 #: Iterations of Lanczos's method, and waves of its first vector along the body.
-ITERATIONS, FAST = 60, 1e4
+ITERATIONS, FAST = 25, 1e4
 
 
 class ExplicitSteps:
@@ -53,6 +53,9 @@ class ExplicitSteps:
         )
         raise_together(self._comm, message if (masses <= least).any() else None)
         self._count, self._critical = 0, math.inf
+        parts = problem.discretization
+        # The tangent of bonded interfaces at small strain.
+        self._constant = parts.bodies.small and parts.constant_stabilization
 
     def accelerate(self) -> None:
         """Acceleration of a body that is let go in its current state: M.a = -R; collective."""
@@ -61,19 +64,23 @@ class ExplicitSteps:
 
     def advance(self, t: float) -> Iterator[Attempt]:
         """Steps to a time, as one attempt; collective."""
-        problem, renewal = self._problem, self._scheme.renewal
+        problem, scheme = self._problem, self._scheme
         while problem.t < t:
-            if self._count % renewal == 0:
+            done = self._count % scheme.renewal
+            if done == 0 and not (self._constant and self._critical < math.inf):
+                problem.step.renew()
                 self._critical = self.critical_step()
-            steps = math.ceil((t - problem.t) / (self._scheme.safety * self._critical))
-            steps, start, whole = max(steps, 1), problem.t, t - problem.t
-            some = min(steps, renewal - self._count % renewal)
-            for number in range(1, some + 1):
-                here = t if number == steps else start + number / steps * whole
-                self._step(here)
-                if not self._finite():
-                    yield Attempt(False, reason="DIVERGED_FNORM_NAN")
-                    return
+            start, span = problem.t, t - problem.t
+            steps = max(math.ceil(span / (scheme.safety * self._critical)), 1)
+            some = min(steps, scheme.renewal - done)
+            times = start + np.arange(some + 2) / steps * span
+            if some == steps:
+                times[some] = t
+            for before, here, after in zip(times, times[1:], times[2:], strict=False):
+                self._step(float(before), float(here), float(after))
+            if not self._finite():
+                yield Attempt(False, reason="DIVERGED_FNORM_NAN")
+                return
         yield Attempt(True, [0.0])
 
     def critical_step(self) -> float:
@@ -112,21 +119,24 @@ class ExplicitSteps:
         """M^-1.x, called by PETSc."""
         y.array[:] = x.array_r / self._masses
 
-    def _step(self, t: float) -> None:
-        problem, motion, owned = self._problem, self._motion, self._owned
-        step, u, h = problem.step, problem.u.x, t - problem.t
-        v0, a0 = motion.velocity.x.array[:owned].copy(), motion.acceleration
-        step.begin(t, h, renews=self._count % self._scheme.renewal == 0)
-        moves = self._supports.at(t, h)
-        u.array[:owned] += h * v0 + h**2 / 2 * a0
+    def _step(self, before: float, t: float, after: float) -> None:
+        """The step to ``t``; collective."""
+        problem, motion, loading, h = self._problem, self._motion, self._problem.loading, t - before
+        step, u, held = problem.step, problem.u.x, loading.owned_prescribed
+        step.march(t, h)
+        moves = self._supports.at(before, t, after)
+        a0 = motion.acceleration
+        v = motion.velocity.x.array[: self._owned] + h / 2 * a0
+        u.array[: self._owned] += h * v
         u.scatter_forward()
-        u.array[problem.loading.prescribed] = problem.loading.prescribed_values(t)
+        u.array[loading.prescribed] = loading.prescribed_values(t)
         step.assemble_residual(h)
         a1 = self._acceleration(moves[1])
-        v1 = v0 + h / 2 * (a0 + a1)
-        v1[problem.loading.owned_prescribed] = moves[0]
-        step.commit((motion.lumped * a0, motion.lumped * a1))
-        motion.move(v1, a1)
+        v += h / 2 * a1
+        v[held] = moves[0]
+        mass = motion.lumped[held]
+        step.commit((mass * a0[held], mass * a1[held]))
+        motion.move(v, a1)
         self._count += 1
 
     def _acceleration(self, of_supports: Array | float) -> Array:

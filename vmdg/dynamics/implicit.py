@@ -124,7 +124,7 @@ class ImplicitSteps:
         self._inertia = (1 - scheme.alpha_m) / share
         self._known = (scheme.alpha_f * R0 + scheme.alpha_m * motion.of(a0)) / share
         self._system.inertia = self._mass, self._inertia * self._per_length
-        self._moves = self._supports.at(t, h)
+        self._moves = self._supports.at(t - h, t, t + h)
         self._snes.x.array[:] = u0 + h * v0 + h**2 * a0 / 2
         converged, reason = self._snes.solve(self, searches=True)
         word = "" if converged else reason
@@ -139,7 +139,7 @@ class ImplicitSteps:
         a1 = self._acceleration()
         v1 = v0 + h * ((1 - gamma) * a0 + gamma * a1)
         v1[held] = self._moves[0]
-        step.commit((motion.of(a0), motion.of(a1)))
+        step.commit((motion.of(a0)[held], motion.of(a1)[held]))
         motion.move(v1, a1)
         return found
 

@@ -84,7 +84,7 @@ def solve_dynamics(
         supports = SupportMotion(problem.comm, problem.loading, problem.t, float(times[-1]))
         steps = _steps(problem, scheme, options, supports)
         kinetic = motion.kinetic_energy()
-        _set_out(problem, velocity, supports.at(problem.t, float(times[0]) - problem.t)[0])
+        _set_out(problem, velocity, supports.at(problem.t, problem.t, float(times[0]))[0])
         problem.step.ledger.enter_kinetic(motion.kinetic_energy() - kinetic)
         steps.accelerate()
         for number, t in enumerate(times):

@@ -29,11 +29,12 @@ class SupportMotion:
     def __init__(self, comm: MPI.Comm, loading: Loading, start: float, end: float):
         self._comm, self._loading = comm, loading
         self._start, self._end = start, end
+        self._known: dict[float, Array] = {}
 
-    def at(self, t: float, h: float) -> tuple[Array, Array]:
-        """Velocity [mm/s] and acceleration [mm/s2] of owned prescribed dofs at a time, by
-        differences over ``h``; collective."""
-        before, after = max(t - h, self._start), min(t + h, self._end)
+    def at(self, before: float, t: float, after: float) -> tuple[Array, Array]:
+        """Velocity [mm/s] and acceleration [mm/s2] of owned prescribed dofs at ``t``, by
+        differences between a time before and one after it; collective."""
+        before, after = max(before, self._start), min(after, self._end)
         here = self._values(t)
         if before == after:
             return np.zeros_like(here), np.zeros_like(here)
@@ -46,6 +47,9 @@ class SupportMotion:
 
     def _values(self, t: float) -> Array:
         """Displacement of owned prescribed dofs [mm]."""
-        values = together(self._comm, lambda: self._loading.prescribed_values(t))
-        # Owned dofs come first.
-        return values[: len(self._loading.owned_prescribed)]
+        if t not in self._known:
+            values = together(self._comm, lambda: self._loading.prescribed_values(t))
+            # Owned dofs come first. Of the last three times, some are needed again.
+            recent = list(self._known.items())[-2:]
+            self._known = dict(recent) | {t: values[: len(self._loading.owned_prescribed)]}
+        return self._known[t]

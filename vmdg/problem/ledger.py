@@ -25,7 +25,7 @@ from .work import chord_integral, next_increment
 SMALL = 1e-2
 
 
-#: Inertial forces at the start and at the end of a step, owned dofs [N].
+#: Inertial forces on owned prescribed dofs at the start and at the end of a step [N].
 Inertia = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
@@ -116,7 +116,8 @@ class Ledger:
         """Record the step at its current state; collective.
 
         Args:
-            inertia: Inertial forces at its start and its end, owned dofs; None in statics [N].
+            inertia: Inertial forces at its start and its end, on owned prescribed dofs; None in
+                statics [N].
         """
         if inertia is None:
             work, charged, within = self._external_work()
@@ -274,16 +275,12 @@ class Ledger:
         """Work of loads and eigenstrains in a step in time, and of supports, which carry internal
         forces and inertia, by the trapezoidal rule; this rank's [N mm]."""
         now, begun, start = self.discretization, self._start, self._start.state
-        prescribed, ends = self._loading.owned_prescribed, []
-        for vector, forces, moved in zip(
-            (begun.loads, self._loading.vector),
-            (start.forces, now.forces.x.array),
-            inertia,
-            strict=True,
-        ):
-            ends.append(at_owners(now.space, vector))
-            ends[-1][prescribed] += forces[prescribed] + moved[prescribed]
-        work = sum(ends) @ (now.u.x.array - start.u)[: now.owned]
+        prescribed, change = self._loading.owned_prescribed, now.u.x.array - start.u
+        # The parts of the loads that this rank has assembled.
+        work = (begun.loads + self._loading.vector) @ change
+        if len(prescribed):
+            forces = (start.forces + now.forces.x.array)[prescribed] + sum(inertia)
+            work += forces @ change[prescribed]
         rates = begun.rate + self._eigenstrain_rate(self._loading.t, start.t)
         work += rates * (self._loading.t - start.t) * (self._comm.rank == 0)
         return float(work) / 2

@@ -656,6 +656,8 @@ class Loading:
 
     def strained(self, t: float, other: float) -> bool:
         """Whether eigenstrains differ between two load factors; collective."""
+        if not self._bodies.grow:
+            return False
         if self._ray is not None:
             one, another = self._ray.strains if t != other else (0.0, 0.0)
         else:

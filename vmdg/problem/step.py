@@ -100,7 +100,6 @@ class Step:
         dt: float,
         overstress: float = 0.0,
         cycles: float = 0.0,
-        renews: bool = True,
     ) -> None:
         """Store the converged state, then set loads and stabilization for a step to ``t``.
 
@@ -109,7 +108,6 @@ class Step:
             dt: Time step [s].
             overstress: At the start of a step in a jump, see :meth:`slow_down`.
             cycles: Load cycles that the step represents, for fatigue laws.
-            renews: Whether tau_s is that of the start of the step, otherwise it stays as it is.
 
         Raises:
             ValueError: r <= H on a facet; the converged state is kept.
@@ -122,7 +120,7 @@ class Step:
         self._loading.spread()
         self.slow_down(overstress, cycles)
         try:
-            added = self.discretization.update_stabilization() if renews else 0.0
+            added = self.discretization.update_stabilization()
         except ValueError:
             self.cancel()
             raise
@@ -131,6 +129,27 @@ class Step:
                 open_free_points(active)
         self.ledger.set_out(added, t)
         self._loading.move(t)
+
+    def march(self, t: float, dt: float) -> None:
+        """Begin a step to ``t`` that is neither iterated on nor cancelled, with tau_s as it is.
+
+        Args:
+            t: Load factor.
+            dt: Time step [s].
+        """
+        self._dt, self.start = dt, self.snapshot()
+        self.ledger.begin(self.start, dt, False, 0.0)
+        self.ledger.set_out(0.0, t)
+        self._loading.move(t)
+
+    def renew(self) -> None:
+        """Evaluate tau_s between steps of :meth:`march`; collective.
+
+        Raises:
+            ValueError: r <= H on a facet.
+        """
+        self.slow_down(0.0)
+        self.ledger.enter_opening(self.discretization.update_stabilization())
 
     def set_out(self) -> None:
         """Start the way to a given load factor or time: adjoint terms take the current moduli of
@@ -319,7 +338,8 @@ class Step:
         """Accept the current state as converged: history, dissipation and external work.
 
         Args:
-            inertia: Inertial forces at the start and at the end, owned dofs; None in statics [N].
+            inertia: Inertial forces at the start and at the end, on owned prescribed dofs; None in
+                statics [N].
         """
         self.ledger.commit(inertia)
         for active in self.discretization.active.values():

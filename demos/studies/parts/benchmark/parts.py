@@ -13,6 +13,7 @@ from parts.bars import progress
 from parts.benchmark import (
     condensed,
     cost,
+    explicit,
     intact,
     peers,
     plastic,
@@ -74,6 +75,27 @@ def plastic_part(coarse: bool, repeats: int) -> Outcome:
     points = table(plastic.HEAD_POINTS, [(name, *speed) for name, speed in speeds.items()])
     text = f"{points}\n\n{table(plastic.HEAD, [list(cost.row()) for cost in costs])}"
     return (speeds, costs), text, None
+
+
+def explicit_part(coarse: bool, repeats: int) -> Outcome:
+    """Explicit steps in the plane and in space, and what a large run would take."""
+    shown = MPI.COMM_WORLD.rank == 0
+    sizes = {"triangle": 64, "quadrilateral": 64, "hexahedron": 20}
+    cases = [
+        (cell, 4 if coarse else n, kinematics, law, 5 if coarse else 100, repeats)
+        for cell, n in sizes.items()
+        for kinematics in ("small", "finite")
+        for law in explicit.LAWS
+    ]
+    costs = [explicit.measure(*case) for case in progress(cases, "case", shown)]
+    edge = 4 if coarse else 37
+    large = [
+        explicit.measure("hexahedron", edge, kinematics, law, 5 if coarse else 50, repeats)
+        for kinematics, law in progress([("small", "tied"), ("finite", "softening")], "run", shown)
+    ]
+    text = table(explicit.HEAD, [cost.row() for cost in costs])
+    text += "\n\n" + table(explicit.LARGE, [cost.large_row() for cost in large])
+    return costs + large, text, None
 
 
 def zone_part(coarse: bool, repeats: int) -> Outcome:
@@ -140,6 +162,7 @@ PARTS: dict[str, Callable[[bool, int], Outcome]] = {
     "intact": intact_part,
     "ratio": ratio_part,
     "plastic": plastic_part,
+    "explicit": explicit_part,
     "zone": zone_part,
     "step": step_part,
     "peers": peers_part,
