@@ -55,11 +55,11 @@ def test_iterations_have_equal_parts(out):
 
 def test_explicit_steps_damage_every_point(out):
     """Every row of the table is measured; where a bond softens, it does at all points."""
-    costs = benchmark.main(["explicit"], coarse=True, repeats=1, out=str(out))["explicit"]
-    assert len(costs) == 3 * 2 * 3 + 2
-    for cost in costs:
-        assert cost.seconds > 0
-        assert cost.softening == (cost.law == "softening"), cost
+    rows = benchmark.main(["explicit"], coarse=True, repeats=1, out=str(out))["explicit"]
+    assert len(rows) == 3 * 2 * 3 + 2
+    for row in rows:
+        assert row.seconds > 0
+        assert row.softening == (row.law == "softening"), row
 
 
 def test_plastic_bodies_flow_in_their_iteration(out):

@@ -71,7 +71,7 @@ def test_mass(comm, cell):
         # int rho x_1 x_1 dV = 2 [x^3/3] from 0 to 2.
         along[:, i] = x[:, 0]
         assert comm.allreduce(along.ravel() @ motion.of(along.ravel())) == pytest.approx(16 / 3)
-    assert comm.allreduce(motion.lumped.sum()) == pytest.approx(4.0 * d)
+    assert comm.allreduce(motion.row_sums.sum()) == pytest.approx(4.0 * d)
 
 
 @EVERY_SCHEME
@@ -211,8 +211,8 @@ def test_spin(comm, scheme):
 
     def momenta(problem):
         v, u = (f.x.array[:owned] for f in (problem.velocity, problem.u))
-        lumps = problem.step.motion.lumps
-        P = (problem.step.motion.lumped * v if lumps else problem.step.motion.of(v)).reshape(-1, 2)
+        lumped = problem.step.motion.lumped
+        P = (problem.step.motion.of(v) if lumped is None else lumped * v).reshape(-1, 2)
         x = X + u.reshape(-1, 2)
         turning = (x[:, 0] * P[:, 1] - x[:, 1] * P[:, 0]).sum()
         P_x, L = comm.allreduce(np.array([P[:, 0].sum(), turning]))

@@ -71,14 +71,15 @@ class CellTangents:
         )
         self._kernel, self._pointer = module.lib.cell_tangents, module.ffi.from_buffer
 
-    def add_to(self, matrix: PETSc.Mat) -> None:
+    def add_to(self, matrix: PETSc.Mat, chosen: NDArray[np.bool_] | None = None) -> None:
         """Add the tangent at the current displacement to a matrix that couples the dofs of every
-        cell."""
+        cell, of all cells or of those marked among the local ones."""
         batch = max(_BATCH // self._size**2, 1)
         matrices = np.empty((batch, self._size, self._size))
         for number, region in enumerate(self._regions):
-            for start in range(0, len(region.cells), batch):
-                cells = region.cells[start : start + batch]
+            owned = region.cells if chosen is None else region.cells[chosen[region.cells]]
+            for start in range(0, len(owned), batch):
+                cells = owned[start : start + batch]
                 arrays = (
                     self._moduli_of(number, cells),
                     self._map.nodes(cells),

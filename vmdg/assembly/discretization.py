@@ -70,6 +70,20 @@ class _Compiled(NamedTuple):
     interfaces: list[fem.Form]
 
 
+class Split(NamedTuple):
+    """The bodies in two sets of cells.
+
+    Attributes:
+        near: Residual of the first set.
+        far: Residual of the second.
+        add_near: Adds the tangent of the first.
+    """
+
+    near: fem.Form
+    far: fem.Form
+    add_near: Callable[[PETSc.Mat], None]
+
+
 class Discretization:
     """The broken space on which the displacement lives, its active interfaces, and the assembly.
 
@@ -215,13 +229,29 @@ class Discretization:
 
     @cached_property
     def _add_bodies(self) -> Callable[[PETSc.Mat], None]:
-        """A function that adds the bodies' tangent; in the plane by a compiled form."""
+        return self._bodies_tangent()
+
+    def _bodies_tangent(
+        self, cells: NDArray[np.bool_] | None = None
+    ) -> Callable[[PETSc.Mat], None]:
+        """A function that adds the bodies' tangent, of all cells or of some; in the plane by a
+        compiled form."""
         if self.mesh.topology.dim == 3:
-            return CellTangents(self.u, self.bodies).add_to
+            return partial(CellTangents(self.u, self.bodies).add_to, chosen=cells)
         weak = self.weak_form
         eta, du = ufl.TestFunction(self.space), ufl.TrialFunction(self.space)
-        form = weak.compile(weak.bulk_tangent(eta, du), "bodies' tangent")
+        form = weak.compile(weak.bulk_tangent(eta, du, cells), "bodies' tangent")
         return lambda matrix: fem_petsc.assemble_matrix(matrix, form)
+
+    def split(self, cells: NDArray[np.bool_]) -> Split:
+        """Residual and tangent of the bodies in marked cells, and the residual of the others;
+        collective."""
+        weak, eta = self.weak_form, ufl.TestFunction(self._test_space)
+        residuals = [
+            weak.compile(weak.bulk_residual(eta, marks), "bodies' residual", UNROLLED)
+            for marks in (cells, ~cells)
+        ]
+        return Split(*residuals, self._bodies_tangent(cells))
 
     @cached_property
     def _point_fluxes(self) -> list[PointFlux | None]:
@@ -342,6 +372,7 @@ class Discretization:
         hold: bool = False,
         loads: NDArray[np.float64] | None = None,
         anew: bool = False,
+        bulk: fem.Form | None = None,
     ) -> NDArray[np.float64]:
         """Return maps, then internal minus external forces at the current displacement: (46).
 
@@ -351,6 +382,7 @@ class Discretization:
             loads: Load vector over local dofs, before ghosts are added to owners.
             anew: If zeta is fixed, bodies at points have the moduli of their state at rest, not
                 those of the last evaluation.
+            bulk: Residual of some cells in place of all, see :meth:`split`.
 
         Returns:
             Owned dofs, including prescribed ones [N].
@@ -362,7 +394,7 @@ class Discretization:
         with timer("assemble residual"):
             forces.array[:] = 0 if loads is None else -loads
             vector, axial = self._nodal_forces(forces.array), 0.0
-            for form in (forms.bulk, *forms.interfaces):
+            for form in (forms.bulk if bulk is None else bulk, *forms.interfaces):
                 fem.assemble_vector(vector, form)
             for active in self.active.values():
                 if (at_nodes := pair_forces(active)) is not None:
@@ -376,6 +408,35 @@ class Discretization:
             forces.scatter_reverse(InsertMode.add)
             forces.scatter_forward()
         return forces.array[: self.owned]
+
+    def add_bodies_forces(self, bulk: fem.Form) -> None:
+        """Add the forces of cells that :meth:`assemble_residual` has left out; collective."""
+        with timer("assemble residual"):
+            total = fem.Function(self.space).x
+            fem.assemble_vector(total.array, bulk)
+            total.scatter_reverse(InsertMode.add)
+            self.forces.x.array[: self.owned] += total.array[: self.owned]
+            self.forces.x.scatter_forward()
+
+    def assemble_part(
+        self,
+        matrix: PETSc.Mat,
+        add_bodies: Callable[[PETSc.Mat], None],
+        interfaces: Sequence[ActiveInterface],
+    ) -> None:
+        """Add a part of the tangent at the state of the last residual to an empty matrix.
+
+        Args:
+            matrix: The matrix.
+            add_bodies: Adds that of some cells, from :meth:`split`.
+            interfaces: Some interfaces.
+        """
+        add_bodies(matrix)
+        for form in self.surface.tangents():
+            fem_petsc.assemble_matrix(matrix, form)
+        for active in interfaces:
+            add_tangent(matrix, active, active.tangent()[0])
+        matrix.assemble()
 
     def _nodal_forces(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
         """A vector for nodal forces: ``vector`` itself, or with means a separate zero vector."""

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
 import ufl
 from dolfinx import fem
+from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
 from ..base.kernels import JIT_OPTIONS, VECTORIZED, compile_form
@@ -15,6 +17,9 @@ from ..forms import kinematics
 from ..forms.kinematics import Body
 from ..interface.active import ActiveInterface
 from ..interface.terms import InterfaceTerms, RegionPair
+
+#: Of all local cells.
+Marks = NDArray[np.bool_]
 
 
 class WeakForm:
@@ -66,11 +71,12 @@ class WeakForm:
 
     # Parts
 
-    def bulk_residual(self, eta: Expr) -> ufl.Form:
-        """First term of (27)."""
+    def bulk_residual(self, eta: Expr, cells: Marks | None = None) -> ufl.Form:
+        """First term of (27), of all cells or of some."""
         virtual = self.geometry.gradient(eta)
         return self.over_bodies(
-            lambda body, F: ufl.inner(virtual, kinematics.bulk_stress(body, self.geometry, F))
+            lambda body, F: ufl.inner(virtual, kinematics.bulk_stress(body, self.geometry, F)),
+            cells,
         )
 
     def interface_residual(
@@ -81,17 +87,26 @@ class WeakForm:
             lambda terms, pair: terms.residual(eta, pair.bodies), interfaces
         )
 
-    def bulk_tangent(self, eta: Expr, du: Expr) -> ufl.Form:
-        """First term of (85)."""
+    def bulk_tangent(self, eta: Expr, du: Expr, cells: Marks | None = None) -> ufl.Form:
+        """First term of (85), of all cells or of some."""
         return self.over_bodies(
-            lambda body, F: kinematics.stiffness(body, self.geometry, F, eta, du)
+            lambda body, F: kinematics.stiffness(body, self.geometry, F, eta, du), cells
         )
 
-    def over_bodies(self, integrand: Callable[[Body, Expr], Expr]) -> ufl.Form:
-        """Sum over the regions of ``integrand(body, F)``."""
-        F = ufl.variable(self.geometry.deformation(self.u))
+    def over_bodies(
+        self, integrand: Callable[[Body, Expr], Expr], cells: Marks | None = None
+    ) -> ufl.Form:
+        """Sum over the regions of ``integrand(body, F)``, in all cells or in some."""
+        F, dx = ufl.variable(self.geometry.deformation(self.u)), self._dx
+        if cells is not None:
+            dx = dx(
+                subdomain_data=[
+                    (i, region.cells[cells[region.cells]])
+                    for i, region in enumerate(self._bodies.regions)
+                ]
+            )
         terms = [
-            self.geometry.weight * integrand(region.body, F) * self._dx(i)
+            self.geometry.weight * integrand(region.body, F) * dx(i)
             for i, region in enumerate(self._bodies.regions)
         ]
         return sum(terms, start=ufl.Form([]))

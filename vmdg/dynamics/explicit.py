@@ -16,6 +16,7 @@ from ..linear.ksp import destroy, set_options
 from ..problem.motion import moving
 from ..problem.problem import Problem
 from ..solver.attempt import Attempt
+from .contact_nodes import ContactNodes
 from .schemes import CentralDifferences
 from .supports import SupportMotion
 
@@ -43,15 +44,21 @@ class ExplicitSteps:
         self._problem, self._scheme, self._supports = problem, scheme, supports
         self._motion, self._comm = moving(problem.step.motion), problem.comm
         self._owned = problem.discretization.owned
-        self._masses = masses = self._motion.lumped.copy()
-        masses[problem.loading.owned_prescribed] = 1.0
-        least = 1e-12 * global_max(self._comm, float(masses.max(initial=0.0)))
+        sums, held = self._motion.row_sums, problem.loading.owned_prescribed
+        least = 1e-12 * global_max(self._comm, float(sums.max(initial=0.0)))
+        # Those of the critical step, which is longer where nodes are massless.
+        self._masses = masses = sums.copy()
+        masses[held] = 1.0
         message = (
             "CentralDifferences: the lumped mass of a node is not positive, as at the corners of "
             "triangles and tetrahedra of degree 2: use degree=1, quadrilaterals or hexahedra, or "
             "GeneralizedAlpha"
         )
         raise_together(self._comm, message if (masses <= least).any() else None)
+        self._contact = ContactNodes(problem, sums)
+        self._massless = np.setdiff1d(self._contact.dofs, held)
+        self._motion.lumped = masses = self._contact.masses
+        self._inverse = np.divide(1.0, masses, out=np.zeros_like(masses), where=masses > 0)
         self._count, self._critical = 0, math.inf
         parts = problem.discretization
         # The tangent of bonded interfaces at small strain.
@@ -77,7 +84,9 @@ class ExplicitSteps:
             if some == steps:
                 times[some] = t
             for before, here, after in zip(times, times[1:], times[2:], strict=False):
-                self._step(float(before), float(here), float(after))
+                if not self._step(float(before), float(here), float(after)):
+                    yield Attempt(False, reason="DIVERGED_MAX_IT")
+                    return
             if not self._finite():
                 yield Attempt(False, reason="DIVERGED_FNORM_NAN")
                 return
@@ -119,8 +128,8 @@ class ExplicitSteps:
         """M^-1.x, called by PETSc."""
         y.array[:] = x.array_r / self._masses
 
-    def _step(self, before: float, t: float, after: float) -> None:
-        """The step to ``t``; collective."""
+    def _step(self, before: float, t: float, after: float) -> bool:
+        """The step to ``t``, and whether contact is in equilibrium at its end; collective."""
         problem, motion, loading, h = self._problem, self._motion, self._problem.loading, t - before
         step, u, held = problem.step, problem.u.x, loading.owned_prescribed
         step.march(t, h)
@@ -130,18 +139,22 @@ class ExplicitSteps:
         u.array[: self._owned] += h * v
         u.scatter_forward()
         u.array[loading.prescribed] = loading.prescribed_values(t)
-        step.assemble_residual(h)
+        if not self._contact.balance(h):
+            step.cancel()
+            return False
         a1 = self._acceleration(moves[1])
         v += h / 2 * a1
+        v[self._massless] = (u.array - step.start.u)[self._massless] / h
         v[held] = moves[0]
-        mass = motion.lumped[held]
+        mass = self._contact.masses[held]
         step.commit((mass * a0[held], mass * a1[held]))
         motion.move(v, a1)
         self._count += 1
+        return True
 
     def _acceleration(self, of_supports: Array | float) -> Array:
         """-R/m, of supports as given."""
-        a = -self._problem.discretization.forces.x.array[: self._owned] / self._masses
+        a = -self._problem.discretization.forces.x.array[: self._owned] * self._inverse
         a[self._problem.loading.owned_prescribed] = of_supports
         return a
 
@@ -151,4 +164,5 @@ class ExplicitSteps:
         return not global_any(self._comm, bad)
 
     def free(self) -> None:
-        """Nothing to free."""
+        """Free the PETSc objects; collective."""
+        self._contact.free()

@@ -56,7 +56,7 @@ class ImplicitSteps:
             supports,
             problem.comm,
         )
-        self._owned = problem.discretization.owned
+        self._owned, self._motion.lumped = problem.discretization.owned, None
         self._system = AssembledSystem(problem, options.petsc)
         self._mass = self._motion.matrix(matrix_kind(linear_options(problem, options.petsc).solver))
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))

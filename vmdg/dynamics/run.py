@@ -73,7 +73,6 @@ def solve_dynamics(
     check_functions(monitor=monitor)
     result = Result(history=History())
     before, motion = timings(), moving(problem.step.motion)
-    motion.lumps = isinstance(scheme, CentralDifferences)
     problem.loading.clear_ray()
     with (
         timer("solve"),

@@ -60,14 +60,16 @@ class Motion:
         density: As given.
         velocity: [mm/s].
         acceleration: Owned dofs [mm/s2].
-        lumps: Whether the kinetic energy is that of the lumped masses.
+        lumped: Lumped masses of owned dofs, from which the kinetic energy follows [N s2/mm]; None
+            for the consistent mass matrix.
     """
 
     def __init__(self, discretization: Discretization, density: Mapping[int, float]):
         self.density = dict(density)
         self._discretization = discretization
         self.velocity = fem.Function(discretization.space, name="velocity")
-        self.acceleration, self.lumps = np.zeros(discretization.owned), False
+        self.acceleration = np.zeros(discretization.owned)
+        self.lumped: Array | None = None
 
     @cached_property
     def _form(self) -> fem.Form:
@@ -95,8 +97,8 @@ class Motion:
         return self.matrix()
 
     @cached_property
-    def lumped(self) -> Array:
-        """Masses of owned dofs, the row sums of the mass matrix [N s2/mm]; collective."""
+    def row_sums(self) -> Array:
+        """Row sums of the mass matrix, of owned dofs [N s2/mm]; collective."""
         ones, sums = self.mass.createVecs()
         ones.set(1.0)
         self.mass.mult(ones, sums)
@@ -112,7 +114,7 @@ class Motion:
     def kinetic_energy(self) -> float:
         """Kinetic energy at the current velocity; collective [N mm]."""
         v = self.velocity.x.array[: self._discretization.owned]
-        momentum = self.lumped * v if self.lumps else self.of(v)
+        momentum = self.of(v) if self.lumped is None else self.lumped * v
         return float(global_sum(self._discretization.mesh.comm, v @ momentum / 2))
 
     def move(self, velocity: Array, acceleration: Array) -> None:

@@ -1,0 +1,103 @@
+"""Contact in explicit steps: massless nodes, the force of an impact, and friction."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+from support.scenes import EVERY_CELL, SEVERAL_RANKS, two_blocks
+
+import vmdg
+from vmdg.dynamics.contact_nodes import ContactNodes
+from vmdg.meshes import blocks
+
+ENERGY = vmdg.SolveOptions(energy=True)
+BODY = vmdg.NeoHookean(E=1.0, nu=0.0)
+
+
+def bars(comm, n, cell="quadrilateral", kinematics="small", friction=0.0):
+    """Two bars of unit length, modulus and density that touch, the first one with a speed."""
+    scene = blocks(comm, cell, divisions=(n, 1, 1))
+    problem = vmdg.Problem(
+        scene.mesh,
+        scene.cell_tags,
+        {1: BODY, 2: BODY},
+        [vmdg.Interface(between=(1, 2), law=vmdg.Contact(friction=friction))],
+        kinematics=kinematics,
+        density={1: 1.0, 2: 1.0},
+    )
+    d, velocity = scene.mesh.geometry.dim, fem.Function(problem.space)
+    first = np.unique(problem.space.dofmap.list[problem.discretization.bodies.cells_of[1]])
+    velocity.x.array.reshape(-1, d)[first, 0] = 0.01
+    return problem, velocity, first
+
+
+def hit(problem, velocity, first, times):
+    """History: force per speed/2, least opening, and the first bar's share of the momentum."""
+    d, comm = problem.mesh.geometry.dim, problem.comm
+    mine = first[first < problem.discretization.owned // d]
+
+    def monitor(problem):
+        v = problem.velocity.x.array[: problem.discretization.owned]
+        P = (problem.step.motion.lumped * v)[::d]
+        parts = comm.allreduce(np.array([P[mine].sum(), P.sum()]))
+        overlap = vmdg.extremes(problem, 0, lambda state: state.opening[:, 0])[0]
+        force = -problem.mean(0).traction[0] / 0.005
+        return {"force": force, "overlap": overlap, "share": parts[0] / parts[1]}
+
+    scheme = vmdg.CentralDifferences()
+    return vmdg.solve_dynamics(problem, times, scheme, velocity, monitor, ENERGY).history
+
+
+@pytest.mark.parametrize("kinematics", ["small", "finite"])
+def test_impact(comm, kinematics):
+    """Force, duration and speeds of an impact within 1 %, no overlap, and no noise."""
+    times = np.linspace(0.0, 2.4, 481)[1:]
+    history = hit(*bars(comm, 80, kinematics=kinematics), times)
+    steady, touching = (times > 0.2) & (times < 1.8), history["force"] > 1e-6
+    assert np.abs(history["force"][steady] - 1).max() < 0.01
+    assert times[touching][0] < 0.01
+    assert times[touching][-1] == pytest.approx(2.0, rel=0.01)
+    assert abs(history["share"][-1]) < 0.01
+    assert history["overlap"].min() > -1e-12
+    assert np.abs(history["imbalance"]).max() < 1e-3 * history["kinetic"][0]
+
+
+@EVERY_CELL
+def test_mass_is_kept(comm, cell):
+    """Massless nodes give all of their mass to their neighbours."""
+    problem, *_ = bars(comm, 3, cell)
+    sums = problem.step.motion.row_sums
+    nodes, d = ContactNodes(problem, sums), problem.mesh.geometry.dim
+    on = np.isclose(problem.space.tabulate_dof_coordinates()[: len(sums) // d, 0], 1.0)
+    assert np.array_equal(nodes.masses == 0, np.repeat(on, d))
+    assert comm.allreduce(nodes.masses.sum()) == pytest.approx(comm.allreduce(sums.sum()))
+    assert comm.allreduce(len(nodes.dofs)) == 2 * d * (2 if d == 2 else 4)
+    nodes.free()
+
+
+@pytest.mark.parametrize(
+    "law", [vmdg.Bonded(), vmdg.Debonding(strength=1.0, critical_gap=0.1, friction=0.5)], ids=str
+)
+def test_nodes_of_bonds_keep_their_mass(comm, law):
+    """Where a bond softens, lumped masses are more accurate."""
+    scene = two_blocks(comm, "quadrilateral", 2)
+    interface = vmdg.Interface(between=(1, 2), law=law)
+    problem = vmdg.Problem(
+        scene.mesh, scene.cell_tags, {1: BODY, 2: BODY}, [interface], density={1: 1.0, 2: 1.0}
+    )
+    nodes = ContactNodes(problem, problem.step.motion.row_sums)
+    assert not nodes.exist
+    assert np.array_equal(nodes.masses, problem.step.motion.row_sums)
+
+
+@SEVERAL_RANKS
+def test_ranks(comm):
+    """The same impact on one rank and on several."""
+    times = np.linspace(0.0, 2.4, 13)[1:]
+    found = [hit(*bars(r, 10, "triangle", friction=0.3), times) for r in (comm, MPI.COMM_SELF)]
+    for name in ("force", "share", "kinetic"):
+        one, other = (history[name] for history in found)
+        assert one == pytest.approx(other, rel=1e-7, abs=1e-7 * np.abs(other).max())

@@ -1,0 +1,197 @@
+"""Massless nodes of contact in explicit steps, and their equilibrium."""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+import numpy as np
+from dolfinx import la
+from numpy.typing import NDArray
+
+from ..assembly.discretization import Discretization
+from ..base.parallel import global_any, global_norm
+from ..domain.topology import box_sides
+from ..linear.ksp import Petsc, destroy, set_options
+from ..problem.problem import Problem
+
+Array = NDArray[np.float64]
+Marks = NDArray[np.bool_]
+
+#: Most corrections of a step.
+CORRECTIONS = 25
+
+#: Unbalanced forces on the nodes relative to all forces, and the relative tolerance of corrections.
+BALANCED, CORRECTED = 1e-10, 1e-4
+
+
+class ContactNodes:
+    """Nodes of interfaces without a bond, which have no mass in explicit steps.
+
+    A node with mass stops at once where it hits another, and however fine the mesh the force of the
+    contact oscillates by a third. Mass redistribution (Khenous, Laborde and Renard 2008, Eur. J.
+    Mech. A 27): the nodes of the interface give their mass to the others of their cells, and are in
+    equilibrium in every step. A node of a bond or tie keeps its mass, and so does one in a cell all
+    of whose nodes are in contact.
+
+    Args:
+        problem: The problem.
+        masses: Row sums of the mass matrix, owned dofs [N s2/mm].
+
+    Attributes:
+        masses: Masses of owned dofs, zero at these nodes [N s2/mm].
+        dofs: Owned dofs of these nodes.
+        exist: Whether there are any on any rank.
+    """
+
+    def __init__(self, problem: Problem, masses: Array):
+        self._problem, self._comm = problem, problem.comm
+        self._parts = parts = problem.discretization
+        self._d = d = parts.space.dofmap.index_map_bs
+        self._cells = cells = _deformable(parts)
+        marks = _massless(problem, cells)
+        nodes = parts.space.dofmap.list
+        self.masses = np.repeat(_redistributed(parts, masses[::d], marks, cells), d)
+        mine = np.flatnonzero(marks[: parts.owned // d])
+        self.dofs = (d * mine[:, None] + np.arange(d)).ravel()
+        near = np.zeros(len(nodes), dtype=bool)
+        near[cells] = marks[nodes[cells]].any(axis=1)
+        self.exist = global_any(self._comm, bool(marks.any()))
+        if not self.exist:
+            return
+        self._split = parts.split(near)
+        self._touching = [
+            active
+            for active in parts.active.values()
+            if global_any(self._comm, bool(near[active.facets.cells].any()))
+        ]
+        self._size = float(np.linalg.norm(box_sides(problem.mesh)))
+        self._largest, self._norm = 0.0, 0.0
+        self._matrix = self._create_matrix(marks, len(mine))
+        self._x, self._b = self._matrix.createVecs()
+        self._ksp = PETSc.KSP().create(self._comm)
+        # Fixed to the other nodes of its cells, the layer is well conditioned.
+        options: Petsc = {"ksp_type": "gmres", "pc_type": "bjacobi", "ksp_rtol": CORRECTED}
+        set_options(self._ksp, options)
+        self._ksp.setOperators(self._matrix)
+        held = np.isin(self.dofs, problem.loading.owned_prescribed)
+        self._held = np.flatnonzero(held).astype(PETSc.IntType)
+
+    def _create_matrix(self, marks: Marks, count: int) -> PETSc.Mat:
+        """A matrix whose rows are these nodes; entries of others are dropped."""
+        imap, comm, d = self._parts.space.dofmap.index_map, self._comm, self._d
+        first = comm.exscan(count) or 0
+        numbers = la.vector(imap, 1, dtype=np.float64)
+        numbers.array[:] = -1
+        numbers.array[np.flatnonzero(marks[: imap.size_local])] = first + np.arange(count)
+        numbers.scatter_forward()
+        rows = PETSc.LGMap().create(numbers.array.astype(PETSc.IntType), bsize=d, comm=comm)
+        matrix = PETSc.Mat().create(comm)
+        matrix.setSizes(((d * count, None), (d * count, None)), bsize=d)
+        matrix.setType(PETSc.Mat.Type.AIJ)
+        matrix.setLGMap(rows, rows)
+        matrix.setUp()
+        matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        return matrix
+
+    def balance(self, dt: float) -> bool:
+        """Move the nodes into equilibrium and assemble the residual; collective.
+
+        Args:
+            dt: Time step of the return maps [s].
+
+        Returns:
+            Whether that has succeeded.
+        """
+        if not self.exist:
+            self._problem.step.assemble_residual(dt)
+            return True
+        parts, loads, u = self._parts, self._problem.loading.vector, self._problem.u.x
+        free = np.delete(self.dofs, self._held)
+        for _ in range(CORRECTIONS):
+            R = parts.assemble_residual(dt, loads=loads, bulk=self._split.near)
+            norm = global_norm(self._comm, R[free])
+            self._largest = max(self._largest, norm)
+            floor = float(np.finfo(float).eps) * self._size * self._norm
+            if not norm > max(BALANCED * self._largest, floor):
+                break
+            u.array[self.dofs] -= self._correction(R[self.dofs])
+            u.scatter_forward()
+        parts.add_bodies_forces(self._split.far)
+        every = global_norm(self._comm, parts.forces.x.array[: parts.owned])
+        self._largest = max(self._largest, every)
+        return bool(norm <= max(BALANCED * self._largest, floor))
+
+    def _correction(self, forces: Array) -> Array:
+        """K^-1.R of the nodes [mm]."""
+        matrix = self._matrix
+        matrix.zeroEntries()
+        self._parts.assemble_part(matrix, self._split.add_near, self._touching)
+        matrix.zeroRowsColumns(self._held + matrix.getOwnershipRange()[0], 1.0)
+        self._norm = self._norm or matrix.norm(PETSc.NormType.NORM_INFINITY)
+        self._b.array[:] = forces
+        self._b.array[self._held] = 0.0
+        self._ksp.solve(self._b, self._x)
+        return self._x.array.copy()
+
+    def free(self) -> None:
+        """Free the PETSc objects; collective."""
+        if self.exist:
+            destroy(self._ksp)
+            for item in (self._matrix, self._x, self._b):
+                item.destroy()
+
+
+def _deformable(parts: Discretization) -> NDArray[np.int32]:
+    """Owned cells of the bodies that are not walls."""
+    none = np.zeros(0, dtype=np.int32)
+    return np.concatenate([none, *(region.cells for region in parts.bodies.regions)])
+
+
+def _shared(parts: Discretization, values: Array) -> Array:
+    """Sums over all ranks of values at the local nodes; collective."""
+    total = la.vector(parts.space.dofmap.index_map, 1)
+    total.array[:] = values
+    total.scatter_reverse(la.InsertMode.add)
+    total.scatter_forward()
+    return total.array.copy()
+
+
+def _massless(problem: Problem, cells: NDArray[np.int32]) -> Marks:
+    """Marks of local nodes without mass; collective."""
+    parts, prescribed = problem.discretization, problem.loading.prescribed
+    dofmap, fdim = parts.space.dofmap, problem.mesh.topology.dim - 1
+    size = len(problem.u.x.array) // dofmap.index_map_bs
+    contact, other = np.zeros((2, size))
+    for active in parts.active.values():
+        law = active.interface.law
+        marks = contact if law.inelastic and not law.has_bond else other
+        for side, facets in zip(active.facets.cells.T, active.facets.local.T, strict=True):
+            for facet in np.unique(facets):
+                there = dofmap.list[side[facets == facet]]
+                marks[there[:, dofmap.dof_layout.entity_closure_dofs(fdim, int(facet))]] = 1
+    held = np.bincount(prescribed // dofmap.index_map_bs, minlength=size) == dofmap.index_map_bs
+    found = (_shared(parts, contact) > 0) & ~(_shared(parts, other) > 0) & ~held
+    if parts.bodies.mean_dilatation:
+        # Its tangent couples all nodes of a cell through the pressure.
+        found[:] = False
+    nodes, alone = dofmap.list[cells], np.zeros(size)
+    alone[nodes[found[nodes].all(axis=1)]] = 1
+    return found & ~(_shared(parts, alone) > 0)
+
+
+def _redistributed(
+    parts: Discretization, masses: Array, marks: Marks, cells: NDArray[np.int32]
+) -> Array:
+    """Masses of owned nodes, those of marked ones in equal parts at the others of their cells;
+    collective."""
+    nodes, owned = parts.space.dofmap.list[cells], len(masses)
+    each, count = np.zeros((2, len(marks)))
+    np.add.at(count, nodes, 1.0)
+    each[:owned] = masses
+    share = _shared(parts, each) / np.maximum(_shared(parts, count), 1.0)
+    gives = marks[nodes]
+    given = (share[nodes] * gives).sum(axis=1) / np.maximum((~gives).sum(axis=1), 1)
+    taken = np.zeros(len(marks))
+    np.add.at(taken, nodes, given[:, None] * ~gives)
+    return np.where(marks, 0.0, each + _shared(parts, taken))[:owned]
