@@ -418,26 +418,6 @@ class Discretization:
             self.forces.x.array[: self.owned] += total.array[: self.owned]
             self.forces.x.scatter_forward()
 
-    def assemble_part(
-        self,
-        matrix: PETSc.Mat,
-        add_bodies: Callable[[PETSc.Mat], None],
-        interfaces: Sequence[ActiveInterface],
-    ) -> None:
-        """Add a part of the tangent at the state of the last residual to an empty matrix.
-
-        Args:
-            matrix: The matrix.
-            add_bodies: Adds that of some cells, from :meth:`split`.
-            interfaces: Some interfaces.
-        """
-        add_bodies(matrix)
-        for form in self.surface.tangents():
-            fem_petsc.assemble_matrix(matrix, form)
-        for active in interfaces:
-            add_tangent(matrix, active, active.tangent()[0])
-        matrix.assemble()
-
     def _nodal_forces(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
         """A vector for nodal forces: ``vector`` itself, or with means a separate zero vector."""
         return vector if self.means is None else self.means.clear_forces()

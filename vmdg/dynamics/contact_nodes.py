@@ -6,9 +6,11 @@ from petsc4py import PETSc
 
 import numpy as np
 from dolfinx import la
+from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import NDArray
 
 from ..assembly.discretization import Discretization
+from ..assembly.point_matrices import add_tangent
 from ..base.parallel import global_any, global_norm
 from ..domain.topology import box_sides
 from ..linear.ksp import Petsc, destroy, set_options
@@ -30,7 +32,7 @@ class ContactNodes:
     A node with mass stops at once where it hits another, and however fine the mesh the force of the
     contact oscillates by a third. Mass redistribution (Khenous, Laborde and Renard 2008, Eur. J.
     Mech. A 27): the nodes of the interface give their mass to the others of their cells, and are in
-    equilibrium in every step. A node of a bond or tie keeps its mass, and so does one in a cell all
+    equilibrium in every step. A node of a bond or tie keeps its mass, and so does a node of a cell all
     of whose nodes are in contact.
 
     Args:
@@ -126,7 +128,12 @@ class ContactNodes:
         """K^-1.R of the nodes [mm]."""
         matrix = self._matrix
         matrix.zeroEntries()
-        self._parts.assemble_part(matrix, self._split.add_near, self._touching)
+        self._split.add_near(matrix)
+        for form in self._parts.surface.tangents():
+            fem_petsc.assemble_matrix(matrix, form)
+        for active in self._touching:
+            add_tangent(matrix, active, active.tangent()[0])
+        matrix.assemble()
         matrix.zeroRowsColumns(self._held + matrix.getOwnershipRange()[0], 1.0)
         self._norm = self._norm or matrix.norm(PETSc.NormType.NORM_INFINITY)
         self._b.array[:] = forces

@@ -160,7 +160,7 @@ class Law(ABC):
         return {
             name: given[name]
             for name in VARYING
-            if name in given and not isinstance(given[name], Real)
+            if given.get(name) is not None and not isinstance(given[name], Real)
         }
 
     @property
@@ -398,10 +398,14 @@ _POSITIVE = {
     ),
     "critical_gap": "it is the gap in mm at which the bond is broken",
     "shear_weight": "use 1 for equal weights",
+    "slip_distance": "it is the slip in mm after which friction is dynamic_friction",
 }
 
 #: Parameters that may vary along an interface.
-VARYING = (*_POSITIVE, "friction", "plateau_gap")
+VARYING = (*_POSITIVE, "friction", "dynamic_friction", "plateau_gap")
+
+#: Parameters that may be None.
+OPTIONAL = ("dynamic_friction", "slip_distance")
 
 #: Unloading behaviours of a rigid bond.
 UNLOADINGS = ("plastic", "secant")
@@ -409,6 +413,7 @@ UNLOADINGS = ("plastic", "secant")
 #: Parameters that may be zero.
 _NOT_NEGATIVE = {
     "friction": "use 0 for no friction",
+    "dynamic_friction": "use 0 for no friction after slip_distance",
     "viscosity": "use 0 for no rate dependence",
     "plateau_gap": "use 0 for no plateau",
 }
@@ -425,8 +430,10 @@ def check_parameters(law: Law) -> None:
         ValueError: it is out of range.
     """
     for name in parameter_names(law):
-        if name in _POSITIVE | _NOT_NEGATIVE:
-            _check_parameter(law, name, getattr(law, name))
+        value = getattr(law, name)
+        # What is not given may be None.
+        if name in _POSITIVE | _NOT_NEGATIVE and (value is not None or name not in OPTIONAL):
+            _check_parameter(law, name, value)
     unloading = getattr(law, "unloading", "plastic")
     if unloading not in UNLOADINGS:
         raise ValueError(f"unloading = {unloading!r}: must be one of {UNLOADINGS}")

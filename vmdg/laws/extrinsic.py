@@ -175,9 +175,7 @@ class ExtrinsicLaw(Law):
         bond = self.in_shear
         ratio = 1.0 if bond is self else bond.strength / self.strength
         closure = close(at.trial_n, dot(at.gap, at.normal), at.penalty)
-        cap = -self.friction * closure.traction
-        resisted = slide_gradually if self.gradual_friction else slide
-        sliding = resisted(bond, at.shear, cap, ratio * at.left, at.penalty, at.damping)
+        sliding = self._slide(at, ratio * at.left, -closure.traction)
 
         direction = unit(at.trial - at.trial_n[:, None] * at.normal, at.shear)
 
@@ -204,6 +202,12 @@ class ExtrinsicLaw(Law):
         update.friction_work[rows] = sliding.friction_work
         update.viscous_work[rows] = sliding.viscous_work
         update.overstress[rows] = sliding.overstress[:, None] * direction
+
+    def _slide(self, at: Points, left: Array, pressure: Array) -> Slide:
+        """Shear part of points under a pressure (m,), with the remaining shear strength `left`."""
+        resisted = slide_gradually if self.gradual_friction else slide
+        cap = self.friction * pressure
+        return resisted(self.in_shear, at.shear, cap, left, at.penalty, at.damping)
 
     def _pressed_tangent(
         self, at: Points, closure: Closure, sliding: Slide, direction: Array

@@ -255,7 +255,8 @@ class Step:
         lost = [0.0]
         for active in self._failing():
             change = active.values.update.softening - active.history.softening
-            lost.append(np.max(change / active.law.strength, initial=0.0))
+            if active.law.has_bond:
+                lost.append(np.max(change / active.law.strength, initial=0.0))
         return float(global_max(self._comm, max(lost)))
 
     def load_rate(self) -> NDArray[np.float64]:

@@ -2,7 +2,7 @@
 
 Two blocks on which waves run, as one body, tied, or with an interface at all points of which the
 bond softens. The steps between two rows of a run are timed, without the set-up, the critical step
-and tau_s, which are made anew in every ``renewal`` steps.
+and tau_s, which are computed again in every ``renewal`` steps.
 """
 
 from __future__ import annotations
