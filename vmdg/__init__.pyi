@@ -50,6 +50,7 @@ from .output.summary import average as average
 from .output.summary import extremes as extremes
 from .output.summary import integral as integral
 from .problem.axial import GeneralizedStrain as GeneralizedStrain
+from .problem.damping import Rayleigh as Rayleigh
 from .problem.periodic import Periodic as Periodic
 from .problem.problem import Problem as Problem
 from .problem.rigid_motion import RigidMotion as RigidMotion

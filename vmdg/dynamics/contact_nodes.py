@@ -5,7 +5,7 @@ from __future__ import annotations
 from petsc4py import PETSc
 
 import numpy as np
-from dolfinx import la
+from dolfinx import fem, la
 from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import NDArray
 
@@ -14,6 +14,7 @@ from ..assembly.point_matrices import add_tangent
 from ..base.parallel import global_any, global_norm
 from ..domain.topology import box_sides
 from ..linear.ksp import Petsc, destroy, set_options
+from ..problem.motion import moving
 from ..problem.problem import Problem
 
 Array = NDArray[np.float64]
@@ -32,8 +33,8 @@ class ContactNodes:
     A node with mass stops at once where it hits another, and however fine the mesh the force of the
     contact oscillates by a third. Mass redistribution (Khenous, Laborde and Renard 2008, Eur. J.
     Mech. A 27): the nodes of the interface give their mass to the others of their cells, and are in
-    equilibrium in every step. A node of a bond or tie keeps its mass, and so does a node of a cell all
-    of whose nodes are in contact.
+    equilibrium in every step. Nodes of bonds, ties and dashpots keep their mass, those of cells
+    with no others, and all where beta K or mean dilatation couple them in other ways.
 
     Args:
         problem: The problem.
@@ -177,10 +178,13 @@ def _massless(problem: Problem, cells: NDArray[np.int32]) -> Marks:
             for facet in np.unique(facets):
                 there = dofmap.list[side[facets == facet]]
                 marks[there[:, dofmap.dof_layout.entity_closure_dofs(fdim, int(facet))]] = 1
+    damping = moving(problem.step.motion).damping
+    for facets, _ in damping.dashpots:
+        other[fem.locate_dofs_topological(parts.space, fdim, facets)] = 1
     held = np.bincount(prescribed // dofmap.index_map_bs, minlength=size) == dofmap.index_map_bs
     found = (_shared(parts, contact) > 0) & ~(_shared(parts, other) > 0) & ~held
-    if parts.bodies.mean_dilatation:
-        # Its tangent couples all nodes of a cell through the pressure.
+    if parts.bodies.mean_dilatation or damping.rayleigh.beta:
+        # The tangent would couple all nodes of a cell through the pressure; or damping is stronger.
         found[:] = False
     nodes, alone = dofmap.list[cells], np.zeros(size)
     alone[nodes[found[nodes].all(axis=1)]] = 1

@@ -19,6 +19,7 @@ from ..solver.attempt import Attempt
 from .contact_nodes import ContactNodes
 from .schemes import CentralDifferences
 from .supports import SupportMotion
+from .viscous_nodes import ViscousNodes
 
 Array = NDArray[np.float64]
 
@@ -59,6 +60,7 @@ class ExplicitSteps:
         self._massless = np.setdiff1d(self._contact.dofs, held)
         self._motion.lumped = masses = self._contact.masses
         self._inverse = np.divide(1.0, masses, out=np.zeros_like(masses), where=masses > 0)
+        self._viscous = ViscousNodes(problem, masses)
         self._count, self._critical = 0, math.inf
         parts = problem.discretization
         # The tangent of bonded interfaces at small strain.
@@ -67,7 +69,10 @@ class ExplicitSteps:
     def accelerate(self) -> None:
         """Acceleration of a body that is let go in its current state: M.a = -R; collective."""
         self._problem.step.assemble_residual(hold=True)
-        self._motion.acceleration = self._acceleration(0.0)
+        v = self._motion.velocity.x.array[: self._owned].copy()
+        rate = np.zeros_like(v)
+        self._motion.acceleration = self._acceleration(v, 0.0, rate, 0.0)
+        self._drag = self._viscous.drag(v)
 
     def advance(self, t: float) -> Iterator[Attempt]:
         """Steps to a time, as one attempt; collective."""
@@ -76,7 +81,7 @@ class ExplicitSteps:
             done = self._count % scheme.renewal
             if done == 0 and not (self._constant and self._critical < math.inf):
                 problem.step.renew()
-                self._critical = self.critical_step()
+                self._critical = self._viscous.stable(self.critical_step())
             start, span = problem.t, t - problem.t
             steps = max(math.ceil(span / (scheme.safety * self._critical)), 1)
             some = min(steps, scheme.renewal - done)
@@ -142,19 +147,24 @@ class ExplicitSteps:
         if not self._contact.balance(h):
             step.cancel()
             return False
-        a1 = self._acceleration(moves[1])
+        rate = self._motion.damping.resist(step.start.u, h)
+        a1 = self._acceleration(v, h, rate, moves[1])
         v += h / 2 * a1
         v[self._massless] = (u.array - step.start.u)[self._massless] / h
         v[held] = moves[0]
         mass = self._contact.masses[held]
-        step.commit((mass * a0[held], mass * a1[held]))
+        first, self._drag = self._drag, self._viscous.drag(v) + rate
+        ends = mass * a0[held] + first[held], mass * a1[held] + self._drag[held]
+        damped = (first + self._drag) / 2 @ (u.array - step.start.u)[: self._owned]
+        step.commit(ends, float(damped))
         motion.move(v, a1)
         self._count += 1
         return True
 
-    def _acceleration(self, of_supports: Array | float) -> Array:
-        """-R/m, of supports as given."""
-        a = -self._problem.discretization.forces.x.array[: self._owned] * self._inverse
+    def _acceleration(self, v: Array, h: float, rate: Array, of_supports: Array | float) -> Array:
+        """M^-1.(-R - rate - C.(v + h a/2)), of supports as given."""
+        forces = -self._problem.discretization.forces.x.array[: self._owned] - rate
+        a = self._viscous.solve(forces, self._inverse, v, h)
         a[self._problem.loading.owned_prescribed] = of_supports
         return a
 

@@ -58,7 +58,17 @@ class ImplicitSteps:
         )
         self._owned, self._motion.lumped = problem.discretization.owned, None
         self._system = AssembledSystem(problem, options.petsc)
-        self._mass = self._motion.matrix(matrix_kind(linear_options(problem, options.petsc).solver))
+        kind = matrix_kind(linear_options(problem, options.petsc).solver)
+        self._mass = self._motion.matrix(kind)
+        damping, alpha = self._motion.damping, self._motion.damping.rayleigh.alpha
+        self._damping: PETSc.Mat | None = None
+        if damping.dashpots or alpha:
+            self._damping = damping.matrix(kind)
+            anything = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+            self._damping.axpy(alpha, self._mass, anything)
+        self._rate: PETSc.Mat | None = None
+        if damping.rayleigh.beta:
+            self._rate = problem.discretization.create_matrix(kind)
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))
         self._snes = Snes(problem.comm, self._owned, options)
         self._forces = 0.0  # largest so far
@@ -74,7 +84,8 @@ class ImplicitSteps:
         """Acceleration of a body that is let go in its current state: M.a = -R; collective."""
         problem, motion, held = self._problem, self._motion, self._problem.loading.owned_prescribed
         problem.step.assemble_residual(hold=True)
-        forces = -problem.discretization.forces.x.array[: self._owned]
+        v = motion.velocity.x.array[: self._owned]
+        forces = -problem.discretization.forces.x.array[: self._owned] - self._drag(v)
         forces[held] = 0
         mass = motion.matrix()
         x, b = mass.createVecs()
@@ -122,8 +133,15 @@ class ImplicitSteps:
         self._away = u0 + h * v0 + h**2 * (0.5 - beta) * a0
         self._per_length, share = 1 / (beta * h**2), 1 - scheme.alpha_f
         self._inertia = (1 - scheme.alpha_m) / share
-        self._known = (scheme.alpha_f * R0 + scheme.alpha_m * motion.of(a0)) / share
-        self._system.inertia = self._mass, self._inertia * self._per_length
+        drag0 = self._drag(v0)
+        forces0 = scheme.alpha_f * (R0 + drag0)
+        self._known = (forces0 + scheme.alpha_m * motion.of(a0)) / share
+        self._free_speed = v0 + h * (1 - gamma) * a0
+        self._system.inertia = [(self._mass, self._inertia * self._per_length)]
+        if self._damping is not None:
+            self._system.inertia.append((self._damping, gamma * h * self._per_length))
+        if self._rate is not None:
+            self._system.inertia.append((self._rate, 1 / share))
         self._moves = self._supports.at(t - h, t, t + h)
         self._snes.x.array[:] = u0 + h * v0 + h**2 * a0 / 2
         converged, reason = self._snes.solve(self, searches=True)
@@ -137,9 +155,11 @@ class ImplicitSteps:
             step.cancel()
             return found
         a1 = self._acceleration()
-        v1 = v0 + h * ((1 - gamma) * a0 + gamma * a1)
-        v1[held] = self._moves[0]
-        step.commit((motion.of(a0)[held], motion.of(a1)[held]))
+        v1 = self._velocity(a1)
+        drag1, rate = self._drag(v1), motion.damping.resist(step.start.u, h)
+        ends = (motion.of(a0) + drag0 + rate)[held], (motion.of(a1) + drag1 + rate)[held]
+        damped = ((drag0 + drag1) / 2 + rate) @ (problem.u.x.array - step.start.u)[:owned]
+        step.commit(ends, float(damped))
         motion.move(v1, a1)
         return found
 
@@ -150,6 +170,21 @@ class ImplicitSteps:
         a[self._problem.loading.owned_prescribed] = self._moves[1]
         return a
 
+    def _velocity(self, a1: Array) -> Array:
+        """v_1 by Newmark's relation; of supports as given."""
+        v1 = self._free_speed + self._dt * self._scheme.gamma * a1
+        v1[self._problem.loading.owned_prescribed] = self._moves[0]
+        return v1
+
+    def _drag(self, v: Array) -> Array:
+        """alpha M.v and forces of dashpots, of owned dofs; collective [N]."""
+        if self._damping is None:
+            return np.zeros_like(v)
+        x, y = self._damping.createVecs()
+        x.array[:] = v
+        self._damping.mult(x, y)
+        return y.array.copy()
+
     # Called by PETSc
 
     def residual(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
@@ -159,12 +194,21 @@ class ImplicitSteps:
         u.scatter_forward()
         u.array[problem.loading.prescribed] = problem.loading.prescribed_values(problem.t)
         R = problem.step.assemble_residual(self._dt)
-        f.array[:] = R + self._known + self._inertia * self._motion.of(self._acceleration())
+        a1 = self._acceleration()
+        f.array[:] = R + self._known + self._inertia * self._motion.of(a1)
+        f.array[:] += self._drag(self._velocity(a1))
+        if self._rate is not None:
+            start = self._problem.step.start.u
+            # In the middle of the step, so that it is no part of the mean of its ends.
+            rate = self._motion.damping.resist(start, self._dt)
+            f.array[:] += rate / (1 - self._scheme.alpha_f)
         self._loads = global_norm(self._comm, R)
         problem.loading.balance(f.array)
 
     def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """A correction; PETSc subtracts it."""
+        if self._rate is not None:
+            self._motion.damping.tangent(self._rate)
         right = b.array_r.copy()
         x.array[:] = self._system.solve([right], [np.zeros_like(right)], self._rtol)[0]
         ksp.setConvergedReason(PETSc.KSP.ConvergedReason.CONVERGED_ITS)
@@ -187,4 +231,6 @@ class ImplicitSteps:
         """Free the PETSc objects; collective."""
         self._system.free()
         self._snes.free()
-        self._mass.destroy()
+        for matrix in (self._mass, self._damping, self._rate):
+            if matrix is not None:
+                matrix.destroy()

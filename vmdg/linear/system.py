@@ -102,11 +102,11 @@ class AssembledSystem:
         norm: Infinity norm of the first tangent, prescribed rows included [N/mm].
         drag: Added to the diagonal of K, relative to the norm; at finite strain only.
         lags: Whether the last K is reused once, with all right-hand sides but the first.
-        inertia: Mass matrix and its factor, added to K; None for none.
+        inertia: Matrices of mass and damping with their factors, added to K.
     """
 
     drag, lags = 0.0, False
-    inertia: tuple[PETSc.Mat, float] | None = None
+    inertia: Sequence[tuple[PETSc.Mat, float]] = ()
 
     def __init__(self, problem: Problem, petsc: Petsc | None):
         self._options = linear_options(problem, petsc)
@@ -194,9 +194,8 @@ class AssembledSystem:
     def _assemble(self) -> None:
         """Assemble K at the current state, with a copy."""
         self._discretization.assemble_tangent(self._matrix)
-        if self.inertia is not None:
-            mass, factor = self.inertia
-            self._matrix.axpy(factor, mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        for matrix, factor in self.inertia:
+            self._matrix.axpy(factor, matrix, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         self.norm = self.norm or self._matrix.norm(PETSc.NormType.NORM_INFINITY)
         if self.drag:
             self._matrix.shift(self.drag * self.norm)

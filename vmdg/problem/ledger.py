@@ -25,7 +25,7 @@ from .work import chord_integral, next_increment
 SMALL = 1e-2
 
 
-#: Inertial forces on owned prescribed dofs at the start and at the end of a step [N].
+#: Inertial and viscous forces on owned prescribed dofs at the start and at the end of a step [N].
 Inertia = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
@@ -112,18 +112,19 @@ class Ledger:
             residual = now.forces.x.array[: now.owned].copy()
             self._start.forces = _Forces(residual, self._loading.vector, self._gap_forces())
 
-    def commit(self, inertia: Inertia | None = None) -> None:
+    def commit(self, inertia: Inertia | None = None, damped: float = 0.0) -> None:
         """Record the step at its current state; collective.
 
         Args:
-            inertia: Inertial forces at its start and its end, on owned prescribed dofs; None in
-                statics [N].
+            inertia: Inertial and viscous forces at its start and its end, on owned prescribed dofs;
+                None in statics [N].
+            damped: This rank's work of viscous forces [N mm].
         """
         if inertia is None:
             work, charged, within = self._external_work()
             added = self._start.added + self._relaxed()
         else:
-            work, charged, within = self._work_in_motion(inertia), np.zeros(3), 0.0
+            work, charged, within = self._work_in_motion(inertia), np.array([0, 0, damped]), 0.0
             added = self._start.added
         self._enter((work, added), self.dissipation() + charged)
         plastic = self.works.plastic

@@ -333,7 +333,7 @@ class Loading:
         check_rigid_face(self._mesh.geometry.dim, self._bodies.small, component, tilts, at)
         if force is not None and displacement is not None:
             raise ValueError("rigid_face: give force or displacement, not both")
-        facets, number = self._boundary(where, "rigid_face"), len(self.rigid.faces)
+        facets, number = self.boundary(where, "rigid_face"), len(self.rigid.faces)
         point = None if at is None else np.asarray(at, dtype=float)
 
         def impose(loading: Loading) -> None:
@@ -402,11 +402,11 @@ class Loading:
 
     def add_traction(self, facets: Where, value: Value | Expr) -> None:
         """See :meth:`vmdg.Problem.traction`."""
-        facets = self._boundary(facets, "traction")
+        facets = self.boundary(facets, "traction")
         self._add(lambda loading: loading._loads.add_traction(facets, value))
         self.given.loaded[facet_cells(self._mesh)[facets, 0]] = True
 
-    def _boundary(self, where: Where, what: str) -> NDArray[np.int32]:
+    def boundary(self, where: Where, what: str) -> NDArray[np.int32]:
         """Facets of the boundary.
 
         Raises:
@@ -511,7 +511,7 @@ class Loading:
             return
         if debonded or share is not None:
             raise ValueError("pressure: debonded and share apply to interfaces, not to a boundary")
-        facets = self._boundary(where, "pressure")
+        facets = self.boundary(where, "pressure")
         self._add(lambda loading: loading._surface.add_pressure(facets, value))
         self.move(self.t)
         self.given.loaded[facet_cells(self._mesh)[facets, 0]] = True
@@ -550,7 +550,7 @@ class Loading:
 
     def add_spring(self, where: Where, stiffness: ArrayLike) -> None:
         """See :meth:`vmdg.Problem.spring`."""
-        facets = self._boundary(where, "spring")
+        facets = self.boundary(where, "spring")
         self._add(lambda loading: loading._surface.add_spring(facets, stiffness))
 
     @property

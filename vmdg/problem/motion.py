@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..assembly.discretization import Discretization
 from ..base.parallel import global_sum
 from ..forms.geometry import Axisymmetric
+from .damping import Damping, Rayleigh
 
 Array = NDArray[np.float64]
 
@@ -55,18 +56,27 @@ class Motion:
         discretization: The space; facets that open on demand would change it.
         density: Mass per reference volume by tag, in units such that 1 is force times time squared
             per length to the fourth: t/mm3 with N, mm and s.
+        rayleigh: Damping of the bodies.
 
     Attributes:
         density: As given.
         velocity: [mm/s].
         acceleration: Owned dofs [mm/s2].
+        damping: Viscous forces.
         lumped: Lumped masses of owned dofs, from which the kinetic energy follows [N s2/mm]; None
             for the consistent mass matrix.
     """
 
-    def __init__(self, discretization: Discretization, density: Mapping[int, float]):
+    def __init__(
+        self, discretization: Discretization, density: Mapping[int, float], rayleigh: Rayleigh
+    ):
         self.density = dict(density)
         self._discretization = discretization
+        self._rho = fem.Function(fem.functionspace(discretization.mesh, ("DG", 0)))
+        for tag, value in self.density.items():
+            self._rho.x.array[discretization.bodies.cells_of[tag]] = value
+        self.damping = Damping(discretization, self._rho, rayleigh)
+        self.damping.refuse()
         self.velocity = fem.Function(discretization.space, name="velocity")
         self.acceleration = np.zeros(discretization.owned)
         self.lumped: Array | None = None
@@ -76,13 +86,10 @@ class Motion:
         """int rho v.w dV, with a rule that is exact on affine cells."""
         parts = self._discretization
         mesh, geometry = parts.mesh, parts.geometry
-        rho = fem.Function(fem.functionspace(mesh, ("DG", 0)))
-        for tag, value in self.density.items():
-            rho.x.array[parts.bodies.cells_of[tag]] = value
         v, w = ufl.TrialFunction(parts.space), ufl.TestFunction(parts.space)
         order = 2 * parts.degree + isinstance(geometry, Axisymmetric)
         dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": order})
-        return parts.weak_form.compile(geometry.weight * rho * ufl.inner(v, w) * dx, "mass")
+        return parts.weak_form.compile(geometry.weight * self._rho * ufl.inner(v, w) * dx, "mass")
 
     def matrix(self, kind: PETSc.Mat.Type = PETSc.Mat.Type.AIJ) -> PETSc.Mat:
         """A new consistent mass matrix, with the pattern of the tangent; collective."""

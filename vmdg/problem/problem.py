@@ -65,6 +65,7 @@ from .arguments import (
     in_numbers,
 )
 from .axial import GeneralizedStrain, generalized
+from .damping import Rayleigh, checked_viscosity
 from .eigenstrain import checked_eigenstrains, refusal
 from .loading import Loading
 from .motion import Motion, checked_density, moving
@@ -110,6 +111,7 @@ class Problem:
             that (:class:`NeoHookean` and :class:`Orthotropic` have one).
         density: Mass per reference volume by tag, for :func:`vmdg.solve_dynamics`; with N, mm and s
             in t/mm3. None for statics.
+        damping: Rayleigh damping of the bodies in motion; None for none.
 
     Attributes:
         mesh: As given.
@@ -142,6 +144,7 @@ class Problem:
         periodic: Periodic | None = None,
         plane: str | GeneralizedStrain = "strain",
         density: Mapping[Group, float] | None = None,
+        damping: Rayleigh | None = None,
     ):
         self.interfaces = checked_interfaces(interfaces)
         check_mesh(mesh, cell_tags)
@@ -215,7 +218,9 @@ class Problem:
         if density is not None:
             deformable = set(materials) - set(bodies.walls)
             density = checked_density(by_tag(density, names, "density"), deformable)
-            motion = Motion(discretization, density)
+            motion = Motion(discretization, density, damping or Rayleigh())
+        elif damping is not None:
+            raise ValueError("Problem: damping= is for bodies in motion, give density= too")
         self.step = Step(discretization, activation, self.loading, motion)
 
     @property
@@ -384,23 +389,39 @@ class Problem:
         self.loading.add_pressure(facets, value, debonded, share)
 
     @of_all_ranks
-    def spring(self, facets: Where, stiffness: ArrayLike) -> None:
-        """Springs between boundary facets and rigid ground, an elastic foundation.
+    def spring(
+        self,
+        facets: Where,
+        stiffness: ArrayLike | None = None,
+        viscosity: ArrayLike | str | None = None,
+    ) -> None:
+        """Springs and dashpots between boundary facets and rigid ground.
 
-        Their force per reference area is -K.u, with fixed directions. Their energy counts as
-        stored, and :meth:`reaction` of their facets is their force.
+        The force per reference area is -K.u - C.v, with fixed directions. The energy of springs
+        counts as stored, and :meth:`reaction` of their facets is their force; dashpots act in
+        :func:`vmdg.solve_dynamics` only.
 
         Args:
             facets: Local facets, or a predicate on coordinates (3, n).
             stiffness: k in all directions, (k_n, k_t) normal and tangential to the reference
-                surface, or K symmetric (d, d) [MPa/mm].
+                surface, or K symmetric (d, d) [MPa/mm]. None for none.
+            viscosity: c in all directions, or (c_n, c_t) [MPa s/mm]; "absorbing" for a surface that
+                waves leave as if the body went on, rho c_p and rho c_s (Lysmer and Kuhlemeyer 1969,
+                J. Eng. Mech. Div. 95). None for none.
 
         Raises:
             TypeError: a tag instead of its facets.
-            ValueError: nothing selected, facets inside the mesh, or a stiffness of the wrong shape
-                or not positive semidefinite.
+            ValueError: nothing selected, facets inside the mesh, a stiffness of the wrong shape
+                or not positive semidefinite, a wrong viscosity or one without density, or neither.
         """
-        self.loading.add_spring(facets, stiffness)
+        if viscosity is not None:
+            given = checked_viscosity(viscosity)
+            damping = moving(self.step.motion).damping
+            damping.dashpots.append((self.loading.boundary(facets, "spring"), given))
+        elif stiffness is None:
+            raise ValueError("spring: give a stiffness, a viscosity, or both")
+        if stiffness is not None:
+            self.loading.add_spring(facets, stiffness)
 
     @of_all_ranks
     def rigid_face(

@@ -335,14 +335,15 @@ class Step:
         self._repeats = repeats
         return True
 
-    def commit(self, inertia: Inertia | None = None) -> None:
+    def commit(self, inertia: Inertia | None = None, damped: float = 0.0) -> None:
         """Accept the current state as converged: history, dissipation and external work.
 
         Args:
-            inertia: Inertial forces at the start and at the end, on owned prescribed dofs; None in
-                statics [N].
+            inertia: Inertial and viscous forces at the start and at the end, on owned prescribed
+                dofs; None in statics [N].
+            damped: This rank's work of viscous forces [N mm].
         """
-        self.ledger.commit(inertia)
+        self.ledger.commit(inertia, damped)
         for active in self.discretization.active.values():
             active.commit()
         if bodies := self.discretization.bodies.points:
