@@ -73,17 +73,11 @@ def write_checkpoint(problem: Problem, folder: str | Path, history: History | No
     Raises:
         OSError: the folder is not writable, another run writes there, or the disk is full; on all
             ranks, and the previous checkpoint remains valid.
-        ValueError: the state is not finite, the history has values that cannot be stored, or the
-            bodies move: velocities are not written; likewise.
+        ValueError: the state is not finite, or the history has values that cannot be stored;
+            likewise.
         TypeError: the problem or the folder is of the wrong type.
     """
     _check_problem(problem)
-    motion = problem.step.motion
-    if motion is not None and motion.kinetic_energy() > 0:
-        raise ValueError(
-            "checkpoint: the bodies move, and checkpoints hold no velocities; write "
-            "problem.u and problem.velocity yourself, or bring the bodies to rest by vmdg.solve"
-        )
     with claim_checkpoint(problem.comm, folder):
         _write(problem, Path(folder), history)
 
@@ -175,6 +169,8 @@ def _write(problem: Problem, folder: Path, history: History | None) -> None:
         about["macroscopic"] = {"u": parts.u.x.array[dofs], "forces": parts.forces.x.array[dofs]}
     fields = {"u": parts.u.x.array, "forces": parts.forces.x.array}
     fields |= {_start(i): start for i, start in enumerate(problem.loading.given.starts)}
+    if (motion := problem.step.motion) is not None:
+        fields |= motion.fields()
     points = parts.bodies.points
     rows = {_POINTS: points.rows(points.state)} if points else {}
     cells = cell_records(parts.space, fields, _places(parts), rows)
@@ -214,12 +210,14 @@ def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
             f"the checkpoint in {folder} belongs to another problem ({'; '.join(lines)}); set up "
             "the problem like the run that wrote it, or give another folder"
         )
-    snapshot, starts = _read_state(problem, slot, about)
+    snapshot, starts, moving = _read_state(problem, slot, about)
     for mine, start in zip(problem.loading.given.starts, starts, strict=True):
         mine[:] = start
     if starts:  # supports must be imposed again
         problem.loading.follow(problem.discretization)
     problem.step.return_to(snapshot)
+    if problem.step.motion is not None:
+        problem.step.motion.take(moving)
     problem.step.scales = RunScales(**about["scales"])
     history = History()
     history.rows, history.units = about["history"], about["units"]
@@ -263,8 +261,9 @@ def _places(parts: Discretization) -> fem.FunctionSpace:
 
 def _read_state(
     problem: Problem, slot: Path, about: dict[str, Any]
-) -> tuple[Snapshot, list[NDArray[np.float64]]]:
-    """The state of a checkpoint, and the start values of its supports with ``relative=True``.
+) -> tuple[Snapshot, list[NDArray[np.float64]], dict[str, NDArray[np.float64]]]:
+    """The state of a checkpoint, the start values of its supports with ``relative=True``, and all
+    fields by name.
 
     The problem itself is not changed.
     """
@@ -313,7 +312,8 @@ def _read_state(
         ),
         bodies,
     )
-    return snapshot, [fields[_start(i)] for i in range(len(problem.loading.given.starts))]
+    starts = [fields[_start(i)] for i in range(len(problem.loading.given.starts))]
+    return snapshot, starts, fields
 
 
 def _numbered_otherwise(slot: Path) -> str:

@@ -61,6 +61,7 @@ class ExplicitSteps:
         self._motion.lumped = masses = self._contact.masses
         self._inverse = np.divide(1.0, masses, out=np.zeros_like(masses), where=masses > 0)
         self._viscous = ViscousNodes(problem, masses)
+        self._drag: Array | None = None  # at the start of a step
         self._count, self._critical = 0, math.inf
         parts = problem.discretization
         # The tangent of bonded interfaces at small strain.
@@ -72,7 +73,6 @@ class ExplicitSteps:
         v = self._motion.velocity.x.array[: self._owned].copy()
         rate = np.zeros_like(v)
         self._motion.acceleration = self._acceleration(v, 0.0, rate, 0.0)
-        self._drag = self._viscous.drag(v)
 
     def advance(self, t: float) -> Iterator[Attempt]:
         """Steps to a time, as one attempt; collective."""
@@ -140,6 +140,8 @@ class ExplicitSteps:
         step.march(t, h)
         moves = self._supports.at(before, t, after)
         a0 = motion.acceleration
+        if self._drag is None:
+            self._drag = self._viscous.drag(motion.velocity.x.array[: self._owned])
         v = motion.velocity.x.array[: self._owned] + h / 2 * a0
         u.array[: self._owned] += h * v
         u.scatter_forward()

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 from petsc4py import PETSc
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.parallel import global_norm
+from ..base.parallel import global_norm, global_sum
 from ..domain.topology import box_sides
 from ..linear.ksp import (
     MAX_RTOL,
@@ -31,6 +33,12 @@ from .schemes import GeneralizedAlpha
 from .supports import SupportMotion
 
 Array = NDArray[np.float64]
+
+#: Reason to repeat a step by a shorter one.
+_INACCURATE = "INACCURATE"
+
+#: Of the step that would just have the given error.
+_AIM = 0.9
 
 
 class ImplicitSteps:
@@ -74,6 +82,9 @@ class ImplicitSteps:
         self._forces = 0.0  # largest so far
         self._norms: list[float] = []
         self._goal, self._rtol, self._dt = 0.0, MAX_RTOL, 0.0
+        # With a tolerance: the next step, and the largest change of the displacement.
+        self._longest, self._moved = math.inf, 0.0
+        self._first = problem.u.x.array[: self._owned].copy()
 
     @property
     def krylov(self) -> int:
@@ -112,8 +123,12 @@ class ImplicitSteps:
         problem, options, cuts = self._problem, self._options, 0
         span = t - problem.t
         while problem.t < t and cuts <= options.max_cuts:
-            h = span / 2**cuts
+            left = t - problem.t
+            # Equal steps rather than a short last one.
+            h = min(span / 2**cuts, left / math.ceil(left / min(self._longest, left)))
             found = self._step(t if problem.t + (1 + ROUNDING) * h >= t else problem.t + h)
+            if found.reason == _INACCURATE:
+                continue
             yield found
             cuts = max(cuts - 1, 0) if found.converged else cuts + 1
 
@@ -155,6 +170,9 @@ class ImplicitSteps:
             step.cancel()
             return found
         a1 = self._acceleration()
+        if scheme.tolerance is not None and not self._accurate(h, a1 - a0, scheme.tolerance):
+            step.cancel()
+            return replace(found, converged=False, reason=_INACCURATE)
         v1 = self._velocity(a1)
         drag1, rate = self._drag(v1), motion.damping.resist(step.start.u, h)
         ends = (motion.of(a0) + drag0 + rate)[held], (motion.of(a1) + drag1 + rate)[held]
@@ -162,6 +180,24 @@ class ImplicitSteps:
         step.commit(ends, float(damped))
         motion.move(v1, a1)
         return found
+
+    def _accurate(self, h: float, change: Array, tolerance: float) -> bool:
+        """Whether the error of a step is within the tolerance, and the length of the next one;
+        collective.
+
+        Args:
+            h: The step [s].
+            change: a_1 - a_0 (owned,) [mm/s2].
+            tolerance: See :class:`.GeneralizedAlpha`.
+        """
+        mass, moved = self._motion.row_sums, self._problem.u.x.array[: self._owned] - self._first
+        sums = global_sum(self._comm, [mass @ change**2, mass @ moved**2])
+        error, here = np.sqrt(sums)
+        self._moved = max(self._moved, float(here))
+        ratio = abs(self._scheme.beta - 1 / 6) * h**2 * error / (tolerance * self._moved or 1.0)
+        # Of third order.
+        self._longest = h * min(max(_AIM * ratio ** (-1 / 3) if ratio else np.inf, 0.2), 2.0)
+        return bool(ratio <= 1)
 
     def _acceleration(self) -> Array:
         """a_1 of the iterate, by Newmark's relation; of supports as given."""

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.agreement import Interrupt, same_call, together
 from ..base.parallel import raise_together
 from ..base.timers import timer, timings, timings_since
+from ..checkpoint.checkpoint import warn_of_replacement, write_checkpoint
 from ..output.history import History, HistoryFile
 from ..problem.motion import moving
 from ..problem.problem import Problem
@@ -21,6 +22,7 @@ from ..solver.options import SolveOptions
 from ..solver.progress import Progress
 from ..solver.reasons import explained
 from ..solver.result import Counts, Result, StepFailure
+from ..solver.stepping import claimed
 from .explicit import ExplicitSteps
 from .implicit import ImplicitSteps
 from .schemes import CentralDifferences, GeneralizedAlpha
@@ -38,6 +40,7 @@ def solve_dynamics(
     velocity: Velocity = None,
     monitor: Monitor | None = None,
     options: SolveOptions | None = None,
+    history: History | None = None,
 ) -> Result:
     """Solve for the motion at a sequence of times.
 
@@ -54,8 +57,10 @@ def solve_dynamics(
         velocity: Velocity at the start: a Function of :attr:`.Problem.space`, or a function of
             positions x (3, n) with values (d, n); None for the current one, zero at first [mm/s].
         monitor: As for :func:`vmdg.solve`.
-        options: As for :func:`vmdg.solve`; there is no path to follow, and checkpoints are not
-            written.
+        options: As for :func:`vmdg.solve`; there is no path to follow.
+        history: History of an earlier run to continue, from :func:`vmdg.read_checkpoint`: the
+            motion goes on as it was, ``velocity`` is ignored, and times up to ``problem.t`` are
+            passed over.
 
     Returns:
         History with time, iterations, residual, number of steps, energies if requested, and values
@@ -69,23 +74,30 @@ def solve_dynamics(
         TypeError: an argument of the wrong type.
     """
     options, scheme = options or SolveOptions(), scheme or GeneralizedAlpha()
-    times = _checked(problem, times, scheme, options)
+    times = _checked(problem, times, scheme, options, history)
     check_functions(monitor=monitor)
-    result = Result(history=History())
+    result = Result(history=History() if history is None else history)
+    if not len(times):
+        return result
+    if options.checkpoint is not None and history is None:
+        warn_of_replacement(problem.comm, options.checkpoint)
     before, motion = timings(), moving(problem.step.motion)
     problem.loading.clear_ray()
     with (
         timer("solve"),
         Interrupt(problem.comm) as interrupt,
+        claimed(problem, options),
         HistoryFile(problem.comm, options.csv, result.history) as file,
         Progress(problem, len(times), options) as progress,
     ):
         supports = SupportMotion(problem.comm, problem.loading, problem.t, float(times[-1]))
         steps = _steps(problem, scheme, options, supports)
-        kinetic = motion.kinetic_energy()
-        _set_out(problem, velocity, supports.at(problem.t, problem.t, float(times[0]))[0])
-        problem.step.ledger.enter_kinetic(motion.kinetic_energy() - kinetic)
-        steps.accelerate()
+        if history is None:
+            kinetic = motion.kinetic_energy()
+            _set_out(problem, velocity, supports.at(problem.t, problem.t, float(times[0]))[0])
+            problem.step.ledger.enter_kinetic(motion.kinetic_energy() - kinetic)
+            steps.accelerate()
+        written = len(result.history)
         for number, t in enumerate(times):
             start, found, cuts, count = problem.t, Attempt(), 0, 0
             problem.step.set_out()
@@ -99,6 +111,13 @@ def solve_dynamics(
             _add_row(problem, found, cuts, count, options, monitor, result)
             file.update()
             progress.advanced(number + 1, t - start, found, result.history)
+            unsaved, last = len(result.history) - written, number == len(times) - 1
+            if options.checkpoint and (unsaved >= options.checkpoint_every or last):
+                write_checkpoint(problem, options.checkpoint, result.history)
+                written = len(result.history)
+                # A run that is resumed from here has no factors or tangents of earlier steps.
+                steps.free()
+                steps = _steps(problem, scheme, options, supports)
         steps.free()
     result.timings = timings_since(before)
     result.counts = Counts.from_timings(result.timings, steps.krylov)
@@ -107,7 +126,13 @@ def solve_dynamics(
     return result
 
 
-def _checked(problem: Problem, times: ArrayLike, scheme: Scheme, options: SolveOptions) -> Array:
+def _checked(
+    problem: Problem,
+    times: ArrayLike,
+    scheme: Scheme,
+    options: SolveOptions,
+    history: History | None,
+) -> Array:
     """The times, after checks of all arguments; collective."""
     if not isinstance(problem, Problem):
         raise TypeError(f"solve_dynamics: problem = {problem!r} must be a vmdg.Problem")
@@ -121,11 +146,15 @@ def _checked(problem: Problem, times: ArrayLike, scheme: Scheme, options: SolveO
     given = np.asarray(times)
     same_call(problem.comm, "solve_dynamics", [f"times = {given.tolist()}"])
     start, kinds = problem.t, "iuf"
+    if history is not None and not isinstance(history, History):
+        raise TypeError(f"solve_dynamics: history = {history!r} must be a History")
     if given.ndim != 1 or not given.size or given.dtype.kind not in kinds:
         raise ValueError(
             f"solve_dynamics: times = {times!r} must be a list of times, for example "
             "numpy.linspace(0, 1e-3, 101)[1:]"
         )
+    if history is not None:
+        given = given[~(given <= start)]
     if not np.isfinite(given).all() or (np.diff(given, prepend=start) <= 0).any():
         raise ValueError(
             f"solve_dynamics: times must be finite and increase from problem.t = {start:.8g} on"
@@ -137,7 +166,6 @@ def _checked(problem: Problem, times: ArrayLike, scheme: Scheme, options: SolveO
         "facets that open on demand; use activate='all'": bool(problem.step.activation),
         "a fluid in a crack": bool(loading.given.filled),
         "cycles": options.cycles > 0,
-        "checkpoints: omit options.checkpoint": options.checkpoint is not None,
     }
     for what, present in refused.items():
         if present:

@@ -34,15 +34,22 @@ class GeneralizedAlpha:
         rho_inf: Spectral radius at infinite frequency: 1 keeps the energy of linear bodies, with
             0.8 the highest frequencies lose a fifth of their amplitude in a step. Friction that
             sticks chatters with 1.
+        tolerance: Error of a step relative to the largest change of the displacement so far, root
+            mean squares over the mass, to which steps between the given times adapt; None for the
+            given times as steps. The error is (beta - 1/6) h^2 (a_1 - a_0) (Zienkiewicz and Xie
+            1991, Earthq. Eng. Struct. Dyn. 20).
 
     Raises:
-        ValueError: it is not in (0, 1].
+        ValueError: one is not in (0, 1].
     """
 
     rho_inf: float = 0.8
+    tolerance: float | None = None
 
     def __post_init__(self) -> None:
         _check(self, "rho_inf", 0.0, 1.0)
+        if self.tolerance is not None:
+            _check(self, "tolerance", 0.0, 1.0)
 
     @property
     def alpha_m(self) -> float:

@@ -124,6 +124,20 @@ class Motion:
         momentum = self.of(v) if self.lumped is None else self.lumped * v
         return float(global_sum(self._discretization.mesh.comm, v @ momentum / 2))
 
+    def fields(self) -> dict[str, Array]:
+        """Velocity and acceleration over local dofs, by name; collective."""
+        acceleration = fem.Function(self._discretization.space).x
+        acceleration.array[: self._discretization.owned] = self.acceleration
+        acceleration.scatter_forward()
+        return {"velocity": self.velocity.x.array, "acceleration": acceleration.array}
+
+    def take(self, fields: Mapping[str, Array]) -> None:
+        """Take what :meth:`fields` has returned; at rest where it is missing."""
+        at_rest = np.zeros_like(self.velocity.x.array)
+        self.velocity.x.array[:] = fields.get("velocity", at_rest)
+        owned = slice(self._discretization.owned)
+        self.acceleration = fields.get("acceleration", at_rest)[owned].copy()
+
     def move(self, velocity: Array, acceleration: Array) -> None:
         """Take velocity and acceleration of owned dofs; collective."""
         self.velocity.x.array[: self._discretization.owned] = velocity

@@ -104,7 +104,7 @@ def solve(
         with (
             timer("solve"),
             Interrupt(problem.comm) as interrupt,
-            _claimed(problem, options),
+            claimed(problem, options),
             HistoryFile(problem.comm, options.csv, result.history) as file,
             Progress(problem, len(loads), options) as progress,
             _Rows(problem) as rows,
@@ -177,7 +177,7 @@ class _Rows:
             raise error.__cause__
 
 
-def _claimed(problem: Problem, options: SolveOptions) -> AbstractContextManager:
+def claimed(problem: Problem, options: SolveOptions) -> AbstractContextManager:
     """The exclusive right to write checkpoints, if requested; collective."""
     if options.checkpoint is None:
         return nullcontext()
