@@ -54,6 +54,7 @@ COMMANDS = {
     "fibre_matrix": ("fibre_matrix", "fibre_matrix.png"),
     "ductile_matrix": ("ductile_matrix", "ductile_matrix.png"),
     "spall": ("spall", "spall.png"),
+    "crack_speed": ("crack_speed", "crack_speed.png crack_speed.gif"),
     "ductile_grains": ("ductile_grains", "ductile_grains.png"),
     "plastic_peel": ("plastic_peel", "plastic_peel.png"),
     "plasticity": ("plasticity", "plasticity.png plasticity.md"),

@@ -6,7 +6,7 @@ return from the edges (Freund 1990, Dynamic Fracture Mechanics, sections 2.5 and
 
     G_0 = 4 sigma^2 (1 + nu)(1 - 2 nu)/(pi (1 - nu) E) c_d t,
 
-and it starts at the time tau at which G_0 = G_c. A crack of speed v takes G_0 (1 - v/c_R) only, so
+and it starts at the time tau at which G_0 = G_c. A crack of speed v takes about G_0 (1 - v/c_R), so
 
     v = c_R (1 - tau/t),   l = c_R (t - tau - tau ln(t/tau)).
 """
@@ -89,7 +89,7 @@ def film(path: str, problem: vmdg.Problem, times: np.ndarray, fields: list) -> N
         shown.set_data(images[number])
         ax.set_title(f"{1e6 * times[number]:.1f} µs")
 
-    FuncAnimation(figure, draw, len(images)).save(path, PillowWriter(fps=12), dpi=80)
+    FuncAnimation(figure, draw, len(images)).save(path, PillowWriter(fps=12), dpi=60)
 
 
 def main(

@@ -59,8 +59,8 @@ def solve_dynamics(
         monitor: As for :func:`vmdg.solve`.
         options: As for :func:`vmdg.solve`; there is no path to follow.
         history: History of an earlier run to continue, from :func:`vmdg.read_checkpoint`: the
-            motion goes on as it was, ``velocity`` is ignored, and times up to ``problem.t`` are
-            passed over.
+            motion continues as it was, ``velocity`` is ignored, and times up to ``problem.t`` are
+            skipped.
 
     Returns:
         History with time, iterations, residual, number of steps, energies if requested, and values

@@ -59,7 +59,7 @@ def checked_viscosity(viscosity: Viscosity) -> Viscosity:
     """A viscosity of :meth:`.Problem.spring`, two numbers or the word.
 
     Raises:
-        ValueError: it is none.
+        ValueError: it is something else.
     """
     if isinstance(viscosity, str):
         if viscosity == ABSORBING:
