@@ -406,8 +406,8 @@ class Problem:
             stiffness: k in all directions, (k_n, k_t) normal and tangential to the reference
                 surface, or K symmetric (d, d) [MPa/mm]. None for none.
             viscosity: c in all directions, or (c_n, c_t) [MPa s/mm]; "absorbing" for a surface that
-                waves leave as into more of the body, rho c_p and rho c_s (Lysmer and Kuhlemeyer 1969,
-                J. Eng. Mech. Div. 95). None for none.
+                waves leave as into more of the body, rho c_p and rho c_s (Lysmer and Kuhlemeyer
+                1969, J. Eng. Mech. Div. 95). None for none.
 
         Raises:
             TypeError: a tag instead of its facets.
