@@ -243,16 +243,6 @@ class Discretization:
         form = weak.compile(weak.bulk_tangent(eta, du, cells), "bodies' tangent")
         return lambda matrix: fem_petsc.assemble_matrix(matrix, form)
 
-    def split(self, cells: NDArray[np.bool_]) -> Split:
-        """Residual and tangent of the bodies in marked cells, and the residual of the others;
-        collective."""
-        weak, eta = self.weak_form, ufl.TestFunction(self._test_space)
-        residuals = [
-            weak.compile(weak.bulk_residual(eta, marks), "bodies' residual", UNROLLED)
-            for marks in (cells, ~cells)
-        ]
-        return Split(*residuals, self._bodies_tangent(cells))
-
     @cached_property
     def _point_fluxes(self) -> list[PointFlux | None]:
         """Of every active interface; None without bodies at points."""
@@ -382,7 +372,7 @@ class Discretization:
             loads: Load vector over local dofs, before ghosts are added to owners.
             anew: If zeta is fixed, bodies at points have the moduli of their state at rest, not
                 those of the last evaluation.
-            bulk: Residual of some cells in place of all, see :meth:`split`.
+            bulk: Residual of some cells in place of all, see :func:`split`.
 
         Returns:
             Owned dofs, including prescribed ones [N].
@@ -408,15 +398,6 @@ class Discretization:
             forces.scatter_reverse(InsertMode.add)
             forces.scatter_forward()
         return forces.array[: self.owned]
-
-    def add_bodies_forces(self, bulk: fem.Form) -> None:
-        """Add the forces of cells that :meth:`assemble_residual` has left out; collective."""
-        with timer("assemble residual"):
-            total = fem.Function(self.space).x
-            fem.assemble_vector(total.array, bulk)
-            total.scatter_reverse(InsertMode.add)
-            self.forces.x.array[: self.owned] += total.array[: self.owned]
-            self.forces.x.scatter_forward()
 
     def _nodal_forces(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
         """A vector for nodal forces: ``vector`` itself, or with means a separate zero vector."""
@@ -568,6 +549,17 @@ class Discretization:
         for i, active in self.active.items():
             if i in other.active:
                 active.continue_from(other.active[i])
+
+
+def split(parts: Discretization, cells: NDArray[np.bool_]) -> Split:
+    """Residual and tangent of the bodies in marked cells, and the residual of the others;
+    collective."""
+    weak, eta = parts.weak_form, ufl.TestFunction(parts.space)
+    residuals = [
+        weak.compile(weak.bulk_residual(eta, marks), "bodies' residual", UNROLLED)
+        for marks in (cells, ~cells)
+    ]
+    return Split(*residuals, parts._bodies_tangent(cells))
 
 
 def _take(

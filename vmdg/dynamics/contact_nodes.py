@@ -9,7 +9,7 @@ from dolfinx import fem, la
 from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import NDArray
 
-from ..assembly.discretization import Discretization
+from ..assembly.discretization import Discretization, split
 from ..assembly.point_matrices import add_tangent
 from ..base.parallel import global_any, global_norm
 from ..domain.topology import box_sides
@@ -34,7 +34,7 @@ class ContactNodes:
     contact oscillates by a third. Mass redistribution (Khenous, Laborde and Renard 2008, Eur. J.
     Mech. A 27): the nodes of the interface give their mass to the others of their cells, and are in
     equilibrium in every step. Nodes of bonds, ties and dashpots keep their mass, those of cells
-    with no others, and all where beta K or mean dilatation couple them in other ways.
+    with no others, and all with beta K, mean dilatation, or surfaces that slide far.
 
     Args:
         problem: The problem.
@@ -61,7 +61,7 @@ class ContactNodes:
         self.exist = global_any(self._comm, bool(marks.any()))
         if not self.exist:
             return
-        self._split = parts.split(near)
+        self._split = split(parts, near)
         self._touching = [
             active
             for active in parts.active.values()
@@ -120,7 +120,11 @@ class ContactNodes:
                 break
             u.array[self.dofs] -= self._correction(R[self.dofs])
             u.scatter_forward()
-        parts.add_bodies_forces(self._split.far)
+        far = fem.Function(parts.space).x
+        fem.assemble_vector(far.array, self._split.far)
+        far.scatter_reverse(la.InsertMode.add)
+        parts.forces.x.array[: parts.owned] += far.array[: parts.owned]
+        parts.forces.x.scatter_forward()
         every = global_norm(self._comm, parts.forces.x.array[: parts.owned])
         self._largest = max(self._largest, every)
         return bool(norm <= max(BALANCED * self._largest, floor))
@@ -183,8 +187,8 @@ def _massless(problem: Problem, cells: NDArray[np.int32]) -> Marks:
         other[fem.locate_dofs_topological(parts.space, fdim, facets)] = 1
     held = np.bincount(prescribed // dofmap.index_map_bs, minlength=size) == dofmap.index_map_bs
     found = (_shared(parts, contact) > 0) & ~(_shared(parts, other) > 0) & ~held
-    if parts.bodies.mean_dilatation or damping.rayleigh.beta:
-        # The tangent would couple all nodes of a cell through the pressure; or damping is stronger.
+    if parts.bodies.mean_dilatation or damping.rayleigh.beta or parts.slides:
+        # Pressure or damping would couple further nodes, or partners change.
         found[:] = False
     nodes, alone = dofmap.list[cells], np.zeros(size)
     alone[nodes[found[nodes].all(axis=1)]] = 1
