@@ -22,6 +22,9 @@ from .forms.ogden import Ogden as Ogden
 from .forms.orthotropic import Cubic as Cubic
 from .forms.orthotropic import Orthotropic as Orthotropic
 from .forms.rigid import Rigid as Rigid
+from .identification.curves import Curve as Curve
+from .identification.identify import identify as identify
+from .identification.result import Identified as Identified
 from .interface.interface import Interface as Interface
 from .interface.points import InterfaceState as InterfaceState
 from .laws import Bonded as Bonded

@@ -305,6 +305,15 @@ class Discretization:
     def _scaled_stabilization(self) -> list[Stabilization]:
         return self._stabilizers.for_step([active.floor for active in self.active.values()])
 
+    def stabilization_anew(
+        self, floors: Sequence[NDArray[np.float64]], bodies: bool, at_floor: bool
+    ) -> list[Stabilization]:
+        """tau_s and delta at the current displacement for changed moduli or laws, see
+        :meth:`.Stabilizers.anew`; the forms are unchanged; collective."""
+        self.update_means(pressure=True)
+        with timer("stabilization"):
+            return self._stabilizers.anew(floors, bodies, at_floor)
+
     def needed_penalties(self) -> list[NDArray[np.float64]]:
         """r of every interface for a step from the current displacement (nf,); collective.
 
@@ -384,12 +393,8 @@ class Discretization:
         with timer("assemble residual"):
             forces.array[:] = 0 if loads is None else -loads
             vector, axial = self._nodal_forces(forces.array), 0.0
-            for form in (forms.bulk if bulk is None else bulk, *forms.interfaces):
-                fem.assemble_vector(vector, form)
-            for active in self.active.values():
-                if (at_nodes := pair_forces(active)) is not None:
-                    nodes = self._test_space.dofmap.list[active.facets.cells]
-                    add_forces(vector, nodes, at_nodes.shape[2], at_nodes)
+            fem.assemble_vector(vector, forms.bulk if bulk is None else bulk)
+            self.add_interfaces(vector)
             if self._axial:
                 axial = self._axial_force(self._axial_residual)
             self._add_nodal_forces(vector, axial, forces.array)
@@ -398,6 +403,16 @@ class Discretization:
             forces.scatter_reverse(InsertMode.add)
             forces.scatter_forward()
         return forces.array[: self.owned]
+
+    def add_interfaces(self, vector: NDArray[np.float64]) -> None:
+        """Add the forces of all interfaces, at the values of their points, to a vector over local
+        dofs, before ghosts are added to owners [N]."""
+        for form in self._residual_forms.interfaces:
+            fem.assemble_vector(vector, form)
+        for active in self.active.values():
+            if (at_nodes := pair_forces(active)) is not None:
+                nodes = self._test_space.dofmap.list[active.facets.cells]
+                add_forces(vector, nodes, at_nodes.shape[2], at_nodes)
 
     def _nodal_forces(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
         """A vector for nodal forces: ``vector`` itself, or with means a separate zero vector."""

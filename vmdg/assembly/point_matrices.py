@@ -167,16 +167,35 @@ def traction_matrix(active: ActiveInterface) -> csr_array:
     return _point_matrix(active, active.tangent(damage=False)[1])
 
 
+def local_tractions(active: ActiveInterface) -> csr_array:
+    """The transpose of :func:`traction_matrix` for the dofs known on this rank."""
+    local = active.point_tangent.jets.index_map
+    numbers = np.arange(local.size_local + local.num_ghosts, dtype=np.int32)
+    return _point_matrix(active, active.tangent(damage=False)[1], numbers=numbers).T.tocsr()
+
+
 def jump_matrix(active: ActiveInterface) -> csr_array:
     """int q.du_2 dA over an interface: the contribution of side 2 to the opening, as above."""
     opening = np.eye(active.quadrature.d, active.point_tangent.jets.size)
     return _point_matrix(active, active.point_tangent.areas[:, None, None] * opening, side=1)
 
 
-def _point_matrix(active: ActiveInterface, values: Array, side: int | None = None) -> csr_array:
-    """Rows of values.j(du), (nq, d, jet); for one side only if given."""
+def _point_matrix(
+    active: ActiveInterface,
+    values: Array,
+    side: int | None = None,
+    numbers: NDArray[np.integer] | None = None,
+) -> csr_array:
+    """Rows of values.j(du), (nq, d, jet); for one side only if given, and with these numbers of
+    the local nodes instead of the global ones."""
     quadrature, jets = active.quadrature, active.point_tangent.jets
-    d, N = quadrature.d, jets.index_map.size_global * quadrature.d
+    of_all = jets.index_map
+    if numbers is None:
+        here = np.arange(of_all.size_local + of_all.num_ghosts, dtype=np.int32)
+        numbers, count = of_all.local_to_global(here), of_all.size_global
+    else:
+        count = len(numbers)
+    d, N = quadrature.d, count * quadrature.d
     total = csr_array((len(quadrature.weights) * d, N))
     for rows in _batches(active):
         nodes, B = jets.displacement(rows)
@@ -187,8 +206,7 @@ def _point_matrix(active: ActiveInterface, values: Array, side: int | None = Non
             nodes = nodes[:, side * half : (side + 1) * half]
             data = data[..., side * half * d : (side + 1) * half * d]
         lines = points[..., None] * d + np.arange(d)
-        numbers = jets.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
-        columns = (numbers[..., None] * d + np.arange(d)).reshape(len(nodes), 1, 1, -1)
+        columns = (numbers[nodes][..., None] * d + np.arange(d)).reshape(len(nodes), 1, 1, -1)
         where = (np.broadcast_to(a, data.shape).ravel() for a in (lines[..., None], columns))
         total += csr_array((data.ravel(), tuple(where)), shape=total.shape)
     return total

@@ -333,6 +333,25 @@ class Stabilizers:
             self._constants = scaled
         return scaled
 
+    def anew(
+        self, floors: Sequence[NDArray[np.float64]], bodies: bool, at_floor: bool
+    ) -> list[Stabilization]:
+        """:meth:`for_step` for changed laws or bodies; collective.
+
+        Args:
+            floors: As of :meth:`for_step`.
+            bodies: Whether moduli of bodies or the displacement have changed.
+            at_floor: Whether r is known to be at its lower bound everywhere.
+        """
+        if not bodies:
+            derived, factors = self._needed()
+        else:
+            derived = self.derive()
+            zeros = [np.zeros(len(one.norm)) for one in derived]
+            factors = zeros if at_floor else self.coercivity(derived)
+        arguments = zip(self._interfaces, derived, factors, floors, strict=True)
+        return [one.scaled(*values) for one, *values in arguments]
+
     def suffice(self, applied: Sequence[Stabilization]) -> bool:
         """Whether these suffice at the current displacement too, on this rank; collective.
 

@@ -191,6 +191,23 @@ class Capacitance:
         forces -= _times(self._forces, _times_blocks(self._damage(), tractions))
         return forces[:, 0]
 
+    def respond(self, forces: Sequence[Array], moved: Sequence[Array]) -> list[tuple[Array, Array]]:
+        """As :meth:`solve`, whose K is that of the current state, and K.du for all owned dofs,
+        prescribed ones included [N]; collective."""
+        found = self.solve(forces, moved, RTOL)
+        gaps = _times_blocks(self._damage(), _times(self._tractions, found.T))
+        products = np.array(forces)
+        x, y = self._lift.createVecs()
+        gap, held = self._tractions.createVecs()[::-1]
+        for product, du, z in zip(products, found, gaps.T, strict=True):
+            y.array[:], gap.array[:] = du, z
+            self._lift.multTranspose(y, x)
+            self._tractions.multTranspose(gap, held)
+            product[self._prescribed] = x.array - held.array[self._prescribed]
+        for item in (x, y, gap, held):
+            item.destroy()
+        return list(zip(found, products, strict=True))
+
     def _map_back(self, trials: Sequence[Trial], more: Array, dt: float) -> tuple[Array, Array]:
         """Gap increments (local gap components, 1) and D of the return maps with additional
         traction."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..assembly.means import lattice_of
-from ..base.parallel import global_any, global_sum
+from ..base.parallel import global_any, global_norm, global_sum
 from ..base.units import power_of_two
 from ..problem.problem import Problem
 from .capacitance import Capacitance
@@ -30,6 +30,9 @@ Array = NDArray[np.float64]
 
 #: Relative tolerance of iterative solves other than for corrections.
 PRECISE = 1e-10
+
+#: Residual at which refinement ends, ratio of two above which it is slow, most rounds.
+REFINED, SLOW, MOST_REFINEMENTS = 1e-10, 0.2, 8
 
 #: Stiffness of a component of the mean gradient, relative to the norm of K, that counts as
 #: rounding.
@@ -70,6 +73,10 @@ class System(Protocol):
         Returns:
             du of owned dofs, not finite where K is singular [mm].
         """
+
+    def respond(self, forces: Sequence[Array], moved: Sequence[Array]) -> list[tuple[Array, Array]]:
+        """As :meth:`solve`, precisely and with K of the current state, and the product K.du for all
+        owned dofs, prescribed ones included [N]; collective."""
 
     def product(self, du: Array) -> Array:
         """K.du with the last K, for owned dofs; undefined at prescribed ones [N]."""
@@ -118,7 +125,7 @@ class AssembledSystem:
         self._make_matrix()
         self._apart = self._linear.multigrid and pieces_apart(problem) > 0
         self._x, self._b = self._matrix.createVecs()
-        loading = problem.loading
+        self._loading = loading = problem.loading
         self._means = problem.discretization.means
         # Rigid faces have few unknown motions, solved for last, like means that are not prescribed.
         self._faces, self._motions = loading.rigid.dofs, loading.rigid.columns
@@ -190,6 +197,46 @@ class AssembledSystem:
         self._moving = np.array(held[len(forces) :])
         self._found = self._release(np.array(forces), held[: len(forces)])
         return self._found
+
+    def respond(self, forces: Sequence[Array], moved: Sequence[Array]) -> list[tuple[Array, Array]]:
+        """As :meth:`solve`, precisely and with K of the current state, and the product K.du for all
+        owned dofs, prescribed ones included [N]; collective.
+
+        The last factors are those of the last correction, close to K: they are corrected by
+        iterative refinement, and renewed if that converges slowly.
+        """
+        self.lags = False
+        if self._tangent is None or not self._refine(forces, moved):
+            found, self._last = self.solve(forces, moved, PRECISE), []
+            self._found = found
+        return [(du, self.product(du)) for du in self._found]
+
+    def _refine(self, forces: Sequence[Array], moved: Sequence[Array]) -> bool:
+        """Solve with K of the current state by the last factors, into the last solutions; False if
+        that does not converge; collective."""
+        self._discretization.assemble_tangent(self._tangent)
+        if self.drag:
+            self._tangent.shift(self.drag * self.norm)
+        self.lags, last, self._last = True, self._last, []
+        size = global_norm(self._comm, np.array([self._balance(f) for f in forces]).ravel())
+        found, left = np.zeros((len(forces), len(forces[0]))), size
+        rest, ways, converged = np.array(forces), list(moved), False
+        for _ in range(MOST_REFINEMENTS):
+            found += self._release(rest, self._solve_held(rest, ways, PRECISE))
+            ways = [np.zeros_like(way) for way in moved]
+            rest = np.array([f - self.product(du) for f, du in zip(forces, found, strict=True)])
+            balanced = np.array([self._balance(one.copy()) for one in rest])
+            before, left = left, global_norm(self._comm, balanced.ravel())
+            scale = size or global_norm(self._comm, (rest - balanced).ravel())
+            converged = left <= REFINED * scale
+            if converged or not left <= SLOW * (before or scale):
+                break
+        self.lags, self._last, self._found = False, last, list(found)
+        return converged
+
+    def _balance(self, forces: Array) -> Array:
+        """Forces without reactions."""
+        return self._loading.balance(forces.copy())
 
     def _assemble(self) -> None:
         """Assemble K at the current state, with a copy."""

@@ -118,7 +118,8 @@ class CrackGrowth:
         breaking = (damage > self._initial) & (damage < BROKEN)
         last, before = self._before
         grown = crack - last
-        self._before = crack, spent
+        if not self._problem.step.nearby:
+            self._before = crack, spent
         row = {
             "crack [mm]": crack,
             "zone [mm]": self._area(state, breaking.astype(float)),

@@ -147,6 +147,32 @@ class Ledger:
             self._enter_curvature(self._curvature(pending) - pending.entered, pending.at_rest)
         self.settle()
 
+    def works_beside(
+        self, start: Snapshot, loads: NDArray[np.float64], before: Works, finish: bool
+    ) -> Works:
+        """Works of the step for the current state if it had begun in another state, with other
+        works; the ledger is left as it was; collective.
+
+        Args:
+            start: The other state.
+            loads: Its loads, local dofs [N].
+            before: Works up to there.
+            finish: Compute pending work, as :meth:`complete`.
+        """
+        begun, works = self._start, self.works
+        self._start = replace(begun, state=start, loads=loads, forces=None)
+        self.works = before
+        self.commit()
+        if finish:
+            self.complete()
+        found, self._start, self.works = self.works, begun, works
+        return found
+
+    @property
+    def begun(self) -> tuple[Snapshot, NDArray[np.float64]]:
+        """State and loads, local dofs [N], at the start of the step."""
+        return self._start.state, self._start.loads
+
     def energy(self) -> Energy:
         """Energies at the current state, with works as recorded; collective."""
         bulk, interface, springs = self.discretization.stored_energy()

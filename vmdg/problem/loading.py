@@ -131,6 +131,7 @@ class Loading:
         names: Tag by name of the groups of cells.
 
     Attributes:
+        groups: Tag by name of the groups of cells; empty where they have no names.
         load_factor: t as a UFL constant.
         dirichlet: Prescribed displacements in the current space.
         rigid: Its rigid faces.
@@ -147,7 +148,7 @@ class Loading:
         self._bodies = discretization.bodies
         self._activation = activation
         self._interfaces = activation.interfaces
-        self._names = names
+        self.groups = names
         # Functions of this object, not bound methods: a reference cycle would keep meshes alive
         # after a problem is deleted, and their communicators, of which MPICH has 2048.
         self._given: list[Callable[[Loading], None]] = []
@@ -428,7 +429,7 @@ class Loading:
         """See :meth:`vmdg.Problem.body_force`."""
         if np.ndim(tag) != 0:
             raise ValueError(f"body_force: tag = {tag} must be one tag; call it once for each")
-        tag, cells_of = group_tag(tag, self._names, "body_force"), self._bodies.cells_of
+        tag, cells_of = group_tag(tag, self.groups, "body_force"), self._bodies.cells_of
         if tag is not None and tag not in cells_of:
             raise ValueError(f"body_force: no cell has tag {tag}; tags are {sorted(cells_of)}")
         cells = np.arange(len(self._bodies.tags)) if tag is None else cells_of[tag]

@@ -128,6 +128,40 @@ class Works:
 
 
 @dataclass(frozen=True)
+class Rate:
+    """Derivative of a state by the logarithm of a parameter.
+
+    Attributes:
+        u: Of the displacement, local dofs, ghosts included [mm].
+        t: Of the load factor.
+        forces: Of the nodal forces, local dofs [N].
+        interfaces: Of every active interface.
+        works: Works of runs with a slightly larger and smaller value; None if they are not needed.
+    """
+
+    u: NDArray[np.float64]
+    t: float
+    forces: NDArray[np.float64]
+    interfaces: list[InterfaceSnapshot]
+    works: tuple[Works, Works] | None = None
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Derivatives of a state by all parameters.
+
+    Attributes:
+        by_name: By name of the parameter.
+        jumps: Number of jumps so far, which have no derivative: in them history counts as fixed.
+        known: False at the end of a jump.
+    """
+
+    by_name: dict[str, Rate]
+    jumps: int = 0
+    known: bool = True
+
+
+@dataclass(frozen=True)
 class Snapshot:
     """A converged state, from which a run can continue.
 
@@ -140,6 +174,7 @@ class Snapshot:
         open: For every interface, a mask of its open facets.
         works: Works of the run up to there.
         bodies: State of the bodies at points; None for none.
+        rates: Derivatives by parameters; None for none.
     """
 
     t: float
@@ -150,6 +185,7 @@ class Snapshot:
     open: list[NDArray[np.bool_]]
     works: Works
     bodies: PointState | None = None
+    rates: Rates | None = None
 
     def way_to(self, other: Snapshot) -> tuple[NDArray[np.float64], float] | None:
         """Change of the displacement of owned dofs [mm] and of the load factor to another state.

@@ -24,7 +24,7 @@ from ..interface.sliding import sliding
 from .ledger import Inertia, Ledger
 from .loading import Loading
 from .motion import Motion
-from .states import RunScales, Snapshot
+from .states import Rates, RunScales, Snapshot
 
 #: Relative step for finite differences of the residual by the load factor.
 RATE_STEP = 1e-7
@@ -53,6 +53,9 @@ class Step:
         ledger: Works of all steps so far.
         sliding: Largest slip of points in contact so far, relative to the size of their facets.
         motion: As given.
+        rates: Derivatives of the converged state by parameters; None for none.
+        nearby: Whether the state is for the moment one of a neighbouring value of a parameter, at
+            which a monitor is differentiated.
         rests_on_contact: Whether a body is constrained by contact alone; otherwise points without
             bond and pressure start every step open.
     """
@@ -75,6 +78,8 @@ class Step:
         self._repeats = 0
         self.rests_on_contact = False
         self.motion = motion
+        self.rates: Rates | None = None
+        self.nearby = False
         activation.follow(discretization.u)
         loading.move(0.0)
         discretization.update_stabilization()
@@ -397,6 +402,7 @@ class Step:
             list(self.activation.open),
             self.ledger.works,
             now.bodies.points and now.bodies.points.state,
+            self.rates,
         )
 
     def return_to(self, snapshot: Snapshot) -> None:
@@ -411,7 +417,7 @@ class Step:
         now = self.discretization
         now.u.x.array[:] = snapshot.u
         now.forces.x.array[:] = snapshot.forces
-        self.ledger.works = snapshot.works
+        self.ledger.works, self.rates = snapshot.works, snapshot.rates
         for active, interface in zip(now.active.values(), snapshot.interfaces, strict=True):
             active.return_to(interface)
         if snapshot.bodies is not None:

@@ -67,6 +67,11 @@ class Corrector:
         self._pieces = Pieces(problem.discretization)
 
     @property
+    def system(self) -> System:
+        """Its linear systems."""
+        return self._system
+
+    @property
     def rounding(self) -> float:
         """Rounding error of the stored energy of the bodies [N mm]."""
         return float(np.finfo(float).eps) * self._size**2 * self._system.norm

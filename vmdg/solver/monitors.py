@@ -24,6 +24,11 @@ SAME_ROW = 1e-9
 T = TypeVar("T")
 
 
+def row_of(problem: Problem, monitor: Monitor | None) -> dict[str, Any]:
+    """The values returned by a monitor, for a neighbouring state; collective."""
+    return {} if monitor is None else _numbers(monitor(problem))
+
+
 def watched_row(problem: Problem, monitor: Monitor | None) -> dict[str, Any]:
     """The values returned by a monitor for a row of the history; collective.
 
@@ -56,6 +61,13 @@ def energy_columns(problem: Problem) -> dict[str, float]:
     energy = problem.energy()
     energies = asdict(energy) | {"imbalance": energy.imbalance}
     return {f"{name} [N mm]": value for name, value in energies.items()}
+
+
+def differentiable_energies(problem: Problem) -> dict[str, float]:
+    """The energies that have derivatives, for a row; collective."""
+    kinds = "bulk", "interface", "springs", "damage", "friction"
+    energy = problem.energy()
+    return {f"{name} [N mm]": float(getattr(energy, name)) for name in kinds}
 
 
 def check_functions(**functions: Monitor | Until | None) -> None:

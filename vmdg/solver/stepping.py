@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from weakref import WeakSet
 
 from petsc4py import PETSc
@@ -19,12 +21,16 @@ from ..output.cell import PeriodicCell
 from ..output.history import History, HistoryFile
 from ..problem.checks import check_model, checked_loads
 from ..problem.problem import Problem
+from ..sensitivity.checks import check_differentiable
+from ..sensitivity.derivatives import Derivatives
 from .monitors import (
     Monitor,
     Until,
     check_functions,
+    differentiable_energies,
     ends,
     energy_columns,
+    row_of,
     sliding_column,
     watched_row,
 )
@@ -45,6 +51,7 @@ def solve(
     monitor: Monitor | None = None,
     history: History | None = None,
     until: Until | None = None,
+    derivatives: Sequence[str] | None = None,
 ) -> Result:
     """Solve for a sequence of load factors.
 
@@ -60,10 +67,19 @@ def solve(
         until: Called after every row; the run ends when it returns True on any rank. For example
             for dead loads beyond the peak, which may never reach the next load factor:
             ``until=lambda problem: abs(problem.u.x.array).max() > 9``.
+        derivatives: Parameters by which columns of the history are differentiated: "bond.strength"
+            of the law of an interface, "matrix.E" of the material of a group, by name or tag, or
+            "Debonding.strength" of all laws of a class. There is a column "d force/d
+            bond.strength" for the load factor, for every column of floats of the monitor, and for
+            energies with ``SolveOptions(energy=True)``. The monitor is called again at neighbouring
+            states, with ``problem.step.nearby``. The column "frozen" counts jumps: they have no
+            derivative, NaN in their row, and history counts as fixed in them. A parameter that
+            varies in space is differentiated by a common factor.
 
     Raises:
         StepFailure: a step fails after ``max_cuts`` reductions.
-        ValueError: no load factors (and no history), an unconstrained body, the softening of a law
+        ValueError: no load factors (and no history), an unknown parameter or a problem without
+            derivatives, an unconstrained body, the softening of a law
             is too steep for the mesh (r <= H), ``condensed=True`` where it is not possible, or
             columns of the history with equal names, changed units, or to be shown that do not
             exist.
@@ -94,6 +110,10 @@ def solve(
         history=History() if history is None else history, switches=switchboard(problem, options)
     )
     problem.step.come_to_rest()
+    carried = None
+    if derivatives is not None:
+        check_differentiable(problem, options, history is not None)
+        carried = Derivatives(problem, derivatives, options.energy)
     if loads.size:
         problem.step.rests_on_contact = check_model(problem, loads, options.unstable == "trace")
     if options.checkpoint is not None and history is None:
@@ -109,12 +129,12 @@ def solve(
             Progress(problem, len(loads), options) as progress,
             _Rows(problem) as rows,
         ):
-            steps = Steps(problem, options, progress, interrupt.check)
+            steps = Steps(problem, options, progress, interrupt.check, carried)
             path = Path(steps, result)
             for number, target in enumerate(loads):
                 ended = False
                 for part in path.advance(float(target)):
-                    _add_row(part, problem, options, monitor, result)
+                    _add_row(part, problem, options, monitor, result, carried)
                     rows.hold()
                     file.update()
                     progress.advanced(number + part.done, part.size, part.attempt, result.history)
@@ -195,7 +215,12 @@ def _write_checkpoint(steps: Steps, path: Path, result: Result) -> int:
 
 
 def _add_row(
-    part: Part, problem: Problem, options: SolveOptions, monitor: Monitor | None, result: Result
+    part: Part,
+    problem: Problem,
+    options: SolveOptions,
+    monitor: Monitor | None,
+    result: Result,
+    derivatives: Derivatives | None,
 ) -> None:
     """Add the row of a converged step."""
     row = {
@@ -214,5 +239,10 @@ def _add_row(
         row |= AxialMotion(problem).row()
     if options.energy:
         row |= energy_columns(problem)
-    result.history.append(row | watched_row(problem, monitor))
+    watched = watched_row(problem, monitor)
+    row |= watched
+    if derivatives is not None:
+        energies = partial(differentiable_energies, problem) if options.energy else None
+        row |= derivatives.columns(watched, partial(row_of, problem, monitor), energies)
+    result.history.append(row)
     result.residuals.append(part.attempt.norms)

@@ -11,6 +11,7 @@ from ..assembly.discretization import carried
 from ..interface.activation import OPENS, REPEATS_STEP, Utilization
 from ..problem.checks import rated
 from ..problem.problem import Problem
+from ..sensitivity.derivatives import Derivatives
 from .attempt import Attempt
 from .corrector import Corrector
 from .limits import Direction, Limits
@@ -26,6 +27,7 @@ class Steps:
         options: Options of the solver.
         progress: Progress output; None for one by ``options``.
         check: Called before every attempt; may raise to end the run.
+        derivatives: Carries derivatives along; None for none.
 
     Attributes:
         problem: The problem.
@@ -41,9 +43,11 @@ class Steps:
         options: SolveOptions,
         progress: Progress | None = None,
         check: Callable[[], None] = lambda: None,
+        derivatives: Derivatives | None = None,
     ):
         self.problem, self.options = problem, options
         self._progress, self._check = progress or Progress(problem, 0, options), check
+        self._derivatives, self._dt = derivatives, np.inf
         laws = [interface.law for interface in problem.interfaces]
         self.viscous = rated(problem)
         self.cyclic, self.krylov = options.cycles > 0, 0
@@ -119,6 +123,7 @@ class Steps:
                 found = self._ended(found, limits)
             break
         if found.converged:
+            self._differentiate(limits, found)
             step.commit()
             if self.options.energy:
                 step.ledger.complete()
@@ -126,6 +131,16 @@ class Steps:
             step.cancel()
         self._progress.attempted(limits, found)
         return found
+
+    def _differentiate(self, limits: Limits, found: Attempt) -> None:
+        """Carry derivatives over a converged step."""
+        if self._derivatives is None:
+            return
+        if limits.jump:
+            self._derivatives.pass_jump()
+            return
+        follows = self.problem.loading.ray is not None and self.problem.t != limits.target
+        self._derivatives.advance(self._corrector.system, follows, found.onset, self._dt)
 
     def _opened(self, utilization: Utilization, last: Attempt | None) -> Attempt | None:
         """Open facets; every cell keeps its extrapolation of the last step."""
@@ -154,6 +169,7 @@ class Steps:
         # iteration changes the load factor itself.
         moves = 0.0 if jump else abs(limits.target - problem.t)
         t, dt = jump.t if jump else limits.target, moves * options.duration or np.inf
+        self._dt = dt
         if problem.loading.ray is None:
             problem.loading.check_finite(t)
         elif not jump:

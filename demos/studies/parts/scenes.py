@@ -7,8 +7,9 @@ sys.path.append(str(Path(__file__).resolve().parents[2]))
 
 import fibre_cell
 import fibre_matrix
+import measured_beam
 import polycrystal
 import pushout
 import tearing
 
-__all__ = ["fibre_cell", "fibre_matrix", "polycrystal", "pushout", "tearing"]
+__all__ = ["fibre_cell", "fibre_matrix", "measured_beam", "polycrystal", "pushout", "tearing"]

@@ -1,0 +1,1 @@
+"""Derivatives of runs by parameters of laws and bodies."""

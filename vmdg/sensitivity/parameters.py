@@ -1,0 +1,259 @@
+"""Parameters by which a run is differentiated: their names, values and neighbouring values.
+
+A name is the name of an interface, a group of cells or a class of laws, a dot, and a parameter. All
+changes are relative, p (1 + h); a parameter that varies in space changes by a common factor, by
+which it is then differentiated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cached_property
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from dolfinx import fem
+from numpy.typing import NDArray
+
+from ..base.parallel import global_max
+from ..base.words import near
+from ..interface.interface import interface_names
+from ..laws import Law
+from ..problem.problem import Problem
+
+Array = NDArray[np.float64]
+
+#: Young's modulus and Poisson's ratio of Lame parameters.
+_OF_LAME: dict[str, Callable[[Array, Array], Array]] = {
+    "E": lambda mu, lmbda: mu * (3 * lmbda + 2 * mu) / (lmbda + mu),
+    "nu": lambda mu, lmbda: lmbda / (2 * (lmbda + mu)),
+}
+
+
+class Parameter:
+    """A parameter of a problem.
+
+    Args:
+        problem: The problem.
+        name: Its name.
+
+    Attributes:
+        name: As given.
+        value: Its value, 1 where it varies in space.
+        of_body: Whether it changes the forces of bodies at a given displacement.
+    """
+
+    of_body = False
+    value: float
+
+    def __init__(self, problem: Problem, name: str):
+        self._problem, self.name = problem, name
+
+    def laws(self, h: float) -> list[Law]:
+        """Laws of all active interfaces at p (1 + h)."""
+        return [active.law for active in self._problem.discretization.active.values()]
+
+    @contextmanager
+    def changed(self, h: float) -> Iterator[None]:
+        """The problem at p (1 + h), at unchanged displacement and history."""
+        raise NotImplementedError
+
+
+class LawParameter(Parameter):
+    """A parameter of the laws of some interfaces.
+
+    Args:
+        problem: The problem.
+        name: Its name.
+        numbers: Numbers of the interfaces.
+        field: Name of the parameter of the law.
+    """
+
+    def __init__(self, problem: Problem, name: str, numbers: Sequence[int], field: str):
+        super().__init__(problem, name)
+        self._numbers, self._field = numbers, field
+        given = getattr(problem.interfaces[numbers[0]].law, field)
+        self.value = float(given) if isinstance(given, Real) else 1.0
+        self._laws: dict[float, list[tuple[Law, Law]]] = {}
+
+    def _at(self, h: float) -> list[tuple[Law, Law]]:
+        """Laws of all active interfaces at their points and on their facets."""
+        if h not in self._laws:
+            self._laws[h] = [
+                (self._scaled(active.law, h), self._scaled(active.facets.law, h))
+                if number in self._numbers
+                else (active.law, active.facets.law)
+                for number, active in self._problem.discretization.active.items()
+            ]
+        return self._laws[h]
+
+    def _scaled(self, law: Law, h: float) -> Law:
+        return law.with_values({self._field: getattr(law, self._field) * (1 + h)})
+
+    def laws(self, h: float) -> list[Law]:
+        """Laws of all active interfaces at p (1 + h)."""
+        return [law for law, _ in self._at(h)]
+
+    @contextmanager
+    def changed(self, h: float) -> Iterator[None]:
+        """The problem at p (1 + h), at unchanged displacement and history."""
+        actives = list(self._problem.discretization.active.values())
+        before = [(active.law, active.stabilizer.facets) for active in actives]
+        for active, (law, on_facets) in zip(actives, self._at(h), strict=True):
+            active.law = law
+            active.stabilizer.facets = replace(active.stabilizer.facets, law=on_facets)
+        try:
+            yield
+        finally:
+            for active, (law, facets) in zip(actives, before, strict=True):
+                active.law, active.stabilizer.facets = law, facets
+
+
+class BodyParameter(Parameter):
+    """A parameter of the material of a group of cells.
+
+    Args:
+        problem: The problem.
+        name: Its name.
+        tag: Tag of the cells.
+        field: Name of the parameter: one of the material, or E or nu of Lame parameters.
+    """
+
+    of_body = True
+
+    def __init__(self, problem: Problem, name: str, tag: int, field: str):
+        super().__init__(problem, name)
+        self._tag, self._field = tag, field
+        # Values on this rank, possibly none; equal values are one number.
+        values = self._value(*self._moduli)
+        largest = global_max(problem.comm, float(np.max(values, initial=-np.inf)))
+        least = -global_max(problem.comm, float(np.max(-values, initial=-np.inf)))
+        uniform = largest - least <= 1e-12 * max(abs(largest), abs(least))
+        self.value = largest if uniform else 1.0
+
+    @cached_property
+    def _functions(self) -> dict[str, fem.Function]:
+        bodies = self._problem.discretization.bodies
+        key = self._problem.materials[self._tag].kernel_key
+        regions = (region for region in bodies.regions if region.body.material.kernel_key == key)
+        return dict(next(regions).body.parameters)
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        """Parameters of the material that change."""
+        return ("mu", "lmbda") if self._field in _OF_LAME else (self._field,)
+
+    @property
+    def _moduli(self) -> list[Array]:
+        cells = self._problem.discretization.bodies.cells_of[self._tag]
+        return [self._functions[name].x.array[cells].copy() for name in self._names]
+
+    def _value(self, *moduli: Array) -> Array:
+        return _OF_LAME[self._field](*moduli) if self._field in _OF_LAME else moduli[0]
+
+    def _scaled(self, h: float, *moduli: Array) -> list[Array]:
+        """The moduli at p (1 + h)."""
+        if self._field != "nu":
+            return [(1 + h) * values for values in moduli]
+        E, nu = (of(*moduli) for of in _OF_LAME.values())
+        nu = (1 + h) * nu
+        return [E / (2 * (1 + nu)), nu * E / ((1 + nu) * (1 - 2 * nu))]
+
+    @contextmanager
+    def changed(self, h: float) -> Iterator[None]:
+        """The problem at p (1 + h), at unchanged displacement and history."""
+        before, cells = self._moduli, self._problem.discretization.bodies.cells_of[self._tag]
+        self._set(cells, self._scaled(h, *before))
+        try:
+            yield
+        finally:
+            self._set(cells, before)
+
+    def _set(self, cells: NDArray[np.integer], moduli: Sequence[Array]) -> None:
+        for name, values in zip(self._names, moduli, strict=True):
+            self._functions[name].x.array[cells] = values
+
+
+@dataclass(frozen=True)
+class _Place:
+    """What a name before the dot stands for.
+
+    Attributes:
+        make: Makes a parameter from its full name and its field.
+        fields: Parameters by name, with one of their values.
+    """
+
+    make: Callable[[str, str], Parameter]
+    fields: dict[str, Any]
+
+
+def parameters_of(problem: Problem, names: Sequence[str]) -> list[Parameter]:
+    """The parameters of these names.
+
+    Raises:
+        ValueError: there is no such parameter, or its value is zero.
+        TypeError: names are not a list of text.
+    """
+    if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+        raise TypeError(
+            f"solve: derivatives = {names!r} must be a list of names, such as "
+            '["bond.strength", "matrix.E"]'
+        )
+    places, found = _places(problem), []
+    known = [f"{place}.{field}" for place, known in places.items() for field in known.fields]
+    for name in dict.fromkeys(names):
+        place, _, field = name.rpartition(".")
+        if place not in places or field not in places[place].fields:
+            raise ValueError(
+                f"solve: derivatives has no parameter {name!r}; the problem has "
+                f"{', '.join(known)}{near(name, known)}"
+            )
+        if np.any(np.equal(places[place].fields[field], 0.0)):
+            raise ValueError(
+                f"solve: derivatives by {name}, which is 0: changes are relative to the value; "
+                "give it a small one"
+            )
+        found.append(places[place].make(name, field))
+    return found
+
+
+def _places(problem: Problem) -> dict[str, _Place]:
+    """All names before the dot."""
+    places: dict[str, _Place] = {}
+    by_class: dict[str, list[int]] = {}
+    for i, name in enumerate(interface_names(problem.interfaces)):
+        law = problem.interfaces[i].law
+        if i in problem.discretization.active and law.inelastic and is_dataclass(law):
+            places[name] = _of_laws(problem, [i])
+            by_class.setdefault(type(law).__name__, []).append(i)
+    groups = {tag: str(tag) for tag in problem.materials}
+    groups |= {tag: name for name, tag in problem.loading.groups.items() if tag in groups}
+    for tag, group in groups.items():
+        own = dict(problem.materials[tag].parameters)
+        lame = dict.fromkeys(_OF_LAME, 1.0) if set(own) == {"mu", "lmbda"} else {}
+        known = {name: value for name, value in (lame | own).items() if _differs(value)}
+
+        def make(name: str, field: str, tag: int = tag) -> Parameter:
+            return BodyParameter(problem, name, tag, field)
+
+        if known:
+            places.setdefault(group, _Place(make, known))
+            places.setdefault(str(tag), _Place(make, known))
+    for name, numbers in by_class.items():
+        places.setdefault(name, _of_laws(problem, numbers))
+    return places
+
+
+def _of_laws(problem: Problem, numbers: Sequence[int]) -> _Place:
+    law = problem.interfaces[numbers[0]].law
+    given = {field.name: getattr(law, field.name) for field in fields(law) if field.init}
+    known = {name: 1.0 if callable(v) else v for name, v in given.items() if _differs(v)}
+    return _Place(lambda name, field: LawParameter(problem, name, numbers, field), known)
+
+
+def _differs(value: Any) -> bool:
+    """Whether a parameter is a number, or numbers that vary, rather than a word or a switch."""
+    return not (value is None or isinstance(value, bool | str))

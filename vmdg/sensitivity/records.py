@@ -1,0 +1,83 @@
+"""Neighbouring values and differences of records of arrays, one row per point."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Record = TypeVar("Record")
+
+
+def _of_each(combine: Callable[..., Array], first: Record, *others: Record) -> Record:
+    """A record whose arrays of floats are combined from those of others, and of records in it.
+
+    Everything else, such as modes, is that of the first; so is an array that another one lacks.
+    """
+    found = {}
+    for field in fields(first):
+        mine, *theirs = (getattr(one, field.name) for one in (first, *others))
+        if any(other is None for other in theirs):
+            continue
+        if is_dataclass(mine):
+            found[field.name] = _of_each(combine, mine, *theirs)
+        elif isinstance(mine, np.ndarray) and mine.dtype.kind == "f":
+            found[field.name] = combine(mine, *theirs)
+    return replace(first, **found)
+
+
+def shifted(record: Record, rate: Record, h: float) -> Record:
+    """A record moved by h times its rate."""
+    return _of_each(lambda x, dx: x + h * dx, record, rate)
+
+
+def zeros(record: Record) -> Record:
+    """A record of zeros."""
+    return _of_each(np.zeros_like, record)
+
+
+def plus(record: Record, other: Record) -> Record:
+    """The sum of two records."""
+    return _of_each(np.add, record, other)
+
+
+def difference(higher: Record, lower: Record, h: float) -> Record:
+    """The rate between values at +h and -h."""
+    return _of_each(lambda a, b: (a - b) / (2 * h), higher, lower)
+
+
+def rate_of(
+    here: Record,
+    higher: Record,
+    lower: Record,
+    modes: tuple[NDArray[np.int8], NDArray[np.int8], NDArray[np.int8]],
+    h: float,
+) -> Record:
+    """The rate of values at points, on the branch of the return map that is active here.
+
+    Next to a kink, where one of the neighbouring values is on another branch, the rate is that
+    towards the other neighbour.
+
+    Args:
+        here: Values.
+        higher, lower: Values at +h and -h.
+        modes: Branches of the three.
+        h: Distance.
+    """
+    after, before = modes[1] == modes[0], modes[2] == modes[0]
+    if (after & before).all():
+        return difference(higher, lower, h)
+    # Both neighbours, or none of them.
+    both = after == before
+    forward = np.where(both, 0.5, np.where(after, 1.0, 0.0)) / h
+    backward = np.where(both, 0.5, np.where(before, 1.0, 0.0)) / h
+
+    def combine(x: Array, a: Array, b: Array) -> Array:
+        one, other = (w.reshape(-1, *[1] * (x.ndim - 1)) for w in (forward, backward))
+        return one * (a - x) + other * (x - b)
+
+    return _of_each(combine, here, higher, lower)
