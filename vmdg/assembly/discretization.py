@@ -305,15 +305,6 @@ class Discretization:
     def _scaled_stabilization(self) -> list[Stabilization]:
         return self._stabilizers.for_step([active.floor for active in self.active.values()])
 
-    def stabilization_anew(
-        self, floors: Sequence[NDArray[np.float64]], bodies: bool, at_floor: bool
-    ) -> list[Stabilization]:
-        """tau_s and delta at the current displacement for changed moduli or laws, see
-        :meth:`.Stabilizers.anew`; the forms are unchanged; collective."""
-        self.update_means(pressure=True)
-        with timer("stabilization"):
-            return self._stabilizers.anew(floors, bodies, at_floor)
-
     def needed_penalties(self) -> list[NDArray[np.float64]]:
         """r of every interface for a step from the current displacement (nf,); collective.
 
@@ -394,7 +385,7 @@ class Discretization:
             forces.array[:] = 0 if loads is None else -loads
             vector, axial = self._nodal_forces(forces.array), 0.0
             fem.assemble_vector(vector, forms.bulk if bulk is None else bulk)
-            self.add_interfaces(vector)
+            self._add_interfaces(vector)
             if self._axial:
                 axial = self._axial_force(self._axial_residual)
             self._add_nodal_forces(vector, axial, forces.array)
@@ -404,7 +395,7 @@ class Discretization:
             forces.scatter_forward()
         return forces.array[: self.owned]
 
-    def add_interfaces(self, vector: NDArray[np.float64]) -> None:
+    def _add_interfaces(self, vector: NDArray[np.float64]) -> None:
         """Add the forces of all interfaces, at the values of their points, to a vector over local
         dofs, before ghosts are added to owners [N]."""
         for form in self._residual_forms.interfaces:
@@ -575,6 +566,24 @@ def split(parts: Discretization, cells: NDArray[np.bool_]) -> Split:
         for marks in (cells, ~cells)
     ]
     return Split(*residuals, parts._bodies_tangent(cells))
+
+
+def stabilization_anew(
+    parts: Discretization, floors: Sequence[NDArray[np.float64]], bodies: bool, at_floor: bool
+) -> list[Stabilization]:
+    """tau_s and delta at the current displacement for changed moduli or laws, see
+    :meth:`.Stabilizers.anew`; the forms are unchanged; collective."""
+    parts.update_means(pressure=True)
+    with timer("stabilization"):
+        return parts._stabilizers.anew(floors, bodies, at_floor)
+
+
+def interface_forces(parts: Discretization) -> NDArray[np.float64]:
+    """Forces of all interfaces at the values of their points, owned dofs [N]; collective."""
+    forces = fem.Function(parts.space).x
+    parts._add_interfaces(forces.array)
+    forces.scatter_reverse(InsertMode.add)
+    return forces.array[: parts.owned]
 
 
 def _take(

@@ -30,6 +30,7 @@ from dolfinx.la import InsertMode
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from ..assembly.discretization import interface_forces, stabilization_anew
 from ..assembly.point_matrices import local_tractions
 from ..assembly.space import at_owners
 from ..base.parallel import global_any, global_max, global_sum
@@ -432,7 +433,7 @@ class Derivatives:
         here.array[:] = before + h * u
         bounds = [low + h * rate.norm for low, rate in zip(floors, rates, strict=True)]
         with parameter.changed(h):
-            found = self._parts.stabilization_anew(bounds, bodies, at_floor)
+            found = stabilization_anew(self._parts, bounds, bodies, at_floor)
         here.array[:] = before
         return found
 
@@ -503,10 +504,7 @@ class Derivatives:
                 if everything:
                     ends.append(parts.assemble_residual(None).copy())
                 else:
-                    forces = fem.Function(self._problem.space)
-                    parts.add_interfaces(forces.x.array)
-                    forces.x.scatter_reverse(InsertMode.add)
-                    ends.append(forces.x.array[: parts.owned])
+                    ends.append(interface_forces(parts))
         parts.forces.x.array[:] = before
         parts.update_means(pressure=True)
         return (ends[0] - ends[1]) / (2 * CHANGE)
