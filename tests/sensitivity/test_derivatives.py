@@ -270,7 +270,7 @@ def test_path(comm, kinematics):
     problem, monitor = beam(comm, values, kinematics)
 
     def watched(problem: vmdg.Problem) -> dict[str, float]:
-        if not problem.step.nearby:
+        if not problem.loading.nearby:
             rates = problem.step.rates.by_name
             rows.append((problem.t, problem.u.x.array.copy(), rates))
         return monitor(problem)

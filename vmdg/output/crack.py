@@ -118,7 +118,7 @@ class CrackGrowth:
         breaking = (damage > self._initial) & (damage < BROKEN)
         last, before = self._before
         grown = crack - last
-        if not self._problem.step.nearby:
+        if not self._problem.loading.nearby:
             self._before = crack, spent
         row = {
             "crack [mm]": crack,

@@ -132,6 +132,8 @@ class Loading:
 
     Attributes:
         groups: Tag by name of the groups of cells; empty where they have no names.
+        nearby: Whether the state is for the moment one of a neighbouring value of a parameter, at
+            which a monitor is differentiated.
         load_factor: t as a UFL constant.
         dirichlet: Prescribed displacements in the current space.
         rigid: Its rigid faces.
@@ -153,6 +155,7 @@ class Loading:
         # after a problem is deleted, and their communicators, of which MPICH has 2048.
         self._given: list[Callable[[Loading], None]] = []
         self._ray: Ray | None = None
+        self.nearby = False
         self.load_factor, self.t = fem.Constant(mesh, 0.0), 0.0
         self.given = Given(np.zeros(len(self._bodies.tags), dtype=bool), [], set())
         self.follow(discretization)

@@ -54,8 +54,6 @@ class Step:
         sliding: Largest slip of points in contact so far, relative to the size of their facets.
         motion: As given.
         rates: Derivatives of the converged state by parameters; None for none.
-        nearby: Whether the state is for the moment one of a neighbouring value of a parameter, at
-            which a monitor is differentiated.
         rests_on_contact: Whether a body is constrained by contact alone; otherwise points without
             bond and pressure start every step open.
     """
@@ -79,7 +77,6 @@ class Step:
         self.rests_on_contact = False
         self.motion = motion
         self.rates: Rates | None = None
-        self.nearby = False
         activation.follow(discretization.u)
         loading.move(0.0)
         discretization.update_stabilization()

@@ -574,7 +574,7 @@ class Derivatives:
             with self._interfaces_at(h, *records), parameter.changed(h):
                 yield
         finally:
-            step.nearby = False
+            self._problem.loading.nearby = False
             u[:], forces[:] = before
             if rate.t:
                 problem.loading.move(t)

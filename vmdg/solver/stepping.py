@@ -72,7 +72,7 @@ def solve(
             "Debonding.strength" of all laws of a class. There is a column "d force/d
             bond.strength" for the load factor, for every column of floats of the monitor, and for
             energies with ``SolveOptions(energy=True)``. The monitor is called again at neighbouring
-            states, with ``problem.step.nearby``. The column "frozen" counts jumps: they have no
+            states, with ``problem.loading.nearby``. The column "frozen" counts jumps: they have no
             derivative, NaN in their row, and history counts as fixed in them. A parameter that
             varies in space is differentiated by a common factor.
 
