@@ -131,7 +131,6 @@ class Loading:
         names: Tag by name of the groups of cells.
 
     Attributes:
-        groups: Tag by name of the groups of cells; empty where they have no names.
         nearby: Whether the state is for the moment one of a neighbouring value of a parameter, at
             which a monitor is differentiated.
         load_factor: t as a UFL constant.
@@ -150,7 +149,7 @@ class Loading:
         self._bodies = discretization.bodies
         self._activation = activation
         self._interfaces = activation.interfaces
-        self.groups = names
+        self._names = names
         # Functions of this object, not bound methods: a reference cycle would keep meshes alive
         # after a problem is deleted, and their communicators, of which MPICH has 2048.
         self._given: list[Callable[[Loading], None]] = []
@@ -432,7 +431,7 @@ class Loading:
         """See :meth:`vmdg.Problem.body_force`."""
         if np.ndim(tag) != 0:
             raise ValueError(f"body_force: tag = {tag} must be one tag; call it once for each")
-        tag, cells_of = group_tag(tag, self.groups, "body_force"), self._bodies.cells_of
+        tag, cells_of = group_tag(tag, self._names, "body_force"), self._bodies.cells_of
         if tag is not None and tag not in cells_of:
             raise ValueError(f"body_force: no cell has tag {tag}; tags are {sorted(cells_of)}")
         cells = np.arange(len(self._bodies.tags)) if tag is None else cells_of[tag]
@@ -685,3 +684,8 @@ class Loading:
             ray, given = self._ray, self._surface.pressures
             pressures = given(t) if ray is None else ray.at(ray.pressures, t)
             self._surface.set_pressures(pressures)
+
+
+def groups_of(loading: Loading) -> dict[str, int]:
+    """Tag by name of the groups of cells; empty where they have no names."""
+    return loading._names

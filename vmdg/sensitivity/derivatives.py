@@ -557,14 +557,14 @@ class Derivatives:
     def _nearby(self, parameter: Parameter, rate: Rate, h: float) -> Iterator[None]:
         """The problem in the state at p (1 + h)."""
         problem, parts = self._problem, self._parts
-        step, u, forces = problem.step, problem.u.x.array, parts.forces.x.array
+        u, forces = problem.u.x.array, parts.forces.x.array
         before, t = (u.copy(), forces.copy()), problem.t
         u += h * rate.u
         forces += h * rate.forces
         if rate.t:
             problem.loading.move(t + h * rate.t)
         parts.update_means(pressure=True)
-        step.nearby, of = True, rate.interfaces
+        problem.loading.nearby, of = True, rate.interfaces
         records = (
             [one.history for one in of],
             [one.values for one in of],

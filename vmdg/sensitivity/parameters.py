@@ -22,6 +22,7 @@ from ..base.parallel import global_max
 from ..base.words import near
 from ..interface.interface import interface_names
 from ..laws import Law
+from ..problem.loading import groups_of
 from ..problem.problem import Problem
 
 Array = NDArray[np.float64]
@@ -230,7 +231,7 @@ def _places(problem: Problem) -> dict[str, _Place]:
             places[name] = _of_laws(problem, [i])
             by_class.setdefault(type(law).__name__, []).append(i)
     groups = {tag: str(tag) for tag in problem.materials}
-    groups |= {tag: name for name, tag in problem.loading.groups.items() if tag in groups}
+    groups |= {tag: name for name, tag in groups_of(problem.loading).items() if tag in groups}
     for tag, group in groups.items():
         own = dict(problem.materials[tag].parameters)
         lame = dict.fromkeys(_OF_LAME, 1.0) if set(own) == {"mu", "lmbda"} else {}
