@@ -369,3 +369,7 @@ def test_refusals(comm):
     problem, _ = blocks_of(comm, BASE, plane="generalized strain")
     with pytest.raises(ValueError, match=r"derivatives are not available.*unknown means"):
         vmdg.solve(problem, [1.0], derivatives=["bond.strength"])
+    fatigue = partial(vmdg.FatigueDebonding, 20.0, 20.0, 0.2, 0.2)
+    problem, _ = blocks_of(comm, {}, fatigue)
+    with pytest.raises(ValueError, match=r"derivatives are not available.*cycles"):
+        vmdg.solve(problem, [1.0], derivatives=["bond.normal_strength"])

@@ -33,6 +33,8 @@ def check_differentiable(problem: Problem, options: _Options, resumed: bool) -> 
         reason = "facets that open on demand change the unknowns; use activate='all'"
     elif any(interface.sliding for interface in problem.interfaces):
         reason = "pairs of facets that slide change in every iteration; use sliding=False"
+    elif any(interface.law.fatigues for interface in problem.interfaces):
+        reason = "the cycles of a step follow its damage; use a law without fatigue"
     elif parts.surface.fluids:
         reason = "the fluid between crack faces follows the bond; use tractions on a boundary"
     elif options.checkpoint is not None or resumed:

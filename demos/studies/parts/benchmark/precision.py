@@ -5,7 +5,7 @@ tied along an upright interface. All three solve the same problem on the same me
 quadrature, compiler flags and direct solver, in one step from rest. The springs tie the broken
 space by T = K g as an intrinsic cohesive law does before damage; K is fixed, as it would be given.
 From the interpolated exact solution, where one or two corrections are left, plain finite elements
-and vmdg show what a step costs besides.
+and vmdg show what a step costs in addition to them.
 """
 
 from __future__ import annotations
