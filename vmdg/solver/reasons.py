@@ -48,8 +48,9 @@ REASONS = {
     ),
     "DIVERGED_FNORM_NAN": Reason(
         "the forces of a trial state are far too large or not finite: inverted cells, a body that "
-        "moved far away, or a singular tangent",
-        _BROKEN,
+        "moved far away, or a singular tangent, as of a body without stiffness: a cone of "
+        "vmdg.DruckerPrager at its apex that does not harden",
+        f"{_BROKEN}; hardening= of a cone that comes to its apex",
     ),
     "CELLS_INVERTED": Reason(
         "forces balance, but with inverted cells (det F <= 0)",
