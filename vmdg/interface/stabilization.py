@@ -164,7 +164,7 @@ class Stabilizer:
         self.facets = facets = quadrature.facets
         self.automatic = interface.safety == AUTO and interface.stabilization is None
         degree = u.function_space.ufl_element().degree
-        self.margin = margin(interface.law, degree, bodies.points is not None)
+        self.margin = margin(interface.law, degree)
         self._quadrature = quadrature
         self._turns = turns(interface, bodies, quadrature)
         # A facet may be that of several segments.
