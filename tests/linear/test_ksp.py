@@ -26,6 +26,7 @@ from vmdg.linear.ksp import (
     LU,
     MAX_RTOL,
     MIN_RTOL,
+    SWEEPS,
     LinearSolver,
     automatic_options,
     destroy,
@@ -67,6 +68,15 @@ def test_choice(comm, cell, law, sizes, chosen):
     options, fallback = automatic_options(pressed(comm, cell, law), *sizes)
     assert options == chosen
     assert fallback == (LDLT if law.symmetric else LU)
+
+
+def test_choice_where_bodies_flow(comm):
+    """Sweeps smooth; a tie of plastic bodies has no symmetric tangent, for which CG would fail."""
+    scene, metal = two_blocks(comm, "hexahedron", 2), vmdg.J2(1000.0, 0.3, 5.0, hardening=50.0)
+    for law, krylov in ((vmdg.Bonded(), GMRES_GAMG), (None, CG_GAMG)):
+        bonds = [] if law is None else [vmdg.Interface(between=(1, 2), law=law)]
+        problem = vmdg.Problem(scene.mesh, scene.cell_tags, {1: metal, 2: metal}, bonds, degree=2)
+        assert automatic_options(problem, *LARGE)[0] == krylov | SWEEPS
 
 
 def tangent_asymmetry(comm, law: vmdg.Law, opening: float = -0.01) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 import vmdg
 from parts.benchmark.common import BOTTOM, LOWER, TOP, UPPER, layers, least_times
 from parts.benchmark.ratio import STEPS, Direct, Multigrid
-from vmdg.linear.ksp import CG_GAMG, GMRES_GAMG, LDLT, LU, set_rigid_modes
+from vmdg.linear.ksp import LDLT, LU, automatic_options, set_rigid_modes
 
 E, NU, YIELD = 1000.0, 0.3, 8.0  # MPa
 ELASTIC = vmdg.NeoHookean(E=E, nu=NU)
@@ -169,7 +169,7 @@ def _actions(problem: vmdg.Problem, direct: bool) -> tuple[Callable, ...]:
         solver = Direct(matrix, LDLT if parts.symmetric else LU, right)
     else:
         set_rigid_modes(problem.space, parts.geometry, matrix)
-        solver = Multigrid(matrix, CG_GAMG if parts.symmetric else GMRES_GAMG, right)
+        solver = Multigrid(matrix, automatic_options(problem, 0, 0)[0], right)
     return (
         problem.step.assemble_residual,
         lambda: parts.assemble_tangent(matrix),
