@@ -97,7 +97,7 @@ class SurfaceStabilizer(Stabilizer):
         self.interface, self._quadrature = interface, quadrature
         self.automatic = interface.safety == AUTO
         degree = u.function_space.ufl_element().degree
-        self.margin = margin(interface.law, degree, bodies.points is not None)
+        self.margin = margin(interface.law, degree)
         one, two = quadrature.facets.surfaces.sides
         self._first = first = len(one.facets)
         count = first + len(two.facets)
