@@ -8,10 +8,10 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from support.arms import bent_apart
 from support.bar import with_law
 
 import vmdg
-from vmdg.meshes import beams
 
 LOADS = np.linspace(0, 0.14, 9)[1:]
 BAR = {"interface_0.strength": 100.0, "interface_0.fracture_energy": 4.0}
@@ -32,23 +32,8 @@ def _end(x: np.ndarray) -> np.ndarray:
 
 def beam(values: dict[str, float], comm: MPI.Comm = MPI.COMM_WORLD) -> tuple:
     """A short double cantilever beam and its force."""
-    height, crack = 1.5, 12.0
-    stations, divisions = (0.0, 10.0, 12.0, 22.0, 30.0), (5, 4, 20, 4)
-    mesh, cells, sides = beams(
-        comm, stations=stations, divisions=divisions, height=height, rows=2, precrack=crack
-    )
     law = vmdg.ExponentialDebonding(values["bond.strength"], values["bond.fracture_energy"])
-    arm = vmdg.NeoHookean(E=70e3, nu=0.3)
-    bond = vmdg.Interface(facets=sides.find("interface"), law=law, name="bond")
-    bodies = {"lower arm": arm, "upper arm": arm}
-    problem = vmdg.Problem(mesh, cells, bodies, [bond], degree=2, kinematics="small")
-    for side in (1, -1):
-        problem.dirichlet_points(
-            lambda x, y=side * height: np.isclose(x[0], 0.0) & np.isclose(x[1], y),
-            lambda t, side=side: side * t / 2,
-            "y",
-        )
-    problem.dirichlet(sides.find("right"), 0.0)
+    problem, sides = bent_apart(comm, 22.0, (20, 4), law)
     top = sides.find("upper left")
     return problem, lambda problem: {"force [N]": problem.reaction(top)[1]}
 

@@ -10,11 +10,11 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from support.apart import stack
+from support.arms import bent_apart
 from support.bar import with_law
 from support.scenes import two_blocks
 
 import vmdg
-from vmdg.meshes import beams
 from vmdg.solver.attempt import Attempt
 from vmdg.solver.limits import Direction, Limits
 from vmdg.solver.steps import Steps
@@ -232,25 +232,8 @@ def test_energies(comm, kinematics):
 
 def beam(comm: MPI.Comm, values: Mapping[str, float], kinematics: str) -> tuple:
     """A short double cantilever beam with few facets, whose load falls at every point."""
-    height, crack = 1.5, 12.0
-    stations, divisions = (0.0, 10.0, 12.0, 24.0, 30.0), (5, 4, 24, 3)
-    mesh, cells, sides = beams(
-        comm, stations=stations, divisions=divisions, height=height, rows=2, precrack=crack
-    )
     law = vmdg.Debonding(values["bond.strength"], values["bond.critical_gap"])
-    bodies = {
-        "lower arm": vmdg.NeoHookean(E=70e3, nu=0.3),
-        "upper arm": vmdg.NeoHookean(E=values["upper arm.E"], nu=0.3),
-    }
-    bond = vmdg.Interface(facets=sides.find("interface"), law=law, name="bond")
-    problem = vmdg.Problem(mesh, cells, bodies, [bond], degree=2, kinematics=kinematics)
-    for side in (1, -1):
-        problem.dirichlet_points(
-            lambda x, y=side * height: np.isclose(x[0], 0.0) & np.isclose(x[1], y),
-            lambda t, side=side: side * t / 2,
-            "y",
-        )
-    problem.dirichlet(sides.find("right"), 0.0)
+    problem, sides = bent_apart(comm, 24.0, (24, 3), law, values["upper arm.E"], kinematics)
     top = sides.find("upper left")
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:

@@ -225,7 +225,7 @@ class AssembledSystem:
             found += self._release(rest, self._solve_held(rest, ways, PRECISE))
             ways = [np.zeros_like(way) for way in moved]
             rest = np.array([f - self.product(du) for f, du in zip(forces, found, strict=True)])
-            balanced = np.array([self._balance(one.copy()) for one in rest])
+            balanced = np.array([self._balance(one) for one in rest])
             before, left = left, global_norm(self._comm, balanced.ravel())
             scale = size or global_norm(self._comm, (rest - balanced).ravel())
             converged = left <= REFINED * scale
