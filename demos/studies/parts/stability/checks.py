@@ -216,7 +216,7 @@ def at_last_record(run: Run) -> list[str]:
 
 def equilibrium(run: Run) -> list[str]:
     """Forces of a new assembly vanish at free nodes, balance as a whole, and are those reported."""
-    if run.unsettled:
+    if run.unsettled or run.case.motion:
         return []
     new, limit = run.new, run.tolerance
     forces, d = new.discretization.forces.x.array, run.case.mesh.d
@@ -484,8 +484,10 @@ def energy_balance(run: Run) -> list[str]:
     work differs by less than that times the displacement. Steps over a jump also have the work of
     the jump, and so, to a small fraction, has a step at constant load, which relaxes. What the
     curvature of the path adds to the work of a step is known with the next one. Energies are known
-    no better than the rounding of W.
+    no better than the rounding of W. Those of motions are judged with them.
     """
+    if run.case.motion:
+        return []
     found = []
     rounding = 10 * EPS * _stiffest(run) * run.reach**run.case.mesh.d
     borne = sum(

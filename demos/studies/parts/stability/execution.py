@@ -37,6 +37,7 @@ def execute(case: Case) -> Run:
         for result in solves(problem, case, monitor, history):
             run.failures += result.failures
             run.residuals += result.counts.residuals
+            history = result.history
     except vmdg.StepFailure as error:
         run.stopped = str(error)
         run.failures += error.result.failures
@@ -52,13 +53,18 @@ def execute(case: Case) -> Run:
 def solves(
     problem: vmdg.Problem, case: Case, monitor: Monitor, history: vmdg.History
 ) -> Iterator[vmdg.Result]:
-    """Solve for the loads of a case; where facets open on demand, until none opens at the last one.
+    """Solve for the loads of a case, or the times of its motion.
 
-    A step that opens facets leaves them bonded, not yet balanced.
+    Where facets open on demand, until none opens at the last load: a step that opens facets leaves
+    them bonded, not yet balanced.
 
     Raises:
         vmdg.StepFailure: a step fails.
     """
+    if case.motion:
+        scheme, velocity = case.motion.scheme, case.motion.velocity
+        yield vmdg.solve_dynamics(problem, case.loads, scheme, velocity, monitor, case.options)
+        return
     yield vmdg.solve(problem, case.loads, case.options, monitor, history)
     before = 0
     while case.on_demand and before < (before := len(problem.u.x.array)):

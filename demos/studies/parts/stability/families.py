@@ -9,6 +9,7 @@ from numpy.random import Generator
 
 from parts.stability import cases, plastic
 from parts.stability.links import bundles, rows
+from parts.stability.motions import motion
 from parts.stability.pieces import films, loose
 from parts.stability.programmes import coatings, directions, friction, programmes, rates
 from parts.stability.scenes import Case
@@ -41,6 +42,7 @@ FAMILIES: dict[int, tuple[Family, ...]] = {
     540: (cases.on_demand, cases.ogden, cases.viscous),
     630: (programmes, directions, coatings, rates, friction, bundles, rows, films, loose, units),
     930: (plastic.bars, plastic.cells),
+    990: (motion,),
 }
 
 

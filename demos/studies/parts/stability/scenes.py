@@ -214,6 +214,21 @@ class Support:
 
 
 @dataclass(frozen=True)
+class Motion:
+    """A motion in time.
+
+    Attributes:
+        density: By tag [t/mm3].
+        velocity: At the start, of positions (3, n) [mm/s].
+        scheme: As for :func:`vmdg.solve_dynamics`.
+    """
+
+    density: Mapping[int, float]
+    velocity: Callable[[Array], Array]
+    scheme: vmdg.GeneralizedAlpha | vmdg.CentralDifferences
+
+
+@dataclass(frozen=True)
 class Case:
     """One stress run, before it runs.
 
@@ -237,6 +252,7 @@ class Case:
         options: Of the run.
         eigenstrain: As for :class:`vmdg.Problem`.
         periodic: As there; without supports.
+        motion: A motion, whose times are the load factors; None for equilibrium.
         judge: Compares all rows of a run with an independent solution; says what is wrong.
     """
 
@@ -259,6 +275,7 @@ class Case:
     options: vmdg.SolveOptions = field(default_factory=vmdg.SolveOptions)
     eigenstrain: Mapping[int, Value] | None = None
     periodic: vmdg.Periodic | None = None
+    motion: Motion | None = None
     judge: Callable[[Run], list[str]] | None = None
 
     def __str__(self) -> str:
@@ -316,6 +333,7 @@ class Case:
             symmetry=self.symmetry,
             eigenstrain=self.eigenstrain,
             periodic=self.periodic,
+            density=self.motion and self.motion.density,
         )
         for support in self.supports:
             problem.dirichlet(support.where, support.value, support.component)

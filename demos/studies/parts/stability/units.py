@@ -90,9 +90,17 @@ def in_units(case: Case, units: Array) -> Case:
         )
         for bond in case.bonds
     ]
-    traction = case.traction
+    traction, free = case.traction, case.motion
+    if free:
+        mass, speed = stress * factor**2 / length**2, length / factor
+        free = replace(
+            free,
+            density={tag: mass * rho for tag, rho in free.density.items()},
+            velocity=lambda x, f=free.velocity: speed * f(x / length),
+        )
     return replace(
         case,
+        motion=free,
         mesh=Cells(mesh.kind, nodes, mesh.cells, lines),
         materials={tag: scaled_material(m, stress) for tag, m in case.materials.items()},
         bonds=tuple(bonds),
