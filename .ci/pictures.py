@@ -57,6 +57,8 @@ COMMANDS = {
     "ductile_matrix": ("ductile_matrix", "ductile_matrix.png"),
     "spall": ("spall", "spall.png"),
     "crack_speed": ("crack_speed", "crack_speed.png crack_speed.gif"),
+    "fault": ("fault", "fault.png"),
+    "in_time": ("in_time", "in_time.png in_time.md"),
     "ductile_grains": ("ductile_grains", "ductile_grains.png"),
     "plastic_peel": ("plastic_peel", "plastic_peel.png"),
     "plasticity": ("plasticity", "plasticity.png plasticity.md"),
@@ -116,6 +118,13 @@ TABLES = {
         "Plastic bodies",
         "Bodies of J2 plasticity with interfaces, with default options, against one body on the "
         "same mesh, closed forms and published values.",
+    ),
+    "in_time.md": (
+        "Motion in time",
+        "A bar that parts in its middle and beats for 50 periods: energy relative to that at the "
+        "start, and change of T in a step while the bond begins to fail, relative to its strength. "
+        "Below, critical steps of central differences relative to those of plain elements: two "
+        "blocks tied, bonded by a bond that can fail, and with one that is broken.",
     ),
     "delamination.md": (
         "Delamination tests",

@@ -10,22 +10,22 @@ from numpy.random import Generator
 
 import vmdg
 from parts.stability.cases import LINEAR, SOLID, E, choose, dimension, log_uniform, random_law
-from parts.stability.checks import Run
+from parts.stability.checks import TURNED, Run
 from parts.stability.execution import execute
 from parts.stability.scenes import Array, Bond, Case, Cells, Motion, box, distorted, rotation
 from parts.stability.units import in_units
 
-#: What a run may change of the momentum and of the moment of momentum, relative; gain and lose of
-#: the energy at the start; and by how much a motion may differ that was turned in space.
-KEPT, MOMENT, GAINED, LOST, TURNED = 1e-9, 1e-4, 0.005, 0.01, 1e-6
+#: What a run may change of momentum and its moment, relative, and gain or lose of the energy it had
+#: at the start, with some twenty steps.
+KEPT, MOMENT, SPENT = 1e-9, 1e-4, 0.02
 
 
 def motion(rng: Generator) -> Case:
     """Two or three bodies in a row fly apart, together, or past each other.
 
-    They are free, so momentum and moment of momentum stay. Energy is kinetic at first; no step may
-    create any, and the scheme loses a little. In other units every digit is the same, and a motion
-    that was turned in space by implicit steps is the same motion.
+    They are free, so momentum and moment of momentum stay, and energy, which is kinetic at first,
+    but for what the steps miss. In other units every digit is the same, and a motion that was
+    turned in space by implicit steps is the same motion.
     """
     kind, _ = choose(rng, {**LINEAR, **SOLID})
     d, bodies = dimension(kind), int(rng.integers(2, 4))
@@ -36,7 +36,7 @@ def motion(rng: Generator) -> Case:
     across = [np.linspace(0, rng.uniform(0.3, 1.0), rng.integers(2, 4)) for _ in range(d - 1)]
     mesh = box(kind, (lines, *across))
     tags = 1 + np.searchsorted(ends[1:-1], mesh.midpoints[:, 0])
-    if rng.random() < 0.5:
+    if cells > 1 and rng.random() < 0.5:
         mesh = distorted(mesh, rng, rng.uniform(0.3, 0.8), ends[1:-1])
     small = bool(rng.random() < 0.5)
     moduli = E * 10 ** rng.uniform(0, 1, bodies)
@@ -130,10 +130,8 @@ def kept(run: Run) -> list[str]:
         found.append(f"the moment of momentum is off by {off:.1e}")
     first = run.records[1].energy.external
     lost = np.array([record.energy.imbalance for record in run.records[1:]]) / first
-    if not -lost.min() < GAINED:
-        found.append(f"energy grows by {-lost.min():.1e}")
-    if not lost.max() < LOST:
-        found.append(f"{lost.max():.1e} of the energy is lost")
+    if not np.abs(lost).max() < SPENT:
+        found.append(f"energy grows by {-lost.min():.1e}, falls by {lost.max():.1e}")
     return found
 
 
