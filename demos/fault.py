@@ -35,7 +35,7 @@ def more(x: np.ndarray) -> np.ndarray:
 
 
 def build(size: float) -> vmdg.Problem:
-    """A sheet of rock of cells of ``size`` m: below the fault 1, above it 2, beside both 3."""
+    """A sheet of rock of cells of ``size`` m: below the fault 1, above it 2, at its ends 3."""
     corner, count = 1e3 * np.array([WIDTH, HEIGHT]), np.array([WIDTH, HEIGHT]) * 2e3 / size
     mesh = meshes.create_rectangle(
         MPI.COMM_WORLD,

@@ -8,8 +8,8 @@ import pytest
 
 
 def test_example(comm, out):
-    """Times of arrival and slip of PyLith at six places, as well as cells of 150 m give them; the
-    rupture beside the patch of high stress is faster than shear waves, and energies add up."""
+    """Times of arrival and slip of PyLith at six places, as well as cells of 150 m give them; past
+    the patch of high stress the rupture is faster than shear waves, and energies add up."""
     found = fault.main(size=150.0, out=str(out))
     arrivals, slip = fault.PYLITH
     assert found["arrivals"] == pytest.approx(arrivals, rel=0.06)

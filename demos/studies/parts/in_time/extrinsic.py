@@ -65,7 +65,7 @@ class Beat:
 def extrinsic(n: int, penalty: float, step: float, periods: float) -> Beat:
     """By linear elements with lumped masses and the plain law in central differences.
 
-    The node in the middle is doubled when the mean stress beside it reaches the strength. Then
+    The node in the middle is doubled when the mean stress next to it reaches the strength. Then
     T = P_c (1 - delta/delta_c) at the largest opening delta so far, T delta/delta_max below it, and
     the penalty times the overlap.
 
