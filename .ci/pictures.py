@@ -58,6 +58,7 @@ COMMANDS = {
     "spall": ("spall", "spall.png"),
     "crack_speed": ("crack_speed", "crack_speed.png crack_speed.gif"),
     "fault": ("fault", "fault.png"),
+    "impact": ("impact", "impact.png"),
     "in_time": ("in_time", "in_time.png in_time.md"),
     "ductile_grains": ("ductile_grains", "ductile_grains.png"),
     "plastic_peel": ("plastic_peel", "plastic_peel.png"),
