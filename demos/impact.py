@@ -1,9 +1,9 @@
-"""A striker hits a laminate, which delaminates and throws it back.
+"""A striker hits a laminate, which delaminates and stops it.
 
 Two plies of carbon fibre and epoxy, 2 mm together, span 60 mm. A block of steel falls onto their
-middle. Bending waves run to the supports, and the shear between the plies, largest halfway up,
-opens cracks on both sides of the striker: they slide in mode II, under the pressure of the impact.
-Energy that the bond takes does not come back with the striker.
+middle. The bond between the plies is damaged under the striker at once. After 17 us the wave of
+bending arrives at the ends, where its shear parts the plies, and cracks run back to the middle. At
+the end the bond has taken two thirds of the energy, and the striker stands still.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-import gmsh
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -74,7 +73,7 @@ def draw(history: vmdg.History, x: np.ndarray, lost: np.ndarray) -> plt.Figure:
     twin.plot(time, history["kinetic"], "C1--", label="kinetic energy")
     twin.plot(time, history["damage"], "C3--", label="taken by the bond")
     twin.set(ylabel="energy [N mm per mm]", ylim=(0, None))
-    twin.legend()
+    twin.legend(loc="center right")
     return figure
 
 
@@ -94,9 +93,8 @@ def main(
     mine = striker[striker < problem.space.dofmap.index_map.size_local]
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
-        lost.append(
-            vmdg.profile(problem, "plies", lambda s: s.softening / strength, along="x")[0].T
-        )
+        share = lambda state: state.softening / strength  # noqa: E731
+        lost.append(vmdg.profile(problem, "plies", share, along="x")[0].T)
         v = problem.velocity.x.array.reshape(-1, 2)[mine, 1]
         mean = comm.allreduce(v.sum()) / comm.allreduce(len(v))
         return {"striker [mm/s]": mean, "debonded [-]": problem.debonded("plies")}
