@@ -71,12 +71,13 @@ def test_law_of_the_notched_bar():
 
 
 def test_membrane(comm, out):
-    """A tie across the membrane changes nothing; 8 x 8 cells miss the published rise by 4 %."""
-    for (_, quantity, source), row in rows_of("cook", comm, out).items():
+    """A tie across the membrane changes nothing, and 8 x 8 cells miss the published rise by 4 %; so
+    it is with hexahedra between smooth walls, 4 x 4 of which miss it by 12 %."""
+    for (case, quantity, source), row in rows_of("cook", comm, out).items():
         if source == "one body, same mesh":
-            assert abs(row.error) < 1e-3, quantity
+            assert abs(row.error) < 1e-3, (case, quantity)
         elif source == "code_aster ssnp179a":
-            assert abs(row.error) < 0.05, quantity
+            assert abs(row.error) < (0.13 if "3D" in case else 0.05), (case, quantity)
 
 
 def test_shells(comm):

@@ -10,7 +10,7 @@ import vmdg
 from parts.plasticity.rows import STEEL, Row
 from parts.verification.checks import describe
 from vmdg.meshes import blocks
-from vmdg.meshes.two_blocks import LEFT, RIGHT
+from vmdg.meshes.two_blocks import BACK, FRONT, LEFT, RIGHT
 
 #: Width, height at the clamped side, height at the loaded side [mm], shear on the latter [MPa].
 WIDTH, CLAMPED, LOADED, SHEAR = 48.0, 44.0, 16.0, 312.5
@@ -30,7 +30,7 @@ LENGTHS = 3
 
 
 def membrane(
-    cells: int, tied: bool, steps: int = 10, current: bool = False
+    cells: int, tied: bool, steps: int = 10, current: bool = False, solid: bool = False
 ) -> tuple[np.ndarray, str]:
     """Displacement of the upper right corner [mm], and the mesh.
 
@@ -40,19 +40,28 @@ def membrane(
         steps: Equal steps of the load.
         current: Whether the shear is a force per current length of the loaded side at the end of
             the run, else a dead load.
+        solid: Whether it is a layer of hexahedra between smooth walls, plane strain in 3D.
     """
-    nodes, moved, mesh = _loaded(cells, tied, steps, 1.0)
+    nodes, moved, mesh = _loaded(cells, tied, steps, 1.0, solid)
     for _ in range(LENGTHS * current):
         length = np.linalg.norm(np.diff(nodes + moved, axis=0), axis=1).sum()
-        nodes, moved, mesh = _loaded(cells, tied, steps, length / LOADED)
+        nodes, moved, mesh = _loaded(cells, tied, steps, length / LOADED, solid)
     return moved[-1], mesh
 
 
-def _loaded(cells: int, tied: bool, steps: int, share: float) -> tuple[np.ndarray, np.ndarray, str]:
+def _loaded(
+    cells: int, tied: bool, steps: int, share: float, solid: bool
+) -> tuple[np.ndarray, np.ndarray, str]:
     """Nodes of the loaded side from below, their displacements, and the mesh."""
-    middle = WIDTH / 2
+    middle, shape = WIDTH / 2, "hexahedron" if solid else "quadrilateral"
     mesh, tags, facets = blocks(
-        MPI.COMM_WORLD, "quadrilateral", (cells // 2, cells), WIDTH, 1.0, interface=(middle,) * 2
+        MPI.COMM_WORLD,
+        shape,
+        (cells // 2, cells, 1),
+        WIDTH,
+        1.0,
+        depth=WIDTH / cells,
+        interface=(middle,) * 2,
     )
     x = mesh.geometry.x
     place = x[:, 0] / WIDTH
@@ -60,12 +69,15 @@ def _loaded(cells: int, tied: bool, steps: int, share: float) -> tuple[np.ndarra
     interfaces = [vmdg.Interface(between=(1, 2), law=vmdg.Bonded())] if tied else []
     problem = vmdg.Problem(mesh, tags, {1: STEEL, 2: STEEL}, interfaces, degree=2)
     problem.dirichlet(facets.find(LEFT), 0.0)
-    problem.traction(facets.find(RIGHT), lambda t: (0.0, share * SHEAR * t))
+    d = mesh.geometry.dim
+    for wall in (BACK, FRONT) if solid else ():
+        problem.dirichlet(facets.find(wall), 0.0, "z")
+    problem.traction(facets.find(RIGHT), lambda t: (0.0, share * SHEAR * t, 0.0)[:d])
     vmdg.solve(problem, steps)
     owned = problem.space.dofmap.index_map.size_local
-    x = problem.space.tabulate_dof_coordinates()[:owned, :2]
-    side = np.isclose(x[:, 0], WIDTH)
-    found = np.hstack([x, problem.u.x.array.reshape(-1, 2)[:owned]])[side]
+    x = problem.space.tabulate_dof_coordinates()[:owned]
+    side = np.isclose(x[:, 0], WIDTH) & np.isclose(x[:, 2], 0.0)
+    found = np.hstack([x[:, :2], problem.u.x.array.reshape(-1, d)[:owned, :2]])[side]
     found = np.concatenate(problem.comm.allgather(found))
     found = found[np.argsort(found[:, 1])]
     return found[:, :2], found[:, 2:], describe(problem, 2)
@@ -73,20 +85,23 @@ def _loaded(cells: int, tied: bool, steps: int, share: float) -> tuple[np.ndarra
 
 def cook(coarse: bool = False) -> list[Row]:
     """The corner against other codes, and against one body on the same mesh."""
-    cells = 8 if coarse else 32
-    found, mesh = membrane(cells, True)
-    plain, _ = membrane(cells, False)
-    references = {
-        "one body, same mesh": plain,
-        "code_aster ssnp179a": CODE_ASTER,
-        "its reference": ITS_REFERENCE,
-    }
+    flat, solid = (8, 4) if coarse else (32, 16)
+    found, mesh = membrane(flat, True)
+    thick, hexahedra = membrane(solid, True, solid=True)
     rows = [
-        Row("Cook's membrane", f"displacement {axis} [mm]", ours, theirs[i], source, mesh)
-        for source, theirs in references.items()
-        for i, (axis, ours) in enumerate(zip("xy", found, strict=True))
+        Row(name, f"displacement {axis} [mm]", ours[i], theirs[i], source, cells)
+        for name, ours, cells, plain in (
+            ("Cook's membrane", found, mesh, membrane(flat, False)),
+            ("Cook's membrane in 3D", thick, hexahedra, membrane(solid, False, solid=True)),
+        )
+        for source, theirs in (
+            ("one body, same mesh", plain[0]),
+            ("code_aster ssnp179a", CODE_ASTER),
+            ("its reference", ITS_REFERENCE),
+        )
+        for i, axis in enumerate("xy")
     ]
-    stretched, _ = membrane(cells, True, current=True)
+    stretched, _ = membrane(flat, True, current=True)
     rises = {
         "Simo and Armero 1992": (found, SIMO_ARMERO),
         "Cesar de Sa et al. 2001": (found, CESAR_DE_SA),
@@ -97,4 +112,7 @@ def cook(coarse: bool = False) -> list[Row]:
         Row("Cook's membrane", rise, ours[1], theirs, source, mesh)
         for source, (ours, theirs) in rises.items()
     ]
+    rows.append(
+        Row("Cook's membrane in 3D", rise, thick[1], SIMO_ARMERO, "Simo and Armero 1992", hexahedra)
+    )
     return rows
