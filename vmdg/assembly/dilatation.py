@@ -33,7 +33,7 @@ from ..base.timers import timer
 from ..interface.active import ActiveInterface
 from ..interface.jets import FacetJets
 from ..interface.point_flux import FluxChange
-from .point_matrices import add_fields, add_flux, create_matrix, sparsity
+from .point_matrices import add_fields, create_matrix, sparsity
 from .weak_form import WeakForm
 
 Array = NDArray[np.float64]
@@ -114,15 +114,13 @@ class Dilatation:
     def add_to(
         self,
         matrix: PETSc.Mat,
-        parts: Sequence[tuple[ActiveInterface, Array]],
-        changes: Sequence[FluxChange],
+        parts: Sequence[tuple[ActiveInterface, Array, FluxChange | None]],
     ) -> None:
         """Add A_ut.D + D^T.(A_tu + A_tt.D) to d2Pi/du2 + p d2J/du2; collective.
 
         Args:
             matrix: The matrix.
-            parts: The interfaces, with D of :func:`.point_matrices.add_fields`.
-            changes: What bodies at points change in them.
+            parts: The interfaces, with D and the change of :func:`.point_matrices.add_fields`.
         """
         u, theta = FacetJets.displacement, FacetJets.dilatation
         fields = None, (u, theta), (theta, u), (theta, theta)
@@ -132,10 +130,8 @@ class Dilatation:
                 block.zeroEntries()
                 fem_petsc.assemble_matrix(block, form)
                 if pair:
-                    for active, values in parts:
-                        add_fields(block, active, values, *pair)
-                    for change in changes:
-                        add_flux(block, change, *pair)
+                    for part in parts:
+                        add_fields(block, *part, *pair)
                 block.assemble()
             D, A_ut, A_tu, A_tt = (block for _, block in blocks)
             inverse_volume = D.createVecLeft()

@@ -42,7 +42,6 @@ from .dilatation import Dilatation
 from .means import MeanSpace
 from .point_matrices import (
     add_couplings,
-    add_flux,
     add_forces,
     add_tangent,
     add_uniform,
@@ -142,8 +141,9 @@ class Discretization:
         self.owned = self.space.dofmap.index_map.size_local * self.space.dofmap.index_map_bs
         active = list(self.active.values())
         self._stabilizers = Stabilizers([one.stabilizer for one in active], self.u, bodies)
-        self._point_tangents: list[tuple[ActiveInterface, NDArray[np.float64]]] = []
-        self._changes: list[FluxChange] = []
+        self._point_tangents: list[
+            tuple[ActiveInterface, NDArray[np.float64], FluxChange | None]
+        ] = []
         self._patterns = 0
         self.weak_form = WeakForm(self.u, bodies, active)
         self._dilatation = Dilatation(self.weak_form) if bodies.mean_dilatation else None
@@ -463,15 +463,16 @@ class Discretization:
         dofs, along_z = self._test_space.dofmap.list, np.diag([0, 0, 1])
         fluxes = [
             (active, uniform_flux(active, D.transpose(0, 2, 1) if adjoint else D, gradient))
-            for active, D in self._point_tangents
+            for active, D, _ in self._point_tangents
         ]
+        changes = [change for *_, change in self._point_tangents if change is not None]
         if not adjoint:
-            fluxes += [(change.of.active, change.along(gradient)) for change in self._changes]
+            fluxes += [(change.of.active, change.along(gradient)) for change in changes]
         for active, flux in fluxes:
             add_uniform(forces, dofs, active, flux)
             if self._axial:
                 axial += active.point_tangent.jets.of_gradient(along_z) @ flux.sum(0)
-        for change in self._changes if adjoint else ():
+        for change in changes if adjoint else ():
             for cells, values in change.adjoint_along(gradient, FacetJets.displacement):
                 add_forces(forces, dofs[cells], d, values)
             if self._axial:
@@ -492,36 +493,32 @@ class Discretization:
             failing: False omits interfaces that can fail: only ties connect the bodies.
         """
         with timer("tangent at points"):
-            found = [(active, active.tangent(damage)) for active in self.active.values()]
-            parts = [(active, tangent[0]) for active, tangent in found]
-        changes = [
-            flux(*tangent[1:])
-            for flux, (active, tangent) in zip(self._point_fluxes, found, strict=True)
-            if flux and (failing or not active.law.inelastic)
-        ]
-        if not failing:
-            # Their entries stay in the pattern, as zeros.
-            parts = [(active, D * (not active.law.inelastic)) for active, D in parts]
+            parts = []
+            for flux, active in zip(self._point_fluxes, self.active.values(), strict=True):
+                D, *state = active.tangent(damage)
+                kept = failing or not active.law.inelastic
+                # Entries of the others stay in the pattern, as zeros.
+                parts.append(
+                    (active, D if kept else 0.0 * D, flux(*state) if flux and kept else None)
+                )
         with timer("assemble tangent"):
             matrix.zeroEntries()
             # PETSc drops preallocated entries that are not set before the first assembly.
             self._add_bodies(matrix)
             for form in self.surface.tangents():
                 fem_petsc.assemble_matrix(matrix, form)
-            for active, D in parts:
-                add_tangent(matrix, active, D)
-                add_couplings(matrix, active)
-            for change in changes:
-                add_flux(matrix, change)
+            for part in parts:
+                add_tangent(matrix, *part)
+                add_couplings(matrix, part[0])
             if self.means is not None:
                 # Rows that belong to no cell, for the identity of prescribed dofs.
                 for dof in self.means.owned_rows:
                     matrix.setValueLocal(dof, dof, 0.0, PETSc.InsertMode.ADD_VALUES)
             matrix.assemble()
             if self.means is not None:
-                self._point_tangents, self._changes = parts, changes
+                self._point_tangents = parts
             if self._dilatation is not None:
-                self._dilatation.add_to(matrix, parts, changes)
+                self._dilatation.add_to(matrix, parts)
 
     def stored_energy(self) -> NDArray[np.float64]:
         """This rank's energy of the bodies, of the interfaces (30) and of springs (3,) [N mm]."""

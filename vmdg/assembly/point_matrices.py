@@ -59,18 +59,24 @@ def create_matrix(
     return cpp.la.petsc.create_matrix(comm, pattern, kind)
 
 
-def add_tangent(matrix: PETSc.Mat, active: ActiveInterface, D: Array) -> None:
+def add_tangent(
+    matrix: PETSc.Mat, active: ActiveInterface, D: Array, change: FluxChange | None = None
+) -> None:
     """Add int j(eta).D.j(du) dA of (84)-(85) over an interface, for displacements.
 
     Args:
         matrix: The matrix.
         active: The interface.
         D: With dA, of its points (nq, jet, jet).
+        change: What the flux of bodies at points changes, if there are any.
     """
     tangent = active.point_tangent
     for rows in _batches(active):
         nodes = tangent.jets.nodes_at(rows)
         matrices = tangent.of_facets(D, rows)
+        if change is not None:
+            displacement = FacetJets.displacement
+            change.add_to(matrices, rows, tangent.jets.displacement(rows).matrix, displacement)
         matrix.setValuesBlockedLocalRCV(nodes, nodes, matrices, PETSc.InsertMode.ADD_VALUES)
 
 
@@ -85,25 +91,13 @@ def add_couplings(matrix: PETSc.Mat, active: ActiveInterface) -> None:
         matrix.setValuesBlockedLocalRCV(nodes, nodes, zeros, PETSc.InsertMode.ADD_VALUES)
 
 
-def add_flux(
-    matrix: PETSc.Mat,
-    change: FluxChange,
-    test: Field = FacetJets.displacement,
-    trial: Field = FacetJets.displacement,
-) -> None:
-    """Add what the flux of bodies at points changes in the tangent of an interface.
-
-    Args:
-        matrix: The matrix.
-        change: The change.
-        test, trial: The fields of rows and columns.
-    """
-    for rows, columns, matrices in change.matrices(_BATCH, test, trial):
-        matrix.setValuesBlockedLocalRCV(rows, columns, matrices, PETSc.InsertMode.ADD_VALUES)
-
-
 def add_fields(
-    matrix: PETSc.Mat, active: ActiveInterface, D: Array, test: Field, trial: Field
+    matrix: PETSc.Mat,
+    active: ActiveInterface,
+    D: Array,
+    change: FluxChange | None,
+    test: Field,
+    trial: Field,
 ) -> None:
     """The same for general fields, the sum of B^T.D.B over the points.
 
@@ -111,6 +105,7 @@ def add_fields(
         matrix: The matrix, with rows of test functions and columns of trial functions.
         active: The interface.
         D: With dA, of its points (nq, jet, jet).
+        change: What the flux of bodies at points changes, if there are any.
         test, trial: The fields of rows and columns.
     """
     points, jets = active.quadrature.points_of_facet, active.point_tangent.jets
@@ -119,8 +114,11 @@ def add_fields(
         product = D[points[rows]] @ right.matrix
         # Sums over the points of a facet and its jets in one product.
         B, DB = (part.reshape(len(part), -1, part.shape[3]) for part in (left.matrix, product))
+        matrices = B.transpose(0, 2, 1) @ DB
+        if change is not None:
+            change.add_to(matrices, rows, left.matrix, trial)
         matrix.setValuesBlockedLocalRCV(
-            left.blocks, right.blocks, B.transpose(0, 2, 1) @ DB, PETSc.InsertMode.ADD_VALUES
+            left.blocks, right.blocks, matrices, PETSc.InsertMode.ADD_VALUES
         )
 
 

@@ -39,17 +39,17 @@ class _Piece(NamedTuple):
     """Change of {P.N} on some facets by the dofs of one side.
 
     Attributes:
+        side: The side, 0 or 1.
         facets: The facets (f,).
         cells: Their cells on that side (f,).
         points: Points of the facets (f, p).
-        blocks: Local blocks of the dofs (f, n).
         flux: Change of {P.N} (f, p, d, n).
     """
 
+    side: int
     facets: NDArray[np.integer]
     cells: NDArray[np.int32]
     points: NDArray[np.integer]
-    blocks: NDArray[np.int32]
     flux: Array
 
 
@@ -64,28 +64,29 @@ class FluxChange(NamedTuple):
     of: PointFlux
     load: Array
 
-    def matrices(
-        self, most: int, test: Field, trial: Field
-    ) -> Iterator[tuple[NDArray[np.int32], NDArray[np.int32], Array]]:
-        """Blocks of the rows and of the columns and matrices of batches of facets.
+    def add_to(self, matrices: Array, rows: slice, B: Array, trial: Field) -> None:
+        """Add to the matrices of some facets (f, m, n), whose columns are those of both sides.
 
         Args:
-            most: Largest number of entries of the matrices of a batch.
-            test, trial: The fields of rows and columns.
+            matrices: B^T.D.B of the points.
+            rows: The facets.
+            B: Jets of the field of the rows (f, points per facet, jet, m).
+            trial: The field of the columns.
         """
-        jets = self.of.active.point_tangent.jets
-        for piece in self.of.pieces(trial, most):
-            rows = test(jets, piece.facets)
-            left = self.load[piece.points].transpose(0, 1, 3, 2) @ rows.matrix
+        for piece in self.of.pieces(rows, trial):
+            facets, width = piece.facets - rows.start, piece.flux.shape[-1]
+            # The dofs of its own side, or of both.
+            first = piece.side * (matrices.shape[2] - width)
+            left = self.load[piece.points].transpose(0, 1, 3, 2) @ B[facets]
             # Sums over the points of a facet and its tractions in one product.
             count, size = len(left), left.shape[1] * left.shape[2]
-            left, flux = (a.reshape(count, size, -1) for a in (left, piece.flux))
-            yield rows.blocks, piece.blocks, left.transpose(0, 2, 1) @ flux
+            left, flux = (part.reshape(count, size, -1) for part in (left, piece.flux))
+            matrices[facets, :, first : first + width] += left.transpose(0, 2, 1) @ flux
 
     def along(self, gradient: Array) -> Array:
         """The change times E.X, conjugate to jets at the points (nq, jet)."""
         result = np.zeros(self.load.shape[:2])
-        for piece in self.of.pieces(partial(FacetJets.uniform, gradient=gradient), _MOST):
+        for piece in self.of.all_pieces(partial(FacetJets.uniform, gradient=gradient)):
             result[piece.points] += (self.load[piece.points] @ piece.flux)[..., 0]
         return result
 
@@ -94,7 +95,7 @@ class FluxChange(NamedTuple):
     ) -> Iterator[tuple[NDArray[np.int32], Array]]:
         """Cells and forces (f, n) on a field in them: the transposed change times E.X."""
         tractions = self.of.active.point_tangent.jets.of_gradient(gradient) @ self.load
-        for piece in self.of.pieces(trial, _MOST):
+        for piece in self.of.all_pieces(trial):
             forces = np.einsum("fpi,fpin->fn", tractions[piece.points], piece.flux, optimize=True)
             yield piece.cells, forces
 
@@ -155,32 +156,39 @@ class PointFlux:
                 L[:, first : first + d * d] -= areas[:, None, None] * couple
         return FluxChange(self, L)
 
-    def pieces(self, trial: Field, most: int) -> Iterator[_Piece]:
-        """{P.N} by a field, of batches of facets whose side is at points.
+    def all_pieces(self, trial: Field) -> Iterator[_Piece]:
+        """:meth:`pieces` of all facets, in batches."""
+        count = max(_MOST // (2 * (self.active.point_tangent.jets.nodes * self.d) ** 2), 1)
+        for start in range(0, len(self.active.facets.facets), count):
+            yield from self.pieces(slice(start, start + count), trial)
+
+    def pieces(self, facets: slice, trial: Field) -> Iterator[_Piece]:
+        """{P.N} by a field, on those sides of some facets that are at points.
 
         Args:
+            facets: The facets.
             trial: Displacements, or a field whose gradients are uniform in a cell.
-            most: Largest number of entries of the matrices of a batch.
         """
+        for number, (_, rows, *_) in enumerate(self._sides):
+            some = slice(*np.searchsorted(rows, (facets.start, facets.stop)))
+            if some.start < some.stop:
+                yield self._piece(number, some, trial)
+
+    def _piece(self, number: int, some: slice, trial: Field) -> _Piece:
         quadrature, jets = self.active.quadrature, self.active.point_tangent.jets
-        batch = max(most // (2 * (jets.nodes * self.d) ** 2), 1)
-        for a, rows, cells, E, inside, there in self._sides:
+        a, rows, cells, E, inside, there = self._sides[number]
+        chosen, of = rows[some], cells[some]
+        points = quadrature.points_of_facet[chosen]
+        if trial is FacetJets.displacement:
+            inner, outer = (self._gradient_entries(G[some]) for G in (inside, there))
+        else:
             first = self.d + a * len(jets.entries)
-            for start in range(0, len(rows), batch):
-                some = slice(start, start + batch)
-                chosen, of = rows[some], cells[some]
-                points = quadrature.points_of_facet[chosen]
-                if trial is FacetJets.displacement:
-                    blocks = jets.nodes_of(of)
-                    inner, outer = (self._gradient_entries(G[some]) for G in (inside, there))
-                else:
-                    blocks, B = trial(jets, chosen)
-                    inner = outer = B[:, :1, first : first + len(jets.entries)]
-                change = self._flux_change(of, E[some], inner, outer)
-                weights = self.active.stabilization.weights[chosen, a]
-                normal = _normal_rows(quadrature.normal[points], jets.entries)
-                flux = np.einsum("fij,fpje->fpie", weights, normal) @ change
-                yield _Piece(chosen, of, points, blocks, flux)
+            inner = outer = trial(jets, chosen).matrix[:, :1, first : first + len(jets.entries)]
+        change = self._flux_change(of, E[some], inner, outer)
+        weights = self.active.stabilization.weights[chosen, a]
+        normal = _normal_rows(quadrature.normal[points], jets.entries)
+        flux = np.einsum("fij,fpje->fpie", weights, normal) @ change
+        return _Piece(a, chosen, of, points, flux)
 
     def _gradient_entries(self, gradients: Array) -> Array:
         """Entries of GRAD w by the dofs of cells (f, points, entries, n)."""
