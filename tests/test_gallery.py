@@ -209,9 +209,16 @@ def test_plastic_bodies_in_the_text():
 
     assert f"within {worst('necking', '.*force', 'one body, same')} of one body" in accuracy
     assert f"within {worst('necking', '.*', 'one body, refined')} of a mesh" in accuracy
-    aster = worst("Cook", ".*", "code_aster")
-    reference = worst("Cook", ".*", "its reference")
+    early, late = (
+        worst("notched", f".*{at} mm", "code_aster ssna120a$") for at in ("0.[23]", "0.4")
+    )
+    assert f"within {early} of code_aster (`ssna120a`)" in accuracy
+    assert f"{late} at 0.4 mm" in accuracy
+    aster = worst("Cook's membrane$", ".*", "code_aster")
+    reference = worst("Cook's membrane$", ".*", "its reference")
     assert f"{aster} of code_aster" in accuracy and f"{reference} of the values" in accuracy
+    solid = worst(".* in 3D", ".*", "code_aster")
+    assert f"16 x 16 hexahedra between smooth walls are {solid} below" in accuracy
     assert f"sphere {worst('sphere', 'error', 'one body')} above" in accuracy
     assert f"tube {worst('tube', 'error', 'one body')} below" in accuracy
     assert f"limit pressure within {worst('tube', 'limit', '.*')}" in accuracy

@@ -376,15 +376,16 @@ def test_restart(comm, out):
 
 @SEVERAL_RANKS
 @KINEMATICS
-def test_ranks(comm, kinematics):
+@pytest.mark.parametrize("law", [vmdg.Bonded(), vmdg.Debonding(700.0, 0.1)], ids=["tie", "bond"])
+def test_ranks(comm, kinematics, law):
     """The same forces, energies and plastic strains as on one rank.
 
-    Of tied bodies: where bonds soften while bodies flow, rounding decides which attempts fail, and
-    forces differ by what another sequence of steps changes, some 1e-3.
+    Of bodies whose bond holds: where it softens while bodies flow, rounding decides which attempts
+    fail, and forces differ by what another sequence of steps changes, some 1e-3.
     """
     results = []
     for ranks in (comm, MPI.COMM_SELF):
-        problem, end = pulled(ranks, kinematics, vmdg.Bonded())
+        problem, end = pulled(ranks, kinematics, law)
         forces = []
         for load in np.linspace(0.0, 0.06, 7)[1:]:
             vmdg.solve(problem, [load])
