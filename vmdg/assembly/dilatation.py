@@ -130,8 +130,8 @@ class Dilatation:
                 block.zeroEntries()
                 fem_petsc.assemble_matrix(block, form)
                 if pair:
-                    for part in parts:
-                        add_fields(block, *part, *pair)
+                    for active, values, change in parts:
+                        add_fields(block, active, values, *pair, change)
                 block.assemble()
             D, A_ut, A_tu, A_tt = (block for _, block in blocks)
             inverse_volume = D.createVecLeft()

@@ -95,9 +95,9 @@ def add_fields(
     matrix: PETSc.Mat,
     active: ActiveInterface,
     D: Array,
-    change: FluxChange | None,
     test: Field,
     trial: Field,
+    change: FluxChange | None = None,
 ) -> None:
     """The same for general fields, the sum of B^T.D.B over the points.
 
@@ -105,8 +105,8 @@ def add_fields(
         matrix: The matrix, with rows of test functions and columns of trial functions.
         active: The interface.
         D: With dA, of its points (nq, jet, jet).
-        change: What the flux of bodies at points changes, if there are any.
         test, trial: The fields of rows and columns.
+        change: What the flux of bodies at points changes, if there are any.
     """
     points, jets = active.quadrature.points_of_facet, active.point_tangent.jets
     for rows in _batches(active):

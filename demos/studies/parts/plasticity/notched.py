@@ -52,7 +52,7 @@ ROUSSELIER = {0.2: (29.3597, 0.349885), 0.3: (28.6069, 0.620591), 0.4: (22.6731,
 @dataclass(frozen=True)
 class ElasticTrapezoid(Law):
     """CZM_TRA_MIX of code_aster (R7.02.11): |T| rises linearly to the strength, stays there, and
-    falls linearly; T is along the gap, unloading returns to the origin, contact bears pressure.
+    falls linearly; T is along the gap, unloading returns to the origin, contact carries pressure.
 
     r |zeta| + |T|(|zeta|) = |T_tr + r zeta_n| has one root on one of the four branches. The history
     is Q = strength times the largest gap over the critical one.
