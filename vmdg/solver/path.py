@@ -90,7 +90,7 @@ class Size:
 
     Attributes:
         way: Arc length [mm].
-        stride: Change of the load factor under load control.
+        stride: Change of the load factor under load control, or where work is no control.
         last: The previous step, see :meth:`.Steps.attempt`.
         idle: Number of steps without progress since the last one with damage.
     """
@@ -239,7 +239,14 @@ class Path:
             held = limits.length <= ROUNDING * stage.span
             if held or cuts - most_cuts > by_work * most_cuts // 2:
                 raise StepFailure(self._complaint(limits, found), self._result)
-            limits = self._shorter(stage, limits, found, cuts - most_cuts)
+            shorter = self._shorter(stage, limits, found, cuts - most_cuts)
+            if shorter == limits and last and last.ahead is not None:
+                last = last.going(None)
+            elif shorter == limits and cuts <= most_cuts:
+                # It would be the same attempt.
+                cuts = most_cuts + 1
+                shorter = self._shorter(stage, limits, found, 1)
+            limits = shorter
         self._lost &= found.unstable or problem.t != stage.target
         self._size = self._next_size(stage, limits, found, cuts)
         if self._size.idle > self._numbers.idle:
@@ -256,6 +263,8 @@ class Path:
                 # For example if all contact slides, neither damage work nor arc length makes
                 # progress.
                 return limits
+            if size.stride < math.inf:
+                return self._strode(limits, size.stride)
             work = scales.work if scales.breaking else math.inf
             return replace(limits, work=work, way=size.way)
         stride = size.stride
@@ -320,6 +329,11 @@ class Path:
             aim = (1 - numbers.missed) * options.max_loss
             room = aim / found.lost if found.lost else math.inf
             stride = min(room, 1 / numbers.cut) * limits.length
+        elif stage.follows:
+            # Where bonds break without work as a control, the next step is by load as well.
+            goes = size.stride < math.inf and not cuts
+            if limits.by_load_alone and (goes or cuts > self._options.max_cuts):
+                stride = growth * limits.length
         elif cuts or size.stride < math.inf:
             stride = growth * limits.length
         # Arc-length steps may continue indefinitely without damage or progress.
