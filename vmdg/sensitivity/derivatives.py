@@ -18,25 +18,15 @@ Source: Kleiber, Antunez, Hien and Kowalczyk, Parameter Sensitivity in Nonlinear
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
-from dolfinx import fem
-from dolfinx.la import InsertMode
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
-from ..assembly.discretization import interface_forces, stabilization_anew
-from ..assembly.point_matrices import local_tractions
-from ..assembly.space import at_owners
-from ..base.parallel import global_any, global_max, global_sum
+from ..base.parallel import global_any, global_sum
 from ..base.timers import timer
-from ..base.units import power_of_two
-from ..domain.topology import box_sides
 from ..interface.history import InterfaceSnapshot, PointHistory
 from ..interface.points import PointValues
 from ..interface.return_map import Trial
@@ -44,33 +34,14 @@ from ..interface.stabilization import Stabilization
 from ..linear.system import System
 from ..problem.problem import Problem
 from ..problem.states import Rate, Rates, Works
+from .neighbours import Neighbours
 from .parameters import Parameter, parameters_of
 from .point_rates import Change, point_rates
-from .records import difference, plus, shifted, zeros
+from .records import CHANGE, plus, shifted, zeros
+from .rows import Row, Rows
+from .stabilization_rates import StabilizationRates
 
 Array = NDArray[np.float64]
-
-#: Values by name for the current state of a problem.
-Row = Callable[[], Mapping[str, Any]]
-
-#: Relative change of a parameter for differences.
-CHANGE = 1e-6
-
-#: The same for differences of rows of the history, of the row itself and one neighbour.
-NEAR = 1e-7
-
-#: The same for tau_s in a step.
-MIDDLE = 1e-5
-
-#: The same for quantities with more rounding, of two neighbours: energies, which are small
-#: differences at finite strain, and tau_s, from eigenvalues.
-FAR = 1e-4
-
-#: Difference of r, relative, above which a step was repeated with a larger one.
-RAISED = 1e-2
-
-#: Displacement for differences, relative to the size of the body; at small strain they are exact.
-MOVE = 1e-6
 
 
 @dataclass
@@ -106,10 +77,10 @@ class Derivatives:
     def __init__(self, problem: Problem, names: Sequence[str], energy: bool):
         self._problem, self._energy = problem, energy
         self._parameters = parameters_of(problem, names)
-        self._parts = problem.discretization
-        self._actives = list(self._parts.active.values())
-        self._field = fem.Function(problem.space)
-        self._size = float(np.linalg.norm(box_sides(problem.mesh)))
+        self._neighbours = Neighbours(problem)
+        self._parts, self._actives = self._neighbours.parts, self._neighbours.actives
+        self._stabilizations = StabilizationRates(problem)
+        self._rows = Rows(self._neighbours, self._parameters)
         self._laws = {
             one.name: {h: one.laws(h) for h in (CHANGE, -CHANGE)} for one in self._parameters
         }
@@ -134,7 +105,7 @@ class Derivatives:
                 more = damage * self._strength_rate(parameter, i)
                 rate = replace(rate, softening=more + rate.softening)
             histories.append(rate)
-        stabilizations = self._first_stabilizations(parameter)
+        stabilizations = self._stabilizations.first(parameter)
         interfaces = [
             InterfaceSnapshot(history, zeros(active.values), stabilization)
             for history, active, stabilization in zip(
@@ -161,7 +132,7 @@ class Derivatives:
                 which its row moves.
             dt: Time step of its return maps [s].
         """
-        step = self._problem.step
+        step, near = self._problem.step, self._neighbours
         with timer("derivatives"):
             before = step.rates.by_name
             given = [active.trial() for active in self._actives]
@@ -170,12 +141,11 @@ class Derivatives:
             pulled = [
                 self._forces(*known) for known in zip(self._parameters, partial, begun, strict=True)
             ]
-            right, moved = (
-                [-forces for forces in pulled],
-                [np.zeros(self._parts.owned)] * len(begun),
-            )
+            right = [-forces for forces in pulled]
+            moved = [np.zeros(self._parts.owned)] * len(begun)
             if follows:
-                right, moved = [*right, self._load_rate(dt)], [*moved, self._problem.loading.rate()]
+                right.append(near.load_rate(dt))
+                moved.append(self._problem.loading.rate())
             found = system.respond(right, moved)
             ways, factors = [], np.zeros(len(begun))
             if follows:
@@ -185,12 +155,11 @@ class Derivatives:
                 forces = forces + pull
                 if follows:
                     u, forces = u + t * along, forces + t * (under - right[-1])
-                ways.append((self._everywhere(u), float(t), self._everywhere(forces)))
+                ways.append((near.everywhere(u), float(t), near.everywhere(forces)))
+            moves = [near.trials_along(u, t, given) for u, t, _ in ways]
             trials = [
-                [plus(*both) for both in zip(known.trials, along, strict=True)]
-                for known, along in zip(
-                    partial, (self._trials_along(u, t, given) for u, t, _ in ways), strict=True
-                )
+                [plus(*both) for both in zip(known.trials, move, strict=True)]
+                for known, move in zip(partial, moves, strict=True)
             ]
             ended = self._values(given, trials, dt)
             step.rates = replace(
@@ -226,7 +195,8 @@ class Derivatives:
             return orthogonal
         # The points that begin to fail stay at their strength. The way along the path counts as if
         # it were a further parameter, with unchanged laws.
-        ways = [self._trials_along(self._everywhere(u), 0.0, given) for u in (*still, along)]
+        near = self._neighbours
+        ways = [near.trials_along(near.everywhere(u), 0.0, given) for u in (*still, along)]
         rates = [
             [plus(*both) for both in zip(known.trials, way, strict=True)]
             for known, way in zip(partial, ways, strict=False)
@@ -273,7 +243,7 @@ class Derivatives:
     def _partial(self, parameter: Parameter, last: Rate, given: Sequence[Trial]) -> _Partial:
         """Rates at fixed displacement and load factor."""
         histories = [one.history for one in last.interfaces]
-        stabilizations = self._stabilizations_of_step(parameter, last)
+        stabilizations = self._stabilizations.of_step(parameter, last)
         changes = any(
             array.any()
             for one in stabilizations
@@ -284,7 +254,7 @@ class Derivatives:
         changes |= parameter.of_body or bodies.mean_dilatation or not bodies.small
         changes = global_any(self._problem.comm, changes)
         if changes:
-            trials = self._trials_nearby(parameter, histories, stabilizations)
+            trials = self._neighbours.trials(parameter, histories, stabilizations)
         else:
             trials = [
                 replace(zeros(trial), gap=history.gap, softening=history.softening)
@@ -299,8 +269,8 @@ class Derivatives:
     ) -> Array:
         """dR/dp at fixed displacement, owned dofs [N]."""
         if partial.changes:
-            return self._forces_nearby(parameter, partial.stabilizations, values)
-        return self._forces_of_gaps(values)
+            return self._neighbours.forces(parameter, partial.stabilizations, values)
+        return self._neighbours.forces_of_gaps(values)
 
     def _values(
         self, given: Sequence[Trial], rates: Sequence[Sequence[Trial]], dt: float
@@ -341,305 +311,13 @@ class Derivatives:
         ]
         beside = replace(found, interfaces=at_start)
         works = [
-            self._works(parameter, beside, last, h, before)
+            self._rows.works(parameter, beside, last, h, before)
             for h, before in zip((CHANGE, -CHANGE), last.works, strict=True)
         ]
         return replace(found, works=tuple(works))
 
-    def _works(
-        self, parameter: Parameter, rate: Rate, last: Rate, h: float, before: Works
-    ) -> Works:
-        """Works at a neighbouring value of the parameter, up to the end of the step."""
-        problem, ledger = self._problem, self._problem.step.ledger
-        start, loads = ledger.begun
-        t = start.t + h * last.t
-        if last.t and problem.loading.ray is not None:
-            loads = problem.loading.ray.at(problem.loading.ray.vectors, t)
-        interfaces = [
-            replace(one, history=shifted(one.history, other.history, h))
-            for one, other in zip(start.interfaces, last.interfaces, strict=True)
-        ]
-        moved = replace(
-            start,
-            t=t,
-            u=start.u + h * last.u,
-            forces=start.forces + h * last.forces,
-            interfaces=interfaces,
-        )
-        with self._nearby(parameter, rate, h):
-            return ledger.works_beside(moved, loads, before, finish=True)
-
-    def _everywhere(self, values: Array) -> Array:
-        """Values of owned dofs on local dofs, ghosts included."""
-        self._field.x.array[: self._parts.owned] = values
-        self._field.x.scatter_forward()
-        return self._field.x.array.copy()
-
-    # tau_s
-
-    def _stabilizations_of_step(self, parameter: Parameter, last: Rate) -> list[Stabilization]:
-        """Rates of tau_s and delta of the step, which are those of its start."""
-        before = [one.stabilization for one in last.interfaces]
-        if self._parts.constant_stabilization:
-            return before
-        start, applied = self._problem.step.start, [one.stabilization for one in self._actives]
-        floors = [one.stabilization.norm for one in start.interfaces]
-        rose = any((one.norm > low).any() for one, low in zip(applied, floors, strict=True))
-        at_floor = not global_any(self._problem.comm, rose)
-        loading, t = self._problem.loading, self._problem.t
-        u = self._problem.u.x.array.copy()
-        self._problem.u.x.array[:] = start.u
-        loading.move(start.t)
-        # Laws enter by the displacement alone, by little: one neighbour does.
-        changes = (MIDDLE, -MIDDLE) if parameter.of_body else (CHANGE,)
-        ends = [
-            self._stabilization_at(parameter, h, last.u, floors, before, at_floor) for h in changes
-        ]
-        lower, width = (ends[1], 2 * MIDDLE) if parameter.of_body else (applied, CHANGE)
-        self._problem.u.x.array[:] = u
-        loading.move(t)
-        self._parts.update_means(pressure=True)
-        return [
-            _where_own(difference(high, low, width / 2), high, here, last)
-            for high, low, here, last in zip(ends[0], lower, applied, before, strict=True)
-        ]
-
-    def _first_stabilizations(self, parameter: Parameter) -> list[Stabilization]:
-        """Rates of tau_s and delta in the initial state."""
-        zero, floors = np.zeros_like(self._problem.u.x.array), []
-        for active in self._actives:
-            floors.append(np.zeros_like(active.floor))
-        rates = [zeros(active.stabilization) for active in self._actives]
-        ends = (
-            self._stabilization_at(parameter, h, zero, floors, rates, at_floor=False)
-            for h in (FAR, -FAR)
-        )
-        return [difference(a, b, FAR) for a, b in zip(*ends, strict=True)]
-
-    def _stabilization_at(
-        self,
-        parameter: Parameter,
-        h: float,
-        u: Array,
-        floors: Sequence[Array],
-        rates: Sequence[Stabilization],
-        at_floor: bool,
-    ) -> list[Stabilization]:
-        """tau_s and delta at p (1 + h) next to the current displacement, for rates of the
-        displacement and of the lower bounds of r."""
-        here = self._problem.u.x
-        before = here.array.copy()
-        bodies = global_any(self._problem.comm, parameter.of_body or bool(u.any()))
-        here.array[:] = before + h * u
-        bounds = [low + h * rate.norm for low, rate in zip(floors, rates, strict=True)]
-        with parameter.changed(h):
-            found = stabilization_anew(self._parts, bounds, bodies, at_floor)
-        here.array[:] = before
-        return found
-
-    # Forces and trial tractions
-
-    def _trials_nearby(
-        self,
-        parameter: Parameter,
-        histories: Sequence[PointHistory],
-        stabilizations: Sequence[Stabilization],
-    ) -> list[Trial]:
-        """Rates of the input of return maps at fixed displacement."""
-        ends = []
-        for h in (CHANGE, -CHANGE):
-            with self._interfaces_at(h, histories, None, stabilizations), parameter.changed(h):
-                ends.append([active.trial() for active in self._actives])
-        return [difference(a, b, CHANGE) for a, b in zip(*ends, strict=True)]
-
-    def _trials_along(self, u: Array, t: float, given: Sequence[Trial]) -> list[Trial]:
-        """Rates of the input of return maps along a displacement, and a load factor."""
-        problem, here = self._problem, self._problem.u.x
-        size = global_max(problem.comm, float(np.abs(u).max(initial=0.0)))
-        if size == 0:
-            return [zeros(trial) for trial in given]
-        straight = self._parts.bodies.linear and not problem.loading.pressurised
-        h = float(power_of_two(self._size / size)) if straight else MOVE * self._size / size
-        before, factor, ends = here.array.copy(), problem.t, []
-        for end in (h,) if straight else (h, -h):
-            here.array[:] = before + end * u
-            if t:
-                problem.loading.move(factor + end * t)
-            self._parts.update_means()
-            ends.append([active.trial() for active in self._actives])
-        here.array[:] = before
-        if t:
-            problem.loading.move(factor)
-        self._parts.update_means()
-        # Halved twice if only one side is known.
-        lower, width = (given, h / 2) if straight else (ends[1], h)
-        return [difference(a, b, width) for a, b in zip(ends[0], lower, strict=True)]
-
-    def _forces_of_gaps(self, values: Sequence[PointValues]) -> Array:
-        """dR/dp where only gaps change, at small strain, owned dofs [N]: -Tt(eta).dzeta dA."""
-        forces = fem.Function(self._problem.space)
-        for active, rate, matrix in zip(self._actives, values, self._tractions, strict=True):
-            if active.law.inelastic:
-                forces.x.array[:] -= matrix @ rate.gap.ravel()
-        forces.x.scatter_reverse(InsertMode.add)
-        return forces.x.array[: self._parts.owned].copy()
-
-    @cached_property
-    def _tractions(self) -> list[csr_array]:
-        """Transposes of int q.Tt(du) dA at small strain, over local dofs and gap components."""
-        return [local_tractions(active) for active in self._actives]
-
-    def _forces_nearby(
-        self,
-        parameter: Parameter,
-        stabilizations: Sequence[Stabilization],
-        values: Sequence[PointValues],
-    ) -> Array:
-        """dR/dp where tau_s or moduli change, owned dofs [N]."""
-        parts, ends = self._parts, []
-        before = parts.forces.x.array.copy()
-        everything = parameter.of_body or parts.bodies.mean_dilatation
-        for h in (CHANGE, -CHANGE):
-            with self._interfaces_at(h, None, values, stabilizations), parameter.changed(h):
-                if everything:
-                    ends.append(parts.assemble_residual(None).copy())
-                else:
-                    ends.append(interface_forces(parts))
-        parts.forces.x.array[:] = before
-        parts.update_means(pressure=True)
-        return (ends[0] - ends[1]) / (2 * CHANGE)
-
-    def _load_rate(self, dt: float) -> Array:
-        """-dR/dlambda at fixed displacement along the ray, owned dofs [N]."""
-        problem, loading = self._problem, self._problem.loading
-        ray = loading.ray
-        if not (loading.pressurised or loading.strained(ray.start, ray.end)):
-            return at_owners(problem.space, ray.rate(ray.vectors))
-        t, change = loading.t, MOVE * (ray.end - ray.start)
-        before, ends = self._parts.forces.x.array.copy(), []
-        points = [active.snapshot() for active in self._actives]
-        for end in (t + change, t - change):
-            loading.move(end)
-            ends.append(self._parts.assemble_residual(dt, False, loading.vector).copy())
-        loading.move(t)
-        for active, state in zip(self._actives, points, strict=True):
-            active.return_to(state)
-        self._parts.forces.x.array[:] = before
-        self._parts.update_means(pressure=True)
-        return -(ends[0] - ends[1]) / (2 * change)
-
-    # Neighbouring states
-
-    @contextmanager
-    def _interfaces_at(
-        self,
-        h: float,
-        histories: Sequence[PointHistory] | None,
-        values: Sequence[PointValues] | None,
-        stabilizations: Sequence[Stabilization],
-    ) -> Iterator[None]:
-        """All interfaces moved by h times these rates; None for no change."""
-        before = [active.snapshot() for active in self._actives]
-        for i, (active, state) in enumerate(zip(self._actives, before, strict=True)):
-            state = replace(state, stabilization=shifted(state.stabilization, stabilizations[i], h))
-            if histories is not None:
-                state = replace(state, history=shifted(state.history, histories[i], h))
-            if values is not None:
-                state = replace(state, values=shifted(state.values, values[i], h))
-            active.return_to(state)
-        try:
-            yield
-        finally:
-            for active, state in zip(self._actives, before, strict=True):
-                active.return_to(state)
-
-    @contextmanager
-    def _nearby(self, parameter: Parameter, rate: Rate, h: float) -> Iterator[None]:
-        """The problem in the state at p (1 + h)."""
-        problem, parts = self._problem, self._parts
-        u, forces = problem.u.x.array, parts.forces.x.array
-        before, t = (u.copy(), forces.copy()), problem.t
-        u += h * rate.u
-        forces += h * rate.forces
-        if rate.t:
-            problem.loading.move(t + h * rate.t)
-        parts.update_means(pressure=True)
-        problem.loading.nearby, of = True, rate.interfaces
-        records = (
-            [one.history for one in of],
-            [one.values for one in of],
-            [one.stabilization for one in of],
-        )
-        try:
-            with self._interfaces_at(h, *records), parameter.changed(h):
-                yield
-        finally:
-            self._problem.loading.nearby = False
-            u[:], forces[:] = before
-            if rate.t:
-                problem.loading.move(t)
-            parts.update_means(pressure=True)
-
-    # A row
-
     def columns(
         self, row: Mapping[str, Any], watched: Row, energies: Row | None
     ) -> dict[str, float]:
-        """Derivatives of a row of the history, after the step is committed.
-
-        Args:
-            row: Values of the monitor by name, with or without a unit.
-            watched: Returns them for the current state of the problem.
-            energies: The same for energies; None for none.
-        """
-        rates, found = self._problem.step.rates, {}
-        names = [name for name, value in row.items() if isinstance(value, float)]
-        for parameter in self._parameters:
-            rate = rates.by_name[parameter.name]
-            changes = {"load": rate.t if rates.known else np.nan}
-            near = self._near(parameter, rate, NEAR, watched) if rates.known else {}
-            for name in names:
-                changes[name] = (near[name] - row[name]) / NEAR if near else np.nan
-            if energies is not None:
-                ends = [self._near(parameter, rate, h, energies) for h in (FAR, -FAR)]
-                for name in ends[0]:
-                    change = (ends[0][name] - ends[1][name]) / (2 * FAR)
-                    changes[name] = change if rates.known else np.nan
-            for name, change in changes.items():
-                found[f"d {_plain(name)}/d {parameter.name}"] = change / parameter.value
-        return found | {"frozen [-]": rates.jumps}
-
-    def _near(self, parameter: Parameter, rate: Rate, h: float, row: Row) -> Mapping[str, Any]:
-        """A row at p (1 + h)."""
-        ledger = self._problem.step.ledger
-        works = ledger.works
-        # Not numbers if they are not known.
-        moved = Works(np.full(3, np.nan), np.full(2, np.nan))
-        if rate.works is not None:
-            ends = (one.dissipated for one in rate.works)
-            dissipated = works.dissipated + h * np.subtract(*ends) / (2 * CHANGE)
-            moved = replace(works, dissipated=dissipated, pending=None)
-        ledger.works = moved
-        try:
-            with self._nearby(parameter, rate, h):
-                return row()
-        finally:
-            ledger.works = works
-
-
-def _where_own(
-    rate: Stabilization, near: Stabilization, here: Stabilization, last: Stabilization
-) -> Stabilization:
-    """Rates, or those of the last step where the step was repeated with a larger r, which its start
-    does not tell."""
-    own = np.abs(near.norm - here.norm) <= RAISED * here.norm
-    rows = {"tau": rate.tau, "norm": rate.norm, "safety": rate.safety}
-    for name, values in rows.items():
-        mask = own.reshape(-1, *[1] * (values.ndim - 1))
-        rows[name] = np.where(mask, values, getattr(last, name))
-    return replace(rate, **rows)
-
-
-def _plain(column: str) -> str:
-    """A column without its unit."""
-    return column.rpartition(" [")[0] or column
+        """Derivatives of a row of the history, see :meth:`.Rows.columns`."""
+        return self._rows.columns(row, watched, energies)

@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Record = TypeVar("Record")
 
+#: Relative change of a parameter for differences.
+CHANGE = 1e-6
+
 
 def _of_each(combine: Callable[..., Array], first: Record, *others: Record) -> Record:
     """A record whose arrays of floats are combined from those of others, and of records in it.

@@ -1,0 +1,110 @@
+"""Rates of tau_s and delta, which are those of the start of a step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..assembly.discretization import stabilization_anew
+from ..base.parallel import global_any
+from ..interface.stabilization import Stabilization
+from ..problem.problem import Problem
+from ..problem.states import Rate
+from .parameters import Parameter
+from .records import CHANGE, difference, zeros
+
+Array = NDArray[np.float64]
+
+#: Relative change of a parameter for tau_s in a step, from eigenvalues.
+MIDDLE = 1e-5
+
+#: The same in the initial state.
+FIRST = 1e-4
+
+#: Difference of r, relative, above which a step was repeated with a larger one.
+RAISED = 1e-2
+
+
+class StabilizationRates:
+    """Rates of tau_s and delta of all interfaces of a problem; all methods are collective.
+
+    Args:
+        problem: The problem.
+    """
+
+    def __init__(self, problem: Problem):
+        self._problem, self._parts = problem, problem.discretization
+        self._actives = list(self._parts.active.values())
+
+    def first(self, parameter: Parameter) -> list[Stabilization]:
+        """Rates of tau_s and delta in the initial state."""
+        zero, floors = np.zeros_like(self._problem.u.x.array), []
+        for active in self._actives:
+            floors.append(np.zeros_like(active.floor))
+        rates = [zeros(active.stabilization) for active in self._actives]
+        ends = (
+            self._at(parameter, h, zero, floors, rates, at_floor=False) for h in (FIRST, -FIRST)
+        )
+        return [difference(a, b, FIRST) for a, b in zip(*ends, strict=True)]
+
+    def of_step(self, parameter: Parameter, last: Rate) -> list[Stabilization]:
+        """Rates of tau_s and delta of the step, which are those of its start."""
+        before = [one.stabilization for one in last.interfaces]
+        if self._parts.constant_stabilization:
+            return before
+        start, applied = self._problem.step.start, [one.stabilization for one in self._actives]
+        floors = [one.stabilization.norm for one in start.interfaces]
+        rose = any((one.norm > low).any() for one, low in zip(applied, floors, strict=True))
+        at_floor = not global_any(self._problem.comm, rose)
+        loading, t = self._problem.loading, self._problem.t
+        u = self._problem.u.x.array.copy()
+        self._problem.u.x.array[:] = start.u
+        loading.move(start.t)
+        # Laws enter by the displacement alone, by little: one neighbour does.
+        changes = (MIDDLE, -MIDDLE) if parameter.of_body else (CHANGE,)
+        ends = [self._at(parameter, h, last.u, floors, before, at_floor) for h in changes]
+        lower, width = (ends[1], 2 * MIDDLE) if parameter.of_body else (applied, CHANGE)
+        self._problem.u.x.array[:] = u
+        loading.move(t)
+        self._parts.update_means(pressure=True)
+        return [
+            _where_own(difference(high, low, width / 2), high, here, last)
+            for high, low, here, last in zip(ends[0], lower, applied, before, strict=True)
+        ]
+
+    def _at(
+        self,
+        parameter: Parameter,
+        h: float,
+        u: Array,
+        floors: Sequence[Array],
+        rates: Sequence[Stabilization],
+        at_floor: bool,
+    ) -> list[Stabilization]:
+        """tau_s and delta at p (1 + h) next to the current displacement, for rates of the
+        displacement and of the lower bounds of r."""
+        here = self._problem.u.x
+        before = here.array.copy()
+        bodies = global_any(self._problem.comm, parameter.of_body or bool(u.any()))
+        here.array[:] = before + h * u
+        bounds = [low + h * rate.norm for low, rate in zip(floors, rates, strict=True)]
+        with parameter.changed(h):
+            found = stabilization_anew(self._parts, bounds, bodies, at_floor)
+        here.array[:] = before
+        return found
+
+
+def _where_own(
+    rate: Stabilization, near: Stabilization, here: Stabilization, last: Stabilization
+) -> Stabilization:
+    """Rates, or those of the last step where the step was repeated with a larger r, which its start
+    does not tell."""
+    own = np.abs(near.norm - here.norm) <= RAISED * here.norm
+    rows = {"tau": rate.tau, "norm": rate.norm, "safety": rate.safety}
+    for name, values in rows.items():
+        mask = own.reshape(-1, *[1] * (values.ndim - 1))
+        rows[name] = np.where(mask, values, getattr(last, name))
+    return replace(rate, **rows)
