@@ -566,13 +566,16 @@ def split(parts: Discretization, cells: NDArray[np.bool_]) -> Split:
 
 
 def stabilization_anew(
-    parts: Discretization, floors: Sequence[NDArray[np.float64]], bodies: bool, at_floor: bool
+    parts: Discretization,
+    floors: Sequence[NDArray[np.float64]],
+    bodies: bool,
+    risen: Sequence[NDArray[np.bool_]],
 ) -> list[Stabilization]:
     """tau_s and delta at the current displacement for changed moduli or laws, see
     :meth:`.Stabilizers.anew`; the forms are unchanged; collective."""
     parts.update_means(pressure=True)
     with timer("stabilization"):
-        return parts._stabilizers.anew(floors, bodies, at_floor)
+        return parts._stabilizers.anew(floors, bodies, risen)
 
 
 def interface_forces(parts: Discretization) -> NDArray[np.float64]:

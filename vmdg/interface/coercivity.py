@@ -105,6 +105,9 @@ _MOST_PRESSED = 0.75
 # Size of the largest array of a batch of cells.
 _BATCH = 2**22
 
+#: Rows of an array.
+_Rows = slice | NDArray[np.intp]
+
 
 def margin(law: Law, degree: int) -> float:
     """alpha: fraction of the bulk energy that the bonded form keeps at least.
@@ -232,27 +235,37 @@ class CellProblems:
         rows = len(shapes.bulk_points) * len(entries) + shapes.nodes_of_cell * d
         self._batch = max(_BATCH // (rows * shapes.nodes_of_cell * d), 1)
 
-    def __call__(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    def __call__(
+        self, weights: NDArray[np.float64], needed: NDArray[np.bool_] | None = None
+    ) -> NDArray[np.float64]:
         """m lambda_f of every pair of cell and facet at the current displacement (n,).
 
         Args:
             weights: T of every pair (n, d, d) [mm3/N].
+            needed: Pairs whose cells are solved, others have 0 (n,); None for all.
         """
-        result = np.empty(len(self._pairs))
+        result = np.zeros(len(self._pairs))
+        bounds = np.append(self._first, len(self._pairs))
         for start in range(0, len(self._cells), self._batch):
             cells = slice(start, min(start + self._batch, len(self._cells)))
-            bounds = np.append(self._first, len(self._pairs))
             pairs = slice(bounds[cells.start], bounds[cells.stop])
-            result[pairs] = self._solve(cells, pairs, weights[pairs])
+            if needed is None:
+                result[pairs] = self._solve(cells, pairs, weights[pairs])
+                continue
+            of_cell = self._cell_of_pair[pairs]
+            some = np.unique(of_cell[needed[pairs]])
+            theirs = pairs.start + np.flatnonzero(np.isin(of_cell, some))
+            if len(some):
+                result[theirs] = self._solve(some, theirs, weights[theirs])
         return result
 
     def _solve(
-        self, cells: slice, pairs: slice, weights: NDArray[np.float64]
+        self, cells: _Rows, pairs: _Rows, weights: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """:meth:`__call__` for a range of cells and of the pairs that belong to them."""
+        """:meth:`__call__` for some cells and the pairs that belong to them."""
         dilatations = self._dilatations(cells)
         factor, energy, pressed = self._energy_factor(cells, dilatations)
-        of_cell = self._cell_of_pair[pairs] - cells.start
+        of_cell = np.unique(self._cell_of_pair[pairs], return_inverse=True)[1]
         # int_f h.T.h = |Z u|^2 and E = |R u|^2: with S = Z.R^-1 the eigenvalues are those of S.S^T,
         # but for the factors of both.
         Z, flux = self._flux_factor(
@@ -273,7 +286,7 @@ class CellProblems:
         pressed[several] *= np.linalg.eigvalsh(together)[:, -1]
         return pressed[of_cell] * alone * factors
 
-    def _dilatations(self, cells: slice) -> NDArray[np.float64] | None:
+    def _dilatations(self, cells: _Rows) -> NDArray[np.float64] | None:
         """Change of theta with every shape function in every direction (cells, nodes, d).
 
         None if GRAD has no entry for theta.
@@ -291,7 +304,7 @@ class CellProblems:
         return np.einsum("cq,cqai->cai", shares, changes)
 
     def _energy_factor(
-        self, cells: slice, dilatations: NDArray[np.float64] | None
+        self, cells: _Rows, dilatations: NDArray[np.float64] | None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """R with E_K(u) = e |R.u|^2 (cells, n, n), regular, e (cells,), and the factor due to
         compression (cells,)."""
@@ -310,7 +323,7 @@ class CellProblems:
 
     def _flux_factor(
         self,
-        pairs: slice,
+        pairs: _Rows,
         weights: NDArray[np.float64],
         dilatations: NDArray[np.float64] | None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -436,13 +449,18 @@ class Coercivity:
         return by_slot
 
     def __call__(
-        self, penalties: Sequence[NDArray[np.float64]], deltas: Sequence[NDArray[np.float64]]
+        self,
+        penalties: Sequence[NDArray[np.float64]],
+        deltas: Sequence[NDArray[np.float64]],
+        chosen: Sequence[NDArray[np.bool_]] | None = None,
     ) -> list[NDArray[np.float64]]:
         """The factors on the penalties for alpha = 0, per facet of every interface.
 
         Args:
             penalties: tau (nf, d, d) of every interface [MPa/mm].
             deltas: Flux weights delta_1, delta_2 (nf, 2, d, d).
+            chosen: Facets whose factors are needed, those of others may be too small (nf,); None
+                for all.
         """
         d = self._d
         shares = [np.trace(delta, axis1=2, axis2=3) / d for delta in deltas]
@@ -458,7 +476,11 @@ class Coercivity:
         T = self._to_owners([value.reshape(-1, 2, d * d) for value in weights])
         T = T[self._solved].reshape(-1, d, d)
         vector = la.vector(self._cell_map, self._facets_of_cell)
-        vector.array[self._solved] = self._free * self._problems(T)
+        needed = None
+        if chosen is not None:
+            marks = [np.repeat(1.0 * one, 2).reshape(-1, 2, 1) for one in chosen]
+            needed = self._to_owners(marks)[self._solved, 0] > 0
+        vector.array[self._solved] = self._free * self._problems(T, needed)
         vector.scatter_forward()
         found = zip(self._paired, self._slots, penalties, deltas, shares, strict=True)
         return [

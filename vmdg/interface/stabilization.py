@@ -334,21 +334,23 @@ class Stabilizers:
         return scaled
 
     def anew(
-        self, floors: Sequence[NDArray[np.float64]], bodies: bool, at_floor: bool
+        self,
+        floors: Sequence[NDArray[np.float64]],
+        bodies: bool,
+        risen: Sequence[NDArray[np.bool_]],
     ) -> list[Stabilization]:
         """:meth:`for_step` for changed laws or bodies; collective.
 
         Args:
             floors: As of :meth:`for_step`.
             bodies: Whether moduli of bodies or the displacement have changed.
-            at_floor: Whether r is known to be at its lower bound everywhere.
+            risen: Facets whose r may be above its lower bound (nf,).
         """
         if not bodies:
             derived, factors = self._needed()
         else:
             derived = self.derive()
-            zeros = [np.zeros(len(one.norm)) for one in derived]
-            factors = zeros if at_floor else self.coercivity(derived)
+            factors = self.coercivity(derived, risen)
         arguments = zip(self._interfaces, derived, factors, floors, strict=True)
         return [one.scaled(*values) for one, *values in arguments]
 
@@ -381,13 +383,19 @@ class Stabilizers:
         collective."""
         return [one.derive() for one in self._interfaces]
 
-    def coercivity(self, derived: Sequence[Stabilization]) -> list[NDArray[np.float64]]:
+    def coercivity(
+        self,
+        derived: Sequence[Stabilization],
+        needed: Sequence[NDArray[np.bool_]] | None = None,
+    ) -> list[NDArray[np.float64]]:
         """Factor on tau_s required by coercivity on every facet (nf,); collective.
 
         Interfaces with a user-defined stabilization are left out.
 
         Args:
             derived: From :meth:`derive`.
+            needed: Facets whose factors are needed, those of others may be too small (nf,); None
+                for all.
         """
         factors = [np.ones(len(stabilization.norm)) for stabilization in derived]
         if not any(one.automatic for one in self._interfaces):
@@ -402,6 +410,7 @@ class Stabilizers:
             found = self._coercivity(
                 [self._interfaces[i].penalty(derived[i]) for i in chosen],
                 [derived[i].weights for i in chosen],
+                None if needed is None else [needed[i] for i in chosen],
             )
         for i, factor in zip(chosen, found, strict=True):
             factors[i] = factor / (1 - self._interfaces[i].margin)

@@ -7,9 +7,9 @@ h = h(u, lambda, h_n, p) at its end. With the tangent K of the step
 
 dR/dp at fixed u, with the derivatives of h_n and of tau_s along. They are differences between
 return maps, and between forces where tau_s or moduli change; the derivative of h then follows from
-two more return maps. At a given load factor dlambda/dp is zero. Where the path ended a step by
-itself its rows have no fixed load factor: there du/dp is orthogonal to the path, which changes
-neither the path nor a curve over any abscissa.
+that of the return map by the trial traction. At a given load factor dlambda/dp is zero. Where the
+path ended a step by itself its rows have no fixed load factor: there du/dp is orthogonal to the
+path, which changes neither the path nor a curve over any abscissa.
 
 A jump has no derivative: history counts as fixed in it.
 
@@ -36,8 +36,8 @@ from ..problem.problem import Problem
 from ..problem.states import Rate, Rates, Works
 from .neighbours import Neighbours
 from .parameters import Parameter, parameters_of
-from .point_rates import Change, point_rates
-from .records import CHANGE, plus, shifted, zeros
+from .point_rates import Change, PointRates
+from .records import CHANGE, zeros
 from .rows import Row, Rows
 from .stabilization_rates import StabilizationRates
 
@@ -134,10 +134,15 @@ class Derivatives:
         """
         step, near = self._problem.step, self._neighbours
         with timer("derivatives"):
-            before = step.rates.by_name
+            before = [step.rates.by_name[one.name] for one in self._parameters]
             given = [active.trial() for active in self._actives]
-            partial = [self._partial(one, before[one.name], given) for one in self._parameters]
-            begun = self._values(given, [one.trials for one in partial], dt)
+            stabilizations = self._stabilizations.of_step(self._parameters, before)
+            partial = [
+                self._partial(*known, given)
+                for known in zip(self._parameters, before, stabilizations, strict=True)
+            ]
+            points = self._point_rates(given, partial, dt)
+            begun = list(zip(*(one.at_rest() for one in points), strict=True))
             pulled = [
                 self._forces(*known) for known in zip(self._parameters, partial, begun, strict=True)
             ]
@@ -150,34 +155,26 @@ class Derivatives:
             ways, factors = [], np.zeros(len(begun))
             if follows:
                 along, under = found[-1]
-                factors = self._factors(found, onset, given, partial, dt)
+                factors = self._factors(found, onset, given, points)
             for (u, forces), pull, t in zip(found[: len(begun)], pulled, factors, strict=True):
                 forces = forces + pull
                 if follows:
                     u, forces = u + t * along, forces + t * (under - right[-1])
                 ways.append((near.everywhere(u), float(t), near.everywhere(forces)))
-            moves = [near.trials_along(u, t, given) for u, t, _ in ways]
-            trials = [
-                [plus(*both) for both in zip(known.trials, move, strict=True)]
-                for known, move in zip(partial, moves, strict=True)
-            ]
-            ended = self._values(given, trials, dt)
-            step.rates = replace(
-                step.rates,
-                by_name={
-                    known[0].name: self._rate(*known, before[known[0].name])
-                    for known in zip(self._parameters, partial, ways, ended, strict=True)
-                },
-                known=True,
+            moves = zip(*(near.trials_along(u, t, given) for u, t, _ in ways), strict=True)
+            ended = (one.along(move) for one, move in zip(points, moves, strict=True))
+            known = zip(
+                self._parameters, partial, ways, zip(*ended, strict=True), before, strict=True
             )
+            by_name = {parameter.name: self._rate(parameter, *rest) for parameter, *rest in known}
+            step.rates = replace(step.rates, by_name=by_name, known=True)
 
     def _factors(
         self,
         found: Sequence[tuple[Array, Array]],
         onset: bool,
         given: Sequence[Trial],
-        partial: Sequence[_Partial],
-        dt: float,
+        points: Sequence[PointRates],
     ) -> Array:
         """dlambda/dp of a step whose load factor is unknown (parameters,).
 
@@ -185,7 +182,8 @@ class Derivatives:
             found: Displacements at fixed load factor by parameter, and by the load factor, with
                 their forces.
             onset: As of :meth:`advance`.
-            given, partial, dt: Input of return maps and its rates by parameter, and time step.
+            given: Input of return maps.
+            points: Rates at the points of every interface.
         """
         *still, along = (u for u, _ in found)
         products = [along @ u for u in (*still, along)]
@@ -193,34 +191,27 @@ class Derivatives:
         orthogonal = -np.array(sums) / (square or 1.0)
         if not onset:
             return orthogonal
-        # The points that begin to fail stay at their strength. The way along the path counts as if
-        # it were a further parameter, with unchanged laws.
-        near = self._neighbours
-        ways = [near.trials_along(near.everywhere(u), 0.0, given) for u in (*still, along)]
-        rates = [
-            [plus(*both) for both in zip(known.trials, way, strict=True)]
-            for known, way in zip(partial, ways, strict=False)
-        ]
-        begun = self._beginning(self._values(given, rates, dt))
-        laws = self._parameters[0].laws(0.0)
-        scale = max(abs(self._problem.t), abs(float(orthogonal.max(initial=0.0))))
-        further = [shifted(zeros(one), one, scale) for one in ways[-1]]
-        moved = [
-            point_rates(active, trial, [Change((law, law), rate)], CHANGE, dt)[0]
-            for active, trial, law, rate in zip(self._actives, given, laws, further, strict=True)
-        ]
-        (rise,) = self._beginning([moved])
-        return -begun * scale / rise if rise else orthogonal
+        # The points that begin to fail stay at their strength.
+        near, rates = self._neighbours, []
+        for k, u in enumerate((*still, along)):
+            moves = near.trials_along(near.everywhere(u), 0.0, given)
+            number = k if k < len(still) else None
+            rates.append(self._beginning(points, moves, number))
+        *begun, rise = global_sum(self._problem.comm, rates)
+        return -np.array(begun) / rise if rise else orthogonal
 
-    def _beginning(self, values: Sequence[Sequence[PointValues]]) -> Array:
-        """Rates of the softening of all points that begin to fail in the step, by parameter."""
-        totals = np.zeros(len(values))
-        for i, active in enumerate(self._actives):
+    def _beginning(
+        self, points: Sequence[PointRates], moves: Sequence[Trial], number: int | None
+    ) -> float:
+        """Rate of the softening of all points of this rank that begin to fail in the step, see
+        :meth:`.PointRates.softening`."""
+        total = 0.0
+        for active, rates, move in zip(self._actives, points, moves, strict=True):
             if active.law.inelastic:
                 rises = active.values.update.softening > active.history.softening
                 weights = active.quadrature.weights * (rises & (active.history.mode == 0))
-                totals += [weights @ one[i].update.softening for one in values]
-        return global_sum(self._problem.comm, totals)
+                total += float(weights @ rates.softening(move, number))
+        return total
 
     def pass_jump(self) -> None:
         """Pass a step of a jump: history counts as fixed, and a broken bond as broken."""
@@ -240,10 +231,15 @@ class Derivatives:
         jumps = rates.jumps + rates.known
         self._problem.step.rates = Rates(by_name, jumps, known=False)
 
-    def _partial(self, parameter: Parameter, last: Rate, given: Sequence[Trial]) -> _Partial:
+    def _partial(
+        self,
+        parameter: Parameter,
+        last: Rate,
+        stabilizations: list[Stabilization],
+        given: Sequence[Trial],
+    ) -> _Partial:
         """Rates at fixed displacement and load factor."""
         histories = [one.history for one in last.interfaces]
-        stabilizations = self._stabilizations.of_step(parameter, last)
         changes = any(
             array.any()
             for one in stabilizations
@@ -254,7 +250,7 @@ class Derivatives:
         changes |= parameter.of_body or bodies.mean_dilatation or not bodies.small
         changes = global_any(self._problem.comm, changes)
         if changes:
-            trials = self._neighbours.trials(parameter, histories, stabilizations)
+            trials = self._neighbours.trials(parameter, histories, stabilizations, given)
         else:
             trials = [
                 replace(zeros(trial), gap=history.gap, softening=history.softening)
@@ -272,19 +268,21 @@ class Derivatives:
             return self._neighbours.forces(parameter, partial.stabilizations, values)
         return self._neighbours.forces_of_gaps(values)
 
-    def _values(
-        self, given: Sequence[Trial], rates: Sequence[Sequence[Trial]], dt: float
-    ) -> list[list[PointValues]]:
-        """Rates of the values at points by every parameter, for rates of the input of return maps
-        by parameter and interface."""
+    def _point_rates(
+        self, given: Sequence[Trial], partial: Sequence[_Partial], dt: float
+    ) -> list[PointRates]:
+        """Rates at the points of every interface, for rates of the input of return maps at fixed
+        displacement."""
         found = []
         for i, (active, trial) in enumerate(zip(self._actives, given, strict=True)):
             changes = [
-                Change(tuple(self._laws[one.name][h][i] for h in (CHANGE, -CHANGE)), rate[i])
-                for one, rate in zip(self._parameters, rates, strict=True)
+                Change(
+                    tuple(self._laws[one.name][h][i] for h in (CHANGE, -CHANGE)), known.trials[i]
+                )
+                for one, known in zip(self._parameters, partial, strict=True)
             ]
-            found.append(point_rates(active, trial, changes, CHANGE, dt))
-        return [[one[k] for one in found] for k in range(len(self._parameters))]
+            found.append(PointRates(active, trial, changes, dt))
+        return found
 
     def _rate(
         self,

@@ -115,13 +115,27 @@ class Neighbours:
         parameter: Parameter,
         histories: Sequence[PointHistory],
         stabilizations: Sequence[Stabilization],
+        given: Sequence[Trial],
     ) -> list[Trial]:
-        """Rates of the input of return maps at fixed displacement."""
-        ends = []
-        for h in (CHANGE, -CHANGE):
-            with self.interfaces(h, histories, None, stabilizations), parameter.changed(h):
-                ends.append([active.trial() for active in self.actives])
-        return [difference(a, b, CHANGE) for a, b in zip(*ends, strict=True)]
+        """Rates of the input of return maps at fixed displacement.
+
+        Args:
+            parameter: The parameter.
+            histories, stabilizations: Their rates.
+            given: The input.
+        """
+        if parameter.of_body:
+            ends = []
+            for h in (CHANGE, -CHANGE):
+                with self.interfaces(h, histories, None, stabilizations), parameter.changed(h):
+                    ends.append([active.trial() for active in self.actives])
+            return [difference(a, b, CHANGE) for a, b in zip(*ends, strict=True)]
+        # At fixed fluxes it is linear in history and tau_s.
+        with self.interfaces(1.0, histories, None, stabilizations):
+            return [
+                difference(active.trial(), one, 0.5)
+                for active, one in zip(self.actives, given, strict=True)
+            ]
 
     def trials_along(self, u: Array, t: float, given: Sequence[Trial]) -> list[Trial]:
         """Rates of the input of return maps along a displacement, and a load factor."""
@@ -170,6 +184,7 @@ class Neighbours:
         parts, ends = self.parts, []
         before = parts.forces.x.array.copy()
         everything = parameter.of_body or parts.bodies.mean_dilatation
+        values = [replace(one, update=None) for one in values]
         for h in (CHANGE, -CHANGE):
             with self.interfaces(h, None, values, stabilizations), parameter.changed(h):
                 if everything:

@@ -19,9 +19,15 @@ from ..interface.points import PointValues
 from ..interface.return_map import Trial, evaluate
 from ..laws import Law, Update
 from ..laws.base import VARYING, parameter_names
-from .records import Record, difference, rate_of, shifted
+from .records import CHANGE, combined, difference, plus, rate_of, shifted
 
 Array = NDArray[np.float64]
+
+#: Both ends of a difference.
+_BOTH = (CHANGE, -CHANGE)
+
+#: Least size of T_tr for differences, relative to the largest one.
+LEAST = 1e-6
 
 
 class Change(NamedTuple):
@@ -48,55 +54,110 @@ class _Mapped:
         return self._update
 
 
-def point_rates(
-    active: ActiveInterface, given: Trial, changes: Sequence[Change], h: float, dt: float
-) -> list[PointValues]:
-    """Rates of the values at the points by every parameter.
+class PointRates:
+    """Rates of the values at the points of an interface by several parameters; linear in those of
+    the displacement.
 
     Args:
         active: The interface, at the end of a step.
         given: Input of its return map there.
-        changes: By parameter.
-        h: Relative change of the parameters.
+        changes: By parameter, at fixed displacement.
         dt: Time step of the return map [s].
     """
-    laws = [law for change in changes for law in change.laws]
-    trials = [shifted(given, change.rate, end) for change in changes for end in (h, -h)]
-    here = _without_tangents(active.values)
-    if not active.law.inelastic:
-        values = [evaluate(law, trial, dt) for law, trial in zip(laws, trials, strict=True)]
-        return [difference(*pair, h) for pair in _pairs(values)]
-    rows = _changing(active, changes)
-    updates = _return_maps(active.law, laws, trials, rows, dt)
-    modes = [(here.update.mode, a.mode, b.mode) for a, b in _pairs(updates)]
-    if active.turns:
-        values = [
-            _without_tangents(evaluate(_Mapped(update), trial, dt))
-            for update, trial in zip(updates, trials, strict=True)
+
+    def __init__(self, active: ActiveInterface, given: Trial, changes: Sequence[Change], dt: float):
+        self._law, self._values, self._given = active.law, active.values, given
+        self._turns, self._rates = active.turns, [change.rate for change in changes]
+        if not self._law.inelastic:
+            return
+        # Laws, loads and other input at both ends of every difference: along parameters, and along
+        # the components of T_tr.
+        laws = [law for change in changes for law in change.laws]
+        trials = [shifted(given, rate, h) for rate in self._rates for h in _BOTH]
+        loads = [_load(trial) for trial in trials]
+        load, size = _load(given), np.linalg.norm(_load(given), axis=1)
+        self._size = np.maximum(size, LEAST * size.max(initial=0.0))
+        self._size[self._size == 0.0] = 1.0
+        for way in np.eye(load.shape[1]):
+            for h in _BOTH:
+                laws.append(self._law)
+                trials.append(given)
+                loads.append(load + h * self._size[:, None] * way)
+        rows = _changing(active, changes)
+        here = _without_tangents(active.values.update)
+        updates = [
+            _without_tangents(one) for one in _return_maps(self._law, laws, loads, trials, rows, dt)
         ]
-        known = zip(_pairs(values), modes, strict=True)
-        return [rate_of(here, *pair, mode, h) for pair, mode in known]
-    # In a fixed frame everything but the update is linear in the input.
-    updates = [replace(update, tangent=None, work_gradient=None) for update in updates]
-    known = zip(changes, _pairs(updates), modes, strict=True)
-    found = [(change.rate, rate_of(here.update, *pair, mode, h)) for change, pair, mode in known]
-    return [
-        PointValues(rate.opening, rate.jump, update.gap, update.traction, update=update)
-        for rate, update in found
-    ]
+        rates = [
+            rate_of(here, a, b, (here.mode, a.mode, b.mode), CHANGE)
+            for a, b in zip(updates[::2], updates[1::2], strict=True)
+        ]
+        self._fixed = rates[: len(changes)]
+        # The gap's slopes are known, and T + r zeta changes as T_tr does.
+        self._slopes, C = [], active.values.update.tangent * self._size[:, None, None]
+        for j, slope in enumerate(rates[len(changes) :]):
+            traction = -given.r[:, None] * C[..., j]
+            traction[:, j] += self._size
+            self._slopes.append(replace(slope, gap=C[..., j], traction=traction))
+
+    def at_rest(self) -> list[PointValues]:
+        """Of every parameter at fixed displacement."""
+        return [self._point_values(k, rate) for k, rate in enumerate(self._rates)]
+
+    def along(self, moves: Sequence[Trial]) -> list[PointValues]:
+        """Of every parameter, along a displacement of each.
+
+        Args:
+            moves: Rates of the input of return maps along the displacements.
+        """
+        return [
+            self._point_values(k, plus(rate, move), move)
+            for k, (rate, move) in enumerate(zip(self._rates, moves, strict=True))
+        ]
+
+    def softening(self, move: Trial, k: int | None = None) -> Array:
+        """Of Q along a displacement (nq,), by the parameter of this number at the same time."""
+        return self._update(move, k).softening
+
+    def _update(self, move: Trial, k: int | None) -> Update:
+        """Of the return map, as :meth:`softening`."""
+        ways = _load_rate(self._given, move) / self._size[:, None]
+
+        def sum_of(*parts: Array) -> Array:
+            slopes, rest = parts[: ways.shape[1]], parts[ways.shape[1] :]
+            along = (
+                way.reshape(-1, *[1] * (slope.ndim - 1)) * slope
+                for way, slope in zip(ways.T, slopes, strict=True)
+            )
+            return sum((*along, *rest))
+
+        return combined(sum_of, *self._slopes, *([] if k is None else [self._fixed[k]]))
+
+    def _point_values(self, k: int, rate: Trial, move: Trial | None = None) -> PointValues:
+        """Of the parameter of this number, for the rate of the input, of which a part is along a
+        displacement."""
+        if not self._law.inelastic:
+            ends = (evaluate(self._law, shifted(self._given, rate, h), 0.0) for h in _BOTH)
+            return difference(*ends, CHANGE)
+        update = self._fixed[k] if move is None else self._update(move, k)
+        if not self._turns:
+            # In a fixed frame everything but the update is linear in the input.
+            return PointValues(rate.opening, rate.jump, update.gap, update.traction, update=update)
+        here = self._values.update
+        ends = (
+            replace(
+                evaluate(_Mapped(shifted(here, update, h)), shifted(self._given, rate, h), 0.0),
+                update=None,
+                compliance=None,
+            )
+            for h in _BOTH
+        )
+        return replace(difference(*ends, CHANGE), update=update)
 
 
-def _pairs(values: Sequence[Record]) -> list[tuple[Record, Record]]:
-    """Values at p (1 + h) and p (1 - h), by parameter."""
-    return list(zip(values[::2], values[1::2], strict=True))
-
-
-def _without_tangents(values: PointValues) -> PointValues:
-    """Values at points without their second derivatives, which nothing needs."""
-    update = values.update
-    if update is not None:
-        update = replace(update, tangent=None, work_gradient=None)
-    return replace(values, compliance=None, update=update)
+def _without_tangents(update: Update) -> Update:
+    """A return map without its second derivatives, which nothing needs."""
+    return replace(update, tangent=None, work_gradient=None)
 
 
 def _changing(active: ActiveInterface, changes: Sequence[Change]) -> NDArray[np.intp]:
@@ -115,11 +176,23 @@ def _load(trial: Trial) -> Array:
     return total - trial.r[:, None] * trial.gap
 
 
+def _load_rate(trial: Trial, move: Trial) -> Array:
+    """Rate of T_tr in the frame of the law along a displacement (nq, d) [MPa]."""
+    if trial.R is None:
+        return move.total
+    turned = np.einsum("pji,pj->pi", move.R, trial.total)
+    return turned + np.einsum("pji,pj->pi", trial.R, move.total)
+
+
 def _return_maps(
-    law: Law, laws: Sequence[Law], trials: Sequence[Trial], rows: NDArray[np.intp], dt: float
+    law: Law,
+    laws: Sequence[Law],
+    loads: Sequence[Array],
+    trials: Sequence[Trial],
+    rows: NDArray[np.intp],
+    dt: float,
 ) -> list[Update]:
-    """Return maps with these laws, elastic except in some rows."""
-    loads = [_load(trial) for trial in trials]
+    """Return maps with these laws and T_tr, elastic except in some rows."""
     updates = [
         Update.elastic(load, trial.gap, trial.softening)
         for load, trial in zip(loads, trials, strict=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
+from functools import cache
 from typing import TypeVar
 
 import numpy as np
@@ -12,45 +13,55 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Record = TypeVar("Record")
 
-#: Relative change of a parameter for differences.
-CHANGE = 1e-6
+#: Relative change of a parameter for differences between two neighbours: rounding is as small as
+#: the rest.
+CHANGE = 5e-6
 
 
-def _of_each(combine: Callable[..., Array], first: Record, *others: Record) -> Record:
+def combined(combine: Callable[..., Array], first: Record, *others: Record) -> Record:
     """A record whose arrays of floats are combined from those of others, and of records in it.
 
     Everything else, such as modes, is that of the first; so is an array that another one lacks.
     """
     found = {}
-    for field in fields(first):
-        mine, *theirs = (getattr(one, field.name) for one in (first, *others))
+    for name in _names(type(first)):
+        mine = getattr(first, name)
+        if mine is None:
+            continue
+        theirs = [getattr(one, name) for one in others]
         if any(other is None for other in theirs):
             continue
-        if is_dataclass(mine):
-            found[field.name] = _of_each(combine, mine, *theirs)
-        elif isinstance(mine, np.ndarray) and mine.dtype.kind == "f":
-            found[field.name] = combine(mine, *theirs)
+        if not isinstance(mine, np.ndarray):
+            if is_dataclass(mine):
+                found[name] = combined(combine, mine, *theirs)
+        elif mine.dtype.kind == "f":
+            found[name] = combine(mine, *theirs)
     return replace(first, **found)
+
+
+@cache
+def _names(kind: type) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(kind))
 
 
 def shifted(record: Record, rate: Record, h: float) -> Record:
     """A record moved by h times its rate."""
-    return _of_each(lambda x, dx: x + h * dx, record, rate)
+    return combined(lambda x, dx: x + h * dx, record, rate)
 
 
 def zeros(record: Record) -> Record:
     """A record of zeros."""
-    return _of_each(np.zeros_like, record)
+    return combined(np.zeros_like, record)
 
 
 def plus(record: Record, other: Record) -> Record:
     """The sum of two records."""
-    return _of_each(np.add, record, other)
+    return combined(np.add, record, other)
 
 
 def difference(higher: Record, lower: Record, h: float) -> Record:
     """The rate between values at +h and -h."""
-    return _of_each(lambda a, b: (a - b) / (2 * h), higher, lower)
+    return combined(lambda a, b: (a - b) / (2 * h), higher, lower)
 
 
 def rate_of(
@@ -83,4 +94,4 @@ def rate_of(
         one, other = (w.reshape(-1, *[1] * (x.ndim - 1)) for w in (forward, backward))
         return one * (a - x) + other * (x - b)
 
-    return _of_each(combine, here, higher, lower)
+    return combined(combine, here, higher, lower)

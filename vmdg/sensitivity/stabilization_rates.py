@@ -14,15 +14,15 @@ from ..interface.stabilization import Stabilization
 from ..problem.problem import Problem
 from ..problem.states import Rate
 from .parameters import Parameter
-from .records import CHANGE, difference, zeros
+from .records import difference, zeros
 
 Array = NDArray[np.float64]
 
-#: Relative change of a parameter for tau_s in a step, from eigenvalues.
-MIDDLE = 1e-5
-
-#: The same in the initial state.
+#: Relative change of a parameter for tau_s in the initial state, between two neighbours.
 FIRST = 1e-4
+
+#: The same in a step, between its state and one neighbour.
+LATER = 1e-6
 
 #: Difference of r, relative, above which a step was repeated with a larger one.
 RAISED = 1e-2
@@ -41,38 +41,43 @@ class StabilizationRates:
 
     def first(self, parameter: Parameter) -> list[Stabilization]:
         """Rates of tau_s and delta in the initial state."""
-        zero, floors = np.zeros_like(self._problem.u.x.array), []
-        for active in self._actives:
-            floors.append(np.zeros_like(active.floor))
+        zero = np.zeros_like(self._problem.u.x.array)
+        floors = [np.zeros_like(active.floor) for active in self._actives]
         rates = [zeros(active.stabilization) for active in self._actives]
-        ends = (
-            self._at(parameter, h, zero, floors, rates, at_floor=False) for h in (FIRST, -FIRST)
-        )
+        everywhere = [np.ones(len(low), dtype=bool) for low in floors]
+        ends = (self._at(parameter, h, zero, floors, rates, everywhere) for h in (FIRST, -FIRST))
         return [difference(a, b, FIRST) for a, b in zip(*ends, strict=True)]
 
-    def of_step(self, parameter: Parameter, last: Rate) -> list[Stabilization]:
-        """Rates of tau_s and delta of the step, which are those of its start."""
-        before = [one.stabilization for one in last.interfaces]
+    def of_step(
+        self, parameters: Sequence[Parameter], rates: Sequence[Rate]
+    ) -> list[list[Stabilization]]:
+        """Rates of tau_s and delta of the step by every parameter, which are those of its start.
+
+        Args:
+            parameters: The parameters.
+            rates: Of the start of the step, by parameter.
+        """
+        before = [[one.stabilization for one in rate.interfaces] for rate in rates]
         if self._parts.constant_stabilization:
             return before
         start, applied = self._problem.step.start, [one.stabilization for one in self._actives]
         floors = [one.stabilization.norm for one in start.interfaces]
-        rose = any((one.norm > low).any() for one, low in zip(applied, floors, strict=True))
-        at_floor = not global_any(self._problem.comm, rose)
+        # Elsewhere r is its lower bound.
+        risen = [one.norm > low for one, low in zip(applied, floors, strict=True)]
         loading, t = self._problem.loading, self._problem.t
         u = self._problem.u.x.array.copy()
         self._problem.u.x.array[:] = start.u
         loading.move(start.t)
-        # Laws enter by the displacement alone, by little: one neighbour does.
-        changes = (MIDDLE, -MIDDLE) if parameter.of_body else (CHANGE,)
-        ends = [self._at(parameter, h, last.u, floors, before, at_floor) for h in changes]
-        lower, width = (ends[1], 2 * MIDDLE) if parameter.of_body else (applied, CHANGE)
+        ends = [
+            self._at(parameter, LATER, rate.u, floors, last, risen)
+            for parameter, rate, last in zip(parameters, rates, before, strict=True)
+        ]
         self._problem.u.x.array[:] = u
         loading.move(t)
         self._parts.update_means(pressure=True)
         return [
-            _where_own(difference(high, low, width / 2), high, here, last)
-            for high, low, here, last in zip(ends[0], lower, applied, before, strict=True)
+            [_where_own(*known) for known in zip(end, applied, last, strict=True)]
+            for end, last in zip(ends, before, strict=True)
         ]
 
     def _at(
@@ -82,7 +87,7 @@ class StabilizationRates:
         u: Array,
         floors: Sequence[Array],
         rates: Sequence[Stabilization],
-        at_floor: bool,
+        risen: Sequence[NDArray[np.bool_]],
     ) -> list[Stabilization]:
         """tau_s and delta at p (1 + h) next to the current displacement, for rates of the
         displacement and of the lower bounds of r."""
@@ -92,16 +97,15 @@ class StabilizationRates:
         here.array[:] = before + h * u
         bounds = [low + h * rate.norm for low, rate in zip(floors, rates, strict=True)]
         with parameter.changed(h):
-            found = stabilization_anew(self._parts, bounds, bodies, at_floor)
+            found = stabilization_anew(self._parts, bounds, bodies, risen)
         here.array[:] = before
         return found
 
 
-def _where_own(
-    rate: Stabilization, near: Stabilization, here: Stabilization, last: Stabilization
-) -> Stabilization:
-    """Rates, or those of the last step where the step was repeated with a larger r, which its start
-    does not tell."""
+def _where_own(near: Stabilization, here: Stabilization, last: Stabilization) -> Stabilization:
+    """Rates from a neighbour, or those of the last step where the step was repeated with a larger
+    r, which its start does not tell."""
+    rate = difference(near, here, LATER / 2)
     own = np.abs(near.norm - here.norm) <= RAISED * here.norm
     rows = {"tau": rate.tau, "norm": rate.norm, "safety": rate.safety}
     for name, values in rows.items():
