@@ -109,7 +109,10 @@ def blocks_of(
 
 
 def solved(
-    build: Callable, values: Mapping[str, float], names: Sequence[str] | None = None, **options
+    build: Callable,
+    values: Mapping[str, float],
+    names: Sequence[str] | Mapping | None = None,
+    **options,
 ) -> vmdg.History:
     """The history of a run."""
     problem, monitor = build(values)
@@ -120,7 +123,7 @@ def solved(
 def worst(build: Callable, values: Mapping[str, float], **options) -> float:
     """Largest difference from differences of whole runs, at given load factors, of p d/dp of a
     column, relative to its largest value or derivative."""
-    base, found = solved(build, values, list(values), **options), 0.0
+    base, found = solved(build, values, values, **options), 0.0
     columns = ["along", "across", "gap", "softening"]
     if options.get("energy"):
         columns += ["bulk", "damage", "friction"]
@@ -176,6 +179,19 @@ SCENES = {
 def test_scenes(comm, scene):
     """Dimensions, kinematics, frames, eigenstrains, loads."""
     assert worst(partial(blocks_of, comm, **SCENES[scene]), BASE) < 1e-6
+
+
+@pytest.mark.parametrize("kinematics", ["small", "finite"])
+@pytest.mark.parametrize("energy", [False, True])
+def test_eigenstrain(comm, kinematics, energy):
+    """A factor on the eigenstrain of a group, given by its value."""
+
+    def build(values):
+        strain = {1: lambda t: values["1.eigenstrain"] * t}
+        return blocks_of(comm, values, kinematics=kinematics, eigenstrain=strain, n=2)
+
+    values = BOND | {"1.eigenstrain": 0.002}
+    assert worst(build, values, energy=energy) < 1e-6
 
 
 @pytest.mark.parametrize("kinematics", ["small", "finite"])

@@ -4,6 +4,7 @@ kernel."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Protocol
@@ -113,6 +114,7 @@ class Bodies:
         self._comm = mesh.comm
         self._tensor = any(strain.tensor for strain in self._eigenstrains.values())
         self._eigenstrain = None
+        self._factors: dict[int, float] = {}
         if self._eigenstrains:
             shape = ((3, 3),) if self._tensor else ()
             self._eigenstrain = fem.Function(fem.functionspace(mesh, ("DG", 0, *shape)))
@@ -210,9 +212,27 @@ class Bodies:
         return float(bounds.min(initial=1.0))
 
     def set_eigenstrains(self, values: NDArray[np.float64]) -> None:
-        """Set eigenstrains, as returned by :meth:`eigenstrains`."""
+        """Set eigenstrains, as returned by :meth:`eigenstrains`, times the factors of groups."""
         if self._eigenstrain is not None:
             self._eigenstrain.x.array[:] = values
+            for tag, factor in self._factors.items():
+                rows = self._eigenstrain.x.array.reshape(len(self.tags), -1)
+                rows[self.cells_of[tag]] *= factor
+
+    @property
+    def swelling(self) -> list[int]:
+        """Tags of the groups with an eigenstrain."""
+        return list(self._eigenstrains)
+
+    @contextmanager
+    def swollen(self, tag: int, factor: float) -> Iterator[None]:
+        """The eigenstrain of a group multiplied by a factor, from the next
+        :meth:`set_eigenstrains` on."""
+        self._factors[tag] = factor
+        try:
+            yield
+        finally:
+            del self._factors[tag]
 
 
 def cell_values(

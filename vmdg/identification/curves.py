@@ -24,7 +24,7 @@ class Curve:
     the branches that it passes.
 
     Args:
-        x: Abscissae in the order of the measurement (n,).
+        x: Abscissae in the order of the measurement (n,); ``np.inf`` for the largest value of all.
         y: Measured values (n,).
         column: Column of the values, without its unit.
         along: Column of the abscissae.
@@ -45,7 +45,8 @@ class Curve:
         for name in ("x", "y"):
             values = np.array(getattr(self, name), dtype=float)
             object.__setattr__(self, name, values)
-            if values.ndim != 1 or not len(values) or not np.isfinite(values).all():
+            known = np.isfinite(values) | ((name == "x") & np.isposinf(values))
+            if values.ndim != 1 or not len(values) or not known.all():
                 raise ValueError(f"Curve: {name} must be an array of finite numbers (n,)")
         if self.x.shape != self.y.shape:
             raise ValueError(f"Curve: {len(self.x)} abscissae and {len(self.y)} values")
@@ -75,6 +76,10 @@ class Curve:
         ]
         values, slopes, start = np.empty(len(self.x)), np.empty((len(self.x), len(names))), 0.0
         for i, target in enumerate(self.x):
+            if np.isinf(target):
+                top = int(y.argmax())
+                values[i], slopes[i] = y[top], rates[1][top]
+                continue
             start = place = _place(x, target, start)
             j = min(int(place), len(x) - 2)
             w = place - j

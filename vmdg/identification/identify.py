@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 
 from ..base.parallel import warn_together
 from ..problem.problem import Problem
-from ..solver.monitors import Monitor
+from ..solver.monitors import Monitor, Until
 from ..solver.options import SolveOptions
 from ..solver.result import StepFailure
 from ..solver.stepping import solve
@@ -24,8 +24,9 @@ from .result import Identified, Run
 
 Array = NDArray[np.float64]
 
-#: A problem for values of the parameters, and the monitor that returns what was measured.
-Make = Callable[[dict[str, float]], tuple[Problem, Monitor]]
+#: A problem for values of the parameters, the monitor that returns what was measured, and where the
+#: run ends.
+Make = Callable[[dict[str, float]], tuple[Problem, Monitor] | tuple[Problem, Monitor, Until]]
 
 #: Relative standard error above which a parameter counts as not determined.
 VAGUE = 0.5
@@ -58,7 +59,8 @@ def identify(
     ``scipy.optimize.least_squares``, with the derivatives that are carried along the runs.
 
     Args:
-        make_problem: ``f(values)`` returns a problem and its monitor for parameters by name; for
+        make_problem: ``f(values)`` returns a problem and its monitor for parameters by name, and
+            ``until`` of :func:`vmdg.solve` for a run that ends before its last load factor; for
             several experiments such functions by name.
         measured: Curves of the experiment; by name for several.
         start: First values by the names of ``vmdg.solve(derivatives=)``, all positive.
@@ -93,7 +95,8 @@ def identify(
     known = _checked_priors(start, priors or {})
     _check_sigma(curves, sigma)
     count = sum(len(curve.x) for group in curves.values() for curve in group) + len(known)
-    if count < len(names) + (sigma is None):
+    own = all(curve.sigma is not None for group in curves.values() for curve in group)
+    if count < len(names) + (sigma is None and not own):
         raise ValueError(f"identify: {count} points do not determine {len(names)} parameters")
     given = makes, curves, programmes, options or SolveOptions(), sigma or 1.0, known
     model = _Model(*given, names, comm or MPI.COMM_WORLD, file, spread)
@@ -181,10 +184,11 @@ class _Model:
 
     def _experiment(self, name: str, values: dict[str, float]) -> tuple[Array, Array]:
         """Values of the curves of an experiment, and p d/dp."""
-        problem, monitor = self._makes[name](dict(values))
+        problem, monitor, *rest = self._makes[name](dict(values))
+        until: Until | None = rest[0] if rest else None
         arguments = problem, self._loads[name], self._options, monitor
         try:
-            history = solve(*arguments, derivatives=self.names).history
+            history = solve(*arguments, until=until, derivatives=values).history
         except StepFailure as failure:
             # What the run has not reached counts as where it ended.
             history = failure.result.history

@@ -66,7 +66,7 @@ class Derivatives:
 
     Args:
         problem: The problem, in its initial state or at the end of a run with the same parameters.
-        names: Names of the parameters, see :mod:`.parameters`.
+        names: Names of the parameters, or values by name, see :mod:`.parameters`.
         energy: Whether derivatives of dissipated energies and external work are needed.
 
     Raises:
@@ -74,7 +74,7 @@ class Derivatives:
             derivatives.
     """
 
-    def __init__(self, problem: Problem, names: Sequence[str], energy: bool):
+    def __init__(self, problem: Problem, names: Sequence[str] | Mapping[str, float], energy: bool):
         self._problem, self._energy = problem, energy
         self._parameters = parameters_of(problem, names)
         self._neighbours = Neighbours(problem)

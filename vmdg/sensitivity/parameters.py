@@ -1,13 +1,13 @@
 """Parameters by which a run is differentiated: their names, values and neighbouring values.
 
 A name is the name of an interface, a group of cells or a class of laws, a dot, and a parameter. All
-changes are relative, p (1 + h); a parameter that varies in space changes by a common factor, by
-which it is then differentiated.
+changes are relative, p (1 + h); a parameter that varies in space, and an eigenstrain, changes by a
+common factor, by which it is then differentiated, or by a value that is given for it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
@@ -114,20 +114,23 @@ class LawParameter(Parameter):
 
 
 class BodyParameter(Parameter):
-    """A parameter of the material of a group of cells.
+    """A parameter of the material of groups of cells.
 
     Args:
         problem: The problem.
         name: Its name.
-        tag: Tag of the cells.
+        tags: Tags of the cells, whose materials share a kernel.
         field: Name of the parameter: one of the material, or E or nu of Lame parameters.
     """
 
     of_body = True
 
-    def __init__(self, problem: Problem, name: str, tag: int, field: str):
+    def __init__(self, problem: Problem, name: str, tags: Sequence[int], field: str):
         super().__init__(problem, name)
-        self._tag, self._field = tag, field
+        self._field = field
+        bodies = problem.discretization.bodies
+        self._cells = np.concatenate([bodies.cells_of[tag] for tag in tags])
+        self._key = problem.materials[tags[0]].kernel_key
         # Values on this rank, possibly none; equal values are one number.
         values = self._value(*self._moduli)
         largest = global_max(problem.comm, float(np.max(values, initial=-np.inf)))
@@ -137,10 +140,9 @@ class BodyParameter(Parameter):
 
     @cached_property
     def _functions(self) -> dict[str, fem.Function]:
-        bodies = self._problem.discretization.bodies
-        key = self._problem.materials[self._tag].kernel_key
-        regions = (region for region in bodies.regions if region.body.material.kernel_key == key)
-        return dict(next(regions).body.parameters)
+        regions = self._problem.discretization.bodies.regions
+        found = (one.body for one in regions if one.body.material.kernel_key == self._key)
+        return dict(next(found).parameters)
 
     @property
     def _names(self) -> tuple[str, ...]:
@@ -149,8 +151,7 @@ class BodyParameter(Parameter):
 
     @property
     def _moduli(self) -> list[Array]:
-        cells = self._problem.discretization.bodies.cells_of[self._tag]
-        return [self._functions[name].x.array[cells].copy() for name in self._names]
+        return [self._functions[name].x.array[self._cells] for name in self._names]
 
     def _value(self, *moduli: Array) -> Array:
         return _OF_LAME[self._field](*moduli) if self._field in _OF_LAME else moduli[0]
@@ -166,16 +167,42 @@ class BodyParameter(Parameter):
     @contextmanager
     def changed(self, h: float) -> Iterator[None]:
         """The problem at p (1 + h), at unchanged displacement and history."""
-        before, cells = self._moduli, self._problem.discretization.bodies.cells_of[self._tag]
-        self._set(cells, self._scaled(h, *before))
+        before = self._moduli
+        self._set(self._scaled(h, *before))
         try:
             yield
         finally:
-            self._set(cells, before)
+            self._set(before)
 
-    def _set(self, cells: NDArray[np.integer], moduli: Sequence[Array]) -> None:
+    def _set(self, moduli: Sequence[Array]) -> None:
         for name, values in zip(self._names, moduli, strict=True):
-            self._functions[name].x.array[cells] = values
+            self._functions[name].x.array[self._cells] = values
+
+
+class EigenstrainParameter(Parameter):
+    """A factor on the eigenstrain of a group of cells.
+
+    Args:
+        problem: The problem.
+        name: Its name.
+        tag: Tag of the cells.
+    """
+
+    of_body = True
+    value = 1.0
+
+    def __init__(self, problem: Problem, name: str, tag: int):
+        super().__init__(problem, name)
+        self._tag = tag
+
+    @contextmanager
+    def changed(self, h: float) -> Iterator[None]:
+        """The problem at p (1 + h), at unchanged displacement and history."""
+        loading = self._problem.loading
+        with self._problem.discretization.bodies.swollen(self._tag, 1 + h):
+            loading.strain(loading.t)
+            yield
+        loading.strain(loading.t)
 
 
 @dataclass(frozen=True)
@@ -191,8 +218,8 @@ class _Place:
     fields: dict[str, Any]
 
 
-def parameters_of(problem: Problem, names: Sequence[str]) -> list[Parameter]:
-    """The parameters of these names.
+def parameters_of(problem: Problem, names: Sequence[str] | Mapping[str, float]) -> list[Parameter]:
+    """The parameters of these names, or of these with values other than their own.
 
     Raises:
         ValueError: there is no such parameter, or its value is zero.
@@ -218,6 +245,8 @@ def parameters_of(problem: Problem, names: Sequence[str]) -> list[Parameter]:
                 "give it a small one"
             )
         found.append(places[place].make(name, field))
+        if isinstance(names, Mapping):
+            found[-1].value = float(names[name])
     return found
 
 
@@ -232,20 +261,34 @@ def _places(problem: Problem) -> dict[str, _Place]:
             by_class.setdefault(type(law).__name__, []).append(i)
     groups = {tag: str(tag) for tag in problem.materials}
     groups |= {tag: name for name, tag in groups_of(problem.loading).items() if tag in groups}
+    alike: dict[str, list[int]] = {}
     for tag, group in groups.items():
-        own = dict(problem.materials[tag].parameters)
-        lame = dict.fromkeys(_OF_LAME, 1.0) if set(own) == {"mu", "lmbda"} else {}
-        known = {name: value for name, value in (lame | own).items() if _differs(value)}
-
-        def make(name: str, field: str, tag: int = tag) -> Parameter:
-            return BodyParameter(problem, name, tag, field)
-
-        if known:
-            places.setdefault(group, _Place(make, known))
-            places.setdefault(str(tag), _Place(make, known))
+        if place := _of_bodies(problem, [tag]):
+            places.setdefault(group, place)
+            places.setdefault(str(tag), place)
+            alike.setdefault(type(problem.materials[tag]).__name__, []).append(tag)
+    for name, tags in alike.items():
+        if len({problem.materials[tag].kernel_key for tag in tags}) == 1:
+            places.setdefault(name, _of_bodies(problem, tags))
     for name, numbers in by_class.items():
         places.setdefault(name, _of_laws(problem, numbers))
     return places
+
+
+def _of_bodies(problem: Problem, tags: Sequence[int]) -> _Place | None:
+    """Of groups whose materials share a kernel; None without parameters."""
+    own = dict(problem.materials[tags[0]].parameters)
+    lame = dict.fromkeys(_OF_LAME, 1.0) if set(own) == {"mu", "lmbda"} else {}
+    known = {name: value for name, value in (lame | own).items() if _differs(value)}
+    if len(tags) == 1 and tags[0] in problem.discretization.bodies.swelling:
+        known["eigenstrain"] = 1.0
+
+    def make(name: str, field: str) -> Parameter:
+        if field == "eigenstrain":
+            return EigenstrainParameter(problem, name, tags[0])
+        return BodyParameter(problem, name, tags, field)
+
+    return _Place(make, known) if known else None
 
 
 def _of_laws(problem: Problem, numbers: Sequence[int]) -> _Place:

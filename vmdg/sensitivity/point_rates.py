@@ -30,6 +30,10 @@ _BOTH = (CHANGE, -CHANGE)
 LEAST = 1e-6
 
 
+#: Where the laws of vmdg are.
+_LAWS = Law.__module__.rpartition(".")[0]
+
+
 class Change(NamedTuple):
     """A parameter at an interface.
 
@@ -222,15 +226,22 @@ def _mapped(law: Law, arguments: Sequence[Array], dt: float, *cycles: Array) -> 
 
 def _alike(law: Law, laws: Sequence[Law]) -> list[list[int]]:
     """Laws that differ from one law by parameters that may vary from point to point, together."""
-    fixed = [name for name in parameter_names(law) if name not in VARYING]
+    fixed = [name for name in parameter_names(law) if not (_joins(law) and name in VARYING)]
     groups: dict[tuple, list[int]] = {}
     for i, one in enumerate(laws):
         groups.setdefault(tuple(getattr(one, name) for name in fixed), []).append(i)
     return list(groups.values())
 
 
+def _joins(law: Law) -> bool:
+    """Whether parameters may be arrays: a law from elsewhere may know numbers only."""
+    return bool(law.varying) or type(law).__module__.startswith(_LAWS)
+
+
 def _joined(law: Law, laws: Sequence[Law], count: int, rows: NDArray[np.intp]) -> Law:
     """Laws at some of ``count`` points each, as one law at all of them."""
+    if not _joins(law):
+        return laws[0]
     names = [name for name in parameter_names(law) if name in VARYING]
     varying = {
         name: [np.broadcast_to(getattr(one, name), count)[rows] for one in laws]

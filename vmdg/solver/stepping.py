@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from weakref import WeakSet
@@ -51,7 +51,7 @@ def solve(
     monitor: Monitor | None = None,
     history: History | None = None,
     until: Until | None = None,
-    derivatives: Sequence[str] | None = None,
+    derivatives: Sequence[str] | Mapping[str, float] | None = None,
 ) -> Result:
     """Solve for a sequence of load factors.
 
@@ -68,13 +68,14 @@ def solve(
             for dead loads beyond the peak, which may never reach the next load factor:
             ``until=lambda problem: abs(problem.u.x.array).max() > 9``.
         derivatives: Parameters by which columns of the history are differentiated: "bond.strength"
-            of the law of an interface, "matrix.E" of the material of a group, by name or tag, or
-            "Debonding.strength" of all laws of a class. There is a column "d force/d
-            bond.strength" for the load factor, for every column of floats of the monitor, and for
-            energies with ``SolveOptions(energy=True)``. The monitor is called again at neighbouring
-            states, with ``problem.loading.nearby``. The column "frozen" counts jumps: they have no
-            derivative, NaN in their row, and history counts as fixed in them. A parameter that
-            varies in space is differentiated by a common factor.
+            of the law of an interface, "matrix.E" of the material of a group, by name or tag,
+            "matrix.eigenstrain", or "Debonding.strength" of all laws of a class. There is a column
+            "d force/d bond.strength" for the load factor, for every column of floats of the
+            monitor, and for energies with ``SolveOptions(energy=True)``. The monitor is called
+            again at neighbouring states, with ``problem.loading.nearby``. The column "frozen"
+            counts jumps: they have no derivative, NaN in their row, and history counts as fixed in
+            them. A parameter that varies in space and an eigenstrain are differentiated by a common
+            factor, or, with a dict, by the value that it has there.
 
     Raises:
         StepFailure: a step fails after ``max_cuts`` reductions.

@@ -11,5 +11,14 @@ import measured_beam
 import polycrystal
 import pushout
 import tearing
+import tutorial_law
 
-__all__ = ["fibre_cell", "fibre_matrix", "measured_beam", "polycrystal", "pushout", "tearing"]
+__all__ = [
+    "fibre_cell",
+    "fibre_matrix",
+    "measured_beam",
+    "polycrystal",
+    "pushout",
+    "tearing",
+    "tutorial_law",
+]
