@@ -40,7 +40,6 @@ COMMANDS = {
     "measured_beam": ("measured_beam", "measured_beam.png"),
     "measured_modes": ("measured_modes", "measured_modes.png"),
     "bridged_dcb": ("bridged_dcb", "bridged_dcb.png bridged_dcb.md"),
-    "pushout_identification": ("pushout_identification", "pushout_identification.md"),
     "identification": ("identification", "identification.md"),
     "lap_joint": ("lap_joint", "lap_joint.png"),
     "push_through": ("push_through", "push_through.png"),
@@ -111,13 +110,7 @@ TABLES = {
         "A published curve of a double cantilever beam",
         "Load over opening of de Gracia, Boyano, Arrese and Mujika (2015), fitted by linear "
         "softening and by a law with fibre bridges. The residual is the standard deviation of "
-        "load, that the fit leaves.",
-    ),
-    "pushout_identification.md": (
-        "Friction and energy of the push-out",
-        "Section 7.4: the coefficient of friction and the critical gap that give the largest and "
-        "the last force of the report, at three strengths, with standard errors for an error of "
-        "1 % of both forces.",
+        "load that the fit leaves.",
     ),
     "convergence.md": (
         "Rates of convergence",

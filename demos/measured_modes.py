@@ -87,6 +87,7 @@ def main(
     noise: float = 0.01,
     points: int = 10,
     facet: float = 1.5,
+    off: float = 0.3,
     seed: int = 1,
     out: str = "results/measured_modes",
 ) -> vmdg.Identified:
@@ -111,9 +112,10 @@ def main(
         sigma, x = noise * path[1].max(), places[test]
         y = np.interp(x, *path) + sigma * random.standard_normal(points)
         curves[test] = vmdg.Curve(x, y, *columns[test][::-1], sigma=sigma)
-    factors = np.resize([1.3, 0.7, 0.75], len(TRUTH))
+    factors = np.resize([1 + off, 1 - off], len(TRUTH))
     start = {name: f * value for (name, value), f in zip(TRUTH.items(), factors, strict=True)}
-    found = vmdg.identify(makes, curves, start, loads=loads, options=options)
+    bounds = {"bond.exponent": (1.01, 10.0)}
+    found = vmdg.identify(makes, curves, start, bounds, loads=loads, options=options)
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 3.8), layout="constrained")
     begun, ended = paths(start), paths(found.estimate)
@@ -149,6 +151,8 @@ if __name__ == "__main__":
     command.add_argument("--noise", type=float, default=0.01, help=deviation)
     command.add_argument("--points", type=int, default=10, help="measured points of every test")
     command.add_argument("--facet", type=float, default=1.5, help="size of facets [mm]")
+    start = "distance of the start from the truth, relative [-]"
+    command.add_argument("--off", type=float, default=0.3, help=start)
     command.add_argument("--seed", type=int, default=1, help="seed of the noise")
     command.add_argument("--out", default="results/measured_modes", help="folder for the results")
     main(**vars(command.parse_args()))

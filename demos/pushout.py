@@ -43,8 +43,7 @@ class Model(NamedTuple):
     def measures(self, problem: vmdg.Problem) -> dict[str, float]:
         """Punch, force, debonded and damaged length, by names with units; collective."""
         state = problem.state[0]
-        whole = problem.interfaces[0].law.strength * (1 - 1e-9)
-        areas = [state.weights[state.softening > q].sum() for q in (whole, 0.0)]
+        areas = [state.weights[state.softening > q].sum() for q in (STRENGTH * (1 - 1e-9), 0.0)]
         lengths = self.share * problem.comm.allreduce(np.array(areas)) / (2 * np.pi * RADIUS)
         force = -self.share * problem.reaction(self.top)["xyz".index(self.axis)]
         names = "punch [mm]", "force [N]", "debonded [mm]", "damaged [mm]"
@@ -52,14 +51,7 @@ class Model(NamedTuple):
 
 
 def build(
-    solid: bool,
-    layers: int,
-    refine: float,
-    friction: float,
-    modulus: float,
-    small: bool = False,
-    strength: float = STRENGTH,
-    critical_gap: float = CRITICAL_GAP,
+    solid: bool, layers: int, refine: float, friction: float, modulus: float, small: bool = False
 ) -> Model:
     """The model at the start of the cure.
 
@@ -70,8 +62,6 @@ def build(
         friction: Coefficient of friction [-].
         modulus: Young's modulus of the fibre [MPa].
         small: Whether to assume small strains.
-        strength: Of the bond [MPa].
-        critical_gap: At which it is gone [mm].
     """
     counts = {"fibre_cells": 8, "hole_cells": 1, "matrix_cells": 14}
     if solid:
@@ -80,7 +70,7 @@ def build(
     if solid:
         counts["around"] *= 2
     mesh, cells, sides = (meshes.pushout if solid else meshes.pushout_section)(**counts)
-    law = vmdg.Debonding(strength=strength, critical_gap=critical_gap, friction=friction)
+    law = vmdg.Debonding(strength=STRENGTH, critical_gap=CRITICAL_GAP, friction=friction)
     bond = vmdg.Interface(between=("fibre", "matrix"), law=law)
     fibre = vmdg.NeoHookean(E=modulus, nu=NU_FIBRE)
     bodies = {"fibre": fibre, "matrix": vmdg.NeoHookean(E=E_MATRIX, nu=NU_MATRIX)}

@@ -49,6 +49,10 @@ STARTS = {
 }
 
 
+#: Where the bridged law is one, and bridges are no longer than the beam.
+BOUNDS = {"bond.bridging": (0.05, 10.0), "bond.knee": (0.01, 0.1), "bond.critical_gap": (0.11, 3.0)}
+
+
 def law(values: dict[str, float]) -> vmdg.Law:
     """With these values; linear without bridges."""
     given = {k.removeprefix("bond."): v for k, v in values.items() if k.startswith("bond.")}
@@ -56,7 +60,7 @@ def law(values: dict[str, float]) -> vmdg.Law:
     return kind(strength=STRENGTH, **given)
 
 
-def beam(values: dict[str, float], facet: float = 1.0) -> tuple[vmdg.Problem, Callable]:
+def beam(values: dict[str, float], facet: float = 2.0) -> tuple[vmdg.Problem, Callable]:
     """The beam and its load."""
     stations = (0.0, CRACK - 4, CRACK, CRACK + 34, CRACK + 64)
     divisions = np.ceil(np.diff(stations) / (facet * np.array([4, 1, 1, 4]))).astype(int)
@@ -81,7 +85,7 @@ def beam(values: dict[str, float], facet: float = 1.0) -> tuple[vmdg.Problem, Ca
 
 
 def main(
-    facet: float = 1.0, every: int = 1, out: str = "results/bridged_dcb"
+    facet: float = 2.0, every: int = 1, out: str = "results/bridged_dcb"
 ) -> dict[str, vmdg.Identified]:
     """Fit both laws; what was identified.
 
@@ -96,7 +100,9 @@ def main(
     left.plot(opening, load, "ko", ms=4, mfc="none", label="de Gracia et al. 2015")
     lines = []
     for i, (name, start) in enumerate(STARTS.items()):
-        found[name] = fit = vmdg.identify(partial(beam, facet=facet), curve, start)
+        bounds = BOUNDS if name == "bridged" else None
+        fit = vmdg.identify(partial(beam, facet=facet), curve, start, bounds)
+        found[name] = fit
         (residuals,) = fit.residuals["measured"]
         left.plot(opening, load + residuals, f"C{i}", lw=1, label=name)
         bond = law(fit.estimate)

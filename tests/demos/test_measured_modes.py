@@ -6,14 +6,25 @@ import numpy as np
 
 
 def test_measured_modes(comm, out):
-    """The truth lies within three standard errors, energies are certain, the picture is drawn."""
+    """Energies are found within 5 %, strengths and exponent within 25 %; the picture is drawn."""
     import measured_modes as demo
 
-    found = demo.main(noise=0.005, points=6, facet=2.0, out=str(out))
+    found = demo.main(noise=0.005, points=6, facet=2.0, off=0.05, out=str(out))
     assert found.converged
-    errors = found.relative_errors
     for name, value in demo.TRUTH.items():
-        assert abs(np.log(found.estimate[name] / value)) < 3 * errors[name], name
-    assert errors["bond.normal_energy"] < 0.05
+        most = 0.05 if "energy" in name else 0.25
+        assert abs(np.log(found.estimate[name] / value)) < most, name
     if comm.rank == 0:
         assert (out / "measured_modes.png").stat().st_size > 10_000
+
+
+def test_bridged_beam(comm, out):
+    """A published curve: bridges of fibres halve the residual, and E is that of the authors within
+    5 %."""
+    import bridged_dcb as study
+
+    found = study.main(facet=2.0, every=3, out=str(out))
+    assert found["bridged"].noise < 0.6 * found["linear"].noise
+    assert abs(found["bridged"].estimate["Orthotropic.C00"] / 116e3 - 1) < 0.05
+    if comm.rank == 0:
+        assert "bridged" in (out / "bridged_dcb.md").read_text()
