@@ -62,8 +62,8 @@ def law(values: dict[str, float]) -> vmdg.Law:
 
 def beam(values: dict[str, float], facet: float = 2.0) -> tuple[vmdg.Problem, Callable]:
     """The beam and its load."""
-    stations = (0.0, CRACK - 4, CRACK, CRACK + 34, CRACK + 64)
-    divisions = np.ceil(np.diff(stations) / (facet * np.array([4, 1, 1, 4]))).astype(int)
+    stations = (0.0, CRACK - 4, CRACK, CRACK + 50)
+    divisions = np.ceil(np.diff(stations) / (facet * np.array([4, 1, 1]))).astype(int)
     mesh, cells, sides = beams(
         stations=stations, divisions=divisions.tolist(), height=HEIGHT, rows=2, precrack=CRACK
     )

@@ -62,6 +62,14 @@ def test_jump():
     assert rates[:, 0] == pytest.approx([1.0, 3.0])
 
 
+def test_peak():
+    """An infinite abscissa has the largest value of all, wherever that is."""
+    run = history([1.0, 2.0, 3.0], [10.0, 25.0, 8.0], 0.0, [1.0, 2.0, 3.0])
+    y, rates = curve([np.inf, 1.0, 3.0]).of_run(run, [NAME])
+    assert y == pytest.approx([25.0, 10.0, 8.0])
+    assert rates[:, 0] == pytest.approx([2.0, 1.0, 3.0])
+
+
 @pytest.mark.parametrize(
     ("x", "y", "options", "message"),
     [

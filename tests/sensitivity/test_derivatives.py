@@ -350,6 +350,33 @@ def test_a_second_run_continues(comm):
     assert np.allclose(np.concatenate([part[column] for part in parts]), whole[column], rtol=1e-7)
 
 
+def test_materials_of_a_class(comm):
+    """By a factor on E of all neo-Hookean bodies: the sum of those by E of each."""
+    history = solved(partial(blocks_of, comm), BOND, ["1.E", "2.E", "NeoHookean.E"])
+    one, other, both = (history[f"d along/d {name}.E"] for name in ("1", "2", "NeoHookean"))
+    assert np.allclose(both, 5000 * one + 2000 * other, rtol=1e-7, atol=1e-7)
+
+
+class NumbersOnly(vmdg.Debonding):
+    """A law from elsewhere that knows no arrays."""
+
+    def __post_init__(self):
+        super().__post_init__()
+        assert np.ndim(self.strength) == 0
+
+
+def test_law_of_numbers(comm):
+    """Laws whose parameters cannot be arrays have the derivatives of those whose can."""
+    values = {name: BOND[name] for name in ("bond.strength", "bond.critical_gap")}
+    runs = [
+        solved(partial(blocks_of, comm, law=law), values, list(values))
+        for law in (vmdg.Debonding, NumbersOnly)
+    ]
+    for name in values:
+        one, other = (run[f"d along/d {name}"] for run in runs)
+        assert np.allclose(one, other, rtol=1e-8)
+
+
 def test_refusals(comm):
     """Names that do not exist, values of zero, and problems without derivatives."""
     problem, _ = blocks_of(comm, BASE)
