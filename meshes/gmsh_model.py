@@ -16,7 +16,7 @@ from vmdg import compat
 from vmdg.base.parallel import raise_together
 from vmdg.base.tables import rounded
 from vmdg.domain.tags import NamedTags
-from vmdg.meshes.partition import between_bodies, slabs, weighted
+from vmdg.meshes.partition import between_bodies, cell_partitioner, slabs, weighted
 from vmdg.meshes.plane import Plane, turn
 
 #: Supported cells, by their names in gmsh.
@@ -122,7 +122,8 @@ def distribute(
             graph_partitioner = weighted(between_bodies(groups, interface_weight))
         else:
             graph_partitioner = slabs(midpoints[:, slabs_along])
-    mesh, *tags = compat.gmsh_model_to_mesh(gmsh_model, comm, 0, gdim, graph_partitioner)
+    partitioner = cell_partitioner(graph_partitioner)
+    mesh, *tags = compat.gmsh_model_to_mesh(gmsh_model, comm, 0, gdim, partitioner)
     mesh.geometry.x[:] *= unit
     return TaggedMesh(mesh, *map(NamedTags, tags, comm.bcast(names)))
 

@@ -1,4 +1,4 @@
-"""Mesh partitions that balance both bodies and interfaces between ranks."""
+"""Mesh partitions: ghosts that interfaces require, and balance of bodies and interfaces."""
 
 from __future__ import annotations
 
@@ -7,15 +7,88 @@ from typing import Any
 
 from mpi4py import MPI
 
+import basix
 import numpy as np
 from dolfinx.cpp.graph import AdjacencyList_int32, AdjacencyList_int64
 from dolfinx.graph import partitioner
+from dolfinx.mesh import CellType, to_string
 from numpy.typing import NDArray
+
+from vmdg import compat
+from vmdg.base.graph import components
+from vmdg.base.parallel import global_any, group_maxima
 
 #: Communicator, number of parts, graph of the cells, whether ghosts are wanted; parts of the cells.
 GraphPartitioner = Callable[[MPI.Comm, int, Any, bool], Any]
 
+#: Communicator, number of parts, types of cells and their nodes; ranks of the cells, owners first.
+CellPartitioner = Callable[[MPI.Comm, int, Any, Any], Any]
+
 Weigh = Callable[[NDArray[np.int64], NDArray[np.int32]], NDArray[np.int32]]
+
+
+def cell_partitioner(graph_partitioner: GraphPartitioner | None = None) -> CellPartitioner:
+    """A cell partitioner with the ghosts that interfaces require, for ``create_mesh`` and
+    ``model_to_mesh`` of DOLFINx.
+
+    They are those by shared facets and, where the mesh consists of several pieces that share no
+    facet, all cells at the surfaces of these: a rank has the partners of its facets, wherever
+    surfaces slide. They are of the order of N^(2/3) of N cells in 3D.
+
+    Args:
+        graph_partitioner: Of the graph of the cells; None for that of DOLFINx.
+    """
+    partition = partitioner() if graph_partitioner is None else graph_partitioner
+
+    def destinations(comm: MPI.Comm, parts: int, kinds: Any, cells: Any) -> Any:
+        cell = basix.CellType[to_string(kinds[0])]
+        facets = len(basix.topology(cell)[-2])
+
+        def with_surfaces(comm: MPI.Comm, parts: int, graph: Any, ghosting: bool) -> Any:
+            found = partition(comm, parts, graph, ghosting)
+            at_surface = np.diff(graph.offsets) < facets
+            several = _several_pieces(comm, graph)
+            return _everywhere(found, at_surface, parts) if several and parts > 1 else found
+
+        return compat.facet_ghost_partitioner(with_surfaces)(comm, parts, kinds, cells)
+
+    return destinations
+
+
+def _several_pieces(comm: MPI.Comm, graph: Any) -> bool:
+    """Whether a distributed graph, with global numbers of neighbours, is not connected;
+    collective."""
+    count, neighbours = len(graph.offsets) - 1, np.asarray(graph.array)
+    ends = np.cumsum(comm.allgather(count))
+    first = int(ends[comm.rank]) - count
+    foreign = (neighbours < first) | (neighbours >= first + count)
+    ghosts = np.unique(neighbours[foreign])
+    owners = np.searchsorted(ends, ghosts, side="right").astype(np.int32)
+    nodes = compat.index_map(comm, count, ghosts, owners)
+    local = np.where(foreign, count + np.searchsorted(ghosts, neighbours), neighbours - first)
+    size = count + len(ghosts)
+    piece = components(np.repeat(np.arange(count), np.diff(graph.offsets)), local, size)
+    names = nodes.local_to_global(np.arange(size, dtype=np.int32))[:, None]
+    names = group_maxima(comm, nodes, names, np.ones_like(names, dtype=bool), piece)
+    return global_any(comm, (names != ends[-1] - 1).any())
+
+
+def _everywhere(
+    found: AdjacencyList_int32, chosen: NDArray[np.bool_], parts: int
+) -> AdjacencyList_int32:
+    """Ranks of the cells, owners first, with all others added as ghosts of some cells."""
+    counts = np.diff(found.offsets)
+    cell, rank = np.repeat(np.arange(len(counts)), counts), np.asarray(found.array)
+    owner = rank[found.offsets[:-1]]
+    more = np.flatnonzero(chosen)
+    others = np.tile(np.arange(parts, dtype=np.int32), (len(more), 1))
+    others = others[others != owner[more][:, None]].reshape(len(more), parts - 1)
+    kept = ~chosen[cell]
+    cells = np.concatenate([cell[kept], more, np.repeat(more, parts - 1)])
+    ranks = np.concatenate([rank[kept], owner[more], others.ravel()]).astype(np.int32)
+    order = np.argsort(cells, kind="stable")
+    offsets = np.concatenate([[0], np.cumsum(np.bincount(cells, minlength=len(counts)))])
+    return AdjacencyList_int32(ranks[order], offsets.astype(np.int32))
 
 
 def weighted(weigh: Weigh) -> GraphPartitioner:

@@ -199,10 +199,9 @@ def timing(name: str) -> tuple[int, float]:
     return runs, elapsed if isinstance(elapsed, float) else elapsed.total_seconds()
 
 
-def _facet_ghost_partitioner(graph_partitioner: Any = None) -> Any:
-    given: tuple[Any, ...] = (GhostMode.shared_facet,)
-    if graph_partitioner is not None:
-        given = (graph_partitioner, GhostMode.shared_facet)
+def facet_ghost_partitioner(graph_partitioner: Any) -> Any:
+    """Cell partitioner with ghosts by shared facets, from a partitioner of the cells' graph."""
+    given = (graph_partitioner, GhostMode.shared_facet)
     return create_cell_partitioner(*given, 2) if _NEW else create_cell_partitioner(*given)
 
 
@@ -237,10 +236,9 @@ def gmsh_cells(model: Any, gdim: int) -> tuple[NDArray[np.int32], NDArray[np.flo
 
 
 def gmsh_model_to_mesh(
-    model: Any, comm: MPI.Comm, rank: int, gdim: int, graph_partitioner: Any = None
+    model: Any, comm: MPI.Comm, rank: int, gdim: int, partitioner: Any
 ) -> tuple[Mesh, MeshTags, MeshTags]:
-    """Distribute a gmsh model: mesh with facet ghosts, tags of cells and facets from its groups."""
-    partitioner = _facet_ghost_partitioner(graph_partitioner)
+    """Distribute a gmsh model: mesh, tags of cells and facets from its groups."""
     data = _gmshio().model_to_mesh(model, comm, rank, gdim=gdim, partitioner=partitioner)
     if not _NEW:
         return data

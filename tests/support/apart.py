@@ -30,13 +30,18 @@ Move = Callable[[NDArray], NDArray]
 
 
 def block(
-    cell: str, divisions: Sequence[int], low: Sequence[float], high: Sequence[float], tag: int = 1
+    cell: str,
+    divisions: Sequence[int],
+    low: Sequence[float],
+    high: Sequence[float],
+    tag: int = 1,
+    comm: MPI.Comm = MPI.COMM_SELF,
 ) -> tuple:
-    """Mesh, cell tags and facet tags of a box on one rank."""
+    """Mesh, cell tags and facet tags of a box."""
     d = len(low)
     make = create_rectangle if d == 2 else create_box
     corners = [np.array(low, dtype=float), np.array(high, dtype=float)]
-    mesh = make(MPI.COMM_SELF, corners, list(divisions), CellType[cell])
+    mesh = make(comm, corners, list(divisions), CellType[cell])
     mesh.topology.create_connectivity(d - 1, d)
     facets = exterior_facet_indices(mesh.topology)
     last = compute_midpoints(mesh, d - 1, facets)[:, d - 1]

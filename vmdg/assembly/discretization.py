@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
 from ..base.kernels import UNROLLED
-from ..base.parallel import global_sum
+from ..base.parallel import global_any, global_sum
 from ..base.timers import timer
 from ..domain.lattice import Lattice
 from ..domain.materials import Bodies
@@ -431,8 +431,10 @@ class Discretization:
 
     def couple(self) -> int:
         """Number of the pattern of :meth:`create_matrix`, another one each time when surfaces that
-        slide have pairs which it lacks."""
-        if any([active.couple() for active in self.active.values()]):
+        slide have pairs which it lacks; collective."""
+        if not self.slides:
+            return self._patterns
+        if global_any(self.mesh.comm, any([one.couple() for one in self.active.values()])):
             self.__dict__.pop("_pattern", None)
             self._patterns += 1
         return self._patterns

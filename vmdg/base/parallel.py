@@ -55,6 +55,11 @@ def global_any(comm: MPI.Comm, value: bool) -> bool:
     return bool(_reduced(comm, bool(value), MPI.MAX))
 
 
+def gathered(comm: MPI.Comm, rows: NDArray) -> NDArray:
+    """The rows of all ranks, in their order."""
+    return rows if comm.size == 1 else np.concatenate(comm.allgather(rows))
+
+
 def _reduced(comm: MPI.Comm, value: ArrayLike, op: MPI.Op) -> NDArray:
     """Reduce numbers, not objects, which MPI for Python would pickle.
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 from dolfinx import la
-from dolfinx.mesh import Mesh, MeshTags, compute_midpoints
+from dolfinx.mesh import Mesh, MeshTags, compute_midpoints, exterior_facet_indices
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.agreement import together
@@ -73,6 +73,13 @@ def mark_everywhere(mesh: Mesh, dim: int, entities: NDArray[np.int32]) -> NDArra
     marks.scatter_reverse(la.InsertMode.add)
     marks.scatter_forward()
     return marks.array > 0
+
+
+def outer_facets(mesh: Mesh) -> NDArray[np.bool_]:
+    """Mark the local facets, ghosts included, on the boundary of the mesh; collective."""
+    dim = mesh.topology.dim
+    mesh.topology.create_connectivity(dim - 1, dim)
+    return mark_everywhere(mesh, dim - 1, exterior_facet_indices(mesh.topology))
 
 
 def cells_inside(mesh: Mesh, level_set: LevelSet) -> NDArray[np.bool_]:

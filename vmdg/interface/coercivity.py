@@ -427,7 +427,10 @@ class Coercivity:
         # Cells of a rigid wall have no energy; tau is chosen for the deformable side.
         soft = ~bodies.rigid
         marks = self._to_owners([1.0 * soft[f.cells][:, :, None] for f in interfaces])
-        self._solved = np.flatnonzero(marks[: self._cell_map.size_local * self._facets_of_cell, 0])
+        marks = marks[: self._cell_map.size_local * self._facets_of_cell, 0]
+        self._solved = np.flatnonzero(marks)
+        # A facet whose partners are on several ranks is one of each of these.
+        self._ranks = marks[self._solved]
         cells, local = np.divmod(self._solved, self._facets_of_cell)
         self._problems = CellProblems(u, bodies, cells.astype(np.int32), local.astype(np.int32))
         # A body at points may have any moduli between zero and the elastic ones.
@@ -474,7 +477,7 @@ class Coercivity:
             )
         ]
         T = self._to_owners([value.reshape(-1, 2, d * d) for value in weights])
-        T = T[self._solved].reshape(-1, d, d)
+        T = (T[self._solved] / self._ranks[:, None]).reshape(-1, d, d)
         vector = la.vector(self._cell_map, self._facets_of_cell)
         needed = None
         if chosen is not None:

@@ -306,8 +306,8 @@ def _why_empty(interface: Interface) -> str:
     if callable(interface.between):
         return "the function is true for no two adjacent groups"
     return (
-        "the tags are not adjacent, and bodies that were meshed separately run on one rank; make "
-        "the mesh conforming, for example by gmsh.model.occ.fragment"
+        "the tags are not adjacent; make the mesh conforming, for example by "
+        "gmsh.model.occ.fragment"
     )
 
 

@@ -29,7 +29,9 @@ from dolfinx import fem
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from ..base.parallel import gathered, global_any, global_sum
 from ..domain.materials import Bodies
+from ..domain.topology import box_sides
 from ..laws import Mode
 from .active import ActiveInterface
 from .coercivity import margin
@@ -71,7 +73,7 @@ class PairStabilization(Stabilization):
 
 
 class EachFacet(NamedTuple):
-    """Facets of both surfaces, in their column; the other column is any facet of the other one.
+    """Facets of both surfaces, each as both sides of a pair.
 
     Attributes:
         cells: Cells (n, 2).
@@ -98,16 +100,10 @@ class SurfaceStabilizer(Stabilizer):
         self.automatic = interface.safety == AUTO
         degree = u.function_space.ufl_element().degree
         self.margin = margin(interface.law, degree)
-        one, two = quadrature.facets.surfaces.sides
-        self._first = first = len(one.facets)
-        count = first + len(two.facets)
-        cells, local = np.empty((2, count, 2), dtype=np.int32)
-        for array, mine, other in ((cells, one.cells, two.cells), (local, one.local, two.local)):
-            array[:first, 0], array[first:, 0] = mine, mine[0]
-            array[:first, 1], array[first:, 1] = other[0], other
-        self.facets = EachFacet(cells, local)
-        side = (np.arange(count) >= first).astype(np.intp)[:, None]
-        own = [np.take_along_axis(array, side, axis=1)[:, 0] for array in (cells, local)]
+        sides = quadrature.facets.surfaces.sides
+        self._first = len(sides[0].facets)
+        own = [np.concatenate([getattr(one, name) for one in sides]) for name in ("cells", "local")]
+        self.facets = EachFacet(*(np.column_stack([array, array]) for array in own))
         self._stiffness = BubbleIntegrals(u, bodies, *own)
         self._factor = quadrature.bubble_factors_of(*own)
         self._rigid = bodies.rigid[own[0]]
@@ -167,7 +163,9 @@ class CommittedPoints:
         normal: Of side 1 (nq, d).
         elastic: s in the frame of the law (nq, d) [mm].
         history: Of the points.
-        pressed: Integral of the pressure [N; N/mm in plane strain].
+        everywhere: X, normal of side 1, and traction in the frame of the law [MPa] of the points of
+            all ranks (n, d).
+        pressed: Integral of the pressure over all ranks [N; N/mm in plane strain].
     """
 
     u: Array
@@ -176,6 +174,7 @@ class CommittedPoints:
     normal: Array
     elastic: Array
     history: PointHistory
+    everywhere: tuple[Array, Array, Array]
     pressed: float
 
     @cached_property
@@ -185,8 +184,8 @@ class CommittedPoints:
 
     @cached_property
     def nearby(self) -> cKDTree:
-        """For the nearest of the points on any facet."""
-        return cKDTree(self.places[:, :-1])
+        """For the nearest of the points on any facet of any rank."""
+        return cKDTree(self.everywhere[0])
 
 
 class MovingPairs(NamedTuple):
@@ -219,7 +218,8 @@ class MovingInterface(ActiveInterface):
     def __init__(self, interface: Interface, facets: PairedFacets, u: fem.Function, bodies: Bodies):
         super().__init__(interface, facets, u, bodies)
         sides = facets.surfaces.sides
-        self._size = float(np.ptp(facets.surfaces.mesh.geometry.x, axis=0).max())
+        self._comm = facets.surfaces.mesh.comm
+        self._size = float(box_sides(facets.surfaces.mesh).max())
         self.floor = np.zeros(sum(len(side.facets) for side in sides))
         self._paired = u.x.array.copy()
         self._committed: CommittedPoints | None = None
@@ -265,7 +265,8 @@ class MovingInterface(ActiveInterface):
             intact = (self.history.softening < self.law.strength)[kept]
             bonded[self._first()[kept][intact]] = True
         same = np.array_equal(bonded, self._bonded)
-        if same and np.array_equal(self._u.x.array, self._paired):
+        same &= np.array_equal(self._u.x.array, self._paired)
+        if not global_any(self._comm, not same):
             return
         self._bonded = bonded
         values, tree, rows = self.values, cKDTree(self._places()), self._first()
@@ -319,11 +320,13 @@ class MovingInterface(ActiveInterface):
             gap[same] -= _turned(before.elastic[at], *turn)
             normal[same] = np.einsum("pi,pi->p", old.gap[at], turn[0])
             mode[same] = old.mode[at]
+        if before is not None and len(before.everywhere[0]):
             # For the works of the step: a facet that had no partner counts as loaded like those
             # nearby, and the sum of the pressures stays as it was.
             nearby = before.nearby.query(q.points[:, :d])[1]
-            traction = _turned(old.traction[nearby], before.normal[nearby], N)
-            pressed = float(self._pressure(traction) @ q.weights)
+            _, normals, tractions = before.everywhere
+            traction = _turned(tractions[nearby], normals[nearby], N)
+            pressed = self._pressed(traction)
             traction *= before.pressed / pressed if pressed > 0 else 1.0
         along = np.einsum("pi,pi->p", gap, N)
         gap += (np.maximum(normal, 0.0) - along)[:, None] * N
@@ -410,19 +413,21 @@ class MovingInterface(ActiveInterface):
         assert isinstance(stabilization, PairStabilization)
         self.stabilization, self.floor = stabilization, stabilization.surfaces.norm
 
-    def _pressure(self, traction: Array) -> Array:
-        """-T_N >= 0 (nq,), of a traction in the frame of the law."""
-        return np.maximum(-np.einsum("pi,pi->p", traction, self.quadrature.normal), 0.0)
+    def _pressed(self, traction: Array) -> float:
+        """Integral of -T_N >= 0, of a traction in the frame of the law; collective."""
+        pressure = np.maximum(-np.einsum("pi,pi->p", traction, self.quadrature.normal), 0.0)
+        return float(global_sum(self._comm, pressure @ self.quadrature.weights))
 
     def commit(self) -> None:
-        """Accept the last return map as the converged history."""
+        """Accept the last return map as the converged history; collective."""
         s = self.values.elastic_opening
         if (R := self.values.rotation) is not None:
             s = np.einsum("pji,pj->pi", R, s)
         super().commit()
-        pressed = float(self._pressure(self.history.traction) @ self.quadrature.weights)
-        given = self._u.x.array.copy(), self._places(), self._first(), self.quadrature.normal
-        self._committed = CommittedPoints(*given, s, self.history, pressed)
+        q, T = self.quadrature, self.history.traction
+        everywhere = tuple(gathered(self._comm, x) for x in (q.points[:, : q.d], q.normal, T))
+        given = self._u.x.array.copy(), self._places(), self._first(), q.normal, s, self.history
+        self._committed = CommittedPoints(*given, everywhere, self._pressed(T))
 
     def snapshot(self) -> InterfaceSnapshot:
         """The current state; its arrays are never modified."""

@@ -20,6 +20,7 @@ from ufl.core.expr import Expr
 
 from .. import compat
 from ..base.kernels import compile_expression
+from ..base.parallel import global_any
 from ..domain.materials import Bodies
 from ..domain.shapes import (
     GeometryMap,
@@ -116,15 +117,15 @@ class PairQuadrature(InterfaceQuadrature):
         self.take(facets)
 
     def take(self, facets: PairedFacets, u: fem.Function | None = None) -> bool:
-        """Take other pairs.
+        """Take other pairs; collective.
 
         Args:
             facets: The pairs.
             u: Displacement in whose configuration they are; None for the reference configuration.
 
         Returns:
-            Whether evaluators and functions of points must be made again: there are more points
-            than room.
+            Whether evaluators and functions of points must be made again: on some rank there are
+            more points than room.
         """
         self.facets, segments, d = facets, facets.segments, self.d
         corners = segments.corners[:, self._order]
@@ -154,14 +155,17 @@ class PairQuadrature(InterfaceQuadrature):
             self.distance = np.where(bonded, 0.0, gap)
             if facets.surfaces.law.has_bond:
                 self.initial_gap = np.where(bonded, gap, 0.0)
-        elif np.abs(gap).max(initial=0.0) > _NO_GAP * self.extent.max(initial=0.0):
-            self.initial_gap = gap
+        else:
+            large = np.abs(gap).max(initial=0.0) > _NO_GAP * self.extent.max(initial=0.0)
+            # Frames and forms are the same on all ranks, and in all states.
+            if self.initial_gap is not None or global_any(self.mesh.comm, large):
+                self.initial_gap = gap
         self.__dict__.pop("by_facet", None)
         self._jets: FacetJets | None = None
         self._last: tuple[Array, tuple[Array, Array]] | None = None
-        full = count > self._room
+        full = global_any(self.mesh.comm, count > self._room)
         if full:
-            self._room = max(int(_ROOM * count), _FEW) if facets.slides else count
+            self._room = max(int(_ROOM * count), _FEW) if facets.slides else max(count, 1)
             # One cell for every point: kernels are evaluated there with its F and N as
             # coefficients.
             self._cells_of_points = create_interval(MPI.COMM_SELF, self._room, [0.0, 1.0])
@@ -304,7 +308,8 @@ class _PointExpressions:
         self._parts: list[tuple[int, fem.Expression]] = []
         self._mesh, middle = self._F.function_space.mesh, np.array([[0.5]])
         self._cell_of_point = np.argsort(self._F.function_space.dofmap.list[:, 0]).astype(np.int32)
-        for number in np.unique(bodies.region[quadrature.facets.surfaces.sides[a].cells]):
+        here = np.unique(bodies.region[quadrature.facets.surfaces.sides[a].cells])
+        for number in np.unique(np.concatenate(quadrature.mesh.comm.allgather(here))):
             body = self._at_points(bodies.regions[number].body)
             value = expression(body, ufl.variable(self._F), self._N, a)
             if isinstance(value, Zero):

@@ -1,5 +1,8 @@
 """Interfaces between surfaces that share no nodes: their facets in pairs, segment by segment.
 
+A pair belongs to the rank that owns its facet of side 1; side 2 is known on every rank, its cells of
+other ranks as ghosts, see :func:`vmdg.meshes.partition.cell_partitioner`.
+
 Surfaces that slide are paired again in every state, see :meth:`Surfaces.pairs`.
 """
 
@@ -9,13 +12,16 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from mpi4py import MPI
+
 import basix
 import numpy as np
 from dolfinx import fem
-from dolfinx.mesh import Mesh, compute_midpoints, exterior_facet_indices
+from dolfinx.mesh import Mesh, compute_midpoints
 from numpy.typing import NDArray
 
 from .. import compat
+from ..base.parallel import global_any, global_max, global_sum, raise_together
 from ..domain.shapes import displacements_in_cells
 from ..domain.tags import group_tag
 from ..domain.topology import (
@@ -23,6 +29,8 @@ from ..domain.topology import (
     checked_facets,
     facet_cells,
     local_facets,
+    mark_everywhere,
+    outer_facets,
     refuse_facets,
 )
 from ..forms.geometry import CARTESIAN, Geometry
@@ -52,7 +60,7 @@ class Surface(NamedTuple):
     """Facets of one body, possibly none of which lies opposite the other one.
 
     Attributes:
-        facets: Local facets, ascending (n,).
+        facets: Local facets, ascending (n,): owned ones of side 1, all of side 2.
         cells: Their cells (n,).
         local: Their numbers in these (n,).
     """
@@ -60,6 +68,11 @@ class Surface(NamedTuple):
     facets: NDArray[np.int32]
     cells: NDArray[np.int32]
     local: NDArray[np.int32]
+
+    def owned(self, mesh: Mesh) -> Surface:
+        """The facets that this rank owns."""
+        count = mesh.topology.index_map(mesh.topology.dim - 1).size_local
+        return Surface(*(array[self.facets < count] for array in self))
 
 
 @dataclass(frozen=True)
@@ -74,6 +87,7 @@ class Surfaces:
         law: The law on these facets.
         label: Name of the interface in messages.
         walled: Whether one side is a rigid wall.
+        first: Cell tag of side 1.
         gaps: Whether their distance counts as a gap.
         slides: Whether they are paired again in every state.
     """
@@ -85,6 +99,7 @@ class Surfaces:
     law: Law
     label: str
     walled: bool
+    first: int
     gaps: bool
     slides: bool
 
@@ -195,8 +210,7 @@ class PairedFacets(InterfaceFacets):
     @property
     def chosen_side(self) -> int | None:
         """See the base class."""
-        surfaces = self.surfaces
-        return int(surfaces.tags[surfaces.sides[0].cells[0]]) if self.slides else None
+        return self.surfaces.first if self.slides else None
 
     @property
     def first_side(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
@@ -250,61 +264,61 @@ def place(
             lies inside the mesh or in both of them, or the interface has options that those between
             meshes that do not match do not have.
     """
-    label = label or str(interface)
+    label, comm = label or str(interface), mesh.comm
+    fdim = mesh.topology.dim - 1
     if interface.surfaces is not None:
-        surfaces = [np.unique(checked_facets(mesh, given, label)) for given in interface.surfaces]
-        inside = (facet_cells(mesh) >= 0).all(axis=1)
+        given = [np.unique(checked_facets(mesh, facets, label)) for facets in interface.surfaces]
+        marks = [mark_everywhere(mesh, fdim, facets) for facets in given]
+        surfaces = [np.flatnonzero(mark).astype(np.int32) for mark in marks]
+        outer = outer_facets(mesh)
         reason = (
             "lies inside the mesh; surfaces= takes facets of the surfaces of two bodies that share "
             "no nodes, for facets inside the mesh use facets="
         )
         for surface in surfaces:
-            refuse_facets(mesh, surface, inside, label, reason)
-        shared = np.zeros(len(inside), dtype=bool)
-        shared[np.intersect1d(*surfaces)] = True
+            refuse_facets(mesh, surface, ~outer, label, reason)
         reason = "is in both of the surfaces; give each facet to one side"
-        refuse_facets(mesh, surfaces[0], shared, label, reason)
+        refuse_facets(mesh, surfaces[0], marks[1], label, reason)
     else:
-        surfaces = _apart(mesh, cell_tags, interface, names or {}, label)
-        if surfaces is None and (interface.sliding or interface.gap == KEEP):
+        found = _apart(mesh, cell_tags, interface, names or {}, label)
+        if found is None and (interface.sliding or interface.gap == KEEP):
             what = "sliding=True" if interface.sliding else f'gap="{KEEP}"'
             raise ValueError(
-                f"{label}: {what} needs two bodies that share no nodes, on one rank: mesh them "
-                "separately and put them together by vmdg.meshes.apart"
+                f"{label}: {what} needs two bodies that share no nodes: mesh them separately and "
+                "put them together by vmdg.meshes.apart"
             )
-        if surfaces is None:
+        if found is None:
             return find_facets(mesh, cell_tags, interface, names, label, walls)
+        surfaces = found
     _check_options(mesh, interface, label)
-    if not all(map(len, surfaces)):
-        raise ValueError(
-            f"{label} has no facet on side {1 if not len(surfaces[0]) else 2}: surfaces= has an "
-            "empty array; does the mesh have facets with this tag?"
-        )
-    fdim = mesh.topology.dim - 1
     middles = [compute_midpoints(mesh, fdim, facets).T for facets in surfaces]
     off = [np.abs(geometry.circumference(x) + 0 * x[0]) for x in middles]
-    surfaces = [f[a > _ROUNDING * a.max()] for f, a in zip(surfaces, off, strict=True)]
+    far = [global_max(comm, a.max(initial=0.0)) for a in off]
+    surfaces = [f[a > _ROUNDING * m] for f, a, m in zip(surfaces, off, far, strict=True)]
+    _check_whole(mesh, surfaces, label)
     one, two = (_surface(mesh, facets) for facets in surfaces)
     if interface.sliding and interface.surfaces is None and stiffness is not None:
-        one, two = (one, two) if _before(mesh, one, two, stiffness) else (two, one)
-    gaps, damage = interface.gap == KEEP, np.zeros(len(one.facets))
+        # Means differ by rounding from rank to rank.
+        first = comm.bcast(_before(mesh, one, two, stiffness))
+        one, two = (one, two) if first else (two, one)
+    tags = [int(comm.bcast(cell_tags[side.cells[0]])) for side in (one, two)]
+    gaps, one = interface.gap == KEEP, one.owned(mesh)
+    damage, law = np.zeros(len(one.facets)), interface.law
     found = Surfaces(
-        mesh, (one, two), cell_tags, damage, interface.law, label, False, gaps, interface.sliding
+        mesh, (one, two), cell_tags, damage, law, label, False, tags[0], gaps, interface.sliding
     )
     given = mesh, interface
     if found.slides:
         # The partners of a facet are not known in advance.
-        tags = [cell_tags[side.cells] for side in (one, two)]
-        each = [
-            np.column_stack([tags[0], np.full(len(tags[0]), tags[1][0])]),
-            np.column_stack([np.full(len(tags[1]), tags[0][0]), tags[1]]),
-        ]
+        each = [cell_tags[side.cells] for side in (one, two.owned(mesh))]
+        each[0] = np.column_stack([each[0], np.full(len(each[0]), tags[1])])
+        each[1] = np.column_stack([np.full(len(each[1]), tags[0]), each[1]])
         both, sides = np.concatenate(each), np.column_stack([one.cells, one.cells])
         damage, law, _, walled = facet_properties(*given, one.facets, sides, both, walls, label)
         found = replace(found, damage=damage, law=law, walled=walled)
         return found.pairs(bonded=found.intact())
     pairs = found.pairs()
-    _check_overlap(label, found.flat(), pairs.segments, interface.surfaces is None)
+    _check_overlap(comm, label, found.flat(), pairs.segments, interface.surfaces is None)
     given = *given, pairs.facets, pairs.cells, pairs.tags, walls, label
     damage, law, _, walled = facet_properties(*given)
     return replace(pairs, damage=damage, law=law, walled=walled)
@@ -317,20 +331,19 @@ def _apart(
     names: Mapping[str, int],
     label: str,
 ) -> list[NDArray[np.int32]] | None:
-    """Boundary facets of two groups that share no facet; None where they do, for other interfaces,
-    and on several ranks."""
-    between = interface.between
-    several = not isinstance(between, Sequence | np.ndarray) or isinstance(between, str)
-    if several or mesh.comm.size > 1:
+    """Boundary facets of two groups that share no facet; None where they do, and for other
+    interfaces; collective."""
+    between, comm = interface.between, mesh.comm
+    if not isinstance(between, Sequence | np.ndarray) or isinstance(between, str):
         return None
     wanted = sorted(group_tag(group, names, label) for group in between)
     cells = facet_cells(mesh)
     tags = np.where(cells >= 0, cell_tags[cells], UNTAGGED)
-    if (np.sort(tags, axis=1) == wanted).all(axis=1).any():
+    if global_any(comm, (np.sort(tags, axis=1) == wanted).all(axis=1).any()):
         return None
-    outer = exterior_facet_indices(mesh.topology)
-    surfaces = [outer[tags[outer, 0] == tag] for tag in wanted]
-    return surfaces if all(map(len, surfaces)) else None
+    outer = outer_facets(mesh)
+    surfaces = [np.flatnonzero(outer & (tags[:, 0] == tag)).astype(np.int32) for tag in wanted]
+    return surfaces if global_sum(comm, [len(facets) for facets in surfaces]).all() else None
 
 
 def _check_options(mesh: Mesh, interface: Interface, label: str) -> None:
@@ -338,11 +351,6 @@ def _check_options(mesh: Mesh, interface: Interface, label: str) -> None:
     ValueError: what an interface between meshes that do not match cannot have.
     """
     what = f"{label}: {NONMATCHING} cannot"
-    if mesh.comm.size > 1:
-        raise ValueError(
-            f"{what} be distributed to {mesh.comm.size} ranks; run it on one, or make the meshes "
-            "match (gmsh.model.occ.fragment)"
-        )
     if interface.activate != "all":
         raise ValueError(f'{what} open on demand; omit activate="{interface.activate}"')
     if interface.traction_jump:
@@ -354,6 +362,29 @@ def _check_options(mesh: Mesh, interface: Interface, label: str) -> None:
             f"{what} lie between curved cells in 3D; mesh with straight ones (gmsh: "
             "mesh.setOrder(1))"
         )
+
+
+def _check_whole(mesh: Mesh, surfaces: Sequence[NDArray[np.int32]], label: str) -> None:
+    """Check that every rank knows all facets of both surfaces; collective.
+
+    Raises:
+        ValueError: a surface has no facet, or is not known as a whole.
+    """
+    owned = mesh.topology.index_map(mesh.topology.dim - 1).size_local
+    counts = global_sum(mesh.comm, [(facets < owned).sum() for facets in surfaces])
+    if not counts.all():
+        raise ValueError(
+            f"{label} has no facet on side {1 if not counts[0] else 2}: surfaces= has an empty "
+            "array; does the mesh have facets with this tag?"
+        )
+    message = None
+    if [len(facets) for facets in surfaces] != counts.tolist():
+        message = (
+            f"{label} is {NONMATCHING}, and not every rank has the cells at its surfaces as ghosts: "
+            "make the mesh by vmdg.meshes (apart, distribute, read_mesh), or in DOLFINx with "
+            "partitioner=vmdg.meshes.cell_partitioner()"
+        )
+    raise_together(mesh.comm, message)
 
 
 def _surface(mesh: Mesh, facets: NDArray[np.int32]) -> Surface:
@@ -403,14 +434,18 @@ def _flat_facets(mesh: Mesh, surface: Surface, u: fem.Function | None) -> FlatFa
     return FlatFacets.of(on_facet, x.mean(axis=1))
 
 
-def _check_overlap(label: str, flat: Sequence[FlatFacets], segments: Segments, whole: bool) -> None:
-    """Check that the surfaces, or the ``whole`` surfaces of two groups, lie opposite each other.
+def _check_overlap(
+    comm: MPI.Comm, label: str, flat: Sequence[FlatFacets], segments: Segments, whole: bool
+) -> None:
+    """Check that the surfaces, or the ``whole`` surfaces of two groups, lie opposite each other;
+    collective.
 
     Raises:
         ValueError: they do not, or more than once.
     """
-    areas = [one.measures for one in flat]
-    share = segments.measures.sum() / min(area.sum() for area in areas)
+    area, two = flat[0].measures, flat[1].measures.sum()
+    common, one, count = global_sum(comm, [segments.measures.sum(), area.sum(), len(area)])
+    share = common / min(one, two)
     pairs = (
         "facets form a pair where their normals are opposite and their distance is at most half "
         "the radius of the larger one"
@@ -422,18 +457,20 @@ def _check_overlap(label: str, flat: Sequence[FlatFacets], segments: Segments, w
             "separately, or make the mesh conforming, for example by gmsh.model.occ.fragment"
         )
     if not whole and share < _LEAST_SHARE:
-        apart = flat[0].centres.mean(axis=0) - flat[1].centres.mean(axis=0)
+        apart = global_sum(comm, flat[0].centres.sum(axis=0)) / count
+        apart -= flat[1].centres.mean(axis=0)
         raise ValueError(
             f"{label}: its two surfaces lie opposite each other on {100 * share:.2g} % of the "
             f"smaller one: {pairs}. The centres of the surfaces are {np.linalg.norm(apart):.3g} mm "
             "apart: are these the surfaces that touch, and do both meshes have the same units and "
             "origin?"
         )
-    covered = np.bincount(segments.first, segments.measures, minlength=len(areas[0]))
-    twice = np.flatnonzero(covered > (1 + _TWICE) * areas[0])
+    covered = np.bincount(segments.first, segments.measures, minlength=len(area))
+    twice, message = np.flatnonzero(covered > (1 + _TWICE) * area), None
     if len(twice):
         place = ", ".join(f"{x:.6g}" for x in flat[0].centres[twice[0]])
-        raise ValueError(
+        message = (
             f"{label}: the facet at ({place}) of side 1 lies opposite side 2 more than once; give "
             "only the facets that touch, by surfaces=(facets_1, facets_2)"
         )
+    raise_together(comm, message)
