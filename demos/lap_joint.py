@@ -38,7 +38,7 @@ def part(name: str, tag: int, element_size: float) -> TaggedMesh:
         gmsh_model.addPhysicalGroup(1, [max(x, key=x.get)], 10 * tag + 1, f"{name} right")
         gmsh.option.setNumber("Mesh.MeshSizeMax", element_size)
         gmsh_model.mesh.generate(2)
-        return distribute(gmsh_model, MPI.COMM_SELF, gdim=2)
+        return distribute(gmsh_model, MPI.COMM_WORLD, gdim=2)
 
 
 def critical_force() -> float:
@@ -81,11 +81,11 @@ def main(element_size: float = 1.0, steps: int = 17, out: str = "results/lap_joi
     curve.legend()
     vmdg.plot.stress(problem, "mises", magnify=5, ax=joint)
     joint.set(xlim=(35, 75), ylim=(-5, 5))
-    figure.savefig(Path(out) / "lap_joint.png", dpi=130)
-    print(
-        f"largest force {history['force'].max():.1f} N/mm, long joint {critical_force():.1f} N/mm"
-    )
-    print(f"results are in {out}")
+    if problem.comm.rank == 0:
+        figure.savefig(Path(out) / "lap_joint.png", dpi=130)
+        force = history["force"].max()
+        print(f"largest force {force:.1f} N/mm, long joint {critical_force():.1f} N/mm")
+        print(f"results are in {out}")
     return history
 
 

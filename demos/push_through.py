@@ -30,9 +30,9 @@ def part(tag: int, radii: Sequence[float], layers: int) -> tuple[Mesh, MeshTags,
     """Half of the section of a sleeve, with nodes at these radii, as if from a file of its own."""
     n = len(radii) - 1
     corners = [np.zeros(2), np.array([1.0, HEIGHT])]
-    mesh = create_rectangle(MPI.COMM_SELF, corners, (n, layers), CellType.quadrilateral)
+    mesh = create_rectangle(MPI.COMM_WORLD, corners, (n, layers), CellType.quadrilateral)
     mesh.geometry.x[:, 0] = np.interp(mesh.geometry.x[:, 0], np.linspace(0, 1, n + 1), radii)
-    cells = np.arange(n * layers, dtype=np.int32)
+    cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
     none = np.zeros(0, dtype=np.int32)
     return mesh, meshtags(mesh, 2, cells, np.full_like(cells, tag)), meshtags(mesh, 1, none, none)
 
@@ -69,9 +69,10 @@ def main(layers: int = 25, steps: int = 20, end: float = 3.0, out: str = "result
     figure, (curve, section) = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
     vmdg.plot.curve(history, "punch", "force", ax=curve, origin=True)
     vmdg.plot.stress(problem, "mises", ax=section)
-    figure.savefig(Path(out) / "push_through.png", dpi=110)
-    print(f"largest force {history['force'].max():.5g} N, last {history['force'][-1]:.5g} N")
-    print(f"results are in {out}")
+    if problem.comm.rank == 0:
+        figure.savefig(Path(out) / "push_through.png", dpi=110)
+        print(f"largest force {history['force'].max():.5g} N, last {history['force'][-1]:.5g} N")
+        print(f"results are in {out}")
     return history
 
 

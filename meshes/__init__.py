@@ -15,6 +15,7 @@ from .files import read_mesh, write_mesh
 from .gmsh_model import TaggedMesh, distribute, model
 from .inclusions import inclusions
 from .packing import pack
+from .partition import cell_partitioner
 from .plate import tearing
 from .plates import plates
 from .polycrystal import polycrystal
@@ -28,6 +29,7 @@ __all__ = [
     "apart",
     "beams",
     "blocks",
+    "cell_partitioner",
     "core_and_ring",
     "distribute",
     "fibre_cell",

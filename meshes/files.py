@@ -12,10 +12,13 @@ from xml.etree import ElementTree
 
 from mpi4py import MPI
 
+import basix
+import basix.ufl
 import gmsh
 import numpy as np
+import ufl
 from dolfinx.io import XDMFFile
-from dolfinx.mesh import GhostMode, meshtags
+from dolfinx.mesh import Mesh, create_mesh, meshtags
 
 from vmdg.base.parallel import warn_together
 from vmdg.base.words import checked_path, near_keywords
@@ -34,6 +37,7 @@ from .arrays import (
 )
 from .foreign import endings, read_foreign
 from .gmsh_model import TaggedMesh, distribute, model, name_groups
+from .partition import cell_partitioner
 from .plane import Plane
 
 #: Names of the tags in XDMF files.
@@ -321,7 +325,7 @@ def _read_xdmf(
         )
     try:
         with XDMFFile(comm, str(path), "r") as file:
-            mesh = file.read_mesh(ghost_mode=GhostMode.shared_facet, name=grids[0])
+            mesh = _mesh_of(file, comm, grids[0])
             dim = mesh.topology.dim
             mesh.topology.create_connectivity(dim - 1, dim)
             tags = []
@@ -334,6 +338,18 @@ def _read_xdmf(
     except RuntimeError as error:
         raise ValueError(f"DOLFINx cannot read it ({error}); is it complete?") from None
     return TaggedMesh(mesh, *tags)
+
+
+def _mesh_of(file: XDMFFile, comm: MPI.Comm, name: str) -> Mesh:
+    """The mesh of a grid as ``XDMFFile.read_mesh`` makes it, with the ghosts of interfaces."""
+    place = name, "/Xdmf/Domain"
+    shape, degree = file.read_cell_type(*place)
+    cells, x = file.read_topology_data(*place), file.read_geometry_data(*place)
+    variant = basix.LagrangeVariant.equispaced
+    element = basix.ufl.element("Lagrange", shape.name, degree, variant, shape=(x.shape[1],))
+    mesh = create_mesh(comm, cells, x=x, e=ufl.Mesh(element), partitioner=cell_partitioner())
+    mesh.name = name
+    return mesh
 
 
 def _names(name: str) -> str:

@@ -11,7 +11,7 @@ import basix
 import numpy as np
 from dolfinx.cpp.graph import AdjacencyList_int32, AdjacencyList_int64
 from dolfinx.graph import partitioner
-from dolfinx.mesh import CellType, to_string
+from dolfinx.mesh import to_string
 from numpy.typing import NDArray
 
 from vmdg import compat

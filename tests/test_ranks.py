@@ -26,15 +26,27 @@ def test_any_number_of_ranks(tmp_path):
     Steps are solved to 1e-11; scenes of the demos, past the peak of the push-out too, differ by
     3e-12 at most.
     """
-    ranks.main(SCENES, tmp_path)
+    compare(SCENES, (3,), tmp_path)
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own ranks")
+def test_bodies_meshed_separately(tmp_path):
+    """Bonds between curved and straight meshes 2:3, blocks that slide, on one to four ranks."""
+    compare(list(ranks.APART), (2, 3, 4), tmp_path)
+
+
+def compare(scenes: list[str], counts: tuple[int, ...], folder: Path) -> None:
+    """Check that scenes give the same on these numbers of ranks as on one."""
+    ranks.main(scenes, folder)
     folders = (str(ROOT), os.environ.get("PYTHONPATH", ""))
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(folders)}
     program = [sys.executable, str(ROOT / "tests" / "support" / "ranks.py")]
-    command = ["mpirun", "-n", "3", *program, str(tmp_path), *SCENES]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    found = ranks.differences(tmp_path)
-    assert len(found) == 2 * len(SCENES)
+    for count in counts:
+        command = ["mpirun", "-n", str(count), *program, str(folder), *scenes]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr[-2000:]
+    found = ranks.differences(folder)
+    assert len(found) == (1 + len(counts)) * len(scenes)
     assert max(largest for *_, largest in found) < 1e-9, found
 
 

@@ -4,7 +4,7 @@
     demos/run -n 4 tests/support/ranks.py FOLDER [SCENE...]
 
 For every run of :func:`vmdg.solve` rank 0 writes the number of unknowns, the iterations of all
-steps, and the norm of the reactions at the end of every step to the folder.
+steps, and the norm of the reactions and the works at the end of every step to the folder.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 from mpi4py import MPI
@@ -21,14 +22,21 @@ from numpy.typing import NDArray
 
 import vmdg
 from vmdg.base.parallel import global_norm
+from vmdg.meshes import apart as put_together
 from vmdg.meshes import blocks, fibre_matrix, random_fibres
 
+sys.path.append(str(Path(__file__).resolve().parents[1]))
 sys.path.append(str(Path(__file__).resolve().parents[2] / "demos"))
 sys.path.append(str(Path(__file__).resolve().parents[2] / "demos" / "studies"))
 import fibre_matrix as cell
 import load_cycle
 import pushout
 from parts import two_inclusions
+
+from support import apart
+from support.scenes import DIMENSION
+
+HARD_AND_SOFT = {1: vmdg.NeoHookean(E=1000.0, nu=0.3), 2: vmdg.NeoHookean(E=300.0, nu=0.3)}
 
 #: Problems and the loads of their runs, one after the other.
 Runs = Iterator[tuple[vmdg.Problem, NDArray]]
@@ -70,6 +78,66 @@ def inclusions(size: float) -> Runs:
     yield problem, np.linspace(0, two_inclusions.END, 41)[1:]
 
 
+def rings() -> Runs:
+    """A ring bonded in another one, with curved cells 2:3, that is pulled off."""
+    scene = apart.rings("triangle", (16, 24), (1.0, 2.0, 3.0), 2, MPI.COMM_WORLD)
+    law = vmdg.Debonding(strength=10.0, critical_gap=0.3, friction=0.3)
+    interface = vmdg.Interface(between=(1, 2), law=law)
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, HARD_AND_SOFT, [interface], degree=2)
+    problem.dirichlet(scene.facet_tags.find(11), 0.0)
+    problem.dirichlet(scene.facet_tags.find(22), lambda t: (t, 0.3 * t))
+    yield problem, np.linspace(0.02, 0.2, 5)
+
+
+def cantilever() -> Runs:
+    """A double cantilever whose arms have 16 and 24 cells, at small strain."""
+    parts = [
+        apart.block("quadrilateral", (16, 2), (0.0, -1.0), (20.0, 0.0), 1, MPI.COMM_WORLD),
+        apart.block("quadrilateral", (24, 2), (0.0, 0.0), (20.0, 1.0), 2, MPI.COMM_WORLD),
+    ]
+    scene = put_together(parts)
+    interface = vmdg.Interface(
+        between=(1, 2),
+        law=vmdg.Debonding(strength=1.0, critical_gap=0.15),
+        initial_damage=lambda x: np.where(x[0] < 6.0, 1.0, 0.0),
+    )
+    given = scene.mesh, scene.cell_tags, HARD_AND_SOFT, [interface]
+    problem = vmdg.Problem(*given, degree=2, kinematics="small")
+    for y in (-1.0, 1.0):
+        corner = partial(_corner, y=y)
+        problem.dirichlet_points(corner, 0.0, "x")
+        problem.dirichlet_points(corner, lambda t, y=y: y * t, "y")
+    problem.dirichlet(lambda x: np.isclose(x[0], 20.0), 0.0)
+    yield problem, np.linspace(0.0, 1.2, 5)[1:]
+
+
+def _corner(x: NDArray, y: float) -> NDArray:
+    return np.isclose(x[0], 0.0) & np.isclose(x[1], y)
+
+
+def sliding(cell: str) -> Runs:
+    """A block is pressed on a longer one, where its bond breaks, and slides along it."""
+    d = DIMENSION[cell]
+    sides = [((9, 4, 2), (0.0, 0.0, -1.0), (3.0, 1.2, 0.0))]
+    sides += [((3, 3, 2), (0.6, 0.1, 0.0), (1.6, 1.1, 1.0))]
+    axes = [0, 1, 2] if d == 3 else [0, 2]
+    parts = [
+        apart.block(cell, *([array[i] for i in axes] for array in side), tag, MPI.COMM_WORLD)
+        for tag, side in enumerate(sides, start=1)
+    ]
+    scene = put_together(parts)
+    law = vmdg.Debonding(strength=3.0, critical_gap=0.03, friction=0.3)
+    interface = vmdg.Interface(between=(1, 2), law=law, sliding=True)
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, HARD_AND_SOFT, [interface])
+    problem.dirichlet(scene.facet_tags.find(11), 0.0)
+
+    def top(t: float) -> NDArray:
+        return np.array([max(t - 1.0, 0.0), *[0.0] * (d - 2), -0.05 * min(t, 1.0)])
+
+    problem.dirichlet(scene.facet_tags.find(22), top)
+    yield problem, np.array([0.5, 1.0, 1.1, 1.4, 1.8])
+
+
 SCENES = {
     "load cycle": lambda: cycle(20),
     "fibre": lambda: cracks("quadrilateral", 0.3, 0.01, 0.00525),
@@ -79,9 +147,17 @@ SCENES = {
     "inclusions": lambda: inclusions(0.1),
 }
 
+#: Bodies that were meshed separately.
+APART = {
+    "rings": rings,
+    "cantilever": cantilever,
+    "sliding block": lambda: sliding("triangle"),
+    "sliding block in space": lambda: sliding("tetrahedron"),
+}
+
 
 def differences(folder: Path) -> list[tuple[str, int, float]]:
-    """Scene, ranks, and largest difference of the forces from those of one rank, relative.
+    """Scene, ranks, and largest difference of forces and works from those of one rank.
 
     Infinite where unknowns or the number of steps differ. Iterations may: at rest a residual is
     rounding, and below its bound or not.
@@ -97,16 +173,19 @@ def differences(folder: Path) -> list[tuple[str, int, float]]:
 
 
 def difference(run: dict, other: dict) -> float:
-    """Largest one of the forces of two runs, relative to the largest force, or infinite."""
+    """Largest one of the forces and works of two runs, relative to the largest, or infinite."""
     if run["unknowns"] != other["unknowns"] or len(run["forces"]) != len(other["forces"]):
         return float("inf")
-    forces = np.array(run["forces"])
-    return float(np.abs(forces - other["forces"]).max() / forces.max())
+    found = []
+    for name in ("forces", "works"):
+        values = np.array(run[name])
+        found.append(float(np.abs(values - other[name]).max() / np.abs(values).max()))
+    return max(found)
 
 
 def solve(problem: vmdg.Problem, loads: NDArray) -> dict:
-    """Unknowns at the end, iterations of all steps, and reactions at the given load factors."""
-    forces = []
+    """Unknowns at the end, iterations of all steps, reactions and works at the load factors."""
+    forces, works = [], []
 
     def look(problem: vmdg.Problem) -> None:
         if problem.t not in loads:
@@ -114,23 +193,26 @@ def solve(problem: vmdg.Problem, loads: NDArray) -> dict:
         # Facets that open renumber the dofs.
         reactions = problem.discretization.forces.x.array[problem.loading.owned_prescribed]
         forces.append(global_norm(problem.comm, reactions))
+        energy = problem.energy()
+        works.append([energy.external, energy.bulk + energy.interface, energy.dissipated])
 
     options = vmdg.SolveOptions(relative_tolerance=1e-11, energy=True)
     iterations = vmdg.solve(problem, loads, options, look).history["iterations"].tolist()
     size = problem.space.dofmap.index_map.size_global
-    return {"unknowns": size, "iterations": iterations, "forces": forces}
+    return {"unknowns": size, "iterations": iterations, "forces": forces, "works": works}
 
 
 def main(names: list[str], folder: Path) -> None:
     """Run these scenes; writes ``folder``/ranks_N.json."""
-    found = {name: [solve(*run) for run in SCENES[name]()] for name in names}
+    scenes = SCENES | APART
+    found = {name: [solve(*run) for run in scenes[name]()] for name in names}
     ranks = MPI.COMM_WORLD.size
     if MPI.COMM_WORLD.rank == 0:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / f"ranks_{ranks}.json").write_text(json.dumps(found))
         if (folder / "ranks_1.json").is_file():
             for name, ranks, largest in differences(folder):
-                print(f"{name:20} {ranks:3} ranks, forces differ by {largest:.1e}")
+                print(f"{name:22} {ranks:3} ranks, forces and works differ by {largest:.1e}")
 
 
 if __name__ == "__main__":

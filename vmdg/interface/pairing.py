@@ -1,7 +1,7 @@
 """Interfaces between surfaces that share no nodes: their facets in pairs, segment by segment.
 
-A pair belongs to the rank that owns its facet of side 1; side 2 is known on every rank, its cells of
-other ranks as ghosts, see :func:`vmdg.meshes.partition.cell_partitioner`.
+A pair belongs to the rank that owns its facet of side 1; side 2 is known on every rank, its cells
+of other ranks as ghosts, see :func:`vmdg.meshes.partition.cell_partitioner`.
 
 Surfaces that slide are paired again in every state, see :meth:`Surfaces.pairs`.
 """
@@ -380,9 +380,9 @@ def _check_whole(mesh: Mesh, surfaces: Sequence[NDArray[np.int32]], label: str) 
     message = None
     if [len(facets) for facets in surfaces] != counts.tolist():
         message = (
-            f"{label} is {NONMATCHING}, and not every rank has the cells at its surfaces as ghosts: "
-            "make the mesh by vmdg.meshes (apart, distribute, read_mesh), or in DOLFINx with "
-            "partitioner=vmdg.meshes.cell_partitioner()"
+            f"{label} is {NONMATCHING}, and not every rank has the cells at its surfaces as "
+            "ghosts: make the mesh by vmdg.meshes (apart, distribute, read_mesh), or in DOLFINx "
+            "with partitioner=vmdg.meshes.cell_partitioner()"
         )
     raise_together(mesh.comm, message)
 
