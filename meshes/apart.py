@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import basix
 import basix.ufl
@@ -57,11 +58,12 @@ def apart(parts: Sequence[tuple[Mesh, MeshTags, MeshTags]]) -> TaggedMesh:
         lagrange_variant=basix.LagrangeVariant(variant),
         shape=(meshes[0].geometry.dim,),
     )
-    x, cells = _owned_parts(comm, meshes)
+    x, rows = _cells_in_order(comm, parts)
+    size = compat.geometry_dofmap(meshes[0]).shape[1]
+    cells, groups = rows[:, :size], rows[:, size:].astype(np.int32)
     mesh = create_mesh(comm, cells, x=x, e=ufl.Mesh(element), partitioner=cell_partitioner())
-    # Cells are renumbered and on other ranks, but the nodes of a cell are not renumbered.
-    groups = np.concatenate([_tags_by_cell(*part) for part in parts])
-    groups = _of_input(comm, groups, np.asarray(mesh.topology.original_cell_index))
+    # Cells are renumbered and on other ranks, but the nodes of a cell keep their order.
+    groups = _rows_of(comm, groups, np.asarray(mesh.topology.original_cell_index))
     mesh.topology.create_entities(dim - 1)
     mesh.topology.create_connectivity(dim, dim - 1)
     mesh.topology.create_connectivity(dim - 1, dim)
@@ -77,24 +79,39 @@ def apart(parts: Sequence[tuple[Mesh, MeshTags, MeshTags]]) -> TaggedMesh:
     return TaggedMesh(mesh, *made)
 
 
-def _owned_parts(comm: MPI.Comm, meshes: Sequence[Mesh]) -> tuple[NDArray, NDArray]:
-    """The nodes that this rank owns (n, d), and its cells by the numbers of their nodes, those of
-    rank 0 first (cells, nodes of a cell); collective."""
-    maps = [mesh.geometry.index_map() for mesh in meshes]
-    # By part and rank: number of nodes, first of them in the part, first of them here.
-    counts = np.array(comm.allgather([nodes.size_local for nodes in maps])).T
+def _cells_in_order(
+    comm: MPI.Comm, parts: Sequence[tuple[Mesh, MeshTags, MeshTags]]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Nodes of all parts that this rank owns (n, d), and a share of their cells; collective.
+
+    The cells are in the order of the input of the parts, one part after the other, which no
+    partition changes. A row has the numbers of the nodes of a cell, those of rank 0 first, and its
+    tags as in :func:`_tags_by_cell`.
+    """
+    nodes = [mesh.geometry.index_map() for mesh, _, _ in parts]
+    # Numbers of nodes by part and rank, and how far those of a rank are renumbered.
+    counts = np.array(comm.allgather([one.size_local for one in nodes])).T
     ends = np.cumsum(counts, axis=1)
-    first = (np.cumsum(counts.T) - counts.T.ravel()).reshape(counts.T.shape).T
-    cells = []
-    for mesh, nodes, end, begin, count in zip(meshes, maps, ends, first, counts, strict=True):
-        owned = mesh.topology.index_map(mesh.topology.dim).size_local
-        here = compat.geometry_dofmap(mesh)[:owned]
-        numbers = nodes.local_to_global(here.ravel().astype(np.int32)).reshape(here.shape)
-        rank = np.searchsorted(end, numbers, side="right")
-        cells.append(numbers + (begin - end + count)[rank])
-    own = [mesh.geometry.x[: nodes.size_local] for mesh, nodes in zip(meshes, maps, strict=True)]
-    x = np.concatenate(own)[:, : meshes[0].geometry.dim]
-    return x, np.concatenate(cells).astype(np.int64)
+    shifts = (np.cumsum(counts.T).reshape(counts.T.shape).T - counts) - (ends - counts)
+    rows, numbers, before = [], [], 0
+    for part, one, end, shift in zip(parts, nodes, ends, shifts, strict=True):
+        mesh = part[0]
+        cells = mesh.topology.index_map(mesh.topology.dim)
+        here = compat.geometry_dofmap(mesh)[: cells.size_local]
+        of_cells = one.local_to_global(here.ravel().astype(np.int32)).reshape(here.shape)
+        of_cells = of_cells + shift[np.searchsorted(end, of_cells, side="right")]
+        rows.append(np.column_stack([of_cells, _tags_by_cell(*part)]))
+        numbers.append(before + compat.input_numbers(mesh))
+        before += cells.size_global
+    table = np.concatenate(rows)
+    ordered = PETSc.Vec().createMPI(before * table.shape[1], bsize=table.shape[1], comm=comm)
+    places = np.concatenate(numbers).astype(PETSc.IntType)
+    ordered.setValuesBlocked(places, table.astype(PETSc.ScalarType))
+    ordered.assemble()
+    table = ordered.array.reshape(-1, table.shape[1]).astype(np.int64)
+    ordered.destroy()
+    own = [mesh.geometry.x[: one.size_local] for (mesh, *_), one in zip(parts, nodes, strict=True)]
+    return np.concatenate(own)[:, : parts[0][0].geometry.dim], table
 
 
 def _tags_by_cell(mesh: Mesh, cells: MeshTags, facets: MeshTags) -> NDArray[np.int32]:
@@ -113,7 +130,7 @@ def _tags_by_cell(mesh: Mesh, cells: MeshTags, facets: MeshTags) -> NDArray[np.i
     return np.column_stack([tags_of_cells(mesh, cells)[:owned], of_facet.array[rows]])
 
 
-def _of_input(
+def _rows_of(
     comm: MPI.Comm, rows: NDArray[np.int32], numbers: NDArray[np.int64]
 ) -> NDArray[np.int32]:
     """The rows (n, k) of all ranks with these numbers; collective."""

@@ -184,6 +184,19 @@ def geometry_dofmap(mesh: Mesh) -> NDArray[np.int32]:
     return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
 
 
+def input_numbers(mesh: Mesh) -> NDArray[np.int64]:
+    """Numbers of the owned cells in the input of the mesh (cells,); of a submesh, which has no
+    input, their global numbers."""
+    cells = mesh.topology.index_map(mesh.topology.dim)
+    try:
+        numbers = np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
+    except RuntimeError:  # of DOLFINx 0.9
+        numbers = np.zeros(0, dtype=np.int64)
+    if len(numbers) < cells.size_local:
+        return np.arange(*cells.local_range)
+    return numbers[: cells.size_local]
+
+
 def interpolation_points(space: fem.FunctionSpace) -> NDArray[np.float64]:
     """Reference points at which a space takes the values it interpolates."""
     points = space.element.interpolation_points

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 
 from mpi4py import MPI
 
@@ -10,7 +11,8 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import compute_midpoints, meshtags
+from dolfinx.graph import partitioner
+from dolfinx.mesh import compute_midpoints, create_mesh, exterior_facet_indices, meshtags
 from support.apart import block, order_of_dofs, rings, separated, stack
 from support.checks import integral, tangent_error, tangent_matrix
 from support.problems import (
@@ -27,7 +29,9 @@ from support.problems import (
 from support.scenes import DIMENSION, EVERY_CELL, EVERY_DEGREE, SEVERAL_RANKS, two_blocks
 
 import vmdg
-from vmdg import Mode, NamedTags
+from vmdg import Mode, NamedTags, compat
+from vmdg.base.parallel import global_sum
+from vmdg.domain.topology import facet_cells, tags_of_cells
 from vmdg.interface.active import pair_forces
 from vmdg.interface.coercivity import margin
 from vmdg.meshes import apart, blocks
@@ -611,19 +615,67 @@ def test_refused_places():
 
 @SEVERAL_RANKS
 @pytest.mark.parametrize("by", ["tags", "surfaces"])
-def test_refused_on_several_ranks(comm, by):
-    """In words, on every rank."""
-    scene = rings("triangle", (8, 12), RADII, comm=comm)
-    given = {"between": (1, 2)}
-    if by == "surfaces":
-        given = {"surfaces": tuple(map(scene.facet_tags.find, (12, 21)))}
-    interface = vmdg.Interface(**given, law=vmdg.Bonded())
-    bodies = dict(enumerate(RING, start=1))
-    words = {"tags": "run on one rank", "surfaces": f"to {comm.size} ranks; run it on one"}
-    with pytest.raises(ValueError, match=words[by]):
-        vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [interface])
-    with pytest.raises(ValueError, match="put together on one rank"):
-        apart([scene, scene])
+def test_ghosts_are_needed(comm, by):
+    """A mesh with facet ghosts only is refused on every rank; with those of surfaces it is not."""
+    scene = stack("triangle", 16, 24, (6, 6))
+    x = scene.mesh.geometry.x[:, :2]
+    cells = compat.geometry_dofmap(scene.mesh).astype(np.int64)
+    if comm.rank > 0:
+        x, cells = x[:0], cells[:0]
+    facet_ghosts = compat.facet_ghost_partitioner(partitioner())
+    for ghosts in (facet_ghosts, vmdg.meshes.cell_partitioner()):
+        domain = ufl.Mesh(scene.mesh.ufl_domain().ufl_coordinate_element())
+        mesh = create_mesh(comm, cells, x=x, e=domain, partitioner=ghosts)
+        count = mesh.topology.index_map(2).size_local + mesh.topology.index_map(2).num_ghosts
+        here = np.arange(count, dtype=np.int32)
+        upper = compute_midpoints(mesh, 2, here)[:, 1] > 0
+        given = {"between": (1, 2)}
+        if by == "surfaces":
+            mesh.topology.create_connectivity(1, 2)
+            outer = exterior_facet_indices(mesh.topology)
+            flat = outer[np.abs(compute_midpoints(mesh, 1, outer)[:, 1]) < 1e-9]
+            above = upper[facet_cells(mesh)[flat, 0]]
+            given = {"surfaces": (flat[~above], flat[above])}
+        interface = vmdg.Interface(**given, law=vmdg.Bonded())
+        bodies = dict(enumerate(SAME, start=1))
+        arguments = mesh, meshtags(mesh, 2, here, np.int32(1) + upper), bodies, [interface]
+        if ghosts is facet_ghosts:
+            with pytest.raises(ValueError, match=r"ghosts: .*vmdg.meshes.cell_partitioner"):
+                vmdg.Problem(*arguments)
+    problem = vmdg.Problem(*arguments)
+    assert global_sum(comm, problem.state[0].weights.sum()) == pytest.approx(2.0, rel=1e-13)
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+def test_parts_on_several_ranks(comm, cell, tmp_path_factory):
+    """Cells in the order of the parts, tags at the same places, on any number of ranks; and from a
+    file."""
+    found = []
+    for where in (MPI.COMM_SELF, comm):
+        scene = stack(cell, 3, 4, (2, 3), comm=where)
+        mesh, dim = scene.mesh, scene.mesh.topology.dim
+        owned = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
+        rows = [
+            (int(number), int(tag), *np.round(middle, 9))
+            for number, tag, middle in zip(
+                compat.input_numbers(mesh),
+                tags_of_cells(mesh, scene.cell_tags)[owned],
+                compute_midpoints(mesh, dim, owned) + 0.0,
+                strict=True,
+            )
+        ]
+        facets = scene.facet_tags.indices
+        facets = zip(scene.facet_tags.values, compute_midpoints(mesh, dim - 1, facets), strict=True)
+        places = {(int(tag), *(np.round(x, 9) + 0.0)) for tag, x in facets}
+        found.append(
+            (sorted(sum(where.allgather(rows), [])), set().union(*where.allgather(places)))
+        )
+    assert found[0] == found[1]
+    path = Path(comm.bcast(str(tmp_path_factory.mktemp("parts")))) / "parts.xdmf"
+    vmdg.meshes.write_mesh(scene, path)
+    problem = with_interface(vmdg.meshes.read_mesh(path, comm))
+    area = 2.0 ** (dim - 1)
+    assert global_sum(comm, problem.state[0].weights.sum()) == pytest.approx(area, rel=1e-13)
 
 
 def test_parts_put_together():

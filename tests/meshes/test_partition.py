@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from dolfinx.cpp.graph import AdjacencyList_int64
+from support.apart import rings
 
 import vmdg
 from vmdg import meshes
 from vmdg.base.parallel import global_max, global_sum
+from vmdg.domain.topology import outer_facets
 from vmdg.meshes.partition import between_bodies, with_leaves
 
 LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.3)
@@ -74,6 +76,20 @@ def test_cuts_change_nothing_else(comm):
     assert problem.energy().dissipated > 0
     for other in forces[1:]:
         assert other == pytest.approx(forces[0], abs=1e-8 * np.abs(forces[0]).max())
+
+
+def test_ghosts_of_surfaces(comm):
+    """Of several pieces every rank has all cells at the surfaces, of one piece those of facets."""
+    for scene in (rings("triangle", (24, 36), (1.0, 2.0, 3.0), comm=comm), cylinder(comm, WEIGHT)):
+        mesh = scene.mesh
+        dim, imap = mesh.topology.dim, mesh.topology.index_map(mesh.topology.dim - 1)
+        outer = outer_facets(mesh)
+        count = global_sum(comm, outer[: imap.size_local].sum())
+        assert (outer.sum() == count) == (dim == 2 or comm.size == 1)
+        names = imap.local_to_global(np.flatnonzero(outer).astype(np.int32))
+        everywhere = np.concatenate(comm.allgather(names[: outer[: imap.size_local].sum()]))
+        assert set(names) <= set(everywhere)
+        assert len(everywhere) == count == len(set(everywhere))
 
 
 def test_leaves(comm):

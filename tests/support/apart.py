@@ -73,6 +73,7 @@ def stack(
     layers: tuple[int, int] = (2, 3),
     length: float = 2.0,
     move: Move | None = None,
+    comm: MPI.Comm = MPI.COMM_SELF,
 ) -> TaggedMesh:
     """Block 1 below and block 2 above the height 0, each 1 mm high, with other numbers of cells
     along it.
@@ -83,12 +84,13 @@ def stack(
         layers: Cells along the height of each.
         length: Of both, in 3D also their width [mm].
         move: Applied to the nodes of both.
+        comm: Communicator.
     """
     flat = DIMENSION[cell] - 1
     zero, full = [0.0] * flat, [length] * flat
     parts = [
-        block(cell, [lower] * flat + [layers[0]], [*zero, -1.0], [*full, 0.0], 1),
-        block(cell, [upper] * flat + [layers[1]], [*zero, 0.0], [*full, 1.0], 2),
+        block(cell, [lower] * flat + [layers[0]], [*zero, -1.0], [*full, 0.0], 1, comm),
+        block(cell, [upper] * flat + [layers[1]], [*zero, 0.0], [*full, 1.0], 2, comm),
     ]
     return apart([part if move is None else moved(part, move) for part in parts])
 
