@@ -667,9 +667,8 @@ def test_parts_on_several_ranks(comm, cell, tmp_path_factory):
         facets = scene.facet_tags.indices
         facets = zip(scene.facet_tags.values, compute_midpoints(mesh, dim - 1, facets), strict=True)
         places = {(int(tag), *(np.round(x, 9) + 0.0)) for tag, x in facets}
-        found.append(
-            (sorted(sum(where.allgather(rows), [])), set().union(*where.allgather(places)))
-        )
+        cells = sorted(row for mine in where.allgather(rows) for row in mine)
+        found.append((cells, set().union(*where.allgather(places))))
     assert found[0] == found[1]
     path = Path(comm.bcast(str(tmp_path_factory.mktemp("parts")))) / "parts.xdmf"
     vmdg.meshes.write_mesh(scene, path)

@@ -34,6 +34,7 @@ from ..base.claims import Claim
 from ..base.parallel import global_sum, raise_together, warn_together
 from ..base.words import checked_path
 from ..domain.topology import mark_everywhere
+from ..interface.moving import MovingInterface
 from ..output.history import History
 from ..problem.problem import Problem
 from ..problem.states import RunScales, Snapshot, Works
@@ -46,7 +47,9 @@ from .records import (
     find_records,
     restore_fields,
     restore_interface,
+    restore_pairs,
     restore_rows,
+    surface_records,
 )
 
 #: Changed whenever older files can no longer be read as they are.
@@ -131,11 +134,6 @@ def _check_problem(problem: Problem) -> None:
 
 def _write(problem: Problem, folder: Path, history: History | None) -> None:
     comm, snapshot = problem.comm, problem.step.snapshot()
-    if problem.discretization.slides:
-        raise ValueError(
-            "write_checkpoint: an interface slides, and its pairs are not in a checkpoint: omit "
-            "sliding, or run without checkpoints"
-        )
     finite = np.isfinite(snapshot.u).all() and np.isfinite(snapshot.forces).all()
     message = (
         f"the checkpoint in {folder} cannot be written: displacement or forces of the problem are "
@@ -145,6 +143,11 @@ def _write(problem: Problem, folder: Path, history: History | None) -> None:
     raise_together(comm, None if finite else message)
     interfaces = {
         _name(i): facet_records(active) for i, active in problem.discretization.active.items()
+    }
+    interfaces |= {
+        _surfaces(i): surface_records(active)
+        for i, active in problem.discretization.active.items()
+        if isinstance(active, MovingInterface)
     }
     about = {
         "format": FORMAT,
@@ -250,6 +253,10 @@ def _name(i: int) -> str:
     return f"interface_{i}"
 
 
+def _surfaces(i: int) -> str:
+    return f"surfaces_{i}"
+
+
 def _start(i: int) -> str:
     return f"start {i}"
 
@@ -273,6 +280,9 @@ def _read_state(
     for i, interface in enumerate(problem.interfaces):
         facets, count = problem.step.activation.facets[i], counts.get(_name(i), 0)
         positions = np.zeros(0, dtype=np.intp)
+        if facets.slides:
+            # Its pairs follow from the displacement.
+            continue
         if count:
             stored, keys = arrays[_name(i)], facet_keys(mesh, facets)
             positions, records[i] = find_records(stored, keys)
@@ -289,7 +299,13 @@ def _read_state(
         if points is not None:
             bodies = points.from_rows(restore_rows(mesh, arrays[_CELLS], _POINTS))
         for i, active in discretization.active.items():
-            interfaces.append(restore_interface(active, records[i]))
+            if isinstance(active, MovingInterface):
+                stored = arrays[_name(i)], arrays[_surfaces(i)]
+                u = fem.Function(discretization.space)
+                u.x.array[:] = fields["u"]
+                interfaces.append(restore_pairs(active, u, *stored))
+            else:
+                interfaces.append(restore_interface(active, records[i]))
     except ValueError as error:
         message = f"{_numbered_otherwise(slot)}: {error}"
     raise_together(comm, message)

@@ -14,11 +14,12 @@ All components are global or, in a rotating frame, relative to N.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 from petsc4py import PETSc
 
+import basix
 import numpy as np
 from dolfinx import fem
 from dolfinx.mesh import Mesh
@@ -28,6 +29,7 @@ from ..base.graph import occurrences
 from ..interface.active import ActiveInterface
 from ..interface.facets import InterfaceFacets
 from ..interface.history import HISTORY_ARRAYS, InterfaceSnapshot, PointHistory
+from ..interface.moving import MovingInterface
 from ..interface.points import VALUE_ARRAYS, PointValues
 from ..interface.quadrature import InterfaceQuadrature
 from ..interface.stabilization import Stabilization
@@ -38,7 +40,10 @@ SAME_PLACE = 1e-9
 #: Tolerance for point positions, far below the distance of the points of a facet.
 SAME_POINT = 1e-6
 
-_SHARE, _GRADIENT = "fluid.share", "gradient"
+_SHARE, _GRADIENT, _ELASTIC = "fluid.share", "gradient", "elastic"
+
+#: Fields of a stabilization, one row per facet.
+_OF_FACETS = fields(Stabilization)
 
 
 def cell_records(
@@ -120,10 +125,24 @@ def facet_records(active: ActiveInterface) -> NDArray:
     """The state of an interface: key, stabilization, and values at the points of each facet."""
     points = active.quadrature.points_of_facet
     columns = {"key": facet_keys(active.quadrature.mesh, active.facets)}
-    columns |= vars(active.stabilization)
+    columns |= {field.name: getattr(active.stabilization, field.name) for field in _OF_FACETS}
     columns |= {name: values[points] for name, values in _at_points(active).items()}
+    return _records(columns)
+
+
+def surface_records(active: MovingInterface) -> NDArray:
+    """The state of the owned facets of two surfaces that slide, by key."""
+    mesh = active.quadrature.mesh
+    owned = mesh.topology.index_map(mesh.topology.dim - 1).size_local
+    facets = np.concatenate([side.facets for side in active.facets.surfaces.sides])
+    columns = {"key": _surface_keys(active)} | active.facet_state()
+    return _records({name: values[facets < owned] for name, values in columns.items()})
+
+
+def _records(columns: Mapping[str, NDArray]) -> NDArray:
+    """Arrays with one row per record, as records."""
     kind = [(name, values.dtype, values.shape[1:]) for name, values in columns.items()]
-    records = np.empty(len(points), dtype=kind)
+    records = np.empty(len(columns["key"]), dtype=kind)
     for name, values in columns.items():
         records[name] = values
     return records
@@ -142,7 +161,7 @@ def restore_interface(active: ActiveInterface, records: NDArray) -> InterfaceSna
     Raises:
         ValueError: a point has no record at its position; on this rank only.
     """
-    quadrature, present = active.quadrature, active.history
+    quadrature = active.quadrature
     source = _same_points(quadrature, records["place"])
     arrays, at_points = {}, _at_points(active)
     if _SHARE in (records.dtype.names or ()):
@@ -152,17 +171,51 @@ def restore_interface(active: ActiveInterface, records: NDArray) -> InterfaceSna
         arrays[name] = np.empty_like(array)
         stored = records[name][np.arange(len(records))[:, None], source]
         arrays[name][quadrature.points_of_facet] = stored
+    # A field of records is a strided view, whose sums round differently from an array's.
+    of_facets = {field.name: records[field.name].copy() for field in _OF_FACETS}
+    return _snapshot(active, arrays, Stabilization(**of_facets))
+
+
+def restore_pairs(
+    active: MovingInterface, u: fem.Function, records: NDArray, surfaces: NDArray
+) -> InterfaceSnapshot:
+    """The state of surfaces that slide at a displacement, from the records of all pairs and of all
+    facets.
+
+    Raises:
+        ValueError: a facet or a pair has no record; on this rank only.
+    """
+    keys = _surface_keys(active)
+    order = np.argsort(surfaces["key"])
+    rows = order[np.searchsorted(surfaces["key"], keys, sorter=order) % len(order)]
+    if not np.array_equal(surfaces["key"][rows], keys):
+        raise ValueError("a facet of the surfaces that slide is not in the checkpoint")
+    own, norm, bonded = (surfaces[name][rows] for name in ("own", "norm", "bonded"))
+    facets = active.pairs_at(u, bonded)
+    positions, found = find_records(records, facet_keys(active.quadrature.mesh, facets))
+    if len(positions) < len(facets.facets):
+        raise ValueError("the surfaces that slide have other pairs than in the checkpoint")
+    arrays = {
+        name: found[name].reshape(-1, *found[name].shape[2:]).copy() for name in _at_points(active)
+    }
+    stabilization, pairs = active.restored(facets, own, norm, bonded, arrays[_ELASTIC])
+    return replace(_snapshot(active, arrays, stabilization), pairs=pairs)
+
+
+def _snapshot(
+    active: ActiveInterface, arrays: Mapping[str, NDArray], stabilization: Stabilization
+) -> InterfaceSnapshot:
+    """The state with these arrays of :func:`_at_points`."""
+    present = active.history
     # A tie has values but no history.
     history = {
         name: arrays.get(f"history.{name}", getattr(present, name)) for name in HISTORY_ARRAYS
     }
     values: dict[str, Any] = {name: arrays.get(f"values.{name}") for name in VALUE_ARRAYS}
-    # A field of records is a strided view, whose sums round differently from an array's.
-    of_facets = {field.name: records[field.name].copy() for field in fields(Stabilization)}
     return InterfaceSnapshot(
         PointHistory(**history),
         PointValues(**values),
-        Stabilization(**of_facets),
+        stabilization,
         arrays.get(_SHARE),
         arrays.get(_GRADIENT),
     )
@@ -173,16 +226,28 @@ def facet_keys(mesh: Mesh, facets: InterfaceFacets) -> NDArray[np.int64]:
 
     Where meshes do not match, of the segments: by facets of both sides, then by their order.
     """
-    mesh.topology.create_connectivity(mesh.topology.dim, mesh.topology.dim - 1)
-    connectivity = mesh.topology.connectivity(mesh.topology.dim, mesh.topology.dim - 1)
-    facets_of_cell = len(connectivity.links(0)) if connectivity.num_nodes else 1
-    sides = _input_numbers(mesh)[facets.cells] * facets_of_cell + facets.local
+    sides = _keys_of(mesh, facets.cells, facets.local)
     if not facets.paired:
         return sides[:, 0]
-    count = mesh.topology.index_map(mesh.topology.dim).size_global * facets_of_cell
+    count = mesh.topology.index_map(mesh.topology.dim).size_global * _facets_of_cell(mesh)
     pairs = sides[:, 0] * count + sides[:, 1]
     # Both facets have at most four corners: their intersection has at most eight.
     return 8 * pairs + occurrences(pairs)
+
+
+def _surface_keys(active: MovingInterface) -> NDArray[np.int64]:
+    """Keys of the facets of both surfaces, those of side 1 first."""
+    mesh, sides = active.quadrature.mesh, active.facets.surfaces.sides
+    return np.concatenate([_keys_of(mesh, side.cells, side.local) for side in sides])
+
+
+def _keys_of(mesh: Mesh, cells: NDArray[np.int32], local: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Keys of facets by their cells and numbers in them."""
+    return _input_numbers(mesh)[cells] * _facets_of_cell(mesh) + local
+
+
+def _facets_of_cell(mesh: Mesh) -> int:
+    return len(basix.topology(mesh.basix_cell())[mesh.topology.dim - 1])
 
 
 def _input_numbers(mesh: Mesh) -> NDArray[np.int64]:
@@ -203,6 +268,8 @@ def _at_points(active: ActiveInterface) -> dict[str, NDArray]:
         arrays |= {f"history.{name}": getattr(active.history, name) for name in HISTORY_ARRAYS}
         # For continued damage; rate-dependent laws, with another time step, do not use it.
         arrays[_GRADIENT] = active.work_gradient(1.0)
+    if isinstance(active, MovingInterface):
+        arrays[_ELASTIC] = active.elastic
     values = {f"values.{name}": getattr(active.values, name) for name in VALUE_ARRAYS}
     if active.fluid is not None:
         arrays[_SHARE] = active.fluid.share

@@ -110,9 +110,13 @@ class SurfaceStabilizer(Stabilizer):
 
     def derive(self) -> SurfaceStabilization:
         """tau_a of (21) of all facets at the current displacement."""
-        count, d = len(self._factor), self._quadrature.d
         own = self._factor[:, None, None] * np.linalg.inv(self._stiffness())
         own[self._rigid] = 0.0
+        return self.of_facets(own)
+
+    def of_facets(self, own: Array) -> SurfaceStabilization:
+        """The stabilization of all facets with these tau_a (n, d, d) [MPa/mm], before scaling."""
+        count, d = len(own), self._quadrature.d
         delta = np.zeros((count, 2, d, d))
         delta[: self._first, 0] = delta[self._first :, 1] = np.eye(d)
         one, tau = np.ones(count), np.tile(np.eye(d), (count, 1, 1))
@@ -193,15 +197,16 @@ class MovingPairs(NamedTuple):
 
     Attributes:
         facets: The pairs.
-        paired: The displacement in whose configuration they are, local dofs [mm].
         committed: Points at the end of the last step; None before the first one.
         bonded: Facets of side 1 whose bond holds.
+        elastic: For a resumed run, in the place of ``committed``: s of the points at the end of the
+            last step, in the frame of the law (nq, d) [mm].
     """
 
     facets: PairedFacets
-    paired: Array
     committed: CommittedPoints | None
     bonded: NDArray[np.bool_]
+    elastic: Array | None = None
 
 
 class MovingInterface(ActiveInterface):
@@ -424,6 +429,10 @@ class MovingInterface(ActiveInterface):
         if (R := self.values.rotation) is not None:
             s = np.einsum("pji,pj->pi", R, s)
         super().commit()
+        self._remember(s)
+
+    def _remember(self, s: Array) -> None:
+        """Keep the points with their history and s as those of the end of a step; collective."""
         q, T = self.quadrature, self.history.traction
         everywhere = tuple(gathered(self._comm, x) for x in (q.points[:, : q.d], q.normal, T))
         given = self._u.x.array.copy(), self._places(), self._first(), q.normal, s, self.history
@@ -431,16 +440,51 @@ class MovingInterface(ActiveInterface):
 
     def snapshot(self) -> InterfaceSnapshot:
         """The current state; its arrays are never modified."""
-        given = self._committed, self._bonded
-        return replace(super().snapshot(), pairs=MovingPairs(self.facets, self._paired, *given))
+        pairs = MovingPairs(self.facets, self._committed, self._bonded)
+        return replace(super().snapshot(), pairs=pairs)
 
     def return_to(self, snapshot: InterfaceSnapshot) -> None:
-        """Return to a state; the displacement is there already."""
+        """Return to a state; the displacement is there already; for a resumed run collective."""
         pairs = snapshot.pairs
         self._committed, self._bonded = pairs.committed, pairs.bonded
         if pairs.facets is not self.facets:
             self._take(pairs.facets)
         super().return_to(snapshot)
+        if pairs.elastic is not None:
+            self._remember(pairs.elastic)
+
+    # Checkpoints
+
+    @property
+    def elastic(self) -> Array:
+        """s of the points at the end of the last step, in the frame of the law (nq, d) [mm]."""
+        return (
+            np.zeros_like(self.history.gap) if self._committed is None else self._committed.elastic
+        )
+
+    def facet_state(self) -> dict[str, NDArray]:
+        """What the facets of both surfaces keep from step to step, those of side 1 first."""
+        assert isinstance(self.stabilization, PairStabilization)
+        known, count = self.stabilization.surfaces, len(self._bonded)
+        bonded = np.zeros(len(known.norm), dtype=bool)
+        bonded[:count] = self._bonded
+        return {"own": known.own, "norm": known.norm, "bonded": bonded}
+
+    def pairs_at(self, u: fem.Function, bonded: NDArray[np.bool_]) -> PairedFacets:
+        """The pairs at a displacement, of facets of which some are ``bonded``, as in
+        :meth:`facet_state`."""
+        surfaces = self.facets.surfaces
+        return surfaces.pairs(u, bonded[: len(surfaces.sides[0].facets)])
+
+    def restored(
+        self, facets: PairedFacets, own: Array, norm: Array, bonded: NDArray[np.bool_], s: Array
+    ) -> tuple[PairStabilization, MovingPairs]:
+        """Stabilization and pairs of a snapshot, from :meth:`pairs_at`, :meth:`facet_state` and
+        :attr:`elastic`."""
+        known = self.stabilizer.of_facets(own).with_norm(norm)
+        count = len(self.facets.surfaces.sides[0].facets)
+        pairs = MovingPairs(facets, None, bonded[:count], s)
+        return self.stabilizer.of_pairs(known, facets), pairs
 
     def continue_from(self, other: ActiveInterface) -> None:
         """The state of the same interface in another discretization."""
