@@ -300,10 +300,10 @@ def _read_state(
             bodies = points.from_rows(restore_rows(mesh, arrays[_CELLS], _POINTS))
         for i, active in discretization.active.items():
             if isinstance(active, MovingInterface):
-                stored = arrays[_name(i)], arrays[_surfaces(i)]
                 u = fem.Function(discretization.space)
                 u.x.array[:] = fields["u"]
-                interfaces.append(restore_pairs(active, u, *stored))
+                pairs, surfaces = arrays[_name(i)], arrays[_surfaces(i)]
+                interfaces.append(restore_pairs(active, u, pairs, surfaces))
             else:
                 interfaces.append(restore_interface(active, records[i]))
     except ValueError as error:

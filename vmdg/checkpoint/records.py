@@ -4,7 +4,8 @@ Cells are identified by their number in the input of the mesh, ``original_cell_i
 numbers them in input order, so meshes from gmsh, from a file and from DOLFINx's generators have the
 same numbers on any number of ranks. Cells also keep the order of their nodes, hence of their
 Lagrange dofs, of any degree, and of their facets: a facet is identified by the cell of its side 1
-(independent of the partition, :func:`vmdg.interface.facets.find_facets`) and its number in it.
+(independent of the partition, :func:`vmdg.interface.facets.find_facets`) and its number in it. The
+pairs of surfaces that slide follow from the displacement and from the facets whose bond holds.
 
 The order of the points of a facet depends on the partition, since nodes of the facet submesh are
 ordered by global numbers. So every point is stored with its position, by which values are assigned.
