@@ -182,6 +182,28 @@ def test_debonds_and_slides():
     assert history["iterations"].mean() <= 8
 
 
+def test_slowed_down_while_points_change():
+    """In a jump points of the bond have an overstress, whatever points there are beside them."""
+    scene = body_and_base("quadrilateral", (5, 3), (28, 3))
+    cracked = {"initial_damage": lambda x: np.where(x[0] < 1.1, 1.0, 0.0)}
+    problem = contact(scene, (SOFT, HARD), vmdg.Debonding(15.0, 0.02, friction=MU), **cracked)
+    active, counts = problem.discretization.active[0], set()
+    problem.step.begin(1.0, 1.0, overstress=2.0)
+    for way in (0.0, 0.05, 0.1, 0.15):
+
+        def along(x, tag, way=way):
+            return np.stack([np.full(len(x[0]), way * (tag == 1)), np.zeros(len(x[0]))])
+
+        set_displacement(problem.u, scene.cell_tags, along)
+        active.pair()
+        slowed = active.trial().overstress_modulus
+        bonded = active.quadrature.kept
+        assert 0 < bonded.stop < len(slowed) == len(active.quadrature.weights)
+        assert (slowed[bonded] > 0.0).all() and not slowed[bonded.stop :].any()
+        counts.add(len(slowed))
+    assert len(counts) > 1
+
+
 def test_off_the_edge_and_back():
     """Points leave the base and come back, with friction the other way."""
     scene = body_and_base("quadrilateral", (4, 2), (14, 2), start=2.6)

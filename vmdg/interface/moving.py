@@ -231,6 +231,7 @@ class MovingInterface(ActiveInterface):
         self._near = np.zeros((0, 2), dtype=np.intp)
         self._bonded = facets.surfaces.intact()
         self._damage = facets.damage[self.quadrature.facet]
+        self._slowed = (0.0, 0.0)
         self.history = self._carried_history()
 
     def _make_stabilizer(self) -> SurfaceStabilizer:
@@ -279,6 +280,7 @@ class MovingInterface(ActiveInterface):
         nearest, same = _nearest(tree, rows, self._places(), self._first())
         self.history = self._carried_history()
         self.values = self._carried_values(values, nearest, same)
+        super().slow_down(*self._slowed)
 
     def _take(self, facets: PairedFacets) -> None:
         """Take pairs in the configuration of the current displacement."""
@@ -409,6 +411,11 @@ class MovingInterface(ActiveInterface):
 
     # Steps
 
+    def slow_down(self, overstress: float, cycles: float = 0.0) -> None:
+        """As in the base class, also of points that are paired later in the step."""
+        self._slowed = overstress, cycles
+        super().slow_down(overstress, cycles)
+
     def apply(self, stabilization: Stabilization) -> float:
         """As in the base class, for the stabilization of the facets of the surfaces."""
         assert isinstance(stabilization, SurfaceStabilization)
@@ -450,6 +457,7 @@ class MovingInterface(ActiveInterface):
         if pairs.facets is not self.facets:
             self._take(pairs.facets)
         super().return_to(snapshot)
+        super().slow_down(*self._slowed)
         if pairs.elastic is not None:
             self._remember(pairs.elastic)
 
