@@ -120,15 +120,15 @@ class Run:
         Facets that have opened on demand are interfaces there; all others are not.
         """
         problem = self.problem
+        active = problem.discretization.active
 
         def frozen(i: int) -> Callable | None:
-            if i not in problem.discretization.active:
+            if i not in active or active[i].facets.paired:
                 return None
             stabilization = problem.stabilization[i]
             return lambda tau1, tau2, context: (stabilization.tau, stabilization.delta[:, 0])
 
         stabilizations = tuple(frozen(i) for i in range(len(self.case.bonds)))
-        active = problem.discretization.active
         opened = tuple(
             active[i].facets.facets if i in active else None for i in range(len(self.case.bonds))
         )
@@ -138,6 +138,9 @@ class Run:
             past = theirs.history
             mine.history = replace(mine.history, gap=past.gap, softening=past.softening)
         new.u.x.array[:] = problem.u.x.array
+        for i, mine in new.discretization.active.items():
+            if mine.facets.paired:
+                mine.return_to(active[i].snapshot())
         new.loading.move(problem.t)
         if bodies := new.discretization.bodies.points:
             bodies.take(problem.discretization.bodies.points.state)
@@ -406,8 +409,9 @@ def irreversible(run: Run) -> list[str]:
     """Damage and dissipation never decrease; of points, where no facets have opened."""
     found = []
     for before, after in zip(run.records, run.records[1:], strict=False):
-        for law, Q0, Q1 in zip(run.laws, before.softening, after.softening, strict=True):
-            if len(Q1) == len(Q0) and (Q1 < Q0).any():
+        pairs = zip(run.laws, run.case.bonds, before.softening, after.softening, strict=True)
+        for law, bond, Q0, Q1 in pairs:
+            if not bond.slides and len(Q1) == len(Q0) and (Q1 < Q0).any():
                 share = (Q0 - Q1).max() / np.max(law.strength)
                 found.append(f"Q falls by {share:.1e} of the strength")
         scale = 1e-9 * after.energy.dissipated

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.random import Generator
 
-from parts.stability import cases, plastic
+from parts.stability import apart, cases, plastic
 from parts.stability.links import bundles, rows
 from parts.stability.motions import motion
 from parts.stability.pieces import films, loose
@@ -43,6 +43,7 @@ FAMILIES: dict[int, tuple[Family, ...]] = {
     630: (programmes, directions, coatings, rates, friction, bundles, rows, films, loose, units),
     930: (plastic.bars, plastic.cells),
     990: (motion,),
+    1020: (apart.bonded, apart.sliding),
 }
 
 

@@ -189,6 +189,7 @@ class Bond:
         opens_at: Traction relative to the strength at which facets open on demand; None where all
             are open from the start.
         initial_damage: As for :class:`vmdg.Interface`.
+        slides: Whether its surfaces slide, which share no nodes.
     """
 
     law: vmdg.Law
@@ -196,6 +197,7 @@ class Bond:
     facets: Callable[[Array, NDArray[np.int32]], NDArray[np.bool_]] | None = None
     opens_at: float | None = None
     initial_damage: Callable[[Array], Array] | None = None
+    slides: bool = False
 
 
 @dataclass(frozen=True)
@@ -316,7 +318,7 @@ class Case:
             self.bonds, stabilizations or none, opened or none, strict=True
         ):
             options = {"law": bond.law, "frame": frame, "stabilization": own}
-            options |= {"initial_damage": bond.initial_damage}
+            options |= {"initial_damage": bond.initial_damage, "sliding": bond.slides}
             if bond.opens_at is not None and open_ is None:
                 options |= {"activate": "on-demand", "activate_at": bond.opens_at}
             facets = open_ if bond.opens_at is not None else None
