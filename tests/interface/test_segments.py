@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vmdg.interface.segments import FlatFacets, clipped, cut
+from vmdg.interface.segments import FAR_REACH, REACH, FlatFacets, clipped, cut
 
 RATIOS = [(3, 4), (7, 5), (4, 13), (2, 20)]
 
@@ -102,6 +102,20 @@ def test_clipping():
         x, y = polygon[:count].T
         areas.append(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2)
     assert areas == pytest.approx([0.25, 0.0, 1.0, 0.375, 0.375], abs=1e-15)
+
+
+@pytest.mark.parametrize("reach", [REACH, FAR_REACH])
+def test_backs_of_thin_bodies(reach):
+    """Films of .05 and .08 mm with facets of .3 and .5 mm: fronts are paired, not backs."""
+
+    def film(low, high):
+        faces = [line(2, True).corners + [0.0, high], line(3, False).corners + [0.0, low]]
+        inside = [face.mean(axis=1) * [1.0, 0.0] + [0.0, (low + high) / 2] for face in faces]
+        return [FlatFacets.of(*pair) for pair in zip(faces, inside, strict=True)]
+
+    lower, upper = film(-0.05, 0.0), film(0.0, 0.08)
+    assert cut(lower[0], upper[1], reach).measures.sum() == pytest.approx(1.0, rel=1e-13)
+    assert not len(cut(lower[1], upper[0], reach).first)
 
 
 def test_not_opposite():

@@ -26,6 +26,10 @@ _OPPOSITE = 0.5
 #: polygons along one curve, and of bodies that may be apart or overlap.
 REACH, FAR_REACH = 0.5, 2.0
 
+#: Overlap of facets, relative to the larger distance from the middle of a cell, beyond which they
+#: turn their backs on each other: twice is a cell.
+_THROUGH = 2.0
+
 #: Smallest measure of a segment relative to that of the smaller facet, and smallest distance of its
 #: corners relative to their largest coordinate: less is rounding.
 _SLIVER, _SAME = 1e-12, 1e-13
@@ -40,10 +44,12 @@ class FlatFacets(NamedTuple):
     Attributes:
         corners: In order around each facet (n, c, d) [mm].
         normals: Unit normals, outward (n, d).
+        depths: Distances of the middle of their cells (n,) [mm].
     """
 
     corners: Array
     normals: Array
+    depths: Array
 
     @classmethod
     def of(cls, corners: Array, inside: Array) -> FlatFacets:
@@ -60,8 +66,8 @@ class FlatFacets(NamedTuple):
             normals = np.cross(*edges)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         outward = corners.mean(axis=1) - inside
-        normals *= np.sign(np.einsum("fi,fi->f", normals, outward))[:, None]
-        return cls(corners, normals)
+        depths = np.einsum("fi,fi->f", normals, outward)
+        return cls(corners, normals * np.sign(depths)[:, None], np.abs(depths))
 
     @property
     def centres(self) -> Array:
@@ -118,7 +124,8 @@ def cut(first: FlatFacets, second: FlatFacets, reach: float = REACH) -> Segments
     """The segments of two surfaces, by facets of the first one.
 
     Facets lie opposite each other where their normals do, within 60 degrees, and their distance is
-    at most half the radius of the larger one: more than that of two polygons along one curve.
+    at most half the radius of the larger one: more than that of two polygons along one curve. Where
+    they overlap by more than the cells of both, they are the backs of thin bodies.
 
     Args:
         first: Facets whose planes are used.
@@ -140,7 +147,9 @@ def cut(first: FlatFacets, second: FlatFacets, reach: float = REACH) -> Segments
     away = np.einsum("sd,sd->s", second.centres[j] - middle, second.normals[j])
     away /= np.einsum("sd,sd->s", first.normals[i], second.normals[j])
     most = reach * np.maximum(first.radii[i], second.radii[j])
-    found = found.rows(keep := (found.measures > least) & (np.abs(away) <= most))
+    through = -away > _THROUGH * np.maximum(first.depths[i], second.depths[j])
+    keep = (found.measures > least) & (np.abs(away) <= most) & ~through
+    found = found.rows(keep)
     if reach == REACH:
         return found
     return found.rows(_nearest(found, np.abs(away[keep]), first.measures))
