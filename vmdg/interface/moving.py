@@ -379,8 +379,12 @@ class MovingInterface(ActiveInterface):
 
         * the distance changes by n m.g / (m.n) instead of g, but not what slides, which is counted
           by pairs: E.g = n (m / (m.n) - n).g is added to the opening,
-        * the force on side 2 acts at another point: T.GRAD eta_2.F_2^-1.(-Pi.g),
-        * zeta of the couple does not grow by the slip.
+        * the flux of side 2 is that of another point: with dX_2 = F_2^-1.(-Pi.g) the mean changes by
+          -delta_2.(A : dF_2/dX.dX_2).N_2,
+        * the force on side 2 acts at another point: T.GRAD eta_2.dX_2,
+        * zeta of the couple does not grow by the slip,
+        * the ends of segments that are ends of facets of side 2 move by g: q b.g with the terms q
+          of (27) and b of :attr:`.PairQuadrature.sweep`.
 
         Points of a bond keep their partners.
         """
@@ -401,6 +405,13 @@ class MovingInterface(ActiveInterface):
         D[:, :, :d] += np.einsum("pmj,pmk->pjk", traction, E)
         T = (areas * free)[:, None] * values.traction
         moved = inverse @ (one - n[:, :, None] * m[:, None, :])
+        slopes = q.slopes(self._u)
+        if slopes is not None:
+            weights = self.stabilization.weights[q.facet, 1] * free[:, None, None]
+            B = weights @ self.point_tangent.moduli[1] @ slopes @ moved
+            D[:, :d, :d] += areas[:, None, None] * B
+            if C is not None:
+                D[:, :, :d] -= np.einsum("pmj,pmk->pjk", traction, C @ B)
         start = d + len(self.point_tangent.jets.entries)
         D[:, start : start + d * d, :d] -= np.einsum("pi,pjk->pijk", T, moved).reshape(-1, d * d, d)
         along = np.einsum("pji,pjk->pik", R, one - n[:, :, None] * n[:, None, :])
@@ -408,6 +419,8 @@ class MovingInterface(ActiveInterface):
         for k in range(d):
             couple = np.einsum("pmk,pm->pk", cross_matrix(along[:, :, k]), local)
             D[:, d : d + d * d, k] += np.einsum("pk,pkab->pab", couple, W).reshape(-1, d * d)
+        terms = areas[:, None] * self.terms(self.stabilization, values)
+        D[:, :, :d] += terms[:, :, None] * q.sweep[:, None, :]
 
     # Steps
 

@@ -60,6 +60,9 @@ _MOST, _FOUND = 20, 1e-13
 #: Room for points of surfaces that slide, relative to their number, and least number.
 _ROOM, _FEW = 2.0, 64
 
+#: Distance in a reference cell for differences along a facet.
+_SHIFT = 1e-4
+
 #: Initial gaps below this, relative to the facet, are rounding.
 _NO_GAP = 1e-10
 
@@ -95,10 +98,14 @@ class PairQuadrature(InterfaceQuadrature):
 
     Attributes:
         outward: Outward normals N_1, and N_2 dS_2/dS_1 = -M_2 (2, nq, d).
+        sweep: Of surfaces that slide, b with int f dA' = sum f b.g dA, by how much an integral over
+            the segments changes where side 2 moves by g relative to side 1 (nq, d) [1/mm]: f m.g
+            along the ends of its facets, m outward, with f.g between the points a polynomial.
     """
 
     facets: PairedFacets
     outward: Array
+    sweep: Array
 
     def __init__(
         self, mesh: Mesh, facets: PairedFacets, degree: int, geometry: Geometry = CARTESIAN
@@ -112,6 +119,7 @@ class PairQuadrature(InterfaceQuadrature):
         rule, self._rule = basix.make_quadrature(kind, degree)
         self._corners, *slopes = basix.ufl.element("Lagrange", kind, 1).tabulate(1, rule)
         self._slopes = np.array(slopes)
+        self._at_ends = _at_ends(kind, rule, self._order)
         self.leads = facets.slides
         self._room = -1
         self.take(facets)
@@ -140,6 +148,9 @@ class PairQuadrature(InterfaceQuadrature):
         self.points = np.zeros((count, 3))
         self.points[:, :d] = one.positions.reshape(-1, d)
         self.weights = (areas * one.stretch * around[0]).ravel()
+        if facets.slides:
+            self.sweep = self._sweep(segments, areas)
+            self.sweep[: facets.bonded * areas.shape[1]] = 0.0
         self.normal = one.normals.reshape(-1, d)
         ratio = two.stretch * around[1] / (one.stretch * around[0])
         other = two.normals * np.broadcast_to(ratio, areas.shape)[..., None]
@@ -170,6 +181,17 @@ class PairQuadrature(InterfaceQuadrature):
             # coefficients.
             self._cells_of_points = create_interval(MPI.COMM_SELF, self._room, [0.0, 1.0])
         return full
+
+    def _sweep(self, segments: Segments, areas: Array) -> Array:
+        """b of :attr:`sweep` for segments whose points have these areas in their planes."""
+        if self.d == 2:
+            outward = np.broadcast_to([[-1.0], [1.0]], segments.corners.shape)
+        else:
+            x, y = np.moveaxis(np.roll(segments.corners, -1, axis=1) - segments.corners, 2, 0)
+            outward = np.stack([y, -x], axis=2)
+        outward = outward * segments.ends[:, :, None]
+        b = np.einsum("cq,sck,skd->sqd", self._at_ends, outward, segments.axes, optimize=True)
+        return (b / areas[..., None]).reshape(-1, self.d)
 
     def _places_of(
         self, facets: PairedFacets, plane: Array, a: int, u: fem.Function | None
@@ -220,6 +242,28 @@ class PairQuadrature(InterfaceQuadrature):
             found = self.jets(u.function_space).of_field(u.x.array.reshape(-1, self.d))
             self._last = u.x.array.copy(), found
         return self._last[1]
+
+    def slopes(self, u: fem.Function) -> Array | None:
+        """How the entries of GRAD u on side 2 change with X along its facet (nq, entries, d)
+        [1/mm]; None for constant gradients."""
+        space, side = u.function_space, self.facets.cells[:, 1]
+        degree, d = space.ufl_element().degree, self.d
+        if degree == 1 and self.mesh.topology.cell_name() in ("triangle", "tetrahedron"):
+            return None
+        _, edges = (array[self.facets.local[:, 1]] for array in reference_facets(self.mesh))
+        shapes, places = ShapeGradients(self.mesh, self.geometry, degree), self._places[1]
+        at_nodes = u.x.array.reshape(-1, d)[space.dofmap.list[side]]
+        jets = self.jets(space)
+        found = []
+        for k in range(d - 1):
+            shift = _SHIFT * edges[:, None, k]
+            ahead, behind = (shapes.in_places(side, places + way)[1] for way in (shift, -shift))
+            B = jets.gradient_entries((ahead - behind) / (2 * _SHIFT))
+            found.append(np.einsum("sqenk,snk->sqe", B, at_nodes, optimize=True))
+        _, J = places_in_cells(self.mesh, side, places)
+        along = np.linalg.pinv(J @ edges.transpose(0, 2, 1)[:, None])
+        slopes = np.stack(found, axis=3) @ along
+        return slopes.reshape(-1, *slopes.shape[2:])
 
     def side_evaluators(
         self,
@@ -272,6 +316,37 @@ class PairQuadrature(InterfaceQuadrature):
     def bubble_factors_of(self, cells: NDArray[np.int32], local: NDArray[np.int32]) -> Array:
         """The same for facets ``local`` of cells (n,)."""
         return _bubble_factors(self.mesh, self.geometry, self._degree, cells, local)
+
+
+def _at_ends(kind: basix.CellType, rule: Array, order: Sequence[int]) -> Array:
+    """Means over the sides of a segment (c, points), in 2D its ends, of the polynomial through
+    values at the points of a rule.
+
+    Args:
+        kind: Of the segment.
+        rule: The points (points, d - 1).
+        order: Numbers of its corners in order around it.
+    """
+    degree = next(k for k in (2, 1, 0) if _number(kind, k) <= len(rule))
+    element = basix.ufl.element("Lagrange" if degree else "DG", kind, degree)
+    fit = np.linalg.pinv(element.tabulate(0, rule)[0])
+    corners = basix.geometry(kind)[list(order)]
+    if kind == basix.CellType.interval:
+        return element.tabulate(0, corners)[0] @ fit
+    places, weights = basix.make_quadrature(basix.CellType.interval, degree)
+    following = np.roll(corners, -1, axis=0)
+    means = [
+        weights @ element.tabulate(0, start + places * (end - start))[0] @ fit
+        for start, end in zip(corners, following, strict=True)
+    ]
+    return np.array(means)
+
+
+def _number(kind: basix.CellType, degree: int) -> int:
+    """Number of coefficients of a polynomial in a segment."""
+    if kind == basix.CellType.triangle:
+        return (degree + 1) * (degree + 2) // 2
+    return (degree + 1) ** len(basix.geometry(kind)[0])
 
 
 class _PointExpressions:

@@ -34,6 +34,9 @@ _THROUGH = 2.0
 #: corners relative to their largest coordinate: less is rounding.
 _SLIVER, _SAME = 1e-12, 1e-13
 
+#: Distance from a side, relative to the size of the facet, within which a point is on it.
+_ALONG = 1e-9
+
 #: Share of a facet that need not be covered before others behind are left out.
 _COVERED = 1e-9
 
@@ -97,6 +100,8 @@ class Segments(NamedTuple):
         corners: Corners in the plane (n, c, d - 1) [mm].
         origins: Origin of the plane (n, d) [mm].
         axes: Its orthonormal axes (n, d - 1, d).
+        ends: Whether a side, from a corner to the next one, in 2D an end, is of the second facet
+            and not of the first one (n, c).
     """
 
     first: Numbers
@@ -104,6 +109,7 @@ class Segments(NamedTuple):
     corners: Array
     origins: Array
     axes: Array
+    ends: NDArray[np.bool_]
 
     @property
     def measures(self) -> Array:
@@ -140,7 +146,8 @@ def cut(first: FlatFacets, second: FlatFacets, reach: float = REACH) -> Segments
     two = _projected(second.corners[j], centres[i], axes[i])
     pair, corners = (_intervals if d == 2 else _polygons)(one, two)
     i, j = i[pair], j[pair]
-    found = Segments(i, j, corners, centres[i], axes[i])
+    ends = _on_sides(corners, two[pair]) & ~_on_sides(corners, one[pair])
+    found = Segments(i, j, corners, centres[i], axes[i], ends)
     least = _SLIVER * np.minimum(first.measures[i], second.measures[j])
     # The distance along the normal, at the middle of the segment.
     middle = centres[i] + np.einsum("sk,skd->sd", corners.mean(axis=1), axes[i])
@@ -230,6 +237,20 @@ def _polygons(one: Array, two: Array) -> tuple[Numbers, Array]:
         corners.append(np.take_along_axis(polygons[pairs[-1]], fan[..., None], axis=1))
     order = np.argsort(np.concatenate(pairs), kind="stable")
     return np.concatenate(pairs)[order], np.concatenate(corners)[order]
+
+
+def _on_sides(corners: Array, polygons: Array) -> NDArray[np.bool_]:
+    """Which sides of segments (n, c, d - 1), in 2D ends, are on a side of polygons (n, k, d - 1)
+    (n, c)."""
+    size = _ALONG * np.abs(polygons).max(axis=(1, 2), initial=0.0)[:, None, None]
+    if corners.shape[2] == 1:
+        return (np.abs(corners - polygons.swapaxes(1, 2)) <= size).any(axis=2)
+    middle = (corners + np.roll(corners, -1, axis=1)) / 2
+    edge = np.roll(polygons, -1, axis=1) - polygons
+    x, y = np.moveaxis(middle[:, :, None] - polygons[:, None], 3, 0)
+    length = np.linalg.norm(edge, axis=2)[:, None]
+    away = np.abs(edge[:, None, :, 0] * y - edge[:, None, :, 1] * x)
+    return (away <= size * length).any(axis=2)
 
 
 def _counterclockwise(polygons: Array) -> Array:

@@ -8,6 +8,7 @@ kernels of 40,000 lines in 3D.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -46,7 +47,12 @@ class PointTangent:
         scalar: The form has the scalar r for tau_s, since the law has a gap or its frame turns.
         jump: The form is (26), with the traction jump.
         fluid: Pressure at the points; None for none.
+
+    Attributes:
+        moduli: H_a of both sides (nq, d, entries) at the last evaluation [MPa].
     """
+
+    moduli: Sequence[Array]
 
     def __init__(
         self,
@@ -147,7 +153,9 @@ class PointTangent:
             tau = stabilization.tau[facet]
         # The kernels use the outward normal of their side, -N on side 2.
         shape = -1, d, quadrature.geometry.size(d) ** 2
-        H = [side().reshape(shape)[..., self._columns] for side in self._evaluate_moduli]
+        self.moduli = H = [
+            side().reshape(shape)[..., self._columns] for side in self._evaluate_moduli
+        ]
         K = self._geometric_term(stabilization, values) if self._finite else (None, None)
         changes = (None, None, None) if compliance is None or turning is None else turning
         # A frame of side 1 turns by GRAD w_1, where that of both turns by S/2.

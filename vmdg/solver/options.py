@@ -69,8 +69,6 @@ class PathOptions:
             cycles, and the non-rigid fraction of the motion of supports up to which the body is
             rotated with them.
         aim: Desired number of corrections per step, which controls the size of the next one.
-        aim_sliding: The same where surfaces slide, whose tangent keeps the points of a segment:
-            they converge linearly, and with ``aim`` a step once cut would not grow again.
         growth: Largest growth factor of the step size, and of the damage work of a trial state
             relative to its limit.
         cut: Reduction factor of a failed attempt, and the smallest size of the last step relative
@@ -94,7 +92,6 @@ class PathOptions:
     patience: int = 3
     missed: float = 0.1
     aim: int = 4
-    aim_sliding: int = 8
     growth: float = 2.0
     cut: float = 0.25
     released: float = 0.05
@@ -112,10 +109,10 @@ class PathOptions:
 
         Args:
             corrections: Their number in the last step.
-            slides: Whether surfaces slide.
+            slides: Whether surfaces slide: their corrections converge linearly, however short the
+                step.
         """
-        aim = self.aim_sliding if slides else self.aim
-        return min(aim / max(corrections, 1), self.growth)
+        return self.growth if slides else min(self.aim / max(corrections, 1), self.growth)
 
 
 @near_keywords(
