@@ -43,6 +43,7 @@ COMMANDS = {
     "identification": ("identification", "identification.md"),
     "lap_joint": ("lap_joint", "lap_joint.png"),
     "push_through": ("push_through", "push_through.png"),
+    "ironing": ("ironing", "ironing.png"),
     "patch_tension": ("patch_tension", "patch_tension.png"),
     "patch_shear": ("patch_shear", "patch_shear.png"),
     "load_cycle": ("load_cycle", "load_cycle.png"),

@@ -78,6 +78,23 @@ def test_push_through(comm, out):
     assert (out / "push_through.png").stat().st_size > 10_000
 
 
+def test_ironing(comm, out):
+    """Coarse forces of pressing and of drawing lie between the published ones; F is near mu N."""
+    import ironing
+
+    history = ironing.main(cells=40, steps=40, end=1.2, out=str(out))
+    comm.barrier()
+    pressed = np.argmin(np.abs(history["load"] - 1.0))
+    for name, known in zip(
+        ("down", "along"), zip(*ironing.PUBLISHED.values(), strict=True), strict=True
+    ):
+        values = np.array(known)
+        assert values[:, 0].min() < history[name][pressed] < values[:, 0].max()
+        assert values[:, 1].min() < history[name][-1] < values[:, 1].max()
+    assert history["along"][-1] == pytest.approx(ironing.FRICTION * history["down"][-1], rel=0.15)
+    assert (out / "ironing.png").stat().st_size > 10_000
+
+
 def test_load_cycle(comm, out):
     """All branches of the law in one run: damage never heals, the energies balance.
 

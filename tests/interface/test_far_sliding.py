@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from dolfinx.mesh import compute_midpoints
 from support.apart import block, full_rings, moved, rings, stack
-from support.checks import tangent_error, tangent_matrix
+from support.checks import multiply, tangent_error, tangent_matrix
 from support.problems import rotation, set_displacement, through
 from support.scenes import DIMENSION
 
@@ -134,6 +134,26 @@ def test_block_in_space(cell):
     assert np.abs(across).max() < 1e-3 * F.mean()
     assert history["moment"].max() < 1e-9 * N.mean()
     assert history["iterations"].mean() <= 8
+
+
+def test_no_body_passes_through_another():
+    """A block that starts above the base and is moved into it in one step is found there."""
+
+    def force(loads):
+        scene = body_and_base("quadrilateral", (5, 3), (28, 3), gap=0.05)
+        problem = contact(scene, (SOFT, HARD), vmdg.Contact(friction=MU))
+        find = scene.facet_tags.find
+        problem.dirichlet(find(21), 0.0)
+        problem.dirichlet(find(12), lambda t: (0.0, -0.3 * t))
+        result = vmdg.solve(
+            problem, loads, TIGHT, lambda problem: {"F": -problem.reaction(find(12))[1]}
+        )
+        return result.history["F"][-1], {why for _, why in result.failures}
+
+    far, failed = force([1.0])
+    assert "BODIES_OVERLAP" in failed
+    # Friction depends on the steps.
+    assert far == pytest.approx(force(np.linspace(0.2, 1.0, 9))[0], rel=0.02)
 
 
 def test_wedge():
@@ -538,6 +558,41 @@ def test_tangent_of_fixed_pairs(cell, degree, monkeypatch):
     monkeypatch.setattr(MovingInterface, "pair", lambda self, release=False: None)
     monkeypatch.setattr(MovingInterface, "_add_partners", lambda self, *given: None)
     assert tangent_error(problem, tangent_matrix(problem)) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("cell", "cells", "base"),
+    [
+        ("quadrilateral", (5, 3), (28, 3)),
+        ("triangle", (10, 3), (28, 3)),
+        ("hexahedron", (2, 2, 2), (8, 4, 2)),
+        ("tetrahedron", (2, 2, 2), (8, 4, 2)),
+    ],
+)
+def test_tangent_knows_that_pairs_move(cell, cells, base):
+    """A block that slides without friction over facets under pressure: K.v is within a tenth of the
+    difference with pairs that move; without the ends of segments it is wrong by its whole size."""
+    scene = body_and_base(cell, cells, base)
+    problem, d = contact(scene, (SOFT, SOFT), vmdg.Contact()), DIMENSION[cell]
+    problem.dirichlet(scene.facet_tags.find(21), 0.0)
+
+    def moved_by(t):
+        return np.append(max(t - 1, 0), [*np.zeros(d - 2), -0.1 * min(t, 1)])
+
+    problem.dirichlet(scene.facet_tags.find(12), moved_by)
+    vmdg.solve(problem, [0.5, 1.0, 1.05, 1.1, 1.13])
+    v = problem.u.x.array.reshape(-1, d) * 0.0
+    v[np.unique(problem.space.dofmap.list[scene.cell_tags.find(1)]), 0] = 1.0
+    u, start, e = problem.u.x.array, problem.u.x.array.copy(), 1e-6
+
+    def residual(step):
+        u[:] = start + step * v.ravel()
+        return problem.step.assemble_residual().copy()
+
+    difference = (residual(e) - residual(-e)) / (2 * e)
+    residual(0.0)
+    product = multiply(tangent_matrix(problem), v.ravel())
+    assert np.linalg.norm(product - difference) < 0.1 * np.linalg.norm(difference)
 
 
 def test_frictionless_bodies_turn_together():

@@ -9,7 +9,7 @@ what slides,
 
 with s_n the elastic opening that the nearest point of the facet had at the end of the last step.
 (Carrying zeta itself from point to point is a ratchet: a block without friction would lose half of
-its normal force within 1.2 of its lengths.) The tangent is that of fixed pairs. tau_s of a pair
+its normal force within 1.2 of its lengths.) The tangent knows how pairs move. tau_s of a pair
 follows from its facets, for which it is derived once a step.
 
 The frame is that of side 1, so that moments balance for any pair.
@@ -379,8 +379,8 @@ class MovingInterface(ActiveInterface):
 
         * the distance changes by n m.g / (m.n) instead of g, but not what slides, which is counted
           by pairs: E.g = n (m / (m.n) - n).g is added to the opening,
-        * the flux of side 2 is that of another point: with dX_2 = F_2^-1.(-Pi.g) the mean changes by
-          -delta_2.(A : dF_2/dX.dX_2).N_2,
+        * the flux of side 2 is that of another point: with dX_2 = F_2^-1.(-Pi.g) the mean flux
+          changes by -delta_2.(A : dF_2/dX.dX_2).N_2,
         * the force on side 2 acts at another point: T.GRAD eta_2.dX_2,
         * zeta of the couple does not grow by the slip,
         * the ends of segments that are ends of facets of side 2 move by g: q b.g with the terms q
@@ -423,6 +423,13 @@ class MovingInterface(ActiveInterface):
         D[:, :, :d] += terms[:, :, None] * q.sweep[:, None, :]
 
     # Steps
+
+    def passed(self) -> bool:
+        """See the base class."""
+        before = self._committed
+        start = np.zeros_like(self._u.x.array) if before is None else before.u
+        surfaces, paired = self.facets.surfaces, self.facets.segments.first
+        return surfaces.passed(self._u, start, paired)
 
     def slow_down(self, overstress: float, cycles: float = 0.0) -> None:
         """As in the base class, also of points that are paired later in the step."""

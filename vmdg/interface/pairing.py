@@ -37,7 +37,7 @@ from ..forms.geometry import CARTESIAN, Geometry
 from ..laws import Law
 from .facets import InterfaceFacets, facet_properties, find_facets
 from .interface import KEEP, Interface
-from .segments import FAR_REACH, REACH, FlatFacets, Segments, cut, near_pairs
+from .segments import FAR_REACH, REACH, FlatFacets, Segments, cut, near_pairs, passed
 
 #: Least share of the smaller surface that must lie opposite the other one.
 _LEAST_SHARE = 0.01
@@ -167,6 +167,21 @@ class Surfaces:
     def intact(self) -> NDArray[np.bool_]:
         """Facets of side 1 that are bonded at the start (n,)."""
         return (self.damage < 1.0) & self.law.has_bond
+
+    def passed(self, u: fem.Function, start: NDArray[np.float64], paired: NDArray[np.intp]) -> bool:
+        """Whether facets of side 1 have moved into the other body, too far to be paired.
+
+        Args:
+            u: Displacement.
+            start: Displacement at the start of the step, local dofs [mm].
+            paired: Facets that are paired.
+        """
+        rows = np.setdiff1d(np.arange(len(self.sides[0].facets)), paired)
+        before = u.copy()
+        before.x.array[:] = start
+        (one, two), (first, second) = self.flat(u), self.flat(before)
+        alone, was = (FlatFacets(*(array[rows] for array in facets)) for facets in (one, first))
+        return passed(alone, two, (was, second), self.reach)
 
     def near(self, u: fem.Function) -> NDArray[np.intp]:
         """Rows of the two surfaces whose facets are or may soon be paired (n, 2)."""

@@ -162,6 +162,37 @@ def cut(first: FlatFacets, second: FlatFacets, reach: float = REACH) -> Segments
     return found.rows(_nearest(found, np.abs(away[keep]), first.measures))
 
 
+def passed(
+    first: FlatFacets, second: FlatFacets, before: tuple[FlatFacets, FlatFacets], reach: float
+) -> bool:
+    """Whether facets of the first surface are behind ones of the second one that they were before.
+
+    Args:
+        first: Facets that have no partner now.
+        second: Those of the other surface.
+        before: Both at the start of the step, where they were paired or apart.
+        reach: As of :func:`cut`.
+    """
+    if not len(first.corners) or not len(second.corners):
+        return False
+    radius = max(first.radii.max(), second.radii.max())
+    ways = (
+        np.linalg.norm(now.centres - then.centres, axis=1).max()
+        for now, then in zip((first, second), before, strict=True)
+    )
+    most = (1 + reach) * radius + sum(ways)
+    near = cKDTree(second.centres).query_ball_point(first.centres, most)
+    i = np.repeat(np.arange(len(near)), [len(found) for found in near])
+    j = np.concatenate(near).astype(np.intp)
+    way, then = first.centres[i] - second.centres[j], before[0].centres[i] - before[1].centres[j]
+    depth = -np.einsum("pd,pd->p", way, second.normals[j])
+    start = -np.einsum("pd,pd->p", then, before[1].normals[j])
+    aside = np.linalg.norm(way + depth[:, None] * second.normals[j], axis=1)
+    opposite = np.einsum("pd,pd->p", first.normals[i], second.normals[j]) < -_OPPOSITE
+    there = opposite & (aside <= second.radii[j]) & (depth > 0)
+    return bool((there & (start <= reach * np.maximum(first.radii[i], second.radii[j]))).any())
+
+
 def _nearest(segments: Segments, away: Array, measures: Array) -> NDArray[np.bool_]:
     """Which segments remain if every facet of the first surface, with its measure, is covered once,
     by those at the least distance (n,)."""

@@ -310,6 +310,11 @@ class Step:
         now.forces.x.array[:] = forces
         return self._loading.balance(rate / change), -work / change
 
+    def passed(self) -> bool:
+        """Whether bodies that slide have moved into each other; collective."""
+        discretization = self.discretization
+        return discretization.slides and global_any(self._comm, discretization.passed())
+
     def inverted(self) -> bool:
         """Whether cells are inverted, det F <= 0; collective."""
         return global_any(self._comm, self.discretization.inverted())

@@ -57,6 +57,10 @@ REASONS = {
         f"{_SMALLER}; larger or better shaped cells where strains are largest (notches, crack "
         "tips); a bond that fails before the bodies are crushed",
     ),
+    "BODIES_OVERLAP": Reason(
+        "forces balance, but a body that slides has moved into the other one, past its surface",
+        f"{_SMALLER}; larger facets at the surfaces, which are paired across two of their radii",
+    ),
     "STABILIZATION_OUTGROWN": Reason(
         "tau_s is too small at the end of the step, also after repetitions with the tau_s of the "
         "end: strains at the interface change too much in one step",

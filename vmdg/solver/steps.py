@@ -108,6 +108,8 @@ class Steps:
             found = self._iterate(limits, last)
             if found.converged and step.inverted():
                 found = found.failed("CELLS_INVERTED")
+            if found.converged and step.passed():
+                found = found.failed("BODIES_OVERLAP")
             if found.converged and not step.stabilization_suffices():
                 if step.raise_stabilization():
                     self._progress.say("step again: tau_s of its end")
