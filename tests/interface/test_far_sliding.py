@@ -136,6 +136,27 @@ def test_block_in_space(cell):
     assert history["iterations"].mean() <= 8
 
 
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron", "quadrilateral"])
+def test_meshes_that_match(cell):
+    """Facets that lie on each other are pressed and begin to slide: in 3D slivers come and go, and
+    another division of their neighbours would be another sum."""
+    d = DIMENSION[cell]
+    low, top = np.zeros(d), np.ones(d)
+    down = np.append(np.zeros(d - 1), 1.0)
+    parts = [block(cell, d * (3,), low - tag * down, top - tag * down, tag + 1) for tag in (0, 1)]
+    scene = apart(parts)
+    problem = contact(scene, (SOFT, SOFT), vmdg.Contact(friction=MU))
+    problem.dirichlet(scene.facet_tags.find(21), 0.0)
+
+    def moved_by(t):
+        return np.append(0.1 * max(t - 1, 0), [*np.zeros(d - 2), -0.02 * min(t, 1)])
+
+    problem.dirichlet(scene.facet_tags.find(12), moved_by)
+    result = vmdg.solve(problem, [0.5, 1.0, 1.2, 1.4, 1.6], TIGHT)
+    assert not result.failures
+    assert result.history["iterations"].mean() <= 6
+
+
 def test_no_body_passes_through_another():
     """A block that starts above the base and is moved into it in one step is found there."""
 

@@ -258,14 +258,33 @@ def _intervals(one: Array, two: Array) -> tuple[Numbers, Array]:
 
 def _polygons(one: Array, two: Array) -> tuple[Numbers, Array]:
     """Intersections of convex polygons (n, c, 2), cut into triangles or quadrilaterals as they are:
-    numbers of the pairs, and corners (m, c, 2)."""
+    numbers of the pairs, and corners (m, c, 2).
+
+    The corner whose triangle with its neighbours is the smallest is cut off until as many are left.
+    So a polygon that is nearly one of these is integrated nearly like it, as where facets that lie
+    on each other begin to slide: a fan of triangles would integrate by another rule.
+    """
     size = one.shape[1]
     polygons, counts = clipped(_counterclockwise(one), _counterclockwise(two))
-    pairs, corners = [np.zeros(0, dtype=np.intp)], [np.zeros((0, size, 2))]
-    for k in range(1, polygons.shape[1] - 1, size - 2):
-        pairs.append(np.flatnonzero(counts > k + 1))
-        fan = np.minimum([0, *range(k, k + size - 1)], counts[pairs[-1], None] - 1)
-        corners.append(np.take_along_axis(polygons[pairs[-1]], fan[..., None], axis=1))
+    pairs, corners = [], []
+    while len(rows := np.flatnonzero(counts > size)):
+        rest, number = polygons[rows], counts[rows, None]
+        slots = np.arange(rest.shape[1])
+        before = np.where(slots > 0, slots - 1, number - 1)
+        after = np.where(slots + 1 < number, slots + 1, 0)
+        sides = [np.take_along_axis(rest, k[..., None], axis=1) - rest for k in (after, before)]
+        cut_off = np.abs(sides[0][..., 0] * sides[1][..., 1] - sides[0][..., 1] * sides[1][..., 0])
+        k = np.where(slots < number, cut_off, np.inf).argmin(axis=1)[:, None]
+        near = [np.take_along_axis(where, k, axis=1) for where in (before, after)]
+        corner = np.column_stack([near[0], k, *[near[1]] * (size - 2)])
+        pairs.append(rows)
+        corners.append(np.take_along_axis(rest, corner[..., None], axis=1))
+        kept, counts[rows] = _compacted(rest, (slots < number) & (slots != k))
+        polygons[rows, : kept.shape[1]] = kept
+    rows = np.flatnonzero(counts > 2)
+    corner = np.minimum(np.arange(size), counts[rows, None] - 1)
+    pairs.append(rows)
+    corners.append(np.take_along_axis(polygons[rows], corner[..., None], axis=1))
     order = np.argsort(np.concatenate(pairs), kind="stable")
     return np.concatenate(pairs)[order], np.concatenate(corners)[order]
 
