@@ -114,6 +114,6 @@ if __name__ == "__main__":
     )
     command.add_argument("--cells", type=int, default=60, help="cells along the foundation")
     command.add_argument("--steps", type=int, default=60, help="load steps of the way along")
-    command.add_argument("--end", type=float, default=2.0, help="last load factor, at most 2")
+    command.add_argument("--end", type=float, default=2.0, help="last load factor, at most 2 [-]")
     command.add_argument("--out", default="results/ironing", help="folder for the results")
     main(**vars(command.parse_args()))

@@ -46,9 +46,9 @@ def cell_partitioner(graph_partitioner: GraphPartitioner | None = None) -> CellP
 
         def with_surfaces(comm: MPI.Comm, parts: int, graph: Any, ghosting: bool) -> Any:
             found = partition(comm, parts, graph, ghosting)
-            at_surface = np.diff(graph.offsets) < facets
-            several = _several_pieces(comm, graph)
-            return _everywhere(found, at_surface, parts) if several and parts > 1 else found
+            if parts == 1 or not _several_pieces(comm, graph):
+                return found
+            return _everywhere(found, np.diff(graph.offsets) < facets, parts)
 
         return compat.facet_ghost_partitioner(with_surfaces)(comm, parts, kinds, cells)
 

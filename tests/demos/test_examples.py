@@ -25,7 +25,7 @@ ROOT = Path(vmdg.__file__).resolve().parents[1]
 EXAMPLES = {path.stem: path for path in sorted((ROOT / "demos").glob("*.py"))}
 STUDIES = {path.stem: path for path in sorted((ROOT / "demos" / "studies").glob("*.py"))}
 LIBRARIES = {"vmdg", "dolfinx", "ufl", "numpy", "mpi4py", "matplotlib", "gmsh", "tqdm"}
-UNIT = re.compile(r"\[(mm|mm/s|MPa|N/mm|-|degrees)\]")
+UNIT = re.compile(r"\[(m|mm|s|mm/s|MPa|N/mm|-|degrees)\]")
 EVERY = pytest.mark.parametrize("name", EXAMPLES)
 alone = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processes of its own")
 

@@ -62,11 +62,11 @@ def test_beam(factors):
 
 def test_coverage():
     """95 % intervals contain the truth for about 95 % of noises, known and estimated: less often
-    than in 24 of 30 with a probability of 1e-3. (Of 100 noises it was in 90 to 99.)"""
+    than in 16 of 20 with a probability of 3e-3. (Of 100 noises it was in 90 to 99.)"""
     comm, curve, inside = MPI.COMM_WORLD, measured(bar, BAR, LOADS), np.zeros(2)
     sigma = 0.01 * curve.y.max()
 
-    for seed in range(comm.rank, 30, comm.size):
+    for seed in range(comm.rank, 20, comm.size):
         noise = sigma * np.random.default_rng(seed).standard_normal(len(LOADS))
         noisy = vmdg.Curve(LOADS, curve.y + noise)
         given = sigma if seed % 2 else None
@@ -75,7 +75,7 @@ def test_coverage():
             low, high = found.interval(name)
             inside[i] += low <= value <= high
     inside = comm.allreduce(inside)
-    assert (inside >= 24).all()
+    assert (inside >= 16).all()
 
 
 def test_not_determined():

@@ -534,11 +534,6 @@ class Discretization:
         stored[2] = self.surface.spring_energy()
         return stored
 
-    def passed(self) -> bool:
-        """Whether bodies that slide have moved into each other on this rank, see
-        :meth:`.ActiveInterface.passed`."""
-        return any([active.passed() for active in self.active.values()])
-
     def inverted(self) -> bool:
         """Whether det F <= 0 at a quadrature point of this rank; never at small strain.
 

@@ -193,10 +193,6 @@ class ActiveInterface:
         this was needed."""
         return False
 
-    def passed(self) -> bool:
-        """Whether bodies that slide have moved into each other, too far to be paired."""
-        return False
-
     def pair(self, release: bool = False) -> None:
         """Pair the surfaces in the configuration of the current displacement.
 

@@ -425,7 +425,7 @@ class MovingInterface(ActiveInterface):
     # Steps
 
     def passed(self) -> bool:
-        """See the base class."""
+        """Whether the bodies have moved into each other in the step, too far to be paired."""
         before = self._committed
         start = np.zeros_like(self._u.x.array) if before is None else before.u
         surfaces, paired = self.facets.surfaces, self.facets.segments.first

@@ -165,7 +165,8 @@ def cut(first: FlatFacets, second: FlatFacets, reach: float = REACH) -> Segments
 def passed(
     first: FlatFacets, second: FlatFacets, before: tuple[FlatFacets, FlatFacets], reach: float
 ) -> bool:
-    """Whether facets of the first surface are behind ones of the second one that they were before.
+    """Whether facets of the first surface are behind ones of the second one, too deep for a pair,
+    that they were before or near at the start.
 
     Args:
         first: Facets that have no partner now.
@@ -189,8 +190,12 @@ def passed(
     start = -np.einsum("pd,pd->p", then, before[1].normals[j])
     aside = np.linalg.norm(way + depth[:, None] * second.normals[j], axis=1)
     opposite = np.einsum("pd,pd->p", first.normals[i], second.normals[j]) < -_OPPOSITE
-    there = opposite & (aside <= second.radii[j]) & (depth > 0)
-    return bool((there & (start <= reach * np.maximum(first.radii[i], second.radii[j]))).any())
+    paired = np.minimum(
+        reach * np.maximum(first.radii[i], second.radii[j]),
+        _THROUGH * np.maximum(first.depths[i], second.depths[j]),
+    )
+    there = opposite & (aside <= second.radii[j]) & (depth > paired)
+    return bool((there & (start <= paired)).any())
 
 
 def _nearest(segments: Segments, away: Array, measures: Array) -> NDArray[np.bool_]:

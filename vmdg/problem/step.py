@@ -20,6 +20,7 @@ from ..interface.guess import (
     pressed_points,
     touching_points,
 )
+from ..interface.moving import MovingInterface
 from ..interface.sliding import sliding
 from .ledger import Inertia, Ledger
 from .loading import Loading
@@ -310,14 +311,17 @@ class Step:
         now.forces.x.array[:] = forces
         return self._loading.balance(rate / change), -work / change
 
-    def passed(self) -> bool:
-        """Whether bodies that slide have moved into each other; collective."""
-        discretization = self.discretization
-        return discretization.slides and global_any(self._comm, discretization.passed())
-
-    def inverted(self) -> bool:
-        """Whether cells are inverted, det F <= 0; collective."""
-        return global_any(self._comm, self.discretization.inverted())
+    def invalid(self) -> str:
+        """Why bodies cannot be in the current state though forces may balance: CELLS_INVERTED, or
+        BODIES_OVERLAP where they slide; empty if they can; collective."""
+        if global_any(self._comm, self.discretization.inverted()):
+            return "CELLS_INVERTED"
+        moving = [
+            one for one in self.discretization.active.values() if isinstance(one, MovingInterface)
+        ]
+        if moving and global_any(self._comm, any([one.passed() for one in moving])):
+            return "BODIES_OVERLAP"
+        return ""
 
     def stabilization_suffices(self) -> bool:
         """Whether tau_s of the step satisfies coercivity at its end; collective."""

@@ -106,10 +106,8 @@ class Steps:
             last = self._opened(utilization, last)
         while True:
             found = self._iterate(limits, last)
-            if found.converged and step.inverted():
-                found = found.failed("CELLS_INVERTED")
-            if found.converged and step.passed():
-                found = found.failed("BODIES_OVERLAP")
+            if found.converged and (reason := step.invalid()):
+                found = found.failed(reason)
             if found.converged and not step.stabilization_suffices():
                 if step.raise_stabilization():
                     self._progress.say("step again: tau_s of its end")

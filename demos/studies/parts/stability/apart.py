@@ -71,7 +71,7 @@ def bonded(rng: Generator) -> Case:
 
 
 def sliding(rng: Generator) -> Case:
-    """A block is pressed on a longer, harder one and slides along it, to and fro."""
+    """A block is pressed on a longer, harder one and slides along it and back."""
     kind, degree = choose(rng, SLIDING)
     d = dimension(kind)
     cells, base = int(rng.integers(2, 6)), int(rng.integers(8, 24 if d == 2 else 12))
