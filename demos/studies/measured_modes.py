@@ -19,9 +19,9 @@ from mpi4py import MPI
 import matplotlib.pyplot as plt
 import numpy as np
 from dolfinx import fem
+from parts.options import run
 
 import vmdg
-from parts.options import run
 from vmdg.meshes import beams
 
 SPAN, CRACK, HEIGHT = 50.0, 18.0, 1.5  # mm
