@@ -501,51 +501,109 @@ def rectangle(xs, ys, tag, move):
     return moved(part, placed)
 
 
-@pytest.mark.parametrize(("kinematics", "sliding"), [("small", False), ("finite", True)])
-def test_hertz(kinematics, sliding):
-    """A cylinder of R = 50 mm on a block, as in the benchmark of NAFEMS at 35 kN/mm."""
-    R, tall, deep, fine = 50.0, 60.0, 150.0, 9.0
+RADIUS = 50.0
 
-    def bottom(x):
-        return R - np.sqrt(R**2 - x**2)
 
-    one, two = graded(18, fine, 40.0), graded(25, fine, deep)
+def ball_on_block(whole=False):
+    """A cylinder or a ball of 50 mm on a block, or its half, and the facets that may touch."""
+    tall, deep, fine = 60.0, 150.0, 9.0
+
+    def across(end, number):
+        x = graded(number, fine, end)
+        return np.concatenate([-x[:0:-1], x]) if whole else x
+
+    def round_below(X, Y):
+        bottom = RADIUS - np.sqrt(RADIUS**2 - X**2)
+        return X, bottom * (1 - Y / tall) + Y
+
     scene = apart(
         [
-            rectangle(
-                one, graded(18, fine, tall), 1, lambda X, Y: (X, bottom(X) * (1 - Y / tall) + Y)
-            ),
-            rectangle(two, -two[::-1], 2, lambda X, Y: (X, Y)),
+            rectangle(across(40.0, 18), graded(18, fine, tall), 1, round_below),
+            rectangle(across(deep, 25), -graded(25, fine, deep)[::-1], 2, lambda X, Y: (X, Y)),
         ]
     )
-    find = scene.facet_tags.find
-    sides = [f[compute_midpoints(scene.mesh, 1, f)[:, 0] < 15.0] for f in (find(11), find(22))]
+    found = [scene.facet_tags.find(tag) for tag in (11, 22)]
+    return scene, [f[np.abs(compute_midpoints(scene.mesh, 1, f)[:, 0]) < 15.0] for f in found]
+
+
+def pressed(state):
+    """Pressure, position across and area of the points."""
+    n = np.einsum("pij,pj->pi", state.rotation, state.normal)
+    return -np.einsum("pi,pi->p", state.traction, n), state.points[:, 0], state.weights
+
+
+@pytest.mark.parametrize(
+    ("symmetry", "kinematics", "sliding"),
+    [(None, "small", False), (None, "finite", True), ("axisymmetric", "finite", True)],
+)
+def test_hertz(symmetry, kinematics, sliding):
+    """A cylinder of R = 50 mm on a block, as in the benchmark of NAFEMS at 35 kN/mm, and a ball."""
+    scene, sides = ball_on_block()
+    find, ball = scene.facet_tags.find, symmetry is not None
     interface = vmdg.Interface(
         surfaces=tuple(sides), law=vmdg.Contact(), sliding=sliding, gap="keep"
     )
     E, nu = (210e3, 70e3), 0.3
     bodies = {k + 1: vmdg.NeoHookean(E=E[k], nu=nu) for k in range(2)}
-    problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [interface], kinematics=kinematics)
+    options = {"symmetry": symmetry} if ball else {}
+    problem = vmdg.Problem(
+        scene.mesh, scene.cell_tags, bodies, [interface], kinematics=kinematics, **options
+    )
     problem.dirichlet(lambda x: np.isclose(x[0], 0.0), 0.0, "x")
     problem.dirichlet(find(21), 0.0, "y")
-    problem.dirichlet(find(12), lambda t: -1.48 * t, "y")
-    result = vmdg.solve(problem, 3)
+    problem.dirichlet(find(12), lambda t: -(0.9 if ball else 1.48) * t, "y")
+    result = vmdg.solve(problem, 8 if ball else 3)
     assert not result.failures
-    state = problem.state[0]
-    n = np.einsum("pij,pj->pi", state.rotation, state.normal)
-    pressure, x = -np.einsum("pi,pi->p", state.traction, n), state.points[:, 0]
-    shares = pressure * state.weights
-    force = 2 * shares.sum()
-    assert force == pytest.approx(35e3, rel=0.02)
+    pressure, x, area = pressed(problem.state[0])
+    shares = pressure * area
     stiffness = 1 / sum((1 - nu**2) / e for e in E)
-    half = np.sqrt(4 * force * R / (np.pi * stiffness))
-    assert half == pytest.approx(6.21, rel=0.02)
-    # <x^2> = a^2/4 for an elliptic pressure, whose square is linear in x^2.
-    assert 2 * np.sqrt(shares @ x**2 / shares.sum()) == pytest.approx(half, rel=0.01)
+    if ball:
+        force = shares.sum()
+        half, second = (0.75 * force * RADIUS / stiffness) ** (1 / 3), np.sqrt(5 / 2)
+        largest = 1.5 * force / (np.pi * half**2)
+    else:
+        force = 2 * shares.sum()
+        half, second = np.sqrt(4 * force * RADIUS / (np.pi * stiffness)), 2.0
+        largest = 2 * force / (np.pi * half)
+        assert force == pytest.approx(35e3, rel=0.02)
+        assert half == pytest.approx(6.21, rel=0.02)
+        assert largest == pytest.approx(3585.0, rel=0.03)
+    # <x^2> = a^2/4, 2/5 a^2 of the ball, for an elliptic pressure, whose square is linear in x^2.
+    assert second * np.sqrt(shares @ x**2 / shares.sum()) == pytest.approx(half, rel=0.01)
     inside = x < 0.8 * half
     peak = np.sqrt(np.polyfit(x[inside] ** 2, pressure[inside] ** 2, 1)[1])
-    assert peak == pytest.approx(2 * force / (np.pi * half), rel=0.01)
-    assert peak == pytest.approx(3585.0, rel=0.03)
+    assert peak == pytest.approx(largest, rel=0.01)
+
+
+def test_cattaneo_and_mindlin():
+    """A pressed cylinder is pushed aside: it sticks in |x| < c, c/a = sqrt(1 - Q/(mu N))."""
+    scene, sides = ball_on_block(whole=True)
+    find = scene.facet_tags.find
+    interface = vmdg.Interface(
+        surfaces=tuple(sides), law=vmdg.Contact(friction=MU), sliding=True, gap="keep"
+    )
+    steel = vmdg.NeoHookean(E=210e3, nu=0.3)
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, {1: steel, 2: steel}, [interface])
+    problem.dirichlet(find(21), 0.0)
+    problem.dirichlet(find(12), lambda t: (0.15 * max(t - 1.0, 0.0), -0.6 * min(t, 1.0)))
+    found = []
+
+    def monitor(problem):
+        state = problem.state[0]
+        pressure, x, area = pressed(state)
+        loaded, sticks = pressure > 0, state.mode == Mode.ELASTIC
+        push, press = np.abs(problem.reaction(find(12)))
+        touching = 2 * np.sqrt(pressure * area @ x**2 / (pressure @ area))
+        found.append((push / (MU * press), area[loaded & sticks].sum() / 2 / touching))
+        return {}
+
+    result = vmdg.solve(problem, [0.5, 1.0, *np.linspace(1.1, 2.0, 10)], TIGHT, monitor)
+    assert not result.failures
+    share, stuck = np.array(found[2:]).T
+    partial = (share > 0.2) & (share < 0.9)
+    assert partial.sum() > 3
+    # A cell is a twelfth of a.
+    assert np.abs(stuck - np.sqrt(1 - np.minimum(share, 1.0)))[partial].max() < 0.06
 
 
 # The form
