@@ -44,6 +44,7 @@ COMMANDS = {
     "lap_joint": ("lap_joint", "lap_joint.png"),
     "push_through": ("push_through", "push_through.png"),
     "ironing": ("ironing", "ironing.png"),
+    "shrink_fit": ("shrink_fit", "shrink_fit.png"),
     "patch_tension": ("patch_tension", "patch_tension.png"),
     "patch_shear": ("patch_shear", "patch_shear.png"),
     "load_cycle": ("load_cycle", "load_cycle.png"),

@@ -95,6 +95,23 @@ def test_ironing(comm, out):
     assert (out / "ironing.png").stat().st_size > 10_000
 
 
+def test_shrink_fit(comm, out):
+    """The force is mu p A within what free ends change, and falls to zero as the shaft leaves."""
+    import shrink_fit
+
+    history = shrink_fit.main(cells=14, steps=16, out=str(out))
+    comm.barrier()
+    pulled, force = history["pulled"], history["force"]
+    friction = shrink_fit.FRICTION * shrink_fit.pressure() * 2 * np.pi * 10.0 * 20.0
+    assert force.max() == pytest.approx(friction, rel=0.06)
+    slides = pulled > 0.1
+    assert (np.diff(force[slides]) < 1e-6 * friction).all()
+    half = np.interp(10.0, pulled, force)
+    assert half == pytest.approx(0.55 * friction, rel=0.08)
+    assert (force[slides] > -1e-6 * friction).all() and abs(force[-1]) < 1e-6 * friction
+    assert (out / "shrink_fit.png").stat().st_size > 10_000
+
+
 def test_load_cycle(comm, out):
     """All branches of the law in one run: damage never heals, the energies balance.
 

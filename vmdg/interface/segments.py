@@ -156,10 +156,15 @@ def cut(first: FlatFacets, second: FlatFacets, reach: float = REACH) -> Segments
     most = reach * np.maximum(first.radii[i], second.radii[j])
     through = -away > _THROUGH * np.maximum(first.depths[i], second.depths[j])
     keep = (found.measures > least) & (np.abs(away) <= most) & ~through
-    found = found.rows(keep)
+    found, away = found.rows(keep), away[keep]
     if reach == REACH:
         return found
-    return found.rows(_nearest(found, np.abs(away[keep]), first.measures))
+    nearest = _nearest(found, np.abs(away), first.measures)
+    found, away = found.rows(nearest), away[nearest]
+    # Facets that overlap by more than what is covered of them meet with their edges only: where a
+    # shaft is about to leave its hole, the ends of both are no pair.
+    covered = np.bincount(found.first, found.measures, minlength=len(first.corners))
+    return found.rows(-away <= covered[found.first] ** (1 / (d - 1)))
 
 
 def passed(
