@@ -125,7 +125,7 @@ class _Box:
             "tau_s of the next step": (1, parts.update_stabilization),
             "load vector": (1, lambda: problem.loading.move(1.0)),
             "state to come back to": (1, step.snapshot),
-            "inverted cells": (1, step.inverted),
+            "inverted cells": (1, step.invalid),
             "facets to open": (1, step.activation.utilization),
             "commit, works": (1, commit),
             "row: energies": (1, problem.energy),
