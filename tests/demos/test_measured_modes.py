@@ -10,7 +10,7 @@ def test_measured_modes(comm, out):
     """Energies are found within 5 %, strengths and exponent within 25 %; the picture is drawn."""
     import measured_modes as demo
 
-    found = demo.main(noise=0.005, points=6, facet=2.0, off=0.05, out=str(out))
+    found = demo.main(noise=0.005, points=5, facet=3.0, off=0.05, out=str(out))
     assert found.converged
     for name, value in demo.TRUTH.items():
         most = 0.05 if "energy" in name else 0.25
