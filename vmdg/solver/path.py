@@ -90,7 +90,7 @@ class Size:
 
     Attributes:
         way: Arc length [mm].
-        stride: Change of the load factor under load control, or where work is no control.
+        stride: Change of the load factor under load control.
         last: The previous step, see :meth:`.Steps.attempt`.
         idle: Number of steps without progress since the last one with damage.
     """
@@ -263,8 +263,6 @@ class Path:
                 # For example if all contact slides, neither damage work nor arc length makes
                 # progress.
                 return limits
-            if size.stride < math.inf:
-                return self._strode(limits, size.stride)
             work = scales.work if scales.breaking else math.inf
             return replace(limits, work=work, way=size.way)
         stride = size.stride
@@ -329,11 +327,6 @@ class Path:
             aim = (1 - numbers.missed) * options.max_loss
             room = aim / found.lost if found.lost else math.inf
             stride = min(room, 1 / numbers.cut) * limits.length
-        elif stage.follows:
-            # Where bonds break without work as a control, the next step is by load as well.
-            goes = size.stride < math.inf and not cuts
-            if limits.by_load_alone and (goes or cuts > self._options.max_cuts):
-                stride = growth * limits.length
         elif cuts or size.stride < math.inf:
             stride = growth * limits.length
         # Arc-length steps may continue indefinitely without damage or progress.
