@@ -47,13 +47,13 @@ def main(
     """
     if MPI.COMM_WORLD.size > 1:
         raise RuntimeError("the other codes run on one rank: leave -n out")
-    place = None if alone else prepare(python)
-    if explicit and place is not None:
-        text = markdown(in_time.HEAD, in_time.rows(8 if coarse else 20, place))
+    if explicit:
+        text = markdown(in_time.HEAD, in_time.rows(8 if coarse else 20, prepare(python)))
         print(text)
         Path(out).mkdir(parents=True, exist_ok=True)
         (Path(out) / "others_explicit.md").write_text(text + "\n")
         return []
+    place = None if alone else prepare(python)
     scenes = COARSE.values() if coarse else (peers.P1, peers.P2)
     lines = [case() for case in progress(cases(list(scenes), repeats, place), "run")]
     text = markdown(HEAD, [line.cells() for line in lines])

@@ -119,7 +119,8 @@ class PairQuadrature(InterfaceQuadrature):
         rule, self._rule = basix.make_quadrature(kind, degree)
         self._corners, *slopes = basix.ufl.element("Lagrange", kind, 1).tabulate(1, rule)
         self._slopes = np.array(slopes)
-        self._at_ends = _at_ends(kind, rule, self._order)
+        if facets.slides:
+            self._at_ends = _at_ends(kind, rule, self._order)
         self.leads = facets.slides
         self._room = -1
         self.take(facets)

@@ -133,7 +133,7 @@ class Surfaces:
             (flat, ~bonded, self.reach),
         ):
             rows = np.flatnonzero(chosen)
-            found = cut(FlatFacets(*(array[rows] for array in one[0])), one[1], reach)
+            found = cut(one[0].rows(rows), one[1], reach)
             parts.append(found._replace(first=rows[found.first]))
         return self._from(reference, Segments.joined(parts), len(parts[0].first))
 
@@ -180,8 +180,7 @@ class Surfaces:
         before = u.copy()
         before.x.array[:] = start
         (one, two), (first, second) = self.flat(u), self.flat(before)
-        alone, was = (FlatFacets(*(array[rows] for array in facets)) for facets in (one, first))
-        return passed(alone, two, (was, second), self.reach)
+        return passed(one.rows(rows), two, (first.rows(rows), second), self.reach)
 
     def near(self, u: fem.Function) -> NDArray[np.intp]:
         """Rows of the two surfaces whose facets are or may soon be paired (n, 2)."""

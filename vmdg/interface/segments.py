@@ -72,6 +72,10 @@ class FlatFacets(NamedTuple):
         depths = np.einsum("fi,fi->f", normals, outward)
         return cls(corners, normals * np.sign(depths)[:, None], np.abs(depths))
 
+    def rows(self, select: NDArray) -> FlatFacets:
+        """Some of them."""
+        return FlatFacets(*(array[select] for array in self))
+
     @property
     def centres(self) -> Array:
         """Means of the corners (n, d) [mm]."""
@@ -153,9 +157,8 @@ def cut(first: FlatFacets, second: FlatFacets, reach: float = REACH) -> Segments
     middle = centres[i] + np.einsum("sk,skd->sd", corners.mean(axis=1), axes[i])
     away = np.einsum("sd,sd->s", second.centres[j] - middle, second.normals[j])
     away /= np.einsum("sd,sd->s", first.normals[i], second.normals[j])
-    most = reach * np.maximum(first.radii[i], second.radii[j])
-    through = -away > _THROUGH * np.maximum(first.depths[i], second.depths[j])
-    keep = (found.measures > least) & (np.abs(away) <= most) & ~through
+    most, deepest = _limits(first, second, i, j, reach)
+    keep = (found.measures > least) & (away <= most) & (-away <= deepest)
     found, away = found.rows(keep), away[keep]
     if reach == REACH:
         return found
@@ -165,6 +168,14 @@ def cut(first: FlatFacets, second: FlatFacets, reach: float = REACH) -> Segments
     # shaft is about to leave its hole, the ends of both are no pair.
     covered = np.bincount(found.first, found.measures, minlength=len(first.corners))
     return found.rows(-away <= covered[found.first] ** (1 / (d - 1)))
+
+
+def _limits(
+    first: FlatFacets, second: FlatFacets, i: Numbers, j: Numbers, reach: float
+) -> tuple[Array, Array]:
+    """Largest distance and largest overlap of facets ``i`` and ``j`` that are a pair (n,) [mm]."""
+    most = reach * np.maximum(first.radii[i], second.radii[j])
+    return most, np.minimum(most, _THROUGH * np.maximum(first.depths[i], second.depths[j]))
 
 
 def passed(
@@ -186,21 +197,14 @@ def passed(
         np.linalg.norm(now.centres - then.centres, axis=1).max()
         for now, then in zip((first, second), before, strict=True)
     )
-    most = (1 + reach) * radius + sum(ways)
-    near = cKDTree(second.centres).query_ball_point(first.centres, most)
-    i = np.repeat(np.arange(len(near)), [len(found) for found in near])
-    j = np.concatenate(near).astype(np.intp)
+    i, j = _opposite(first, second, (1 + reach) * radius + sum(ways))
     way, then = first.centres[i] - second.centres[j], before[0].centres[i] - before[1].centres[j]
     depth = -np.einsum("pd,pd->p", way, second.normals[j])
     start = -np.einsum("pd,pd->p", then, before[1].normals[j])
     aside = np.linalg.norm(way + depth[:, None] * second.normals[j], axis=1)
-    opposite = np.einsum("pd,pd->p", first.normals[i], second.normals[j]) < -_OPPOSITE
-    paired = np.minimum(
-        reach * np.maximum(first.radii[i], second.radii[j]),
-        _THROUGH * np.maximum(first.depths[i], second.depths[j]),
-    )
-    there = opposite & (aside <= second.radii[j]) & (depth > paired)
-    return bool((there & (start <= paired)).any())
+    _, deepest = _limits(first, second, i, j, reach)
+    there = (aside <= second.radii[j]) & (depth > deepest)
+    return bool((there & (start <= deepest)).any())
 
 
 def _nearest(segments: Segments, away: Array, measures: Array) -> NDArray[np.bool_]:
@@ -248,13 +252,21 @@ def near_pairs(first: FlatFacets, second: FlatFacets, reach: float) -> tuple[Num
         return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
     one, two = first.radii, second.radii
     most = one + two.max() + reach * np.maximum(one, two.max())
+    i, j = _opposite(first, second, most)
+    apart = np.linalg.norm(first.centres[i] - second.centres[j], axis=1)
+    meet = apart <= one[i] + two[j] + reach * np.maximum(one[i], two[j])
+    return i[meet], j[meet]
+
+
+def _opposite(
+    first: FlatFacets, second: FlatFacets, most: Array | float
+) -> tuple[Numbers, Numbers]:
+    """Pairs of facets with opposite normals whose centres are no farther apart than ``most``, by
+    facets of the first surface."""
     near = cKDTree(second.centres).query_ball_point(first.centres, most)
     i = np.repeat(np.arange(len(near)), [len(found) for found in near])
     j = np.concatenate(near).astype(np.intp)
-    apart = np.linalg.norm(first.centres[i] - second.centres[j], axis=1)
-    meet = apart <= one[i] + two[j] + reach * np.maximum(one[i], two[j])
-    cosine = np.einsum("pd,pd->p", first.normals[i], second.normals[j])
-    keep = meet & (cosine < -_OPPOSITE)
+    keep = np.einsum("pd,pd->p", first.normals[i], second.normals[j]) < -_OPPOSITE
     return i[keep], j[keep]
 
 

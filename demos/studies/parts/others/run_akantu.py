@@ -66,6 +66,18 @@ def material(kind: str, **values: Any) -> str:
     return f"  material {kind} [\n{lines}  ]\n"
 
 
+def read(grid: Layers, crack: float, text: str) -> akantu.Mesh:
+    """The mesh of two layers, after an input file with this text."""
+    with TemporaryDirectory() as folder:
+        file, given = Path(folder) / "mesh.msh", Path(folder) / "input"
+        write_mesh(file, grid, crack)
+        given.write_text(text)
+        akantu.parseInput(str(given))
+        mesh = akantu.Mesh(grid.nodes.shape[1])
+        mesh.read(str(file))
+    return mesh
+
+
 def run(
     scene: dict[str, Any],
     end: float,
@@ -94,12 +106,7 @@ def run(
     materials += material(f"cohesive_{'linear' if extrinsic else 'bilinear'}", name="bond", **law)
     grid = layers(scene["divisions"], scene["sizes"], scene["crack"])
     d = grid.nodes.shape[1]
-    with TemporaryDirectory() as folder:
-        write_mesh(Path(folder) / "mesh.msh", grid, scene["crack"])
-        (Path(folder) / "input").write_text(INPUT.format(materials=materials))
-        akantu.parseInput(str(Path(folder) / "input"))
-        mesh = akantu.Mesh(d)
-        mesh.read(str(Path(folder) / "mesh.msh"))
+    mesh = read(grid, scene["crack"], INPUT.format(materials=materials))
     model = akantu.SolidMechanicsModelCohesive(mesh)
     static = akantu.AnalysisMethod.__members__["_static"]
     model.initFull(_analysis_method=static, _is_extrinsic=extrinsic)

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from time import process_time
 
 import akantu
 from grid import layers
-from run_akantu import INPUT, material, write_mesh
+from run_akantu import INPUT, material, read
 
 #: Of one body, as INPUT is with an interface.
 BODY = "model solid_mechanics_model [\n{materials}]\n"
@@ -30,13 +28,8 @@ def seconds(n: int, finite: bool, bonded: bool) -> float:
     materials += material("elastic", name="upper", **elastic)
     if bonded:
         materials += material("cohesive_bilinear", name="bond", **law)
-    with TemporaryDirectory() as folder:
-        file, given = Path(folder) / "mesh.msh", Path(folder) / "input"
-        write_mesh(file, layers((n, n, 2 * n), (1.0, 1.0, 2.0), -1.0), -1.0)
-        given.write_text((INPUT if bonded else BODY).format(materials=materials))
-        akantu.parseInput(str(given))
-        mesh = akantu.Mesh(3)
-        mesh.read(str(file))
+    text = (INPUT if bonded else BODY).format(materials=materials)
+    mesh = read(layers((n, n, 2 * n), (1.0, 1.0, 2.0), -1.0), -1.0, text)
     explicit = akantu.AnalysisMethod.__members__["_explicit_lumped_mass"]
     if bonded:
         model = akantu.SolidMechanicsModelCohesive(mesh)
