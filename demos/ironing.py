@@ -52,8 +52,9 @@ def bottom(x: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def part(tag: int, corners: ArrayLike, n: tuple[int, int]) -> tuple[Mesh, MeshTags, MeshTags]:
     """A rectangle of quadrilaterals, as if from a file of its own."""
-    mesh = create_rectangle(MPI.COMM_SELF, np.array(corners), n, CellType.quadrilateral)
-    cells, none = np.arange(n[0] * n[1], dtype=np.int32), np.zeros(0, dtype=np.int32)
+    mesh = create_rectangle(MPI.COMM_WORLD, np.array(corners), n, CellType.quadrilateral)
+    cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+    none = np.zeros(0, dtype=np.int32)
     return mesh, meshtags(mesh, 2, cells, np.full_like(cells, tag)), meshtags(mesh, 1, none, none)
 
 

@@ -38,8 +38,9 @@ def pressure() -> float:
 def part(tag: int, radii: Sequence[float], length: float, n: tuple[int, int]) -> tuple:
     """Half of the section of a ring, as if from a file of its own."""
     corners = [np.array([radii[0], 0.0]), np.array([radii[1], length])]
-    mesh: Mesh = create_rectangle(MPI.COMM_SELF, corners, n, CellType.quadrilateral)
-    cells, none = np.arange(n[0] * n[1], dtype=np.int32), np.zeros(0, dtype=np.int32)
+    mesh: Mesh = create_rectangle(MPI.COMM_WORLD, corners, n, CellType.quadrilateral)
+    cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+    none = np.zeros(0, dtype=np.int32)
     tags: MeshTags = meshtags(mesh, 2, cells, np.full_like(cells, tag))
     return mesh, tags, meshtags(mesh, 1, none, none)
 
