@@ -46,16 +46,16 @@ class ExplicitSteps:
         self._motion, self._comm = moving(problem.step.motion), problem.comm
         self._owned = problem.discretization.owned
         sums, held = self._motion.row_sums, problem.loading.owned_prescribed
-        least = 1e-12 * global_max(self._comm, float(sums.max(initial=0.0)))
+        largest = global_max(self._comm, float(sums.max(initial=0.0)))
         # Those of the critical step, which is longer where nodes are massless.
         self._masses = masses = sums.copy()
-        masses[held] = 1.0
+        masses[held] = largest
         message = (
             "CentralDifferences: the lumped mass of a node is not positive, as at the corners of "
             "triangles and tetrahedra of degree 2: use degree=1, quadrilaterals or hexahedra, or "
             "GeneralizedAlpha"
         )
-        raise_together(self._comm, message if (masses <= least).any() else None)
+        raise_together(self._comm, message if (masses <= 1e-12 * largest).any() else None)
         self._contact = ContactNodes(problem, sums)
         self._massless = np.setdiff1d(self._contact.dofs, held)
         self._motion.lumped = masses = self._contact.masses
