@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 import basix
 import numpy as np
+from dolfinx import la
 from dolfinx.cpp.graph import AdjacencyList_int32, AdjacencyList_int64
 from dolfinx.graph import partitioner
 from dolfinx.mesh import to_string
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from vmdg import compat
 from vmdg.base.graph import components
-from vmdg.base.parallel import global_any, group_maxima
+from vmdg.base.parallel import gathered
 
 #: Communicator, number of parts, graph of the cells, whether ghosts are wanted; parts of the cells.
 GraphPartitioner = Callable[[MPI.Comm, int, Any, bool], Any]
@@ -64,13 +65,19 @@ def _several_pieces(comm: MPI.Comm, graph: Any) -> bool:
     foreign = (neighbours < first) | (neighbours >= first + count)
     ghosts = np.unique(neighbours[foreign])
     owners = np.searchsorted(ends, ghosts, side="right").astype(np.int32)
-    nodes = compat.index_map(comm, count, ghosts, owners)
     local = np.where(foreign, count + np.searchsorted(ghosts, neighbours), neighbours - first)
-    size = count + len(ghosts)
-    piece = components(np.repeat(np.arange(count), np.diff(graph.offsets)), local, size)
-    names = nodes.local_to_global(np.arange(size, dtype=np.int32))[:, None]
-    names = group_maxima(comm, nodes, names, np.ones_like(names, dtype=bool), piece)
-    return global_any(comm, (names != ends[-1] - 1).any())
+    piece = components(
+        np.repeat(np.arange(count), np.diff(graph.offsets)), local, count + len(ghosts)
+    )
+    # Pieces of different ranks are joined by the nodes that are ghosts of one of them.
+    here = int(piece.max(initial=-1)) + 1
+    before = int(comm.exscan(here) or 0)
+    number = la.vector(compat.index_map(comm, count, ghosts, owners), 1, dtype=np.int64)
+    number.array[:] = before + piece
+    number.scatter_forward()
+    joined = np.column_stack([before + piece[count:], number.array[count:]])
+    joined = gathered(comm, np.unique(joined, axis=0))
+    return bool(components(*joined.T, comm.allreduce(here)).max(initial=0) > 0)
 
 
 def _everywhere(

@@ -21,7 +21,7 @@ from dolfinx.mesh import Mesh, compute_midpoints
 from numpy.typing import NDArray
 
 from .. import compat
-from ..base.parallel import global_any, global_max, global_sum, raise_together
+from ..base.parallel import global_any, global_box, global_max, global_sum, raise_together
 from ..domain.shapes import displacements_in_cells
 from ..domain.tags import group_tag
 from ..domain.topology import (
@@ -54,6 +54,11 @@ Stiffness = Callable[[NDArray[np.int32]], float]
 
 #: What an interface between meshes that do not match cannot have.
 NONMATCHING = "an interface whose meshes do not match"
+
+_REMEDY = (
+    "check units and origins of meshes that were made separately, or make the mesh conforming, for "
+    "example by gmsh.model.occ.fragment"
+)
 
 
 class Surface(NamedTuple):
@@ -309,7 +314,7 @@ def place(
     off = [np.abs(geometry.circumference(x) + 0 * x[0]) for x in middles]
     far = [global_max(comm, a.max(initial=0.0)) for a in off]
     surfaces = [f[a > _ROUNDING * m] for f, a, m in zip(surfaces, off, far, strict=True)]
-    _check_whole(mesh, surfaces, label)
+    _check_whole(mesh, surfaces, interface, label)
     one, two = (_surface(mesh, facets) for facets in surfaces)
     if interface.sliding and interface.surfaces is None and stiffness is not None:
         # Means differ by rounding from rank to rank.
@@ -378,11 +383,13 @@ def _check_options(mesh: Mesh, interface: Interface, label: str) -> None:
         )
 
 
-def _check_whole(mesh: Mesh, surfaces: Sequence[NDArray[np.int32]], label: str) -> None:
+def _check_whole(
+    mesh: Mesh, surfaces: Sequence[NDArray[np.int32]], interface: Interface, label: str
+) -> None:
     """Check that every rank knows all facets of both surfaces; collective.
 
     Raises:
-        ValueError: a surface has no facet, or is not known as a whole.
+        ValueError: a surface has no facet, is far from the other, or is not known as a whole.
     """
     owned = mesh.topology.index_map(mesh.topology.dim - 1).size_local
     counts = global_sum(mesh.comm, [(facets < owned).sum() for facets in surfaces])
@@ -391,8 +398,19 @@ def _check_whole(mesh: Mesh, surfaces: Sequence[NDArray[np.int32]], label: str) 
             f"{label} has no facet on side {1 if not counts[0] else 2}: surfaces= has an empty "
             "array; does the mesh have facets with this tag?"
         )
-    message = None
-    if [len(facets) for facets in surfaces] != counts.tolist():
+    message, comm = None, mesh.comm
+    known = [len(facets) for facets in surfaces] == counts.tolist()
+    if global_any(comm, not known) and interface.surfaces is None and not interface.sliding:
+        # Groups of one body, given by mistake, whose surfaces no rank knows as a whole.
+        flat = [_flat_facets(mesh, _surface(mesh, facets), None) for facets in surfaces]
+        ends = [f.centres + sign * f.radii[:, None] for f in flat for sign in (-1, 1)]
+        (low, _), (_, high), (under, _), (_, over) = (global_box(comm, x) for x in ends)
+        if (np.maximum(low - over, under - high) > 0).any():
+            raise ValueError(
+                f"{label} has no facet: the tags are not adjacent, nor are the surfaces of their "
+                f"bodies near each other; {_REMEDY}"
+            )
+    if not known:
         message = (
             f"{label} is {NONMATCHING}, and not every rank has the cells at its surfaces as "
             "ghosts: make the mesh by vmdg.meshes (apart, distribute, read_mesh), or in DOLFINx "
@@ -467,8 +485,7 @@ def _check_overlap(
     if whole and share == 0.0:
         raise ValueError(
             f"{label} has no facet: the tags are not adjacent, nor do the surfaces of their bodies "
-            f"lie opposite each other ({pairs}); check units and origins of meshes that were made "
-            "separately, or make the mesh conforming, for example by gmsh.model.occ.fragment"
+            f"lie opposite each other ({pairs}); {_REMEDY}"
         )
     if not whole and share < _LEAST_SHARE:
         apart = global_sum(comm, flat[0].centres.sum(axis=0)) / count
