@@ -43,12 +43,11 @@ def body_and_base(cell, cells, base, slope=0.0, start=0.6, gap=0.0, comm=MPI.COM
     return apart([moved(part, incline) for part in parts])
 
 
-def contact(scene, materials, law, **options):
+def contact(scene, materials, law, kinematics="finite", **options):
     """The problem of two bodies whose surfaces slide."""
     interface = vmdg.Interface(between=(1, 2), law=law, sliding=True, **options)
-    return vmdg.Problem(
-        scene.mesh, scene.cell_tags, dict(enumerate(materials, start=1)), [interface]
-    )
+    bodies = dict(enumerate(materials, start=1))
+    return vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [interface], kinematics=kinematics)
 
 
 def moment(problem):
@@ -473,7 +472,9 @@ def fitted(order, delta, kinematics, sliding, cells):
     return pressure / state.weights.sum() / (delta / sum(soft)), energy.imbalance / stored
 
 
-@pytest.mark.parametrize(("kinematics", "sliding"), [("small", False), ("finite", True)])
+@pytest.mark.parametrize(
+    ("kinematics", "sliding"), [("small", False), ("small", True), ("finite", True)]
+)
 def test_shrink_fit(kinematics, sliding):
     """The pressure of a given interference is that of Lame."""
     pressure, imbalance = fitted(2, 1e-3, kinematics, sliding, (24, 32))
@@ -606,6 +607,102 @@ def test_cattaneo_and_mindlin():
     assert np.abs(stuck - np.sqrt(1 - np.minimum(share, 1.0)))[partial].max() < 0.06
 
 
+# Small strain
+
+
+@pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
+@pytest.mark.parametrize("unit", [1.0, 1e-9, 1e6])
+def test_drawn_at_small_strain(comm, cell, unit):
+    """A block without Poisson's effect on a rigid base, pressed and drawn, in any unit of length:
+    N = E A e, as far as it slides; F = mu N."""
+    d = DIMENSION[cell]
+    cells, base = ((5, 4), (28, 2)) if d == 2 else ((2, 2, 2), (8, 4, 1))
+    scene = body_and_base(cell, cells, base, comm=comm)
+    scene.mesh.geometry.x[:] *= unit
+    find, E, press = scene.facet_tags.find, 1000.0, 0.002
+    interface = vmdg.Interface(between=(1, 2), law=vmdg.Contact(friction=MU), sliding=True)
+    bodies = {1: vmdg.NeoHookean(E=E, nu=0.0), 2: vmdg.Rigid(np.zeros(d))}
+    problem = vmdg.Problem(
+        scene.mesh, scene.cell_tags, bodies, [interface], kinematics="small", thickness=unit
+    )
+    assert "(side 1: 2)" in repr(problem)
+
+    def move(t):
+        return unit * np.array([0.004 * max(t - 1, 0.0), *[0.0] * (d - 2), -press * min(t, 1.0)])
+
+    problem.dirichlet(find(12), move)
+    result = vmdg.solve(
+        problem,
+        [0.5, 1.0, 1.5, 2.0, 2.5],
+        TIGHT,
+        lambda problem: dict(zip("FN", problem.reaction(find(12))[[0, -1]], strict=True)),
+    )
+    F, N = result.history["F"][2:], -result.history["N"]
+    expected = E * press / 0.6 * unit**2
+    assert not result.failures
+    assert N[1] == pytest.approx(expected, rel=1e-9)
+    assert N[2:] == pytest.approx(expected, rel=5e-3)
+    assert F == pytest.approx(MU * N[2:], rel=1e-6)
+
+
+def test_pairs_stay_at_small_strain():
+    """They are those of a gap that is kept, and the run is the same to the last bit; bodies that
+    are too far apart for a pair are refused, and slips above half a facet raise a warning."""
+    found = []
+    for given in ({"sliding": True}, {"gap": "keep"}):
+        scene = body_and_base("quadrilateral", (5, 3), (28, 3), gap=0.01)
+        # The stiffer body, which sliding=True makes side 1, is that of the lower tag.
+        scene.cell_tags.values[:] = 3 - scene.cell_tags.values
+        interface = vmdg.Interface(between=(1, 2), law=vmdg.Contact(friction=MU), **given)
+        problem = vmdg.Problem(
+            scene.mesh, scene.cell_tags, {1: HARD, 2: SOFT}, [interface], kinematics="small"
+        )
+        find = scene.facet_tags.find
+        problem.dirichlet(find(21), 0.0)
+        problem.dirichlet(find(12), lambda t: (0.2 * max(t - 1, 0), -0.03 * min(t, 1)))
+        vmdg.solve(problem, [0.5, 1.0, 1.2], TIGHT)
+        found.append((problem.u.x.array.copy(), problem.state[0].traction))
+        with pytest.warns(vmdg.ModelWarning, match="sliding=True, with which points meet"):
+            vmdg.solve(problem, [1.8], TIGHT)
+    assert np.abs(found[0][1]).max() > 10.0
+    for first, second in zip(*found, strict=True):
+        assert np.array_equal(first, second)
+    apart = body_and_base("quadrilateral", (5, 3), (28, 3), gap=0.5)
+    with pytest.raises(ValueError, match=r"has no facet: .* at most 2 times the radius"):
+        contact(apart, (SOFT, HARD), vmdg.Contact(), kinematics="small")
+
+
+def test_debonds_and_rubs_at_small_strain(comm):
+    """A bond on one half breaks by shear; then the whole surface rubs."""
+    strength, gap = 15.0, 0.02
+    scene = body_and_base("quadrilateral", (5, 3), (28, 3), comm=comm)
+    law = vmdg.Debonding(strength=strength, critical_gap=gap, friction=MU)
+    interface = vmdg.Interface(
+        between=(1, 2),
+        law=law,
+        sliding=True,
+        initial_damage=lambda x: np.where(x[0] < 1.1, 1.0, 0.0),
+    )
+    problem = vmdg.Problem(
+        scene.mesh, scene.cell_tags, {1: SOFT, 2: HARD}, [interface], kinematics="small"
+    )
+    find = scene.facet_tags.find
+    problem.dirichlet(find(21), 0.0)
+    problem.dirichlet(find(12), lambda t: (0.1 * max(t - 1.0, 0.0), -0.02 * min(t, 1.0)))
+
+    def monitor(problem):
+        force, energy = problem.reaction(find(12)), problem.energy()
+        given = {"imbalance": energy.imbalance, "work": energy.external, "damage": energy.damage}
+        return {"F": force[0], "N": -force[1], **given}
+
+    history = vmdg.solve(problem, [1.0, 1.2, 1.5, 2.0], TIGHT, monitor).history
+    assert problem.debonded(0) == 1.0
+    # Facets of the base that reach beyond the block are bonded on their part below it.
+    assert history["damage"][-1] == pytest.approx(strength * gap / 2 * 0.5, rel=0.1)
+    assert history["F"][-1] == pytest.approx(MU * history["N"][-1], rel=1e-6)
+    assert np.abs(history["imbalance"]).max() < 2e-3 * history["work"][-1]
+
+
 # The form
 
 
@@ -709,7 +806,7 @@ def test_frictionless_bodies_turn_together():
 
 
 def test_refused():
-    """What slides is contact of two bodies that share no nodes, at finite strain."""
+    """What slides is contact of two bodies that share no nodes, in statics."""
     scene = stack("quadrilateral", 2, 3)
     contact_law = vmdg.Contact()
     for given, words in (
@@ -726,8 +823,6 @@ def test_refused():
         vmdg.Interface(between=(1, 2), law=vmdg.Bonded(), gap="keep")
     interface = vmdg.Interface(between=(1, 2), law=contact_law, sliding=True)
     given = scene.mesh, scene.cell_tags, {1: SOFT, 2: HARD}, [interface]
-    with pytest.raises(ValueError, match='kinematics="small"'):
-        vmdg.Problem(*given, kinematics="small")
     with pytest.raises(ValueError, match="motion in time"):
         vmdg.Problem(*given, density={1: 1.0, 2: 1.0})
 

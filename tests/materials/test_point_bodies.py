@@ -10,8 +10,8 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 from support.checks import modes, multiply, product_error, tangent_error, tangent_matrix
+from support.plastic_bar import BAR, BOND, LENGTH, LOADS, NU, SIGMA, E, H, series
 from support.problems import joined, partly_damaged
 from support.scenes import (
     BOTTOM,
@@ -28,7 +28,6 @@ from support.scenes import (
 import vmdg
 from vmdg import Mode
 
-E, NU = 4000.0, 0.3
 METAL = vmdg.J2(E, NU, 60.0, hardening=400.0, saturation=90.0, exponent=20.0)
 ELASTIC = vmdg.NeoHookean(E=2 * E, nu=NU)
 BODIES = {"both": (METAL, METAL), "one": (METAL, ELASTIC)}
@@ -177,55 +176,6 @@ def test_unsymmetric_tangent_in_space(comm, cell):
     matrix = tangent_matrix(problem)
     assert tangent_error(problem, matrix) < 1e-7
     assert not matrix.isSymmetric(1e-6)
-
-
-# Bar of two parts with a bond, in uniaxial stress: hardens, then debonds and unloads.
-SIGMA, H = 60.0, 200.0
-BAR = vmdg.J2(E, NU, SIGMA, hardening=H)
-BOND = vmdg.Debonding(strength=70.0, critical_gap=0.5)
-LENGTH = 2.0
-LOADS = [0.01, 0.02, 0.05, 0.1, 0.11, 0.2, 0.4, 0.55, 0.549, 0.57]
-
-
-def series(loads, small):
-    """Nominal stress P of the bar in series with its bond at these elongations.
-
-    The bar: P l = E (ln l - eps_p) with Hencky's energy, E (l - 1 - eps_p) at small strain; it
-    flows at SIGMA + H eps_p. The bond: P = T_c (1 - zeta/zeta_c) once it fails.
-    """
-
-    def elastic(elongation, plastic):
-        """P of the bar without further flow."""
-        if small:
-            return E * (elongation / LENGTH - plastic)
-        x = np.log1p(elongation / LENGTH)
-        return E * (x - plastic) * np.exp(-x)
-
-    def flowing(plastic):
-        """P and elongation of the bar that flows."""
-        stress = SIGMA + H * plastic
-        x = plastic + stress / E
-        return (stress, LENGTH * x) if small else (stress * np.exp(-x), LENGTH * np.expm1(x))
-
-    def root(function, low, high):
-        return brentq(function, low, high, xtol=1e-15)
-
-    T, slope = BOND.strength, BOND.strength / BOND.critical_gap
-    onset = root(lambda p: flowing(p)[0] - T, 0.0, 0.1)
-    plastic = gap = 0.0
-    for u in loads:
-        P = elastic(u - gap, plastic)
-        if P > flowing(plastic)[0] and gap == 0.0:
-            further = u < flowing(onset)[1]
-            plastic = root(lambda p, u=u: flowing(p)[1] - u, 0.0, onset) if further else onset
-            P = elastic(u, plastic)
-        if P > T - slope * gap:
-            known = u, plastic
-            gap = root(
-                lambda g, k=known: T - slope * g - elastic(k[0] - g, k[1]), gap, BOND.critical_gap
-            )
-            P = T - slope * gap
-        yield P
 
 
 @pytest.mark.parametrize(

@@ -38,6 +38,8 @@ from support.scenes import DIMENSION
 
 HARD_AND_SOFT = {1: vmdg.NeoHookean(E=1000.0, nu=0.3), 2: vmdg.NeoHookean(E=300.0, nu=0.3)}
 
+FLOWING = {1: HARD_AND_SOFT[1], 2: vmdg.J2(300.0, 0.3, 4.0, hardening=30.0)}
+
 #: Problems and the loads of their runs, one after the other.
 Runs = Iterator[tuple[vmdg.Problem, NDArray]]
 
@@ -115,7 +117,9 @@ def _corner(x: NDArray, y: float) -> NDArray:
     return np.isclose(x[0], 0.0) & np.isclose(x[1], y)
 
 
-def sliding(cell: str) -> Runs:
+def sliding(
+    cell: str, materials: dict[int, vmdg.Material] = HARD_AND_SOFT, way: float = 1.0, **options
+) -> Runs:
     """A block is pressed on a longer one, where its bond breaks, and slides along it."""
     d = DIMENSION[cell]
     sides = [((9, 4, 2), (0.0, 0.0, -1.0), (3.0, 1.2, 0.0))]
@@ -128,11 +132,11 @@ def sliding(cell: str) -> Runs:
     scene = put_together(parts)
     law = vmdg.Debonding(strength=3.0, critical_gap=0.03, friction=0.3)
     interface = vmdg.Interface(between=(1, 2), law=law, sliding=True)
-    problem = vmdg.Problem(scene.mesh, scene.cell_tags, HARD_AND_SOFT, [interface])
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, materials, [interface], **options)
     problem.dirichlet(scene.facet_tags.find(11), 0.0)
 
     def top(t: float) -> NDArray:
-        return np.array([max(t - 1.0, 0.0), *[0.0] * (d - 2), -0.05 * min(t, 1.0)])
+        return np.array([way * max(t - 1.0, 0.0), *[0.0] * (d - 2), -0.05 * min(t, 1.0)])
 
     problem.dirichlet(scene.facet_tags.find(22), top)
     yield problem, np.array([0.5, 1.0, 1.1, 1.4, 1.8])
@@ -153,6 +157,8 @@ APART = {
     "cantilever": cantilever,
     "sliding block": lambda: sliding("triangle"),
     "sliding block in space": lambda: sliding("tetrahedron"),
+    "sliding block at small strain": lambda: sliding("triangle", way=0.1, kinematics="small"),
+    "sliding block that flows": lambda: sliding("hexahedron", FLOWING, volumetric="mean"),
 }
 
 

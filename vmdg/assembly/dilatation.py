@@ -30,10 +30,10 @@ from dolfinx.la import InsertMode
 from numpy.typing import NDArray
 
 from ..base.timers import timer
-from ..interface.active import ActiveInterface
+from ..interface.active import ActiveInterface, pair_flux
 from ..interface.jets import FacetJets
 from ..interface.point_flux import FluxChange
-from .point_matrices import add_fields, create_matrix, sparsity
+from .point_matrices import add_couplings, add_fields, create_matrix, sparsity
 from .weak_form import WeakForm
 
 Array = NDArray[np.float64]
@@ -55,7 +55,15 @@ class Dilatation:
 
     def compile(self) -> None:
         """Compile all kernels now, or load them from the cache; collective."""
-        _ = self._ratio, self._pressures, self._volume, self._blocks
+        _ = self._ratio, self._pressures, self._volume, self._forms
+
+    def couple(self) -> None:
+        """Make the products anew where surfaces that slide have pairs which they lack;
+        collective."""
+        for matrix in (*self.__dict__.pop("_blocks", ()), *self._products):
+            if matrix is not None:
+                matrix.destroy()
+        self._products = [None, None, None]
 
     @cached_property
     def _ratio(self) -> fem.Form:
@@ -77,7 +85,7 @@ class Dilatation:
         return result
 
     @cached_property
-    def _blocks(self) -> list[tuple[fem.Form, PETSc.Mat]]:
+    def _forms(self) -> list[fem.Form]:
         """V D and the blocks of the two-field tangent that involve theta."""
         weak, q = self._weak_form, self._test
         p = ufl.TrialFunction(self._theta.function_space)
@@ -88,12 +96,15 @@ class Dilatation:
         )
         fields = (q, du), (eta, p), (q, du), (q, p)
         forms = [ratio, *(weak.bulk_tangent(*pair) for pair in fields[1:])]
-        spaces = [[field.ufl_function_space() for field in pair] for pair in fields]
-        patterns = [sparsity(*pair, weak.active) for pair in spaces]
-        return [
-            (weak.compile(form, "dilatation"), create_matrix(weak.space.mesh.comm, pattern))
-            for form, pattern in zip(forms, patterns, strict=True)
-        ]
+        return [weak.compile(form, "dilatation") for form in forms]
+
+    @cached_property
+    def _blocks(self) -> list[PETSc.Mat]:
+        """Their matrices."""
+        weak, theta = self._weak_form, self._theta.function_space
+        u = weak.space
+        pairs = (theta, u), (u, theta), (theta, u), (theta, theta)
+        return [create_matrix(u.mesh.comm, sparsity(*pair, weak.active)) for pair in pairs]
 
     def update_dilatation(self) -> None:
         """theta = 1/V int_K J dV at the current displacement; collective."""
@@ -101,11 +112,17 @@ class Dilatation:
 
     def update_pressure(self) -> None:
         """p = 1/V dPi/dtheta at the current displacement, dilatation and gap; collective."""
-        self._average(self._pressure, self._pressures)
+        of_pairs = np.zeros_like(self._pressure.x.array)
+        dofs = self._pressure.function_space.dofmap.list[:, 0]
+        for active in self._weak_form.active:
+            if (flux := pair_flux(active)) is not None:
+                cells = active.facets.cells[active.quadrature.facet]
+                np.add.at(of_pairs, dofs[cells], active.point_tangent.jets.on_dilatation(flux))
+        self._average(self._pressure, self._pressures, of_pairs)
 
-    def _average(self, function: fem.Function, form: fem.Form) -> None:
+    def _average(self, function: fem.Function, form: fem.Form, more: Array | float = 0.0) -> None:
         values = function.x
-        values.array[:] = 0
+        values.array[:] = more
         fem.assemble_vector(values.array, form)
         values.scatter_reverse(InsertMode.add)
         values.array[:] /= self._volume.x.array
@@ -126,14 +143,15 @@ class Dilatation:
         fields = None, (u, theta), (theta, u), (theta, theta)
         blocks = self._blocks
         with timer("eliminate dilatation"):
-            for (form, block), pair in zip(blocks, fields, strict=True):
+            for form, block, pair in zip(self._forms, blocks, fields, strict=True):
                 block.zeroEntries()
                 fem_petsc.assemble_matrix(block, form)
                 if pair:
                     for active, values, change in parts:
                         add_fields(block, active, values, *pair, change)
+                        add_couplings(block, active, *pair)
                 block.assemble()
-            D, A_ut, A_tu, A_tt = (block for _, block in blocks)
+            D, A_ut, A_tu, A_tt = blocks
             inverse_volume = D.createVecLeft()
             inverse_volume.array[:] = 1 / self._volume.x.array[: inverse_volume.getLocalSize()]
             D.diagonalScale(L=inverse_volume)

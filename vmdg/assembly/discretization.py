@@ -27,7 +27,7 @@ from ..forms.kinematics import Body
 from ..interface.active import (
     ActiveInterface,
     pair_energy,
-    pair_forces,
+    pair_flux,
     recoverable_energy,
     update_points,
 )
@@ -52,6 +52,9 @@ from .point_matrices import (
 from .space import broken_space
 from .surface import Surface
 from .weak_form import WeakForm
+
+#: GRAD u of a unit of F_33.
+_ALONG_Z = np.diag([0.0, 0.0, 1.0])
 
 
 class _Compiled(NamedTuple):
@@ -383,11 +386,11 @@ class Discretization:
         self._update_pressure()
         with timer("assemble residual"):
             forces.array[:] = 0 if loads is None else -loads
-            vector, axial = self._nodal_forces(forces.array), 0.0
+            vector = self._nodal_forces(forces.array)
             fem.assemble_vector(vector, forms.bulk if bulk is None else bulk)
-            self._add_interfaces(vector)
+            axial = self._add_interfaces(vector)
             if self._axial:
-                axial = self._axial_force(self._axial_residual)
+                axial += self._axial_force(self._axial_residual)
             self._add_nodal_forces(vector, axial, forces.array)
             if self.surface.sprung:
                 forces.array[:] += self.surface.spring_vector()
@@ -395,15 +398,22 @@ class Discretization:
             forces.scatter_forward()
         return forces.array[: self.owned]
 
-    def _add_interfaces(self, vector: NDArray[np.float64]) -> None:
+    def _add_interfaces(self, vector: NDArray[np.float64]) -> float:
         """Add the forces of all interfaces, at the values of their points, to a vector over local
-        dofs, before ghosts are added to owners [N]."""
+        dofs, before ghosts are added to owners [N].
+
+        Returns:
+            Force on F_33 of those whose meshes do not match, on this rank.
+        """
+        axial = 0.0
         for form in self._residual_forms.interfaces:
             fem.assemble_vector(vector, form)
         for active in self.active.values():
-            if (at_nodes := pair_forces(active)) is not None:
-                nodes = self._test_space.dofmap.list[active.facets.cells]
-                add_forces(vector, nodes, at_nodes.shape[2], at_nodes)
+            if (flux := pair_flux(active)) is not None:
+                add_uniform(vector, self._test_space.dofmap.list, active, flux)
+                if self._axial:
+                    axial += float(active.point_tangent.jets.of_gradient(_ALONG_Z) @ flux.sum(0))
+        return axial
 
     def _nodal_forces(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
         """A vector for nodal forces: ``vector`` itself, or with means a separate zero vector."""
@@ -437,6 +447,8 @@ class Discretization:
         if global_any(self.mesh.comm, any([one.couple() for one in self.active.values()])):
             self.__dict__.pop("_pattern", None)
             self._patterns += 1
+            if self._dilatation is not None:
+                self._dilatation.couple()
         return self._patterns
 
     def uniform_forces(
@@ -462,7 +474,7 @@ class Discretization:
             E[1].value = gradient[2, 2]
             axial = self._axial_force(forms[1])
         fem.assemble_vector(forces, forms[0])
-        dofs, along_z = self._test_space.dofmap.list, np.diag([0, 0, 1])
+        dofs = self._test_space.dofmap.list
         fluxes = [
             (active, uniform_flux(active, D.transpose(0, 2, 1) if adjoint else D, gradient))
             for active, D, _ in self._point_tangents
@@ -473,12 +485,12 @@ class Discretization:
         for active, flux in fluxes:
             add_uniform(forces, dofs, active, flux)
             if self._axial:
-                axial += active.point_tangent.jets.of_gradient(along_z) @ flux.sum(0)
+                axial += active.point_tangent.jets.of_gradient(_ALONG_Z) @ flux.sum(0)
         for change in changes if adjoint else ():
             for cells, values in change.adjoint_along(gradient, FacetJets.displacement):
                 add_forces(forces, dofs[cells], d, values)
             if self._axial:
-                unit = partial(FacetJets.uniform, gradient=along_z)
+                unit = partial(FacetJets.uniform, gradient=_ALONG_Z)
                 axial += sum(values.sum() for _, values in change.adjoint_along(gradient, unit))
         self._add_nodal_forces(forces, axial, total.array)
         total.scatter_reverse(InsertMode.add)

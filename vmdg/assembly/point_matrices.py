@@ -80,15 +80,34 @@ def add_tangent(
         matrix.setValuesBlockedLocalRCV(nodes, nodes, matrices, PETSc.InsertMode.ADD_VALUES)
 
 
-def add_couplings(matrix: PETSc.Mat, active: ActiveInterface) -> None:
+def add_couplings(
+    matrix: PETSc.Mat,
+    active: ActiveInterface,
+    test: Field = FacetJets.displacement,
+    trial: Field = FacetJets.displacement,
+) -> None:
     """Add zeros where surfaces that slide may be paired soon: PETSc drops entries of the pattern
-    that are not set before the first assembly."""
-    if active.facets.slides:
-        cells = active.couplings.reshape(-1, 4)[:, [0, 2]]
-        nodes = active.point_tangent.jets.nodes_of(cells)
-        size = nodes.shape[1] * active.quadrature.d
-        zeros = np.zeros((len(nodes), size, size))
-        matrix.setValuesBlockedLocalRCV(nodes, nodes, zeros, PETSc.InsertMode.ADD_VALUES)
+    that are not set before the first assembly.
+
+    Args:
+        matrix: The matrix.
+        active: The interface.
+        test, trial: The fields of rows and columns.
+    """
+    if not active.facets.slides:
+        return
+    cells, jets = active.couplings.reshape(-1, 4)[:, [0, 2]], active.point_tangent.jets
+
+    def blocks(field: Field) -> tuple[NDArray[np.int32], int]:
+        """Of the field in both cells, and how many numbers they have."""
+        if field is FacetJets.dilatation:
+            return cells, 2
+        nodes = jets.nodes_of(cells)
+        return nodes, nodes.shape[1] * active.quadrature.d
+
+    (rows, height), (columns, width) = blocks(test), blocks(trial)
+    zeros = np.zeros((len(cells), height, width))
+    matrix.setValuesBlockedLocalRCV(rows, columns, zeros, PETSc.InsertMode.ADD_VALUES)
 
 
 def add_fields(

@@ -25,7 +25,7 @@ from ..forms.kinematics import PointFields
 from ..materials.point import PointMaterial
 from .mean_points import MeanPoints
 from .point_answers import Question
-from .shapes import GeometryMap, determinants
+from .shapes import GeometryMap, determinants, places_in_cells
 
 Array = NDArray[np.float64]
 
@@ -345,6 +345,16 @@ class PointBodies:
     def frozen_in(self, cells: NDArray[np.integer]) -> Array:
         """That of the adjoint term."""
         return self.state.frozen[self._row[cells]]
+
+    def stress_slopes(self, cells: NDArray[np.int32], places: Array) -> Array:
+        """GRAD of the stress on facets at a reference point of each of some cells, from places
+        (n, d), (n, 3, 3, d) [MPa/mm]."""
+        slopes = np.array(self.element.tabulate(1, places)[1:])
+        stress = self.fields.facet_stress
+        values = stress.x.array.reshape(-1, 9)[stress.function_space.dofmap.list[cells]]
+        J = places_in_cells(self._mesh, cells, places[:, None])[1][:, 0]
+        of_reference = np.einsum("tnm,nmi->nit", slopes, values, optimize=True)
+        return (of_reference @ np.linalg.inv(J)).reshape(-1, 3, 3, places.shape[1])
 
     def has(self, cells: NDArray[np.integer]) -> NDArray[np.bool_]:
         """Which of some local cells are evaluated at points."""

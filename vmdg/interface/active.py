@@ -418,14 +418,13 @@ def damage_work(active: ActiveInterface, points: NDArray[np.bool_] | slice = sli
     return float(work[points] @ weights[points])
 
 
-def pair_forces(active: ActiveInterface) -> NDArray[np.float64] | None:
-    """Forces on the nodes of both cells of every pair of facets (ns, 2 nodes, d) [N], the interface
-    terms of (27) where meshes do not match; None where they match."""
-    if isinstance(active.terms, InterfaceTerms):
+def pair_flux(active: ActiveInterface) -> NDArray[np.float64] | None:
+    """The interface terms of (27) with dA where meshes do not match, conjugate to jets at the
+    points (nq, jet); None where they match, and before tau_s is known."""
+    if isinstance(active.terms, InterfaceTerms) or active.stabilization is None:
         return None
-    tangent, points = active.point_tangent, active.quadrature.points_of_facet
-    flux = active.terms(active.stabilization, active.values) * tangent.areas[:, None]
-    return tangent.jets.forces(flux[points])
+    areas = active.point_tangent.areas
+    return active.terms(active.stabilization, active.values) * areas[:, None]
 
 
 def pair_energy(active: ActiveInterface) -> float:

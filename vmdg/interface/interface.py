@@ -99,11 +99,12 @@ class Interface:
             the facets [mm], or a Function, averaged over both sides at the midpoint. Parameters of
             the law that vary are given in the same way. It does not count as work. Damaged facets
             that open on demand are open from the start. None for an intact bond.
-        sliding: Let two bodies that share no nodes slide along each other by any distance, at
-            finite strain, where there is no bond or it is broken: points meet other facets, leave
-            the other body, and come back. With ``between`` side 1 is then the stiffer body, else
-            the one whose surface is flatter, else the one with the longer facets; ``surfaces``
-            gives it.
+        sliding: Let two bodies that share no nodes slide along each other by any distance where
+            there is no bond or it is broken: points meet other facets, leave the other body, and
+            come back. With ``between`` side 1 is then the stiffer body, else the one whose surface
+            is flatter, else the one with the longer facets; ``surfaces`` gives it. At small strain,
+            where displacements are small by assumption, bodies slide on the partners of the
+            reference configuration, along its surface.
         gap: What the distance of surfaces that share no nodes [mm] means, in the reference
             configuration: with "ignore" the bodies touch, as two polygons along one curve do; with
             "keep" it is a gap, or where they overlap an interference that the first step relaxes.

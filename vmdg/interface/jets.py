@@ -136,6 +136,12 @@ class FacetJets:
             forces[..., 0] += np.einsum("fpan,fpa->fan", self.gradients[..., d], G[..., d * d])
         return forces.reshape(len(forces), 2 * self.nodes, d)
 
+    def on_dilatation(self, flux: Array) -> Array:
+        """What is conjugate to the dilatations of both cells (..., 2) in what is conjugate to jets
+        (..., jet)."""
+        count = len(self.entries)
+        return flux[..., [self._d + count - 1, self._d + 2 * count - 1]]
+
     def dilatation(self, rows: slice) -> Block:
         """B of the dilatation, one number per cell, the last entry of GRAD."""
         cells = self._facets.cells[rows]

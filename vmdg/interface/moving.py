@@ -380,7 +380,8 @@ class MovingInterface(ActiveInterface):
         * the distance changes by n m.g / (m.n) instead of g, but not what slides, which is counted
           by pairs: E.g = n (m / (m.n) - n).g is added to the opening,
         * the flux of side 2 is that of another point: with dX_2 = F_2^-1.(-Pi.g) the mean flux
-          changes by -delta_2.(A : dF_2/dX.dX_2).N_2,
+          changes by -delta_2.(A : dF_2/dX.dX_2).N_2, of bodies at points with their stress as it is
+          extrapolated in the place of A : dF_2,
         * the force on side 2 acts at another point: T.GRAD eta_2.dX_2,
         * zeta of the couple does not grow by the slip,
         * the ends of segments that are ends of facets of side 2 move by g: q b.g with the terms q
@@ -405,10 +406,10 @@ class MovingInterface(ActiveInterface):
         D[:, :, :d] += np.einsum("pmj,pmk->pjk", traction, E)
         T = (areas * free)[:, None] * values.traction
         moved = inverse @ (one - n[:, :, None] * m[:, None, :])
-        slopes = q.slopes(self._u)
+        slopes = self._traction_slopes()
         if slopes is not None:
             weights = self.stabilization.weights[q.facet, 1] * free[:, None, None]
-            B = weights @ self.point_tangent.moduli[1] @ slopes @ moved
+            B = weights @ slopes @ moved
             D[:, :d, :d] += areas[:, None, None] * B
             if C is not None:
                 D[:, :, :d] -= np.einsum("pmj,pmk->pjk", traction, C @ B)
@@ -421,6 +422,21 @@ class MovingInterface(ActiveInterface):
             D[:, d : d + d * d, k] += np.einsum("pk,pkab->pab", couple, W).reshape(-1, d * d)
         terms = areas[:, None] * self.terms(self.stabilization, values)
         D[:, :, :d] += terms[:, :, None] * q.sweep[:, None, :]
+
+    def _traction_slopes(self) -> Array | None:
+        """How P.N of side 2 changes with X along its facet (nq, d, d) [MPa/mm]; None where it is
+        constant."""
+        q, d, points = self.quadrature, self.quadrature.d, self._bodies.points
+        slopes = q.slopes(self._u)
+        if slopes is None:
+            return None
+        found, cells = self.point_tangent.moduli[1] @ slopes, self.facets.cells[q.facet, 1]
+        if points is not None and (rows := np.flatnonzero(points.has(cells))).size:
+            degree = self._u.function_space.ufl_element().degree
+            places = q.places(degree)[1].reshape(-1, d)[rows]
+            stress = points.stress_slopes(cells[rows], places)[:, :d, :d]
+            found[rows] = np.einsum("pijk,pj->pik", stress, q.outward[1][rows])
+        return found
 
     # Steps
 

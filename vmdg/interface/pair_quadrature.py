@@ -15,6 +15,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh, create_interval
 from numpy.typing import NDArray
+from ufl.algorithms import extract_coefficients
 from ufl.constantvalue import Zero
 from ufl.core.expr import Expr
 
@@ -31,7 +32,8 @@ from ..domain.shapes import (
     reference_facets,
 )
 from ..forms import kinematics
-from ..forms.geometry import CARTESIAN, Geometry
+from ..forms.dilatation import MeanDilatation
+from ..forms.geometry import CARTESIAN, GeneralizedPlane, Geometry
 from ..forms.kinematics import Body
 from .jets import FacetJets
 from .pairing import PairedFacets
@@ -62,6 +64,9 @@ _ROOM, _FEW = 2.0, 64
 
 #: Distance in a reference cell for differences along a facet.
 _SHIFT = 1e-4
+
+#: Fields of a body at points that facets need.
+_FACET_FIELDS = "facet_stress", "facet_moduli", "facet_stretch"
 
 #: Initial gaps below this, relative to the facet, are rounding.
 _NO_GAP = 1e-10
@@ -217,6 +222,10 @@ class PairQuadrature(InterfaceQuadrature):
         sides = zip(self.facets.cells.T, self._places, strict=True)
         return [shapes.in_places(*side) for side in sides]
 
+    def places(self, degree: int) -> tuple[Array, Array]:
+        """See the base class."""
+        return self._places
+
     @property
     def kept(self) -> slice:
         """The points that stay in a step: where surfaces slide those of the bond."""
@@ -232,7 +241,7 @@ class PairQuadrature(InterfaceQuadrature):
 
     def field(self, u: fem.Function) -> tuple[Array, Array]:
         """The current displacement on both sides (ns, points, 2, d) [mm], and its entries of GRAD
-        (ns, points, 2, entries).
+        (ns, points, 2, entries), without those of a dilatation or of F_33.
 
         Computed once for all evaluators.
 
@@ -378,12 +387,14 @@ class _PointExpressions:
         n = quadrature.geometry.size(d)
         self._entries = quadrature.geometry.entries(d)
         self._F, self._N = (fem.Function(quadrature.space(s)) for s in ((n, n), (d,)))
-        self._region = bodies.region
+        self._region, self._points = bodies.region, bodies.points
         self._size = int(np.prod(shape, dtype=int))
-        self._fields: list[tuple[fem.Function, fem.Function]] = []
+        # Fields on the mesh, and their values at the points.
+        self._fields: dict[fem.Function, fem.Function] = {}
         self._parts: list[tuple[int, fem.Expression]] = []
         self._mesh, middle = self._F.function_space.mesh, np.array([[0.5]])
         self._cell_of_point = np.argsort(self._F.function_space.dofmap.list[:, 0]).astype(np.int32)
+        used: set[fem.Function] = set()
         here = np.unique(bodies.region[quadrature.facets.surfaces.sides[a].cells])
         for number in np.unique(np.concatenate(quadrature.mesh.comm.allgather(here))):
             body = self._at_points(bodies.regions[number].body)
@@ -391,22 +402,38 @@ class _PointExpressions:
             if isinstance(value, Zero):
                 continue
             entries = [value[i] for i in np.ndindex(*shape)] if shape else [value]
-            compiled = compile_expression(
-                ufl.as_vector(entries), middle, quadrature.mesh.comm, name=name
-            )
+            vector = ufl.as_vector(entries)
+            compiled = compile_expression(vector, middle, quadrature.mesh.comm, name=name)
             self._parts.append((int(number), compiled))
+            used.update(extract_coefficients(vector))
+        self._fields = {field: there for field, there in self._fields.items() if there in used}
 
     def _at_points(self, body: Body) -> Body:
-        """The body with its parameters and eigenstrain at the points."""
+        """The body with its parameters, its eigenstrain and the stress on facets at the points."""
 
-        def there(field: Expr) -> fem.Function:
-            function = fem.Function(self._quadrature.space(field.ufl_shape))
-            self._fields.append((field, function))
-            return function
+        def there(field: fem.Function) -> fem.Function:
+            if field not in self._fields:
+                self._fields[field] = fem.Function(self._quadrature.space(field.ufl_shape))
+            return self._fields[field]
 
         parameters: Mapping[str, Expr] = {k: there(v) for k, v in body.parameters.items()}
         strain = None if body.eigenstrain is None else there(body.eigenstrain)
-        return replace(body, parameters=parameters, eigenstrain=strain)
+        points = body.points
+        if points is not None:
+            fields = {name: there(getattr(points, name)) for name in _FACET_FIELDS}
+            points = replace(points, **fields)
+        return replace(body, parameters=parameters, eigenstrain=strain, points=points)
+
+    def _values(self, field: fem.Function, cells: NDArray[np.int32]) -> Array:
+        """A field at the points, in their cells (nq, ...)."""
+        dofmap = field.function_space.dofmap
+        values = field.x.array.reshape(-1, dofmap.index_map_bs)[dofmap.list[cells]]
+        if values.shape[1] == 1:
+            return values[:, 0]
+        places = self._quadrature.places(self._u.function_space.ufl_element().degree)[self._a]
+        assert self._points is not None
+        basis = self._points.element.tabulate(0, places.reshape(len(cells), -1))[0]
+        return np.einsum("pm,pmi->pi", basis, values)
 
     def __call__(self) -> Array:
         """Values at the points (nq, components)."""
@@ -415,18 +442,30 @@ class _PointExpressions:
         _, gradients = quadrature.field(self._u)
         F = np.tile(np.eye(n), (len(cells), 1, 1))
         rows, columns = zip(*self._entries, strict=True)
-        F[:, rows, columns] += gradients[:, :, self._a].reshape(len(F), len(rows))
+        known = gradients.shape[3]
+        F[:, rows[:known], columns[:known]] += gradients[:, :, self._a].reshape(len(F), known)
+        if known < len(rows):
+            F[:, -1, -1] = _last_entry(quadrature.geometry, cells)
         quadrature.write(self._F, F)
         quadrature.write(self._N, quadrature.outward[self._a])
-        for field, function in self._fields:
-            size = max(int(np.prod(field.ufl_shape, dtype=int)), 1)
-            quadrature.write(function, field.x.array.reshape(-1, size)[cells])
+        for field, function in self._fields.items() if len(cells) else ():
+            quadrature.write(function, self._values(field, cells))
         result, region = np.zeros((len(cells), self._size)), self._region[cells]
         for number, expression in self._parts:
             points = np.flatnonzero(region == number)
             values = compat.evaluate(expression, self._mesh, self._cell_of_point[points])
             result[points] = values.reshape(len(points), self._size)
         return result
+
+
+def _last_entry(geometry: Geometry, cells: NDArray[np.int32]) -> Array | float:
+    """The last entry of F on the diagonal where it is no derivative of the displacement: theta of
+    cells (n,), or F_33."""
+    if isinstance(geometry, MeanDilatation):
+        theta = geometry.theta
+        return theta.x.array[theta.function_space.dofmap.list[cells, 0]]
+    assert isinstance(geometry, GeneralizedPlane)
+    return 1.0 + float(geometry.axial.value)
 
 
 def _on_facets(

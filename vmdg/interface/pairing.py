@@ -3,7 +3,9 @@
 A pair belongs to the rank that owns its facet of side 1; side 2 is known on every rank, its cells
 of other ranks as ghosts, see :func:`vmdg.meshes.partition.cell_partitioner`.
 
-Surfaces that slide are paired again in every state, see :meth:`Surfaces.pairs`.
+Surfaces that slide are paired again in every state, see :meth:`Surfaces.pairs`. At small strain
+displacements are small, so that pairs of the reference configuration are right to the same order:
+there surfaces keep them, with their distance as a gap.
 """
 
 from __future__ import annotations
@@ -94,7 +96,8 @@ class Surfaces:
         walled: Whether one side is a rigid wall.
         first: Cell tag of side 1.
         gaps: Whether their distance counts as a gap.
-        slides: Whether they are paired again in every state.
+        slides: Whether bodies slide: damage and law are those of the facets of side 1.
+        moves: Whether they are paired again in every state, which they are not at small strain.
     """
 
     mesh: Mesh
@@ -107,6 +110,7 @@ class Surfaces:
     first: int
     gaps: bool
     slides: bool
+    moves: bool
 
     @property
     def reach(self) -> float:
@@ -229,7 +233,7 @@ class PairedFacets(InterfaceFacets):
     @property
     def chosen_side(self) -> int | None:
         """See the base class."""
-        return self.surfaces.first if self.slides else None
+        return self.surfaces.first if self.surfaces.slides else None
 
     @property
     def first_side(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
@@ -248,7 +252,7 @@ class PairedFacets(InterfaceFacets):
     @property
     def slides(self) -> bool:
         """Whether the pairs change with the displacement."""
-        return self.surfaces.slides
+        return self.surfaces.moves
 
     @property
     def size(self) -> int:
@@ -269,6 +273,7 @@ def place(
     walls: Collection[int] = (),
     stiffness: Stiffness | None = None,
     geometry: Geometry = CARTESIAN,
+    small: bool = False,
 ) -> InterfaceFacets:
     """The facets of an interface, or the pairs of facets where its bodies share no nodes;
     collective.
@@ -277,6 +282,7 @@ def place(
         mesh, cell_tags, interface, names, label, walls: As for :func:`.find_facets`.
         stiffness: Of cells [MPa], to choose side 1 of surfaces that slide.
         geometry: Whose axis is no surface.
+        small: Small-strain kinematics, with pairs of the reference configuration.
 
     Raises:
         ValueError: as in :func:`.find_facets`; the surfaces do not lie opposite each other, a facet
@@ -322,11 +328,20 @@ def place(
         one, two = (one, two) if first else (two, one)
     tags = [int(comm.bcast(cell_tags[side.cells[0]])) for side in (one, two)]
     gaps, one = interface.gap == KEEP, one.owned(mesh)
-    damage, law = np.zeros(len(one.facets)), interface.law
     found = Surfaces(
-        mesh, (one, two), cell_tags, damage, law, label, False, tags[0], gaps, interface.sliding
+        mesh,
+        (one, two),
+        cell_tags,
+        damage=np.zeros(len(one.facets)),
+        law=interface.law,
+        label=label,
+        walled=False,
+        first=tags[0],
+        gaps=gaps,
+        slides=interface.sliding,
+        moves=interface.sliding and not small,
     )
-    given = mesh, interface
+    given, whole = (mesh, interface), interface.surfaces is None
     if found.slides:
         # The partners of a facet are not known in advance.
         each = [cell_tags[side.cells] for side in (one, two.owned(mesh))]
@@ -335,9 +350,12 @@ def place(
         both, sides = np.concatenate(each), np.column_stack([one.cells, one.cells])
         damage, law, _, walled = facet_properties(*given, one.facets, sides, both, walls, label)
         found = replace(found, damage=damage, law=law, walled=walled)
-        return found.pairs(bonded=found.intact())
+        pairs = found.pairs(bonded=found.intact())
+        if not found.moves:
+            _check_overlap(comm, label, found.flat(), pairs.segments, found.reach, whole)
+        return pairs
     pairs = found.pairs()
-    _check_overlap(comm, label, found.flat(), pairs.segments, interface.surfaces is None)
+    _check_overlap(comm, label, found.flat(), pairs.segments, found.reach, whole)
     given = *given, pairs.facets, pairs.cells, pairs.tags, walls, label
     damage, law, _, walled = facet_properties(*given)
     return replace(pairs, damage=damage, law=law, walled=walled)
@@ -467,10 +485,15 @@ def _flat_facets(mesh: Mesh, surface: Surface, u: fem.Function | None) -> FlatFa
 
 
 def _check_overlap(
-    comm: MPI.Comm, label: str, flat: Sequence[FlatFacets], segments: Segments, whole: bool
+    comm: MPI.Comm,
+    label: str,
+    flat: Sequence[FlatFacets],
+    segments: Segments,
+    reach: float,
+    whole: bool,
 ) -> None:
-    """Check that the surfaces, or the ``whole`` surfaces of two groups, lie opposite each other;
-    collective.
+    """Check that the surfaces, or the ``whole`` surfaces of two groups, lie opposite each other
+    within this ``reach``; collective.
 
     Raises:
         ValueError: they do not, or more than once.
@@ -479,8 +502,8 @@ def _check_overlap(
     common, one, count = global_sum(comm, [segments.measures.sum(), area.sum(), len(area)])
     share = common / min(one, two)
     pairs = (
-        "facets form a pair where their normals are opposite and their distance is at most half "
-        "the radius of the larger one"
+        f"facets form a pair where their normals are opposite and their distance is at most "
+        f"{reach:g} times the radius of the larger one"
     )
     if whole and share == 0.0:
         raise ValueError(

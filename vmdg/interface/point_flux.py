@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from ..domain.materials import Bodies
 from ..domain.shapes import ShapeGradients
 from .active import ActiveInterface
+from .facets import InterfaceFacets
 from .frame import TurningTangent
 from .jets import FacetJets, Field
 
@@ -115,23 +116,26 @@ class PointFlux:
 
     def __init__(self, active: ActiveInterface, u: fem.Function, bodies: Bodies):
         self.active, self._bodies = active, bodies.points
-        quadrature, space = active.quadrature, u.function_space
-        facets, d = quadrature.facets, quadrature.d
-        self.d = d
-        shapes = ShapeGradients(space.mesh, quadrature.geometry, space.ufl_element().degree)
-        places = quadrature.points[quadrature.points_of_facet][..., :d]
-        self._sides = []
-        for a in range(2):
-            rows = np.flatnonzero(self._bodies.has(facets.cells[:, a]))
+        space, geometry = u.function_space, active.quadrature.geometry
+        self.d = active.quadrature.d
+        self._degree = space.ufl_element().degree
+        self._shapes = ShapeGradients(space.mesh, geometry, self._degree)
+        self._facets: InterfaceFacets | None = None
+        self._sides: list[tuple[int, NDArray, NDArray, Array, Array, Array]] = []
+
+    def _take_facets(self) -> None:
+        """Take the present facets or pairs of facets."""
+        quadrature, gradients = self.active.quadrature, self.active.point_tangent.jets.gradients
+        self._facets, self._sides = quadrature.facets, []
+        for a, places in enumerate(quadrature.places(self._degree)):
+            rows = np.flatnonzero(self._bodies.has(quadrature.facets.cells[:, a]))
             if not len(rows):  # basix has no values at no points
                 continue
-            cells, local = facets.cells[rows, a], facets.local[rows, a]
-            there = shapes.on_facets(cells, local).at(places[rows])
-            reference = np.ascontiguousarray(there.reference.reshape(-1, d))
-            basis = self._bodies.element.tabulate(0, reference)[0]
-            basis = basis.reshape(*there.reference.shape[:2], -1)
-            E = basis @ self._bodies.extrapolation
-            self._sides.append((a, rows, cells, E, shapes.in_cells(cells)[0], there.gradients))
+            cells, there = quadrature.facets.cells[rows, a], places[rows]
+            basis = self._bodies.element.tabulate(0, there.reshape(-1, self.d))[0]
+            E = basis.reshape(*there.shape[:2], -1) @ self._bodies.extrapolation
+            inside = self._shapes.in_cells(cells)[0]
+            self._sides.append((a, rows, cells, E, inside, gradients[rows, :, a]))
 
     def __call__(
         self, stabilized: Array, compliance: Array | None, turning: TurningTangent | None
@@ -143,6 +147,8 @@ class PointFlux:
             compliance: C = d zeta/dT (nq, d, d) [mm3/N]; None fixes zeta.
             turning: Changes by a rotating frame; None fixes the frame.
         """
+        if self._facets is not self.active.quadrature.facets:
+            self._take_facets()
         tangent, d = self.active.point_tangent, self.d
         jets, areas = tangent.jets, tangent.areas
         L = np.zeros((len(areas), jets.size, d))
@@ -150,8 +156,10 @@ class PointFlux:
         if compliance is not None:
             L -= stabilized.transpose(0, 2, 1) @ compliance
         if turning is not None:
-            couple = turning[1].reshape(-1, d * d, d)
-            for side in range(2):
+            # A frame of side 1 turns by GRAD w_1, where that of both turns by half of the sum.
+            sides = 1 if self.active.quadrature.leads else 2
+            couple = 2 / sides * turning[1].reshape(-1, d * d, d)
+            for side in range(sides):
                 first = d + side * len(jets.entries)
                 L[:, first : first + d * d] -= areas[:, None, None] * couple
         return FluxChange(self, L)

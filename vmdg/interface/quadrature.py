@@ -21,7 +21,7 @@ from ufl.core.expr import Expr
 from .. import compat
 from ..base.kernels import compile_form
 from ..domain.materials import Bodies
-from ..domain.shapes import GeometryMap, ShapeGradients, determinants
+from ..domain.shapes import FacetShapes, GeometryMap, ShapeGradients, determinants
 from ..forms import kinematics
 from ..forms.geometry import CARTESIAN, Geometry
 from ..forms.kinematics import Body
@@ -113,6 +113,14 @@ class InterfaceQuadrature:
     def shapes(self, degree: int) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
         """On both sides the shape functions (nf, points, nodes) and their gradients (nf, points,
         nodes, d or d + 1), N/r last."""
+        raise NotImplementedError
+
+    def places(self, degree: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Positions of the points in the reference cells of both sides (nf, points, d).
+
+        Args:
+            degree: Degree of the displacement.
+        """
         raise NotImplementedError
 
     def side_evaluators(
@@ -262,11 +270,18 @@ class FacetQuadrature(InterfaceQuadrature):
 
     def shapes(self, degree: int) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
         """See the base class."""
+        return [(side.values, side.gradients) for side in self._on_facets(degree)]
+
+    def places(self, degree: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """See the base class."""
+        one, two = self._on_facets(degree)
+        return one.reference, two.reference
+
+    def _on_facets(self, degree: int) -> list[FacetShapes]:
         facets, shapes = self.facets, ShapeGradients(self.mesh, self.geometry, degree)
         places = self.points[self.points_of_facet][..., : self.d]
         sides = zip(facets.cells.T, facets.local.T, strict=True)
-        found = [shapes.on_facets(*side).at(places) for side in sides]
-        return [(side.values, side.gradients) for side in found]
+        return [shapes.on_facets(*side).at(places) for side in sides]
 
     def side_evaluators(
         self,

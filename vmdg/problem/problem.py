@@ -47,7 +47,6 @@ from ..interface.interface import (
 from ..interface.pairing import place
 from ..interface.points import InterfaceState
 from ..interface.stabilization import Stabilization
-from ..materials.point import PointMaterial
 from .arguments import (
     GENERALIZED,
     check_approximation,
@@ -185,24 +184,13 @@ class Problem:
                 bodies.walls,
                 stiffness,
                 geometry,
+                small,
             )
             for i, interface in enumerate(self.interfaces)
         ]
-        points = any(isinstance(one, PointMaterial) for one in materials.values())
-        others = {
-            f"plane={GENERALIZED!r}": axial is not None,
-            'volumetric="mean"': volumetric == "mean",
-            "a periodic cell": repeats,
-            "a material at points such as J2": points,
-        }
-        check_pairs(facets, others)
-        unsuited = {
-            'kinematics="small"': "sliding far is finite strain; omit kinematics or sliding"
-        }
+        check_pairs(facets, {"a periodic cell": repeats})
         in_time = {"bodies with a density": "motion in time needs pairs that stay; omit sliding"}
-        check_sliding(
-            facets, (unsuited if small else {}) | (in_time if density is not None else {})
-        )
+        check_sliding(facets, in_time if density is not None else {})
         check_overlap(mesh, facets)
         if lattice is not None:
             check_faces(mesh, tags, lattice, self.interfaces, facets)

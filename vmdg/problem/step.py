@@ -378,13 +378,15 @@ class Step:
         if before > SLID or now <= SLID:
             return now
         if largest.ratio == now:
+            follow = ", or at finite strain sliding=True, with which points meet other facets"
             message = (
                 f"{active.interface}: at facet {largest.facet} at "
                 f"{largest.point.round(6).tolist()} the slip {largest.slip:.3g} mm is "
                 f"{100 * largest.ratio:.0f} % of the size of the facet, {largest.size:.3g} mm. "
                 "Points keep their partner in the reference configuration, so contact is evaluated "
                 "at the original location: end the run earlier, or use facets that are longer than "
-                "the total slip (problem.step.sliding has the largest ratio so far)"
+                f"the total slip{follow * active.facets.paired} (problem.step.sliding has the "
+                "largest ratio so far)"
             )
         warn_together(self._comm, message)
         return now

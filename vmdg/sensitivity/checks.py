@@ -31,7 +31,7 @@ def check_differentiable(problem: Problem, options: _Options, resumed: bool) -> 
         reason = "a periodic cell and generalized plane strain have unknown means; use a body"
     elif problem.step.activation:
         reason = "facets that open on demand change the unknowns; use activate='all'"
-    elif any(interface.sliding for interface in problem.interfaces):
+    elif parts.slides:
         reason = "pairs of facets that slide change in every iteration; use sliding=False"
     elif any(interface.law.fatigues for interface in problem.interfaces):
         reason = "the cycles of a step follow its damage; use a law without fatigue"

@@ -1,0 +1,308 @@
+"""Meshes that do not match, of plastic and of nearly incompressible bodies, bonded and sliding."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from support.apart import block, moved, order_of_dofs, separated, stack
+from support.checks import tangent_error, tangent_matrix
+from support.plastic_bar import BAR, BOND, LOADS, SIGMA, series
+from support.problems import FRICTION, PRECISE, displace, joined, rotation, through
+from support.scenes import DIMENSION, EVERY_CELL, two_blocks
+
+import vmdg
+from vmdg import Mode
+from vmdg.base.parallel import global_max, global_sum
+from vmdg.interface.moving import MovingInterface
+from vmdg.meshes import apart
+
+E, NU, MU = 4000.0, 0.3, 0.3
+TIGHT = vmdg.SolveOptions(relative_tolerance=1e-8)
+METAL = vmdg.J2(E, NU, 60.0, hardening=400.0, saturation=90.0, exponent=20.0)
+SOIL = vmdg.DruckerPrager(E, NU, 15.0, 35.0, dilatancy=10.0, hardening=60.0)
+RUBBER = vmdg.NeoHookean(E=E, nu=0.4999)
+ELASTIC = vmdg.NeoHookean(E=2 * E, nu=NU)
+MEAN = {"volumetric": "mean"}
+KINEMATICS = pytest.mark.parametrize("kinematics", ["small", "finite"])
+LOCKS = pytest.mark.filterwarnings("ignore:plastic flow keeps the volume")
+#: Cells and options of plastic bodies.
+PLASTIC = pytest.mark.parametrize(
+    ("cell", "options"),
+    [
+        *((cell, {"degree": 2}) for cell in ("triangle", "quadrilateral", "tetrahedron")),
+        ("quadrilateral", MEAN),
+        ("hexahedron", MEAN),
+        ("quadrilateral", {"plane": "stress"}),
+    ],
+    ids=str,
+)
+
+
+#: Materials and options of problems.
+KINDS = {
+    "plastic": ((METAL, METAL), {}),
+    "degree 2": ((METAL, ELASTIC), {"degree": 2}),
+    "mean": ((METAL, ELASTIC), MEAN),
+    "rubber": ((RUBBER, ELASTIC), MEAN),
+    "plane stress": ((METAL, ELASTIC), {"plane": "stress"}),
+    "axisymmetric": ((METAL, ELASTIC), {"symmetry": "axisymmetric"}),
+    "axisymmetric, mean": ((RUBBER, METAL), {"symmetry": "axisymmetric"} | MEAN),
+    "generalized": ((METAL, ELASTIC), {"plane": "generalized strain"}),
+    "soil": ((SOIL, ELASTIC), {"degree": 2}),
+}
+
+
+def flow(problem):
+    """Largest plastic strain on all ranks."""
+    state = problem.discretization.bodies.points.state
+    here = max((part[:, 0].max(initial=0.0) for part in state.next), default=0.0)
+    return global_max(problem.comm, here)
+
+
+# The form
+
+
+@LOCKS
+@EVERY_CELL
+@KINEMATICS
+@pytest.mark.parametrize("law", [vmdg.Bonded(), FRICTION], ids=["tie", "bond"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_equals_the_form_of_meshes_that_match(cell, kinematics, law, kind):
+    """Residual, tangent and energy of segments are those of interior facets."""
+    materials, options = KINDS[kind]
+    flat = DIMENSION[cell] == 2
+    if ("plane" in options or "symmetry" in options) and not flat:
+        pytest.skip("plane")
+    if options.get("volumetric") and cell in ("triangle", "tetrahedron"):
+        pytest.skip("mean dilatation is for quadrilaterals and hexahedra")
+    if SOIL in materials and kinematics == "finite":
+        pytest.skip("small strain")
+    scene = two_blocks(MPI.COMM_SELF, cell, n=2 if flat else 1, distortion=0.05)
+    if "symmetry" in options:
+        scene.mesh.geometry.x[:, 0] += 0.5
+    vectors, matrices, energies = [], [], []
+    for one in (scene, separated(scene)):
+        given = {"safety": 3.0, "frame": "corotating"}
+        problem = joined(one, law, materials, given, kinematics=kinematics, **options)
+        through(problem, *(lambda s=s, p=problem, m=one: displace(p, m, s) for s in (0.2, 0.3)))
+        order = order_of_dofs(problem)
+        means = problem.discretization.means
+        if means is not None:
+            order = np.concatenate([order, means.dofs])
+        vectors.append(problem.step.assemble_residual()[order])
+        matrix = tangent_matrix(problem)
+        matrices.append(matrix.convert("dense").getDenseArray()[np.ix_(order, order)])
+        energies.append(problem.discretization.stored_energy())
+        if METAL in materials:
+            assert flow(problem) > 1e-3
+    for first, second in (vectors, matrices, energies):
+        assert np.abs(first - second).max() < 1e-11 * np.abs(first).max()
+
+
+# Patch tests
+
+
+@PLASTIC
+@KINEMATICS
+def test_uniform_plastic_strain(comm, cell, options, kinematics):
+    """Bonded plastic blocks at 10 % strain, ratio 2:3: displacement and stress are uniform."""
+    scene = stack(cell, *((4, 6) if DIMENSION[cell] == 2 else (2, 3)), (1, 2), comm=comm)
+    for law in (vmdg.Bonded(), vmdg.Debonding(1e5, 1e3)):
+        problem = joined(
+            scene, law, (METAL, METAL), {"frame": "corotating"}, kinematics=kinematics, **options
+        )
+        d = scene.mesh.geometry.dim
+        H = np.array([[0.1, 0.05, 0.02], [0.03, -0.04, -0.05], [0.04, 0.0, 0.03]])[:d, :d]
+        outside = np.concatenate([scene.facet_tags.find(tag) for tag in (10, 11, 20, 22)])
+        problem.dirichlet(outside, lambda x, t, H=H, d=d: t * H @ x[:d])
+        vmdg.solve(problem, [0.2, 0.6, 1.0], vmdg.SolveOptions(relative_tolerance=1e-13))
+        X = problem.space.tabulate_dof_coordinates()[:, :d]
+        error = np.abs(problem.u.x.array.reshape(-1, d) - X @ H.T)
+        assert global_max(comm, error.max(initial=0.0)) < 1e-11 * np.abs(H).max()
+        tractions = np.concatenate(comm.allgather(problem.state[0].traction))
+        assert np.ptp(tractions, axis=0).max() < 1e-9 * np.abs(tractions).max()
+        assert flow(problem) > 0.03
+
+
+@pytest.mark.parametrize(
+    ("cell", "options"),
+    [
+        ("tetrahedron", {"degree": 2}),
+        ("hexahedron", MEAN),
+        ("triangle", {"plane": "stress"}),
+        ("quadrilateral", {"plane": "stress", "degree": 2}),
+        ("quadrilateral", {"plane": "generalized strain", "degree": 2}),
+    ],
+    ids=str,
+)
+@KINEMATICS
+def test_bar_in_series_with_a_bond(comm, cell, options, kinematics):
+    """Parts with 2:3 cells flow, debond and unload as in the closed form."""
+    scene = stack(cell, 2, 3, (1, 1), 1.0, comm=comm)
+    problem = joined(scene, BOND, (BAR, BAR), kinematics=kinematics, **options)
+    facets, last = scene.facet_tags, DIMENSION[cell] - 1
+    problem.dirichlet(facets.find(11), 0.0, last)
+    problem.dirichlet(facets.find(22), lambda t: t, last)
+    for k in range(last):
+        problem.dirichlet(lambda x, k=k: np.isclose(x[k], 0.0), 0.0, k)
+    found = []
+    for load in LOADS:
+        vmdg.solve(problem, [load], PRECISE)
+        found.append(-problem.reaction(facets.find(11))[last])
+    expected = list(series(LOADS, kinematics == "small"))
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-9 * SIGMA)
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+@pytest.mark.parametrize("sliding", [False, True])
+@KINEMATICS
+def test_pressed_between_smooth_plates(comm, cell, sliding, kinematics):
+    """Two nearly incompressible blocks with 2:3 cells and other stiffness on each other, without
+    friction: each is in uniaxial stress, and grows sideways as if it were alone."""
+    scene = stack(cell, 2, 3, comm=comm)
+    soft, hard = RUBBER, vmdg.NeoHookean(E=3 * E, nu=0.4999)
+    problem = joined(
+        scene,
+        vmdg.Contact(),
+        (soft, hard),
+        {"frame": "corotating", "sliding": sliding},
+        kinematics=kinematics,
+        **MEAN,
+    )
+    last = DIMENSION[cell] - 1
+    problem.dirichlet(scene.facet_tags.find(11), 0.0, last)
+    problem.dirichlet(scene.facet_tags.find(22), lambda t: -0.02 * t, last)
+    for k in range(last):
+        problem.dirichlet(lambda x, k=k: np.isclose(x[k], 0.0), 0.0, k)
+    result = vmdg.solve(problem, [0.5, 1.0], TIGHT)
+    assert not result.failures
+    # At small strain the sum of the compressions, in plane strain with E/(1 - nu^2).
+    plane = 1 - 0.4999**2 if last == 1 else 1.0
+    expected = -0.02 / (plane / E + plane / (3 * E))
+    area = 2.0**last
+    force = problem.reaction(scene.facet_tags.find(22))[last]
+    within = 1e-9 if kinematics == "small" and not sliding else 0.05
+    assert force / area == pytest.approx(expected, rel=within)
+
+
+# Sliding
+
+
+@LOCKS
+@pytest.mark.parametrize(
+    ("cell", "options"),
+    [
+        ("triangle", {}),
+        ("triangle", {"degree": 2}),
+        ("quadrilateral", {"degree": 2}),
+        ("quadrilateral", MEAN),
+        ("hexahedron", MEAN),
+        ("tetrahedron", {"degree": 2}),
+        ("quadrilateral", {"plane": "generalized strain"}),
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("materials", [(METAL, METAL), (ELASTIC, METAL)], ids=["both", "one"])
+def test_tangent_of_fixed_pairs(comm, cell, options, materials, monkeypatch):
+    """With pairs and partners fixed: the derivative of the residual, in the frame of side 1."""
+    scene = stack(cell, *((3, 4) if DIMENSION[cell] == 2 else (1, 2)), (1, 1), comm=comm)
+    find, d = scene.facet_tags.find, DIMENSION[cell]
+    interface = vmdg.Interface(
+        surfaces=(find(12), find(21)), law=vmdg.Contact(friction=MU), sliding=True
+    )
+    bodies = dict(enumerate(materials, start=1))
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [interface], **options)
+
+    def press(depth, shift):
+        def field(x, tag):
+            y = x[:d] + 0.02 * np.sin(2 * x[:d][::-1] + tag)
+            y[d - 1] -= depth * (tag == 2)
+            y[0] += shift * (tag == 2)
+            return rotation(d, 0.4) @ y - x[:d]
+
+        for tag in (1, 2):
+            problem.u.interpolate(partial(field, tag=tag), scene.cell_tags.find(tag))
+        problem.u.x.scatter_forward()
+
+    through(problem, partial(press, 0.06, 0.0), partial(press, 0.06, 0.03))
+    assert flow(problem) > 1e-3
+    modes = problem.discretization.active[0].values.update.mode
+    assert global_sum(comm, (modes == Mode.FRICTION).sum()) > 0
+    monkeypatch.setattr(MovingInterface, "pair", lambda self, release=False: None)
+    monkeypatch.setattr(MovingInterface, "_add_partners", lambda self, *given: None)
+    if problem.discretization.means is not None:
+        return
+    assert tangent_error(problem, tangent_matrix(problem)) < 1e-6
+
+
+def on_a_base(comm, cell, cells, base, unit=1.0, angle=0.0):
+    """A block of 1 mm, body 1, on a base of 4 mm, body 2, turned, in other units."""
+    d = DIMENSION[cell]
+    wide, deep = ([0.4], [0.0]) if d == 3 else ([], [])
+    parts = [
+        block(cell, cells, [0.6, *wide, 0.0], [1.6, *(w + 1 for w in wide), 0.6], 1, comm),
+        block(cell, base, [0.0, *deep, -0.6], [4.0, *(2.0 for _ in deep), 0.0], 2, comm),
+    ]
+    return apart([moved(part, lambda x: unit * rotation(d, angle) @ x) for part in parts])
+
+
+@PLASTIC
+def test_drawn_over_facets(comm, cell, options):
+    """A block flows under its pressure and is drawn over the facets of a rigid base: F = mu N,
+    energies and moments balance."""
+    if options.get("plane") == "stress":
+        options = options | {"degree": 2}
+    cells, base = ((5, 3), (28, 2)) if DIMENSION[cell] == 2 else ((2, 2, 2), (8, 4, 1))
+    scene = on_a_base(comm, cell, cells, base)
+    law = vmdg.Contact(friction=MU)
+    problem, table = drawn(scene, (vmdg.J2(E, NU, 40.0, hardening=400.0), HARD), law, **options)
+    moves = table["load"] > 1.1
+    N, F = table["N"][moves], table["F"][moves]
+    assert flow(problem) > 1e-3
+    assert np.abs(F - MU * N).max() < 1e-3 * F.mean()
+    assert table["moment"].max() < 1e-9 * N.mean()
+    assert np.abs(table["imbalance"]).max() < 1e-2 * table["work"].max()
+    assert table["iterations"].mean() <= 10
+
+
+HARD = vmdg.NeoHookean(E=1e6, nu=0.3)
+
+
+def drawn(scene, materials, law, unit=1.0, loads=(0.5, 1.0, 1.05, 1.15, 1.3, 1.5), **options):
+    """Press the block of :func:`on_a_base` by .02 mm up to t = 1, then draw it along the base."""
+    interface = vmdg.Interface(between=(1, 2), law=law, sliding=True)
+    bodies = dict(enumerate(materials, start=1))
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [interface], **options)
+    find, d = scene.facet_tags.find, problem.mesh.geometry.dim
+    problem.dirichlet(find(21), 0.0)
+    down, along = np.zeros(d), np.zeros(d)
+    down[-1], along[0] = -0.02 * unit, unit
+    problem.dirichlet(find(12), lambda t: min(t, 1.0) * down + max(t - 1.0, 0.0) * along)
+
+    def monitor(problem):
+        force, energy = problem.reaction(find(12)), problem.energy()
+        return {
+            "F": force[0],
+            "N": -force[-1],
+            "moment": moment(problem),
+            "imbalance": energy.imbalance,
+            "work": energy.external,
+        }
+
+    result = vmdg.solve(problem, loads, TIGHT, monitor)
+    assert not result.failures
+    return problem, result.history
+
+
+def moment(problem):
+    """Sum of the moments of all forces in the current configuration, over all ranks."""
+    d, owned = problem.mesh.geometry.dim, problem.discretization.owned
+    x = problem.space.tabulate_dof_coordinates()[: owned // d, :d]
+    x = x + problem.u.x.array[:owned].reshape(-1, d)
+    forces = problem.discretization.forces.x.array[:owned].reshape(-1, d)
+    moments = global_sum(problem.comm, np.einsum("ni,nj->ij", x, forces))
+    return float(np.abs(moments - moments.T).max())
