@@ -96,7 +96,8 @@ def add_couplings(
     """
     if not active.facets.slides:
         return
-    cells, jets = active.couplings.reshape(-1, 4)[:, [0, 2]], active.point_tangent.jets
+    jets = active.point_tangent.jets
+    cells = np.ascontiguousarray(active.couplings.reshape(-1, 4)[:, [0, 2]])
 
     def blocks(field: Field) -> tuple[NDArray[np.int32], int]:
         """Of the field in both cells, and how many numbers they have."""

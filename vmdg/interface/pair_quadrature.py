@@ -102,14 +102,12 @@ class PairQuadrature(InterfaceQuadrature):
         geometry: Gradient and measure.
 
     Attributes:
-        outward: Outward normals N_1, and N_2 dS_2/dS_1 = -M_2 (2, nq, d).
         sweep: Of surfaces that slide, b with int f dA' = sum f b.g dA, by how much an integral over
             the segments changes where side 2 moves by g relative to side 1 (nq, d) [1/mm]: f m.g
             along the ends of its facets, m outward, with f.g between the points a polynomial.
     """
 
     facets: PairedFacets
-    outward: Array
     sweep: Array
 
     def __init__(

@@ -194,7 +194,8 @@ class PointFlux:
             inner = outer = trial(jets, chosen).matrix[:, :1, first : first + len(jets.entries)]
         change = self._flux_change(of, E[some], inner, outer)
         weights = self.active.stabilization.weights[chosen, a]
-        normal = _normal_rows(quadrature.normal[points], jets.entries)
+        # Of side 2 with the normal of side 1, and its own area.
+        normal = _normal_rows((1 - 2 * a) * quadrature.outward[a][points], jets.entries)
         flux = np.einsum("fij,fpje->fpie", weights, normal) @ change
         return _Piece(a, chosen, of, points, flux)
 

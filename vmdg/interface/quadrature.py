@@ -49,6 +49,7 @@ class InterfaceQuadrature:
         weights: Reference area of the points (nq,) [mm2; mm in plane strain]; of the full circle, 2
             pi r ds, in axisymmetry.
         normal: Reference normal outward from side 1 (nq, d).
+        outward: Outward normals N_1, and N_2 dS_2/dS_1 = -M_2 (2, nq, d).
         facet: Index of the point's facet in ``facets.facets`` (nq,).
         points_of_facet: Points of every facet (nf, points per facet).
         area: Sum of the weights of every facet (nf,).
@@ -66,6 +67,7 @@ class InterfaceQuadrature:
     points: NDArray[np.float64]
     weights: NDArray[np.float64]
     normal: NDArray[np.float64]
+    outward: NDArray[np.float64]
     facet: NDArray[np.int32]
     points_of_facet: NDArray[np.int32]
     area: NDArray[np.float64]
@@ -201,6 +203,7 @@ class FacetQuadrature(InterfaceQuadrature):
         self._weights = integrals[:, 0].copy()
         self.normal = integrals[:, 1 : 1 + self.d] / self._weights[:, None]
         self.normal /= np.linalg.norm(self.normal, axis=1, keepdims=True)
+        self.outward = np.stack([self.normal, -self.normal])
         self.points = np.zeros((dofs.size, 3))
         self.points[:, : self.d] = integrals[:, 1 + self.d :] / self._weights[:, None]
         self.weights = self._weights * geometry.circumference(self.points.T)
