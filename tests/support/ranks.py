@@ -40,6 +40,10 @@ HARD_AND_SOFT = {1: vmdg.NeoHookean(E=1000.0, nu=0.3), 2: vmdg.NeoHookean(E=300.
 
 FLOWING = {1: HARD_AND_SOFT[1], 2: vmdg.J2(300.0, 0.3, 4.0, hardening=30.0)}
 
+#: Laws of bodies that slide.
+WEAK = vmdg.Debonding(strength=3.0, critical_gap=0.03, friction=0.3)
+RUBS = vmdg.Contact(friction=0.3)
+
 #: Problems and the loads of their runs, one after the other.
 Runs = Iterator[tuple[vmdg.Problem, NDArray]]
 
@@ -118,7 +122,11 @@ def _corner(x: NDArray, y: float) -> NDArray:
 
 
 def sliding(
-    cell: str, materials: dict[int, vmdg.Material] = HARD_AND_SOFT, way: float = 1.0, **options
+    cell: str,
+    law: vmdg.Law = WEAK,
+    materials: dict[int, vmdg.Material] = HARD_AND_SOFT,
+    way: float = 1.0,
+    **options,
 ) -> Runs:
     """A block is pressed on a longer one, where its bond breaks, and slides along it."""
     d = DIMENSION[cell]
@@ -130,7 +138,6 @@ def sliding(
         for tag, side in enumerate(sides, start=1)
     ]
     scene = put_together(parts)
-    law = vmdg.Debonding(strength=3.0, critical_gap=0.03, friction=0.3)
     interface = vmdg.Interface(between=(1, 2), law=law, sliding=True)
     problem = vmdg.Problem(scene.mesh, scene.cell_tags, materials, [interface], **options)
     problem.dirichlet(scene.facet_tags.find(11), 0.0)
@@ -158,7 +165,7 @@ APART = {
     "sliding block": lambda: sliding("triangle"),
     "sliding block in space": lambda: sliding("tetrahedron"),
     "sliding block at small strain": lambda: sliding("triangle", way=0.1, kinematics="small"),
-    "sliding block that flows": lambda: sliding("hexahedron", FLOWING, volumetric="mean"),
+    "sliding block that flows": lambda: sliding("hexahedron", RUBS, FLOWING, volumetric="mean"),
 }
 
 

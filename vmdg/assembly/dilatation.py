@@ -58,7 +58,7 @@ class Dilatation:
         _ = self._ratio, self._pressures, self._volume, self._forms
 
     def couple(self) -> None:
-        """Make the products anew where surfaces that slide have pairs which they lack;
+        """Make the products again where surfaces that slide have pairs which they lack;
         collective."""
         for matrix in (*self.__dict__.pop("_blocks", ()), *self._products):
             if matrix is not None:
