@@ -71,13 +71,14 @@ def _several_pieces(comm: MPI.Comm, graph: Any) -> bool:
     )
     # Pieces of different ranks are joined by the nodes that are ghosts of one of them.
     here = int(piece.max(initial=-1)) + 1
-    before = int(comm.exscan(here) or 0)
+    counts = np.cumsum(comm.allgather(here))
+    before = int(counts[comm.rank]) - here
     number = la.vector(compat.index_map(comm, count, ghosts, owners), 1, dtype=np.int64)
     number.array[:] = before + piece
     number.scatter_forward()
     joined = np.column_stack([before + piece[count:], number.array[count:]])
-    joined = gathered(comm, np.unique(joined, axis=0))
-    return bool(components(*joined.T, comm.allreduce(here)).max(initial=0) > 0)
+    first, second = gathered(comm, np.unique(joined, axis=0)).T
+    return bool(components(first, second, int(counts[-1])).max(initial=0) > 0)
 
 
 def _everywhere(
