@@ -649,8 +649,9 @@ def test_tangent_of_fixed_pairs(cell, degree, monkeypatch):
     ],
 )
 def test_tangent_knows_that_pairs_move(cell, cells, base):
-    """A block that slides without friction over facets under pressure: K.v is within a tenth of the
-    difference with pairs that move; without the ends of segments it is wrong by its whole size."""
+    """A block that slides without friction over facets under pressure: K.v is the difference with
+    pairs that move. The adjoint terms, which act where they did, change along facets of
+    quadrilaterals and hexahedra only."""
     scene = body_and_base(cell, cells, base)
     problem, d = contact(scene, (SOFT, SOFT), vmdg.Contact()), DIMENSION[cell]
     problem.dirichlet(scene.facet_tags.find(21), 0.0)
@@ -671,7 +672,8 @@ def test_tangent_knows_that_pairs_move(cell, cells, base):
     difference = (residual(e) - residual(-e)) / (2 * e)
     residual(0.0)
     product = multiply(tangent_matrix(problem), v.ravel())
-    assert np.linalg.norm(product - difference) < 0.1 * np.linalg.norm(difference)
+    error = np.linalg.norm(product - difference) / np.linalg.norm(difference)
+    assert error < (0.005 if cell in ("triangle", "tetrahedron") else 0.06)
 
 
 def test_frictionless_bodies_turn_together():
