@@ -383,6 +383,8 @@ class MovingInterface(ActiveInterface):
           by pairs: n (m / (m.n) - n).h is added to the opening,
         * the fluxes are those of other points: with dX_1 = F_1^-1.y and dX_2 = -F_2^-1.Pi.h the
           mean flux changes by +-delta_a.(A : dF_a/dX.dX_a).N_a,
+        * M_2 changes with dS_2/dS_1, by tr L_1 - n.L_1.(2 n - m) - tr L_2 + m.L_2.n relative to it,
+          L_a = GRAD w_a.F_a^-1 and m.n = 1, and with it the flux and the adjoint term of side 2,
         * forces act at other points: T.(GRAD eta_2.dX_2 - GRAD eta_1.dX_1),
         * dA changes, and with it the terms q of (27),
         * zeta of the couple does not grow by the slip.
@@ -430,6 +432,17 @@ class MovingInterface(ActiveInterface):
             D[:, starts[a] : starts[a] + d * d] -= sign * forces.reshape(count, d * d, jets.size)
         terms = areas[:, None] * self.terms(self.stabilization, values)
         D += terms[:, :, None] * grown[:, None]
+        ratio = np.zeros((count, jets.size))
+        parts = (one - n[:, :, None] * (2 * n - m)[:, None], m[:, :, None] * n[:, None] - one)
+        for start, part, inverse in zip(starts, parts, inverses, strict=True):
+            ratio[:, start : start + d * d] = (part @ inverse.swapaxes(1, 2)).reshape(count, d * d)
+        ratio *= free[:, None]
+        flux = self._return_map.flux(1)[:, :, None] * ratio[:, None]
+        flux = self.stabilization.weights[q.facet, 1] @ flux
+        D[:, :d] -= areas[:, None, None] * flux
+        if C is not None:
+            D += traction.swapaxes(1, 2) @ (C @ flux)
+        D[:, starts[1] :] += terms[:, starts[1] :, None] * ratio[:, None]
         along = np.einsum("pji,pjk->pik", R, one - n[:, :, None] * n[:, None, :])
         local = np.einsum("pji,pj->pi", R, T * free[:, None])
         for k in range(d):
