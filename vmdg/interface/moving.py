@@ -548,9 +548,12 @@ class MovingInterface(ActiveInterface):
 
 
 def _turned(vectors: Array, start: Array, end: Array) -> Array:
-    """Vectors (n, d) in the rotation that takes unit vectors to others (n, d) the shortest way."""
+    """Vectors (n, d) in the rotation that takes unit vectors to others (n, d) the shortest way;
+    opposite ones by reflection."""
     both = start + end
-    along = np.einsum("pi,pi->p", both, vectors) / (1 + np.einsum("pi,pi->p", start, end))
+    # Nearest points may be on the back of a thin body.
+    size = np.maximum(1 + np.einsum("pi,pi->p", start, end), np.finfo(float).eps)
+    along = np.einsum("pi,pi->p", both, vectors) / size
     through = 2 * np.einsum("pi,pi->p", start, vectors)
     return vectors - along[:, None] * both + through[:, None] * end
 
