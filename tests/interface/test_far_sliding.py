@@ -607,6 +607,46 @@ def test_cattaneo_and_mindlin():
     assert np.abs(stuck - np.sqrt(1 - np.minimum(share, 1.0)))[partial].max() < 0.06
 
 
+#: Pressure in a hole at every third degree from 0 to 45, by Alart and Curnier (1991) [MPa].
+KLANG = [17.81, 17.81, 17.75, 17.69, 17.59, 17.47, 17.31, 17.13]
+KLANG += [16.91, 16.66, 16.34, 15.94, 15.41, 14.78, 14.03, 13.09]
+
+
+def test_disc_in_a_hole():
+    """The problem of Klang, as code_aster tests it (V6.04.127): a disc is pressed into a hole wider
+    by 0.01 mm, with friction, and touches over 60 degrees on each side.
+
+    The tolerance of code_aster to these pressures, read off a curve, is 7 % near the bottom too.
+    """
+    hole, disc, outer, force = 60.0, 59.99, 1000.0, 1875.0
+    scene = full_rings("quadrilateral", (192, 144), ((6.0, disc), (hole, outer)), 2)
+    x, find, cells = scene.mesh.geometry.x, scene.facet_tags.find, scene.cell_tags.find
+    inner, around = (np.unique(compat.geometry_dofmap(scene.mesh)[cells(tag)]) for tag in (1, 2))
+    x[inner, 1] -= hole - disc
+    r = np.linalg.norm(x[around], axis=1)
+    x[around] *= (hole * (outer / hole) ** ((r - hole) / (outer - hole)) / r)[:, None]
+    interface = vmdg.Interface(
+        surfaces=(find(12), find(21)), law=vmdg.Contact(friction=0.4), sliding=True
+    )
+    steel = vmdg.NeoHookean(E=210e3, nu=0.3)
+    bodies = {1: steel, 2: steel}
+    problem = vmdg.Problem(
+        scene.mesh, scene.cell_tags, bodies, [interface], degree=2, plane="stress"
+    )
+    problem.dirichlet(find(22), 0.0)
+    problem.rigid_face(find(11), force=lambda t: (0.0, -force * t))
+    assert not vmdg.solve(problem, [1.0]).failures
+    pressure, _, area = pressed(problem.state[0])
+    touching = np.degrees(area[pressure > 1e-6 * pressure.max()].sum() / (2 * disc))
+    assert touching == pytest.approx(60.0, abs=1.0)
+    points = problem.state[0].points
+    angle = np.abs(np.degrees(np.arctan2(points[:, 0], -points[:, 1])))
+    for place, known in zip(range(0, 48, 3), KLANG, strict=True):
+        near = np.abs(angle - place) < 4.0
+        found = np.polyfit(angle[near] - place, pressure[near], 2)[-1]
+        assert found == pytest.approx(known, rel=0.07 if place < 24 else 0.02)
+
+
 # Small strain
 
 
@@ -744,8 +784,9 @@ def test_tangent_of_fixed_pairs(cell, degree, monkeypatch):
     ],
 )
 def test_tangent_knows_that_pairs_move(cell, cells, base):
-    """A block that slides without friction over facets under pressure: K.v is within a tenth of the
-    difference with pairs that move; without the ends of segments it is wrong by its whole size."""
+    """A block that slides without friction over facets under pressure: K.v is the difference with
+    pairs that move. The adjoint terms, which act where they did, change along facets of
+    quadrilaterals and hexahedra only."""
     scene = body_and_base(cell, cells, base)
     problem, d = contact(scene, (SOFT, SOFT), vmdg.Contact()), DIMENSION[cell]
     problem.dirichlet(scene.facet_tags.find(21), 0.0)
@@ -766,7 +807,8 @@ def test_tangent_knows_that_pairs_move(cell, cells, base):
     difference = (residual(e) - residual(-e)) / (2 * e)
     residual(0.0)
     product = multiply(tangent_matrix(problem), v.ravel())
-    assert np.linalg.norm(product - difference) < 0.1 * np.linalg.norm(difference)
+    error = np.linalg.norm(product - difference) / np.linalg.norm(difference)
+    assert error < (0.005 if cell in ("triangle", "tetrahedron") else 0.06)
 
 
 def test_frictionless_bodies_turn_together():

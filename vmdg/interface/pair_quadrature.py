@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -88,6 +88,21 @@ class FacetPlaces(NamedTuple):
     stretch: Array
 
 
+class Shifts(NamedTuple):
+    """How points of side 1 move within their facets where side 2 moves by g + h.v relative to side
+    1, v from the point.
+
+    Attributes:
+        place, place_slope: Change of the place by g (nq, d, d), and by h (nq, d, d, d).
+        area, area_slope: Change of dA, relative to it, by g (nq, d), and by h (nq, d, d).
+    """
+
+    place: Array
+    place_slope: Array
+    area: Array
+    area_slope: Array
+
+
 class PairQuadrature(InterfaceQuadrature):
     """The segments of an interface and their quadrature points.
 
@@ -100,15 +115,9 @@ class PairQuadrature(InterfaceQuadrature):
         facets: The pairs of facets.
         degree: Degree of the rule.
         geometry: Gradient and measure.
-
-    Attributes:
-        sweep: Of surfaces that slide, b with int f dA' = sum f b.g dA, by how much an integral over
-            the segments changes where side 2 moves by g relative to side 1 (nq, d) [1/mm]: f m.g
-            along the ends of its facets, m outward, with f.g between the points a polynomial.
     """
 
     facets: PairedFacets
-    sweep: Array
 
     def __init__(
         self, mesh: Mesh, facets: PairedFacets, degree: int, geometry: Geometry = CARTESIAN
@@ -122,8 +131,6 @@ class PairQuadrature(InterfaceQuadrature):
         rule, self._rule = basix.make_quadrature(kind, degree)
         self._corners, *slopes = basix.ufl.element("Lagrange", kind, 1).tabulate(1, rule)
         self._slopes = np.array(slopes)
-        if facets.slides:
-            self._at_ends = _at_ends(kind, rule, self._order)
         self.leads = facets.slides
         self._room = -1
         self.take(facets)
@@ -152,9 +159,6 @@ class PairQuadrature(InterfaceQuadrature):
         self.points = np.zeros((count, 3))
         self.points[:, :d] = one.positions.reshape(-1, d)
         self.weights = (areas * one.stretch * around[0]).ravel()
-        if facets.slides:
-            self.sweep = self._sweep(segments, areas)
-            self.sweep[: facets.bonded * areas.shape[1]] = 0.0
         self.normal = one.normals.reshape(-1, d)
         ratio = two.stretch * around[1] / (one.stretch * around[0])
         other = two.normals * np.broadcast_to(ratio, areas.shape)[..., None]
@@ -186,16 +190,23 @@ class PairQuadrature(InterfaceQuadrature):
             self._cells_of_points = create_interval(MPI.COMM_SELF, self._room, [0.0, 1.0])
         return full
 
-    def _sweep(self, segments: Segments, areas: Array) -> Array:
-        """b of :attr:`sweep` for segments whose points have these areas in their planes."""
-        if self.d == 2:
-            outward = np.broadcast_to([[-1.0], [1.0]], segments.corners.shape)
-        else:
-            x, y = np.moveaxis(np.roll(segments.corners, -1, axis=1) - segments.corners, 2, 0)
-            outward = np.stack([y, -x], axis=2)
-        outward = outward * segments.ends[:, :, None]
-        b = np.einsum("cq,sck,skd->sqd", self._at_ends, outward, segments.axes, optimize=True)
-        return (b / areas[..., None]).reshape(-1, self.d)
+    def shifts(self) -> Shifts:
+        """How points move with side 2, in the planes of their segments; not with a bond."""
+        segments, order = self.facets.segments, self._order
+        corners, follows = segments.corners[:, order], segments.follows[:, order]
+        edges = np.einsum("tqc,sck->sqkt", self._slopes, corners)
+        slopes = np.einsum("tqc,sqtk->sqck", self._slopes, np.linalg.inv(edges))
+        away = (corners[:, None] - (self._corners @ corners)[:, :, None]) @ segments.axes[:, None]
+        moved = np.einsum("ske,sckl,sld->sced", segments.axes, follows, segments.axes)
+        moved[: self.facets.bonded] = 0.0
+        grown = np.einsum("sqck,ske,sced->sqcd", slopes, segments.axes, moved, optimize=True)
+        found = (
+            np.einsum("qc,sced->sqed", self._corners, moved),
+            np.einsum("qc,sced,sqcf->sqedf", self._corners, moved, away, optimize=True),
+            grown.sum(axis=2),
+            np.einsum("sqcd,sqcf->sqdf", grown, away),
+        )
+        return Shifts(*(array.reshape(-1, *array.shape[2:]) for array in found))
 
     def _places_of(
         self, facets: PairedFacets, plane: Array, a: int, u: fem.Function | None
@@ -251,15 +262,15 @@ class PairQuadrature(InterfaceQuadrature):
             self._last = u.x.array.copy(), found
         return self._last[1]
 
-    def slopes(self, u: fem.Function) -> Array | None:
-        """How the entries of GRAD u on side 2 change with X along its facet (nq, entries, d)
+    def slopes(self, u: fem.Function, a: int) -> Array | None:
+        """How the entries of GRAD u on side ``a`` change with X along its facet (nq, entries, d)
         [1/mm]; None for constant gradients."""
-        space, side = u.function_space, self.facets.cells[:, 1]
+        space, side = u.function_space, self.facets.cells[:, a]
         degree, d = space.ufl_element().degree, self.d
         if degree == 1 and self.mesh.topology.cell_name() in ("triangle", "tetrahedron"):
             return None
-        _, edges = (array[self.facets.local[:, 1]] for array in reference_facets(self.mesh))
-        shapes, places = ShapeGradients(self.mesh, self.geometry, degree), self._places[1]
+        _, edges = (array[self.facets.local[:, a]] for array in reference_facets(self.mesh))
+        shapes, places = ShapeGradients(self.mesh, self.geometry, degree), self._places[a]
         at_nodes = u.x.array.reshape(-1, d)[space.dofmap.list[side]]
         jets = self.jets(space)
         found = []
@@ -324,37 +335,6 @@ class PairQuadrature(InterfaceQuadrature):
     def bubble_factors_of(self, cells: NDArray[np.int32], local: NDArray[np.int32]) -> Array:
         """The same for facets ``local`` of cells (n,)."""
         return _bubble_factors(self.mesh, self.geometry, self._degree, cells, local)
-
-
-def _at_ends(kind: basix.CellType, rule: Array, order: Sequence[int]) -> Array:
-    """Means over the sides of a segment (c, points), in 2D its ends, of the polynomial through
-    values at the points of a rule.
-
-    Args:
-        kind: Of the segment.
-        rule: The points (points, d - 1).
-        order: Numbers of its corners in order around it.
-    """
-    degree = next(k for k in (2, 1, 0) if _number(kind, k) <= len(rule))
-    element = basix.ufl.element("Lagrange" if degree else "DG", kind, degree)
-    fit = np.linalg.pinv(element.tabulate(0, rule)[0])
-    corners = basix.geometry(kind)[list(order)]
-    if kind == basix.CellType.interval:
-        return element.tabulate(0, corners)[0] @ fit
-    places, weights = basix.make_quadrature(basix.CellType.interval, degree)
-    following = np.roll(corners, -1, axis=0)
-    means = [
-        weights @ element.tabulate(0, start + places * (end - start))[0] @ fit
-        for start, end in zip(corners, following, strict=True)
-    ]
-    return np.array(means)
-
-
-def _number(kind: basix.CellType, degree: int) -> int:
-    """Number of coefficients of a polynomial in a segment."""
-    if kind == basix.CellType.triangle:
-        return (degree + 1) * (degree + 2) // 2
-    return (degree + 1) ** len(basix.geometry(kind)[0])
 
 
 class _PointExpressions:

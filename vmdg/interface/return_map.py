@@ -164,6 +164,10 @@ class ReturnMap:
         assert self._frame is not None
         return self._frame.at(np.eye(self._d) + gradient, self._quadrature.normal)
 
+    def flux(self, a: int) -> Array:
+        """P.N of side ``a`` at the current displacement, N outward (nq, d) [MPa]."""
+        return self._flux[a]()[:, : self._d]
+
     def tangent(self, values: PointValues) -> tuple[Array | None, TurningTangent | None]:
         """C = d zeta/dT (nq, d, d) [mm3/N], and the contributions of the rotating frame.
 

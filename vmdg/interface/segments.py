@@ -104,8 +104,9 @@ class Segments(NamedTuple):
         corners: Corners in the plane (n, c, d - 1) [mm].
         origins: Origin of the plane (n, d) [mm].
         axes: Its orthonormal axes (n, d - 1, d).
-        ends: Whether a side, from a corner to the next one, in 2D an end, is of the second facet
-            and not of the first one (n, c).
+        follows: How corners move in the plane where the second facet moves by g relative to the
+            first one: by the product with g (n, c, d - 1, d - 1). Corners of the first facet rest,
+            those of the second one follow, and intersections of sides move along that of the first.
     """
 
     first: Numbers
@@ -113,7 +114,7 @@ class Segments(NamedTuple):
     corners: Array
     origins: Array
     axes: Array
-    ends: NDArray[np.bool_]
+    follows: Array
 
     @property
     def measures(self) -> Array:
@@ -150,8 +151,8 @@ def cut(first: FlatFacets, second: FlatFacets, reach: float = REACH) -> Segments
     two = _projected(second.corners[j], centres[i], axes[i])
     pair, corners = (_intervals if d == 2 else _polygons)(one, two)
     i, j = i[pair], j[pair]
-    ends = _on_sides(corners, two[pair]) & ~_on_sides(corners, one[pair])
-    found = Segments(i, j, corners, centres[i], axes[i], ends)
+    follows = _followed(corners, one[pair], two[pair])
+    found = Segments(i, j, corners, centres[i], axes[i], follows)
     least = _SLIVER * np.minimum(first.measures[i], second.measures[j])
     # The distance along the normal, at the middle of the segment.
     middle = centres[i] + np.einsum("sk,skd->sd", corners.mean(axis=1), axes[i])
@@ -311,18 +312,40 @@ def _polygons(one: Array, two: Array) -> tuple[Numbers, Array]:
     return np.concatenate(pairs)[order], np.concatenate(corners)[order]
 
 
-def _on_sides(corners: Array, polygons: Array) -> NDArray[np.bool_]:
-    """Which sides of segments (n, c, d - 1), in 2D ends, are on a side of polygons (n, k, d - 1)
-    (n, c)."""
-    size = _ALONG * np.abs(polygons).max(axis=(1, 2), initial=0.0)[:, None, None]
+def _followed(corners: Array, one: Array, two: Array) -> Array:
+    """The products of :attr:`Segments.follows` for corners (n, c, d - 1) of intersections of
+    polygons (n, k, d - 1)."""
     if corners.shape[2] == 1:
-        return (np.abs(corners - polygons.swapaxes(1, 2)) <= size).any(axis=2)
-    middle = (corners + np.roll(corners, -1, axis=1)) / 2
-    edge = np.roll(polygons, -1, axis=1) - polygons
-    x, y = np.moveaxis(middle[:, :, None] - polygons[:, None], 3, 0)
-    length = np.linalg.norm(edge, axis=2)[:, None]
-    away = np.abs(edge[:, None, :, 0] * y - edge[:, None, :, 1] * x)
-    return (away <= size * length).any(axis=2)
+        size = _ALONG * np.abs(one).max(axis=(1, 2), initial=0.0)[:, None, None]
+        rests = (np.abs(corners - one.swapaxes(1, 2)) <= size).any(axis=2)
+        return np.where(rests, 0.0, 1.0)[..., None, None]
+    # Two sides meet at a corner, if possible of the first polygon; with their normals a and b it
+    # moves by x with a.x = a.g or 0, b.x = b.g or 0.
+    normals = np.concatenate([_side_normals(one), _side_normals(two)], axis=1)
+    away = np.einsum("nkd,ncd->nck", normals, corners)
+    away -= np.einsum("nkd,nkd->nk", normals, np.concatenate([one, two], axis=1))[:, None]
+    on = np.abs(away) <= _ALONG * np.abs(two).max(axis=(1, 2), initial=0.0)[:, None, None]
+    moves = np.repeat([0.0, 1.0], [one.shape[1], two.shape[1]])
+    first = on.argmax(axis=2)
+    a = np.take_along_axis(normals, first[..., None], axis=1)
+    x, y = np.moveaxis(normals, 2, 0)[:, :, None]
+    across = np.abs(a[..., :1] * y - a[..., 1:] * x)
+    second = (on * across * (2.0 - moves)).argmax(axis=2)
+    b = np.take_along_axis(normals, second[..., None], axis=1)
+    both = np.stack([a, b], axis=2)
+    moved = np.stack([moves[first], moves[second]], axis=2)
+    x, y = np.moveaxis(both, 3, 0)
+    flat = np.abs(x[..., 0] * y[..., 1] - x[..., 1] * y[..., 0]) < _ALONG
+    both[flat] = np.eye(2)
+    moved[flat] = 0.0
+    return np.linalg.solve(both, moved[..., None] * both)
+
+
+def _side_normals(polygons: Array) -> Array:
+    """Unit normals of sides (n, k, 2); zero for sides of no length."""
+    x, y = np.moveaxis(np.roll(polygons, -1, axis=1) - polygons, 2, 0)
+    length = np.hypot(x, y)
+    return np.stack([y, -x], axis=2) / np.where(length > 0, length, 1.0)[..., None]
 
 
 def _counterclockwise(polygons: Array) -> Array:
