@@ -147,7 +147,7 @@ class Derivatives:
                 self._forces(*known) for known in zip(self._parameters, partial, begun, strict=True)
             ]
             right = [-forces for forces in pulled]
-            moved = [np.zeros(self._parts.owned)] * len(begun)
+            moved = [near.held(rate) for rate in before]
             if follows:
                 right.append(near.load_rate(dt))
                 moved.append(self._problem.loading.rate())

@@ -108,6 +108,14 @@ class Neighbours:
         self._field.x.scatter_forward()
         return self._field.x.array.copy()
 
+    def held(self, rate: Rate) -> Array:
+        """Rate of prescribed dofs, on owned dofs: supports that are relative to an earlier
+        displacement move with that one."""
+        dofs = self.problem.loading.dirichlet.relative
+        dofs, found = dofs[dofs < self.parts.owned], np.zeros(self.parts.owned)
+        found[dofs] = rate.u[dofs]
+        return found
+
     # Rates at fixed displacement, and along one
 
     def trials(
