@@ -101,7 +101,8 @@ class Identified:
         All values with which the others can be chosen such that the cost rises no more than in
         such an interval of a linear model: where derivatives at the estimate do not tell how the
         cost rises, as with teeth on the curve or far from the estimate, this is the one to trust.
-        It takes some 20 runs; those of a ``file`` are not repeated.
+        Values of all runs that fit as well are inside; if one fits better than the estimate, begin
+        again from it. It takes some 20 runs; those of a ``file`` are not repeated.
 
         Args:
             name: Its name.
@@ -112,7 +113,7 @@ class Identified:
         """
         wide = self._width(level)
         ends = [self._end(name, side, wide) for side in (-1, 1)]
-        # Other runs may have found other minima.
+        # Other runs may have found other minima, even lower ones.
         ends += [run.values[name] for run in self.runs if self._distance(run.cost) <= wide]
         return min(ends), max(ends)
 
@@ -142,9 +143,10 @@ class Identified:
         return float(norm.ppf(share) if self.sigma_known else t.ppf(share, freedom))
 
     def _distance(self, cost: float) -> float:
-        """Distance from the least cost of all runs, in standard errors of a linear model."""
-        rise = cost - min(run.cost for run in self.runs)
-        return float(np.sqrt(2 * max(rise, 0.0))) / (1.0 if self.sigma_known else self.noise)
+        """Distance from the estimate, in standard errors of a linear model."""
+        least = next(run.cost for run in self.runs if run.values == self.estimate)
+        scale = 1.0 if self.sigma_known else self.noise
+        return float(np.sqrt(2 * max(cost - least, 0.0))) / scale
 
     @property
     def least_certain(self) -> tuple[dict[str, float], float]:
