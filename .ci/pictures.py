@@ -39,6 +39,7 @@ COMMANDS = {
     "weak_links": ("weak_links", "weak_links.png"),
     "measured_beam": ("measured_beam", "measured_beam.png"),
     "measured_modes": ("measured_modes", "measured_modes.png"),
+    "measured_pushout": ("measured_pushout", "measured_pushout.png measured_pushout.md"),
     "bridged_dcb": ("bridged_dcb", "bridged_dcb.png bridged_dcb.md"),
     "identification": ("identification", "identification.md"),
     "lap_joint": ("lap_joint", "lap_joint.png"),
@@ -113,6 +114,12 @@ TABLES = {
         "Load over opening of de Gracia, Boyano, Arrese and Mujika (2015), fitted by linear "
         "softening and by a law with fibre bridges. The residual is the standard deviation of "
         "load that the fit leaves.",
+    ),
+    "measured_pushout.md": (
+        "Friction and bond from a push-out",
+        "Section 7.4 of the report: friction, strength and critical gap from the two forces that "
+        "the report prints, with a prior of the strength, and from a whole curve of a run with its "
+        "values, with noise. Forces have an error of 1 %.",
     ),
     "convergence.md": (
         "Rates of convergence",

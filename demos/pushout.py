@@ -23,6 +23,7 @@ RADIUS, HEIGHT = 0.95, 5.36  # of the fibre, mm
 E_MATRIX, NU_MATRIX, NU_FIBRE = 4000.0, 0.33, 0.35  # MPa
 FIBRE_MODULUS, FRICTION = 2500.0, 0.525  # MPa, -
 STRENGTH, CRITICAL_GAP, SHRINKAGE = 22.0, 0.011, 0.0022  # MPa, mm, -
+LAW = vmdg.Debonding(strength=STRENGTH, critical_gap=CRITICAL_GAP, friction=FRICTION)
 
 
 class Model(NamedTuple):
@@ -42,8 +43,8 @@ class Model(NamedTuple):
 
     def measures(self, problem: vmdg.Problem) -> dict[str, float]:
         """Punch, force, debonded and damaged length, by names with units; collective."""
-        state = problem.state[0]
-        areas = [state.weights[state.softening > q].sum() for q in (STRENGTH * (1 - 1e-9), 0.0)]
+        state, strength = problem.state[0], problem.interfaces[0].law.strength
+        areas = [state.weights[state.softening > q].sum() for q in (strength * (1 - 1e-9), 0.0)]
         lengths = self.share * problem.comm.allreduce(np.array(areas)) / (2 * np.pi * RADIUS)
         force = -self.share * problem.reaction(self.top)["xyz".index(self.axis)]
         names = "punch [mm]", "force [N]", "debonded [mm]", "damaged [mm]"
@@ -51,7 +52,7 @@ class Model(NamedTuple):
 
 
 def build(
-    solid: bool, layers: int, refine: float, friction: float, modulus: float, small: bool = False
+    solid: bool, layers: int, refine: float, law: vmdg.Law, modulus: float, small: bool = False
 ) -> Model:
     """The model at the start of the cure.
 
@@ -59,7 +60,7 @@ def build(
         solid: Whether it is a quarter in 3D.
         layers: Number of cells along the fibre.
         refine: Factor on all counts of cells [-].
-        friction: Coefficient of friction [-].
+        law: Of the bond.
         modulus: Young's modulus of the fibre [MPa].
         small: Whether to assume small strains.
     """
@@ -70,8 +71,7 @@ def build(
     if solid:
         counts["around"] *= 2
     mesh, cells, sides = (meshes.pushout if solid else meshes.pushout_section)(**counts)
-    law = vmdg.Debonding(strength=STRENGTH, critical_gap=CRITICAL_GAP, friction=friction)
-    bond = vmdg.Interface(between=("fibre", "matrix"), law=law)
+    bond = vmdg.Interface(between=("fibre", "matrix"), law=law, name="bond")
     fibre = vmdg.NeoHookean(E=modulus, nu=NU_FIBRE)
     bodies = {"fibre": fibre, "matrix": vmdg.NeoHookean(E=E_MATRIX, nu=NU_MATRIX)}
     cure = {"matrix": lambda t: -SHRINKAGE * min(t, 1.0)}
@@ -114,7 +114,7 @@ def main(
     out: str = "results/pushout",
 ) -> vmdg.History:
     """Cure the matrix and push the fibre; the history of the push."""
-    model = build(solid, 25, refine, FRICTION, FIBRE_MODULUS)
+    model = build(solid, 25, refine, LAW, FIBRE_MODULUS)
     figure = plt.figure(figsize=(17, 4), layout="constrained")
     force, length, modes = (figure.add_subplot(1, 4, n) for n in (1, 2, 4))
     stress = figure.add_subplot(1, 4, 3, projection="3d" if solid else None)

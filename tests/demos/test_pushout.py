@@ -101,7 +101,7 @@ def test_section_to_the_end(comm, out):
 
 def test_modes_from_the_top(comm):
     """The topmost points go from compression damage to friction, the bottom stays bonded."""
-    model = demo.build(False, 12, 1, demo.FRICTION, demo.FIBRE_MODULUS)
+    model = demo.build(False, 12, 1, demo.LAW, demo.FIBRE_MODULUS)
     problem = model.problem
     vmdg.solve(problem, [0.5, 1.0])
     problem.dirichlet(model.top, lambda t: 1 - t, model.axis, relative=True)
@@ -129,7 +129,7 @@ def test_solid_against_section(comm):
     """
     forces = []
     for solid in (True, False):
-        model = demo.build(solid, 12, 0.5, demo.FRICTION, demo.FIBRE_MODULUS)
+        model = demo.build(solid, 12, 0.5, demo.LAW, demo.FIBRE_MODULUS)
         vmdg.solve(model.problem, [1.0])
         model.problem.dirichlet(model.top, lambda t: 1 - t, model.axis, relative=True)
         history = vmdg.solve(model.problem, [1.01, 1.02, 1.03], monitor=model.measures).history
@@ -176,7 +176,7 @@ def test_studies(comm, out, capsys):
 
 def test_relative_displacement(comm):
     """The nodes keep the form they have when they are gripped."""
-    model = demo.build(False, 6, 0.5, demo.FRICTION, demo.FIBRE_MODULUS)
+    model = demo.build(False, 6, 0.5, demo.LAW, demo.FIBRE_MODULUS)
     problem = model.problem
     vmdg.solve(problem, [1.0])
     dofs = fem.locate_dofs_topological(problem.space, 1, model.top)

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 
 from mpi4py import MPI
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq, minimize_scalar
+from scipy.stats import norm
 from support.arms import bent_apart
 from support.bar import with_law
 
 import vmdg
+from vmdg.meshes import blocks
 
 LOADS = np.linspace(0, 0.14, 9)[1:]
 BAR = {"interface_0.strength": 100.0, "interface_0.fracture_energy": 4.0}
@@ -116,6 +120,8 @@ def test_prior_and_two_experiments(tmp_path):
     assert again.estimate == found.estimate
     with pytest.raises(ValueError, match="has runs for other parameters"):
         vmdg.identify(*both, {name: 100.0}, file=file, **arguments)
+    with pytest.raises(ValueError, match="loads= by name of the experiments"):
+        vmdg.identify(*both, start, loads={"first": LOADS}, **arguments)
 
 
 def test_spread():
@@ -127,6 +133,19 @@ def test_spread():
         for spread in (False, True)
     ]
     assert found[0] == found[1]
+
+
+def test_spread_errors():
+    """An experiment that fails on one rank fails on all."""
+    curve = measured(bar, BAR, LOADS)
+
+    def broken(values):
+        raise OSError("no mesh")
+
+    makes, curves = {"a": bar, "b": broken}, {"a": curve, "b": curve}
+    kind = OSError if MPI.COMM_WORLD.size == 1 else RuntimeError
+    with pytest.raises(kind, match="no mesh"):
+        vmdg.identify(makes, curves, BAR, sigma=1.0, spread=True)
 
 
 def test_profile_and_plot():
@@ -145,6 +164,49 @@ def test_profile_and_plot():
     assert len(axes.lines) == 2
     plt.close(figure)
     assert "95 %" in str(found)
+
+
+STIFF, PRIOR = {"1.E": 1000.0, "2.E": 2000.0}, 0.3
+STRAINS = np.array([0.01, 0.02, 0.03])
+
+
+def tied(values: dict[str, float]) -> tuple[vmdg.Problem, Callable]:
+    """Two squares in series without lateral contraction: force = u E_1 E_2 / (E_1 + E_2)."""
+    mesh, cells, facets = blocks(MPI.COMM_SELF, "quadrilateral", (1, 1))
+    bodies = {tag: vmdg.NeoHookean(E=values[f"{tag}.E"], nu=0.0) for tag in (1, 2)}
+    tie = vmdg.Interface(between=(1, 2), law=vmdg.Bonded())
+    problem = vmdg.Problem(mesh, cells, bodies, [tie], kinematics="small")
+    problem.dirichlet(facets.find(1), 0.0)
+    problem.dirichlet(facets.find(2), lambda t: t, "x")
+    return problem, lambda problem: {"force [N]": problem.reaction(_end)[0]}
+
+
+@pytest.mark.parametrize("prior", [True, False])
+def test_profile_interval(prior):
+    """The interval from the cost, against that of the closed form, which is not symmetric; without
+    a prior nothing limits a stiffness from above."""
+    k, sigma = 2000.0 / 3, 4.0
+    curve = vmdg.Curve(STRAINS, k * STRAINS, sigma=sigma)
+    priors = {"2.E": (STIFF["2.E"], PRIOR)} if prior else None
+    with pytest.warns(vmdg.ModelWarning) if not prior else nullcontext():
+        found = vmdg.identify(tied, curve, STIFF, priors=priors, comm=MPI.COMM_SELF)
+    low, high = found.profile_interval("1.E")
+    if not prior:
+        assert high == np.inf
+        return
+
+    def rise(E: float) -> float:
+        def square(log: float) -> float:
+            other = STIFF["2.E"] * np.exp(log)
+            off = (E * other / (E + other) - k) * STRAINS / sigma
+            return off @ off + (log / PRIOR) ** 2
+
+        return minimize_scalar(square, (-1.0, 1.0)).fun - norm.ppf(0.975) ** 2
+
+    exact = brentq(rise, 400.0, 1000.0), brentq(rise, 1000.0, 5000.0)
+    assert low == pytest.approx(exact[0], rel=0.02)
+    assert high == pytest.approx(exact[1], rel=0.02)
+    assert found.interval("1.E")[1] < 0.9 * exact[1]
 
 
 @pytest.mark.parametrize(

@@ -194,6 +194,27 @@ def test_eigenstrain(comm, kinematics, energy):
     assert worst(build, values, energy=energy) < 1e-6
 
 
+@pytest.mark.filterwarnings("ignore:the body of tag 2 carries a load")
+@pytest.mark.parametrize("kinematics", ["small", "finite"])
+def test_relative_support(comm, kinematics):
+    """A tool that grips a loaded body where it is: that place depends on the parameters too."""
+
+    def build(values):
+        problem, monitor = blocks_of(comm, values, kinematics=kinematics, dead=True, n=2)
+        options = vmdg.SolveOptions(relative_tolerance=1e-12)
+        vmdg.solve(problem, [0.1], options, derivatives=list(values))
+        right = problem.mesh.geometry.x[:, 0].max()
+        right = problem.comm.allreduce(right, MPI.MAX)
+        problem.dirichlet(
+            lambda x: np.isclose(x[0], right),
+            lambda t: np.array(path("open", t - 0.1)[:2]),
+            relative=True,
+        )
+        return problem, monitor
+
+    assert worst(build, BASE) < 1e-6
+
+
 @pytest.mark.parametrize("kinematics", ["small", "finite"])
 def test_meshes_that_do_not_match(comm, kinematics):
     """Three facets on four."""

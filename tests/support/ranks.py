@@ -72,7 +72,7 @@ def cracks(shape: str, size: float, critical_gap: float, end: float, **random) -
 
 def push(solid: bool, layers: int, refine: float, steps: int, end: float) -> Runs:
     """Cure and push-out."""
-    model = pushout.build(solid, layers, refine, pushout.FRICTION, pushout.FIBRE_MODULUS)
+    model = pushout.build(solid, layers, refine, pushout.LAW, pushout.FIBRE_MODULUS)
     yield model.problem, np.array([0.5, 1.0])
     model.problem.dirichlet(model.top, lambda t: 1 - t, model.axis, relative=True)
     yield model.problem, 1 + np.linspace(0, end, steps + 1)[1:]

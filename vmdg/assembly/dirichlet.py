@@ -231,6 +231,15 @@ class DirichletConditions:
         result[self._fixed] = 0
         return result
 
+    @property
+    def relative(self) -> NDArray[np.int32]:
+        """Those of :attr:`dofs` whose value is added to an earlier displacement."""
+        added = np.zeros(len(self.dofs), dtype=bool)
+        for condition, places in zip(self._conditions, self._places, strict=True):
+            added[places] = condition.replaces
+        added[self._fixed] = False
+        return self.dofs[added]
+
     def parts(self, t: float) -> Iterator[Part]:
         """Values of every condition at load factor ``t``."""
         for condition in self._conditions:

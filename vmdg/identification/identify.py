@@ -11,9 +11,10 @@ from mpi4py import MPI
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 
-from ..base.parallel import warn_together
+from ..base.agreement import together
+from ..base.parallel import raise_together, warn_together
 from ..problem.problem import Problem
 from ..solver.monitors import Monitor, Until
 from ..solver.options import SolveOptions
@@ -36,6 +37,9 @@ UNKNOWN = 1e3
 
 #: Relative tolerance of the cost, and of the logarithms of the parameters.
 TOLERANCE = 1e-4
+
+#: Largest number of evaluations of a fit of all parameters but one.
+MOST_REFITTED = 10
 
 
 def identify(
@@ -99,16 +103,8 @@ def identify(
     if count < len(names) + (sigma is None and not own):
         raise ValueError(f"identify: {count} points do not determine {len(names)} parameters")
     given = makes, curves, programmes, options or SolveOptions(), sigma or 1.0, known
-    model = _Model(*given, names, comm or MPI.COMM_WORLD, file, spread)
-    solution = least_squares(
-        model.residuals,
-        np.log([start[name] for name in names]),
-        model.jacobian,
-        bounds=(low, high),
-        xtol=TOLERANCE,
-        ftol=TOLERANCE,
-        max_nfev=max_runs,
-    )
+    model = _Model(*given, names, (low, high), comm or MPI.COMM_WORLD, file, spread)
+    solution = model.fit(np.log([start[name] for name in names]), max_runs)
     return _result(solution, model, sigma)
 
 
@@ -124,13 +120,15 @@ class _Model:
         sigma: float,
         priors: Mapping[str, tuple[float, float]],
         names: Sequence[str],
+        bounds: tuple[Array, Array],
         comm: MPI.Comm,
         file: str | Path | None,
         spread: bool,
     ):
         self._makes, self.curves, self._loads = makes, curves, loads
         self._options, self._sigma, self._priors = options, sigma, priors
-        self.names, self.comm, self._spread = list(names), comm, spread
+        self.names, self.bounds, self.comm = list(names), bounds, comm
+        self._spread = spread and comm.size > 1
         self._file = None if file is None else Path(file)
         self.runs: list[Run] = []
         self._found: dict[str, tuple[Array, Array]] = {}
@@ -145,6 +143,33 @@ class _Model:
     def jacobian(self, logs: Array) -> Array:
         """Their derivatives (n, k)."""
         return self._at(logs)[1]
+
+    def fit(self, start: Array, max_runs: int, fixed: Sequence[int] = ()) -> OptimizeResult:
+        """Least squares from these logarithms; those of some numbers stay as they are."""
+        free = np.setdiff1d(np.arange(len(start)), fixed)
+
+        def whole(some: Array) -> Array:
+            logs = start.copy()
+            logs[free] = some
+            return logs
+
+        low, high = self.bounds
+        return least_squares(
+            lambda some: self.residuals(whole(some)),
+            start[free],
+            lambda some: self.jacobian(whole(some))[:, free],
+            bounds=(low[free], high[free]),
+            xtol=TOLERANCE,
+            ftol=TOLERANCE,
+            max_nfev=max_runs,
+        )
+
+    def least_cost(self, place: int, logs: Array) -> float:
+        """Least cost with the parameter of this number as in these logarithms, from which those of
+        the others start."""
+        if len(logs) > 1:
+            return float(self.fit(np.clip(logs, *self.bounds), MOST_REFITTED, [place]).cost)
+        return self.cost(dict(zip(self.names, np.exp(logs), strict=True)))
 
     def cost(self, values: Mapping[str, float]) -> float:
         """Half of the sum of squares for parameters by name."""
@@ -167,20 +192,30 @@ class _Model:
         """Values of all curves by experiment (n,), and p d/dp (n, k); from the file if it has
         them."""
         if key not in self._stored:
-            names, comm = list(self._makes), self.comm
-            here = names[comm.rank :: comm.size] if self._spread else names
-            parts = {name: self._experiment(name, values) for name in here}
             if self._spread:
-                parts = {name: part for one in comm.allgather(parts) for name, part in one.items()}
+                parts = self._spread_out(values)
+            else:
+                parts = {name: self._experiment(name, values) for name in self._makes}
             # To the last digit the same on all ranks, which would otherwise part company.
-            parts = comm.bcast(parts)
+            parts = self.comm.bcast(parts)
             self._stored[key] = {n: [y.tolist(), rates.tolist()] for n, (y, rates) in parts.items()}
-            self._write()
+            together(self.comm, self._write)
         shape = -1, len(self.names)
         return {
             name: (np.array(y), np.array(rates).reshape(shape))
             for name, (y, rates) in self._stored[key].items()
         }
+
+    def _spread_out(self, values: dict[str, float]) -> dict[str, tuple[Array, Array]]:
+        """All experiments, each by one rank; an error of one is raised on all."""
+        comm, parts, failed = self.comm, {}, None
+        try:
+            for name in list(self._makes)[comm.rank :: comm.size]:
+                parts[name] = self._experiment(name, values)
+        except Exception as error:  # of a user's function too
+            failed = f"identify: on rank {comm.rank}: {type(error).__name__}: {error}"
+        raise_together(comm, failed, RuntimeError)
+        return {name: part for one in comm.allgather(parts) for name, part in one.items()}
 
     def _experiment(self, name: str, values: dict[str, float]) -> tuple[Array, Array]:
         """Values of the curves of an experiment, and p d/dp."""
@@ -218,32 +253,6 @@ class _Model:
             parts.append((np.array([(logs[place] - np.log(value)) / error]), slope))
         return parts
 
-    # The file of runs
-
-    def _read(self) -> dict[str, Any]:
-        """Stored runs by the logarithms of their parameters."""
-        stored = None
-        if self._file is not None and self.comm.rank == 0 and self._file.is_file():
-            stored = json.loads(self._file.read_text())
-        stored = self.comm.bcast(stored)
-        if stored is None:
-            return {}
-        if any(stored[name] != value for name, value in self._head.items()):
-            raise ValueError(
-                f"identify: {self._file} has runs for other parameters or abscissae than "
-                f"{self.names}; give another file, or delete it"
-            )
-        return stored["runs"]
-
-    def _write(self) -> None:
-        """Write all runs."""
-        if self._file is None or self.comm.rank > 0:
-            return
-        self._file.parent.mkdir(parents=True, exist_ok=True)
-        near = self._file.with_suffix(".part")
-        near.write_text(json.dumps(self._head | {"runs": self._stored}))
-        near.replace(self._file)
-
     def by_experiment(self, residuals: Array) -> dict[str, list[Array]]:
         """Weighted residuals by experiment and curve."""
         found: dict[str, list[Array]] = {}
@@ -254,6 +263,35 @@ class _Model:
                 found[name].append(residuals[first : first + len(curve.x)])
                 first += len(curve.x)
         return found
+
+    # The file of runs
+
+    def _read(self) -> dict[str, Any]:
+        """Stored runs by the logarithms of their parameters."""
+        stored = self.comm.bcast(together(self.comm, self._of_file))
+        if stored is None:
+            return {}
+        if any(stored.get(name) != value for name, value in self._head.items()):
+            raise ValueError(
+                f"identify: {self._file} has runs for other parameters or abscissae than "
+                f"{self.names}; give another file, or delete it"
+            )
+        return stored["runs"]
+
+    def _of_file(self) -> dict[str, Any] | None:
+        """What the file says, on rank 0; None if there is none."""
+        if self._file is None or self.comm.rank > 0 or not self._file.is_file():
+            return None
+        return json.loads(self._file.read_text())
+
+    def _write(self) -> None:
+        """Write all runs, on rank 0."""
+        if self._file is None or self.comm.rank > 0:
+            return
+        self._file.parent.mkdir(parents=True, exist_ok=True)
+        near = self._file.with_suffix(".part")
+        near.write_text(json.dumps(self._head | {"runs": self._stored}))
+        near.replace(self._file)
 
 
 def _result(solution: Any, model: _Model, sigma: float | None) -> Identified:
@@ -270,6 +308,12 @@ def _result(solution: Any, model: _Model, sigma: float | None) -> Identified:
     covariance = directions.T @ (errors[:, None] ** 2 * directions)
     deviations = np.sqrt(np.diag(covariance))
     estimate = dict(zip(model.names, np.exp(solution.x).tolist(), strict=True))
+
+    def least_cost(name: str, value: float) -> float:
+        place = model.names.index(name)
+        way = covariance[place] / covariance[place, place]
+        return model.least_cost(place, solution.x + (np.log(value) - solution.x[place]) * way)
+
     found = Identified(
         estimate=estimate,
         covariance=covariance,
@@ -279,9 +323,11 @@ def _result(solution: Any, model: _Model, sigma: float | None) -> Identified:
         sigma_known=known,
         noise=noise,
         iterations=solution.njev - 1,
-        runs=list(model.runs),
+        runs=model.runs,
         converged=solution.status > 0,
+        bounds=dict(zip(model.names, np.exp(np.transpose(model.bounds)).tolist(), strict=True)),
         cost=model.cost,
+        least_cost=least_cost,
     )
     for name, error in found.relative_errors.items():
         if error > VAGUE:
@@ -325,7 +371,9 @@ def _by_experiment(makes: Mapping[str, Make], measured: Any, several: bool) -> d
 def _loads_of(curves: Mapping[str, Sequence[Curve]], loads: Any, several: bool) -> dict[str, Array]:
     """Load factors by experiment."""
     if loads is not None:
-        given = dict(loads) if several else {"measured": loads}
+        if several and (not isinstance(loads, Mapping) or set(loads) != set(curves)):
+            raise ValueError(f"identify: give loads= by name of the experiments {sorted(curves)}")
+        given = loads if several else {"measured": loads}
         return {name: np.asarray(given[name], dtype=float) for name in curves}
     found = {}
     for name, group in curves.items():

@@ -8,11 +8,19 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 from scipy.stats import norm, t
 
 from ..base.tables import html_table
 
 Array = NDArray[np.float64]
+
+#: Factor on an estimate at which the search for the end of an interval is given up, and largest one
+#: in its first step.
+UNLIMITED, FIRST = 1e3, 2.0
+
+#: Error of the end of an interval, relative to its distance.
+OF_END = 0.02
 
 
 @dataclass(frozen=True)
@@ -44,9 +52,11 @@ class Identified:
         sigma_known: Whether the noise was given; otherwise it is estimated from the residuals.
         noise: Factor on the given sigma that the residuals show, or the estimated sigma.
         iterations: Number of iterations of least squares.
-        runs: All evaluations, in order.
+        runs: All evaluations, in order, later ones included.
         converged: Whether least squares converged.
+        bounds: Smallest and largest value by name, 0 and inf without one.
         cost: The cost for any parameters by name, by a run.
+        least_cost: The least cost with a parameter, by name, at a value, by several runs.
         warnings: Messages about parameters that the data do not determine.
     """
 
@@ -60,7 +70,9 @@ class Identified:
     iterations: int
     runs: list[Run]
     converged: bool
+    bounds: dict[str, list[float]]
     cost: Callable[[Mapping[str, float]], float] = field(repr=False)
+    least_cost: Callable[[str, float], float] = field(repr=False)
     warnings: list[str] = field(default_factory=list)
 
     @property
@@ -74,17 +86,67 @@ class Identified:
         return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
-        """Confidence interval of a parameter.
+        """Confidence interval of a parameter, linearised.
 
         Args:
             name: Its name.
             level: Probability with which such intervals contain the true value.
         """
+        factor = np.exp(self._width(level) * self.relative_errors[name])
+        return self.estimate[name] / factor, self.estimate[name] * factor
+
+    def profile_interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
+        """Confidence interval of a parameter from the cost itself, by further runs; collective.
+
+        All values with which the others can be chosen such that the cost rises no more than in
+        such an interval of a linear model: where derivatives at the estimate do not tell how the
+        cost rises, as with teeth on the curve or far from the estimate, this is the one to trust.
+        Values of all runs that fit as well are inside; if one fits better than the estimate, begin
+        again from it. It takes some 20 runs; those of a ``file`` are not repeated.
+
+        Args:
+            name: Its name.
+            level: Probability with which such intervals contain the true value.
+
+        Returns:
+            Its ends; 0 or inf for one that the data do not limit.
+        """
+        wide = self._width(level)
+        ends = [self._end(name, side, wide) for side in (-1, 1)]
+        # Other runs may have found other minima, even lower ones.
+        ends += [run.values[name] for run in self.runs if self._distance(run.cost) <= wide]
+        return min(ends), max(ends)
+
+    def _end(self, name: str, side: int, wide: float) -> float:
+        """Where the least cost with a parameter fixed has risen to this number of standard errors,
+        below or above the estimate."""
+        value, bound = self.estimate[name], self.bounds[name][side > 0]
+        most = min(np.log(UNLIMITED), abs(np.log(bound / value)) if bound > 0 else np.inf)
+
+        def excess(way: float) -> float:
+            if way == 0:
+                return -wide
+            return self._distance(self.least_cost(name, value * np.exp(side * way))) - wide
+
+        inner, outer = 0.0, min(wide * self.relative_errors[name], np.log(FIRST), most)
+        while excess(outer) < 0:
+            if outer == most:
+                limited = most < np.log(UNLIMITED)
+                return bound if limited else (np.inf if side > 0 else 0.0)
+            inner, outer = outer, min(2 * outer, most)
+        return value * np.exp(side * brentq(excess, inner, outer, xtol=OF_END * outer))
+
+    def _width(self, level: float) -> float:
+        """Half of a confidence interval in standard errors."""
         share = (1 + level) / 2
         freedom = self.jacobian.shape[0] - self.jacobian.shape[1]
-        wide = norm.ppf(share) if self.sigma_known else t.ppf(share, freedom)
-        factor = np.exp(wide * self.relative_errors[name])
-        return self.estimate[name] / factor, self.estimate[name] * factor
+        return float(norm.ppf(share) if self.sigma_known else t.ppf(share, freedom))
+
+    def _distance(self, cost: float) -> float:
+        """Distance from the estimate, in standard errors of a linear model."""
+        least = next(run.cost for run in self.runs if run.values == self.estimate)
+        scale = 1.0 if self.sigma_known else self.noise
+        return float(np.sqrt(2 * max(cost - least, 0.0))) / scale
 
     @property
     def least_certain(self) -> tuple[dict[str, float], float]:

@@ -315,7 +315,8 @@ class Stabilizers:
         self._u, self._bodies = u, bodies
         self._derived = all(one.interface.stabilization is None for one in interfaces)
         self.constant = bodies.small and self._derived
-        self._last: tuple[list[NDArray[np.float64]], _Needed] | None = None
+        # At the last two displacements, those of the start and the end of a step.
+        self._known: list[tuple[list[NDArray[np.float64]], _Needed]] = []
         self._coercivity: Coercivity | None = None
         self._constants: list[Stabilization] | None = None
 
@@ -371,12 +372,15 @@ class Stabilizers:
         A step starts where the last one was checked at its end, so they are computed once for both.
         A user's function may depend on more and is always called.
         """
+        comm = self._u.function_space.mesh.comm
         state = [f.x.array.copy() for f in (self._u, *self._bodies.fields)]
-        moved = self._last is None or not all(map(np.array_equal, state, self._last[0]))
-        if not self._derived or global_any(self._u.function_space.mesh.comm, moved):
-            derived = self.derive()
-            self._last = state, (derived, self.coercivity(derived))
-        return self._last[1]
+        for known, needed in self._known if self._derived else ():
+            if not global_any(comm, not all(map(np.array_equal, state, known))):
+                return needed
+        derived = self.derive()
+        needed = derived, self.coercivity(derived)
+        self._known = [(state, needed), *self._known[:1]]
+        return needed
 
     def derive(self) -> list[Stabilization]:
         """Stabilization of every interface at the current displacement, before scaling;

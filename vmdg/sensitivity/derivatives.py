@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..assembly.discretization import interface_forces
 from ..base.parallel import global_any, global_sum
 from ..base.timers import timer
 from ..interface.history import InterfaceSnapshot, PointHistory
@@ -143,11 +144,15 @@ class Derivatives:
             ]
             points = self._point_rates(given, partial, dt)
             begun = list(zip(*(one.at_rest() for one in points), strict=True))
+            here = interface_forces(self._parts)
             pulled = [
-                self._forces(*known) for known in zip(self._parameters, partial, begun, strict=True)
+                near.forces(parameter, known.stabilizations, values, here)
+                if known.changes
+                else near.forces_of_gaps(values)
+                for parameter, known, values in zip(self._parameters, partial, begun, strict=True)
             ]
             right = [-forces for forces in pulled]
-            moved = [np.zeros(self._parts.owned)] * len(begun)
+            moved = [near.held(rate) for rate in before]
             if follows:
                 right.append(near.load_rate(dt))
                 moved.append(self._problem.loading.rate())
@@ -259,14 +264,6 @@ class Derivatives:
                 for active, trial, history in zip(self._actives, given, histories, strict=True)
             ]
         return _Partial(histories, stabilizations, trials, changes)
-
-    def _forces(
-        self, parameter: Parameter, partial: _Partial, values: Sequence[PointValues]
-    ) -> Array:
-        """dR/dp at fixed displacement, owned dofs [N]."""
-        if partial.changes:
-            return self._neighbours.forces(parameter, partial.stabilizations, values)
-        return self._neighbours.forces_of_gaps(values)
 
     def _point_rates(
         self, given: Sequence[Trial], partial: Sequence[_Partial], dt: float

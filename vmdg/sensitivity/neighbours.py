@@ -26,7 +26,7 @@ from ..interface.stabilization import Stabilization
 from ..problem.problem import Problem
 from ..problem.states import Rate
 from .parameters import Parameter
-from .records import CHANGE, difference, shifted, zeros
+from .records import CHANGE, NEAR, difference, shifted, zeros
 
 Array = NDArray[np.float64]
 
@@ -108,6 +108,14 @@ class Neighbours:
         self._field.x.scatter_forward()
         return self._field.x.array.copy()
 
+    def held(self, rate: Rate) -> Array:
+        """Rate of prescribed dofs, on owned dofs: supports that are relative to an earlier
+        displacement move with that one."""
+        dofs = self.problem.loading.dirichlet.relative
+        dofs, found = dofs[dofs < self.parts.owned], np.zeros(self.parts.owned)
+        found[dofs] = rate.u[dofs]
+        return found
+
     # Rates at fixed displacement, and along one
 
     def trials(
@@ -129,11 +137,11 @@ class Neighbours:
             for h in (CHANGE, -CHANGE):
                 with self.interfaces(h, histories, None, stabilizations), parameter.changed(h):
                     ends.append([active.trial() for active in self.actives])
-            return [difference(a, b, CHANGE) for a, b in zip(*ends, strict=True)]
+            return [difference(a, b, 2 * CHANGE) for a, b in zip(*ends, strict=True)]
         # At fixed fluxes it is linear in history and tau_s.
         with self.interfaces(1.0, histories, None, stabilizations):
             return [
-                difference(active.trial(), one, 0.5)
+                difference(active.trial(), one, 1.0)
                 for active, one in zip(self.actives, given, strict=True)
             ]
 
@@ -156,8 +164,7 @@ class Neighbours:
         if t:
             problem.loading.move(factor)
         self.parts.update_means()
-        # Halved twice if only one side is known.
-        lower, width = (given, h / 2) if straight else (ends[1], h)
+        lower, width = (given, h) if straight else (ends[1], 2 * h)
         return [difference(a, b, width) for a, b in zip(ends[0], lower, strict=True)]
 
     def forces_of_gaps(self, values: Sequence[PointValues]) -> Array:
@@ -179,20 +186,26 @@ class Neighbours:
         parameter: Parameter,
         stabilizations: Sequence[Stabilization],
         values: Sequence[PointValues],
+        here: Array,
     ) -> Array:
-        """dR/dp where tau_s or moduli change, owned dofs [N]."""
-        parts, ends = self.parts, []
-        before = parts.forces.x.array.copy()
-        everything = parameter.of_body or parts.bodies.mean_dilatation
+        """dR/dp where tau_s or moduli change, owned dofs [N].
+
+        Args:
+            parameter: The parameter.
+            stabilizations, values: Their rates.
+            here: Forces of the interfaces in the present state.
+        """
         values = [replace(one, update=None) for one in values]
+        if not (parameter.of_body or self.parts.bodies.mean_dilatation):
+            with self.interfaces(NEAR, None, values, stabilizations), parameter.changed(NEAR):
+                return (interface_forces(self.parts) - here) / NEAR
+        # Stresses are small differences of moduli: two neighbours, further away.
+        before, ends = self.parts.forces.x.array.copy(), []
         for h in (CHANGE, -CHANGE):
             with self.interfaces(h, None, values, stabilizations), parameter.changed(h):
-                if everything:
-                    ends.append(parts.assemble_residual(None).copy())
-                else:
-                    ends.append(interface_forces(parts))
-        parts.forces.x.array[:] = before
-        parts.update_means(pressure=True)
+                ends.append(self.parts.assemble_residual(None).copy())
+        self.parts.forces.x.array[:] = before
+        self.parts.update_means(pressure=True)
         return (ends[0] - ends[1]) / (2 * CHANGE)
 
     def load_rate(self, dt: float) -> Array:

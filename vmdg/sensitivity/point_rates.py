@@ -19,7 +19,7 @@ from ..interface.points import PointValues
 from ..interface.return_map import Trial, evaluate
 from ..laws import Law, Update
 from ..laws.base import VARYING, parameter_names
-from .records import CHANGE, combined, difference, plus, rate_of, shifted
+from .records import CHANGE, NEAR, combined, difference, plus, rate_of, shifted
 
 Array = NDArray[np.float64]
 
@@ -141,22 +141,17 @@ class PointRates:
         """Of the parameter of this number, for the rate of the input, of which a part is along a
         displacement."""
         if not self._law.inelastic:
-            ends = (evaluate(self._law, shifted(self._given, rate, h), 0.0) for h in _BOTH)
-            return difference(*ends, CHANGE)
+            end = evaluate(self._law, shifted(self._given, rate, NEAR), 0.0)
+            return difference(end, self._values, NEAR)
         update = self._fixed[k] if move is None else self._update(move, k)
         if not self._turns:
             # In a fixed frame everything but the update is linear in the input.
             return PointValues(rate.opening, rate.jump, update.gap, update.traction, update=update)
-        here = self._values.update
-        ends = (
-            replace(
-                evaluate(_Mapped(shifted(here, update, h)), shifted(self._given, rate, h), 0.0),
-                update=None,
-                compliance=None,
-            )
-            for h in _BOTH
-        )
-        return replace(difference(*ends, CHANGE), update=update)
+        mapped = _Mapped(shifted(self._values.update, update, NEAR))
+        end = evaluate(mapped, shifted(self._given, rate, NEAR), 0.0)
+        # Nothing needs second derivatives of the return map.
+        found = difference(replace(end, update=None, compliance=None), self._values, NEAR)
+        return replace(found, update=update)
 
 
 def _without_tangents(update: Update) -> Update:

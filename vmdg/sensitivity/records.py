@@ -17,6 +17,10 @@ Record = TypeVar("Record")
 #: the rest.
 CHANGE = 5e-6
 
+#: The same for differences between the state itself and one neighbour, of what is smooth and hardly
+#: curved.
+NEAR = 1e-7
+
 
 def combined(combine: Callable[..., Array], first: Record, *others: Record) -> Record:
     """A record whose arrays of floats are combined from those of others, and of records in it.
@@ -59,9 +63,9 @@ def plus(record: Record, other: Record) -> Record:
     return combined(np.add, record, other)
 
 
-def difference(higher: Record, lower: Record, h: float) -> Record:
-    """The rate between values at +h and -h."""
-    return combined(lambda a, b: (a - b) / (2 * h), higher, lower)
+def difference(higher: Record, lower: Record, width: float) -> Record:
+    """The rate between two values, this far apart."""
+    return combined(lambda a, b: (a - b) / width, higher, lower)
 
 
 def rate_of(
@@ -84,7 +88,7 @@ def rate_of(
     """
     after, before = modes[1] == modes[0], modes[2] == modes[0]
     if (after & before).all():
-        return difference(higher, lower, h)
+        return difference(higher, lower, 2 * h)
     # Both neighbours, or none of them.
     both = after == before
     forward = np.where(both, 0.5, np.where(after, 1.0, 0.0)) / h

@@ -11,16 +11,13 @@ import numpy as np
 from ..problem.states import Rate, Works
 from .neighbours import Neighbours
 from .parameters import Parameter
-from .records import CHANGE, shifted
+from .records import CHANGE, NEAR, shifted
 
 #: Values by name for the current state of a problem.
 Row = Callable[[], Mapping[str, Any]]
 
-#: Relative change of a parameter for differences of rows of the history, of the row itself and one
-#: neighbour.
-NEAR = 1e-7
-
-#: The same for two neighbours, of energies, which are small differences at finite strain.
+#: Relative change of a parameter for energies between two neighbours: small differences at finite
+#: strain.
 FAR = 1e-4
 
 

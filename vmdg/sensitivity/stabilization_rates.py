@@ -46,7 +46,7 @@ class StabilizationRates:
         rates = [zeros(active.stabilization) for active in self._actives]
         everywhere = [np.ones(len(low), dtype=bool) for low in floors]
         ends = (self._at(parameter, h, zero, floors, rates, everywhere) for h in (FIRST, -FIRST))
-        return [difference(a, b, FIRST) for a, b in zip(*ends, strict=True)]
+        return [difference(a, b, 2 * FIRST) for a, b in zip(*ends, strict=True)]
 
     def of_step(
         self, parameters: Sequence[Parameter], rates: Sequence[Rate]
@@ -105,7 +105,7 @@ class StabilizationRates:
 def _where_own(near: Stabilization, here: Stabilization, last: Stabilization) -> Stabilization:
     """Rates from a neighbour, or those of the last step where the step was repeated with a larger
     r, which its start does not tell."""
-    rate = difference(near, here, LATER / 2)
+    rate = difference(near, here, LATER)
     own = np.abs(near.norm - here.norm) <= RAISED * here.norm
     rows = {"tau": rate.tau, "norm": rate.norm, "safety": rate.safety}
     for name, values in rows.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from mpi4py import MPI
@@ -137,8 +138,9 @@ def studied(
         given = {"refine": refine, "steps": steps, "friction": pushout.FRICTION}
         given["fibre_modulus"] = pushout.FIBRE_MODULUS
         given[argument] = value * E_MATRIX if study == "modulus" else value
-        of_mesh = given["refine"], given["friction"], given["fibre_modulus"]
-        model, folder = pushout.build(False, 25, *of_mesh), out / f"{study}_{value}"
+        law = replace(pushout.LAW, friction=given["friction"])
+        model = pushout.build(False, 25, given["refine"], law, given["fibre_modulus"])
+        folder = out / f"{study}_{value}"
         runs[label.format(value)] = pushout.push(
             model, folder, given["steps"], end, resume, model.measures
         )

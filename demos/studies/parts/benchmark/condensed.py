@@ -58,7 +58,7 @@ def cell(element_size: float) -> Scene:
 
 def push_out(solid: bool, refine: float, steps: int) -> Scene:
     """The cure and the punch of a fibre."""
-    model = pushout.build(solid, 25, refine, pushout.FRICTION, pushout.FIBRE_MODULUS, small=True)
+    model = pushout.build(solid, 25, refine, pushout.LAW, pushout.FIBRE_MODULUS, small=True)
     problem, axis = model.problem, "xyz".index(model.axis)
     return Scene(
         problem,

@@ -115,7 +115,7 @@ def kernel_rows(found: list[dict]) -> list[list]:
 
 def peak_vmdg(layers: int = 25, refine: float = 1.0) -> dict:
     """Cure and first millimetres/100 of the push-out; MiB and unknowns."""
-    model = push_out.build(True, layers, refine, push_out.FRICTION, push_out.FIBRE_MODULUS)
+    model = push_out.build(True, layers, refine, push_out.LAW, push_out.FIBRE_MODULUS)
     problem = model.problem
     options = vmdg.SolveOptions(relative_tolerance=1e-7, petsc=LU)
     vmdg.solve(problem, LOADS[:2], options)
