@@ -26,7 +26,7 @@ from ..assembly.rigid import RigidFaces
 from ..assembly.surface import Share
 from ..assembly.values import Part, Value, check_resultant, not_finite, takes_points, value_at
 from ..base.agreement import together
-from ..base.parallel import global_any, raise_together
+from ..base.parallel import global_any, global_sum, raise_together
 from ..base.tables import rounded
 from ..domain.geometry import axis_dofs
 from ..domain.tags import Group, group_tag
@@ -154,7 +154,7 @@ class Loading:
         # after a problem is deleted, and their communicators, of which MPICH has 2048.
         self._given: list[Callable[[Loading], None]] = []
         self._ray: Ray | None = None
-        self.nearby = False
+        self.nearby, self._anchored = False, True
         self.load_factor, self.t = fem.Constant(mesh, 0.0), 0.0
         self.given = Given(np.zeros(len(self._bodies.tags), dtype=bool), [], set())
         self.follow(discretization)
@@ -165,9 +165,8 @@ class Loading:
         self._discretization, space = discretization, discretization.space
         self.parts: dict[tuple[int, ...], Any] = {}
         self._vector: NDArray[np.float64] | None = None
-        means, geometry = discretization.means, discretization.geometry
-        zeros = axis_dofs(space, geometry) if means is None else means.fixed
-        self.dirichlet = DirichletConditions(space, zeros)
+        geometry = discretization.geometry
+        self.dirichlet = DirichletConditions(space, self._zeros())
         self.rigid = RigidFaces(discretization.u, geometry)
         self._loads = DeadLoads(discretization.u, geometry)
         self._surface = discretization.new_surface()
@@ -176,6 +175,32 @@ class Loading:
         if self._ray is not None:
             self._ray = self._ray_between(self._ray.start, self._ray.end)
         self.move(self.t)
+
+    def _zeros(self) -> NDArray[np.int32]:
+        """Local dofs that are zero for every load."""
+        parts = self._discretization
+        if parts.means is None:
+            return axis_dofs(parts.space, parts.geometry)
+        return parts.means.fixed if self._anchored else parts.means.spare
+
+    def let_go(self) -> None:
+        """Let a periodic cell translate in time, where its momentum is kept."""
+        if self._anchored and lattice_of(self._discretization.means) is not None:
+            self._anchored = False
+            self.dirichlet.fix(self._zeros())
+
+    def anchor(self) -> None:
+        """Translate a periodic cell such that its anchor is where statics fixes it; collective."""
+        if self._anchored:
+            return
+        self._anchored, means, u = True, self._discretization.means, self._discretization.u.x
+        owned = means.anchor[means.anchor < self._discretization.owned]
+        d, here = self._mesh.geometry.dim, np.zeros(self._mesh.geometry.dim)
+        here[owned % d] = u.array[owned]
+        away = global_sum(self._mesh.comm, here)
+        nodes = np.unique(means.nodes)
+        u.array.reshape(-1, d)[nodes] -= away
+        self.dirichlet.fix(self._zeros())
 
     def _add(self, impose: Callable[[Loading], None], of_means: bool = False) -> None:
         """Apply a load or prescribed displacement now, and in all later spaces.

@@ -167,6 +167,7 @@ class Step:
     def come_to_rest(self) -> None:
         """Stop bodies in motion, for statics; their kinetic energy counts as viscous work;
         collective."""
+        self._loading.anchor()
         if self.motion is not None and (energy := self.motion.kinetic_energy()) > 0:
             self.ledger.release(energy)
             rest = np.zeros(self.discretization.owned)
