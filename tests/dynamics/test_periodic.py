@@ -136,8 +136,8 @@ def opening_rate(times, dt, strength, gap, rate):
 
 @EVERY_SCHEME
 def test_bonds_that_fail_at_a_rate(comm, scheme):
-    """A bar with bonds at equal distances, stretched at a rate from rest: the traction is the closed
-    form's, waves from the neighbours included, and no strain is uneven before a bond opens."""
+    """A bar with bonds at equal distances, stretched at a rate from rest: the traction is that of
+    the closed form, with waves from the neighbours, and the strain is even before a bond opens."""
     strength, gap, rate = 1.0, 2.0, 1.0
     law = vmdg.Debonding(strength=strength, critical_gap=gap)
     bond = vmdg.Interface(lambda x: np.isclose(x[1], 0.5), law=law, name="bond")
@@ -178,7 +178,7 @@ def included(comm, periodic, shift=(0, 0), tiles=1, n=8):
     )
 
 
-#: Of a mean deformation that grows ever faster, along x; along y it is given, or the stress is zero.
+#: A mean deformation that grows ever faster, along x; along y it is given, or the stress is zero.
 FASTER = {"xx": lambda t: 1 + 2.0 * t**2, "xy": lambda t: t**2}
 DRIVES = [
     (vmdg.GeneralizedAlpha(), vmdg.Periodic(gradient=FASTER)),
@@ -275,7 +275,7 @@ def test_generalized_plane_strain(comm, scheme):
 @pytest.mark.parametrize(
     ("periodic", "options", "words"),
     [
-        ({"strain": {"yy": 0.1}}, {}, "prescribe all components of strain="),
+        ({"strain": {"yy": 0.1}}, {}, "prescribe all components of"),
         ({"strain": np.eye(2)}, {"damping": vmdg.Rayleigh(beta=1.0)}, "neither in periodic cells"),
     ],
 )

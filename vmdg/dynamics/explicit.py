@@ -50,8 +50,8 @@ class ExplicitSteps:
         free = means is not None and len(np.setdiff1d(means.owned_rows, held)) > 0
         if global_any(self._comm, free):
             raise ValueError(
-                "CentralDifferences: a mean that follows from a given stress has no mass: prescribe "
-                "all components of strain=, gradient= or F_33, or use GeneralizedAlpha"
+                "CentralDifferences: a mean that follows from a given stress has no mass: "
+                "prescribe all components of strain=, gradient= or F_33, or use GeneralizedAlpha"
             )
         largest = global_max(self._comm, float(sums.max(initial=0.0)))
         # Those of the critical step, which is longer where nodes are massless.

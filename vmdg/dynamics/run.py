@@ -83,7 +83,8 @@ def solve_dynamics(
         StepFailure: a step fails after ``max_cuts`` halvings.
         ValueError: the problem has no density, or something that has no motion here: a rigid face,
             facets that open on demand, or a fluid in a crack; with :class:`CentralDifferences` a
-            mean strain that follows from a stress; times that do not increase; an initial velocity of the wrong size.
+            mean strain that follows from a stress; times that do not increase; an initial velocity
+            of the wrong size.
         TypeError: an argument of the wrong type.
     """
     options, scheme = options or SolveOptions(), scheme or GeneralizedAlpha()
@@ -173,7 +174,7 @@ def _checked(
         raise ValueError(
             f"solve_dynamics: times must be finite and increase from problem.t = {start:.8g} on"
         )
-    parts, loading = problem.discretization, problem.loading
+    loading = problem.loading
     refused = {
         "a rigid face; use a wall, vmdg.Rigid, or a stiff body": bool(loading.rigid),
         "facets that open on demand; use activate='all'": bool(problem.step.activation),
