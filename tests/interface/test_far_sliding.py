@@ -728,8 +728,6 @@ def test_refused():
     given = scene.mesh, scene.cell_tags, {1: SOFT, 2: HARD}, [interface]
     with pytest.raises(ValueError, match='kinematics="small"'):
         vmdg.Problem(*given, kinematics="small")
-    with pytest.raises(ValueError, match="motion in time"):
-        vmdg.Problem(*given, density={1: 1.0, 2: 1.0})
 
 
 def test_refused_where_bodies_share_nodes():

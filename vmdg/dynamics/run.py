@@ -110,8 +110,9 @@ def solve_dynamics(
         if history is None:
             kinetic = motion.kinetic_energy()
             _set_out(problem, velocity, supports.at(problem.t, problem.t, float(times[0]))[0])
-            problem.step.ledger.enter_kinetic(motion.kinetic_energy() - kinetic)
+            problem.step.ledger.enter_start(motion.kinetic_energy() - kinetic)
             steps.accelerate()
+            problem.step.enter_given_state()
         written = len(result.history)
         for number, t in enumerate(times):
             start, found, cuts, count = problem.t, Attempt(), 0, 0

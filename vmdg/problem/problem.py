@@ -199,10 +199,7 @@ class Problem:
         unsuited = {
             'kinematics="small"': "sliding far is finite strain; omit kinematics or sliding"
         }
-        in_time = {"bodies with a density": "motion in time needs pairs that stay; omit sliding"}
-        check_sliding(
-            facets, (unsuited if small else {}) | (in_time if density is not None else {})
-        )
+        check_sliding(facets, unsuited if small else {})
         check_overlap(mesh, facets)
         if lattice is not None:
             check_faces(mesh, tags, lattice, self.interfaces, facets)

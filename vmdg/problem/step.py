@@ -84,6 +84,8 @@ class Step:
         self._dt = 1.0
         self._overlap()
         self.start = self.snapshot()
+        # The last converged displacement.
+        self._reached = self.start.u
 
     def _overlap(self) -> None:
         """Enter forces and energy of surfaces that overlap at the start."""
@@ -142,6 +144,9 @@ class Step:
         """
         self._dt, self.start = dt, self.snapshot()
         self.ledger.begin(self.start, dt, False, 0.0)
+        if self.discretization.slides:
+            for active in self.discretization.active.values():
+                active.pair(release=True)
         self.ledger.set_out(0.0, t)
         self._loading.move(t)
 
@@ -172,6 +177,14 @@ class Step:
             self.ledger.release(energy)
             rest = np.zeros(self.discretization.owned)
             self.motion.move(rest, rest.copy())
+
+    def enter_given_state(self) -> None:
+        """Count the energy of a displacement that was given, not reached in steps, as work of loads
+        before the run in time; after its residual; collective."""
+        given = not np.array_equal(self.discretization.u.x.array, self._reached)
+        if self.motion is not None and global_any(self._comm, given):
+            energy = self.ledger.energy().imbalance - self.motion.kinetic_energy()
+            self.ledger.enter_start(-energy)
 
     def slow_down(self, overstress: float, cycles: float = 0.0) -> None:
         """Set the overstress of the step and the number of cycles that it represents.
@@ -360,7 +373,7 @@ class Step:
             active.commit()
         if bodies := self.discretization.bodies.points:
             bodies.commit()
-        self._repeats = 0
+        self._repeats, self._reached = 0, self.discretization.u.x.array.copy()
 
     def watch_sliding(self) -> float:
         """Largest slip of points in contact now, relative to the size of their facets; collective.
@@ -422,7 +435,7 @@ class Step:
             self.activation.open = list(snapshot.open)
             self._follow(snapshot.discretization)
         now = self.discretization
-        now.u.x.array[:] = snapshot.u
+        now.u.x.array[:] = self._reached = snapshot.u
         now.forces.x.array[:] = snapshot.forces
         self.ledger.works, self.rates = snapshot.works, snapshot.rates
         for active, interface in zip(now.active.values(), snapshot.interfaces, strict=True):
