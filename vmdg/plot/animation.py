@@ -161,9 +161,9 @@ def film(
     outside = distance > NEAR * largest
     if most is None:
         most = max(float(np.quantile(field, 0.999)) for field in values)
-    figure, ax = plt.subplots(
-        figsize=(size, max(0.85 * size * sides[1] / sides[0], 0.3 * size)), layout="constrained"
-    )
+    # The colour bar takes a quarter of the width, title and labels an inch of the height.
+    height = 0.75 * size * sides[1] / sides[0] + 1.0
+    figure, ax = plt.subplots(figsize=(size, height), layout="constrained")
     box = (low[0], low[0] + sides[0], low[1], low[1] + sides[1])
     picture = np.ma.masked_array(values[0][node], outside)
     shown = ax.imshow(picture, "inferno", origin="lower", extent=box, vmin=0, vmax=most)
