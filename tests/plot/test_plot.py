@@ -399,7 +399,7 @@ def test_film_of_a_field(comm, out):
         left = row[: columns[0]]
         assert (left < 5).sum() > 0.8 * len(columns)
     for wrong in ((out / "film.avi", [field], ["one"]), (path, [field], []), (path, [], [])):
-        with pytest.raises(ValueError, match="must end in .gif"):
+        with pytest.raises(ValueError, match=r"must end in .gif"):
             plot.film(wrong[0], problem, *wrong[1:], "value")
 
 
