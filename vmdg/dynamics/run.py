@@ -14,8 +14,10 @@ from ..base.parallel import raise_together
 from ..base.timers import timer, timings, timings_since
 from ..checkpoint.checkpoint import warn_of_replacement, write_checkpoint
 from ..output.history import History, HistoryFile
+from ..problem.loading import let_go
 from ..problem.motion import moving
 from ..problem.problem import Problem
+from ..problem.step import enter_given_state
 from ..solver.attempt import Attempt
 from ..solver.monitors import Monitor, check_functions, energy_columns, sliding_column, watched_row
 from ..solver.options import SolveOptions
@@ -97,7 +99,7 @@ def solve_dynamics(
         warn_of_replacement(problem.comm, options.checkpoint)
     before, motion = timings(), moving(problem.step.motion)
     problem.loading.clear_ray()
-    problem.loading.let_go()
+    let_go(problem.loading)
     with (
         timer("solve"),
         Interrupt(problem.comm) as interrupt,
@@ -112,7 +114,7 @@ def solve_dynamics(
             _set_out(problem, velocity, supports.at(problem.t, problem.t, float(times[0]))[0])
             problem.step.ledger.enter_start(motion.kinetic_energy() - kinetic)
             steps.accelerate()
-            problem.step.enter_given_state()
+            enter_given_state(problem.step)
         written = len(result.history)
         for number, t in enumerate(times):
             start, found, cuts, count = problem.t, Attempt(), 0, 0

@@ -117,7 +117,7 @@ def film(
     most: float | None = None,
     unit: str = "mm",
     fps: float = 12,
-    size: float = 6.0,
+    inches: float = 6.0,
 ) -> None:
     """Write an animation of a field in the plane, such as the speed of a body; collective.
 
@@ -134,7 +134,7 @@ def film(
             one point in a thousand exceeds in some frame.
         unit: Of the positions.
         fps: Frames per second.
-        size: Width of the figure [inch].
+        inches: Width of the figure.
 
     Raises:
         ValueError: no field, not as many titles, a body in space, or another suffix.
@@ -162,8 +162,8 @@ def film(
     if most is None:
         most = max(float(np.quantile(field, 0.999)) for field in values)
     # The colour bar takes a quarter of the width, title and labels an inch of the height.
-    height = 0.75 * size * sides[1] / sides[0] + 1.0
-    figure, ax = plt.subplots(figsize=(size, height), layout="constrained")
+    height = 0.75 * inches * sides[1] / sides[0] + 1.0
+    figure, ax = plt.subplots(figsize=(inches, height), layout="constrained")
     box = (low[0], low[0] + sides[0], low[1], low[1] + sides[1])
     picture = np.ma.masked_array(values[0][node], outside)
     shown = ax.imshow(picture, "inferno", origin="lower", extent=box, vmin=0, vmax=most)

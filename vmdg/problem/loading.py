@@ -183,25 +183,6 @@ class Loading:
             return axis_dofs(parts.space, parts.geometry)
         return parts.means.fixed if self._anchored else parts.means.spare
 
-    def let_go(self) -> None:
-        """Let a periodic cell translate in time, where its momentum is kept."""
-        if self._anchored and lattice_of(self._discretization.means) is not None:
-            self._anchored = False
-            self.dirichlet.fix(self._zeros())
-
-    def anchor(self) -> None:
-        """Translate a periodic cell such that its anchor is where statics fixes it; collective."""
-        if self._anchored:
-            return
-        self._anchored, means, u = True, self._discretization.means, self._discretization.u.x
-        owned = means.anchor[means.anchor < self._discretization.owned]
-        d, here = self._mesh.geometry.dim, np.zeros(self._mesh.geometry.dim)
-        here[owned % d] = u.array[owned]
-        away = global_sum(self._mesh.comm, here)
-        nodes = np.unique(means.nodes)
-        u.array.reshape(-1, d)[nodes] -= away
-        self.dirichlet.fix(self._zeros())
-
     def _add(self, impose: Callable[[Loading], None], of_means: bool = False) -> None:
         """Apply a load or prescribed displacement now, and in all later spaces.
 
@@ -714,3 +695,23 @@ class Loading:
 def groups_of(loading: Loading) -> dict[str, int]:
     """Tag by name of the groups of cells; empty where they have no names."""
     return loading._names
+
+
+def let_go(loading: Loading) -> None:
+    """Let a periodic cell translate in time, where its momentum is kept."""
+    if loading._anchored and lattice_of(loading._discretization.means) is not None:
+        loading._anchored = False
+        loading.dirichlet.fix(loading._zeros())
+
+
+def anchor(loading: Loading) -> None:
+    """Translate a periodic cell such that its anchor is where statics fixes it; collective."""
+    if loading._anchored:
+        return
+    parts, d = loading._discretization, loading._mesh.geometry.dim
+    owned, here = parts.means.anchor[parts.means.anchor < parts.owned], np.zeros(d)
+    here[owned % d] = parts.u.x.array[owned]
+    nodes = np.unique(parts.means.nodes)
+    parts.u.x.array.reshape(-1, d)[nodes] -= global_sum(loading._mesh.comm, here)
+    loading._anchored = True
+    loading.dirichlet.fix(loading._zeros())

@@ -23,7 +23,7 @@ from ..interface.guess import (
 from ..interface.moving import MovingInterface
 from ..interface.sliding import sliding
 from .ledger import Inertia, Ledger
-from .loading import Loading
+from .loading import Loading, anchor
 from .motion import Motion
 from .states import Rates, RunScales, Snapshot
 
@@ -172,19 +172,11 @@ class Step:
     def come_to_rest(self) -> None:
         """Stop bodies in motion, for statics; their kinetic energy counts as viscous work;
         collective."""
-        self._loading.anchor()
+        anchor(self._loading)
         if self.motion is not None and (energy := self.motion.kinetic_energy()) > 0:
             self.ledger.release(energy)
             rest = np.zeros(self.discretization.owned)
             self.motion.move(rest, rest.copy())
-
-    def enter_given_state(self) -> None:
-        """Count the energy of a displacement that was given, not reached in steps, as work of loads
-        before the run in time; after its residual; collective."""
-        given = not np.array_equal(self.discretization.u.x.array, self._reached)
-        if self.motion is not None and global_any(self._comm, given):
-            energy = self.ledger.energy().imbalance - self.motion.kinetic_energy()
-            self.ledger.enter_start(-energy)
 
     def slow_down(self, overstress: float, cycles: float = 0.0) -> None:
         """Set the overstress of the step and the number of cycles that it represents.
@@ -496,3 +488,12 @@ class Step:
         self.ledger.follow(discretization)
         self.activation.follow(discretization.u)
         self._loading.follow(discretization)
+
+
+def enter_given_state(step: Step) -> None:
+    """Count the energy of a displacement that was given, not reached in steps, as supplied before a
+    run in time; after its residual; collective."""
+    given = not np.array_equal(step.discretization.u.x.array, step._reached)
+    if step.motion is not None and global_any(step._comm, given):
+        energy = step.ledger.energy().imbalance - step.motion.kinetic_energy()
+        step.ledger.enter_start(-energy)
