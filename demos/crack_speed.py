@@ -21,7 +21,6 @@ from mpi4py import MPI
 import matplotlib.pyplot as plt
 import numpy as np
 from dolfinx import mesh as meshes
-from matplotlib.animation import FuncAnimation, PillowWriter
 
 import vmdg
 
@@ -57,30 +56,6 @@ def build(cells: int, height: float, stress: float, bond: vmdg.Law) -> vmdg.Prob
     return problem
 
 
-def film(path: str, problem: vmdg.Problem, times: np.ndarray, fields: list) -> None:
-    """Speed of the points, of all ranks, over time."""
-    comm, owned = problem.comm, problem.space.dofmap.index_map.size_local
-    X = np.concatenate(comm.allgather(problem.space.tabulate_dof_coordinates()[:owned, :2]))
-    fields = [1e-3 * np.concatenate(comm.allgather(v[:owned])) for v in fields]
-    if comm.rank > 0:
-        return
-    # Columns of points, of which each has two at the interface.
-    order, columns = np.lexsort(np.round(X, 6).T[::-1]), len(np.unique(np.round(X[:, 0], 6)))
-    images = [v[order].reshape(columns, -1).T for v in fields]
-    figure, ax = plt.subplots(figsize=(6, 5), layout="constrained")
-    box = (X[:, 0].min(), X[:, 0].max(), X[:, 1].min(), X[:, 1].max())
-    most = np.quantile(images[-1], 0.999)
-    shown = ax.imshow(images[0], "inferno", origin="lower", extent=box, vmin=0, vmax=most)
-    figure.colorbar(shown, label="speed [m/s]")
-    ax.set(xlabel="x [mm]", ylabel="y [mm]")
-
-    def draw(number: int) -> None:
-        shown.set_data(images[number])
-        ax.set_title(f"{1e6 * times[number]:.1f} µs")
-
-    FuncAnimation(figure, draw, len(images)).save(path, PillowWriter(fps=12), dpi=60)
-
-
 def main(
     cells: int = 140,
     height: float = 20.0,
@@ -96,7 +71,7 @@ def main(
     problem, fields = build(cells, height, stress, bond), []
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
-        fields.append(np.linalg.norm(problem.velocity.x.array.reshape(-1, 2), axis=1))
+        fields.append(1e-3 * np.linalg.norm(problem.velocity.x.array.reshape(-1, 2), axis=1))
         return {"length [mm]": problem.energy().damage / energy}
 
     options, scheme = vmdg.SolveOptions(progress=True), vmdg.CentralDifferences()
@@ -104,7 +79,8 @@ def main(
     length, t = history["length"], np.maximum(times, tau)
     freund = C_R * (t - tau - tau * np.log(t / tau))
     Path(out).mkdir(parents=True, exist_ok=True)
-    film(f"{out}/crack_speed.gif", problem, times, fields)
+    titles = [f"{1e6 * t:.1f} µs" for t in times]
+    vmdg.plot.film(f"{out}/crack_speed.gif", problem, fields, titles, "speed [m/s]")
     speed = np.gradient(length, times)
     if problem.comm.rank == 0:
         figure, axes = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")

@@ -96,8 +96,11 @@ def draw(x: np.ndarray, times: np.ndarray, slip: np.ndarray) -> plt.Figure:
 def main(size: float = 75.0, end: float = 5.0, out: str = "results/fault") -> dict[str, np.ndarray]:
     """Run; history, and the slip of all times at the stations [m] with the arrivals there [s]."""
     times, problem, slips = np.linspace(0.0, end, round(50 * end) + 1)[1:], build(size), []
+    fields: list[np.ndarray] = []
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
+        if len(slips) % 4 == 3:
+            fields.append(np.linalg.norm(problem.velocity.x.array.reshape(-1, 2), axis=1))
         slips.append(vmdg.profile(problem, "fault", lambda state: state.gap[:, 0], along="x")[0].T)
         return {"slip [m]": slips[-1][1].max()}
 
@@ -106,6 +109,8 @@ def main(size: float = 75.0, end: float = 5.0, out: str = "results/fault") -> di
     x, slip = slips[0][0], np.array([values for _, values in slips])
     stations = np.array([[np.interp(1e3 * s, x, row) for s in STATIONS] for row in slip])
     arrivals = np.array([np.interp(0.2, one, times, right=np.nan) for one in stations.T])
+    titles = [f"{t:.2f} s" for t in times[3::4]]
+    vmdg.plot.film(f"{out}/fault.gif", problem, fields, titles, "speed [m/s]", 2.0, "m")
     if problem.comm.rank == 0:
         Path(out).mkdir(parents=True, exist_ok=True)
         draw(x, times, slip).savefig(f"{out}/fault.png", dpi=130)

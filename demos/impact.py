@@ -87,22 +87,26 @@ def main(
 ) -> vmdg.History:
     """Let the striker fall; the history."""
     bond = vmdg.Debonding(strength=strength, critical_gap=2 * energy / strength, friction=0.3)
-    (problem, striker), lost = build(size, bond), []
+    (problem, striker), lost, states = build(size, bond), [], []
     velocity, comm = problem.velocity.copy(), problem.comm
     velocity.x.array.reshape(-1, 2)[striker, 1] = -speed
     mine = striker[striker < problem.space.dofmap.index_map.size_local]
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
+        states.append(problem.snapshot())
         share = lambda state: state.softening / strength  # noqa: E731
         lost.append(vmdg.profile(problem, "plies", share, along="x")[0].T)
         v = problem.velocity.x.array.reshape(-1, 2)[mine, 1]
         mean = comm.allreduce(v.sum()) / comm.allreduce(len(v))
-        return {"striker [mm/s]": mean, "debonded [-]": problem.debonded("plies")}
+        row = {"striker [mm/s]": mean, "debonded [-]": problem.debonded("plies")}
+        return row | {"clock [µs]": 1e6 * problem.t}
 
     options, scheme = vmdg.SolveOptions(energy=True, progress=True), vmdg.CentralDifferences()
     times = np.linspace(0.0, end, round(5e5 * end) + 1)[1:]
     history = vmdg.solve_dynamics(problem, times, scheme, velocity, monitor, options).history
     figure = draw(history, lost[0][0], np.array([share for _, share in lost]))
+    shown = "clock", "damage", "mises"
+    vmdg.plot.animate(f"{out}/impact.gif", problem, states, history, *shown, magnify=3.0)
     if comm.rank == 0:
         Path(out).mkdir(parents=True, exist_ok=True)
         figure.savefig(f"{out}/impact.png", dpi=130)

@@ -19,3 +19,5 @@ def test_example(comm, out):
         assert -speed < history["striker"][-1] < 0
         assert (history["debonded"][-1] > 0.1) == (history["damage"][-1] > 0.1 * start)
         assert (history["debonded"][-1] > 0.1) == (speed == 2e4)
+        if comm.rank == 0:
+            assert (out / "impact.gif").stat().st_size > 1e4

@@ -100,4 +100,4 @@ def test_ranks(comm):
     found = [hit(*bars(r, 10, "triangle", friction=0.3), times) for r in (comm, MPI.COMM_SELF)]
     for name in ("force", "share", "kinetic"):
         one, other = (history[name] for history in found)
-        assert one == pytest.approx(other, rel=1e-7, abs=1e-7 * np.abs(other).max())
+        assert one == pytest.approx(other, rel=1e-9, abs=1e-9 * np.abs(other).max())

@@ -359,3 +359,15 @@ def test_parameters(rho):
             scheme(rho)
     with pytest.raises(ValueError, match="an integer >= 1"):
         vmdg.CentralDifferences(renewal=0)
+
+
+@EVERY_SCHEME
+def test_displacement_set_by_hand(comm, scheme):
+    """Its energy counts as supplied before the run, whatever has happened before."""
+    problem, _ = bar(comm, 8, vmdg.Debonding(strength=1.0, critical_gap=0.3))
+    for _ in range(2):
+        problem.u.interpolate(lambda x: np.array([0.1 * np.cos(np.pi * x[0]), 0 * x[0]]))
+        times = problem.t + np.linspace(0.0, 0.2, 41)[1:]
+        history = vmdg.solve_dynamics(problem, times, scheme, options=QUIET).history
+        assert history["kinetic"][-1] > 1e-3
+        assert np.abs(history["imbalance"]).max() < 1e-3 * history["external"][0]

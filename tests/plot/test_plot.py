@@ -377,6 +377,32 @@ def test_animation(comm, out):
         plot.animate(out / "film.gif", problem, [], history, "load", "force")
 
 
+def test_film_of_a_field(comm, out):
+    """Two bodies with values of their own: each keeps its colour up to the interface, and nothing
+    is drawn outside."""
+    scene = two_blocks(comm, "quadrilateral", 3)
+    problem = couple(scene, LAW, (SOFT, STIFF))
+    field = np.zeros(len(problem.u.x.array) // 2)
+    second = problem.discretization.bodies.cells_of[2]
+    field[problem.space.dofmap.list[second]] = 1.0
+    path = out / "b" / "field.gif"
+    plot.film(path, problem, [field, 0 * field], ["one", "two"], "value", most=1.0)
+    if comm.rank == 0:
+        with Image.open(path) as film:
+            assert film.n_frames == 2
+            picture = np.asarray(film.convert("L"), dtype=float)
+        bright = (picture > 200) & (picture < 254)
+        columns = np.flatnonzero(bright.sum(axis=0) > 0.3 * bright.sum(axis=0).max())
+        # Black where the field is 0: the left half of the axes.
+        assert len(columns) > 50
+        row = picture[picture.shape[0] // 2]
+        left = row[: columns[0]]
+        assert (left < 5).sum() > 0.8 * len(columns)
+    for wrong in ((out / "film.avi", [field], ["one"]), (path, [field], []), (path, [], [])):
+        with pytest.raises(ValueError, match=r"must end in .gif"):
+            plot.film(wrong[0], problem, *wrong[1:], "value")
+
+
 # PyVista
 
 

@@ -138,10 +138,16 @@ class DirichletConditions:
         self._space = space
         self._d = space.dofmap.index_map_bs
         self._conditions: list[_Condition] = []
+        self.fix(zeros)
+
+    def fix(self, zeros: NDArray[np.int32]) -> None:
+        """Fix other local dofs at zero than before."""
         self._zeros = zeros
-        self.dofs = np.unique(zeros)
+        every = [zeros, *(one.dofs.ravel() for one in self._conditions)]
+        self.dofs = np.unique(np.concatenate(every)).astype(np.int32)
         # Positions in them of the zeros and of the dofs of every condition.
-        self._fixed, self._places = np.searchsorted(self.dofs, zeros), []
+        self._fixed = np.searchsorted(self.dofs, zeros)
+        self._places = [np.searchsorted(self.dofs, one.dofs) for one in self._conditions]
 
     def add(
         self,
@@ -182,9 +188,7 @@ class DirichletConditions:
         each, base = dofs[:, None] * self._d + components, base[:, components]
         condition = _Condition(each, base, value, points, replaces, what, local)
         self._conditions.append(condition)
-        self.dofs = np.union1d(self.dofs, each).astype(np.int32)
-        self._fixed = np.searchsorted(self.dofs, self._zeros)
-        self._places = [np.searchsorted(self.dofs, one.dofs) for one in self._conditions]
+        self.fix(self._zeros)
 
     def _known(
         self, value: Value | Expr, dofs: NDArray[np.int32], index: int | None, what: str

@@ -55,8 +55,10 @@ class MeanSpace:
         dofs: Local dofs (component-wise numbers) of the means, on every rank; owned by the first
             rank.
         rows: The same for all dofs of these nodes.
-        fixed: Local dofs that are zero: those of one node of a periodic cell, whose w is determined
-            up to a translation, and the second dof of the node of F_33.
+        anchor: Local dofs of one node of a periodic cell, whose w is determined up to a translation
+            in statics.
+        fixed: Local dofs that are zero in statics: :attr:`anchor`, and :attr:`spare`.
+        spare: The second dof of the node of F_33.
         x: Positions of the nodes of ``broken`` from the centre of the cell (n, d) [mm].
     """
 
@@ -79,13 +81,13 @@ class MeanSpace:
         self.rows = (nodes[:, None] * d + np.arange(d, dtype=np.int32)).ravel()
         self.nodes = np.zeros(imap.size_local + imap.num_ghosts, dtype=np.int32)
         self.nodes[broken.dofmap.list] = self.space.dofmap.list
-        self.fixed = np.setdiff1d(self.rows, self.dofs)
+        self.spare, self.anchor = np.setdiff1d(self.rows, self.dofs), np.zeros(0, dtype=np.int32)
         self.x, self.length = x, float(np.sqrt(np.prod(box_sides(mesh)[:d])))
         if lattice is not None:
             self.x, self.length = x - lattice.centre, lattice.length
             first = np.unique(self.nodes[numbers == self._first_node(numbers)])
-            first = (first[:, None] * d + np.arange(d, dtype=np.int32)).ravel()
-            self.fixed = np.concatenate([self.fixed, first])
+            self.anchor = (first[:, None] * d + np.arange(d, dtype=np.int32)).ravel()
+        self.fixed = np.concatenate([self.spare, self.anchor])
         self._whole = fem.Function(broken, name="displacement")
         self._forces = np.zeros_like(self._whole.x.array)
 

@@ -167,13 +167,15 @@ def _write(problem: Problem, folder: Path, history: History | None) -> None:
         "units": {} if history is None else history.units,
     }
     parts = problem.discretization
-    if parts.means is not None:
-        dofs = parts.means.dofs
-        about["macroscopic"] = {"u": parts.u.x.array[dofs], "forces": parts.forces.x.array[dofs]}
     fields = {"u": parts.u.x.array, "forces": parts.forces.x.array}
     fields |= {_start(i): start for i, start in enumerate(problem.loading.given.starts)}
     if (motion := problem.step.motion) is not None:
         fields |= motion.fields()
+    if parts.means is not None:
+        dofs = parts.means.dofs
+        about["macroscopic"] = {
+            name: values[dofs] for name, values in fields.items() if not name.startswith("start ")
+        }
     points = parts.bodies.points
     rows = {_POINTS: points.rows(points.state)} if points else {}
     cells = cell_records(parts.space, fields, _places(parts), rows)

@@ -34,7 +34,7 @@ class ContactNodes:
     contact oscillates by a third. Mass redistribution (Khenous, Laborde and Renard 2008, Eur. J.
     Mech. A 27): the nodes of the interface give their mass to the others of their cells, and are in
     equilibrium in every step. Nodes of bonds, ties and dashpots keep their mass, those of cells
-    with no others, and all with beta K, mean dilatation, or surfaces that slide far.
+    with no others, and all with beta K, mean dilatation, unknown means, or surfaces that slide far.
 
     Args:
         problem: The problem.
@@ -187,8 +187,9 @@ def _massless(problem: Problem, cells: NDArray[np.int32]) -> Marks:
         other[fem.locate_dofs_topological(parts.space, fdim, facets)] = 1
     held = np.bincount(prescribed // dofmap.index_map_bs, minlength=size) == dofmap.index_map_bs
     found = (_shared(parts, contact) > 0) & ~(_shared(parts, other) > 0) & ~held
-    if parts.bodies.mean_dilatation or damping.rayleigh.beta or parts.slides:
-        # Pressure or damping would couple further nodes, or partners change.
+    coupled = parts.bodies.mean_dilatation or parts.means is not None
+    if coupled or damping.rayleigh.beta or parts.slides:
+        # Pressure, means or damping would couple further nodes, or partners change.
         found[:] = False
     nodes, alone = dofmap.list[cells], np.zeros(size)
     alone[nodes[found[nodes].all(axis=1)]] = 1

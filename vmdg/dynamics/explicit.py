@@ -36,7 +36,7 @@ class ExplicitSteps:
         supports: Motion of supports.
 
     Raises:
-        ValueError: lumped masses are not positive.
+        ValueError: lumped masses are not positive, or a mean is not prescribed.
     """
 
     krylov = 0
@@ -46,6 +46,13 @@ class ExplicitSteps:
         self._motion, self._comm = moving(problem.step.motion), problem.comm
         self._owned = problem.discretization.owned
         sums, held = self._motion.row_sums, problem.loading.owned_prescribed
+        means = problem.discretization.means
+        free = means is not None and len(np.setdiff1d(means.owned_rows, held)) > 0
+        if global_any(self._comm, free):
+            raise ValueError(
+                "CentralDifferences: a mean that follows from a given stress has no mass: "
+                "prescribe all components of strain=, gradient= or F_33, or use GeneralizedAlpha"
+            )
         largest = global_max(self._comm, float(sums.max(initial=0.0)))
         # Those of the critical step, which is longer where nodes are massless.
         self._masses = masses = sums.copy()

@@ -97,6 +97,8 @@ class ImplicitSteps:
         problem.step.assemble_residual(hold=True)
         v = motion.velocity.x.array[: self._owned]
         forces = -problem.discretization.forces.x.array[: self._owned] - self._drag(v)
+        if problem.discretization.means is not None:
+            held = np.union1d(held, problem.discretization.means.owned_rows).astype(np.int32)
         forces[held] = 0
         mass = motion.matrix()
         x, b = mass.createVecs()

@@ -14,8 +14,10 @@ from ..base.parallel import raise_together
 from ..base.timers import timer, timings, timings_since
 from ..checkpoint.checkpoint import warn_of_replacement, write_checkpoint
 from ..output.history import History, HistoryFile
+from ..problem.loading import let_go
 from ..problem.motion import moving
 from ..problem.problem import Problem
+from ..problem.step import enter_given_state
 from ..solver.attempt import Attempt
 from ..solver.monitors import Monitor, check_functions, energy_columns, sliding_column, watched_row
 from ..solver.options import SolveOptions
@@ -48,14 +50,27 @@ def solve_dynamics(
     steps. A run starts in the current state of the problem, at its time ``problem.t``: at rest,
     after :func:`vmdg.solve` or after another run in time.
 
+    A periodic cell, u = (F_bar - I).X + w, has the motion of an infinite body whose mean
+    deformation is F_bar(t): for every periodic eta
+
+        int rho w_tt.eta + int P(F_bar + GRAD w):GRAD eta + (terms of interfaces) = 0.
+
+    The inertia of F_bar_tt.X is left to the large scale: it is zero at a constant rate of F_bar,
+    and at another the body of one material has the strain F_bar - I everywhere, and what happens is
+    the same wherever the cell is cut. At rest means that w is. Energies balance with the work
+    V P_bar:dF_bar of the mean stress, which is that of ``Periodic(stress=...)`` at every time, and
+    with the kinetic energy of w, whose momentum is kept. Nor has F_33 of generalized plane strain
+    any inertia.
+
     Args:
         problem: A problem with a ``density``, changed in place.
         times: Increasing times, each a row of the history [s]. With :class:`GeneralizedAlpha` they
             are the steps, which are halved where one fails; with :class:`CentralDifferences` steps
             in between are stable.
         scheme: The scheme; None for ``GeneralizedAlpha()``.
-        velocity: Velocity at the start: a Function of :attr:`.Problem.space`, or a function of
-            positions x (3, n) with values (d, n); None for the current one, zero at first [mm/s].
+        velocity: Velocity at the start, in a periodic cell of w: a Function of
+            :attr:`.Problem.space`, or a function of positions x (3, n) with values (d, n); None for
+            the current one, zero at first [mm/s].
         monitor: As for :func:`vmdg.solve`.
         options: As for :func:`vmdg.solve`; there is no path to follow.
         history: History of an earlier run to continue, from :func:`vmdg.read_checkpoint`: the
@@ -68,9 +83,10 @@ def solve_dynamics(
 
     Raises:
         StepFailure: a step fails after ``max_cuts`` halvings.
-        ValueError: the problem has no density, or something that has no motion here: a periodic
-            cell, generalized plane strain, a rigid face, facets that open on demand, or a fluid in
-            a crack; times that do not increase; an initial velocity of the wrong size.
+        ValueError: the problem has no density, or something that has no motion here: a rigid face,
+            facets that open on demand, or a fluid in a crack; with :class:`CentralDifferences` a
+            mean strain that follows from a stress; times that do not increase; an initial velocity
+            of the wrong size.
         TypeError: an argument of the wrong type.
     """
     options, scheme = options or SolveOptions(), scheme or GeneralizedAlpha()
@@ -83,6 +99,7 @@ def solve_dynamics(
         warn_of_replacement(problem.comm, options.checkpoint)
     before, motion = timings(), moving(problem.step.motion)
     problem.loading.clear_ray()
+    let_go(problem.loading)
     with (
         timer("solve"),
         Interrupt(problem.comm) as interrupt,
@@ -95,8 +112,9 @@ def solve_dynamics(
         if history is None:
             kinetic = motion.kinetic_energy()
             _set_out(problem, velocity, supports.at(problem.t, problem.t, float(times[0]))[0])
-            problem.step.ledger.enter_kinetic(motion.kinetic_energy() - kinetic)
+            problem.step.ledger.enter_start(motion.kinetic_energy() - kinetic)
             steps.accelerate()
+            enter_given_state(problem.step)
         written = len(result.history)
         for number, t in enumerate(times):
             start, found, cuts, count = problem.t, Attempt(), 0, 0
@@ -159,9 +177,8 @@ def _checked(
         raise ValueError(
             f"solve_dynamics: times must be finite and increase from problem.t = {start:.8g} on"
         )
-    parts, loading = problem.discretization, problem.loading
+    loading = problem.loading
     refused = {
-        "the means of a periodic cell or of generalized plane strain": parts.means is not None,
         "a rigid face; use a wall, vmdg.Rigid, or a stiff body": bool(loading.rigid),
         "facets that open on demand; use activate='all'": bool(problem.step.activation),
         "a fluid in a crack": bool(loading.given.filled),
@@ -192,6 +209,8 @@ def _set_out(problem: Problem, velocity: Velocity, of_supports: Array) -> None:
         message = f"solve_dynamics: velocity returned {values.shape}, expected {shape}, finite"
         raise_together(problem.comm, None if right else message)
         v = values.T.ravel()
+        if (means := problem.discretization.means) is not None:
+            v[means.rows] = 0.0
     elif velocity is not None:
         raise TypeError(
             f"solve_dynamics: velocity = {velocity!r} must be a Function of problem.space or a "

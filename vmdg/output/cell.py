@@ -97,7 +97,8 @@ class PeriodicCell:
 
         The work of all stresses and tractions of the cell on the change of the displacement, less
         that of the mean stress on the change of F_bar, V P_bar:dF_bar, relative to V |P| |dF_bar|
-        with the largest mean stress of the run. It is the work of the residual on the fluctuation.
+        with the largest mean stress of the run. It is the work of the residual on the fluctuation,
+        in motion that of the inertia.
         """
         now, step = self._problem.discretization, self._problem.step
         if step.start.discretization is not now:

@@ -6,7 +6,7 @@ Functions of a problem are collective: every rank calls them, rank 0 draws and s
 
 from ..output.profile import profile
 from . import solids as solids
-from .animation import animate
+from .animation import animate, film
 from .interface import interface_points, interface_profile, mode_map
 from .stress import (
     add_colorbar,
@@ -26,6 +26,7 @@ __all__ = [
     "deformed_corners",
     "deformed_polygons",
     "draw_cells",
+    "film",
     "interface_points",
     "interface_profile",
     "mode_map",

@@ -1,4 +1,4 @@
-"""Animations of a run: stress on the deformed shape next to a curve."""
+"""Animations of a run: stress on the deformed shape next to a curve, and fields in the plane."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ from matplotlib.animation import AbstractMovieWriter, FFMpegWriter
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
+from scipy.spatial import cKDTree
 
-from ..base.parallel import raise_together
+from ..base.parallel import gathered, global_max, raise_together
 from ..output.history import History
 from ..problem.problem import Problem
 from ..problem.states import Snapshot
@@ -102,14 +103,97 @@ def animate(
     plt.close(figure)
 
 
+#: Pixels along the longer side of :func:`film`, and distance of a pixel from the next node up to
+#: which it belongs to the body, relative to the largest cell: it is at most 1/sqrt(3) in one.
+PIXELS, NEAR = 420, 0.6
+
+
+def film(
+    path: str | Path,
+    problem: Problem,
+    fields: Sequence[NDArray[np.float64]],
+    titles: Sequence[str],
+    label: str,
+    most: float | None = None,
+    unit: str = "mm",
+    fps: float = 12,
+    inches: float = 6.0,
+) -> None:
+    """Write an animation of a field in the plane, such as the speed of a body; collective.
+
+    Every pixel has the value of the next node, so that fields may jump at interfaces.
+
+    Args:
+        path: A file .gif; its folder is created if missing.
+        problem: A plane problem.
+        fields: Values at the nodes of :attr:`.Problem.space`, one array (n,) for each frame, for
+            example the norms of ``problem.velocity.x.array.reshape(-1, 2)`` in a monitor.
+        titles: One for each frame.
+        label: Of the colour bar.
+        most: Value at the upper end of the colours, at whose lower end is 0; None for that which
+            one point in a thousand exceeds in some frame.
+        unit: Of the positions.
+        fps: Frames per second.
+        inches: Width of the figure.
+
+    Raises:
+        ValueError: no field, not as many titles, a body in space, or another suffix.
+    """
+    path, comm, dim = Path(path), problem.comm, problem.mesh.topology.dim
+    message = None
+    if path.suffix != ".gif" or dim != 2 or not 0 < len(fields) == len(titles):
+        message = (
+            f"film: {path} must end in .gif, the body lie in a plane, and {len(fields)} fields "
+            f"have one title each, of which there are {len(titles)}"
+        )
+    raise_together(comm, message)
+    owned = problem.space.dofmap.index_map.size_local
+    cells = np.arange(problem.mesh.topology.index_map(dim).size_local, dtype=np.int32)
+    largest = global_max(comm, problem.mesh.h(dim, cells).max(initial=0.0))
+    X = gathered(comm, problem.space.tabulate_dof_coordinates()[:owned, :2])
+    values = [gathered(comm, field[:owned]) for field in fields]
+    if comm.rank > 0:
+        return
+    low, sides = X.min(axis=0), np.ptp(X, axis=0)
+    counts = np.maximum(np.rint(PIXELS * sides / sides.max()), 1).astype(int)
+    x, y = (a + s * (np.arange(n) + 0.5) / n for a, s, n in zip(low, sides, counts, strict=True))
+    distance, node = cKDTree(X).query(np.stack(np.meshgrid(x, y), axis=-1))
+    outside = distance > NEAR * largest
+    if most is None:
+        most = max(float(np.quantile(field, 0.999)) for field in values)
+    # The colour bar takes a quarter of the width, title and labels an inch of the height.
+    height = 0.75 * inches * sides[1] / sides[0] + 1.0
+    figure, ax = plt.subplots(figsize=(inches, height), layout="constrained")
+    box = (low[0], low[0] + sides[0], low[1], low[1] + sides[1])
+    picture = np.ma.masked_array(values[0][node], outside)
+    shown = ax.imshow(picture, "inferno", origin="lower", extent=box, vmin=0, vmax=most)
+    figure.colorbar(shown, label=label)
+    ax.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    writer = GifWriter(fps)
+    writer.colours = "inferno"
+    with writer.saving(figure, str(path), 80):
+        for field, title in zip(values, titles, strict=True):
+            shown.set_data(np.ma.masked_array(field[node], outside))
+            ax.set_title(title)
+            writer.grab_frame()
+    plt.close(figure)
+
+
 class GifWriter(AbstractMovieWriter):
-    """Frames with one palette: colours do not flicker, and unchanged regions take no space."""
+    """Frames with one palette: colours do not flicker, and unchanged regions take no space.
+
+    Attributes:
+        colours: Name of the map of colours.
+    """
+
+    colours = "viridis"
 
     def setup(self, fig: Figure, outfile: str | Path, dpi: float | None = None) -> None:
         """Start an animation of a figure."""
         super().setup(fig, outfile, dpi)
         self._pictures: list[Image.Image] = []
-        stresses = colormaps["viridis"](np.linspace(0, 1, 212))[:, :3]
+        stresses = colormaps[self.colours](np.linspace(0, 1, 212))[:, :3]
         greys = np.repeat(np.linspace(0, 1, 36)[:, None], 3, axis=1)
         reds = np.linspace([1, 1, 1], [0.84, 0.15, 0.16], 8)
         colours = 255 * np.concatenate([stresses, greys, reds])

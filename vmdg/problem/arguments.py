@@ -417,21 +417,6 @@ def check_pairs(facets: Sequence[InterfaceFacets], others: Mapping[str, bool]) -
             )
 
 
-def check_sliding(facets: Sequence[InterfaceFacets], others: Mapping[str, str]) -> None:
-    """Check what is given together with surfaces that slide.
-
-    Args:
-        facets: Facets of the interfaces.
-        others: Remedy of a feature that the problem has, by what the user wrote for it.
-
-    Raises:
-        ValueError: a feature that they do not have.
-    """
-    for selected in facets:
-        for name, remedy in others.items() if selected.slides else ():
-            raise ValueError(f"{selected.label} slides, which is not for {name}: {remedy}")
-
-
 def check_overlap(mesh: Mesh, facets: Sequence[InterfaceFacets]) -> None:
     """Check that every facet belongs to one interface, or each part of it that lies opposite a
     mesh that does not match; collective.

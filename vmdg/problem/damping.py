@@ -105,13 +105,15 @@ class Damping:
         """Refuse bodies whose viscosity beta F.dS/dt is not defined here.
 
         Raises:
-            ValueError: beta > 0 with a material at points or with mean dilatation.
+            ValueError: beta > 0 with a material at points, mean dilatation, or unknown means.
         """
         bodies = self._parts.bodies
-        if self.rayleigh.beta and (bodies.points is not None or bodies.mean_dilatation):
+        others = bodies.points is not None or bodies.mean_dilatation
+        if self.rayleigh.beta and (others or self._parts.means is not None):
             raise ValueError(
                 "Problem: Rayleigh(beta=) damps hyperelastic bodies with pointwise volumetric "
-                "strain; with others use alpha alone, or the rate of the material"
+                "strain, neither in periodic cells nor in generalized plane strain; with others "
+                "use alpha alone, or the rate of the material"
             )
 
     @cached_property

@@ -228,8 +228,8 @@ class Ledger:
         work = since.works.external[0] + at_owners(now.space, self._loading.vector) @ change
         self.works = replace(works, external=np.array([work, works.external[1]]))
 
-    def enter_kinetic(self, energy: float) -> None:
-        """Record the kinetic energy with which a run in time starts [N mm]."""
+    def enter_start(self, energy: float) -> None:
+        """Record energy with which a run in time starts; `energy` of all ranks [N mm]."""
         self._enter((energy * (self._comm.rank == 0), 0.0), np.zeros(3))
 
     def release(self, energy: float) -> None:

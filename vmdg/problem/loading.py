@@ -26,7 +26,7 @@ from ..assembly.rigid import RigidFaces
 from ..assembly.surface import Share
 from ..assembly.values import Part, Value, check_resultant, not_finite, takes_points, value_at
 from ..base.agreement import together
-from ..base.parallel import global_any, raise_together
+from ..base.parallel import global_any, global_sum, raise_together
 from ..base.tables import rounded
 from ..domain.geometry import axis_dofs
 from ..domain.tags import Group, group_tag
@@ -154,7 +154,7 @@ class Loading:
         # after a problem is deleted, and their communicators, of which MPICH has 2048.
         self._given: list[Callable[[Loading], None]] = []
         self._ray: Ray | None = None
-        self.nearby = False
+        self.nearby, self._anchored = False, True
         self.load_factor, self.t = fem.Constant(mesh, 0.0), 0.0
         self.given = Given(np.zeros(len(self._bodies.tags), dtype=bool), [], set())
         self.follow(discretization)
@@ -165,9 +165,8 @@ class Loading:
         self._discretization, space = discretization, discretization.space
         self.parts: dict[tuple[int, ...], Any] = {}
         self._vector: NDArray[np.float64] | None = None
-        means, geometry = discretization.means, discretization.geometry
-        zeros = axis_dofs(space, geometry) if means is None else means.fixed
-        self.dirichlet = DirichletConditions(space, zeros)
+        geometry = discretization.geometry
+        self.dirichlet = DirichletConditions(space, self._zeros())
         self.rigid = RigidFaces(discretization.u, geometry)
         self._loads = DeadLoads(discretization.u, geometry)
         self._surface = discretization.new_surface()
@@ -176,6 +175,13 @@ class Loading:
         if self._ray is not None:
             self._ray = self._ray_between(self._ray.start, self._ray.end)
         self.move(self.t)
+
+    def _zeros(self) -> NDArray[np.int32]:
+        """Local dofs that are zero for every load."""
+        parts = self._discretization
+        if parts.means is None:
+            return axis_dofs(parts.space, parts.geometry)
+        return parts.means.fixed if self._anchored else parts.means.spare
 
     def _add(self, impose: Callable[[Loading], None], of_means: bool = False) -> None:
         """Apply a load or prescribed displacement now, and in all later spaces.
@@ -689,3 +695,23 @@ class Loading:
 def groups_of(loading: Loading) -> dict[str, int]:
     """Tag by name of the groups of cells; empty where they have no names."""
     return loading._names
+
+
+def let_go(loading: Loading) -> None:
+    """Let a periodic cell translate in time, where its momentum is kept."""
+    if loading._anchored and lattice_of(loading._discretization.means) is not None:
+        loading._anchored = False
+        loading.dirichlet.fix(loading._zeros())
+
+
+def anchor(loading: Loading) -> None:
+    """Translate a periodic cell such that its anchor is where statics fixes it; collective."""
+    if loading._anchored:
+        return
+    parts, d = loading._discretization, loading._mesh.geometry.dim
+    owned, here = parts.means.anchor[parts.means.anchor < parts.owned], np.zeros(d)
+    here[owned % d] = parts.u.x.array[owned]
+    nodes = np.unique(parts.means.nodes)
+    parts.u.x.array.reshape(-1, d)[nodes] -= global_sum(loading._mesh.comm, here)
+    loading._anchored = True
+    loading.dirichlet.fix(loading._zeros())

@@ -52,6 +52,10 @@ def checked_density(density: Mapping[int, float], deformable: set[int]) -> dict[
 class Motion:
     """Mass and motion of the bodies.
 
+    In a periodic cell u = H.X + w has mass where it is w: with that of H(t).X, which belongs to the
+    large scale, what happens would depend on where the cell is cut unless H grows uniformly, when
+    both are the same.
+
     Args:
         discretization: The space; facets that open on demand would change it.
         density: Mass per reference volume by tag, in units such that 1 is force times time squared
@@ -60,7 +64,7 @@ class Motion:
 
     Attributes:
         density: As given.
-        velocity: [mm/s].
+        velocity: Of the displacement, in a periodic cell of w [mm/s].
         acceleration: Owned dofs [mm/s2].
         damping: Viscous forces.
         lumped: Lumped masses of owned dofs, from which the kinetic energy follows [N s2/mm]; None
@@ -93,8 +97,11 @@ class Motion:
 
     def matrix(self, kind: PETSc.Mat.Type = PETSc.Mat.Type.AIJ) -> PETSc.Mat:
         """A new consistent mass matrix, with the pattern of the tangent; collective."""
-        matrix = self._discretization.create_matrix(kind)
+        matrix, means = self._discretization.create_matrix(kind), self._discretization.means
         fem_petsc.assemble_matrix(matrix, self._form)
+        # Means have no mass, but entries for the identity of prescribed dofs.
+        for dof in () if means is None else means.owned_rows:
+            matrix.setValueLocal(dof, dof, 0.0, PETSc.InsertMode.ADD_VALUES)
         matrix.assemble()
         return matrix
 

@@ -35,6 +35,8 @@ class Periodic:
     does no work: at finite strain, if neither F_xy nor F_yx is given, one of them is set to zero,
     F_yx unless its stress is given.
 
+    For the motion of a cell see :func:`vmdg.solve_dynamics`.
+
     Opposite faces must have the same mesh. Interfaces may cross them. The boundary itself is not an
     interface: bodies that meet across it are tied, and an interface there raises an error.
 

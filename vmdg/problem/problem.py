@@ -57,7 +57,6 @@ from .arguments import (
     check_plane,
     check_points,
     check_rest,
-    check_sliding,
     check_walls,
     checked_interfaces,
     checked_materials,
@@ -189,8 +188,6 @@ class Problem:
             for i, interface in enumerate(self.interfaces)
         ]
         check_pairs(facets, {"a periodic cell": repeats})
-        in_time = {"bodies with a density": "motion in time needs pairs that stay; omit sliding"}
-        check_sliding(facets, in_time if density is not None else {})
         check_overlap(mesh, facets)
         if lattice is not None:
             check_faces(mesh, tags, lattice, self.interfaces, facets)

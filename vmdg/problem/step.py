@@ -23,7 +23,7 @@ from ..interface.guess import (
 from ..interface.moving import MovingInterface
 from ..interface.sliding import sliding
 from .ledger import Inertia, Ledger
-from .loading import Loading
+from .loading import Loading, anchor
 from .motion import Motion
 from .states import Rates, RunScales, Snapshot
 
@@ -84,6 +84,8 @@ class Step:
         self._dt = 1.0
         self._overlap()
         self.start = self.snapshot()
+        # The last converged displacement.
+        self._reached = self.start.u
 
     def _overlap(self) -> None:
         """Enter forces and energy of surfaces that overlap at the start."""
@@ -142,6 +144,9 @@ class Step:
         """
         self._dt, self.start = dt, self.snapshot()
         self.ledger.begin(self.start, dt, False, 0.0)
+        if self.discretization.slides:
+            for active in self.discretization.active.values():
+                active.pair(release=True)
         self.ledger.set_out(0.0, t)
         self._loading.move(t)
 
@@ -167,6 +172,7 @@ class Step:
     def come_to_rest(self) -> None:
         """Stop bodies in motion, for statics; their kinetic energy counts as viscous work;
         collective."""
+        anchor(self._loading)
         if self.motion is not None and (energy := self.motion.kinetic_energy()) > 0:
             self.ledger.release(energy)
             rest = np.zeros(self.discretization.owned)
@@ -359,7 +365,7 @@ class Step:
             active.commit()
         if bodies := self.discretization.bodies.points:
             bodies.commit()
-        self._repeats = 0
+        self._repeats, self._reached = 0, self.discretization.u.x.array.copy()
 
     def watch_sliding(self) -> float:
         """Largest slip of points in contact now, relative to the size of their facets; collective.
@@ -423,7 +429,7 @@ class Step:
             self.activation.open = list(snapshot.open)
             self._follow(snapshot.discretization)
         now = self.discretization
-        now.u.x.array[:] = snapshot.u
+        now.u.x.array[:] = self._reached = snapshot.u
         now.forces.x.array[:] = snapshot.forces
         self.ledger.works, self.rates = snapshot.works, snapshot.rates
         for active, interface in zip(now.active.values(), snapshot.interfaces, strict=True):
@@ -484,3 +490,12 @@ class Step:
         self.ledger.follow(discretization)
         self.activation.follow(discretization.u)
         self._loading.follow(discretization)
+
+
+def enter_given_state(step: Step) -> None:
+    """Count the energy of a displacement that was given, not reached in steps, as supplied before a
+    run in time; after its residual; collective."""
+    given = not np.array_equal(step.discretization.u.x.array, step._reached)
+    if step.motion is not None and global_any(step._comm, given):
+        energy = step.ledger.energy().imbalance - step.motion.kinetic_energy()
+        step.ledger.enter_start(-energy)
