@@ -74,6 +74,15 @@ def test_plastic_bodies_flow_in_their_iteration(out):
             assert (row.efforts[1] > 1.2 * row.efforts[0]) == ("tied" in row.name)
 
 
+def test_separate_meshes_have_equal_sizes(out):
+    """The same unknowns, and facets that meet several others."""
+    costs = benchmark.main(["separate"], coarse=True, repeats=1, out=str(out))["separate"]
+    assert len(costs) == 8
+    for row in costs:
+        assert row.sizes[0] == row.sizes[1], row.name
+        assert row.pairs > 1.5, row.name
+
+
 def test_a_step_costs_in_proportion(out):
     """What interfaces hold goes with their facets; what a commit keeps, with their points."""
     actions = {a.name: a for a in benchmark.main(["step"], True, 1, out=str(out))["step"]}

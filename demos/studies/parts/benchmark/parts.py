@@ -19,6 +19,7 @@ from parts.benchmark import (
     plastic,
     precision,
     ratio,
+    separate,
     step,
     switches,
     zone,
@@ -75,6 +76,17 @@ def plastic_part(coarse: bool, repeats: int) -> Outcome:
     points = table(plastic.HEAD_POINTS, [(name, *speed) for name, speed in speeds.items()])
     text = f"{points}\n\n{table(plastic.HEAD, [list(cost.row()) for cost in costs])}"
     return (speeds, costs), text, None
+
+
+def separate_part(coarse: bool, repeats: int) -> Outcome:
+    """Newton iterations of bodies that are meshed separately against those of one mesh."""
+    cases = [
+        (cell, law, 4 if coarse else n, repeats)
+        for cell, n in separate.SIZES.items()
+        for law in separate.LAWS
+    ]
+    costs = [separate.measure(*case) for case in progress(cases, "case")]
+    return costs, table(separate.HEAD, [list(cost.row()) for cost in costs]), None
 
 
 def explicit_part(coarse: bool, repeats: int) -> Outcome:
@@ -162,6 +174,7 @@ PARTS: dict[str, Callable[[bool, int], Outcome]] = {
     "intact": intact_part,
     "ratio": ratio_part,
     "plastic": plastic_part,
+    "separate": separate_part,
     "explicit": explicit_part,
     "zone": zone_part,
     "step": step_part,

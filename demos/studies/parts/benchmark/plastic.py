@@ -117,7 +117,7 @@ def measure(small: bool, direct: bool, n: int, repeats: int, tied: bool = True) 
     problems: dict[str, vmdg.Problem] = {}
     for name, body in {"elastic": ELASTIC, "plastic": METALS["J2, Voce"]}.items():
         problem = problems[name] = _problem(body, small, n, tied)
-        named[name] = dict(zip(STEPS, _actions(problem, direct), strict=True))
+        named[name] = dict(zip(STEPS, iteration(problem, direct), strict=True))
     bodies = problems["plastic"].discretization.bodies.points
     deformation = bodies.deformation(problems["plastic"].u)
     alone = {"plastic": {"points": lambda: bodies.update(deformation, np.inf)}}
@@ -156,8 +156,8 @@ def _problem(body: vmdg.Material, small: bool, n: int, tied: bool) -> vmdg.Probl
     return problem
 
 
-def _actions(problem: vmdg.Problem, direct: bool) -> tuple[Callable, ...]:
-    """Residual, tangent, boundary conditions and solve of one iteration."""
+def iteration(problem: vmdg.Problem, direct: bool) -> tuple[Callable, ...]:
+    """Residual, tangent, boundary conditions and solve of one iteration, at the displacement."""
     parts, held = problem.discretization, problem.loading.prescribed
     matrix = parts.create_matrix(PETSc.Mat.Type.AIJ if direct else PETSc.Mat.Type.BAIJ)
     matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
