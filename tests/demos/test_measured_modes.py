@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
+
+pytestmark = pytest.mark.skipif(
+    MPI.COMM_WORLD.size > 1, reason="tests of identify have its runs on several ranks"
+)
 
 
 def test_measured_modes(comm, out):
