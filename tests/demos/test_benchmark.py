@@ -83,6 +83,15 @@ def test_separate_meshes_have_equal_sizes(out):
         assert row.pairs > 1.5, row.name
 
 
+def test_derivatives_are_carried(out):
+    """A beam with few facets at small and finite strain."""
+    costs = benchmark.main(["derivatives"], coarse=True, repeats=1, out=str(out))["derivatives"]
+    assert [row.kinematics for row in costs] == ["small", "finite"]
+    for row in costs:
+        assert row.rows >= 15
+        assert 0 < row.more("two") < row.more("eight"), row
+
+
 def test_a_step_costs_in_proportion(out):
     """What interfaces hold goes with their facets; what a commit keeps, with their points."""
     actions = {a.name: a for a in benchmark.main(["step"], True, 1, out=str(out))["step"]}

@@ -13,6 +13,7 @@ from parts.bars import progress
 from parts.benchmark import (
     condensed,
     cost,
+    derivatives,
     explicit,
     intact,
     peers,
@@ -110,6 +111,13 @@ def explicit_part(coarse: bool, repeats: int) -> Outcome:
     return costs + large, text, None
 
 
+def derivatives_part(coarse: bool, repeats: int) -> Outcome:
+    """Runs with and without derivatives."""
+    cases = [(kind, 6 if coarse else 24, repeats) for kind in ("small", "finite")]
+    costs = [derivatives.measure(*case) for case in progress(cases, "case")]
+    return costs, table(derivatives.HEAD, [cost.row() for cost in costs]), None
+
+
 def zone_part(coarse: bool, repeats: int) -> Outcome:
     """Krylov iterations while a zone of failure grows, in 3D."""
     cases = progress((True, False), "interpolation")
@@ -176,6 +184,7 @@ PARTS: dict[str, Callable[[bool, int], Outcome]] = {
     "plastic": plastic_part,
     "separate": separate_part,
     "explicit": explicit_part,
+    "derivatives": derivatives_part,
     "zone": zone_part,
     "step": step_part,
     "peers": peers_part,
