@@ -23,7 +23,7 @@ OPTIONS = {"relative_tolerance": 1e-7, "checkpoint_every": EVERY}
 
 def model(folder: Path) -> scene.Model:
     """The coarse section after the cure, gripped by the punch; one cure serves all runs."""
-    model = scene.build(False, 10, 0.5, scene.FRICTION, scene.FIBRE_MODULUS)
+    model = scene.build(False, 10, 0.5, scene.LAW, scene.FIBRE_MODULUS)
     cure = folder.parent / "cure"
     if vmdg.read_checkpoint(model.problem, cure) is None:
         vmdg.solve(model.problem, [0.5, 1.0], vmdg.SolveOptions(relative_tolerance=1e-8))
