@@ -44,7 +44,7 @@ def test_pushed_fibre(comm, out):
     said."""
     import measured_pushout as study
 
-    found = study.main(refine=0.5, steps=20, whole=False, out=str(out))["two forces"]
+    found = study.main(refine=0.4, steps=10, whole=False, out=str(out))["two forces"]
     assert found.converged
     assert abs(found.estimate[study.FRICTION] / study.REPORT[study.FRICTION] - 1) < 0.05
     assert found.relative_errors[study.FRICTION] < 0.02
