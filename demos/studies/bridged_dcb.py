@@ -12,15 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
-
-from mpi4py import MPI
 
 import matplotlib.pyplot as plt
 import numpy as np
 from parts.options import run
 from parts.scenes import tutorial_law
-from parts.tables import markdown
+from parts.tables import markdown, report
 
 import vmdg
 from vmdg.meshes import beams
@@ -119,11 +116,7 @@ def main(
     for ax in (left, right):
         ax.legend()
     text = markdown(("law", "quantity", "value", "standard error [%]", "residual [N]"), lines)
-    if MPI.COMM_WORLD.rank == 0:
-        print(text)
-        Path(out).mkdir(parents=True, exist_ok=True)
-        (Path(out) / "bridged_dcb.md").write_text(text + "\n")
-        figure.savefig(Path(out) / "bridged_dcb.png", dpi=110)
+    report(out, "bridged_dcb", text, figure)
     return found
 
 

@@ -12,17 +12,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from itertools import product
-from pathlib import Path
 from time import process_time
 from typing import NamedTuple
-
-from mpi4py import MPI
 
 import numpy as np
 from parts.bars import progress
 from parts.options import run
 from parts.scenes import measured_beam
-from parts.tables import markdown
+from parts.tables import markdown, report
 from scipy.optimize import least_squares, minimize
 
 import vmdg
@@ -148,10 +145,7 @@ def main(
             values = (f"{value:.4g}" for value in np.exp(logs))
             lines.append((noise, place, name, runs, f"{seconds:.0f}", *values, said))
     text = markdown(HEAD, lines)
-    if MPI.COMM_WORLD.rank == 0:
-        print(text)
-        Path(out).mkdir(parents=True, exist_ok=True)
-        (Path(out) / "identification.md").write_text(text + "\n")
+    report(out, "identification", text)
     return every
 
 

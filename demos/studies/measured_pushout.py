@@ -12,15 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
-
-from mpi4py import MPI
 
 import matplotlib.pyplot as plt
 import numpy as np
 from parts.options import run
 from parts.scenes import pushout
-from parts.tables import markdown
+from parts.tables import markdown, report
 
 import vmdg
 
@@ -109,11 +106,7 @@ def main(
         ax.legend()
     head = ("from", "parameter", "report", "fit", "standard error [%]", "95 % in")
     text = markdown(head, lines)
-    if MPI.COMM_WORLD.rank == 0:
-        print(text)
-        Path(out).mkdir(parents=True, exist_ok=True)
-        (Path(out) / "measured_pushout.md").write_text(text + "\n")
-        figure.savefig(Path(out) / "measured_pushout.png", dpi=110)
+    report(out, "measured_pushout", text, figure)
     return found
 
 

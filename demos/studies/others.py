@@ -11,8 +11,6 @@ user's cache folder. Seconds are processor time of the load steps in a warm proc
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from mpi4py import MPI
 
 from parts.bars import progress
@@ -21,7 +19,7 @@ from parts.options import run
 from parts.others import explicit as in_time
 from parts.others.cases import COARSE, HEAD, Line, cases
 from parts.others.environment import prepare
-from parts.tables import markdown
+from parts.tables import markdown, report
 
 
 def main(
@@ -49,17 +47,13 @@ def main(
         raise RuntimeError("the other codes run on one rank: leave -n out")
     if explicit:
         text = markdown(in_time.HEAD, in_time.rows(8 if coarse else 20, prepare(python)))
-        print(text)
-        Path(out).mkdir(parents=True, exist_ok=True)
-        (Path(out) / "others_explicit.md").write_text(text + "\n")
+        report(out, "others_explicit", text)
         return []
     place = None if alone else prepare(python)
     scenes = COARSE.values() if coarse else (peers.P1, peers.P2)
     lines = [case() for case in progress(cases(list(scenes), repeats, place), "run")]
     text = markdown(HEAD, [line.cells() for line in lines])
-    print(text)
-    Path(out).mkdir(parents=True, exist_ok=True)
-    (Path(out) / "others.md").write_text(text + "\n")
+    report(out, "others", text)
     return lines
 
 

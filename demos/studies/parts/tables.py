@@ -1,8 +1,13 @@
-"""Tables of the pages."""
+"""Tables of the pages, and where studies write them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from mpi4py import MPI
+
+from matplotlib.figure import Figure
 
 
 def markdown(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
@@ -14,3 +19,15 @@ def markdown(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
     """
     first, *others = (f"| {' | '.join(map(str, cells))} |" for cells in [head, *rows])
     return "\n".join([first, "|" + "---|" * len(head), *others])
+
+
+def report(out: str, name: str, text: str, figure: Figure | None = None) -> None:
+    """Print a table, and write it and a picture to the folder ``out``, on the first rank."""
+    if MPI.COMM_WORLD.rank > 0:
+        return
+    print(text)
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / f"{name}.md").write_text(text + "\n")
+    if figure is not None:
+        figure.savefig(folder / f"{name}.png", dpi=110)
