@@ -5,12 +5,14 @@ The first line of a folder is what the others are compared with: run it on one r
 
 Strong: the same mesh on more ranks,       demos/run -n 1 scaling, demos/run -n 2 scaling, ...
 Weak: as many cells for every rank,        demos/run -n 1 scaling --weak, ...
+Alone: every rank runs the scene of one by itself and waits for none: what the machine allows, for
+the table of weak scaling,                 demos/run -n 2 scaling --alone, ...
 """
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from mpi4py import MPI
@@ -26,6 +28,7 @@ def main(
     share: float = 0.01,
     apart: bool = False,
     weak: bool = False,
+    alone: bool = False,
     out: str = "results/scaling",
     fresh: bool = False,
     plot: bool = True,
@@ -39,6 +42,7 @@ def main(
         share: Of the bond that breaks in a step at most [-].
         apart: Pull the cubes apart by the work on their bond, which nothing holds in the end.
         weak: Multiply the cells with the number of ranks.
+        alone: Run the scene of one rank on every rank; the row is that of the slowest.
         out: Folder of the results.
         fresh: Forget what it has.
         plot: Draw the picture.
@@ -46,10 +50,13 @@ def main(
     """
     comm = MPI.COMM_WORLD
     n = round(cells * comm.size ** (1 / 3)) if weak else cells
-    row = measure(n, comm, load, share, apart, verbose)
+    row = measure(n, MPI.COMM_SELF if alone else comm, load, share, apart, verbose)
+    if alone:
+        slowest = max(comm.allgather(row), key=lambda row: row.seconds)
+        row = replace(slowest, ranks=comm.size, unknowns=comm.size * row.unknowns)
     rows: list[Row] = []
     if comm.rank == 0:
-        file = Path(out) / ("weak.jsonl" if weak else "strong.jsonl")
+        file = Path(out) / ("weak.jsonl" if weak or alone else "strong.jsonl")
         file.parent.mkdir(parents=True, exist_ok=True)
         with open(file, "w" if fresh else "a") as lines:
             lines.write(json.dumps(asdict(row)) + "\n")

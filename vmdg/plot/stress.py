@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TypeVar
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -32,6 +33,7 @@ from ..problem.problem import Problem
 
 Limits = tuple[float, float]
 Component = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Drawn = TypeVar("Drawn", bound=Collection)
 
 #: Height of a plane body relative to its width below which its colour bar is above it [-].
 FLAT = 0.4
@@ -134,8 +136,9 @@ def stress(
     else:
         polygons, cells = deformed_polygons(problem, magnify=magnify)
         drawn = _draw_smooth(ax, problem, polygons, _corner_values(problem, sigma, take), limits)
-        lines = draw_cells(ax, problem, polygons, np.zeros(len(cells)))
-        lines.set(array=None, facecolor="none", linewidth=edges)
+        if edges:
+            lines = draw_cells(ax, problem, polygons, np.zeros(len(cells)))
+            lines.set(array=None, facecolor="none", linewidth=edges)
     if colorbar:
         add_colorbar(ax, drawn, label)
     names = axis_names(problem)
@@ -264,9 +267,21 @@ def _draw_smooth(
     triangles = np.array([[0, i, i + 1] for i in range(1, c - 1)])
     triangles = (c * np.arange(count)[:, None, None] + triangles).reshape(-1, 3)
     x, y = polygons.reshape(-1, 2).T
-    mesh = ax.tripcolor(Triangulation(x, y, triangles), values.ravel(), shading="gouraud")
+    mesh = TriMesh(Triangulation(x, y, triangles), array=values.ravel())
     mesh.set_clim(*(limits or (None, None)))
-    return mesh
+    ax.set_aspect("equal")
+    return _add_flat(ax, mesh, polygons)
+
+
+def _add_flat(ax: Axes, drawn: Drawn, polygons: NDArray) -> Drawn:
+    """Add what shows polygons (n, c, 2) to 2D axes.
+
+    The limits that matplotlib takes from a path for every polygon can cost more than the picture.
+    """
+    ax.add_collection(drawn, autolim=False)
+    ax.update_datalim(polygons.reshape(-1, 2))
+    ax.autoscale()
+    return drawn
 
 
 # Cells
@@ -361,8 +376,7 @@ def draw_cells(
     if polygons.shape[-1] == 3:
         collection = ax.add_collection3d(Poly3DCollection(polygons, **style))
     else:
-        collection = ax.add_collection(PolyCollection(polygons, **style))
-        ax.autoscale()
+        collection = _add_flat(ax, PolyCollection(polygons, **style), polygons)
     collection.set_clim(*(limits or (None, None)))
     ax.set_aspect("equal")
     return collection

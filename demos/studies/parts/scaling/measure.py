@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from time import perf_counter
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -31,12 +32,15 @@ from vmdg.base.parallel import global_max, global_sum
 
 #: Where the time goes: timers of vmdg.
 TIMERS = {
-    "solve": "linear solve",
-    "tangent": "assemble tangent",
-    "residual": "assemble residual",
-    "return map": "return map",
-    "stabilization": "stabilization",
+    "solve": ("linear solve",),
+    "set-up": ("factorize", "coarsen", "set up preconditioner"),
+    "tangent": ("assemble tangent",),
+    "residual": ("assemble residual",),
+    "return map": ("return map",),
+    "stabilization": ("stabilization",),
 }
+#: Of the solves: events of PETSc that end when the other ranks have come as far.
+WAITS = ("VecScatterEnd", "VecNorm", "VecMDot", "VecDot")
 BOND = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.3)  # MPa, mm
 BODY = {"E": 4000.0, "nu": 0.3}  # MPa
 
@@ -56,6 +60,7 @@ class Row:
         krylov: Iterations of linear solves.
         seconds: Wall time of the steps [s].
         parts: Of it by timer, of the slowest rank [s].
+        waiting: Of it in exchanges and sums of vectors, of the rank that waits longest [s].
         ghosts: Nodes that ranks hold for others, of all ranks.
         model: What the model of this module says.
         facets: Share of the facets of the interface on the rank that has most.
@@ -72,6 +77,7 @@ class Row:
     krylov: int
     seconds: float
     parts: dict[str, float]
+    waiting: float
     ghosts: int
     model: int
     facets: float
@@ -90,6 +96,7 @@ class Row:
             self.seconds,
             f"{work * first.seconds / self.seconds:.2f}",
             *self.parts.values(),
+            self.waiting,
             f"{self.ghosts} / {self.model}",
             f"{100 * self.facets:.0f} %",
             self.MiB,
@@ -107,6 +114,7 @@ HEAD = (
     "seconds",
     "gain",
     *TIMERS,
+    "waiting",
     "ghosts / model",
     "most facets",
     "MiB",
@@ -169,8 +177,9 @@ def measure(
     """
     problem, top = build(n, comm, apart)
     problem.discretization.compile()
+    PETSc.Log.begin()
     comm.barrier()
-    start = perf_counter()
+    before, start = waited(), perf_counter()
     options = vmdg.SolveOptions(
         relative_tolerance=1e-7 if apart else 1e-10,
         max_share=share,
@@ -180,9 +189,12 @@ def measure(
     # Halfway there is an equilibrium to be met exactly, which costs the work's path some others.
     result = vmdg.solve(problem, [load] if apart else [load / 2, load], options)
     comm.barrier()
-    seconds = perf_counter() - start
+    seconds, waiting = perf_counter() - start, waited() - before
     measured = {timing.name: timing.seconds for timing in result.timings}
-    parts = {name: global_max(comm, measured.get(what, 0.0)) for name, what in TIMERS.items()}
+    parts = {
+        name: global_max(comm, sum(measured.get(timer, 0.0) for timer in timers))
+        for name, timers in TIMERS.items()
+    }
     nodes = problem.space.dofmap.index_map
     facets = len(problem.step.activation.facets[0].facets)
     return Row(
@@ -196,11 +208,17 @@ def measure(
         result.counts.krylov,
         seconds,
         parts,
+        global_max(comm, waiting),
         int(global_sum(comm, nodes.num_ghosts)),
         modelled_ghosts(comm.size, n),
         global_max(comm, facets) / n**2,
         global_max(comm, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
     )
+
+
+def waited() -> float:
+    """Seconds that this rank has spent in :data:`WAITS` since the log of PETSc began."""
+    return sum(PETSc.Log.Event(name).getPerfInfo()["time"] for name in WAITS)
 
 
 def draw(rows: Sequence[Row]) -> Figure:
