@@ -76,7 +76,7 @@ class Capacitance:
     """
 
     #: Bodies at small strain do not buckle, and their factors never change.
-    unstable, drag, lags = False, 0.0, False
+    unstable, drag, lags, multiplier = False, 0.0, False, 0.0
 
     def __init__(self, problem: Problem, max_direct: int = MAX_DIRECT_GAPS):
         self._problem, self._comm, self._max_direct = problem, problem.comm, max_direct

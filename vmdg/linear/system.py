@@ -46,12 +46,15 @@ class System(Protocol):
         norm: Infinity norm of the first tangent, prescribed rows included [N/mm].
         drag: Added to the diagonal of K, relative to the norm; at finite strain only.
         lags: Whether the last K is reused once, with all right-hand sides but the first.
+        multiplier: What the second solution is multiplied with, over the norm of the first forces;
+            0 if nothing is known of it [1/N].
         iterations: Krylov iterations so far.
     """
 
     norm: float
     drag: float
     lags: bool
+    multiplier: float
 
     @property
     def iterations(self) -> int: ...
@@ -68,7 +71,8 @@ class System(Protocol):
         Args:
             forces: Forces on owned dofs; ignored at prescribed ones [N].
             moved: du of owned dofs for each of them, used at prescribed ones only [mm].
-            rtol: Relative tolerance of iterative solves.
+            rtol: Relative tolerance of iterative solves; for the second and later ones that of the
+                sum with the multiplier, if it is known.
 
         Returns:
             du of owned dofs, not finite where K is singular [mm].
@@ -109,10 +113,12 @@ class AssembledSystem:
         norm: Infinity norm of the first tangent, prescribed rows included [N/mm].
         drag: Added to the diagonal of K, relative to the norm; at finite strain only.
         lags: Whether the last K is reused once, with all right-hand sides but the first.
+        multiplier: What the second solution is multiplied with, over the norm of the first forces;
+            0 if nothing is known of it [1/N].
         inertia: Matrices of mass and damping with their factors, added to K.
     """
 
-    drag, lags = 0.0, False
+    drag, lags, multiplier = 0.0, False, 0.0
     inertia: Sequence[tuple[PETSc.Mat, float]] = ()
 
     def __init__(self, problem: Problem, petsc: Petsc | None):
@@ -288,7 +294,10 @@ class AssembledSystem:
             self._b.array[:] = f / self._unit
             self._b.array[self._prescribed] = du[self._prescribed]
             self._x.array[:] = 0.0 if guess is None else guess
-            self._linear.solve(self._b, self._x, rtol)
+            # b of a support that moves is as large as the stiffness of the body.
+            share = self.multiplier * self._unit * self._b.norm() if found else 0.0
+            tight = min(rtol, PRECISE)
+            self._linear.solve(self._b, self._x, max(rtol / max(share, 1.0), tight))
             found.append(self._x.array.copy())
             # A Krylov method does not keep a face exactly rigid.
             found[-1][self._faces] = du[self._faces]

@@ -150,12 +150,17 @@ class Iterate:
         return self._pieces.begun(self.sound.points)
 
     def _shorter(self, start: Direction, way: Direction, length: float) -> float:
-        """The same for the current limit of the damage work."""
-        if self.limits.work == math.inf or self._excess(start, way, length) <= self._numbers.growth:
+        """The same for the current limit of the damage work, or for that at the start if it is
+        larger."""
+        if self.limits.work == math.inf:
+            return length
+        excess, growth = self._excess(start, way, length), self._numbers.growth
+        most = 1.0 if excess <= growth else max(self._excess(start, way, 0.0), 1.0)
+        if excess <= growth * most:
             return length
         low, high = 0.0, length
         while low < (middle := (low + high) / 2) < high:
-            excess = self._excess(start, way, middle)
+            excess = self._excess(start, way, middle) / most
             # Between 0.5 and 1.5 times the limit is close enough.
             if abs(excess - 1) <= 0.5:
                 return middle
