@@ -109,8 +109,11 @@ class Steps:
             if found.converged and (reason := step.invalid()):
                 found = found.failed(reason)
             if found.converged and not step.stabilization_suffices():
+                reached = self._reached(found)
                 if step.raise_stabilization():
                     self._progress.say("step again: tau_s of its end")
+                    # Extrapolated over its own length, it begins where it has ended.
+                    last = last and reached
                     continue
                 found = found.failed("STABILIZATION_OUTGROWN")
             if found.converged:
@@ -157,9 +160,14 @@ class Steps:
         lost = step.lost() if wears else 0.0
         if lost > self.options.max_loss:
             return replace(found.failed("WORN"), lost=lost)
+        return replace(self._reached(found), lost=lost)
+
+    def _reached(self, found: Attempt) -> Attempt:
+        """A converged attempt with its change and its damage work."""
+        problem, step = self.problem, self.problem.step
         change = (problem.u.x.array - step.start.u)[: problem.discretization.owned]
         ahead = Direction(change, problem.t - step.start.t)
-        return replace(found, work=step.bond_work(), lost=lost, ahead=ahead)
+        return replace(found, work=step.bond_work(), ahead=ahead)
 
     def _iterate(self, limits: Limits, last: Attempt | None) -> Attempt:
         problem, options, jump = self.problem, self.options, limits.jump
