@@ -8,7 +8,7 @@ from support.problems import MATERIALS, couple, joined, pressed
 from support.scenes import everywhere, tag_cells, two_blocks, unit_box
 
 import vmdg
-from vmdg.base.parallel import global_max
+from vmdg.base.parallel import global_max, global_norm
 from vmdg.linear.capacitance import Capacitance
 from vmdg.linear.system import AssembledSystem
 
@@ -202,3 +202,23 @@ def test_product(comm, condensed):
     off = np.abs(system.product(du) - forces)[free].max(initial=0.0)
     system.free()
     assert global_max(comm, off) < 1e-9 * global_max(comm, np.abs(forces).max(initial=0.0))
+
+
+def test_second_solution_as_exact_as_needed(comm):
+    """What an error of the response to a load adds to the residual is no more than that of the
+    correction, though a support that moves is a load as large as the body is stiff."""
+    problem = sheared(comm, "hexahedron")
+    problem.step.assemble_residual()
+    options = {"ksp_type": "gmres", "pc_type": "jacobi", "ksp_max_it": 500}
+    nothing = np.zeros(problem.discretization.owned)
+    held = problem.loading.owned_prescribed
+    forces, moved, left = nothing + 1e-4, nothing.copy(), []
+    moved[held] = 1.0
+    forces[held] = 0.0
+    for multiplier in (0.0, 0.1):
+        system = AssembledSystem(problem, options)
+        system.multiplier = multiplier
+        _, du = system.solve([forces, nothing], [nothing, moved], 1e-4)
+        left.append(global_norm(comm, problem.loading.balance(system.product(du))))
+        system.free()
+    assert left[1] <= 1e-4 / 0.1 * 1.01 < left[0]

@@ -11,6 +11,10 @@ from support.problems import rotation
 import vmdg
 from vmdg.base.parallel import global_max
 from vmdg.meshes import blocks
+from vmdg.solver.corrector import Corrector
+from vmdg.solver.iterate import Iterate
+from vmdg.solver.limits import Direction, Limits
+from vmdg.solver.onset import Pieces
 
 E = 1000.0
 
@@ -24,6 +28,46 @@ def squares(comm, law: vmdg.Law, left, right) -> vmdg.Problem:
     problem.dirichlet(facets.find(1), left)
     problem.dirichlet(facets.find(2), right)
     return problem
+
+
+def test_a_correction_beyond_the_work_of_a_step(comm):
+    """One that starts beyond the limit of the damage work, but not by far, is not shortened to
+    nothing: no length of it would end within the limit."""
+    mesh, cells, _ = blocks(comm, "quadrilateral", (2, 2))
+    law = vmdg.Debonding(strength=2.0, critical_gap=0.1)
+    bodies = dict.fromkeys((1, 2), vmdg.NeoHookean(E=E, nu=0.3))
+    problem = vmdg.Problem(mesh, cells, bodies, [vmdg.Interface(between=(1, 2), law=law)])
+    options = vmdg.SolveOptions()
+    corrector = Corrector(problem, options)
+    problem.step.begin(1.0, np.inf)
+    moved = np.zeros(len(problem.u.x.array))
+    moved[2 * np.unique(problem.space.dofmap.list[cells.find(2)])] = 1.0
+    apart = Direction(moved[: problem.discretization.owned], 0.0)
+    nothing = Direction(0.0 * apart.u, 0.0)
+
+    def iterate(work: float) -> Iterate:
+        given = problem, corrector.system, Pieces(problem.discretization), options.path, 1.0
+        limits = Limits(0.0, 1.0, 1.0, work=work)
+        return Iterate(*given, limits, np.inf, continues=True)
+
+    def work(gap: float) -> float:
+        free.map(nothing.plus(apart, gap))
+        return free.reach().work
+
+    free = iterate(np.inf)
+    low, high = work(0.02), work(0.025)
+    assert 0 < 1.1 * low < high
+    start = nothing.plus(apart, 0.02)
+    # Twice the limit counts as far.
+    limited = iterate(low / 1.9)
+    assert high > 2 * low / 1.9
+    assert limited.allowed(start, apart, 0.005) == 0.005
+    length = limited.allowed(start, apart, 0.08)
+    assert 0 < length < 0.08
+    assert 0.5 * low < work(0.02 + length) < 1.5 * low
+    assert iterate(low / 1.9).allowed(nothing, apart, 0.02) == 0.02
+    assert iterate(low / 20).allowed(nothing, apart, 0.02) < 0.02
+    corrector.free()
 
 
 def turning(move: float, angle: float):
