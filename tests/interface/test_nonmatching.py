@@ -604,9 +604,6 @@ def test_refused_places():
     ]
     with pytest.raises(ValueError, match=r"has no facet: .* units and origins"):
         with_interface(apart(far))
-    problem = with_interface(scene, {"law": vmdg.Contact()})
-    with pytest.raises(ValueError, match="no fluid between its faces"):
-        problem.pressure(problem.interfaces[0], 1.0)
 
 
 @SEVERAL_RANKS

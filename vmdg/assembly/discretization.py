@@ -519,8 +519,7 @@ class Discretization:
             matrix.zeroEntries()
             # PETSc drops preallocated entries that are not set before the first assembly.
             self._add_bodies(matrix)
-            for form in self.surface.tangents():
-                fem_petsc.assemble_matrix(matrix, form)
+            self.surface.add_tangents(matrix)
             for part in parts:
                 add_tangent(matrix, *part)
                 add_couplings(matrix, part[0])

@@ -6,9 +6,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from petsc4py import PETSc
+
 import numpy as np
 import ufl
 from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
 from dolfinx.mesh import Mesh
 from numpy.typing import ArrayLike, NDArray
 from ufl.core.expr import Expr
@@ -24,7 +27,9 @@ from ..domain.topology import boundary_rows
 from ..forms import surface
 from ..interface.active import ActiveInterface
 from ..interface.fluid import Fluid
+from ..interface.quadrature import FacetQuadrature
 from .dirichlet import SAME_VALUE
+from .point_matrices import add_forces
 from .space import at_owners
 from .values import Part, Value, first_value, takes_points, value_at
 
@@ -59,7 +64,7 @@ class _Term:
         return self._compile(self.forces)
 
     @cached_property
-    def tangent(self) -> fem.Form:
+    def _tangent_form(self) -> fem.Form:
         """Derivative of the forces by the displacement."""
         du = ufl.TrialFunction(self.u.function_space)
         return self._compile(ufl.derivative(self.forces, self.u, du))
@@ -71,6 +76,34 @@ class _Term:
     def add_to(self, vector: Array) -> None:
         """Add the forces at the current displacement, over local dofs [N]."""
         fem.assemble_vector(vector, self._vector_form)
+
+    def add_tangent(self, matrix: PETSc.Mat) -> None:
+        """Add the derivative of the forces by the displacement, not assembled."""
+        fem_petsc.assemble_matrix(matrix, self._tangent_form)
+
+
+@dataclass(frozen=True)
+class _PairTerm:
+    """Forces of a fluid between meshes that do not match.
+
+    Attributes:
+        active: The interface.
+        dofs: Nodes of the cells.
+    """
+
+    active: ActiveInterface
+    dofs: NDArray[np.int32]
+
+    def add_to(self, vector: Array) -> None:
+        """As of :class:`_Term`."""
+        nodes, d = self.dofs[self.active.facets.cells], self.active.quadrature.d
+        add_forces(vector, nodes, d, self.active.fluid.forces())
+
+    def add_tangent(self, matrix: PETSc.Mat) -> None:
+        """As of :class:`_Term`."""
+        for cells, matrices in self.active.fluid.tangents():
+            nodes = self.dofs[cells]
+            matrix.setValuesBlockedLocalRCV(nodes, nodes, matrices, PETSc.InsertMode.ADD_VALUES)
 
 
 @dataclass(frozen=True)
@@ -87,7 +120,7 @@ class _Pressure:
         fluid: Fluid between crack faces; None on the boundary.
     """
 
-    term: _Term
+    term: _Term | _PairTerm
     function: fem.Function
     value: Value
     points: Array | None
@@ -183,6 +216,16 @@ class Surface:
             )
         active.fluid.share = self._share(active, debonded, share)
         quadrature, p = active.quadrature, active.fluid.pressure
+        dofs = np.arange(len(quadrature.weights), dtype=np.int32)
+        term = self._fluid_term(active)
+        self._add(term, p, value, quadrature.points.T, dofs, active.fluid)
+        self.fluids.append(active)
+        self._spreading.append((active, debonded, share))
+
+    def _fluid_term(self, active: ActiveInterface) -> _Term | _PairTerm:
+        quadrature = active.quadrature
+        if not isinstance(quadrature, FacetQuadrature):
+            return _PairTerm(active, self._space.dofmap.list)
         eta, N = ufl.TestFunction(self._space), ufl.FacetNormal(self._mesh)("+")
         rows = active.facets.rows(np.ones(len(active.facets.facets), dtype=bool))
         dS = ufl.Measure(
@@ -193,12 +236,9 @@ class Surface:
             metadata={"quadrature_degree": quadrature.degree},
         )
         body = self._bodies.regions[0].body
-        density = surface.crack_face_force(eta, body, self._geometry, self._u, N, p("+"))
-        term = self._term(density, dS, [quadrature.submesh])
-        dofs = np.arange(len(quadrature.weights), dtype=np.int32)
-        self._add(term, p, value, quadrature.points.T, dofs, active.fluid)
-        self.fluids.append(active)
-        self._spreading.append((active, debonded, share))
+        p = active.fluid.pressure("+")
+        density = surface.crack_face_force(eta, body, self._geometry, self._u, N, p)
+        return self._term(density, dS, [quadrature.submesh])
 
     def _term(
         self, density: Expr, measure: ufl.Measure, submeshes: Sequence[compat.FacetSubmesh] = ()
@@ -208,7 +248,7 @@ class Surface:
 
     def _add(
         self,
-        term: _Term,
+        term: _Term | _PairTerm,
         p: fem.Function,
         value: Value,
         points: Array,
@@ -344,7 +384,7 @@ class Surface:
         largest = global_max(self._mesh.comm, float(np.abs(forces).max(initial=0.0)))
         return np.einsum("in,jn->nij", motions, forces) / max(largest, np.finfo(float).tiny)
 
-    def _sum(self, terms: list[_Term]) -> Array:
+    def _sum(self, terms: Sequence[_Term | _PairTerm]) -> Array:
         vector = np.zeros_like(self._u.x.array)
         for term in terms:
             term.add_to(vector)
@@ -354,7 +394,8 @@ class Surface:
         """Energy of the springs on this rank [N mm]."""
         return float(self.spring_vector() @ self._u.x.array) / 2
 
-    def tangents(self) -> list[fem.Form]:
-        """Derivatives of the forces of springs and of follower pressures."""
+    def add_tangents(self, matrix: PETSc.Mat) -> None:
+        """Add the derivatives of the forces of springs and of follower pressures, not assembled."""
         turning = [] if self._bodies.small else [pressure.term for pressure in self._pressures]
-        return [term.tangent for term in (*self._springs, *turning)]
+        for term in (*self._springs, *turning):
+            term.add_tangent(matrix)

@@ -6,7 +6,6 @@ from petsc4py import PETSc
 
 import numpy as np
 from dolfinx import fem, la
-from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import NDArray
 
 from ..assembly.discretization import Discretization, split
@@ -134,8 +133,7 @@ class ContactNodes:
         matrix = self._matrix
         matrix.zeroEntries()
         self._split.add_near(matrix)
-        for form in self._parts.surface.tangents():
-            fem_petsc.assemble_matrix(matrix, form)
+        self._parts.surface.add_tangents(matrix)
         for active in self._touching:
             add_tangent(matrix, active, active.tangent()[0])
         matrix.assemble()

@@ -76,6 +76,7 @@ class ActiveInterface:
         self.law = facets.law.at(self.quadrature.facet)
         self._u, self._bodies = u, bodies
         self.stabilizer = self._make_stabilizer()
+        self.fluid: Fluid | None = None
         self.terms: InterfaceTerms | PointResidual
         self._make_evaluators()
         self.stabilization: Stabilization | None = None
@@ -90,7 +91,6 @@ class ActiveInterface:
         self._resumed: NDArray[np.float64] | None = None
         self._overstress_modulus: NDArray[np.float64] | None = None
         self._cycles: NDArray[np.float64] | None = None
-        self.fluid: Fluid | None = None
 
     def _make_stabilizer(self) -> Stabilizer:
         return Stabilizer(self.interface, self.quadrature, self._u, self._bodies)
@@ -98,26 +98,23 @@ class ActiveInterface:
     def _make_evaluators(self) -> None:
         """Make what evaluates expressions at the points."""
         given = self.quadrature, self._u, self._bodies
-        self._return_map = ReturnMap(self.interface, *given)
+        pressure = None if self.fluid is None else self.fluid.pressure
+        self._return_map = ReturnMap(self.interface, *given, pressure)
         self.turns = self._return_map.turns
         if isinstance(self.quadrature, FacetQuadrature):
-            self.terms = InterfaceTerms(self.interface, *given, self.turns)
+            self.terms = InterfaceTerms(self.interface, *given, self.turns, pressure)
         else:
-            self.terms = PointResidual(*given)
+            self.terms = PointResidual(*given, pressure)
         self.__dict__.pop("point_tangent", None)
 
     def take_fluid(self) -> None:
         """Add a fluid between the crack faces, at zero pressure; the forms must be rebuilt."""
-        assert isinstance(self.quadrature, FacetQuadrature)
-        given = self.quadrature, self._u, self._bodies
-        self.fluid = Fluid(*given)
-        pressure = self.fluid.pressure
-        self._return_map = ReturnMap(self.interface, *given, pressure)
-        self.terms = terms = InterfaceTerms(self.interface, *given, self.turns, pressure)
-        self.__dict__.pop("point_tangent", None)
-        terms.set_gap(self.values)
+        assert not self.facets.slides
+        self.fluid = Fluid(self.quadrature, self._u, self._bodies)
+        self._make_evaluators()
+        self._set_gap()
         if self.stabilization is not None:
-            terms.set_stabilization(self.stabilization)
+            self._set_stabilization(self.stabilization)
 
     # At the current displacement
 
@@ -432,7 +429,13 @@ def pair_energy(active: ActiveInterface) -> float:
     where they match."""
     if isinstance(active.terms, InterfaceTerms):
         return 0.0
-    return active.terms.energy(active.stabilization, active.values)
+    energy = active.terms.energy(active.stabilization, active.values)
+    if active.fluid is None:
+        return energy
+    # The traction has the fluid in it, whose work is that of a load.
+    lost = active.fluid.intrusion(active.values, active.stabilization)
+    p = active.fluid.pressure.x.array[: len(lost)]
+    return energy - float((p * lost) @ active.quadrature.weights)
 
 
 def recoverable_energy(active: ActiveInterface) -> float:

@@ -1,17 +1,27 @@
-"""The pressure of a fluid between the crack faces of an interface, at its points."""
+"""The pressure of a fluid between the crack faces of an interface, at its points.
+
+Where meshes match, its forces are a form; where they do not, sums over the points, p a_1.eta_1 +
+p a_2.eta_2 with the current area vectors a of both sides, each outward and per area of side 1.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
+import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
 
 from ..domain.materials import Bodies
 from ..forms import kinematics
+from .pair_quadrature import PairQuadrature
 from .points import PointValues
-from .quadrature import InterfaceQuadrature
+from .quadrature import InterfaceQuadrature, SideEvaluators
 from .return_map import apply
 from .stabilization import Stabilization
+
+Array = NDArray[np.float64]
 
 
 class Fluid:
@@ -30,8 +40,9 @@ class Fluid:
     def __init__(self, quadrature: InterfaceQuadrature, u: fem.Function, bodies: Bodies):
         self.pressure = fem.Function(quadrature.space(()), name="fluid")
         self.share = np.ones(len(quadrature.weights))
-        self._quadrature = quadrature
+        self._quadrature, self._u = quadrature, u
         self._area = None
+        self._area_slopes: SideEvaluators | None = None
         if not bodies.small:
             self._area = quadrature.side_evaluators(
                 u,
@@ -40,16 +51,61 @@ class Fluid:
                 lambda body, F, N, a: kinematics.area_vector(body, F, N),
                 "current area",
             )
+            if isinstance(quadrature, PairQuadrature):
+                n = quadrature.geometry.size(quadrature.d)
+                self._area_slopes = quadrature.side_evaluators(
+                    u,
+                    bodies,
+                    (quadrature.d, n, n),
+                    lambda body, F, N, a: ufl.diff(kinematics.area_vector(body, F, N), F),
+                    "slope of the current area",
+                )
 
-    def intrusion(self, values: PointValues, stabilization: Stabilization) -> NDArray[np.float64]:
+    @property
+    def areas(self) -> tuple[Array, Array]:
+        """J F^-T.N of both sides, N outward (nq, d)."""
+        if self._area is None:
+            return self._quadrature.outward[0], self._quadrature.outward[1]
+        return self._area[0](), self._area[1]()
+
+    def intrusion(self, values: PointValues, stabilization: Stabilization) -> Array:
         """{J F^-T.N}.s, by which the volume between the faces exceeds that of the gap (nq,) [mm].
 
         The fluid fills the gap zeta = g - s: its work is p d(volume between the faces) minus p d({J
         F^-T.N}.s), so that energies balance for nonzero elastic opening s.
         """
-        mean = self._quadrature.normal
-        if self._area is not None:
-            # The kernels use the outward normal of their side, -N on side 2.
-            delta = stabilization.weights[self._quadrature.facet]
-            mean = apply(delta[:, 0], self._area[0]()) - apply(delta[:, 1], self._area[1]())
+        one, two = self.areas
+        delta = stabilization.weights[self._quadrature.facet]
+        mean = apply(delta[:, 0], one) - apply(delta[:, 1], two)
         return np.einsum("pi,pi->p", mean, values.elastic_opening)
+
+    def forces(self) -> Array:
+        """Of pairs: the sum of p a.eta dA over the points, on the nodes of both cells (nf, 2 nodes,
+        d) [N]."""
+        quadrature: PairQuadrature = self._quadrature
+        jets = quadrature.jets(self._u.function_space)
+        tractions = np.stack(self.areas, axis=1) * self._pressed[:, None, None]
+        return jets.side_forces(tractions[quadrature.points_of_facet])
+
+    def tangents(self) -> Iterator[tuple[NDArray[np.int32], Array]]:
+        """Of pairs: cells of one side and the derivative of the forces on their nodes by the
+        displacement of these (nf, n, n); none at small strain."""
+        quadrature: PairQuadrature = self._quadrature
+        jets, points = quadrature.jets(self._u.function_space), quadrature.points_of_facet
+        d, n = quadrature.d, quadrature.geometry.size(quadrature.d)
+        columns = [i * n + j for i, j in jets.entries]
+        for a, evaluate in enumerate(self._area_slopes or ()):
+            slopes = evaluate().reshape(-1, d, n * n)[..., columns]
+            slopes = (self._pressed[:, None, None] * slopes)[points]
+            B = jets.gradient_entries(jets.gradients[:, :, a])
+            B = B.reshape(*B.shape[:3], -1)
+            moved = slopes @ B
+            matrices = np.einsum("fpn,fpim->fnim", jets.values[:, :, a], moved, optimize=True)
+            size = B.shape[3]
+            yield quadrature.facets.cells[:, a], matrices.reshape(-1, size, size)
+
+    @property
+    def _pressed(self) -> Array:
+        """p dA (nq,) [N]."""
+        weights = self._quadrature.weights * float(self._quadrature.geometry.thickness)
+        return weights * self.pressure.x.array[: len(weights)]

@@ -126,8 +126,8 @@ class FacetJets:
             flux: Conjugate to jets (nf, points, jet).
         """
         d, count = self._d, len(self.entries)
-        opening = flux[:, :, None, :d] * np.array([[-1.0], [1.0]])
-        forces = np.einsum("fpan,fpai->fani", self.values, opening, optimize=True)
+        forces = self.side_forces(flux[:, :, None, :d] * np.array([[-1.0], [1.0]]))
+        forces = forces.reshape(len(forces), 2, self.nodes, d)
         G = flux[:, :, d:].reshape(*flux.shape[:2], 2, count)
         section = G[..., : d * d].reshape(*G.shape[:3], d, d)
         slopes = self.gradients[..., :d]
@@ -135,6 +135,12 @@ class FacetJets:
         if self._hoop:
             forces[..., 0] += np.einsum("fpan,fpa->fan", self.gradients[..., d], G[..., d * d])
         return forces.reshape(len(forces), 2 * self.nodes, d)
+
+    def side_forces(self, tractions: Array) -> Array:
+        """Sums of tractions.eta over the points of all facets, tractions with dA on both sides (nf,
+        points, 2, d), on the nodes of their cells (nf, 2 nodes, d)."""
+        forces = np.einsum("fpan,fpai->fani", self.values, tractions, optimize=True)
+        return forces.reshape(len(forces), 2 * self.nodes, self._d)
 
     def on_dilatation(self, flux: Array) -> Array:
         """What is conjugate to the dilatations of both cells (..., 2) in what is conjugate to jets

@@ -293,11 +293,10 @@ class PairQuadrature(InterfaceQuadrature):
         name: str,
         fluid: fem.Function | None = None,
     ) -> SideEvaluators:
-        """See the base class; there are no fluids."""
-        assert fluid is None
+        """See the base class."""
 
         def one_side(a: int) -> Evaluator:
-            return _PointExpressions(self, u, bodies, a, shape, expression, name)
+            return _PointExpressions(self, u, bodies, a, shape, expression, name, fluid)
 
         return one_side(0), one_side(1)
 
@@ -348,6 +347,7 @@ class _PointExpressions:
         shape: Shape of the expression.
         expression: Of the body, F, N and the side.
         name: Its purpose.
+        fluid: Fluid pressure at the points; None for none.
     """
 
     def __init__(
@@ -359,6 +359,7 @@ class _PointExpressions:
         shape: tuple[int, ...],
         expression: SideExpression,
         name: str,
+        fluid: fem.Function | None = None,
     ):
         self._quadrature, self._u, self._a = quadrature, u, a
         d = quadrature.d
@@ -375,7 +376,7 @@ class _PointExpressions:
         used: set[fem.Function] = set()
         here = np.unique(bodies.region[quadrature.facets.surfaces.sides[a].cells])
         for number in np.unique(np.concatenate(quadrature.mesh.comm.allgather(here))):
-            body = self._at_points(bodies.regions[number].body)
+            body = replace(self._at_points(bodies.regions[number].body), fluid=fluid)
             value = expression(body, ufl.variable(self._F), self._N, a)
             if isinstance(value, Zero):
                 continue

@@ -30,9 +30,16 @@ class PointResidual:
         quadrature: Its points.
         u: Displacement, changed by the solver.
         bodies: Materials.
+        fluid: Pressure at the points; None for none.
     """
 
-    def __init__(self, quadrature: InterfaceQuadrature, u: fem.Function, bodies: Bodies):
+    def __init__(
+        self,
+        quadrature: InterfaceQuadrature,
+        u: fem.Function,
+        bodies: Bodies,
+        fluid: fem.Function | None = None,
+    ):
         self._quadrature = quadrature
         d, geometry = quadrature.d, quadrature.geometry
         n = geometry.size(d)
@@ -46,6 +53,7 @@ class PointResidual:
                 body, F, N, self._directions[a]
             ),
             "adjoint term",
+            fluid=fluid,
         )
 
     def __call__(self, stabilization: Stabilization, values: PointValues) -> Array:

@@ -34,7 +34,6 @@ from ..domain.topology import Locator, facet_cells, refuse_facets
 from ..forms.geometry import Axisymmetric, GeneralizedPlane
 from ..interface.activation import Activation
 from ..interface.interface import Interface, number_of
-from ..interface.pairing import NONMATCHING
 from .arguments import check_condition, check_rigid_face
 from .eigenstrain import refusal
 
@@ -540,11 +539,10 @@ class Loading:
                 f"pressure: {label} opens on demand, and closed facets admit no fluid; give "
                 "debonded=True"
             )
-
-        if self._activation.facets[number].paired:
+        if self._activation.facets[number].slides:
             raise ValueError(
-                f"pressure: {label} is {NONMATCHING}, which has no fluid between its faces; make "
-                "the meshes match (gmsh.model.occ.fragment)"
+                f"pressure: {label} slides at finite strain, and where a fluid between faces that "
+                "leave each other ends is not known; use sliding=False, or kinematics='small'"
             )
 
         def impose(loading: Loading) -> None:

@@ -369,7 +369,7 @@ class Problem:
         Raises:
             TypeError: a tag instead of its facets.
             ValueError: nothing selected, facets inside the mesh, an interface that is a tie, or
-                whose meshes do not match, a UFL expression or a value of the wrong shape.
+                that slides at finite strain, a UFL expression or a value of the wrong shape.
         """
         self.loading.add_pressure(facets, value, debonded, share)
 
