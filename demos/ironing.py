@@ -20,7 +20,6 @@ from dolfinx.mesh import (
     Mesh,
     MeshTags,
     create_rectangle,
-    locate_entities_boundary,
     meshtags,
 )
 from numpy.typing import ArrayLike, NDArray
@@ -65,17 +64,8 @@ def main(cells: int = 60, steps: int = 60, end: float = 2.0, out: str = "results
     x = block[0].geometry.x
     x[:, 1] = (1 - x[:, 1]) * bottom(x[:, 0]) + x[:, 1] * TOP
     mesh, tags, _ = apart([foundation, block])
-
-    def arc(x):
-        within = np.abs(x[0] - LEFT - WIDTH / 2) < WIDTH / 2 + 1e-9
-        return within & np.isclose(x[1], bottom(x[0]))
-
-    surfaces = [
-        locate_entities_boundary(mesh, 1, where)
-        for where in (arc, lambda x: np.isclose(x[1], HEIGHT))
-    ]
     contact = vmdg.Contact(friction=FRICTION)
-    interface = vmdg.Interface(surfaces=surfaces, law=contact, sliding=True)
+    interface = vmdg.Interface(between=(1, 2), law=contact, sliding=True)
     problem = vmdg.Problem(mesh, tags, {1: FOUNDATION, 2: BLOCK}, [interface])
 
     def top(x):

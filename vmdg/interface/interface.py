@@ -81,7 +81,8 @@ class Interface:
         law: ``vmdg.Bonded()`` (tie), ``vmdg.Debonding(...)`` or another :class:`vmdg.laws.Law`.
         safety: Factor on tau_s. "auto" determines it on every facet, below or above 1, such that
             the bonded form is coercive (:mod:`vmdg.interface.coercivity`) and r well above H; r
-            never decreases within a run. 1 is the report's tau_s, 4 that of its Tables 1 and 2.
+            never decreases within a run, but that of surfaces that slide without a bond. 1 is the
+            report's tau_s, 4 that of its Tables 1 and 2.
         norm: |tau_s| of (57): "frobenius" or "spectral".
         frame: "corotating" keeps zeta and N in a frame that rotates with the interface; "reference"
             is exactly as in the report's boxes, for small rotations, and is cheaper. At small

@@ -486,7 +486,10 @@ class MovingInterface(ActiveInterface):
 
     def _set_stabilization(self, stabilization: Stabilization) -> None:
         assert isinstance(stabilization, PairStabilization)
-        self.stabilization, self.floor = stabilization, stabilization.surfaces.norm
+        # Without a bond a facet needs a large r only as long as something digs into its cell.
+        known = stabilization.surfaces.norm
+        self.floor = known if self.interface.law.has_bond else np.zeros_like(known)
+        self.stabilization = stabilization
 
     def _pressed(self, traction: Array) -> float:
         """Integral of -T_N >= 0, of a traction in the frame of the law; collective."""
