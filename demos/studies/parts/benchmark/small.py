@@ -20,7 +20,7 @@ import vmdg
 from vmdg.meshes import blocks
 
 #: Cells along and across both blocks.
-SIZES = ((6, 5), (24, 22), (40, 48))
+SIZES = ((6, 5), (24, 22), (30, 40))
 STEPS, REACH = 40, (0.08, 0.016)  # mm
 
 #: Modules of callables that end in compiled code, and one that calls Python again.
