@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 
 import gmsh
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 #: Nodes closer than this, relative to the longest side of the mesh, coincide.
 COINCIDENT = 1e-7
@@ -172,7 +172,8 @@ def places(mesh: MeshArrays, distance: float | None = None) -> NDArray[np.int64]
     """
     used = np.unique(np.concatenate([block.nodes.ravel() for block in mesh.blocks]))
     points = mesh.points[used]
-    tree, reach = cKDTree(points), COINCIDENT * size(points) if distance is None else distance
+    tree = scipy.spatial.cKDTree(points)
+    reach = COINCIDENT * size(points) if distance is None else distance
     if tree.count_neighbors(tree, reach) > MANY * len(points):
         raise ValueError(
             f"its nodes have more than {MANY} others within {reach:g}; is merge= in its units?"

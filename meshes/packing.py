@@ -7,8 +7,8 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 #: Area of a disc and volume of a sphere of radius 1, by dimension.
 UNIT_BALL = {2: math.pi, 3: 4 * math.pi / 3}
@@ -100,8 +100,8 @@ def _apart(
         else:
             centres = np.clip(centres, radii[:, None], size - radii[:, None])
         everywhere = at_images(centres, shifts)
-        near = cKDTree(centres).sparse_distance_matrix(
-            cKDTree(everywhere), 2 * radii.max() * (1 + aim), output_type="ndarray"
+        near = scipy.spatial.cKDTree(centres).sparse_distance_matrix(
+            scipy.spatial.cKDTree(everywhere), 2 * radii.max() * (1 + aim), output_type="ndarray"
         )
         near = near[near["i"] != near["j"] % count]
         one, two, distance = near["i"], near["j"], near["v"]

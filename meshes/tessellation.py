@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import linprog
-from scipy.spatial import ConvexHull, HalfspaceIntersection, cKDTree
 
 from vmdg.base.graph import components
 
@@ -103,7 +102,7 @@ def _bounded(
     shifts = shifts_of(dim, size, periodic)
     everywhere = at_images(seeds, shifts)
     heavy = np.tile(weights, len(shifts))
-    near = cKDTree(everywhere).query(seeds, min(NEAREST[dim] + 1, len(everywhere)))[1]
+    near = scipy.spatial.cKDTree(everywhere).query(seeds, min(NEAREST[dim] + 1, len(everywhere)))[1]
     cells, volume = [], 0.0
     for n, others in enumerate(near.reshape(count, -1)):
         others = others[others != n]
@@ -118,7 +117,7 @@ def _bounded(
             raise ValueError(
                 f"tessellate: the weight of seed {n} leaves it no cell; weights that differ less"
             )
-        volume += ConvexHull(corners).volume
+        volume += scipy.spatial.ConvexHull(corners).volume
         cells.append(planes[np.unique(np.concatenate(active))])
     if abs(volume / size**dim - 1) > 1e-6:
         raise ValueError(
@@ -156,7 +155,7 @@ def _corners(
     """
     dim = planes.shape[1] - 1
     # The largest ball inside: n.x + radius <= -c.
-    ball = linprog(
+    ball = scipy.optimize.linprog(
         [*[0.0] * dim, -1.0],
         A_ub=np.column_stack([planes[:, :-1], np.ones(len(planes))]),
         b_ub=-planes[:, -1],
@@ -164,7 +163,7 @@ def _corners(
     )
     if ball.status != 0 or ball.x[-1] <= least:
         return None, []
-    found = HalfspaceIntersection(planes, ball.x[:-1])
+    found = scipy.spatial.HalfspaceIntersection(planes, ball.x[:-1])
     return found.intersections, found.dual_facets
 
 
@@ -212,7 +211,9 @@ def _joined(pieces: list[Piece], size: float, periodic: bool, shortest: float) -
     corners = np.concatenate([x for _, x, _ in pieces])
     low, high = (np.abs(corners - side) < 10 * SMALL * size for side in (0, size))
     corners = np.where(low, 0.0, np.where(high, size, corners))
-    tree = cKDTree(corners % size if periodic else corners, boxsize=size if periodic else None)
+    tree = scipy.spatial.cKDTree(
+        corners % size if periodic else corners, boxsize=size if periodic else None
+    )
     one = _classes(len(corners), tree.query_pairs(100 * SMALL * size, output_type="ndarray"))
     starts = np.cumsum([0, *(len(x) for _, x, _ in pieces)])[:-1]
     pairs = _short_edges(pieces, starts, corners, one, shortest)

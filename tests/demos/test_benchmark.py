@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import sys
+from time import process_time
+
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import benchmark
 import numpy as np
@@ -11,7 +15,7 @@ import two_inclusions
 import ufl
 from dolfinx import fem
 from parts import two_inclusions as inclusions
-from parts.benchmark import cost, peers, precision
+from parts.benchmark import cost, peers, precision, small
 from support.budgets import over_budget
 from support.checks import integral
 
@@ -81,6 +85,22 @@ def test_separate_meshes_have_equal_sizes(out):
     for row in costs:
         assert row.sizes[0] == row.sizes[1], row.name
         assert row.pairs > 1.5, row.name
+
+
+@pytest.mark.skipif(sys.version_info < (3, 12), reason="sys.monitoring is of Python 3.12")
+def test_rows_of_small_problems(out):
+    """Time in compiled code is that of PETSc and kernels, and only a part of a small problem's."""
+    costs = benchmark.main(["small"], coarse=True, repeats=1, out=str(out))["small"]
+    assert [row.kinematics for row in costs] == ["small", "finite"]
+    for row in costs:
+        assert row.rows >= small.STEPS
+        assert 0 < row.compiled < row.seconds
+    assert small.in_compiled_code(lambda: np.ones(10**5).sum()) == 0
+    matrix = PETSc.Mat().createDense((400, 400), comm=MPI.COMM_SELF)
+    matrix.setUp()
+    start = process_time()
+    inside = small.in_compiled_code(lambda: [matrix.norm() for _ in range(20)])
+    assert 0 < inside < process_time() - start
 
 
 def test_derivatives_are_carried(out):

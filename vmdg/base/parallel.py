@@ -67,9 +67,12 @@ def _reduced(comm: MPI.Comm, value: ArrayLike, op: MPI.Op) -> NDArray:
     result is one (below 2^53).
     """
     mine = np.asarray(value)
+    counts = mine.dtype.kind in "iu"
+    if comm.size == 1:
+        return mine.astype(mine.dtype if counts else np.float64)[()]
     result = np.array(mine, dtype=np.float64, order="C")
     comm.Allreduce(MPI.IN_PLACE, result, op)
-    whole = mine.dtype.kind in "iu" and np.isfinite(result).all() and (result % 1 == 0).all()
+    whole = counts and np.isfinite(result).all() and (result % 1 == 0).all()
     return (result.astype(mine.dtype) if whole else result)[()]
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from dolfinx.mesh import Mesh
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from ..base.parallel import global_box
 from ..base.tables import rounded
@@ -77,7 +77,7 @@ class Lattice:
             )
             for here, there, to in ((low, high, vector), (high, low, -vector)):
                 self._check(middle[here], middle[there], to, i)
-            found = cKDTree(middle[high]).query(middle[low] + vector)[1]
+            found = scipy.spatial.cKDTree(middle[high]).query(middle[low] + vector)[1]
             pairs.append(np.column_stack([low, high[found]]))
         return np.concatenate(pairs)
 
@@ -91,7 +91,7 @@ class Lattice:
             )
         apart = np.full(len(points), np.inf)
         if len(others):
-            apart = cKDTree(others).query(points + to)[0]
+            apart = scipy.spatial.cKDTree(others).query(points + to)[0]
         bad = np.flatnonzero(~(apart < self.tolerance))
         if len(bad):
             here = np.array(min(points[bad].tolist()))

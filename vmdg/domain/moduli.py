@@ -61,9 +61,10 @@ class RegionExpressions:
     ) -> NDArray[np.float64]:
         """Values where ``region`` gives the region of each entity."""
         result = np.empty((len(entities), self._points, self._size))
-        for number in np.unique(region):
+        for number in self._expressions:
             chosen = np.flatnonzero(region == number)
-            result[chosen] = self.in_region(number, entities[chosen])
+            if len(chosen):
+                result[chosen] = self.in_region(number, entities[chosen])
         return result
 
 

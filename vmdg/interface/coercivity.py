@@ -265,7 +265,8 @@ class CellProblems:
         """:meth:`__call__` for some cells and the pairs that belong to them."""
         dilatations = self._dilatations(cells)
         factor, energy, pressed = self._energy_factor(cells, dilatations)
-        of_cell = np.unique(self._cell_of_pair[pairs], return_inverse=True)[1]
+        number = self._cell_of_pair[pairs]  # ascending
+        of_cell = np.cumsum(np.diff(number, prepend=number[:1]) > 0)
         # int_f h.T.h = |Z u|^2 and E = |R u|^2: with S = Z.R^-1 the eigenvalues are those of S.S^T,
         # but for the factors of both.
         Z, flux = self._flux_factor(

@@ -25,9 +25,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from dolfinx import fem
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from ..base.parallel import gathered, global_any, global_sum
 from ..domain.materials import Bodies
@@ -182,14 +182,14 @@ class CommittedPoints:
     pressed: float
 
     @cached_property
-    def tree(self) -> cKDTree:
+    def tree(self) -> scipy.spatial.cKDTree:
         """For the nearest of the points, if there is one on the same facet."""
-        return cKDTree(self.places)
+        return scipy.spatial.cKDTree(self.places)
 
     @cached_property
-    def nearby(self) -> cKDTree:
+    def nearby(self) -> scipy.spatial.cKDTree:
         """For the nearest of the points on any facet of any rank."""
-        return cKDTree(self.everywhere[0])
+        return scipy.spatial.cKDTree(self.everywhere[0])
 
 
 class MovingPairs(NamedTuple):
@@ -275,7 +275,7 @@ class MovingInterface(ActiveInterface):
         if not global_any(self._comm, not same):
             return
         self._bonded = bonded
-        values, tree, rows = self.values, cKDTree(self._places()), self._first()
+        values, tree, rows = self.values, scipy.spatial.cKDTree(self._places()), self._first()
         self._take(self.facets.surfaces.pairs(self._u, self._bonded))
         nearest, same = _nearest(tree, rows, self._places(), self._first())
         self.history = self._carried_history()
@@ -578,7 +578,7 @@ def _turned(vectors: Array, start: Array, end: Array) -> Array:
 
 
 def _nearest(
-    tree: cKDTree, rows: NDArray[np.intp], places: Array, mine: NDArray[np.intp]
+    tree: scipy.spatial.cKDTree, rows: NDArray[np.intp], places: Array, mine: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """The nearest of other points, and whether it is on the same facet of side 1 (nq,).
 

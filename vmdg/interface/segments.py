@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]
@@ -264,7 +264,7 @@ def _opposite(
 ) -> tuple[Numbers, Numbers]:
     """Pairs of facets with opposite normals whose centres are no farther apart than ``most``, by
     facets of the first surface."""
-    near = cKDTree(second.centres).query_ball_point(first.centres, most)
+    near = scipy.spatial.cKDTree(second.centres).query_ball_point(first.centres, most)
     i = np.repeat(np.arange(len(near)), [len(found) for found in near])
     j = np.concatenate(near).astype(np.intp)
     keep = np.einsum("pd,pd->p", first.normals[i], second.normals[j]) < -_OPPOSITE

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import IntEnum
+from functools import cached_property
 from numbers import Real
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -153,7 +154,7 @@ class Law(ABC):
         """Whether there is a bond that can fail, unlike in a tie or in pure contact."""
         return self.inelastic and not is_number(self.strength, 0.0)
 
-    @property
+    @cached_property
     def varying(self) -> dict[str, Any]:
         """Parameters that vary along an interface, by name: functions, or arrays (n,)."""
         given = vars(self)

@@ -16,8 +16,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 from scipy.sparse import coo_array, csr_array, eye_array, hstack
 
 from ..assembly.space import at_owners
@@ -122,7 +122,7 @@ def _left_over(gram: Array, load: Array, pairs: NDArray[np.intp], works: Array) 
     rows = starts[-1]
     system = hstack([A, eye_array(rows), -eye_array(rows)])
     cost = np.concatenate([np.zeros(A.shape[1]), np.ones(2 * rows)])
-    solved = linprog(cost, A_eq=system, b_eq=-f, method="highs")
+    solved = scipy.optimize.linprog(cost, A_eq=system, b_eq=-f, method="highs")
     if solved.x is None:
         return np.unique(owner[f != 0])
     slack = solved.x[A.shape[1] :].reshape(2, rows).sum(axis=0)

@@ -21,6 +21,7 @@ from parts.benchmark import (
     precision,
     ratio,
     separate,
+    small,
     step,
     switches,
     zone,
@@ -111,6 +112,14 @@ def explicit_part(coarse: bool, repeats: int) -> Outcome:
     return costs + large, text, None
 
 
+def small_part(coarse: bool, repeats: int) -> Outcome:
+    """Rows of small problems, in and outside of compiled code."""
+    sizes = small.SIZES[: 1 if coarse else None]
+    cases = [(kinematics, n, repeats) for n in sizes for kinematics in ("small", "finite")]
+    costs = [small.measure(*case) for case in progress(cases, "case")]
+    return costs, table(small.HEAD, [cost.row() for cost in costs]), None
+
+
 def derivatives_part(coarse: bool, repeats: int) -> Outcome:
     """Runs with and without derivatives."""
     cases = [(kind, 6 if coarse else 24, repeats) for kind in ("small", "finite")]
@@ -184,6 +193,7 @@ PARTS: dict[str, Callable[[bool, int], Outcome]] = {
     "plastic": plastic_part,
     "separate": separate_part,
     "explicit": explicit_part,
+    "small": small_part,
     "derivatives": derivatives_part,
     "zone": zone_part,
     "step": step_part,
