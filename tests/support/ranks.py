@@ -28,6 +28,7 @@ from vmdg.meshes import blocks, fibre_matrix, random_fibres
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 sys.path.append(str(Path(__file__).resolve().parents[2] / "demos"))
 sys.path.append(str(Path(__file__).resolve().parents[2] / "demos" / "studies"))
+import ductile_grains
 import fibre_matrix as cell
 import load_cycle
 import pushout
@@ -82,6 +83,15 @@ def inclusions(size: float) -> Runs:
     """Two inclusions under the public law."""
     problem, _ = two_inclusions.build(two_inclusions.LAWS["intrinsic"], 1, size)
     yield problem, np.linspace(0, two_inclusions.END, 41)[1:]
+
+
+def grains() -> Runs:
+    """Grains that flow at a crack, until all of their boundaries across the square have come off.
+
+    Where the last one does, the damage work along the path is rounding.
+    """
+    problem, _ = ductile_grains.build(12, 2.5, 1, ductile_grains.YIELDS["hard"], 300.0)
+    yield problem, np.linspace(0.0, 7e-3, 8)[1:]
 
 
 def rings() -> Runs:
@@ -156,6 +166,7 @@ SCENES = {
     "push-out, section": lambda: push(False, 25, 0.5, 10, 0.174),
     "push-out": lambda: push(True, 5, 0.4, 3, 0.03),
     "inclusions": lambda: inclusions(0.1),
+    "grains that flow": grains,
 }
 
 #: Bodies that were meshed separately.
