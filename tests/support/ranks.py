@@ -166,7 +166,6 @@ SCENES = {
     "push-out, section": lambda: push(False, 25, 0.5, 10, 0.174),
     "push-out": lambda: push(True, 5, 0.4, 3, 0.03),
     "inclusions": lambda: inclusions(0.1),
-    "grains that flow": grains,
 }
 
 #: Bodies that were meshed separately.
@@ -178,6 +177,9 @@ APART = {
     "sliding block at small strain": lambda: sliding("triangle", way=0.1, kinematics="small"),
     "sliding block that flows": lambda: sliding("hexahedron", RUBS, FLOWING, volumetric="mean"),
 }
+
+#: Bonds between plastic bodies.
+FLOWS = {"grains that flow": grains}
 
 
 def differences(folder: Path) -> list[tuple[str, int, float]]:
@@ -228,7 +230,7 @@ def solve(problem: vmdg.Problem, loads: NDArray) -> dict:
 
 def main(names: list[str], folder: Path) -> None:
     """Run these scenes; writes ``folder``/ranks_N.json."""
-    scenes = SCENES | APART
+    scenes = SCENES | APART | FLOWS
     found = {name: [solve(*run) for run in scenes[name]()] for name in names}
     ranks = MPI.COMM_WORLD.size
     if MPI.COMM_WORLD.rank == 0:
