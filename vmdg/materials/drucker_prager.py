@@ -14,7 +14,7 @@ from .plasticity import Plastic, Returned, check_numbers, deviatoric, dot, isotr
 from .point import Array
 
 #: Stiffness of points at the apex in the tangent, relative to the elastic one: without hardening
-#: they have none, and a bar that flows there through all of a section would have a singular tangent.
+#: they have none, and a body that flows there through all of a section has a singular tangent.
 _HELD = 1e-8
 
 #: How the cone meets the pyramid of Mohr and Coulomb: sign of sin(friction) in 3 -/+ sin(friction).
@@ -36,8 +36,9 @@ class DruckerPrager(Plastic):
     the stress continuous for any dilatancy, and lets bodies without dilatancy reach the apex (there
     the book differs). In uniaxial stress the cone is reached at 3 xi c/(sqrt(3) + eta) in tension
     and 3 xi c/(sqrt(3) - eta) in compression. Without hardening a point at the apex has no
-    stiffness in any direction; the tangent has 1e-8 of the elastic one there. With less dilatancy than friction a confined body may soften, and
-    then flows in one part only, in one row of cells, whatever their size.
+    stiffness in any direction; the tangent has 1e-8 of the elastic one there. With less dilatancy
+    than friction a confined body may soften, and then flows in one part only, in one row of cells,
+    whatever their size.
 
     Args:
         E: Young's modulus [MPa].
