@@ -143,7 +143,7 @@ def necking(coarse: bool = False) -> tuple[list[Row], dict[str, vmdg.History]]:
         Row("necking, tied", name, found[name], fine[name], "one body, refined", mesh)
         for name in fine
     ]
-    counts = (2, 6) if coarse else (4, 12)
+    counts = (2, 6) if coarse else (3, 8)
     _, flat = pull("tied", *counts, steps=28)
     problem, thick = pull("tied", *counts, steps=28, solid=True)
     section, found, mesh = forces(flat), forces(thick), describe(problem, 2)
